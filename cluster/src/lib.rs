@@ -1,0 +1,1 @@
+//! Who does what: balance, membership, sessions, placement, and the processes around them.

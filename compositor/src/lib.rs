@@ -1,0 +1,1 @@
+//! Sample sets to frames: depth-corrected inverse warping.

@@ -1,0 +1,1 @@
+//! What both roles need of a GPU: device, pass calls, timings, readback.

@@ -1,0 +1,1 @@
+//! The wire: argus.v1 messages and services, and their conversions to the vocabulary.

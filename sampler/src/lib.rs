@@ -1,0 +1,1 @@
+//! Scene to sample sets: visibility, then shading.

@@ -1,0 +1,260 @@
+//! Cameras: the one a client looks through, and the ones samples are taken with.
+
+use glam::{DMat3, DVec2, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::InvalidField;
+
+/// A client's viewpoint: an ideal pinhole, looking from `eye` to `target`.
+///
+/// Only a camera that passed [`Camera::validate`] is used for rendering.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// Centre of projection, metres, world space.
+    pub eye: DVec3,
+    /// A point on the optical axis, metres, world space.
+    pub target: DVec3,
+    /// The direction that is up in the image; need not be a unit vector nor perpendicular to the axis.
+    pub up: DVec3,
+    /// Vertical field of view, degrees, in the open interval (0, 180).
+    pub fov_deg: f64,
+}
+
+impl Camera {
+    /// A camera with a 45° vertical field of view and +y up.
+    pub fn look_at(eye: DVec3, target: DVec3) -> Self {
+        Self { eye, target, up: DVec3::Y, fov_deg: 45.0 }
+    }
+
+    /// Rejects what has no image: non-finite numbers, `eye` = `target`, `up` along the axis, an impossible
+    /// field of view. Written so that NaN fails each comparison.
+    pub fn validate(&self) -> Result<(), InvalidField> {
+        let finite = |field, v: DVec3| match v.is_finite() {
+            true => Ok(()),
+            false => Err(InvalidField::new(field, format!("must be finite, not {v}"))),
+        };
+        finite("camera.eye", self.eye)?;
+        finite("camera.target", self.target)?;
+        finite("camera.up", self.up)?;
+        if !(self.fov_deg > 0.0 && self.fov_deg < 180.0) {
+            let reason = format!("must lie strictly between 0 and 180 degrees, not {}", self.fov_deg);
+            return Err(InvalidField::new("camera.fov_deg", reason));
+        }
+        let axis = self.target - self.eye;
+        // Relative to the coordinates: 10⁶ m away, two points closer than their f64 spacing are one point.
+        let scale = self.eye.abs().max(self.target.abs()).max_element().max(f64::MIN_POSITIVE);
+        if !(axis.length() > 8.0 * f64::EPSILON * scale) || !axis.length().is_finite() {
+            return Err(InvalidField::new("camera.target", "must differ from camera.eye"));
+        }
+        if !(self.up.length() > 0.0) || !self.up.length().is_finite() {
+            return Err(InvalidField::new("camera.up", "must have a length between 0 and infinity"));
+        }
+        if !(axis.normalize().cross(self.up.normalize()).length() > 1e-9) {
+            let reason = "must not be parallel to the direction of view".to_owned();
+            return Err(InvalidField::new("camera.up", reason));
+        }
+        Ok(())
+    }
+
+    /// Rotation from world to view axes: x right, y up, the camera looks along −z.
+    pub fn view_from_world(&self) -> DMat3 {
+        let back = (self.eye - self.target).normalize();
+        let right = self.up.normalize().cross(back).normalize();
+        let up = back.cross(right);
+        DMat3::from_cols(right, up, back).transpose()
+    }
+
+    /// Half the image's extent at unit distance along the axis: (tan of half the horizontal field of view,
+    /// tan of half the vertical one) for an image of `width` × `height` square pixels.
+    pub fn tan_half_fov(&self, width: u32, height: u32) -> DVec2 {
+        let y = (self.fov_deg.to_radians() * 0.5).tan();
+        DVec2::new(y * f64::from(width) / f64::from(height), y)
+    }
+
+    /// Unit direction in world space through the image position `pixel` (pixels, (0,0) at the top left
+    /// corner of the image, centres at half integers).
+    pub fn direction(&self, pixel: DVec2, width: u32, height: u32) -> DVec3 {
+        let half = self.tan_half_fov(width, height);
+        let ndc = pixel / DVec2::new(f64::from(width), f64::from(height)) * 2.0 - 1.0;
+        let in_view = DVec3::new(ndc.x * half.x, -ndc.y * half.y, -1.0);
+        (self.view_from_world().transpose() * in_view).normalize()
+    }
+}
+
+/// How an omnidirectional image unfolds its directions onto a rectangle of texels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum OmniLayout {
+    /// Six square faces of `face` texels a side in three columns and two rows: +x −x +y over −y +z −z.
+    ///
+    /// The outermost ring of each face repeats its neighbours' directions (the face covers
+    /// tan 45° · face/(face − 2)), so that a bilinear fetch never leaves its face.
+    CubeFaces {
+        /// Side of a face in texels, ring included; at least 8.
+        face: u32,
+    },
+    /// Two hemispheres about ±x of `side` texels a side, left and right: what the MegaViews traversal writes.
+    DualParaboloid {
+        /// Side of a hemisphere's square in texels.
+        side: u32,
+    },
+}
+
+/// Where a sample was taken from, and which direction each of its texels looks in.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum SampleCamera {
+    /// A pinhole image of `width` × `height` texels.
+    Perspective {
+        /// Viewpoint and field of view.
+        camera: Camera,
+        /// Texels in a row.
+        width: u32,
+        /// Rows of texels.
+        height: u32,
+    },
+    /// Every direction from one point, its axes those of the world.
+    Omni {
+        /// Centre, metres, world space.
+        center: DVec3,
+        /// How directions are laid out.
+        layout: OmniLayout,
+    },
+}
+
+/// One pinhole image within a sample: the whole of a perspective sample, or a face of a cube.
+///
+/// Rasterising, splatting and fetching all work face by face, so none of them needs to know more kinds of
+/// sample camera than this one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Face {
+    /// Rotation from world axes to the face's: x right, y up, looking along −z.
+    pub view_from_world: DMat3,
+    /// Extent of the face at unit distance: tangents of half its fields of view.
+    pub tan_half_fov: DVec2,
+    /// Top left texel of the face within the sample.
+    pub offset: [u32; 2],
+    /// Texels of the face: width, height.
+    pub size: [u32; 2],
+}
+
+impl SampleCamera {
+    /// Centre of projection, metres, world space.
+    pub fn center(&self) -> DVec3 {
+        match self {
+            Self::Perspective { camera, .. } => camera.eye,
+            Self::Omni { center, .. } => *center,
+        }
+    }
+
+    /// Texels of the whole image: width, height.
+    pub fn size(&self) -> [u32; 2] {
+        match *self {
+            Self::Perspective { width, height, .. } => [width, height],
+            Self::Omni { layout: OmniLayout::CubeFaces { face }, .. } => [3 * face, 2 * face],
+            Self::Omni { layout: OmniLayout::DualParaboloid { side }, .. } => [2 * side, side],
+        }
+    }
+
+    /// The pinhole images that make up the sample: one for a perspective camera, six for a cube. A dual
+    /// paraboloid has none; its texels are not a projection onto planes.
+    pub fn faces(&self) -> Vec<Face> {
+        match *self {
+            Self::Perspective { camera, width, height } => vec![Face {
+                view_from_world: camera.view_from_world(),
+                tan_half_fov: camera.tan_half_fov(width, height),
+                offset: [0, 0],
+                size: [width, height],
+            }],
+            Self::Omni { layout: OmniLayout::CubeFaces { face }, .. } => (0..6)
+                .map(|i| Face {
+                    view_from_world: cube_face_from_world(i),
+                    tan_half_fov: DVec2::splat(f64::from(face) / (f64::from(face) - 2.0)),
+                    offset: [(i % 3) * face, (i / 3) * face],
+                    size: [face, face],
+                })
+                .collect(),
+            Self::Omni { layout: OmniLayout::DualParaboloid { .. }, .. } => Vec::new(),
+        }
+    }
+}
+
+/// Rotation from world axes to those of cube face `index` (+x −x +y −y +z −z): the face looks along its own
+/// −z, and its image is what a person inside the cube sees.
+fn cube_face_from_world(index: u32) -> DMat3 {
+    let (forward, up) = match index {
+        0 => (DVec3::X, DVec3::Y),
+        1 => (DVec3::NEG_X, DVec3::Y),
+        2 => (DVec3::Y, DVec3::Z),
+        3 => (DVec3::NEG_Y, DVec3::NEG_Z),
+        4 => (DVec3::Z, DVec3::Y),
+        _ => (DVec3::NEG_Z, DVec3::Y),
+    };
+    let back = -forward;
+    let right = up.cross(back);
+    DMat3::from_cols(right, up, back).transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Camera {
+        Camera::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::new(-4.0, 0.5, 2.0))
+    }
+
+    #[test]
+    fn each_impossible_camera_is_rejected_by_the_field_at_fault() {
+        let reject = |change: fn(&mut Camera)| {
+            let mut camera = camera();
+            change(&mut camera);
+            camera.validate().expect_err("must be rejected").field
+        };
+        assert_eq!(reject(|c| c.eye.x = f64::NAN), "camera.eye");
+        assert_eq!(reject(|c| c.target.y = f64::INFINITY), "camera.target");
+        assert_eq!(reject(|c| c.up.z = f64::NEG_INFINITY), "camera.up");
+        assert_eq!(reject(|c| c.target = c.eye), "camera.target");
+        assert_eq!(reject(|c| c.up = DVec3::ZERO), "camera.up");
+        assert_eq!(reject(|c| c.up = c.target - c.eye), "camera.up");
+        assert_eq!(reject(|c| c.up = c.eye - c.target), "camera.up");
+        for fov in ["0", "180", "-1", "nan", "inf"] {
+            let camera = Camera { fov_deg: fov.parse().unwrap(), ..camera() };
+            assert_eq!(camera.validate().unwrap_err().field, "camera.fov_deg", "{fov}");
+        }
+        assert_eq!(reject(|c| c.eye = DVec3::splat(f64::MAX)), "camera.target");
+        camera().validate().unwrap();
+    }
+
+    #[test]
+    fn a_camera_at_a_million_metres_keeps_its_direction() {
+        let far = DVec3::splat(1e6);
+        let moved = Camera { eye: camera().eye + far, target: camera().target + far, ..camera() };
+        moved.validate().unwrap();
+        let difference =
+            moved.direction(DVec2::new(3.5, 7.5), 64, 48) - camera().direction(DVec2::new(3.5, 7.5), 64, 48);
+        assert!(difference.length() < 1e-9);
+    }
+
+    #[test]
+    fn the_middle_of_the_image_looks_at_the_target_and_its_top_looks_up() {
+        let camera = camera();
+        let axis = (camera.target - camera.eye).normalize();
+        assert!((camera.direction(DVec2::new(32.0, 24.0), 64, 48) - axis).length() < 1e-12);
+        assert!(camera.direction(DVec2::new(32.0, 0.0), 64, 48).y > axis.y);
+        let right = axis.cross(DVec3::Y);
+        assert!(camera.direction(DVec2::new(64.0, 24.0), 64, 48).dot(right) > 0.0);
+    }
+
+    #[test]
+    fn cube_faces_are_rotations_that_cover_every_direction() {
+        let omni = SampleCamera::Omni { center: DVec3::ZERO, layout: OmniLayout::CubeFaces { face: 16 } };
+        for face in omni.faces() {
+            assert!((face.view_from_world.determinant() - 1.0).abs() < 1e-12);
+        }
+        for direction in [DVec3::X, DVec3::NEG_Y, DVec3::new(1.0, 1.0, -1.0), DVec3::new(0.2, -0.7, 0.7)] {
+            let seen = omni.faces().iter().any(|face| {
+                let d = face.view_from_world * direction;
+                d.z < 0.0 && (d.truncate() / -d.z).abs().cmple(face.tan_half_fov).all()
+            });
+            assert!(seen, "{direction}");
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! The vocabulary of Argus, and the ways a scene comes into being.
+//!
+//! Every other crate speaks in these types: a [`Scene`] is sampled into a [`SampleSet`], from which the
+//! views of many clients are reconstructed as [`Frame`]s. Without features this crate is that vocabulary
+//! alone, so that a thin client compiles nothing it does not need; `loaders`, `procedural` and `reference`
+//! add file formats, generated scenes and the CPU ray tracer that every image is judged against.
+//!
+//! Conventions: right-handed, y up, metres, radians unless a name says `deg`; positions, cameras and
+//! transforms are `f64`, vertices are `f32` about an `f64` origin of their own mesh. Matrices are named for
+//! both ends, `b_from_a`, and columns are applied to column vectors. Pixel centres lie at half integers, row
+//! 0 is the top. Range is the Euclidean distance from the eye; samples store its inverse, 0 for sky.
+
+pub mod camera;
+pub mod error;
+pub mod frame;
+pub mod light;
+pub mod material;
+pub mod rig;
+pub mod role;
+pub mod sample;
+pub mod scene;
+pub mod shading;
+pub mod tone;
+pub mod view;
+
+#[cfg(feature = "loaders")]
+pub mod load;
+#[cfg(feature = "reference")]
+pub mod metrics;
+#[cfg(feature = "procedural")]
+pub mod procedural;
+#[cfg(feature = "reference")]
+pub mod reference;
+
+pub use camera::{Camera, OmniLayout, SampleCamera};
+pub use error::{InvalidField, RenderError};
+pub use frame::{Frame, Provenance, Stage};
+pub use light::{Light, Lighting, Sky};
+pub use material::{AlphaMode, Material, Texture, TextureRef};
+pub use rig::{Rig, RigKnobs};
+pub use role::{Cancel, Compositor, SampleJob, Sampler, ViewJob};
+pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo};
+pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash, SharedScene};
+pub use view::{Limits, Output, Outputs, Plan, PlanRequest, Search, View};

@@ -1,0 +1,92 @@
+//! What lights a scene: directional, point and spot lights, and the sky.
+
+use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+
+/// A light without extent. Positions are world space, metres; colours are linear Rec. 709.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Light {
+    /// Light from infinitely far away, such as the sun.
+    Directional {
+        /// Unit direction that the light travels in.
+        direction: DVec3,
+        /// Irradiance on a surface that faces the light (glTF: lux).
+        irradiance: Vec3,
+    },
+    /// Light from a point in every direction.
+    Point {
+        /// Where it stands.
+        position: DVec3,
+        /// Radiant intensity (glTF: candela).
+        intensity: Vec3,
+        /// Distance at which it is cut off smoothly (KHR_lights_punctual), or infinity as `None`.
+        range: Option<f64>,
+    },
+    /// Light from a point into a cone.
+    Spot {
+        /// Where it stands.
+        position: DVec3,
+        /// Unit direction of the cone's axis, along which light travels.
+        direction: DVec3,
+        /// Radiant intensity on the axis.
+        intensity: Vec3,
+        /// Distance at which it is cut off smoothly, or infinity as `None`.
+        range: Option<f64>,
+        /// Half angle within which the intensity is full, radians.
+        inner_cone: f64,
+        /// Half angle beyond which it is zero, radians; greater than `inner_cone`.
+        outer_cone: f64,
+    },
+}
+
+/// A vertical gradient of radiance, seen where no surface is and lighting every surface from all around.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Sky {
+    /// Linear radiance straight up.
+    pub zenith: Vec3,
+    /// Linear radiance at the horizon.
+    pub horizon: Vec3,
+    /// Linear radiance straight down.
+    pub ground: Vec3,
+}
+
+impl Sky {
+    /// No light from anywhere.
+    pub const BLACK: Self = Self { zenith: Vec3::ZERO, horizon: Vec3::ZERO, ground: Vec3::ZERO };
+
+    /// A clear afternoon: what a scene without lights of its own is shown under, with [`Light::sun`].
+    pub const DAYLIGHT: Self = Self {
+        zenith: Vec3::new(0.25, 0.45, 0.85),
+        horizon: Vec3::new(0.75, 0.85, 0.95),
+        ground: Vec3::new(0.30, 0.27, 0.22),
+    };
+}
+
+impl Light {
+    /// The sun of a scene that has no lights: high, from the south-west, slightly warm.
+    pub fn sun() -> Self {
+        Self::Directional {
+            direction: DVec3::new(-0.45, -0.8, -0.4).normalize(),
+            irradiance: Vec3::new(2.6, 2.45, 2.2),
+        }
+    }
+}
+
+/// Everything that shading needs to know beside the surface: travels with every sample set, so that the
+/// part that depends on the viewer can be added by whoever reconstructs a view.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Lighting {
+    /// The lights, world space.
+    pub lights: Vec<Light>,
+    /// The sky.
+    pub sky: Sky,
+    /// Factor from linear radiance to display-linear values, applied once per view before sRGB.
+    pub exposure: f32,
+}
+
+impl Default for Lighting {
+    /// Sun and sky: for a scene that brings no light of its own.
+    fn default() -> Self {
+        Self { lights: vec![Light::sun()], sky: Sky::DAYLIGHT, exposure: 1.0 }
+    }
+}

@@ -1,0 +1,1 @@
+//! Generated scenes, the same triangles on every machine.

@@ -1,0 +1,1 @@
+//! The CPU ray tracer that every image is judged against.

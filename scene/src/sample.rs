@@ -1,0 +1,141 @@
+//! Samples: what a sampler rendered, plane by plane, and what a compositor reconstructs views from.
+
+use std::any::Any;
+use std::fmt;
+use std::sync::Arc;
+
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+
+use crate::{Bounds, Lighting, Rig, SampleCamera, SceneHash, Stage};
+
+/// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct SampleId {
+    /// Placement that the rig belongs to; a new rig is a new generation.
+    pub generation: u64,
+    /// Argument of [`Rig::camera`].
+    pub index: u64,
+}
+
+impl fmt::Display for SampleId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.generation, self.index)
+    }
+}
+
+/// What a plane holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum PlaneKind {
+    /// Linear radiance that does not depend on the viewer: diffuse reflection and emission; where there is
+    /// no surface, the sky's.
+    Radiance,
+    /// 1 / distance from the sample's centre, 1/metres; 0 where there is no surface.
+    InverseRange,
+    /// Shading normal, world space, octahedral. Only in scenes with glossy materials.
+    Normal,
+    /// F0 in rgb, perceptual roughness in a; F0 is 0 where there is no specular lobe. Only with `Normal`.
+    Specular,
+}
+
+/// How a texel is stored. Names, channel order and meaning are those of the wgpu texture format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum PlaneFormat {
+    /// Three mantissas of 9 bits and a shared exponent of 5.
+    Rgb9e5Ufloat,
+    /// Four halves.
+    Rgba16Float,
+    /// One f32. The sampler may have rounded its mantissa, which makes it pack better.
+    R32Float,
+    /// Two signed 16-bit fractions.
+    Rg16Snorm,
+    /// Four unsigned 8-bit fractions.
+    Rgba8Unorm,
+}
+
+impl PlaneFormat {
+    /// Bytes of one texel.
+    pub fn texel_bytes(self) -> usize {
+        match self {
+            Self::Rgba16Float => 8,
+            Self::Rgb9e5Ufloat | Self::R32Float | Self::Rg16Snorm | Self::Rgba8Unorm => 4,
+        }
+    }
+}
+
+/// Where a plane's texels are.
+#[derive(Clone)]
+pub enum PlaneData {
+    /// Tightly packed rows, row 0 at the top, little-endian channels.
+    Host(Bytes),
+    /// A handle that the GPU crate made and it alone can open; never crosses a process.
+    Device(Arc<dyn Any + Send + Sync>),
+}
+
+impl fmt::Debug for PlaneData {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Host(bytes) => write!(f, "Host({} bytes)", bytes.len()),
+            Self::Device(_) => f.write_str("Device"),
+        }
+    }
+}
+
+/// One image of a sample.
+#[derive(Debug, Clone)]
+pub struct Plane {
+    /// What it holds.
+    pub kind: PlaneKind,
+    /// How a texel is stored.
+    pub format: PlaneFormat,
+    /// Texels: width, height.
+    pub size: [u32; 2],
+    /// The texels.
+    pub data: PlaneData,
+}
+
+/// One image of the scene from a sample camera.
+#[derive(Debug, Clone)]
+pub struct Sample {
+    /// Which.
+    pub id: SampleId,
+    /// Where from.
+    pub camera: SampleCamera,
+    /// `Radiance` and `InverseRange` always; `Normal` and `Specular` where the scene is glossy.
+    pub planes: Vec<Plane>,
+    /// What rendering it cost, by pass.
+    pub stages: Vec<Stage>,
+}
+
+impl Sample {
+    /// The plane of that kind, if the sample has one.
+    pub fn plane(&self, kind: PlaneKind) -> Option<&Plane> {
+        self.planes.iter().find(|plane| plane.kind == kind)
+    }
+}
+
+/// What all samples of a set have in common.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SampleSetInfo {
+    /// Of which scene.
+    pub scene: SceneHash,
+    /// Box around everything in the scene: no surface is outside it.
+    pub bounds: Bounds,
+    /// The placement rule.
+    pub rig: Rig,
+    /// Scene time.
+    pub epoch: u64,
+    /// Placement.
+    pub generation: u64,
+    /// Lights, sky and exposure that the samples were shaded with.
+    pub lighting: Lighting,
+}
+
+/// Samples of one rig at one epoch and generation.
+#[derive(Debug, Clone)]
+pub struct SampleSet {
+    /// What they have in common.
+    pub info: Arc<SampleSetInfo>,
+    /// The samples, not necessarily all that the rig could place.
+    pub samples: Vec<Arc<Sample>>,
+}

@@ -1,0 +1,289 @@
+//! The scene: what there is to look at, independent of the file it came from.
+
+use std::fmt;
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3, Quat, Vec2, Vec3, Vec4};
+use serde::{Deserialize, Serialize};
+
+use crate::{Camera, Lighting, Material, Texture};
+
+/// BLAKE3 over the scene's whole bundle of files (or, for a generated scene, its name and version).
+#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct SceneHash(pub [u8; 32]);
+
+impl fmt::Display for SceneHash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl fmt::Debug for SceneHash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+/// An axis-aligned box; empty while `min > max`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Bounds {
+    /// Smallest coordinates, metres.
+    pub min: DVec3,
+    /// Largest coordinates, metres.
+    pub max: DVec3,
+}
+
+impl Bounds {
+    /// Holds nothing.
+    pub const EMPTY: Self = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
+
+    /// Grows to hold `point`; a non-finite point is ignored.
+    pub fn extend(&mut self, point: DVec3) {
+        if point.is_finite() {
+            self.min = self.min.min(point);
+            self.max = self.max.max(point);
+        }
+    }
+
+    /// Whether it holds nothing.
+    pub fn is_empty(&self) -> bool {
+        !self.min.cmple(self.max).all()
+    }
+
+    /// Its middle; the origin if empty.
+    pub fn center(&self) -> DVec3 {
+        if self.is_empty() { DVec3::ZERO } else { self.min + (self.max - self.min) * 0.5 }
+    }
+
+    /// Its edge lengths; zero if empty.
+    pub fn size(&self) -> DVec3 {
+        if self.is_empty() { DVec3::ZERO } else { self.max - self.min }
+    }
+
+    /// Whether `point` lies inside or on its surface.
+    pub fn contains(&self, point: DVec3) -> bool {
+        point.cmpge(self.min).all() && point.cmple(self.max).all()
+    }
+}
+
+/// Triangles of one material. Positions are relative to `origin`, so that a mesh whose file places it far
+/// from zero keeps its precision.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Mesh {
+    /// As the file names it, or empty.
+    pub name: String,
+    /// Mesh space position of the vertices' zero, metres.
+    pub origin: DVec3,
+    /// Relative to `origin`.
+    pub positions: Vec<Vec3>,
+    /// Unit normals, one a position; loaders make them where the file has none.
+    pub normals: Vec<Vec3>,
+    /// Unit tangents with the bitangent's sign in w, one a position, or none where no normal map needs them.
+    pub tangents: Vec<Vec4>,
+    /// Texture coordinates, one a position, or none.
+    pub uvs: Vec<Vec2>,
+    /// Linear vertex colours that multiply the base colour, one a position, or none.
+    pub colors: Vec<Vec4>,
+    /// Three a triangle, each less than the number of positions; none is NaN or degenerate by index.
+    pub indices: Vec<u32>,
+    /// Index into [`Scene::materials`].
+    pub material: u32,
+}
+
+impl Mesh {
+    /// Number of triangles.
+    pub fn triangles(&self) -> usize {
+        self.indices.len() / 3
+    }
+}
+
+/// A mesh placed in the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Instance {
+    /// Index into [`Scene::meshes`].
+    pub mesh: u32,
+    /// Index into [`Scene::nodes`], whose animation moves it; `None` for what no node places.
+    pub node: Option<u32>,
+    /// Where mesh space lies in the world at time zero.
+    pub world_from_mesh: DAffine3,
+}
+
+/// A node of the file's hierarchy, kept so that animations can move what hangs from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Node {
+    /// As the file names it, or empty.
+    pub name: String,
+    /// Index of its parent in [`Scene::nodes`], always smaller than its own.
+    pub parent: Option<u32>,
+    /// Rest pose: scale, rotation, translation relative to the parent.
+    pub parent_from_node: DAffine3,
+}
+
+/// Values of one animated property over time.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Track {
+    /// Metres.
+    Translation(Vec<Vec3>),
+    /// Unit quaternions.
+    Rotation(Vec<Quat>),
+    /// Factors.
+    Scale(Vec<Vec3>),
+}
+
+/// How values between two keys are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interpolation {
+    /// The earlier key's.
+    Step,
+    /// On the line (translation, scale) or the arc (rotation) between them.
+    Linear,
+    /// Cubic Hermite; the track holds in-tangent, value, out-tangent for each key.
+    CubicSpline,
+}
+
+/// One animated property of one node.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channel {
+    /// Index into [`Scene::nodes`].
+    pub node: u32,
+    /// Key times, seconds, ascending.
+    pub times_secs: Vec<f32>,
+    /// Values at the keys.
+    pub track: Track,
+    /// Between the keys.
+    pub interpolation: Interpolation,
+}
+
+/// A named set of channels that play together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Animation {
+    /// As the file names it, or empty.
+    pub name: String,
+    /// What it moves.
+    pub channels: Vec<Channel>,
+}
+
+/// A viewpoint that the scene's author, or its generator, recommends.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedCamera {
+    /// As the file names it, or empty.
+    pub name: String,
+    /// The viewpoint.
+    pub camera: Camera,
+}
+
+/// Something a scene's looks depend on; passes run only for effects that are present.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Effect {
+    /// Alpha-tested materials: visibility must look textures up.
+    AlphaCutout,
+    /// Materials that emit.
+    Emission,
+    /// Glossy materials: samples carry the planes for specular.
+    Specular,
+    /// Materials that let light through.
+    Transmission,
+    /// Normal maps.
+    NormalMap,
+    /// Directional, point or spot lights.
+    PunctualLights,
+    /// A sky that is not black.
+    Sky,
+    /// Node animation.
+    Animation,
+}
+
+/// How sample cameras are placed in a scene unless a user says otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RigKind {
+    /// Four cameras above the corners of a tile: height fields seen from outside.
+    TileCorners,
+    /// Omni cameras on a lattice around the viewpoints: interiors, and anything walked through.
+    Cell,
+}
+
+/// Triangles, materials, lights and animation, under a name and a hash.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// What the user called it: a file's path or `terrain:500000`.
+    pub name: String,
+    /// Over the whole bundle of files.
+    pub hash: SceneHash,
+    /// Triangles by material.
+    pub meshes: Vec<Mesh>,
+    /// Placed meshes.
+    pub instances: Vec<Instance>,
+    /// At least one.
+    pub materials: Vec<Material>,
+    /// Decoded images.
+    pub textures: Vec<Texture>,
+    /// Parents before children.
+    pub nodes: Vec<Node>,
+    /// What moves.
+    pub animations: Vec<Animation>,
+    /// Lights, sky and exposure.
+    pub lighting: Lighting,
+    /// Recommended viewpoints; may be empty.
+    pub cameras: Vec<NamedCamera>,
+    /// How sample cameras are placed.
+    pub rig: RigKind,
+    /// What the loader could not honour, one line each.
+    pub warnings: Vec<String>,
+}
+
+impl Scene {
+    /// Triangles drawn: instances counted.
+    pub fn triangles(&self) -> usize {
+        self.instances.iter().map(|i| self.meshes[i.mesh as usize].triangles()).sum()
+    }
+
+    /// The box around every placed triangle's vertices.
+    pub fn bounds(&self) -> Bounds {
+        let mut bounds = Bounds::EMPTY;
+        for instance in &self.instances {
+            let mesh = &self.meshes[instance.mesh as usize];
+            for position in &mesh.positions {
+                bounds.extend(instance.world_from_mesh.transform_point3(mesh.origin + position.as_dvec3()));
+            }
+        }
+        bounds
+    }
+
+    /// The effects that this scene calls for, in the order of [`Effect`].
+    pub fn effects(&self) -> Vec<Effect> {
+        let used = |test: fn(&Material) -> bool| {
+            self.instances.iter().any(|i| {
+                let material = self.meshes[i.mesh as usize].material;
+                test(&self.materials[material as usize])
+            })
+        };
+        let sky = self.lighting.sky;
+        let present = [
+            (Effect::AlphaCutout, used(|m| m.alpha_cutoff().is_some())),
+            (Effect::Emission, used(|m| m.emissive.max_element() > 0.0)),
+            (Effect::Specular, used(Material::is_glossy)),
+            (Effect::Transmission, used(|m| m.transmission > 0.0)),
+            (Effect::NormalMap, used(|m| m.normal_texture.is_some())),
+            (Effect::PunctualLights, !self.lighting.lights.is_empty()),
+            (Effect::Sky, (sky.zenith + sky.horizon + sky.ground).max_element() > 0.0),
+            (Effect::Animation, !self.animations.is_empty()),
+        ];
+        present.into_iter().filter_map(|(effect, present)| present.then_some(effect)).collect()
+    }
+
+    /// A viewpoint that shows the scene: the first recommended one, or one from outside its bounds.
+    pub fn default_camera(&self) -> Camera {
+        if let Some(named) = self.cameras.first() {
+            return named.camera;
+        }
+        let bounds = self.bounds();
+        let center = bounds.center();
+        let radius = (bounds.size().length() * 0.5).max(1e-3);
+        Camera::look_at(center + DVec3::new(0.9, 0.6, 1.6).normalize() * radius * 2.7, center)
+    }
+}
+
+/// Scenes are large and shared; everything downstream holds one of these.
+pub type SharedScene = Arc<Scene>;

@@ -1,0 +1,203 @@
+//! Views: what a client asks for, and the plan by which it is answered.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Camera, InvalidField, Provenance, SampleId};
+
+/// How a compositor finds the depth of a view's pixel before it fetches by depth-corrected inverse warping.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Search {
+    /// Forward splat of the samples' texels into the view, then one filtered fetch per sample.
+    #[default]
+    Splat,
+    /// The cluster paper's (section 4.2): linear steps along the view ray until it is inside every
+    /// camera's surface, then binary refinement; the most conservative surface wins.
+    Linear,
+}
+
+/// One image a frame may hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Output {
+    /// sRGB, 8 bits.
+    Color,
+    /// Distance from the eye, metres, +inf where there is nothing.
+    Range,
+    /// 255 where no sample saw the pixel's surface, else 0.
+    Mask,
+    /// Which sample served the pixel: 1 + its position in the plan's list; 0 for none.
+    Source,
+}
+
+/// A set of [`Output`]s.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Outputs {
+    /// sRGB colour.
+    pub color: bool,
+    /// Range.
+    pub range: bool,
+    /// Mask of unresolved pixels.
+    pub mask: bool,
+    /// Index of the sample that served each pixel.
+    pub source: bool,
+}
+
+impl Outputs {
+    /// Colour alone.
+    pub const COLOR: Self = Self { color: true, range: false, mask: false, source: false };
+
+    /// The given output alone.
+    pub fn only(output: Output) -> Self {
+        let none = Self { color: false, range: false, mask: false, source: false };
+        match output {
+            Output::Color => Self { color: true, ..none },
+            Output::Range => Self { range: true, ..none },
+            Output::Mask => Self { mask: true, ..none },
+            Output::Source => Self { source: true, ..none },
+        }
+    }
+}
+
+/// How a view is answered; chosen between frames, never during one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Plan {
+    /// Rendered from the triangles.
+    Direct {
+        /// Samples a pixel on a regular grid, a square number: 1, 4, 16, ….
+        samples_per_pixel: u32,
+    },
+    /// Reconstructed from samples.
+    Warp {
+        /// How depth is found.
+        search: Search,
+        /// Linear steps of [`Search::Linear`]; ignored by the splat.
+        steps: u32,
+        /// View pixels are averaged from this many a side.
+        supersampling: u32,
+        /// The samples, best first. Their order is part of the plan.
+        samples: Vec<SampleId>,
+    },
+}
+
+/// What a client may say of the plan; what it leaves open the service chooses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct PlanRequest {
+    /// Render from the triangles.
+    pub direct: bool,
+    /// How depth is found.
+    pub search: Option<Search>,
+    /// Linear steps, 1 to 4096.
+    pub steps: Option<u32>,
+    /// A side: 1 to 8.
+    pub supersampling: Option<u32>,
+    /// At most this many samples, 1 to 8.
+    pub samples: Option<u32>,
+}
+
+/// What a client asks for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct View {
+    /// Viewpoint.
+    pub camera: Camera,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Which images.
+    pub outputs: Outputs,
+    /// Wishes about the plan.
+    pub plan: PlanRequest,
+    /// Answer with exactly this provenance (its plan, epoch and generation) or not at all.
+    pub pin: Option<Provenance>,
+}
+
+/// The largest view that is accepted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Pixels on a side.
+    pub max_side: u32,
+    /// Pixels in all.
+    pub max_pixels: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { max_side: 8192, max_pixels: 16 << 20 }
+    }
+}
+
+impl View {
+    /// Rejects what cannot be rendered, naming the field. Nothing behind this check needs to repeat it.
+    pub fn validate(&self, limits: &Limits) -> Result<(), InvalidField> {
+        self.camera.validate()?;
+        for (field, side) in [("width", self.width), ("height", self.height)] {
+            if !(1..=limits.max_side).contains(&side) {
+                let reason = format!("must be 1 to {} pixels, not {side}", limits.max_side);
+                return Err(InvalidField::new(field, reason));
+            }
+        }
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        if pixels > limits.max_pixels {
+            let reason = format!("width × height must be at most {} pixels, not {pixels}", limits.max_pixels);
+            return Err(InvalidField::new("width", reason));
+        }
+        let Outputs { color, range, mask, source } = self.outputs;
+        if !(color || range || mask || source) {
+            return Err(InvalidField::new("outputs", "at least one output must be asked for"));
+        }
+        let within = |field, value: Option<u32>, most| match value {
+            Some(n) if !(1..=most).contains(&n) => {
+                Err(InvalidField::new(field, format!("must be 1 to {most}, not {n}")))
+            }
+            _ => Ok(()),
+        };
+        within("plan.steps", self.plan.steps, 4096)?;
+        within("plan.supersampling", self.plan.supersampling, 8)?;
+        within("plan.samples", self.plan.samples, 8)?;
+        let supersampling = u64::from(self.plan.supersampling.unwrap_or(1));
+        if pixels * supersampling * supersampling > limits.max_pixels * 16 {
+            let reason = "width × height × supersampling² is more than this service renders";
+            return Err(InvalidField::new("plan.supersampling", reason));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    fn view() -> View {
+        View {
+            camera: Camera::look_at(DVec3::ONE, DVec3::ZERO),
+            width: 200,
+            height: 150,
+            outputs: Outputs::COLOR,
+            plan: PlanRequest::default(),
+            pin: None,
+        }
+    }
+
+    #[test]
+    fn sizes_and_knobs_outside_their_limits_are_rejected_by_name() {
+        let limits = Limits::default();
+        let field = |change: fn(&mut View)| {
+            let mut view = view();
+            change(&mut view);
+            view.validate(&limits).expect_err("must be rejected").field
+        };
+        assert_eq!(field(|v| v.width = 0), "width");
+        assert_eq!(field(|v| v.height = 0), "height");
+        assert_eq!(field(|v| v.width = 8193), "width");
+        assert_eq!(field(|v| (v.width, v.height) = (8192, 4096)), "width");
+        assert_eq!(field(|v| v.outputs.color = false), "outputs");
+        assert_eq!(field(|v| v.plan.steps = Some(0)), "plan.steps");
+        assert_eq!(field(|v| v.plan.supersampling = Some(9)), "plan.supersampling");
+        assert_eq!(field(|v| v.plan.samples = Some(0)), "plan.samples");
+        assert_eq!(field(|v| v.camera.eye.x = f64::NAN), "camera.eye");
+        view().validate(&limits).unwrap();
+    }
+}

@@ -1,0 +1,1 @@
+//! Every GPU program of Argus, linked at build time.

@@ -1,0 +1,1 @@
+//! The experiments: accuracy against time, cluster load, the papers' figures.
