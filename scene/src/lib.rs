@@ -20,6 +20,7 @@ pub mod role;
 pub mod sample;
 pub mod scene;
 pub mod shading;
+pub mod texture;
 pub mod tone;
 pub mod view;
 

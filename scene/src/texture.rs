@@ -1,0 +1,322 @@
+//! How textures are filtered: mip chains, and the one sampling rule that every renderer follows.
+//!
+//! The reference calls [`MipChain::sample`]; the GPU uploads the very same levels and follows the same rule,
+//! so that a texel's colour never depends on who looked it up:
+//!
+//! 1. `uv` is transformed by [`transform_uv`], its derivatives by the linear part of the same transform.
+//! 2. The level is isotropic: `log2(max(|∂(uv·size)/∂x|, |∂(uv·size)/∂y|))`, `size` in texels of level 0,
+//!    clamped to the chain ([`MipChain::level`]). Magnification and NaN read level 0, infinity the last one.
+//! 3. The two levels around it are each read bilinearly and blended by its fraction (trilinear).
+//! 4. Texels are decoded to linear before they are blended, as GPUs do with sRGB formats.
+//! 5. Texel centres lie at half integers. `Repeat` reduces a coordinate to its fraction and wraps texel
+//!    indices; `Mirror` folds it into 0..1, `Clamp` clamps it, and both clamp texel indices. A coordinate that
+//!    is not finite counts as 0.
+//! 6. **Alpha tests read level 0**, bilinearly ([`MipChain::alpha`]), at any distance: what a cut-out covers
+//!    must not depend on how far away it is, and the aliasing is what supersampling is for.
+//!
+//! Level l has max(1, ⌊size / 2ˡ⌋) texels a side. Levels are box-filtered by area, so that odd sides lose
+//! nothing, from the unrounded level above. Colours of cut-outs are weighted by alpha, and texels that are
+//! fully transparent take the colour of the coarser level: whatever an artist left under alpha 0 never bleeds
+//! into an edge as a dark fringe.
+
+use std::sync::Arc;
+use std::sync::LazyLock;
+
+use glam::{Vec2, Vec4};
+
+use crate::material::Wrap;
+use crate::tone::linear_from_srgb;
+use crate::{Scene, Texture, TextureRef};
+
+/// What a texture's alpha channel means to the materials that use it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AlphaUse {
+    /// Nothing: it is one more channel.
+    Ignored,
+    /// Coverage: colour counts as far as alpha does.
+    Cutout,
+}
+
+/// One size of a texture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Level {
+    /// Texels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// RGBA, row 0 first, `width * height * 4` bytes, encoded as the texture is (sRGB or linear).
+    pub rgba: Arc<[u8]>,
+}
+
+/// A texture at every size down to one texel, ready to be filtered or uploaded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MipChain {
+    /// Level 0 first; at least one.
+    pub levels: Vec<Level>,
+    /// Whether the colour channels are sRGB-encoded.
+    pub srgb: bool,
+    /// Addressing of u and v.
+    pub wrap: [Wrap; 2],
+}
+
+/// Texels of a level: max(1, ⌊size / 2^level⌋) a side.
+pub fn level_size(size: [u32; 2], level: u32) -> [u32; 2] {
+    size.map(|side| side.checked_shr(level).unwrap_or(0).max(1))
+}
+
+/// Number of levels of a full chain.
+pub fn level_count(size: [u32; 2]) -> u32 {
+    32 - size[0].max(size[1]).max(1).leading_zeros()
+}
+
+/// Where on the texture a mesh's `uv` lies: scale, then rotation, then offset (KHR_texture_transform). The
+/// rotation is counter-clockwise as an image is looked at, whose v points down.
+pub fn transform_uv(reference: &TextureRef, uv: Vec2) -> Vec2 {
+    transform_duv(reference, uv) + reference.offset
+}
+
+/// The linear part of [`transform_uv`], for derivatives of `uv`.
+pub fn transform_duv(reference: &TextureRef, duv: Vec2) -> Vec2 {
+    let (sin, cos) = reference.rotation.sin_cos();
+    let scaled = duv * reference.scale;
+    Vec2::new(cos * scaled.x + sin * scaled.y, cos * scaled.y - sin * scaled.x)
+}
+
+/// The chains of a scene's textures, in their order. A texture counts as a cut-out if a material with an
+/// alpha cutoff uses it as its base colour.
+pub fn mip_chains(scene: &Scene) -> Vec<MipChain> {
+    let mut uses = vec![AlphaUse::Ignored; scene.textures.len()];
+    for material in scene.materials.iter().filter(|m| m.alpha_cutoff().is_some()) {
+        if let Some(slot) = material.base_color_texture.and_then(|r| uses.get_mut(r.texture as usize)) {
+            *slot = AlphaUse::Cutout;
+        }
+    }
+    let jobs: Vec<_> = scene.textures.iter().zip(uses).collect();
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let share = jobs.len().div_ceil(threads).max(1);
+    std::thread::scope(|scope| {
+        let build = |part: &[(&Texture, AlphaUse)]| -> Vec<MipChain> {
+            part.iter().map(|&(texture, alpha)| MipChain::new(texture, alpha)).collect()
+        };
+        let handles: Vec<_> = jobs.chunks(share).map(|part| scope.spawn(move || build(part))).collect();
+        let joined = handles.into_iter().map(|handle| handle.join());
+        joined.flat_map(|part| part.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+    })
+}
+
+impl MipChain {
+    /// Filters `texture` down to one texel. A texture without texels, or whose bytes do not match its size,
+    /// becomes one white texel.
+    pub fn new(texture: &Texture, alpha: AlphaUse) -> Self {
+        let size = [texture.width, texture.height];
+        let bytes = u128::from(size[0]) * u128::from(size[1]) * 4;
+        let (size, rgba) = if bytes == 0 || texture.rgba.len() as u128 != bytes {
+            ([1, 1], Arc::from([255u8; 4]))
+        } else {
+            (size, Arc::clone(&texture.rgba))
+        };
+        let mut levels = vec![Level { width: size[0], height: size[1], rgba }];
+        let mut image = Linear::decode(&levels[0], texture.srgb);
+        for l in 1..level_count(size) {
+            image = image.halved(level_size(size, l), alpha);
+            levels.push(image.encode(texture.srgb));
+        }
+        if alpha == AlphaUse::Cutout {
+            fill_transparent(&mut levels);
+        }
+        Self { levels, srgb: texture.srgb, wrap: texture.wrap }
+    }
+
+    /// Texels of level 0.
+    pub fn size(&self) -> Vec2 {
+        Vec2::new(self.levels[0].width as f32, self.levels[0].height as f32)
+    }
+
+    /// The level for a pixel across which the transformed `uv` changes by `duv_dx` and `duv_dy`: rule 2.
+    pub fn level(&self, duv_dx: Vec2, duv_dy: Vec2) -> f32 {
+        let last = (self.levels.len() - 1) as f32;
+        let (x, y) = ((duv_dx * self.size()).length(), (duv_dy * self.size()).length());
+        // f32::max ignores a NaN beside a number, and no comparison below holds for one.
+        let texels = x.max(y);
+        if texels > 1.0 { texels.log2().min(last) } else { 0.0 }
+    }
+
+    /// Linear colour and alpha at the transformed `uv`, trilinear: rules 3 to 5. A level that is NaN counts
+    /// as 0.
+    pub fn sample(&self, uv: Vec2, level: f32) -> Vec4 {
+        let last = self.levels.len() - 1;
+        let level = if level > 0.0 { level.min(last as f32) } else { 0.0 };
+        let fine = level as usize;
+        let fraction = level - fine as f32;
+        let color = self.bilinear(uv, fine);
+        if fraction > 0.0 { color.lerp(self.bilinear(uv, (fine + 1).min(last)), fraction) } else { color }
+    }
+
+    /// Alpha for an alpha test at the transformed `uv`: rule 6.
+    pub fn alpha(&self, uv: Vec2) -> f32 {
+        self.blend(uv, 0, |texel| f32::from(texel[3]) / 255.0)
+    }
+
+    fn bilinear(&self, uv: Vec2, level: usize) -> Vec4 {
+        let color = if self.srgb { &SRGB.linear } else { &UNIT };
+        self.blend(uv, level, |texel| {
+            let [r, g, b] = [texel[0], texel[1], texel[2]].map(|byte| color[usize::from(byte)]);
+            Vec4::new(r, g, b, UNIT[usize::from(texel[3])])
+        })
+    }
+
+    /// The four texels around `uv`, decoded and blended.
+    fn blend<T>(&self, uv: Vec2, level: usize, decode: impl Fn(&[u8]) -> T) -> T
+    where
+        T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
+    {
+        let Level { width, height, rgba } = &self.levels[level];
+        let ([x0, x1], fx) = taps(uv.x, *width, self.wrap[0]);
+        let ([y0, y1], fy) = taps(uv.y, *height, self.wrap[1]);
+        let texel = |x: u32, y: u32| {
+            let at = (y as usize * *width as usize + x as usize) * 4;
+            decode(&rgba[at..at + 4])
+        };
+        let row = |y| texel(x0, y) * (1.0 - fx) + texel(x1, y) * fx;
+        row(y0) * (1.0 - fy) + row(y1) * fy
+    }
+}
+
+/// The two texels of a row or column that a coordinate lies between, and how far it is towards the second.
+fn taps(coordinate: f32, side: u32, wrap: Wrap) -> ([u32; 2], f32) {
+    let c = if coordinate.is_finite() { coordinate } else { 0.0 };
+    let c = match wrap {
+        Wrap::Repeat => c - c.floor(),
+        Wrap::Clamp => c.clamp(0.0, 1.0),
+        Wrap::Mirror => {
+            let in_two_tiles = c - 2.0 * (c * 0.5).floor();
+            if in_two_tiles > 1.0 { 2.0 - in_two_tiles } else { in_two_tiles }
+        }
+    };
+    let x = c * side as f32 - 0.5;
+    let first = x.floor();
+    let index = |i: i64| match wrap {
+        Wrap::Repeat => i.rem_euclid(i64::from(side)) as u32,
+        Wrap::Clamp | Wrap::Mirror => i.clamp(0, i64::from(side) - 1) as u32,
+    };
+    ([index(first as i64), index(first as i64 + 1)], x - first)
+}
+
+/// An image in linear light, not rounded.
+struct Linear {
+    size: [u32; 2],
+    texels: Vec<Vec4>,
+}
+
+impl Linear {
+    fn decode(level: &Level, srgb: bool) -> Self {
+        let color = if srgb { &SRGB.linear } else { &UNIT };
+        let texel = |t: &[u8]| {
+            let [r, g, b] = [t[0], t[1], t[2]].map(|byte| color[usize::from(byte)]);
+            Vec4::new(r, g, b, UNIT[usize::from(t[3])])
+        };
+        Self { size: [level.width, level.height], texels: level.rgba.chunks_exact(4).map(texel).collect() }
+    }
+
+    /// Averages by area onto `size`, of which no side is longer.
+    fn halved(&self, size: [u32; 2], alpha: AlphaUse) -> Self {
+        let [columns, rows] = [0, 1].map(|axis| box_weights(self.size[axis], size[axis]));
+        let width = self.size[0] as usize;
+        let mut texels = Vec::with_capacity(columns.len() * rows.len());
+        for (y0, row_weights) in &rows {
+            for (x0, column_weights) in &columns {
+                let (mut plain, mut weighted) = (Vec4::ZERO, Vec4::ZERO);
+                for (y, wy) in row_weights.iter().enumerate() {
+                    for (x, wx) in column_weights.iter().enumerate() {
+                        let texel = self.texels[(y0 + y) * width + x0 + x];
+                        plain += texel * (wx * wy);
+                        weighted += texel * (wx * wy * texel.w);
+                    }
+                }
+                let color =
+                    if alpha == AlphaUse::Cutout && plain.w > 0.0 { weighted / plain.w } else { plain };
+                texels.push(color.truncate().extend(plain.w));
+            }
+        }
+        Self { size, texels }
+    }
+
+    fn encode(&self, srgb: bool) -> Level {
+        let unit = |x: f32| (x * 255.0 + 0.5) as u8;
+        let color = |x: f32| if srgb { SRGB.encode(x) } else { unit(x) };
+        let texel = |t: &Vec4| [color(t.x), color(t.y), color(t.z), unit(t.w)];
+        let rgba = self.texels.iter().flat_map(texel).collect();
+        Level { width: self.size[0], height: self.size[1], rgba }
+    }
+}
+
+/// For each of `to` texels of a side: the first of the `from` texels that it covers, and how much of it each
+/// of them makes up.
+fn box_weights(from: u32, to: u32) -> Vec<(usize, Vec<f32>)> {
+    let scale = f64::from(from) / f64::from(to);
+    (0..to)
+        .map(|i| {
+            let (begin, end) = (f64::from(i) * scale, f64::from(i + 1) * scale);
+            let (first, last) = (begin as u32, (end.ceil() as u32).min(from));
+            let covered = |t: u32| (f64::from(t + 1).min(end) - f64::from(t).max(begin)) / scale;
+            (first as usize, (first..last).map(|t| covered(t) as f32).collect())
+        })
+        .collect()
+}
+
+/// Gives fully transparent texels the colour of the coarser level, coarse to fine.
+fn fill_transparent(levels: &mut [Level]) {
+    for l in (0..levels.len().saturating_sub(1)).rev() {
+        if levels[l].rgba.chunks_exact(4).all(|texel| texel[3] > 0) {
+            continue;
+        }
+        let mut rgba = levels[l].rgba.to_vec();
+        let (fine, coarse) = (&levels[l], &levels[l + 1]);
+        for (i, texel) in rgba.chunks_exact_mut(4).enumerate().filter(|(_, texel)| texel[3] == 0) {
+            let (x, y) = (i as u32 % fine.width, i as u32 / fine.width);
+            let (cx, cy) = ((x / 2).min(coarse.width - 1), (y / 2).min(coarse.height - 1));
+            let from = (cy as usize * coarse.width as usize + cx as usize) * 4;
+            texel[..3].copy_from_slice(&coarse.rgba[from..from + 3]);
+        }
+        levels[l].rgba = rgba.into();
+    }
+}
+
+/// Bytes as fractions.
+static UNIT: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|byte| byte as f32 / 255.0));
+
+static SRGB: LazyLock<SrgbTable> = LazyLock::new(SrgbTable::new);
+
+/// sRGB both ways without a power function a texel: large scenes have 10⁸ of them.
+struct SrgbTable {
+    /// Linear value of each byte.
+    linear: [f32; 256],
+    /// The least linear value that rounds to each byte.
+    least: [f32; 256],
+    /// The byte of the smallest linear value in each of 4096 equal intervals.
+    guess: Vec<u8>,
+}
+
+impl SrgbTable {
+    fn new() -> Self {
+        let linear = std::array::from_fn(|byte| linear_from_srgb(byte as f32 / 255.0));
+        let least = std::array::from_fn(|byte| match byte {
+            0 => f32::NEG_INFINITY,
+            _ => linear_from_srgb((byte as f32 - 0.5) / 255.0),
+        });
+        let byte = |x: f32| least.partition_point(|&l| l <= x).saturating_sub(1) as u8;
+        let guess = (0..4096).map(|i| byte(i as f32 / 4096.0)).collect();
+        Self { linear, least, guess }
+    }
+
+    fn encode(&self, linear: f32) -> u8 {
+        let mut byte = self.guess[((linear * 4096.0) as usize).min(4095)];
+        while byte < 255 && self.least[usize::from(byte) + 1] <= linear {
+            byte += 1;
+        }
+        byte
+    }
+}
+
+#[cfg(test)]
+mod tests;
