@@ -1,0 +1,113 @@
+//! Links every program under `shaders/<user>/` with WESL, validates it with naga, and writes a Rust module
+//! that carries its source and what reflection says of it: entry points, workgroup sizes, bindings.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use naga::{AddressSpace, ImageClass, Module, ShaderStage, StorageAccess, TypeInner};
+
+/// Folders that hold programs, each named after the crate that runs them; `shared` holds none.
+const USERS: [&str; 2] = ["sampler", "compositor"];
+
+fn main() {
+    let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").expect("cargo sets it"));
+    let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets it"));
+    println!("cargo::rerun-if-changed=shared");
+    let mut rust = String::new();
+    let mut all = String::new();
+    for user in USERS {
+        println!("cargo::rerun-if-changed={user}");
+        let mut stems: Vec<String> = fs::read_dir(root.join(user))
+            .expect("each user crate has a folder")
+            .filter_map(|entry| {
+                let path = entry.expect("readable folder").path();
+                let is_program = path.extension().is_some_and(|e| e == "wgsl");
+                is_program.then(|| path.file_stem().expect("has a stem").to_string_lossy().into_owned())
+            })
+            .collect();
+        stems.sort();
+        writeln!(rust, "/// Programs that `argus-{user}` runs.\n#[allow(unused_imports)]\npub mod {user} {{\n    use crate::*;").expect("String");
+        for stem in stems {
+            program(&root, &out, user, &stem, &mut rust);
+            write!(all, "&{user}::{}, ", stem.to_uppercase()).expect("String");
+        }
+        rust.push_str("}\n");
+    }
+    writeln!(rust, "/// Every program, for tests.\npub const ALL: &[&Program] = &[{all}];").expect("String");
+    fs::write(out.join("programs.rs"), rust).expect("OUT_DIR is writable");
+}
+
+/// Links, validates and reflects one program, and appends its constant to `rust`.
+fn program(root: &Path, out: &Path, user: &str, stem: &str, rust: &mut String) {
+    let source = link(root, user, stem);
+    let linked = out.join(format!("{user}_{stem}.wgsl"));
+    fs::write(&linked, &source).expect("OUT_DIR is writable");
+    let at = linked.display().to_string();
+    let module = naga::front::wgsl::parse_str(&source).unwrap_or_else(|error| {
+        panic!("{user}/{stem}.wgsl:\n{}", error.emit_to_string_with_path(&source, &at))
+    });
+    let info = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(&module).unwrap_or_else(
+        |error| panic!("{user}/{stem}.wgsl:\n{}", error.emit_to_string_with_path(&source, &at)),
+    );
+    writeln!(rust, "    /// `shaders/{user}/{stem}.wgsl`, linked.").expect("String");
+    writeln!(rust, "    pub const {}: Program = Program {{", stem.to_uppercase()).expect("String");
+    writeln!(rust, "        label: \"{user}/{stem}\",\n        source: include_str!({at:?}),")
+        .expect("String");
+    writeln!(rust, "        entry_points: &[").expect("String");
+    for (index, entry) in module.entry_points.iter().enumerate() {
+        let stage = match entry.stage {
+            ShaderStage::Vertex => "Vertex",
+            ShaderStage::Fragment => "Fragment",
+            _ => "Compute",
+        };
+        let uses = bindings(&module, &info, index);
+        writeln!(
+            rust,
+            "            EntryPoint {{ name: {:?}, stage: Stage::{stage}, workgroup_size: {:?}, bindings: &[{uses}] }},",
+            entry.name, entry.workgroup_size,
+        )
+        .expect("String");
+    }
+    writeln!(rust, "        ],\n    }};").expect("String");
+}
+
+/// Follows the imports of one program and returns plain WGSL.
+fn link(root: &Path, user: &str, stem: &str) -> String {
+    let mut linker = wesl::Wesl::new(root);
+    linker.set_mangler(wesl::ManglerKind::None).use_sourcemap(true).keep_all_entrypoints();
+    let path = format!("package::{user}::{stem}").parse().expect("a stem is a WGSL identifier");
+    let linked = linker.compile(&path).unwrap_or_else(|error| panic!("{user}/{stem}.wgsl:\n{error}"));
+    linked.to_string()
+}
+
+/// The resources that an entry point uses, as Rust source.
+fn bindings(module: &Module, info: &ModuleInfo, entry: usize) -> String {
+    let uses = info.get_entry_point(entry);
+    let mut list = String::new();
+    for (handle, variable) in module.global_variables.iter() {
+        let (Some(binding), false) = (&variable.binding, uses[handle].is_empty()) else { continue };
+        let access = match (variable.space, &module.types[variable.ty].inner) {
+            (AddressSpace::Storage { access }, _) => access_name(access),
+            (_, TypeInner::Image { class: ImageClass::Storage { access, .. }, .. }) => access_name(*access),
+            _ => "Read",
+        };
+        let name = variable.name.as_deref().expect("WGSL globals have names");
+        write!(
+            list,
+            "Binding {{ group: {}, index: {}, name: {name:?}, access: Access::{access} }}, ",
+            binding.group, binding.binding
+        )
+        .expect("String");
+    }
+    list
+}
+
+fn access_name(access: StorageAccess) -> &'static str {
+    match (access.contains(StorageAccess::LOAD), access.contains(StorageAccess::STORE)) {
+        (true, true) => "ReadWrite",
+        (false, true) => "Write",
+        _ => "Read",
+    }
+}

@@ -1,0 +1,39 @@
+//! Rust mirrors of WGSL structs. The test at the end compares name, offset and size of every field, and the
+//! size of every struct, with the WGSL of each program that declares a struct of that name.
+
+/// What the test needs to know of a mirror.
+#[derive(Debug, Clone, Copy)]
+pub struct Mirror {
+    /// Name of the struct in Rust and in WGSL.
+    pub name: &'static str,
+    /// Bytes, as an array's stride has it.
+    pub size: usize,
+    /// Names and offsets of the fields; those whose name begins with `_` are padding that WGSL implies.
+    pub fields: &'static [(&'static str, usize)],
+}
+
+/// Declares a `#[repr(C)]` plain-old-data struct and its [`Mirror`].
+#[macro_export]
+macro_rules! mirror {
+    ($(#[$meta:meta])* pub struct $name:ident { $($(#[$field_meta:meta])* pub $field:ident: $ty:ty,)* }) => {
+        $(#[$meta])*
+        #[repr(C)]
+        #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+        pub struct $name { $($(#[$field_meta])* pub $field: $ty,)* }
+
+        impl $name {
+            /// What the layout test compares with the WGSL.
+            pub const MIRROR: $crate::layout::Mirror = $crate::layout::Mirror {
+                name: stringify!($name),
+                size: size_of::<$name>(),
+                fields: &[$((stringify!($field), core::mem::offset_of!($name, $field)),)*],
+            };
+        }
+    };
+}
+
+/// Mirrors of structs in `shared/` that both roles use.
+pub mod shared;
+
+/// Every mirror, for the test; a mirror that is missing here is not tested, so add it.
+pub const MIRRORS: &[Mirror] = shared::MIRRORS;

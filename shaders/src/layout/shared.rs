@@ -1,0 +1,46 @@
+//! `shaders/shared/*.wgsl`: what both roles hand to the GPU.
+
+use super::Mirror;
+
+/// All of this file's.
+pub(super) const MIRRORS: &[Mirror] = &[Light::MIRROR, Lighting::MIRROR];
+
+mirror! {
+    /// A light, relative to the origin of the pass that shades: `shared/shading.wgsl`.
+    pub struct Light {
+        /// Position relative to the pass's origin; unused by directional lights.
+        pub position: [f32; 3],
+        /// 0 directional, 1 point, 2 spot.
+        pub kind: u32,
+        /// Unit direction in which light travels.
+        pub direction: [f32; 3],
+        /// Cut-off distance, metres; 0 for none.
+        pub range: f32,
+        /// Irradiance (directional) or intensity.
+        pub color: [f32; 3],
+        /// Cosine of a spot's inner half angle.
+        pub cos_inner: f32,
+        /// Cosine of a spot's outer half angle.
+        pub cos_outer: f32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: [f32; 3],
+    }
+}
+
+mirror! {
+    /// What shading needs beside surface and lights: `shared/shading.wgsl`.
+    pub struct Lighting {
+        /// Radiance of the sky straight up.
+        pub sky_zenith: [f32; 3],
+        /// Lights in the array.
+        pub light_count: u32,
+        /// Radiance of the sky at the horizon.
+        pub sky_horizon: [f32; 3],
+        /// Radiance to display-linear.
+        pub exposure: f32,
+        /// Radiance of the sky straight down.
+        pub sky_ground: [f32; 3],
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: f32,
+    }
+}
