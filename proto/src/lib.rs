@@ -1,4 +1,20 @@
 //! The wire: argus.v1 messages and services, and their conversions to the vocabulary.
+//!
+//! [`v1`] is generated; nothing outside this crate needs to read its fields for what has a word in
+//! [`argus_scene`]: [`convert`] translates single values and checks them, [`chunks`] takes frames, samples
+//! and scenes apart and puts them together again, [`codec`] packs images without loss, [`status`] says
+//! which error becomes which gRPC code. Whatever arrives is untrusted: a message that claims more than its
+//! receiver expects is refused before memory is set aside for it.
+
+
+pub mod codec;
+
+mod error;
+pub mod status;
+
+
+pub use error::WireError;
+pub use status::Fault;
 
 /// Messages, clients and servers generated from `proto/argus/v1/*.proto`, whose comments document them.
 #[allow(missing_docs, clippy::all)]

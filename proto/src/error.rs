@@ -1,0 +1,55 @@
+//! What can be wrong with a chunked message.
+
+use argus_scene::{InvalidField, SampleId};
+
+/// A frame, sample or scene that did not survive its way, or that was never well formed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum WireError {
+    /// A header's field makes no sense, or claims more than the receiver allows.
+    #[error(transparent)]
+    Invalid(#[from] InvalidField),
+    /// The stream ended too early.
+    #[error("the {what} is cut short: {got} of {expected} bytes arrived")]
+    Truncated {
+        /// `frame`, `sample` or `scene`.
+        what: &'static str,
+        /// Bytes that arrived.
+        got: u64,
+        /// Bytes that the header promised.
+        expected: u64,
+    },
+    /// A message came where another one was due: a second header, a repeated or skipped chunk.
+    #[error("the {what} is out of order: {reason}")]
+    OutOfOrder {
+        /// `frame`, `sample` or `scene`.
+        what: &'static str,
+        /// What came and what was due.
+        reason: String,
+    },
+    /// Packed bytes do not unpack to what the header says.
+    #[error("{what} is damaged: {reason}")]
+    Corrupt {
+        /// The plane or image.
+        what: &'static str,
+        /// What the decoder says.
+        reason: String,
+    },
+    /// A sample's texels are on a device; they have to be read back before they can be sent.
+    #[error("sample {0} is not in host memory")]
+    OnDevice(SampleId),
+}
+
+impl WireError {
+    pub(crate) fn corrupt(what: &'static str, reason: impl Into<String>) -> Self {
+        Self::Corrupt { what, reason: reason.into() }
+    }
+
+    pub(crate) fn out_of_order(what: &'static str, reason: impl Into<String>) -> Self {
+        Self::OutOfOrder { what, reason: reason.into() }
+    }
+
+    /// A header's field that its receiver cannot accept.
+    pub(crate) fn field(field: &'static str, reason: impl Into<String>) -> Self {
+        Self::Invalid(InvalidField::new(field, reason))
+    }
+}

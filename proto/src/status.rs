@@ -1,0 +1,170 @@
+//! The one table from errors to gRPC codes, and how a client reads the details back.
+
+use std::time::Duration;
+
+use argus_scene::{InvalidField, RenderError};
+use tonic::{Code, Status};
+use tonic_types::{ErrorDetails, StatusExt};
+
+use crate::{PROTOCOL_VERSION, WireError};
+
+/// Everything a service of `argus.v1` answers other than with what it was asked for.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum Fault {
+    /// A field of the request cannot be honoured.
+    #[error(transparent)]
+    Invalid(#[from] InvalidField),
+    /// Rendering failed.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// A chunked message was malformed.
+    #[error(transparent)]
+    Wire(#[from] WireError),
+    /// More is asked for than can be done; said at once rather than after a queue without end.
+    #[error("overloaded: {what}; try again in {} ms", retry_after.as_millis())]
+    Overloaded {
+        /// What is full.
+        what: String,
+        /// When it may have room again.
+        retry_after: Duration,
+    },
+    /// The other side speaks another version of the protocol.
+    #[error(
+        "protocol version {theirs} does not match this service's version {PROTOCOL_VERSION}: \
+         use the same release of argus on both sides"
+    )]
+    Version {
+        /// The other side's [`PROTOCOL_VERSION`].
+        theirs: u32,
+    },
+    /// An order of a coordinator that has been replaced.
+    #[error("term {theirs} is over, the coordinator of term {ours} leads")]
+    StaleTerm {
+        /// The highest term seen.
+        ours: u64,
+        /// The term of the order.
+        theirs: u64,
+    },
+    /// A pinned provenance that this service no longer has or never had.
+    #[error("the pinned provenance cannot be met: {0}")]
+    Pin(String),
+    /// No such scene, sample or worker here.
+    #[error("{0}")]
+    NotFound(String),
+    /// Nobody can answer now; the same request may succeed later or elsewhere.
+    #[error("{0}")]
+    Unavailable(String),
+    /// The request's own deadline has passed.
+    #[error("the deadline of {} ms has passed", .0.as_millis())]
+    Deadline(Duration),
+}
+
+impl Fault {
+    /// The gRPC code of each fault. What a repetition may cure is `UNAVAILABLE`: clients repeat exactly that.
+    pub fn code(&self) -> Code {
+        match self {
+            Self::Invalid(_) | Self::Render(RenderError::Invalid(_)) => Code::InvalidArgument,
+            Self::Render(RenderError::Cancelled) => Code::Cancelled,
+            Self::Render(RenderError::MissingSample(_) | RenderError::DeviceLost(_)) => Code::Unavailable,
+            Self::Render(RenderError::OutOfMemory(_)) | Self::Overloaded { .. } => Code::ResourceExhausted,
+            Self::Render(RenderError::Internal(_)) => Code::Internal,
+            Self::Wire(WireError::OnDevice(_)) => Code::Internal,
+            Self::Wire(_) => Code::DataLoss,
+            Self::Version { .. } | Self::StaleTerm { .. } | Self::Pin(_) => Code::FailedPrecondition,
+            Self::NotFound(_) => Code::NotFound,
+            Self::Unavailable(_) => Code::Unavailable,
+            Self::Deadline(_) => Code::DeadlineExceeded,
+        }
+    }
+}
+
+impl From<Fault> for Status {
+    fn from(fault: Fault) -> Self {
+        let (code, message) = (fault.code(), fault.to_string());
+        let details = match fault {
+            Fault::Invalid(at) | Fault::Render(RenderError::Invalid(at)) => {
+                ErrorDetails::with_bad_request_violation(at.field, at.reason)
+            }
+            Fault::Overloaded { retry_after, .. } => ErrorDetails::with_retry_info(Some(retry_after)),
+            Fault::Render(RenderError::OutOfMemory(_)) => {
+                // What else is in work has to leave memory first; a second is longer than most batches.
+                ErrorDetails::with_retry_info(Some(Duration::from_secs(1)))
+            }
+            _ => return Self::new(code, message),
+        };
+        Self::with_error_details(code, message, details)
+    }
+}
+
+/// The status of a field that cannot be honoured.
+pub fn invalid(field: InvalidField) -> Status {
+    Fault::Invalid(field).into()
+}
+
+/// Compares the version that the other side sent with our own.
+///
+/// # Errors
+/// [`Fault::Version`] unless they are equal.
+pub fn check_version(theirs: u32) -> Result<(), Fault> {
+    if theirs == PROTOCOL_VERSION { Ok(()) } else { Err(Fault::Version { theirs }) }
+}
+
+/// The field and the reason of an `INVALID_ARGUMENT`, where the server gave them.
+pub fn invalid_field(status: &Status) -> Option<(String, String)> {
+    let violation = status.get_details_bad_request()?.field_violations.into_iter().next()?;
+    Some((violation.field, violation.description))
+}
+
+/// When to try again, where the server said so.
+pub fn retry_after(status: &Status) -> Option<Duration> {
+    status.get_details_retry_info()?.retry_delay
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bad_field_travels_with_its_name_and_reason() {
+        let status = invalid(InvalidField::new("camera.fov_deg", "must be less than 180"));
+        assert_eq!(status.code(), Code::InvalidArgument);
+        let (field, reason) = invalid_field(&status).unwrap();
+        assert_eq!((field.as_str(), reason.as_str()), ("camera.fov_deg", "must be less than 180"));
+        let through_render = RenderError::from(InvalidField::new("width", "must not be 0"));
+        assert_eq!(invalid_field(&Fault::from(through_render).into()).unwrap().0, "width");
+    }
+
+    #[test]
+    fn overload_says_when_to_come_back() {
+        let retry = Duration::from_millis(250);
+        let status: Status = Fault::Overloaded { what: "64 views wait".to_owned(), retry_after: retry }.into();
+        assert_eq!(status.code(), Code::ResourceExhausted);
+        assert_eq!(retry_after(&status), Some(retry));
+        assert!(status.message().contains("250 ms"));
+        assert!(invalid_field(&status).is_none());
+    }
+
+    #[test]
+    fn what_a_repetition_may_cure_is_unavailable_and_nothing_else_is() {
+        let id = argus_scene::SampleId { generation: 1, index: 2 };
+        for fault in [
+            Fault::from(RenderError::MissingSample(id)),
+            Fault::from(RenderError::DeviceLost("reset".to_owned())),
+            Fault::Unavailable("no compositor yet".to_owned()),
+        ] {
+            assert_eq!(fault.code(), Code::Unavailable);
+        }
+        for fault in [
+            Fault::from(RenderError::Internal("pass".to_owned())),
+            Fault::from(RenderError::OutOfMemory("frame".to_owned())),
+            Fault::StaleTerm { ours: 2, theirs: 1 },
+            Fault::Version { theirs: 9 },
+            Fault::Deadline(Duration::from_secs(1)),
+            Fault::Pin("generation 3 is gone".to_owned()),
+        ] {
+            assert_ne!(fault.code(), Code::Unavailable);
+        }
+        assert!(check_version(PROTOCOL_VERSION).is_ok());
+        assert_eq!(check_version(99).unwrap_err().code(), Code::FailedPrecondition);
+    }
+}
