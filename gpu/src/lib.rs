@@ -1,1 +1,28 @@
-//! What both roles need of a GPU: device, pass calls, timings, readback.
+//! What both roles need of a GPU, and nothing that either alone needs.
+//!
+//! - [`Gpu`]: one way to get a device, and to know when it is lost;
+//! - [`Commands`]: passes that say what they read and write, by the names their WGSL has, with a timing row
+//!   for each by timestamp queries;
+//! - [`Finished`]: what came back, through a pool of mapped buffers that are reused;
+//! - [`plane`]: sample planes as textures and as bytes.
+//!
+//! This crate knows no scene beyond the vocabulary and has no program of its own yet.
+
+mod commands;
+mod device;
+mod error;
+mod pipeline;
+pub mod plane;
+mod readback;
+mod timing;
+
+pub use commands::{
+    Bindable, ColorTarget, Commands, ComputeCall, DepthTarget, DrawCall, RenderPass, Submitted,
+};
+pub use device::{Gpu, GpuOptions};
+pub use error::GpuError;
+pub use pipeline::{ComputePipeline, RenderPipeline, RenderPipelineDesc};
+pub use plane::DevicePlane;
+pub use readback::{Finished, Ticket};
+/// The graphics library itself, so that a role depends on one version of it.
+pub use wgpu;

@@ -1,0 +1,450 @@
+//! Passes in the order they run, each saying what it reads and what it writes.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use argus_shaders::{Access, Binding};
+
+use crate::readback::{self, Copy};
+use crate::timing::Timings;
+use crate::{ComputePipeline, Finished, Gpu, GpuError, RenderPipeline, Ticket};
+
+/// One submission in the making.
+///
+/// A pass call names its timing row, then what it reads and writes by the names that its WGSL has, then its
+/// extent; what is bound is checked against the program, so a forgotten or misspelt name panics in the first
+/// test that runs the pass, with the pass's name.
+#[derive(Debug)]
+pub struct Commands {
+    gpu: Arc<Gpu>,
+    encoder: wgpu::CommandEncoder,
+    timings: Timings,
+    /// Buffers and textures to copy out at the end, so that the copies lie together.
+    sources: Vec<Source>,
+    faults_before: u64,
+}
+
+#[derive(Debug)]
+enum Source {
+    Buffer { buffer: wgpu::Buffer, range: Range<u64> },
+    Texture { texture: wgpu::Texture, layer: u32 },
+}
+
+/// A submission on its way.
+#[derive(Debug)]
+pub struct Submitted {
+    gpu: Arc<Gpu>,
+    index: wgpu::SubmissionIndex,
+    buffer: Option<wgpu::Buffer>,
+    copies: Vec<Copy>,
+    timings: Timings,
+    timestamps: Option<Copy>,
+    faults_before: u64,
+}
+
+/// A colour attachment and what becomes of its content.
+#[derive(Debug)]
+pub struct ColorTarget<'a> {
+    /// The attachment.
+    pub view: &'a wgpu::TextureView,
+    /// Cleared to this, or kept.
+    pub clear: Option<wgpu::Color>,
+}
+
+/// A depth attachment, reversed-Z.
+#[derive(Debug)]
+pub struct DepthTarget<'a> {
+    /// The attachment.
+    pub view: &'a wgpu::TextureView,
+    /// Whether it is cleared to 0, infinitely far, first.
+    pub clear: bool,
+}
+
+impl Gpu {
+    /// Begins a submission.
+    pub fn commands(self: &Arc<Self>, label: &str) -> Commands {
+        let encoder =
+            self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
+        let timings = Timings::new(self);
+        let faults_before = self.fault_count();
+        Commands { gpu: Arc::clone(self), encoder, timings, sources: Vec::new(), faults_before }
+    }
+}
+
+impl Commands {
+    /// A compute pass of one dispatch; `name` is its row in the timing table.
+    pub fn compute<'a>(&'a mut self, name: &'a str, pipeline: &'a ComputePipeline) -> ComputeCall<'a> {
+        let bound = Bound::new(&pipeline.label, pipeline.entry.bindings);
+        ComputeCall { commands: self, name, pipeline, bound, immediates: &[] }
+    }
+
+    /// A render pass; `name` is its row in the timing table.
+    pub fn render(
+        &mut self,
+        name: &str,
+        colors: &[ColorTarget<'_>],
+        depth: Option<DepthTarget<'_>>,
+    ) -> RenderPass<'_> {
+        let attachments: Vec<_> = colors
+            .iter()
+            .map(|target| {
+                let load = target.clear.map_or(wgpu::LoadOp::Load, wgpu::LoadOp::Clear);
+                Some(wgpu::RenderPassColorAttachment {
+                    view: target.view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+                })
+            })
+            .collect();
+        let pair = self.timings.pass(&self.gpu, name);
+        let pass = self.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some(name),
+            color_attachments: &attachments,
+            depth_stencil_attachment: depth.map(|target| wgpu::RenderPassDepthStencilAttachment {
+                view: target.view,
+                depth_ops: Some(wgpu::Operations {
+                    load: if target.clear { wgpu::LoadOp::Clear(0.0) } else { wgpu::LoadOp::Load },
+                    store: wgpu::StoreOp::Store,
+                }),
+                stencil_ops: None,
+            }),
+            timestamp_writes: pair.map(|pair| wgpu::RenderPassTimestampWrites {
+                query_set: pair.queries,
+                beginning_of_pass_write_index: Some(pair.begin),
+                end_of_pass_write_index: Some(pair.begin + 1),
+            }),
+            occlusion_query_set: None,
+            multiview_mask: None,
+        });
+        RenderPass { gpu: &self.gpu, pass }
+    }
+
+    /// Zeroes a buffer.
+    pub fn clear(&mut self, buffer: &wgpu::Buffer) -> &mut Self {
+        self.encoder.clear_buffer(buffer, 0, None);
+        self
+    }
+
+    /// The encoder itself, for copies between resources.
+    pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
+        &mut self.encoder
+    }
+
+    /// Brings bytes of a buffer (usage `COPY_SRC`) back; offsets are multiples of 4, lengths are rounded up.
+    pub fn read_buffer(&mut self, buffer: &wgpu::Buffer, range: Range<u64>) -> Ticket {
+        self.sources.push(Source::Buffer { buffer: buffer.clone(), range });
+        Ticket(self.sources.len() - 1)
+    }
+
+    /// Brings a texture's first mip level (usage `COPY_SRC`) back, rows tightly packed.
+    pub fn read_texture(&mut self, texture: &wgpu::Texture) -> Ticket {
+        self.read_layer(texture, 0)
+    }
+
+    /// Brings one layer of a texture array back, rows tightly packed.
+    pub fn read_layer(&mut self, texture: &wgpu::Texture, layer: u32) -> Ticket {
+        self.sources.push(Source::Texture { texture: texture.clone(), layer });
+        Ticket(self.sources.len() - 1)
+    }
+
+    /// Hands the passes to the GPU; returns at once.
+    pub fn submit(mut self) -> Submitted {
+        let mut copies = Vec::with_capacity(self.sources.len());
+        let mut end = 0;
+        for source in &self.sources {
+            let copy = source.layout(end);
+            end = (copy.offset + copy.size()).next_multiple_of(256);
+            copies.push(copy);
+        }
+        let resolved = self.timings.resolve(&self.gpu, &mut self.encoder);
+        let timestamps = resolved.as_ref().map(|buffer| {
+            let copy = Copy { offset: end, row: buffer.size(), pitch: buffer.size(), rows: 1 };
+            end += copy.size();
+            copy
+        });
+        let buffer = (end > 0).then(|| self.gpu.readback.take(&self.gpu, end));
+        if let Some(buffer) = &buffer {
+            for (source, copy) in self.sources.iter().zip(&copies) {
+                source.record(&mut self.encoder, buffer, copy);
+            }
+            if let (Some(resolved), Some(copy)) = (&resolved, &timestamps) {
+                self.encoder.copy_buffer_to_buffer(resolved, 0, buffer, copy.offset, copy.row);
+            }
+        }
+        let index = self.gpu.queue.submit([self.encoder.finish()]);
+        Submitted {
+            gpu: self.gpu,
+            index,
+            buffer,
+            copies,
+            timings: self.timings,
+            timestamps,
+            faults_before: self.faults_before,
+        }
+    }
+}
+
+impl Submitted {
+    /// Waits until the GPU is done and returns what it brought back.
+    ///
+    /// # Errors
+    /// The device was lost, ran out of memory, or rejected a command.
+    pub fn wait(self) -> Result<Finished, GpuError> {
+        let Self { gpu, index, buffer, copies, timings, timestamps, faults_before } = self;
+        readback::collect(&gpu, index, buffer, &copies, &timings, timestamps, faults_before)
+    }
+}
+
+impl Source {
+    fn layout(&self, offset: u64) -> Copy {
+        match self {
+            Self::Buffer { range, .. } => {
+                let row = (range.end - range.start).next_multiple_of(4);
+                Copy { offset, row, pitch: row, rows: 1 }
+            }
+            Self::Texture { texture, .. } => {
+                let texel = u64::from(texture.format().block_copy_size(None).unwrap_or(4));
+                let row = u64::from(texture.width()) * texel;
+                let pitch = row.next_multiple_of(u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT));
+                Copy { offset, row, pitch, rows: u64::from(texture.height()) }
+            }
+        }
+    }
+
+    fn record(&self, encoder: &mut wgpu::CommandEncoder, to: &wgpu::Buffer, copy: &Copy) {
+        match self {
+            Self::Buffer { buffer, range } => {
+                encoder.copy_buffer_to_buffer(buffer, range.start, to, copy.offset, copy.row);
+            }
+            Self::Texture { texture, layer } => encoder.copy_texture_to_buffer(
+                wgpu::TexelCopyTextureInfo {
+                    texture,
+                    mip_level: 0,
+                    origin: wgpu::Origin3d { x: 0, y: 0, z: *layer },
+                    aspect: wgpu::TextureAspect::All,
+                },
+                wgpu::TexelCopyBufferInfo {
+                    buffer: to,
+                    layout: wgpu::TexelCopyBufferLayout {
+                        offset: copy.offset,
+                        bytes_per_row: Some(copy.pitch as u32),
+                        rows_per_image: None,
+                    },
+                },
+                wgpu::Extent3d { width: texture.width(), height: texture.height(), depth_or_array_layers: 1 },
+            ),
+        }
+    }
+}
+
+/// Anything that can stand behind a name in WGSL.
+pub trait Bindable {
+    /// As wgpu binds it.
+    fn resource(&self) -> wgpu::BindingResource<'_>;
+}
+
+impl Bindable for wgpu::Buffer {
+    fn resource(&self) -> wgpu::BindingResource<'_> {
+        self.as_entire_binding()
+    }
+}
+
+impl Bindable for wgpu::BufferBinding<'_> {
+    fn resource(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::Buffer(self.clone())
+    }
+}
+
+impl Bindable for wgpu::TextureView {
+    fn resource(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::TextureView(self)
+    }
+}
+
+impl Bindable for wgpu::Sampler {
+    fn resource(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::Sampler(self)
+    }
+}
+
+/// What a pass call has bound so far, against what its program declares.
+struct Bound<'a> {
+    label: &'a str,
+    declared: &'a [Binding],
+    entries: Vec<(Binding, wgpu::BindingResource<'a>)>,
+}
+
+impl<'a> Bound<'a> {
+    fn new(label: &'a str, declared: &'a [Binding]) -> Self {
+        Self { label, declared, entries: Vec::with_capacity(declared.len()) }
+    }
+
+    /// Names that the entry point does not use are ignored only if the program has several entry points that
+    /// share a pass call; here a name that is not declared is a typo.
+    fn bind(&mut self, name: &str, writes: bool, resource: wgpu::BindingResource<'a>) {
+        let Some(binding) = self.declared.iter().find(|b| b.name == name) else {
+            panic!("{} does not use `{name}`", self.label)
+        };
+        assert_eq!(writes, binding.access != Access::Read, "{}: access of `{name}`", self.label);
+        self.entries.push((*binding, resource));
+    }
+
+    /// The bind groups, or a panic that names what was forgotten.
+    fn groups(&self, gpu: &Gpu, layouts: &[(u32, wgpu::BindGroupLayout)]) -> Vec<(u32, wgpu::BindGroup)> {
+        for declared in self.declared {
+            let given = self.entries.iter().any(|(b, _)| b.name == declared.name);
+            assert!(given, "{}: `{}` is not bound", self.label, declared.name);
+        }
+        layouts
+            .iter()
+            .map(|(group, layout)| {
+                let entries: Vec<_> = self
+                    .entries
+                    .iter()
+                    .filter(|(binding, _)| binding.group == *group)
+                    .map(|(binding, resource)| wgpu::BindGroupEntry {
+                        binding: binding.index,
+                        resource: resource.clone(),
+                    })
+                    .collect();
+                let descriptor =
+                    wgpu::BindGroupDescriptor { label: Some(self.label), layout, entries: &entries };
+                (*group, gpu.device.create_bind_group(&descriptor))
+            })
+            .collect()
+    }
+}
+
+/// A compute pass being described; nothing is recorded before its extent is given.
+#[must_use = "a compute call is recorded by its dispatch"]
+pub struct ComputeCall<'a> {
+    commands: &'a mut Commands,
+    name: &'a str,
+    pipeline: &'a ComputePipeline,
+    bound: Bound<'a>,
+    immediates: &'a [u8],
+}
+
+impl<'a> ComputeCall<'a> {
+    /// Binds what the pass reads.
+    pub fn read(mut self, name: &str, resource: &'a impl Bindable) -> Self {
+        self.bound.bind(name, false, resource.resource());
+        self
+    }
+
+    /// Binds what the pass writes, or reads and writes.
+    pub fn write(mut self, name: &str, resource: &'a impl Bindable) -> Self {
+        self.bound.bind(name, true, resource.resource());
+        self
+    }
+
+    /// Content of the program's `var<immediate>`.
+    pub fn immediates(mut self, bytes: &'a [u8]) -> Self {
+        self.immediates = bytes;
+        self
+    }
+
+    /// Runs at least that many invocations, in whole workgroups; the program guards the tail.
+    pub fn dispatch_threads(self, threads: [u32; 3]) {
+        let size = self.pipeline.workgroup_size();
+        let groups = [0, 1, 2].map(|i| threads[i].div_ceil(size[i]));
+        self.dispatch(groups);
+    }
+
+    /// Runs that many workgroups; none if any dimension is 0.
+    pub fn dispatch(self, groups: [u32; 3]) {
+        if groups.contains(&0) {
+            return;
+        }
+        self.record(|pass| pass.dispatch_workgroups(groups[0], groups[1], groups[2]));
+    }
+
+    /// Runs as many workgroups as three u32 in `buffer` say.
+    pub fn dispatch_indirect(self, buffer: &wgpu::Buffer, offset: u64) {
+        self.record(|pass| pass.dispatch_workgroups_indirect(buffer, offset));
+    }
+
+    fn record(self, dispatch: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+        let Self { commands, name, pipeline, bound, immediates } = self;
+        let groups = bound.groups(&commands.gpu, &pipeline.layouts);
+        let pair = commands.timings.pass(&commands.gpu, name);
+        let mut pass = commands.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(name),
+            timestamp_writes: pair.map(|pair| wgpu::ComputePassTimestampWrites {
+                query_set: pair.queries,
+                beginning_of_pass_write_index: Some(pair.begin),
+                end_of_pass_write_index: Some(pair.begin + 1),
+            }),
+        });
+        pass.set_pipeline(&pipeline.raw);
+        for (group, bind_group) in &groups {
+            pass.set_bind_group(*group, bind_group, &[]);
+        }
+        if !immediates.is_empty() {
+            pass.set_immediates(0, immediates);
+        }
+        dispatch(&mut pass);
+    }
+}
+
+/// A render pass that draws are recorded into.
+pub struct RenderPass<'a> {
+    gpu: &'a Gpu,
+    pass: wgpu::RenderPass<'a>,
+}
+
+impl<'a> RenderPass<'a> {
+    /// Draws to a part of the targets: x, y, width, height in pixels.
+    pub fn viewport(&mut self, x: u32, y: u32, width: u32, height: u32) -> &mut Self {
+        self.pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
+        self.pass.set_scissor_rect(x, y, width, height);
+        self
+    }
+
+    /// A draw with its own bindings.
+    pub fn draw<'b>(&'b mut self, pipeline: &'b RenderPipeline) -> DrawCall<'b, 'a> {
+        self.pass.set_pipeline(&pipeline.raw);
+        DrawCall {
+            gpu: self.gpu,
+            pass: &mut self.pass,
+            pipeline,
+            bound: Bound::new(&pipeline.label, &pipeline.bindings),
+        }
+    }
+}
+
+/// A draw being described. Bindings are made before buffers and ranges; several ranges may follow one another.
+pub struct DrawCall<'b, 'a> {
+    gpu: &'b Gpu,
+    pass: &'b mut wgpu::RenderPass<'a>,
+    pipeline: &'b RenderPipeline,
+    bound: Bound<'b>,
+}
+
+impl<'b, 'a> DrawCall<'b, 'a> {
+    /// Binds what the draw reads.
+    pub fn read(mut self, name: &str, resource: &'b impl Bindable) -> Self {
+        self.bound.bind(name, false, resource.resource());
+        self
+    }
+
+    /// Binds what the draw's programs write beside the targets.
+    pub fn write(mut self, name: &str, resource: &'b impl Bindable) -> Self {
+        self.bound.bind(name, true, resource.resource());
+        self
+    }
+
+    /// Sets the bind groups and hands out wgpu's pass for vertex buffers, immediates and draws.
+    pub fn begin(self) -> &'b mut wgpu::RenderPass<'a> {
+        for (group, bind_group) in &self.bound.groups(self.gpu, &self.pipeline.layouts) {
+            self.pass.set_bind_group(*group, bind_group, &[]);
+        }
+        self.pass
+    }
+
+    /// Draws vertices without buffers, as a full-screen triangle is drawn.
+    pub fn vertices(self, vertices: Range<u32>, instances: Range<u32>) {
+        self.begin().draw(vertices, instances);
+    }
+}

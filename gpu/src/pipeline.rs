@@ -1,0 +1,140 @@
+//! Pipelines that remember the names of what they bind.
+
+use std::collections::BTreeSet;
+
+use argus_shaders::{Binding, EntryPoint, Program};
+
+use crate::Gpu;
+
+/// A compute pipeline with the reflection of its entry point.
+#[derive(Debug, Clone)]
+pub struct ComputePipeline {
+    pub(crate) raw: wgpu::ComputePipeline,
+    pub(crate) entry: &'static EntryPoint,
+    pub(crate) layouts: Vec<(u32, wgpu::BindGroupLayout)>,
+    /// `user/stem:entry point`, for messages.
+    pub(crate) label: String,
+}
+
+/// What a render pipeline is made of. The rest is fixed: triangles as given, one sample, reversed-Z.
+#[derive(Debug, Clone)]
+pub struct RenderPipelineDesc<'a> {
+    /// Holds both entry points.
+    pub program: &'static Program,
+    /// Vertex entry point.
+    pub vertex: &'a str,
+    /// Fragment entry point; `None` where only depth is wanted.
+    pub fragment: Option<&'a str>,
+    /// Vertex buffers by slot.
+    pub buffers: &'a [wgpu::VertexBufferLayout<'a>],
+    /// Formats of the colour targets; nothing is blended.
+    pub targets: &'a [wgpu::TextureFormat],
+    /// Depth format; the nearer fragment (the greater depth: reversed-Z) wins and is written.
+    pub depth: Option<wgpu::TextureFormat>,
+    /// Winding of front faces and which face is culled.
+    pub primitive: wgpu::PrimitiveState,
+}
+
+/// A render pipeline with the reflection of its entry points.
+#[derive(Debug, Clone)]
+pub struct RenderPipeline {
+    pub(crate) raw: wgpu::RenderPipeline,
+    pub(crate) bindings: Vec<Binding>,
+    pub(crate) layouts: Vec<(u32, wgpu::BindGroupLayout)>,
+    pub(crate) label: String,
+}
+
+impl ComputePipeline {
+    /// Invocations of a workgroup, as the WGSL declares them.
+    pub fn workgroup_size(&self) -> [u32; 3] {
+        self.entry.workgroup_size
+    }
+}
+
+impl Gpu {
+    /// A pipeline for a compute entry point.
+    ///
+    /// # Panics
+    /// If the program has no such entry point (a typo).
+    pub fn compute_pipeline(&self, program: &'static Program, entry: &str) -> ComputePipeline {
+        let entry = program.entry_point(entry);
+        let label = format!("{}:{}", program.label, entry.name);
+        let module = self.module(program);
+        let raw = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(&label),
+            layout: None,
+            module: &module,
+            entry_point: Some(entry.name),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        let layouts = groups(entry.bindings).into_iter().map(|g| (g, raw.get_bind_group_layout(g))).collect();
+        ComputePipeline { raw, entry, layouts, label }
+    }
+
+    /// A pipeline for a vertex and a fragment entry point.
+    ///
+    /// # Panics
+    /// If the program lacks one of the entry points (a typo).
+    pub fn render_pipeline(&self, desc: &RenderPipelineDesc<'_>) -> RenderPipeline {
+        let vertex = desc.program.entry_point(desc.vertex);
+        let fragment = desc.fragment.map(|name| desc.program.entry_point(name));
+        let label = format!("{}:{}", desc.program.label, fragment.map_or(vertex.name, |f| f.name));
+        let module = self.module(desc.program);
+        let buffers: Vec<_> = desc.buffers.iter().cloned().map(Some).collect();
+        let targets: Vec<_> = desc
+            .targets
+            .iter()
+            .map(|&format| {
+                Some(wgpu::ColorTargetState { format, blend: None, write_mask: wgpu::ColorWrites::ALL })
+            })
+            .collect();
+        let raw = self.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some(&label),
+            layout: None,
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some(vertex.name),
+                compilation_options: Default::default(),
+                buffers: &buffers,
+            },
+            primitive: desc.primitive,
+            depth_stencil: desc.depth.map(|format| wgpu::DepthStencilState {
+                format,
+                depth_write_enabled: Some(true),
+                depth_compare: Some(wgpu::CompareFunction::Greater),
+                stencil: Default::default(),
+                bias: Default::default(),
+            }),
+            multisample: Default::default(),
+            fragment: fragment.map(|fragment| wgpu::FragmentState {
+                module: &module,
+                entry_point: Some(fragment.name),
+                compilation_options: Default::default(),
+                targets: &targets,
+            }),
+            multiview_mask: None,
+            cache: None,
+        });
+        let mut bindings: Vec<Binding> = vertex.bindings.to_vec();
+        for binding in fragment.map_or(&[][..], |f| f.bindings) {
+            if bindings.iter().all(|b| b.name != binding.name) {
+                bindings.push(*binding);
+            }
+        }
+        let layouts = groups(&bindings).into_iter().map(|g| (g, raw.get_bind_group_layout(g))).collect();
+        RenderPipeline { raw, bindings, layouts, label }
+    }
+
+    fn module(&self, program: &Program) -> wgpu::ShaderModule {
+        self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(program.label),
+            source: wgpu::ShaderSource::Wgsl(program.source.into()),
+        })
+    }
+}
+
+/// The bind groups that some bindings are in, ascending.
+fn groups(bindings: &[Binding]) -> BTreeSet<u32> {
+    bindings.iter().map(|b| b.group).collect()
+}
