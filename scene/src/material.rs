@@ -103,9 +103,7 @@ impl Material {
     /// Every renderer asks this one function; a material that is not glossy has no specular lobe at all.
     pub fn is_glossy(&self) -> bool {
         let textured = self.metallic_roughness_texture.is_some();
-        self.roughness < 0.9
-            || self.metallic > 0.0
-            || (textured && (self.roughness > 0.0 || self.metallic > 0.0))
+        self.roughness < 0.9 || self.metallic > 0.0 || (textured && self.roughness > 0.0)
     }
 
     /// The alpha below which a surface point does not exist, or `None` if alpha is ignored.

@@ -1,0 +1,148 @@
+//! Hierarchies of boxes that never lose a surface.
+//!
+//! A [`BoxTree`] is an obvhs BVH2 in f32 about the middle of what it holds. Rays come in f64; they are moved to
+//! where they enter the tree's box before they are rounded, so that nothing f32 is larger than the tree itself
+//! however far away the eye or the world's origin is. What remains is bounded:
+//! rounding of the origin, the direction times the length travelled, and the slab test are each a few units of
+//! 2⁻²⁴ of the tree's diagonal, and obvhs replaces direction components below 2⁻²³ by that. Boxes are padded by
+//! [`PADDING`], 2⁻¹⁸ of the diagonal, which is more than all of these together.
+
+use glam::{DVec3, Vec3A};
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::leaf_collapser::collapse;
+use obvhs::bvh2::node::Bvh2Node;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::fast_stack;
+use obvhs::ploc::PlocBuilder;
+use obvhs::ray::{Ray, RayHit};
+
+use crate::Bounds;
+
+/// How far boxes are grown, as a share of the diagonal of all of them together.
+const PADDING: f64 = 1.0 / (1 << 18) as f64;
+
+/// A hierarchy over boxes, by their position in the list it was built from.
+pub(super) struct BoxTree {
+    bvh: Bvh2,
+    /// Middle of everything: zero of the f32 coordinates.
+    center: DVec3,
+    /// The padded box around everything, relative to `center`.
+    half: DVec3,
+    /// Metres that every box was grown by.
+    padding: f64,
+}
+
+impl BoxTree {
+    /// Over boxes that are neither empty nor infinite.
+    pub(super) fn new(boxes: &[Bounds]) -> Self {
+        let mut all = Bounds::EMPTY;
+        for b in boxes {
+            all.extend(b.min);
+            all.extend(b.max);
+        }
+        let center = all.center();
+        // The smallest normal f32 keeps a tree that is a single point from having flat boxes.
+        let padding = (all.size().length() * PADDING).max(f64::from(f32::MIN_POSITIVE));
+        let grown: Vec<Aabb> = boxes
+            .iter()
+            .map(|b| {
+                let point = |p: DVec3| Vec3A::from((p - center).as_vec3());
+                Aabb::new(point(b.min - padding), point(b.max + padding))
+            })
+            .collect();
+        // Twice the padding: at least as large as the rounded boxes inside.
+        let half = all.size() * 0.5 + 2.0 * padding;
+        Self { bvh: build(&grown), center, half, padding }
+    }
+
+    /// For a leaf's position in [`Self::visit`]: which of the boxes given to [`Self::new`] it is.
+    pub(super) fn order(&self) -> &[u32] {
+        &self.bvh.primitive_indices
+    }
+
+    /// Calls `leaf` with positions in [`Self::order`] of boxes that the ray may meet before `limit`, near ones
+    /// first as far as the tree's shape allows. `leaf` returns a new limit; like t, it is in units of
+    /// `direction`, which must be finite and not zero.
+    pub(super) fn visit(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        limit: f64,
+        mut leaf: impl FnMut(usize) -> f64,
+    ) {
+        let length = direction.length();
+        let unit = direction / length;
+        let from_center = origin - self.center;
+        let Some(entry) = entry(from_center, unit, self.half) else { return };
+        // Boxes a little beyond the limit are visited too: the f32 ray may enter them late by a padding.
+        let rounded = |limit: f64| ((limit * length - entry + 2.0 * self.padding) as f32).next_up();
+        let start = (from_center + unit * entry).as_vec3();
+        let reach = rounded(limit);
+        if !start.is_finite() || !(reach > 0.0) {
+            return;
+        }
+        let ray = Ray::new(start.into(), unit.as_vec3().into(), 0.0, reach);
+        let mut leaves = |node: &Bvh2Node, ray: &mut Ray, _: &mut RayHit| {
+            for position in node.first_index..node.first_index + node.prim_count {
+                ray.tmax = ray.tmax.min(rounded(leaf(position as usize)));
+            }
+            true
+        };
+        fast_stack!(u32, (64, 256), self.bvh.max_depth, stack, {
+            self.bvh.ray_traverse_dynamic(&mut stack, ray, &mut RayHit::none(), &mut leaves);
+        });
+    }
+}
+
+/// The distance at which a ray enters the box of half edge lengths `half` around zero; 0 if it starts inside.
+fn entry(origin: DVec3, unit: DVec3, half: DVec3) -> Option<f64> {
+    let (mut enter, mut leave) = (0.0_f64, f64::INFINITY);
+    for axis in 0..3 {
+        if unit[axis] == 0.0 {
+            if origin[axis].abs() > half[axis] {
+                return None;
+            }
+            continue;
+        }
+        let (a, b) = ((-half[axis] - origin[axis]) / unit[axis], (half[axis] - origin[axis]) / unit[axis]);
+        enter = enter.max(a.min(b));
+        leave = leave.min(a.max(b));
+    }
+    (enter <= leave).then_some(enter)
+}
+
+/// obvhs' "medium" build, step by step: its helper function also validates the tree whenever debug assertions
+/// are on, which takes longer than the build.
+fn build(boxes: &[Aabb]) -> Bvh2 {
+    let params = BvhBuildParams::medium_build();
+    let mut bvh = PlocBuilder::with_capacity(boxes.len()).build(
+        params.ploc_search_distance,
+        boxes,
+        (0..boxes.len() as u32).collect(),
+        params.sort_precision,
+        params.search_depth_threshold,
+    );
+    let mut optimizer = ReinsertionOptimizer::default();
+    let ratio = params.reinsertion_batch_ratio;
+    optimizer.run(&mut bvh, ratio, None);
+    collapse(&mut bvh, params.max_prims_per_leaf, params.collapse_traversal_cost);
+    optimizer.run(&mut bvh, ratio * params.post_collapse_reinsertion_batch_ratio_multiplier, None);
+    // Reinsertion can deepen the tree beyond what the builder noted, and the traversal's stack is sized by it.
+    bvh.max_depth = depth(&bvh) + 1;
+    bvh
+}
+
+/// Edges from the root to the deepest leaf.
+fn depth(bvh: &Bvh2) -> usize {
+    let mut deepest = 0;
+    let mut pending = vec![(0, 0)];
+    while let Some((index, depth)) = pending.pop() {
+        deepest = deepest.max(depth);
+        if let Some(node) = bvh.nodes.get(index as usize).filter(|node| !node.is_leaf()) {
+            pending.extend([(node.first_index, depth + 1), (node.first_index + 1, depth + 1)]);
+        }
+    }
+    deepest
+}

@@ -1,0 +1,123 @@
+//! Whole images, supersampled.
+
+use glam::{DVec2, DVec3, Vec3};
+use image::RgbImage;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::Tracer;
+use crate::Camera;
+use crate::tone::display_from_radiance;
+
+/// What a view should look like.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferenceImage {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Linear radiance, averaged over each pixel; row 0 first.
+    pub radiance: Vec<Vec3>,
+    /// Distance from the eye to what the ray through the pixel's centre meets, metres; +inf where it meets
+    /// nothing.
+    pub range: Vec<f32>,
+}
+
+impl ReferenceImage {
+    /// What a display shows: exposure, clamp, sRGB. Pass the scene's [`crate::Lighting::exposure`].
+    pub fn display(&self, exposure: f32) -> RgbImage {
+        let bytes = self.radiance.iter().flat_map(|&radiance| display_from_radiance(radiance, exposure));
+        let bytes: Vec<u8> = bytes.collect();
+        RgbImage::from_raw(self.width, self.height, bytes)
+            .unwrap_or_else(|| RgbImage::new(self.width, self.height))
+    }
+}
+
+/// The side of the regular grid of samples in a pixel: the smallest whose square is at least `samples`, so that
+/// numbers which are no squares are rounded up.
+pub(super) fn grid_side(samples_per_pixel: u32) -> u32 {
+    let root = samples_per_pixel.isqrt();
+    (if root * root < samples_per_pixel { root + 1 } else { root }).max(1)
+}
+
+impl Tracer {
+    /// The view through a camera that passed [`Camera::validate`], on all of rayon's threads.
+    ///
+    /// A pixel is the mean of the radiance along `samples_per_pixel` rays on a regular grid (1, 4, 9, 16, …);
+    /// textures are filtered for the spacing of that grid, not of the pixels. `progress` is called, from any
+    /// thread, with the fraction of rows that are done.
+    pub fn render(
+        &self,
+        camera: &Camera,
+        width: u32,
+        height: u32,
+        samples_per_pixel: u32,
+        progress: impl Fn(f64) + Sync,
+    ) -> ReferenceImage {
+        let pixels = width as usize * height as usize;
+        let mut radiance = vec![Vec3::ZERO; pixels];
+        let mut range = vec![f32::INFINITY; pixels];
+        if pixels > 0 {
+            let rays = Pinhole::new(camera, width, height, grid_side(samples_per_pixel));
+            let done = AtomicUsize::new(0);
+            let row_of = width as usize;
+            let rows = radiance.par_chunks_mut(row_of).zip(range.par_chunks_mut(row_of)).enumerate();
+            rows.for_each(|(y, (radiance, range))| {
+                for (x, (radiance, range)) in radiance.iter_mut().zip(range).enumerate() {
+                    (*radiance, *range) = self.pixel(&rays, DVec2::new(x as f64, y as f64));
+                }
+                let rows_done = done.fetch_add(1, Ordering::Relaxed) + 1;
+                progress(rows_done as f64 / f64::from(height));
+            });
+        }
+        ReferenceImage { width, height, radiance, range }
+    }
+
+    /// Mean radiance, and range on the central ray, of the pixel whose top left corner is `corner`.
+    fn pixel(&self, rays: &Pinhole, corner: DVec2) -> (Vec3, f32) {
+        let mut sum = Vec3::ZERO;
+        for i in 0..rays.side * rays.side {
+            let cell = DVec2::new(f64::from(i % rays.side), f64::from(i / rays.side));
+            let (direction, dx, dy) = rays.through(corner + (cell + 0.5) / f64::from(rays.side));
+            sum += self.radiance_along(rays.eye, direction, dx, dy);
+        }
+        let central = self.trace(rays.eye, rays.through(corner + 0.5).0);
+        let range = central.map_or(f32::INFINITY, |hit| hit.range as f32);
+        (sum / (rays.side * rays.side) as f32, range)
+    }
+}
+
+/// A camera's rays.
+struct Pinhole {
+    eye: DVec3,
+    /// From the eye to the image's top left corner, on the plane at unit depth.
+    top_left: DVec3,
+    /// From one pixel to the next, on that plane.
+    right: DVec3,
+    down: DVec3,
+    /// Samples along each side of a pixel.
+    side: u32,
+}
+
+impl Pinhole {
+    fn new(camera: &Camera, width: u32, height: u32, side: u32) -> Self {
+        let world_from_view = camera.view_from_world().transpose();
+        let half = camera.tan_half_fov(width, height);
+        Self {
+            eye: camera.eye,
+            top_left: world_from_view * DVec3::new(-half.x, half.y, -1.0),
+            right: world_from_view.x_axis * (2.0 * half.x / f64::from(width)),
+            down: world_from_view.y_axis * (-2.0 * half.y / f64::from(height)),
+            side,
+        }
+    }
+
+    /// Unit direction through an image position in pixels, and its change to the next sample to the right and
+    /// below.
+    fn through(&self, pixel: DVec2) -> (DVec3, DVec3, DVec3) {
+        let on_plane = self.top_left + self.right * pixel.x + self.down * pixel.y;
+        let scale = on_plane.length_recip();
+        let spacing = scale / f64::from(self.side);
+        (on_plane * scale, self.right * spacing, self.down * spacing)
+    }
+}

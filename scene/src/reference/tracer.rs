@@ -1,0 +1,282 @@
+//! Rays through a scene: the nearest surface, and its radiance.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::boxes::BoxTree;
+use super::triangle::{Crossing, ShearedRay};
+use crate::shading::{diffuse_radiance, sky_radiance, specular_radiance};
+use crate::texture::{MipChain, mip_chains, transform_uv};
+use crate::{Bounds, Instance, Material, Mesh, Scene};
+
+/// The nearest surface along a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// Index into [`Scene::instances`].
+    pub instance: u32,
+    /// Which triangle of the instance's mesh.
+    pub triangle: u32,
+    /// Weights of the triangle's second and third corner; the first has what remains to 1.
+    pub barycentric: DVec2,
+    /// Distance from the ray's origin, metres.
+    pub range: f64,
+    /// World space, metres.
+    pub position: DVec3,
+    /// Whether the side is seen from which the mesh's corners run counter-clockwise. A mirroring transform
+    /// does not change which side of a mesh is its front (glTF 2.0, section 3.7.2.1).
+    pub front: bool,
+}
+
+/// A scene made ready to be asked what a ray sees.
+///
+/// Building takes about a second for two million triangles; rays may then come from any number of threads.
+pub struct Tracer {
+    pub(super) scene: Arc<Scene>,
+    pub(super) textures: Vec<MipChain>,
+    /// One a mesh; those that no instance places have no triangles.
+    meshes: Vec<MeshTree>,
+    /// In the order of `top`.
+    placed: Vec<Placed>,
+    top: BoxTree,
+    pub(super) content_hash: OnceLock<blake3::Hash>,
+}
+
+/// Triangles of one mesh in the order of their tree, so that a leaf's lie side by side.
+struct MeshTree {
+    tree: BoxTree,
+    corners: Vec<[Vec3; 3]>,
+    triangles: Vec<u32>,
+}
+
+/// An instance whose transform can be inverted.
+struct Placed {
+    instance: u32,
+    mesh: u32,
+    /// Directions, and positions relative to `translation`, to mesh space.
+    mesh_from_world: DMat3,
+    translation: DVec3,
+    origin: DVec3,
+    culled: bool,
+    cutoff: Option<f32>,
+}
+
+impl Tracer {
+    /// Builds the hierarchies and the textures' mip chains, on all of rayon's threads.
+    pub fn new(scene: Arc<Scene>) -> Self {
+        let mut used = vec![false; scene.meshes.len()];
+        scene.instances.iter().for_each(|i| used[i.mesh as usize] = true);
+        let built = scene.meshes.par_iter().zip(&used).map(|(mesh, &used)| MeshTree::new(mesh, used));
+        let (meshes, bounds): (Vec<MeshTree>, Vec<Bounds>) = built.unzip();
+        let (boxes, unordered): (Vec<Bounds>, Vec<Placed>) = (0u32..)
+            .zip(&scene.instances)
+            .filter_map(|(index, instance)| {
+                let placed = Placed::new(&scene, index, instance)?;
+                let bounds = placed_bounds(&scene, instance, bounds[instance.mesh as usize])?;
+                Some((bounds, placed))
+            })
+            .unzip();
+        let top = BoxTree::new(&boxes);
+        let mut unordered: Vec<_> = unordered.into_iter().map(Some).collect();
+        let placed = top.order().iter().filter_map(|&i| unordered[i as usize].take()).collect();
+        let textures = mip_chains(&scene);
+        Self { scene, textures, meshes, placed, top, content_hash: OnceLock::new() }
+    }
+
+    /// The scene that it traces.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// The nearest surface at a range above 0 along a ray, which need not be a unit vector. Cut-outs are seen
+    /// through where their alpha is below the cutoff, single-sided triangles from behind.
+    pub fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
+        // Scaled first, since the square of a direction may overflow where the direction does not.
+        let unit = (direction / direction.abs().max_element()).normalize();
+        if !(origin.is_finite() && unit.is_finite()) {
+            return None;
+        }
+        let mut nearest: Option<Hit> = None;
+        self.top.visit(origin, unit, f64::INFINITY, |position| {
+            self.trace_instance(&self.placed[position], origin, unit, &mut nearest);
+            nearest.map_or(f64::INFINITY, |hit| hit.range)
+        });
+        nearest.map(|hit| Hit { position: origin + unit * hit.range, ..hit })
+    }
+
+    fn trace_instance(&self, placed: &Placed, origin: DVec3, unit: DVec3, nearest: &mut Option<Hit>) {
+        let mesh = &self.meshes[placed.mesh as usize];
+        let origin = placed.mesh_from_world * (origin - placed.translation) - placed.origin;
+        let direction = placed.mesh_from_world * unit;
+        if !(origin.is_finite() && direction.is_finite() && direction != DVec3::ZERO) {
+            return;
+        }
+        let ray = ShearedRay::new(origin, direction);
+        let limit = nearest.map_or(f64::INFINITY, |hit| hit.range);
+        mesh.tree.visit(origin, direction, limit, |position| {
+            if let Some(crossing) = ray.crossing(&mesh.corners[position]) {
+                let hit = Hit {
+                    instance: placed.instance,
+                    triangle: mesh.triangles[position],
+                    barycentric: crossing.barycentric,
+                    range: crossing.t,
+                    position: DVec3::ZERO,
+                    front: crossing.front,
+                };
+                let closer = nearest.is_none_or(|best| precedes(&hit, &best));
+                if closer && self.exists(placed, hit.triangle, &crossing) {
+                    *nearest = Some(hit);
+                }
+            }
+            nearest.map_or(f64::INFINITY, |hit| hit.range)
+        });
+    }
+
+    /// Whether there is a surface where a ray crosses a triangle.
+    fn exists(&self, placed: &Placed, triangle: u32, crossing: &Crossing) -> bool {
+        if placed.culled && !crossing.front {
+            return false;
+        }
+        let Some(cutoff) = placed.cutoff else { return true };
+        let mesh = &self.scene.meshes[placed.mesh as usize];
+        let material = &self.scene.materials[mesh.material as usize];
+        self.alpha(mesh, material, triangle, crossing.barycentric) >= cutoff
+    }
+
+    /// Alpha of a surface point: factor × texture (level 0) × vertex colour.
+    fn alpha(&self, mesh: &Mesh, material: &Material, triangle: u32, barycentric: DVec2) -> f32 {
+        let corner = Corners::new(mesh, triangle, barycentric);
+        let texture = material.base_color_texture.map_or(1.0, |reference| {
+            let uv = transform_uv(&reference, corner.blend(&mesh.uvs).unwrap_or(Vec2::ZERO));
+            self.textures.get(reference.texture as usize).map_or(1.0, |chain| chain.alpha(uv))
+        });
+        let color = corner.blend(&mesh.colors).map_or(1.0, |color| color.w);
+        material.base_color.w * texture * color
+    }
+
+    /// Linear radiance that arrives at `origin` from the unit direction `direction`.
+    ///
+    /// `direction + dx` and `direction + dy` are the neighbouring samples' directions, up to their length: how
+    /// far they are apart decides which mip levels are read. Zero reads textures unfiltered.
+    pub fn radiance_along(&self, origin: DVec3, direction: DVec3, dx: DVec3, dy: DVec3) -> Vec3 {
+        match self.trace(origin, direction) {
+            Some(hit) => self.radiance(&hit, direction, dx, dy),
+            None => sky_radiance(&self.scene.lighting.sky, direction.as_vec3()),
+        }
+    }
+
+    /// Linear radiance that leaves a surface towards where it was seen from; arguments as in
+    /// [`Self::radiance_along`].
+    pub fn radiance(&self, hit: &Hit, direction: DVec3, dx: DVec3, dy: DVec3) -> Vec3 {
+        let surface = self.surface(hit, direction, dx, dy);
+        let lighting = &self.scene.lighting;
+        diffuse_radiance(&surface, lighting) + specular_radiance(&surface, -direction.as_vec3(), lighting)
+    }
+}
+
+/// The nearer one; of equally near ones the lower (instance, triangle).
+fn precedes(a: &Hit, b: &Hit) -> bool {
+    a.range < b.range || (a.range == b.range && (a.instance, a.triangle) < (b.instance, b.triangle))
+}
+
+impl MeshTree {
+    /// Takes the triangles that can be seen, and returns the box around them beside; none if not `used`.
+    fn new(mesh: &Mesh, used: bool) -> (Self, Bounds) {
+        let count = if used { mesh.triangles() as u32 } else { 0 };
+        let mut all = Bounds::EMPTY;
+        let (mut boxes, mut corners, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
+        for triangle in 0..count {
+            let indices = triangle_indices(mesh, triangle);
+            let [Some(a), Some(b), Some(c)] = indices.map(|i| mesh.positions.get(i as usize).copied()) else {
+                continue;
+            };
+            let area = (b - a).as_dvec3().cross((c - a).as_dvec3());
+            if !(a.is_finite() && b.is_finite() && c.is_finite() && area != DVec3::ZERO) {
+                continue;
+            }
+            let bounds = Bounds { min: a.min(b).min(c).as_dvec3(), max: a.max(b).max(c).as_dvec3() };
+            all.extend(bounds.min);
+            all.extend(bounds.max);
+            boxes.push(bounds);
+            corners.push([a, b, c]);
+            triangles.push(triangle);
+        }
+        let tree = BoxTree::new(&boxes);
+        let corners = tree.order().iter().map(|&i| corners[i as usize]).collect();
+        let triangles = tree.order().iter().map(|&i| triangles[i as usize]).collect();
+        (Self { tree, corners, triangles }, all)
+    }
+}
+
+impl Placed {
+    fn new(scene: &Scene, index: u32, instance: &Instance) -> Option<Self> {
+        let mesh = &scene.meshes[instance.mesh as usize];
+        let material = &scene.materials[mesh.material as usize];
+        let mesh_from_world = instance.world_from_mesh.matrix3.inverse();
+        let translation = instance.world_from_mesh.translation;
+        let usable = mesh_from_world.is_finite() && translation.is_finite() && mesh.origin.is_finite();
+        usable.then_some(Self {
+            instance: index,
+            mesh: instance.mesh,
+            mesh_from_world,
+            translation,
+            origin: mesh.origin,
+            culled: !material.double_sided,
+            cutoff: material.alpha_cutoff(),
+        })
+    }
+}
+
+/// The box around a mesh's box once placed; `None` if it holds nothing or is not finite.
+fn placed_bounds(scene: &Scene, instance: &Instance, in_mesh: Bounds) -> Option<Bounds> {
+    if in_mesh.is_empty() {
+        return None;
+    }
+    let origin = scene.meshes[instance.mesh as usize].origin;
+    let mut bounds = Bounds::EMPTY;
+    for corner in 0..8 {
+        let pick = |axis: usize| if corner >> axis & 1 == 0 { in_mesh.min[axis] } else { in_mesh.max[axis] };
+        let point = DVec3::new(pick(0), pick(1), pick(2));
+        let placed = instance.world_from_mesh.transform_point3(origin + point);
+        if !placed.is_finite() {
+            return None;
+        }
+        bounds.extend(placed);
+    }
+    Some(bounds)
+}
+
+/// Corners of a triangle, as indices into the mesh's attributes.
+fn triangle_indices(mesh: &Mesh, triangle: u32) -> [u32; 3] {
+    let first = 3 * triangle as usize;
+    [mesh.indices[first], mesh.indices[first + 1], mesh.indices[first + 2]]
+}
+
+/// A point on a triangle, for reading attributes there.
+pub(super) struct Corners {
+    pub(super) indices: [u32; 3],
+    weights: [f32; 3],
+}
+
+impl Corners {
+    pub(super) fn new(mesh: &Mesh, triangle: u32, barycentric: DVec2) -> Self {
+        let weights = [1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y];
+        Self { indices: triangle_indices(mesh, triangle), weights: weights.map(|w| w as f32) }
+    }
+
+    /// The attribute at each corner; `None` if the mesh has no such attribute.
+    pub(super) fn each<T: Copy>(&self, attribute: &[T]) -> Option<[T; 3]> {
+        let [a, b, c] = self.indices.map(|i| attribute.get(i as usize).copied());
+        Some([a?, b?, c?])
+    }
+
+    /// The attribute at the point; `None` if the mesh has no such attribute.
+    pub(super) fn blend<T>(&self, attribute: &[T]) -> Option<T>
+    where
+        T: Copy + std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
+    {
+        let [a, b, c] = self.each(attribute)?;
+        Some(a * self.weights[0] + b * self.weights[1] + c * self.weights[2])
+    }
+}
