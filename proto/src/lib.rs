@@ -8,11 +8,13 @@
 
 
 pub mod codec;
+pub mod convert;
 
 mod error;
 pub mod status;
 
 
+pub use convert::Description;
 pub use error::WireError;
 pub use status::Fault;
 

@@ -1,0 +1,74 @@
+//! What a service says of itself.
+
+use argus_scene::scene::NamedCamera;
+use argus_scene::{Bounds, Effect, InvalidField, Limits, PlanRequest, Rig, SceneHash};
+
+use super::{known, required, scene_hash, scene_hash_bytes};
+use crate::{PROTOCOL_VERSION, v1};
+
+/// The answer to `Describe`: what is served and what may be asked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Description {
+    /// What the scene is called.
+    pub scene_name: String,
+    /// Which scene it is.
+    pub scene_hash: SceneHash,
+    /// Box around everything in it.
+    pub bounds: Bounds,
+    /// Triangles, instances counted.
+    pub triangles: u64,
+    /// What its looks depend on.
+    pub effects: Vec<Effect>,
+    /// Recommended viewpoints, each valid; at least one.
+    pub cameras: Vec<NamedCamera>,
+    /// The largest view that is accepted.
+    pub limits: Limits,
+    /// Where samples are taken.
+    pub rig: Rig,
+    /// What the service chooses where a request leaves the plan open.
+    pub defaults: PlanRequest,
+}
+
+impl From<&Description> for v1::DescribeResponse {
+    fn from(description: &Description) -> Self {
+        Self {
+            protocol_version: PROTOCOL_VERSION,
+            scene: Some(v1::SceneRef {
+                name: description.scene_name.clone(),
+                hash: scene_hash_bytes(description.scene_hash),
+            }),
+            bounds: Some(description.bounds.into()),
+            triangles: description.triangles,
+            effects: description.effects.iter().map(|effect| v1::Effect::from(*effect) as i32).collect(),
+            cameras: description.cameras.iter().map(Into::into).collect(),
+            limits: Some(description.limits.into()),
+            rig: Some((&description.rig).into()),
+            defaults: Some((&description.defaults).into()),
+        }
+    }
+}
+
+impl TryFrom<v1::DescribeResponse> for Description {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::DescribeResponse) -> Result<Self, InvalidField> {
+        let scene = required(wire.scene, "scene")?;
+        let effect = |number| known::<v1::Effect>(number, "effects").and_then(Effect::try_from);
+        let cameras: Vec<NamedCamera> =
+            wire.cameras.into_iter().map(TryInto::try_into).collect::<Result<_, _>>()?;
+        if cameras.is_empty() {
+            return Err(InvalidField::new("cameras", "must hold at least one viewpoint"));
+        }
+        Ok(Self {
+            scene_hash: scene_hash(&scene.hash, "scene.hash")?,
+            scene_name: scene.name,
+            bounds: required(wire.bounds, "bounds")?.try_into()?,
+            triangles: wire.triangles,
+            effects: wire.effects.into_iter().map(effect).collect::<Result<_, _>>()?,
+            cameras,
+            limits: required(wire.limits, "limits")?.try_into()?,
+            rig: required(wire.rig, "rig")?.try_into()?,
+            defaults: required(wire.defaults, "defaults")?.try_into()?,
+        })
+    }
+}

@@ -1,0 +1,259 @@
+//! Light, rigs, and what a sample set's samples have in common.
+
+use argus_scene::{
+    Bounds, Effect, InvalidField, Light, Lighting, Rig, SampleId, SampleSetInfo, Sky, Stage,
+};
+use glam::DVec3;
+
+use super::{duration_ms, finite, point, required, rgb, scene_hash, scene_hash_bytes, unspecified};
+use crate::v1;
+
+impl From<Effect> for v1::Effect {
+    fn from(effect: Effect) -> Self {
+        match effect {
+            Effect::AlphaCutout => Self::AlphaCutout,
+            Effect::Emission => Self::Emission,
+            Effect::Specular => Self::Specular,
+            Effect::Transmission => Self::Transmission,
+            Effect::NormalMap => Self::NormalMap,
+            Effect::PunctualLights => Self::PunctualLights,
+            Effect::Sky => Self::Sky,
+            Effect::Animation => Self::Animation,
+        }
+    }
+}
+
+impl TryFrom<v1::Effect> for Effect {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Effect) -> Result<Self, InvalidField> {
+        Ok(match wire {
+            v1::Effect::Unspecified => return Err(unspecified("effects")),
+            v1::Effect::AlphaCutout => Self::AlphaCutout,
+            v1::Effect::Emission => Self::Emission,
+            v1::Effect::Specular => Self::Specular,
+            v1::Effect::Transmission => Self::Transmission,
+            v1::Effect::NormalMap => Self::NormalMap,
+            v1::Effect::PunctualLights => Self::PunctualLights,
+            v1::Effect::Sky => Self::Sky,
+            v1::Effect::Animation => Self::Animation,
+        })
+    }
+}
+
+impl From<&Light> for v1::Light {
+    fn from(light: &Light) -> Self {
+        use v1::light::Kind;
+        let kind = match *light {
+            Light::Directional { direction, irradiance } => Kind::Directional(v1::DirectionalLight {
+                direction: Some(direction.into()),
+                irradiance: Some(irradiance.into()),
+            }),
+            Light::Point { position, intensity, range } => Kind::Point(v1::PointLight {
+                position: Some(position.into()),
+                intensity: Some(intensity.into()),
+                range,
+            }),
+            Light::Spot { position, direction, intensity, range, inner_cone, outer_cone } => {
+                Kind::Spot(v1::SpotLight {
+                    position: Some(position.into()),
+                    direction: Some(direction.into()),
+                    intensity: Some(intensity.into()),
+                    range,
+                    inner_cone,
+                    outer_cone,
+                })
+            }
+        };
+        Self { kind: Some(kind) }
+    }
+}
+
+impl TryFrom<v1::Light> for Light {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Light) -> Result<Self, InvalidField> {
+        use v1::light::Kind;
+        Ok(match required(wire.kind, "lights.kind")? {
+            Kind::Directional(light) => Self::Directional {
+                direction: unit(light.direction, "lights.directional.direction")?,
+                irradiance: rgb(light.irradiance, "lights.directional.irradiance")?,
+            },
+            Kind::Point(light) => Self::Point {
+                position: point(light.position, "lights.point.position")?,
+                intensity: rgb(light.intensity, "lights.point.intensity")?,
+                range: cut_off(light.range, "lights.point.range")?,
+            },
+            Kind::Spot(light) => {
+                let (inner_cone, outer_cone) = (light.inner_cone, light.outer_cone);
+                // Written so that NaN fails.
+                if !(inner_cone >= 0.0 && inner_cone < outer_cone && outer_cone.is_finite()) {
+                    let reason = format!("must be above inner_cone {inner_cone}, not {outer_cone}");
+                    return Err(InvalidField::new("lights.spot.outer_cone", reason));
+                }
+                Self::Spot {
+                    position: point(light.position, "lights.spot.position")?,
+                    direction: unit(light.direction, "lights.spot.direction")?,
+                    intensity: rgb(light.intensity, "lights.spot.intensity")?,
+                    range: cut_off(light.range, "lights.spot.range")?,
+                    inner_cone,
+                    outer_cone,
+                }
+            }
+        })
+    }
+}
+
+fn unit(value: Option<v1::Vec3>, field: &'static str) -> Result<DVec3, InvalidField> {
+    let v = point(value, field)?;
+    // Loaders normalise in f32.
+    if (v.length() - 1.0).abs() < 1e-3 {
+        Ok(v)
+    } else {
+        Err(InvalidField::new(field, format!("must be a unit vector, not {v}")))
+    }
+}
+
+fn cut_off(range: Option<f64>, field: &'static str) -> Result<Option<f64>, InvalidField> {
+    match range {
+        Some(range) if !(range > 0.0 && range.is_finite()) => {
+            Err(InvalidField::new(field, format!("must be above 0 and finite, not {range}")))
+        }
+        range => Ok(range),
+    }
+}
+
+impl From<&Lighting> for v1::Lighting {
+    fn from(lighting: &Lighting) -> Self {
+        let Sky { zenith, horizon, ground } = lighting.sky;
+        let sky = v1::Sky {
+            zenith: Some(zenith.into()),
+            horizon: Some(horizon.into()),
+            ground: Some(ground.into()),
+        };
+        Self {
+            lights: lighting.lights.iter().map(Into::into).collect(),
+            sky: Some(sky),
+            exposure: lighting.exposure,
+        }
+    }
+}
+
+impl TryFrom<v1::Lighting> for Lighting {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Lighting) -> Result<Self, InvalidField> {
+        let sky = required(wire.sky, "lighting.sky")?;
+        if !(wire.exposure > 0.0 && wire.exposure.is_finite()) {
+            let reason = format!("must be above 0 and finite, not {}", wire.exposure);
+            return Err(InvalidField::new("lighting.exposure", reason));
+        }
+        Ok(Self {
+            lights: wire.lights.into_iter().map(TryInto::try_into).collect::<Result<_, _>>()?,
+            sky: Sky {
+                zenith: rgb(sky.zenith, "lighting.sky.zenith")?,
+                horizon: rgb(sky.horizon, "lighting.sky.horizon")?,
+                ground: rgb(sky.ground, "lighting.sky.ground")?,
+            },
+            exposure: wire.exposure,
+        })
+    }
+}
+
+impl From<&Rig> for v1::Rig {
+    fn from(rig: &Rig) -> Self {
+        use v1::rig::Kind;
+        let kind = match *rig {
+            Rig::TileCorners { bounds, tiles, height, size } => Kind::TileCorners(v1::TileCornersRig {
+                bounds: Some(bounds.into()),
+                tiles_x: tiles[0],
+                tiles_z: tiles[1],
+                height,
+                width_px: size[0],
+                height_px: size[1],
+            }),
+            Rig::Cell { origin, spacing, face } => {
+                Kind::Cell(v1::CellRig { origin: Some(origin.into()), spacing, face })
+            }
+        };
+        Self { kind: Some(kind) }
+    }
+}
+
+impl TryFrom<v1::Rig> for Rig {
+    type Error = InvalidField;
+
+    /// The rig, validated.
+    fn try_from(wire: v1::Rig) -> Result<Self, InvalidField> {
+        use v1::rig::Kind;
+        let rig = match required(wire.kind, "rig.kind")? {
+            Kind::TileCorners(rig) => Self::TileCorners {
+                bounds: required(rig.bounds, "rig.bounds")?.try_into()?,
+                tiles: [rig.tiles_x, rig.tiles_z],
+                height: finite(rig.height, "rig.height")?,
+                size: [rig.width_px, rig.height_px],
+            },
+            Kind::Cell(rig) => Self::Cell {
+                origin: point(rig.origin, "rig.origin")?,
+                spacing: finite(rig.spacing, "rig.spacing")?,
+                face: rig.face,
+            },
+        };
+        rig.validate()?;
+        Ok(rig)
+    }
+}
+
+impl From<&SampleSetInfo> for v1::SampleSetInfo {
+    fn from(info: &SampleSetInfo) -> Self {
+        Self {
+            scene_hash: scene_hash_bytes(info.scene),
+            bounds: Some(info.bounds.into()),
+            rig: Some((&info.rig).into()),
+            epoch: info.epoch,
+            generation: info.generation,
+            lighting: Some((&info.lighting).into()),
+        }
+    }
+}
+
+impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::SampleSetInfo) -> Result<Self, InvalidField> {
+        Ok(Self {
+            scene: scene_hash(&wire.scene_hash, "set.scene_hash")?,
+            bounds: required::<v1::Bounds>(wire.bounds, "set.bounds").and_then(Bounds::try_from)?,
+            rig: required(wire.rig, "set.rig")?.try_into()?,
+            epoch: wire.epoch,
+            generation: wire.generation,
+            lighting: required(wire.lighting, "set.lighting")?.try_into()?,
+        })
+    }
+}
+
+impl From<SampleId> for v1::SampleId {
+    fn from(id: SampleId) -> Self {
+        Self { generation: id.generation, index: id.index }
+    }
+}
+
+impl From<v1::SampleId> for SampleId {
+    fn from(wire: v1::SampleId) -> Self {
+        Self { generation: wire.generation, index: wire.index }
+    }
+}
+
+impl From<&Stage> for v1::Stage {
+    fn from(stage: &Stage) -> Self {
+        Self { name: stage.name.clone(), ms: stage.ms }
+    }
+}
+
+impl TryFrom<v1::Stage> for Stage {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Stage) -> Result<Self, InvalidField> {
+        Ok(Self { ms: duration_ms(wire.ms, "stages.ms")?, name: wire.name })
+    }
+}

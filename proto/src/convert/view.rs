@@ -1,0 +1,244 @@
+//! Views, plans and provenance.
+
+use argus_scene::{InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Provenance, Search, View};
+
+use super::{known, required, scene_hash, scene_hash_bytes, unspecified};
+use crate::v1;
+
+/// More samples than this never serve one view: [`PlanRequest::samples`].
+const MAX_PLAN_SAMPLES: usize = 8;
+/// 16 × 16 on the regular grid.
+const MAX_SAMPLES_PER_PIXEL: u32 = 256;
+
+impl From<Output> for v1::Output {
+    fn from(output: Output) -> Self {
+        match output {
+            Output::Color => Self::Color,
+            Output::Range => Self::Range,
+            Output::Mask => Self::Mask,
+            Output::Source => Self::Source,
+        }
+    }
+}
+
+impl TryFrom<v1::Output> for Output {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Output) -> Result<Self, InvalidField> {
+        match wire {
+            v1::Output::Unspecified => Err(unspecified("outputs")),
+            v1::Output::Color => Ok(Self::Color),
+            v1::Output::Range => Ok(Self::Range),
+            v1::Output::Mask => Ok(Self::Mask),
+            v1::Output::Source => Ok(Self::Source),
+        }
+    }
+}
+
+/// The members of a set of outputs, for the wire.
+pub(crate) fn wire_outputs(outputs: Outputs) -> Vec<i32> {
+    let members = [
+        (outputs.color, v1::Output::Color),
+        (outputs.range, v1::Output::Range),
+        (outputs.mask, v1::Output::Mask),
+        (outputs.source, v1::Output::Source),
+    ];
+    members.into_iter().filter_map(|(present, output)| present.then_some(output as i32)).collect()
+}
+
+fn outputs(wire: &[i32]) -> Result<Outputs, InvalidField> {
+    let mut set = Outputs { color: false, range: false, mask: false, source: false };
+    for number in wire {
+        match known::<v1::Output>(*number, "outputs")?.try_into()? {
+            Output::Color => set.color = true,
+            Output::Range => set.range = true,
+            Output::Mask => set.mask = true,
+            Output::Source => set.source = true,
+        }
+    }
+    Ok(set)
+}
+
+impl From<Search> for v1::Search {
+    fn from(search: Search) -> Self {
+        match search {
+            Search::Splat => Self::Splat,
+            Search::Linear => Self::Linear,
+        }
+    }
+}
+
+/// The search of a wire number; `None` where the client left the choice open.
+fn search(number: i32) -> Result<Option<Search>, InvalidField> {
+    Ok(match known(number, "plan.search")? {
+        v1::Search::Unspecified => None,
+        v1::Search::Splat => Some(Search::Splat),
+        v1::Search::Linear => Some(Search::Linear),
+    })
+}
+
+impl From<&PlanRequest> for v1::PlanRequest {
+    fn from(plan: &PlanRequest) -> Self {
+        Self {
+            direct: plan.direct,
+            search: plan.search.map(|search| v1::Search::from(search) as i32),
+            steps: plan.steps,
+            supersampling: plan.supersampling,
+            samples: plan.samples,
+        }
+    }
+}
+
+impl TryFrom<v1::PlanRequest> for PlanRequest {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::PlanRequest) -> Result<Self, InvalidField> {
+        Ok(Self {
+            direct: wire.direct,
+            search: wire.search.map(search).transpose()?.flatten(),
+            steps: wire.steps,
+            supersampling: wire.supersampling,
+            samples: wire.samples,
+        })
+    }
+}
+
+impl From<&Plan> for v1::Plan {
+    fn from(plan: &Plan) -> Self {
+        use v1::plan::Kind;
+        let kind = match plan {
+            Plan::Direct { samples_per_pixel } => {
+                Kind::Direct(v1::DirectPlan { samples_per_pixel: *samples_per_pixel })
+            }
+            Plan::Warp { search, steps, supersampling, samples } => Kind::Warp(v1::WarpPlan {
+                search: v1::Search::from(*search) as i32,
+                steps: *steps,
+                supersampling: *supersampling,
+                samples: samples.iter().map(|id| (*id).into()).collect(),
+            }),
+        };
+        Self { kind: Some(kind) }
+    }
+}
+
+impl TryFrom<v1::Plan> for Plan {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Plan) -> Result<Self, InvalidField> {
+        use v1::plan::Kind;
+        let within = |field, value: u32, most: u32| {
+            if (1..=most).contains(&value) {
+                Ok(value)
+            } else {
+                Err(InvalidField::new(field, format!("must be 1 to {most}, not {value}")))
+            }
+        };
+        Ok(match required(wire.kind, "plan.kind")? {
+            Kind::Direct(plan) => {
+                let field = "plan.direct.samples_per_pixel";
+                let samples_per_pixel = within(field, plan.samples_per_pixel, MAX_SAMPLES_PER_PIXEL)?;
+                if samples_per_pixel.isqrt().pow(2) != samples_per_pixel {
+                    let reason = format!("must be a square number, not {samples_per_pixel}");
+                    return Err(InvalidField::new(field, reason));
+                }
+                Self::Direct { samples_per_pixel }
+            }
+            Kind::Warp(plan) => {
+                if !(1..=MAX_PLAN_SAMPLES).contains(&plan.samples.len()) {
+                    let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {}", plan.samples.len());
+                    return Err(InvalidField::new("plan.warp.samples", reason));
+                }
+                Self::Warp {
+                    search: search(plan.search)?.ok_or_else(|| unspecified("plan.warp.search"))?,
+                    steps: within("plan.warp.steps", plan.steps, 4096)?,
+                    supersampling: within("plan.warp.supersampling", plan.supersampling, 8)?,
+                    samples: plan.samples.into_iter().map(Into::into).collect(),
+                }
+            }
+        })
+    }
+}
+
+impl From<&Provenance> for v1::Provenance {
+    fn from(provenance: &Provenance) -> Self {
+        Self {
+            scene_hash: scene_hash_bytes(provenance.scene),
+            epoch: provenance.epoch,
+            generation: provenance.generation,
+            plan: Some((&provenance.plan).into()),
+            device: provenance.device.clone(),
+        }
+    }
+}
+
+impl TryFrom<v1::Provenance> for Provenance {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Provenance) -> Result<Self, InvalidField> {
+        Ok(Self {
+            scene: scene_hash(&wire.scene_hash, "provenance.scene_hash")?,
+            epoch: wire.epoch,
+            generation: wire.generation,
+            plan: required(wire.plan, "provenance.plan")?.try_into()?,
+            device: wire.device,
+        })
+    }
+}
+
+impl From<&View> for v1::View {
+    fn from(view: &View) -> Self {
+        Self {
+            camera: Some((&view.camera).into()),
+            width: view.width,
+            height: view.height,
+            outputs: wire_outputs(view.outputs),
+            plan: Some((&view.plan).into()),
+            pin: view.pin.as_ref().map(Into::into),
+        }
+    }
+}
+
+impl TryFrom<v1::View> for View {
+    type Error = InvalidField;
+
+    /// The view; [`View::validate`] checks it against the service's limits.
+    fn try_from(wire: v1::View) -> Result<Self, InvalidField> {
+        Ok(Self {
+            camera: required(wire.camera, "camera")?.try_into()?,
+            width: wire.width,
+            height: wire.height,
+            outputs: outputs(&wire.outputs)?,
+            plan: wire.plan.map(TryInto::try_into).transpose()?.unwrap_or_default(),
+            pin: wire.pin.map(pin).transpose()?,
+        })
+    }
+}
+
+/// A pinned provenance, its errors below `pin`.
+fn pin(wire: v1::Provenance) -> Result<Provenance, InvalidField> {
+    wire.try_into().map_err(|at: InvalidField| {
+        let field = match at.field {
+            "provenance.scene_hash" => "pin.scene_hash",
+            field if field.starts_with("plan.") => "pin.plan",
+            _ => "pin",
+        };
+        InvalidField::new(field, format!("{}: {}", at.field, at.reason))
+    })
+}
+
+impl From<Limits> for v1::Limits {
+    fn from(limits: Limits) -> Self {
+        Self { max_side: limits.max_side, max_pixels: limits.max_pixels }
+    }
+}
+
+impl TryFrom<v1::Limits> for Limits {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Limits) -> Result<Self, InvalidField> {
+        if wire.max_side == 0 || wire.max_pixels == 0 {
+            return Err(InvalidField::new("limits", "must allow at least one pixel"));
+        }
+        Ok(Self { max_side: wire.max_side, max_pixels: wire.max_pixels })
+    }
+}
