@@ -1,0 +1,9 @@
+//! The highly tessellated tree: a skeleton of branches, clad in bark, hung with leaves.
+
+mod bark;
+mod leaves;
+mod skeleton;
+
+pub(super) use bark::mesh as bark_mesh;
+pub(super) use leaves::{Leaves, mesh as leaf_mesh};
+pub(super) use skeleton::{Branch, grow};
