@@ -1,0 +1,67 @@
+//! The knobs of the core, with the reason for each default.
+
+use std::time::Duration;
+
+use argus_scene::Limits;
+use serde::Serialize;
+
+/// How the core decides. Every duration is on the clock that the shell hands in.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Config {
+    /// The unit of demand: S, D and V are counts per tick. 1 s: long enough that a tick holds several views
+    /// of a slow machine, short enough that roles follow demand within seconds.
+    pub tick: Duration,
+    /// Weight of the newest tick in the moving average of demand, and of the newest report in that of costs.
+    pub smoothing: f64,
+    /// A change of roles must be predicted to shorten the tick by this factor: noise in measured costs is a
+    /// few per cent, and a change costs a drain and a transfer of samples.
+    pub margin: f64,
+    /// … and be predicted for this long without a break.
+    pub dwell: Duration,
+    /// Below this fraction of a tick nobody is short of time, and roles stay as they are.
+    pub idle_fraction: f64,
+    /// A worker that has not reported for this long is lost. Twenty reports: a machine with more renderers
+    /// than cores may starve one for seconds; a process that dies closes its stream and is noticed at once.
+    pub lease: Duration,
+    /// How often workers report.
+    pub report_interval: Duration,
+    /// Views waiting or in work in the whole cluster; one more is turned away at once.
+    pub max_views: usize,
+    /// Views sent to one worker and not yet answered: two full batches, so that one is ready when the other
+    /// is done.
+    pub max_views_per_worker: usize,
+    /// A view is given to this many workers before its failure is passed on.
+    pub max_attempts: u32,
+    /// How long a view without a deadline waits for a worker.
+    pub patience: Duration,
+    /// A sample that a compositor lacks weighs as much as this many views in its queue: what a transfer costs.
+    pub missing_sample_views: f64,
+    /// Samples of a plan that a request leaves open.
+    pub samples_per_view: u32,
+    /// Linear steps where a request leaves them open: beyond 64 the cluster paper's search gains little.
+    pub linear_steps: u32,
+    /// The largest view that is accepted.
+    pub limits: Limits,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            tick: Duration::from_secs(1),
+            smoothing: 0.3,
+            margin: 1.15,
+            dwell: Duration::from_secs(3),
+            idle_fraction: 0.01,
+            lease: Duration::from_secs(5),
+            report_interval: Duration::from_millis(250),
+            max_views: 2048,
+            max_views_per_worker: 128,
+            max_attempts: 4,
+            patience: Duration::from_secs(30),
+            missing_sample_views: 2.0,
+            samples_per_view: 4,
+            linear_steps: 64,
+            limits: Limits::default(),
+        }
+    }
+}

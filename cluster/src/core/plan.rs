@@ -1,0 +1,186 @@
+//! How a view shall be answered: the plan that follows from what its request leaves open, or the pinned one.
+
+use argus_proto::Fault;
+use argus_scene::{InvalidField, Plan, Provenance, Rig, SampleId, SampleSetInfo, Search, View};
+
+use super::config::Config;
+
+/// The plan of a validated view.
+///
+/// # Errors
+/// [`Fault::Pin`] for a pinned scene, epoch or generation that is not the one served, [`Fault::Invalid`] for
+/// a pinned plan that nobody could follow.
+pub fn plan(view: &View, set: &SampleSetInfo, config: &Config) -> Result<Plan, Fault> {
+    if let Some(pin) = &view.pin {
+        check_pin(pin, set)?;
+        return Ok(pin.plan.clone());
+    }
+    let supersampling = view.plan.supersampling.unwrap_or(1);
+    if view.plan.direct {
+        return Ok(Plan::Direct { samples_per_pixel: supersampling * supersampling });
+    }
+    let count = view.plan.samples.unwrap_or(config.samples_per_view) as usize;
+    let indices = set.rig.nearest(&view.camera, count);
+    let generation = set.generation;
+    Ok(Plan::Warp {
+        search: view.plan.search.unwrap_or(Search::Splat),
+        steps: view.plan.steps.unwrap_or(config.linear_steps),
+        supersampling,
+        samples: indices.into_iter().map(|index| SampleId { generation, index }).collect(),
+    })
+}
+
+/// Whether a pinned provenance is one that this cluster can repeat. The device is not looked at here: it
+/// decides which workers may answer.
+fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
+    let differs = |what: &str, theirs: String, ours: String| {
+        Err(Fault::Pin(format!("{what} {theirs} is not served here, {what} {ours} is")))
+    };
+    if pin.scene != set.scene {
+        return differs("scene", pin.scene.to_string(), set.scene.to_string());
+    }
+    if pin.epoch != set.epoch {
+        return differs("epoch", pin.epoch.to_string(), set.epoch.to_string());
+    }
+    if pin.generation != set.generation {
+        return differs("generation", pin.generation.to_string(), set.generation.to_string());
+    }
+    Ok(check_plan(&pin.plan, &set.rig, pin.generation)?)
+}
+
+/// Plans come from outside only as pins; what [`View::validate`] checks of a wish is checked here of a plan.
+fn check_plan(plan: &Plan, rig: &Rig, generation: u64) -> Result<(), InvalidField> {
+    let within = |field, n: u32, most: u32| match (1..=most).contains(&n) {
+        true => Ok(()),
+        false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {n}"))),
+    };
+    match plan {
+        Plan::Direct { samples_per_pixel: n } => {
+            within("pin.plan.direct.samples_per_pixel", *n, 64)?;
+            let side = n.isqrt();
+            match side * side == *n {
+                true => Ok(()),
+                false => {
+                    let reason = format!("must be a square number, not {n}");
+                    Err(InvalidField::new("pin.plan.direct.samples_per_pixel", reason))
+                }
+            }
+        }
+        Plan::Warp { steps, supersampling, samples, .. } => {
+            within("pin.plan.warp.steps", *steps, 4096)?;
+            within("pin.plan.warp.supersampling", *supersampling, 8)?;
+            let field = "pin.plan.warp.samples";
+            if !(1..=8).contains(&samples.len()) {
+                return Err(InvalidField::new(
+                    field,
+                    format!("must be 1 to 8 samples, not {}", samples.len()),
+                ));
+            }
+            for (i, id) in samples.iter().enumerate() {
+                if id.generation != generation {
+                    let reason = format!("sample {id} is not of generation {generation}");
+                    return Err(InvalidField::new(field, reason));
+                }
+                rig.camera(id.index).map_err(|e| InvalidField::new(field, e.reason))?;
+                if samples[..i].contains(id) {
+                    return Err(InvalidField::new(field, format!("sample {id} is named twice")));
+                }
+            }
+            Ok(())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Camera, Outputs, PlanRequest, SceneHash};
+    use glam::DVec3;
+
+    use super::super::tests::set_info;
+    use super::*;
+
+    fn view() -> View {
+        View {
+            camera: Camera::look_at(DVec3::new(3.0, 4.0, 5.0), DVec3::ZERO),
+            width: 200,
+            height: 150,
+            outputs: Outputs::COLOR,
+            plan: PlanRequest::default(),
+            pin: None,
+        }
+    }
+
+    fn pinned(change: impl FnOnce(&mut Provenance)) -> Result<Plan, Fault> {
+        let set = set_info();
+        let free = plan(&view(), &set, &Config::default()).unwrap();
+        let mut pin = Provenance {
+            scene: set.scene,
+            epoch: set.epoch,
+            generation: set.generation,
+            plan: free,
+            device: String::new(),
+        };
+        change(&mut pin);
+        plan(&View { pin: Some(pin), ..view() }, &set, &Config::default())
+    }
+
+    #[test]
+    fn what_a_request_leaves_open_is_the_splat_of_the_four_nearest_samples() {
+        let set = set_info();
+        let Plan::Warp { search, steps, supersampling, samples } =
+            plan(&view(), &set, &Config::default()).unwrap()
+        else {
+            panic!("a warp")
+        };
+        assert_eq!((search, steps, supersampling), (Search::Splat, 64, 1));
+        let indices: Vec<u64> = samples.iter().map(|s| s.index).collect();
+        assert_eq!(indices, set.rig.nearest(&view().camera, 4));
+        assert!(samples.iter().all(|s| s.generation == set.generation));
+    }
+
+    #[test]
+    fn a_direct_view_takes_the_square_of_its_supersampling() {
+        let wish = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
+        let plan = plan(&View { plan: wish, ..view() }, &set_info(), &Config::default()).unwrap();
+        assert_eq!(plan, Plan::Direct { samples_per_pixel: 16 });
+    }
+
+    #[test]
+    fn a_pin_is_repeated_as_it_is() {
+        let free = plan(&view(), &set_info(), &Config::default()).unwrap();
+        assert_eq!(pinned(|_| ()).unwrap(), free);
+        let direct = Plan::Direct { samples_per_pixel: 9 };
+        assert_eq!(pinned(|p| p.plan = direct.clone()).unwrap(), direct);
+    }
+
+    #[test]
+    fn a_pin_that_cannot_be_repeated_is_rejected_by_field() {
+        for change in [
+            |p: &mut Provenance| p.scene = SceneHash([9; 32]),
+            |p: &mut Provenance| p.epoch += 1,
+            |p: &mut Provenance| p.generation += 1,
+        ] {
+            assert!(matches!(pinned(change), Err(Fault::Pin(_))));
+        }
+        let reject = |plan: Plan| match pinned(|p| p.plan = plan) {
+            Err(Fault::Invalid(at)) => at.field,
+            other => panic!("must be rejected by field, not {other:?}"),
+        };
+        for n in [0, 2, 63, 100] {
+            let field = reject(Plan::Direct { samples_per_pixel: n });
+            assert_eq!(field, "pin.plan.direct.samples_per_pixel", "{n}");
+        }
+        let warp = |ids: &[(u64, u64)], steps, supersampling| Plan::Warp {
+            search: Search::Linear,
+            steps,
+            supersampling,
+            samples: ids.iter().map(|&(generation, index)| SampleId { generation, index }).collect(),
+        };
+        assert_eq!(reject(warp(&[(1, 0)], 0, 1)), "pin.plan.warp.steps");
+        assert_eq!(reject(warp(&[(1, 0)], 64, 9)), "pin.plan.warp.supersampling");
+        assert_eq!(reject(warp(&[], 64, 1)), "pin.plan.warp.samples");
+        assert_eq!(reject(warp(&[(1, 99)], 64, 1)), "pin.plan.warp.samples");
+        assert_eq!(reject(warp(&[(2, 0)], 64, 1)), "pin.plan.warp.samples");
+        assert_eq!(reject(warp(&[(1, 0), (1, 0)], 64, 1)), "pin.plan.warp.samples");
+    }
+}

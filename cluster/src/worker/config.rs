@@ -1,0 +1,115 @@
+//! What a worker can be told, and why it may stop.
+
+use std::time::Duration;
+
+use argus_scene::RenderError;
+use serde::Serialize;
+
+/// What a worker can be told; only [`Config::new`]'s argument has no default.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Config {
+    /// Where the coordinator is, such as `http://127.0.0.1:7400`.
+    pub coordinator: String,
+    /// Where others reach this worker; `None`: `http://` and the listener's address, which must then not be
+    /// an unspecified one such as `0.0.0.0`.
+    pub advertise: Option<String>,
+    /// Its name; `None`: drawn at random. The same name joining again replaces the older process.
+    pub id: Option<String>,
+    /// How long the coordinator may take to answer at the start.
+    pub join_timeout: Duration,
+    /// Longest pause between two attempts to join again.
+    pub rejoin_pause: Duration,
+    /// Views that may wait for the render thread; one more is turned away at once.
+    pub max_queued_views: usize,
+    /// Samples that may wait for the render thread.
+    pub max_queued_samples: usize,
+    /// Most views in one batch; beyond 64 a batch gains nothing and makes its first view wait for its last.
+    pub max_batch: usize,
+    /// Most direct views in one call: each is long, so few keep cancellation and other work prompt.
+    pub max_direct_batch: usize,
+    /// Texel bytes of samples that are kept before the least recently used one is forgotten. Samples in use
+    /// are kept whatever they take.
+    pub held_bytes: u64,
+    /// How long a connection to another worker may take.
+    pub connect_timeout: Duration,
+    /// How long another worker may be silent while it sends a sample.
+    pub fetch_timeout: Duration,
+    /// The largest scene bundle that is fetched, bytes.
+    pub max_bundle_bytes: u64,
+    /// How long views in work may take to finish after a shutdown began.
+    pub grace: Duration,
+}
+
+impl Config {
+    /// The defaults, for a worker of that coordinator.
+    pub fn new(coordinator: impl Into<String>) -> Self {
+        Self {
+            coordinator: coordinator.into(),
+            advertise: None,
+            id: None,
+            join_timeout: Duration::from_secs(10),
+            rejoin_pause: Duration::from_secs(2),
+            max_queued_views: 256,
+            max_queued_samples: 4096,
+            max_batch: 64,
+            max_direct_batch: 4,
+            held_bytes: 2 << 30,
+            connect_timeout: Duration::from_secs(2),
+            fetch_timeout: Duration::from_secs(60),
+            max_bundle_bytes: 8 << 30,
+            grace: Duration::from_secs(5),
+        }
+    }
+}
+
+/// Why a worker stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// Nobody answers at the coordinator's address.
+    #[error(
+        "no coordinator answers at {url} ({reason}); start one with `argus coordinator --scene SCENE`, \
+         or give its address with --coordinator"
+    )]
+    Unreachable {
+        /// Where it was looked for.
+        url: String,
+        /// What the last attempt said.
+        reason: String,
+    },
+    /// The coordinator does not want this worker.
+    #[error("the coordinator at {url} turned this worker away: {reason}")]
+    TurnedAway {
+        /// Where it is.
+        url: String,
+        /// What it said.
+        reason: String,
+    },
+    /// An address that is none.
+    #[error("{what} is not an address that others can reach: {reason}")]
+    Address {
+        /// Which setting.
+        what: &'static str,
+        /// Why.
+        reason: String,
+    },
+    /// The scene could not be had.
+    #[error("scene {name}: {reason}")]
+    Scene {
+        /// Which.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+    /// No role can be played on this machine.
+    #[error("this machine cannot render: {0}")]
+    Device(#[from] RenderError),
+    /// The server failed.
+    #[error("the worker's server failed: {0}")]
+    Server(#[from] tonic::transport::Error),
+    /// The descriptors for reflection are malformed.
+    #[error("reflection: {0}")]
+    Reflection(#[from] tonic_reflection::server::Error),
+    /// The listener or a thread failed.
+    #[error("the operating system: {0}")]
+    System(#[from] std::io::Error),
+}
