@@ -15,6 +15,7 @@ pub mod error;
 pub mod frame;
 pub mod light;
 pub mod material;
+pub mod path;
 pub mod rig;
 pub mod role;
 pub mod sample;

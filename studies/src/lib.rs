@@ -1,1 +1,12 @@
-//! The experiments: accuracy against time, cluster load, the papers' figures.
+//! The experiments: what accuracy costs in time, and what the cluster does under load.
+//!
+//! One file per experiment. Each returns a [`Report`], which the command prints as a table, as CSV or as JSON;
+//! every figure in the README comes from one of these, by the command that stands beside it. Times are wall
+//! times of whole calls, readback included, and medians over rounds in which the alternatives take turns, so
+//! that a noisy machine disturbs all of them alike.
+
+pub mod baseline;
+mod median;
+mod report;
+
+pub use report::{Machine, Report};

@@ -1,0 +1,267 @@
+//! What a direct view, a sample and a reconstructed view cost, and how close each comes to the truth.
+//!
+//! For each scene and size of view: g, the time of one direct view; S·g, that of the samples; c for each
+//! search, in a batch and alone; and FLIP, PSNR and SSIM of each against the CPU reference. These are the
+//! cluster paper's quantities (section 3), measured in one process through the two role traits, so that no
+//! network hides in them.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use argus_compositor::GpuCompositor;
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::GpuSampler;
+use argus_scene::metrics::{self, Comparison};
+use argus_scene::reference::{ReferenceImage, Tracer, cache};
+use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
+use argus_scene::{
+    Camera, Cancel, Compositor, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob, Sampler, Scene,
+    Search, ViewJob, path,
+};
+use image::RgbImage;
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use crate::median::{mean, median};
+use crate::{Machine, Report};
+
+/// What is measured, and how long.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scenes, as [`argus_scene::open`] takes them.
+    pub scenes: Vec<String>,
+    /// Sizes of view, pixels.
+    pub sizes: Vec<[u32; 2]>,
+    /// Views of a batch, and of the quality mean.
+    pub batch: usize,
+    /// Views whose quality is judged.
+    pub judged: usize,
+    /// Rounds that medians are taken over.
+    pub rounds: usize,
+    /// Samples a pixel of the reference, a square number.
+    pub reference_samples: u32,
+    /// Samples that a view is reconstructed from.
+    pub samples: usize,
+}
+
+impl Default for Options {
+    /// The figures of the README: minutes.
+    fn default() -> Self {
+        Self {
+            scenes: ["terrain:50000", "terrain:500000", "terrain:2000000"].map(str::to_owned).to_vec(),
+            sizes: vec![[200, 150], [640, 480]],
+            batch: 64,
+            judged: 8,
+            rounds: 5,
+            reference_samples: 64,
+            samples: 4,
+        }
+    }
+}
+
+impl Options {
+    /// A few seconds, to see that everything works; its figures are noise.
+    pub fn quick() -> Self {
+        Self {
+            scenes: vec!["terrain:20000".to_owned()],
+            sizes: vec![[96, 72]],
+            batch: 8,
+            judged: 2,
+            rounds: 1,
+            reference_samples: 16,
+            ..Self::default()
+        }
+    }
+}
+
+/// Ways to answer a view, each a row.
+const METHODS: [Method; 5] = [
+    Method { name: "direct", plan: |_| Plan::Direct { samples_per_pixel: 1 } },
+    Method { name: "direct 16×", plan: |_| Plan::Direct { samples_per_pixel: 16 } },
+    Method { name: "splat", plan: |samples| warp(Search::Splat, 1, samples) },
+    Method { name: "linear 64", plan: |samples| warp(Search::Linear, 64, samples) },
+    Method { name: "linear 200", plan: |samples| warp(Search::Linear, 200, samples) },
+];
+
+struct Method {
+    name: &'static str,
+    plan: fn(Vec<SampleId>) -> Plan,
+}
+
+fn warp(search: Search, steps: u32, samples: Vec<SampleId>) -> Plan {
+    Plan::Warp { search, steps, supersampling: 1, samples }
+}
+
+/// Runs the study; `progress` counts scenes × sizes × methods.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    let steps = options.scenes.len() * options.sizes.len() * METHODS.len();
+    progress.set_length(steps as u64);
+    let mut rows = Vec::new();
+    for spec in &options.scenes {
+        progress.set_message(spec.clone());
+        let mut bench = Bench::new(&gpu, spec, options)?;
+        for &size in &options.sizes {
+            rows.extend(bench.rows(size, options, progress).with_context(|| spec.clone())?);
+        }
+    }
+    Ok(Report { scene: options.scenes.join(" "), machine: Machine::here(gpu.kind()), rows })
+}
+
+/// One scene, sampled and held.
+struct Bench {
+    scene: Arc<Scene>,
+    info: Arc<SampleSetInfo>,
+    sampler: GpuSampler,
+    compositor: GpuCompositor,
+    tracer: Tracer,
+    cameras: Vec<Camera>,
+    samples_ms: f64,
+    sample_count: usize,
+}
+
+impl Bench {
+    fn new(gpu: &Arc<Gpu>, spec: &str, options: &Options) -> Result<Self> {
+        let scene = Arc::new(argus_scene::open(spec)?);
+        let suggested: Vec<Camera> = match scene.cameras.as_slice() {
+            [] => vec![scene.default_camera()],
+            cameras => cameras.iter().map(|named| named.camera).collect(),
+        };
+        let info = Arc::new(SampleSetInfo {
+            scene: scene.hash,
+            bounds: scene.bounds(),
+            rig: Rig::for_scene(&scene, &RigKnobs::default())?,
+            epoch: 0,
+            generation: 1,
+            lighting: scene.lighting.clone(),
+        });
+        let cameras = path::viewpoints(&suggested, options.batch);
+        let mut sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?;
+        let mut compositor = GpuCompositor::new(Arc::clone(gpu))?;
+        let mut ids: Vec<SampleId> =
+            cameras.iter().flat_map(|camera| sample_ids(&info, camera, options.samples)).collect();
+        ids.sort();
+        ids.dedup();
+        let job = SampleJob { info: Arc::clone(&info), ids, to_host: false };
+        let mut times = Vec::new();
+        let mut samples = Vec::new();
+        // The first round also makes the pipelines' machine code.
+        for round in 0..=options.rounds.min(3) {
+            let begin = Instant::now();
+            let rendered = sampler.render_samples(&job, &Cancel::new());
+            let ms = begin.elapsed().as_secs_f64() * 1e3;
+            samples = rendered.into_iter().collect::<Result<Vec<_>, RenderError>>()?;
+            if round > 0 {
+                times.push(ms);
+            }
+        }
+        let sample_count = samples.len();
+        let samples = samples.into_iter().map(Arc::new).collect();
+        compositor.hold(&SampleSet { info: Arc::clone(&info), samples })?;
+        let tracer = Tracer::new(Arc::clone(&scene));
+        let samples_ms = median(&times);
+        Ok(Self { scene, info, sampler, compositor, tracer, cameras, samples_ms, sample_count })
+    }
+
+    /// A row for each method at one size of view.
+    fn rows(
+        &mut self,
+        [width, height]: [u32; 2],
+        options: &Options,
+        progress: &ProgressBar,
+    ) -> Result<Vec<Map<String, Value>>> {
+        let jobs = METHODS.map(|method| -> Vec<ViewJob> {
+            let job = |&camera: &Camera| ViewJob {
+                camera,
+                width,
+                height,
+                outputs: Outputs::COLOR,
+                plan: (method.plan)(sample_ids(&self.info, &camera, options.samples)),
+                epoch: 0,
+            };
+            self.cameras.iter().map(job).collect()
+        });
+        let mut batch_ms = [const { Vec::new() }; METHODS.len()];
+        let mut alone_ms = [const { Vec::new() }; METHODS.len()];
+        let mut frames: [Vec<Frame>; METHODS.len()] = Default::default();
+        for round in 0..=options.rounds {
+            for (method, jobs) in jobs.iter().enumerate() {
+                // Direct views have nothing to gain from a batch, and sixteenfold ones take long.
+                let direct = matches!(jobs[0].plan, Plan::Direct { .. });
+                let many = if direct { options.judged.min(jobs.len()) } else { jobs.len() };
+                let (ms, answered) = self.time(&jobs[..many])?;
+                let (one_ms, _) = self.time(&jobs[..1])?;
+                if round > 0 {
+                    batch_ms[method].push(ms / many as f64);
+                    alone_ms[method].push(one_ms);
+                }
+                frames[method] = answered;
+            }
+        }
+        let references = self.references([width, height], options);
+        let g = median(&batch_ms[0]);
+        let mut rows = Vec::new();
+        for (i, method) in METHODS.iter().enumerate() {
+            let judged = frames[i].iter().zip(&references).map(|(frame, reference)| judge(frame, reference));
+            let judged = judged.collect::<Result<Vec<Comparison>>>()?;
+            let view_ms = median(&batch_ms[i]);
+            let unresolved = mean(frames[i].iter().map(|frame| frame.unresolved_fraction));
+            let row = json!({
+                "scene": self.scene.name,
+                "triangles": self.scene.triangles(),
+                "size": format!("{width}x{height}"),
+                "method": method.name,
+                "view_ms": view_ms,
+                "view_alone_ms": median(&alone_ms[i]),
+                "per_direct": view_ms / g,
+                "samples": self.sample_count,
+                "samples_ms": self.samples_ms,
+                "flip": mean(judged.iter().map(|c| c.flip_mean)),
+                "psnr_db": mean(judged.iter().map(|c| c.psnr_db)),
+                "ssim": mean(judged.iter().map(|c| c.ssim)),
+                "unresolved_fraction": unresolved,
+            });
+            let Value::Object(row) = row else { unreachable!("an object literal is an object") };
+            rows.push(row);
+            progress.inc(1);
+        }
+        Ok(rows)
+    }
+
+    /// Milliseconds that a batch takes, and its frames.
+    fn time(&mut self, jobs: &[ViewJob]) -> Result<(f64, Vec<Frame>)> {
+        let cancel = Cancel::new();
+        let begin = Instant::now();
+        let frames = match jobs[0].plan {
+            Plan::Direct { .. } => self.sampler.render_views(jobs, &cancel),
+            Plan::Warp { .. } => self.compositor.compose(jobs, &cancel),
+        };
+        let ms = begin.elapsed().as_secs_f64() * 1e3;
+        Ok((ms, frames.into_iter().collect::<Result<_, RenderError>>()?))
+    }
+
+    /// The truth for the judged views.
+    fn references(&self, size: [u32; 2], options: &Options) -> Vec<RgbImage> {
+        let exposure = self.scene.lighting.exposure;
+        let folder = cache::directory();
+        let render = |camera| -> ReferenceImage {
+            cache::render(folder.as_deref(), &self.tracer, camera, size, options.reference_samples, |_| ())
+        };
+        self.cameras.iter().take(options.judged).map(|camera| render(camera).display(exposure)).collect()
+    }
+}
+
+fn sample_ids(info: &SampleSetInfo, camera: &Camera, count: usize) -> Vec<SampleId> {
+    let id = |index| SampleId { generation: info.generation, index };
+    info.rig.nearest(camera, count).into_iter().map(id).collect()
+}
+
+fn judge(frame: &Frame, reference: &RgbImage) -> Result<Comparison> {
+    let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+    let image = RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;
+    Ok(metrics::compare(reference, &image)?)
+}
