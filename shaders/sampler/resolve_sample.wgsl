@@ -1,0 +1,138 @@
+// Program of `sampler/src/passes/resolve_sample.rs`: of each texel's sub-samples, the surface that covers most.
+
+import package::shared::encode::{octahedral_from_unit, rgb9e5_from_radiance, unit_from_octahedral};
+
+struct ResolveSample {
+    // Texels of the tile.
+    size: vec2u,
+    // Where the tile's first texel lies in the planes.
+    offset: vec2u,
+    // Texels from row to row of the planes.
+    stride: u32,
+    // Sub-samples along each side of a texel.
+    side: u32,
+    // Mantissa bits that an inverse range keeps, 1 to 23.
+    range_bits: u32,
+    // 0: Rgb9e5Ufloat, one word a texel; 1: Rgba16Float, two.
+    half_float: u32,
+}
+
+@group(0) @binding(0) var<uniform> resolve: ResolveSample;
+@group(0) @binding(1) var<storage, read> shaded: array<vec4f>;
+@group(0) @binding(2) var<storage, read> gloss: array<vec2u>;
+@group(0) @binding(3) var<storage, read_write> radiance_plane: array<u32>;
+@group(0) @binding(4) var<storage, read_write> inverse_range_plane: array<u32>;
+@group(0) @binding(5) var<storage, read_write> normal_plane: array<u32>;
+@group(0) @binding(6) var<storage, read_write> specular_plane: array<u32>;
+
+// Two sub-samples show one surface if their inverse ranges on the texel's central ray differ by less than this
+// share: then a warp that moves the texel by a hundred pixels misplaces neither by more than about one.
+const SAME_SURFACE: f32 = 1.0 / 64.0;
+
+fn same_surface(a: f32, b: f32) -> bool {
+    // Sky, which is 0, is one surface.
+    return abs(a - b) <= SAME_SURFACE * max(a, b);
+}
+
+// Where a texel's sub-sample lies in `shaded`.
+fn address(texel: vec2u, i: u32) -> u32 {
+    let at = texel * resolve.side + vec2u(i % resolve.side, i / resolve.side);
+    return at.y * (resolve.size.x * resolve.side) + at.x;
+}
+
+// The sub-sample whose surface most others share; of equals the nearest one's.
+fn winner(texel: vec2u) -> f32 {
+    let count = resolve.side * resolve.side;
+    var least = shaded[address(texel, 0u)].w;
+    var most = least;
+    for (var i = 1u; i < count; i++) {
+        let inverse = shaded[address(texel, i)].w;
+        least = min(least, inverse);
+        most = max(most, inverse);
+    }
+    if same_surface(least, most) {
+        return most;
+    }
+    var best = 0.0;
+    var best_share = 0u;
+    for (var i = 0u; i < count; i++) {
+        let inverse = shaded[address(texel, i)].w;
+        var share = 0u;
+        for (var j = 0u; j < count; j++) {
+            share += select(0u, 1u, same_surface(inverse, shaded[address(texel, j)].w));
+        }
+        if share > best_share || (share == best_share && inverse > best) {
+            best = inverse;
+            best_share = share;
+        }
+    }
+    return best;
+}
+
+// Rounds to nearest; the mantissa's lower bits become 0, so that neighbouring texels differ less on the wire.
+fn rounded(inverse_range: f32) -> u32 {
+    let drop = 23u - resolve.range_bits;
+    let half = select(0u, 1u << (max(drop, 1u) - 1u), drop > 0u);
+    return ((bitcast<u32>(inverse_range) + half) >> drop) << drop;
+}
+
+fn write_texel(texel: vec2u, radiance: vec3f, inverse_range: f32) -> u32 {
+    let at = (resolve.offset.y + texel.y) * resolve.stride + resolve.offset.x + texel.x;
+    if resolve.half_float == 0u {
+        radiance_plane[at] = rgb9e5_from_radiance(radiance);
+    } else {
+        let held = clamp(radiance, vec3f(0.0), vec3f(65504.0));
+        radiance_plane[2u * at] = pack2x16float(held.rg);
+        radiance_plane[2u * at + 1u] = pack2x16float(vec2f(held.b, 1.0));
+    }
+    inverse_range_plane[at] = rounded(inverse_range);
+    return at;
+}
+
+@compute @workgroup_size(8, 8)
+fn resolve_matt(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= resolve.size) {
+        return;
+    }
+    let chosen = winner(id.xy);
+    var sum = vec4f(0.0);
+    var members = 0.0;
+    for (var i = 0u; i < resolve.side * resolve.side; i++) {
+        let sub_sample = shaded[address(id.xy, i)];
+        if same_surface(chosen, sub_sample.w) {
+            sum += sub_sample;
+            members += 1.0;
+        }
+    }
+    let mean = sum / max(members, 1.0);
+    _ = write_texel(id.xy, mean.rgb, mean.w);
+}
+
+@compute @workgroup_size(8, 8)
+fn resolve_glossy(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= resolve.size) {
+        return;
+    }
+    let chosen = winner(id.xy);
+    var sum = vec4f(0.0);
+    var normal = vec3f(0.0);
+    var specular = vec4f(0.0);
+    var members = 0.0;
+    for (var i = 0u; i < resolve.side * resolve.side; i++) {
+        let at = address(id.xy, i);
+        let sub_sample = shaded[at];
+        if same_surface(chosen, sub_sample.w) {
+            sum += sub_sample;
+            let lobe = gloss[at];
+            normal += unit_from_octahedral(unpack2x16snorm(lobe.x));
+            specular += unpack4x8unorm(lobe.y);
+            members += 1.0;
+        }
+    }
+    let mean = sum / max(members, 1.0);
+    let at = write_texel(id.xy, mean.rgb, mean.w);
+    let sky = !(mean.w > 0.0);
+    let octahedral = pack2x16snorm(octahedral_from_unit(normal / max(length(normal), 1e-12)));
+    normal_plane[at] = select(octahedral, 0u, sky);
+    specular_plane[at] = select(pack4x8unorm(specular / max(members, 1.0)), 0u, sky);
+}

@@ -1,0 +1,77 @@
+// Program of `sampler/src/passes/resolve_view.rs`: the pixels of a direct view.
+
+import package::shared::encode::{display_from_radiance};
+import package::shared::geometry::{instances, mesh_from_world, meshes, triangle_about_eye};
+import package::shared::ray_triangle::{cross_triangle};
+import package::shared::rays::{Rays, ray_through};
+
+struct ResolveView {
+    // Pixels of the tile.
+    size: vec2u,
+    // Sub-samples along each side of a pixel.
+    side: u32,
+    // Radiance to display-linear.
+    exposure: f32,
+}
+
+@group(0) @binding(0) var<uniform> resolve: ResolveView;
+@group(0) @binding(1) var<storage, read> shaded: array<vec4f>;
+// sRGB bytes, three a pixel, rows without padding.
+@group(0) @binding(2) var<storage, read_write> color: array<u32>;
+
+fn display(pixel: u32) -> u32 {
+    let corner = vec2u(pixel % resolve.size.x, pixel / resolve.size.x) * resolve.side;
+    let width = resolve.size.x * resolve.side;
+    var sum = vec3f(0.0);
+    for (var y = 0u; y < resolve.side; y++) {
+        for (var x = 0u; x < resolve.side; x++) {
+            sum += shaded[(corner.y + y) * width + corner.x + x].rgb;
+        }
+    }
+    return display_from_radiance(sum / f32(resolve.side * resolve.side), resolve.exposure);
+}
+
+// Four pixels, which are three words.
+@compute @workgroup_size(64)
+fn resolve_color(@builtin(global_invocation_id) id: vec3u) {
+    let pixels = resolve.size.x * resolve.size.y;
+    let first = 4u * id.x;
+    if first >= pixels {
+        return;
+    }
+    let last = pixels - 1u;
+    let a = display(first);
+    let b = display(min(first + 1u, last));
+    let c = display(min(first + 2u, last));
+    let d = display(min(first + 3u, last));
+    color[3u * id.x] = a | (b << 24u);
+    color[3u * id.x + 1u] = (b >> 8u) | (c << 16u);
+    color[3u * id.x + 2u] = (c >> 16u) | (d << 8u);
+}
+
+@group(0) @binding(3) var<uniform> rays: Rays;
+@group(0) @binding(4) var visibility: texture_2d<u32>;
+// f32 bits, metres; infinity where there is nothing.
+@group(0) @binding(5) var<storage, read_write> range: array<u32>;
+
+const INFINITY_BITS: u32 = 0x7f800000u;
+
+// Of a visibility buffer with one sub-sample a pixel, in its middle.
+@compute @workgroup_size(8, 8)
+fn resolve_range(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= rays.width || id.y >= rays.height {
+        return;
+    }
+    let at = id.y * rays.width + id.x;
+    let ids = textureLoad(visibility, id.xy, 0).xy;
+    if ids.x == 0u {
+        range[at] = INFINITY_BITS;
+        return;
+    }
+    let instance = instances[ids.x - 1u];
+    let triangle = triangle_about_eye(instance, meshes[instance.mesh], ids.y);
+    let direction = normalize(ray_through(rays, vec2f(id.xy) + 0.5));
+    let in_mesh = mesh_from_world(instance, direction);
+    let crossing = cross_triangle(in_mesh, triangle.a, triangle.e1, triangle.e2);
+    range[at] = bitcast<u32>(clamp(crossing.t, 0.0, 3.4e38));
+}

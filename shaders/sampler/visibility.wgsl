@@ -1,0 +1,80 @@
+// Program of `sampler/src/passes/visibility.rs`: which triangle of which instance each sub-sample sees.
+
+import package::shared::geometry::{attributes, color_at, instances, materials, meshes, uv_at};
+import package::shared::texture::{sample_alpha};
+enable primitive_index;
+
+// A run of an instance's triangles, placed before the tile that is rasterised.
+struct Draw {
+    // Rows of the transform from the mesh's vertices to clip space; z is the same everywhere.
+    clip_from_mesh_x: vec4f,
+    clip_from_mesh_y: vec4f,
+    clip_from_mesh_w: vec4f,
+    near: f32,
+    instance: u32,
+    first_triangle: u32,
+}
+
+@group(0) @binding(0) var<storage, read> draws: array<Draw>;
+
+// Reversed-Z with the far plane at infinity: depth is near / distance.
+fn clip_from_mesh(draw: Draw, position: vec3f) -> vec4f {
+    let p = vec4f(position, 1.0);
+    return vec4f(
+        dot(draw.clip_from_mesh_x, p), dot(draw.clip_from_mesh_y, p), draw.near, dot(draw.clip_from_mesh_w, p),
+    );
+}
+
+struct Opaque {
+    @builtin(position) clip: vec4f,
+    @location(0) @interpolate(flat) instance_and_first: vec2u,
+}
+
+@vertex
+fn place(@location(0) position: vec3f, @builtin(instance_index) index: u32) -> Opaque {
+    let draw = draws[index];
+    return Opaque(clip_from_mesh(draw, position), vec2u(draw.instance + 1u, draw.first_triangle));
+}
+
+@fragment
+fn identify(in: Opaque, @builtin(primitive_index) primitive: u32) -> @location(0) vec2u {
+    return in.instance_and_first + vec2u(0u, primitive);
+}
+
+struct Cutout {
+    @builtin(position) clip: vec4f,
+    @location(0) @interpolate(flat) instance_and_first: vec2u,
+    @location(1) uv: vec2f,
+    // Of the vertex colour.
+    @location(2) alpha: f32,
+}
+
+@vertex
+fn place_cutout(
+    @location(0) position: vec3f, @builtin(vertex_index) vertex: u32, @builtin(instance_index) index: u32,
+) -> Cutout {
+    let draw = draws[index];
+    let mesh = meshes[instances[draw.instance].mesh];
+    let record = mesh.first_attribute + (vertex - mesh.first_vertex) * mesh.stride;
+    var uv = vec2f(0.0);
+    if mesh.uv != 0u {
+        uv = uv_at(record + mesh.uv);
+    }
+    var alpha = 1.0;
+    if mesh.color != 0u {
+        alpha = color_at(record + mesh.color).a;
+    }
+    let ids = vec2u(draw.instance + 1u, draw.first_triangle);
+    return Cutout(clip_from_mesh(draw, position), ids, uv, alpha);
+}
+
+@fragment
+fn identify_cutout(in: Cutout, @builtin(primitive_index) primitive: u32) -> @location(0) vec2u {
+    let material = meshes[instances[in.instance_and_first.x - 1u].mesh].material;
+    let factor = materials[material].base_color.a * in.alpha;
+    let alpha = factor * sample_alpha(materials[material].base_color_texture, in.uv);
+    if !(alpha >= materials[material].alpha_cutoff) {
+        discard;
+    }
+    return in.instance_and_first + vec2u(0u, primitive);
+}

@@ -1,0 +1,148 @@
+// The sampling rule of `scene/src/texture.rs`, over texels that lie one after another in memory.
+//
+// Every level of every texture of a scene is a run of texels in one address space, which is folded into the
+// rows and layers of a texture array: nothing is resized, any number of textures of any shape fit, and reading
+// four texels by hand is exact where a filtering unit rounds weights to 8 bits. Neighbouring rows lie a
+// texture's width apart, which a cache forgives.
+
+// A row and a layer of the array are powers of two of texels.
+const TEXEL_ROW_BITS: u32 = 11;
+const TEXEL_LAYER_BITS: u32 = 22;
+
+const WRAP_REPEAT: u32 = 0;
+const WRAP_CLAMP: u32 = 1;
+
+// A material's reference to a texture.
+struct TextureSlot {
+    // Columns of the linear part of the transform from a mesh's uv to the texture's.
+    u_from_uv: vec2f,
+    v_from_uv: vec2f,
+    offset: vec2f,
+    // Texels of level 0.
+    size: vec2u,
+    // Where the addresses of its levels begin in `texel_levels`.
+    first_level: u32,
+    // Number of levels; 0: there is no texture.
+    levels: u32,
+    // Addressing of u and v: 0 repeat, 1 clamp, 2 mirror.
+    wrap: vec2u,
+    // Whether the colours are sRGB-encoded.
+    srgb: u32,
+}
+
+@group(1) @binding(7) var<storage, read> texel_levels: array<u32>;
+@group(1) @binding(8) var texels: texture_2d_array<f32>;
+@group(1) @binding(9) var texels_srgb: texture_2d_array<f32>;
+
+fn transform_duv(slot: TextureSlot, duv: vec2f) -> vec2f {
+    return vec2f(dot(slot.u_from_uv, duv), dot(slot.v_from_uv, duv));
+}
+
+fn transform_uv(slot: TextureSlot, uv: vec2f) -> vec2f {
+    return transform_duv(slot, uv) + slot.offset;
+}
+
+// The level for a pixel across which the transformed uv changes by these.
+fn texture_level(slot: TextureSlot, duv_dx: vec2f, duv_dy: vec2f) -> f32 {
+    let size = vec2f(slot.size);
+    let texels_squared = max(dot(duv_dx * size, duv_dx * size), dot(duv_dy * size, duv_dy * size));
+    if !(texels_squared > 1.0) {
+        return 0.0;
+    }
+    // Half of a logarithm that is infinite for infinity is the last level, as is any other.
+    return min(0.5 * log2(min(texels_squared, 1e38)), f32(slot.levels - 1));
+}
+
+struct Taps {
+    first: u32,
+    second: u32,
+    fraction: f32,
+}
+
+// The two texels of a row or column that a coordinate lies between.
+fn taps(coordinate: f32, side: u32, wrap: u32) -> Taps {
+    // What is not finite counts as 0.
+    var c = select(0.0, coordinate, abs(coordinate) < 1e38);
+    if wrap == WRAP_REPEAT {
+        c -= floor(c);
+    } else if wrap == WRAP_CLAMP {
+        c = saturate(c);
+    } else {
+        c -= 2.0 * floor(c * 0.5);
+        c = select(c, 2.0 - c, c > 1.0);
+    }
+    let x = c * f32(side) - 0.5;
+    let floored = floor(x);
+    let last = i32(side) - 1;
+    let i = i32(floored);
+    if wrap == WRAP_REPEAT {
+        let first = select(i, last, i < 0);
+        let second = select(i + 1, 0, i >= last);
+        return Taps(u32(min(first, last)), u32(second), x - floored);
+    }
+    return Taps(u32(clamp(i, 0, last)), u32(clamp(i + 1, 0, last)), x - floored);
+}
+
+// Folds an address into the array.
+fn texel_place(address: u32) -> vec3u {
+    let column = address & ((1u << TEXEL_ROW_BITS) - 1u);
+    let row = (address >> TEXEL_ROW_BITS) & ((1u << (TEXEL_LAYER_BITS - TEXEL_ROW_BITS)) - 1u);
+    return vec3u(column, row, address >> TEXEL_LAYER_BITS);
+}
+
+fn texel(address: u32, srgb: bool) -> vec4f {
+    let place = texel_place(address);
+    if srgb {
+        return textureLoad(texels_srgb, place.xy, place.z, 0);
+    }
+    return textureLoad(texels, place.xy, place.z, 0);
+}
+
+fn level_size(slot: TextureSlot, level: u32) -> vec2u {
+    return max(slot.size >> vec2u(level), vec2u(1u));
+}
+
+fn bilinear(slot: TextureSlot, uv: vec2f, level: u32) -> vec4f {
+    let size = level_size(slot, level);
+    let x = taps(uv.x, size.x, slot.wrap.x);
+    let y = taps(uv.y, size.y, slot.wrap.y);
+    let base = texel_levels[slot.first_level + level];
+    let upper = base + y.first * size.x;
+    let lower = base + y.second * size.x;
+    let srgb = slot.srgb != 0u;
+    let above = mix(texel(upper + x.first, srgb), texel(upper + x.second, srgb), x.fraction);
+    let below = mix(texel(lower + x.first, srgb), texel(lower + x.second, srgb), x.fraction);
+    return mix(above, below, y.fraction);
+}
+
+// Linear colour and alpha at a mesh's uv, trilinear; white where there is no texture.
+fn sample_texture(slot: TextureSlot, uv: vec2f, duv_dx: vec2f, duv_dy: vec2f) -> vec4f {
+    if slot.levels == 0u {
+        return vec4f(1.0);
+    }
+    let at = transform_uv(slot, uv);
+    let level = texture_level(slot, transform_duv(slot, duv_dx), transform_duv(slot, duv_dy));
+    let fine = u32(level);
+    let fraction = level - f32(fine);
+    let color = bilinear(slot, at, fine);
+    if !(fraction > 0.0) {
+        return color;
+    }
+    return mix(color, bilinear(slot, at, min(fine + 1u, slot.levels - 1u)), fraction);
+}
+
+// Alpha for an alpha test at a mesh's uv: level 0, at any distance; 1 where there is no texture.
+fn sample_alpha(slot: TextureSlot, uv: vec2f) -> f32 {
+    if slot.levels == 0u {
+        return 1.0;
+    }
+    let at = transform_uv(slot, uv);
+    let x = taps(at.x, slot.size.x, slot.wrap.x);
+    let y = taps(at.y, slot.size.y, slot.wrap.y);
+    let base = texel_levels[slot.first_level];
+    let upper = base + y.first * slot.size.x;
+    let lower = base + y.second * slot.size.x;
+    let above = mix(texel(upper + x.first, false).a, texel(upper + x.second, false).a, x.fraction);
+    let below = mix(texel(lower + x.first, false).a, texel(lower + x.second, false).a, x.fraction);
+    return mix(above, below, y.fraction);
+}
