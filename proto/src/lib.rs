@@ -6,13 +6,11 @@
 //! which error becomes which gRPC code. Whatever arrives is untrusted: a message that claims more than its
 //! receiver expects is refused before memory is set aside for it.
 
-
+pub mod chunks;
 pub mod codec;
 pub mod convert;
-
 mod error;
 pub mod status;
-
 
 pub use convert::Description;
 pub use error::WireError;
@@ -33,3 +31,6 @@ pub const MAX_CHUNK_BYTES: usize = 1 << 20;
 
 /// The encoded `FileDescriptorSet` of the package, for gRPC server reflection.
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/argus_descriptors.bin"));
+
+#[cfg(test)]
+mod arbitrary;

@@ -137,7 +137,8 @@ mod tests {
     #[test]
     fn overload_says_when_to_come_back() {
         let retry = Duration::from_millis(250);
-        let status: Status = Fault::Overloaded { what: "64 views wait".to_owned(), retry_after: retry }.into();
+        let status: Status =
+            Fault::Overloaded { what: "64 views wait".to_owned(), retry_after: retry }.into();
         assert_eq!(status.code(), Code::ResourceExhausted);
         assert_eq!(retry_after(&status), Some(retry));
         assert!(status.message().contains("250 ms"));

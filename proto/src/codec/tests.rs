@@ -4,15 +4,8 @@ use proptest::prelude::*;
 
 use super::*;
 
-const LAYOUTS: [Layout; 7] = [
-    Layout::R8,
-    Layout::Rgb8,
-    Layout::Rgba8,
-    Layout::Rg16,
-    Layout::Rgba16,
-    Layout::R32,
-    Layout::Rgb9e5,
-];
+const LAYOUTS: [Layout; 7] =
+    [Layout::R8, Layout::Rgb8, Layout::Rgba8, Layout::Rg16, Layout::Rgba16, Layout::R32, Layout::Rgb9e5];
 
 fn round_trip(layout: Layout, raw: &[u8]) {
     if let Some(packed) = pack(layout, raw).unwrap() {

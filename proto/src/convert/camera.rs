@@ -124,9 +124,9 @@ impl TryFrom<v1::SampleCamera> for SampleCamera {
             Kind::Omni(o) => Ok(Self::Omni {
                 center: point(o.center, "sample.camera.omni.center")?,
                 layout: match required(o.layout, "sample.camera.omni.layout")? {
-                    Layout::CubeFace(face) => OmniLayout::CubeFaces {
-                        face: within("sample.camera.omni.cube_face", face, 8, 2048)?,
-                    },
+                    Layout::CubeFace(face) => {
+                        OmniLayout::CubeFaces { face: within("sample.camera.omni.cube_face", face, 8, 2048)? }
+                    }
                     Layout::ParaboloidSide(side) => OmniLayout::DualParaboloid {
                         side: within("sample.camera.omni.paraboloid_side", side, 1, 4096)?,
                     },

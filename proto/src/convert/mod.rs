@@ -99,6 +99,4 @@ impl From<Vec3> for v1::Rgb {
 }
 
 #[cfg(test)]
-pub(crate) mod arbitrary;
-#[cfg(test)]
 mod tests;

@@ -1,8 +1,6 @@
 //! Light, rigs, and what a sample set's samples have in common.
 
-use argus_scene::{
-    Bounds, Effect, InvalidField, Light, Lighting, Rig, SampleId, SampleSetInfo, Sky, Stage,
-};
+use argus_scene::{Bounds, Effect, InvalidField, Light, Lighting, Rig, SampleId, SampleSetInfo, Sky, Stage};
 use glam::DVec3;
 
 use super::{duration_ms, finite, point, required, rgb, scene_hash, scene_hash_bytes, unspecified};

@@ -126,17 +126,17 @@ impl TryFrom<v1::Plan> for Plan {
 
     fn try_from(wire: v1::Plan) -> Result<Self, InvalidField> {
         use v1::plan::Kind;
-        let within = |field, value: u32, most: u32| {
-            if (1..=most).contains(&value) {
+        let within = |field, value: u32, least: u32, most: u32| {
+            if (least..=most).contains(&value) {
                 Ok(value)
             } else {
-                Err(InvalidField::new(field, format!("must be 1 to {most}, not {value}")))
+                Err(InvalidField::new(field, format!("must be {least} to {most}, not {value}")))
             }
         };
         Ok(match required(wire.kind, "plan.kind")? {
             Kind::Direct(plan) => {
                 let field = "plan.direct.samples_per_pixel";
-                let samples_per_pixel = within(field, plan.samples_per_pixel, MAX_SAMPLES_PER_PIXEL)?;
+                let samples_per_pixel = within(field, plan.samples_per_pixel, 1, MAX_SAMPLES_PER_PIXEL)?;
                 if samples_per_pixel.isqrt().pow(2) != samples_per_pixel {
                     let reason = format!("must be a square number, not {samples_per_pixel}");
                     return Err(InvalidField::new(field, reason));
@@ -148,10 +148,13 @@ impl TryFrom<v1::Plan> for Plan {
                     let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {}", plan.samples.len());
                     return Err(InvalidField::new("plan.warp.samples", reason));
                 }
+                let search = search(plan.search)?.ok_or_else(|| unspecified("plan.warp.search"))?;
+                // The splat takes no steps, whatever number stands there.
+                let least = if search == Search::Linear { 1 } else { 0 };
                 Self::Warp {
-                    search: search(plan.search)?.ok_or_else(|| unspecified("plan.warp.search"))?,
-                    steps: within("plan.warp.steps", plan.steps, 4096)?,
-                    supersampling: within("plan.warp.supersampling", plan.supersampling, 8)?,
+                    search,
+                    steps: within("plan.warp.steps", plan.steps, least, 4096)?,
+                    supersampling: within("plan.warp.supersampling", plan.supersampling, 1, 8)?,
                     samples: plan.samples.into_iter().map(Into::into).collect(),
                 }
             }

@@ -1,0 +1,286 @@
+//! Strategies for every value of the vocabulary that crosses the wire.
+
+use argus_scene::scene::NamedCamera;
+use argus_scene::{
+    Bounds, Camera, Effect, Frame, Light, Lighting, Limits, OmniLayout, Output, Outputs, Plan, PlanRequest,
+    Plane, PlaneData, PlaneFormat, PlaneKind, Provenance, Rig, Sample, SampleCamera, SampleId, SampleSetInfo,
+    SceneHash, Search, Sky, Stage, View,
+};
+use bytes::Bytes;
+use glam::{DVec3, Vec3};
+use proptest::option;
+use proptest::prelude::*;
+
+use crate::Description;
+use crate::chunks::FrameMeta;
+
+pub(crate) fn point() -> impl Strategy<Value = DVec3> {
+    prop::array::uniform3(-1e7..1e7f64).prop_map(DVec3::from)
+}
+
+fn direction() -> impl Strategy<Value = DVec3> {
+    let nonzero = |v: &DVec3| v.length() > 0.1;
+    prop::array::uniform3(-1.0..1.0f64)
+        .prop_map(DVec3::from)
+        .prop_filter("too short", nonzero)
+        .prop_map(DVec3::normalize)
+}
+
+fn rgb() -> impl Strategy<Value = Vec3> {
+    prop::array::uniform3(0.0..1e4f32).prop_map(Vec3::from)
+}
+
+pub(crate) fn camera() -> impl Strategy<Value = Camera> {
+    (point(), point(), direction(), 0.001..179.999f64)
+        .prop_map(|(eye, target, up, fov_deg)| Camera { eye, target, up, fov_deg })
+        .prop_filter("valid", |camera| camera.validate().is_ok())
+}
+
+pub(crate) fn bounds() -> impl Strategy<Value = Bounds> {
+    prop_oneof![Just(Bounds::EMPTY), box_with_volume(), point().prop_map(|p| Bounds { min: p, max: p }),]
+}
+
+fn box_with_volume() -> impl Strategy<Value = Bounds> {
+    (point(), point()).prop_map(|(a, b)| Bounds { min: a.min(b), max: a.max(b) })
+}
+
+pub(crate) fn light() -> impl Strategy<Value = Light> {
+    let range = || option::of(0.001..1e6f64);
+    prop_oneof![
+        (direction(), rgb()).prop_map(|(direction, irradiance)| Light::Directional { direction, irradiance }),
+        (point(), rgb(), range()).prop_map(|(position, intensity, range)| Light::Point {
+            position,
+            intensity,
+            range
+        }),
+        (point(), direction(), rgb(), range(), 0.0..0.7f64, 0.001..0.7f64).prop_map(
+            |(position, direction, intensity, range, inner_cone, more)| Light::Spot {
+                position,
+                direction,
+                intensity,
+                range,
+                inner_cone,
+                outer_cone: inner_cone + more
+            }
+        ),
+    ]
+}
+
+pub(crate) fn lighting() -> impl Strategy<Value = Lighting> {
+    let sky = (rgb(), rgb(), rgb()).prop_map(|(zenith, horizon, ground)| Sky { zenith, horizon, ground });
+    (prop::collection::vec(light(), 0..5), sky, 0.001..100f32).prop_map(|(lights, sky, exposure)| Lighting {
+        lights,
+        sky,
+        exposure,
+    })
+}
+
+pub(crate) fn rig() -> impl Strategy<Value = Rig> {
+    let tiles = (box_with_volume(), 1..=1024u32, 1..=1024u32, 0.1..100f64, 1..=8192u32, 1..=8192u32);
+    prop_oneof![
+        tiles.prop_map(|(bounds, x, z, height, w, h)| Rig::TileCorners {
+            bounds,
+            tiles: [x, z],
+            height,
+            size: [w, h]
+        }),
+        (point(), 0.001..1e4f64, 8..=2048u32).prop_map(|(origin, spacing, face)| Rig::Cell {
+            origin,
+            spacing,
+            face
+        }),
+    ]
+}
+
+pub(crate) fn sample_camera() -> impl Strategy<Value = SampleCamera> {
+    prop_oneof![
+        (camera(), 1..=8192u32, 1..=8192u32).prop_map(|(camera, width, height)| SampleCamera::Perspective {
+            camera,
+            width,
+            height
+        }),
+        (point(), 8..=2048u32)
+            .prop_map(|(center, face)| SampleCamera::Omni { center, layout: OmniLayout::CubeFaces { face } }),
+        (point(), 1..=4096u32).prop_map(|(center, side)| SampleCamera::Omni {
+            center,
+            layout: OmniLayout::DualParaboloid { side }
+        }),
+    ]
+}
+
+pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
+    any::<[u8; 32]>().prop_map(SceneHash)
+}
+
+pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
+    (scene_hash(), bounds(), rig(), any::<u64>(), any::<u64>(), lighting()).prop_map(
+        |(scene, bounds, rig, epoch, generation, lighting)| SampleSetInfo {
+            scene,
+            bounds,
+            rig,
+            epoch,
+            generation,
+            lighting,
+        },
+    )
+}
+
+pub(crate) fn outputs() -> impl Strategy<Value = Outputs> {
+    any::<[bool; 4]>().prop_map(|[color, range, mask, source]| Outputs { color, range, mask, source })
+}
+
+pub(crate) fn output() -> impl Strategy<Value = Output> {
+    prop::sample::select(vec![Output::Color, Output::Range, Output::Mask, Output::Source])
+}
+
+fn search() -> impl Strategy<Value = Search> {
+    prop::sample::select(vec![Search::Splat, Search::Linear])
+}
+
+pub(crate) fn plan_request() -> impl Strategy<Value = PlanRequest> {
+    let number = || option::of(any::<u32>());
+    (any::<bool>(), option::of(search()), number(), number(), number()).prop_map(
+        |(direct, search, steps, supersampling, samples)| PlanRequest {
+            direct,
+            search,
+            steps,
+            supersampling,
+            samples,
+        },
+    )
+}
+
+pub(crate) fn sample_id() -> impl Strategy<Value = SampleId> {
+    any::<(u64, u64)>().prop_map(|(generation, index)| SampleId { generation, index })
+}
+
+pub(crate) fn plan() -> impl Strategy<Value = Plan> {
+    let samples = prop::collection::vec(sample_id(), 1..=8);
+    prop_oneof![
+        (1..=16u32).prop_map(|side| Plan::Direct { samples_per_pixel: side * side }),
+        (search(), 1..=4096u32, 1..=8u32, samples).prop_map(|(search, steps, supersampling, samples)| {
+            Plan::Warp { search, steps, supersampling, samples }
+        }),
+    ]
+}
+
+pub(crate) fn provenance() -> impl Strategy<Value = Provenance> {
+    (scene_hash(), any::<u64>(), any::<u64>(), plan(), ".{0,20}").prop_map(
+        |(scene, epoch, generation, plan, device)| Provenance { scene, epoch, generation, plan, device },
+    )
+}
+
+pub(crate) fn view() -> impl Strategy<Value = View> {
+    (camera(), any::<u32>(), any::<u32>(), outputs(), plan_request(), option::of(provenance())).prop_map(
+        |(camera, width, height, outputs, plan, pin)| View { camera, width, height, outputs, plan, pin },
+    )
+}
+
+pub(crate) fn stages() -> impl Strategy<Value = Vec<Stage>> {
+    let stage = ("[a-z ]{1,12}", 0.0..1e4f64).prop_map(|(name, ms)| Stage::new(name, ms));
+    prop::collection::vec(stage, 0..4)
+}
+
+pub(crate) fn description() -> impl Strategy<Value = Description> {
+    let effects = vec![
+        Effect::AlphaCutout,
+        Effect::Emission,
+        Effect::Specular,
+        Effect::Transmission,
+        Effect::NormalMap,
+        Effect::PunctualLights,
+        Effect::Sky,
+        Effect::Animation,
+    ];
+    let cameras = (".{0,8}", camera()).prop_map(|(name, camera)| NamedCamera { name, camera });
+    let limits =
+        (1..=u32::MAX, 1..=u64::MAX).prop_map(|(max_side, max_pixels)| Limits { max_side, max_pixels });
+    (
+        (".{0,12}", scene_hash(), bounds(), any::<u64>()),
+        prop::sample::subsequence(effects, 0..=8),
+        prop::collection::vec(cameras, 1..4),
+        limits,
+        rig(),
+        plan_request(),
+    )
+        .prop_map(
+            |((scene_name, scene_hash, bounds, triangles), effects, cameras, limits, rig, defaults)| {
+                Description {
+                    scene_name,
+                    scene_hash,
+                    bounds,
+                    triangles,
+                    effects,
+                    cameras,
+                    limits,
+                    rig,
+                    defaults,
+                }
+            },
+        )
+}
+
+fn image(outputs: bool, bytes: usize, seed: u64) -> Option<Bytes> {
+    // Half regular, half noise, so that both encodings of a chunk occur.
+    let byte = |i: usize| match i % 2 {
+        0 => (i / 64) as u8,
+        _ => ((i as u64 * 0x9e37_79b9).wrapping_mul(seed | 1) >> 17) as u8,
+    };
+    outputs.then(|| (0..bytes).map(byte).collect::<Vec<u8>>().into())
+}
+
+pub(crate) fn frame() -> impl Strategy<Value = Frame> {
+    let wanted = outputs().prop_filter("something", |o| o.color || o.range || o.mask || o.source);
+    (1..70u32, 1..50u32, wanted, 0.0..=1.0f64, provenance(), stages(), any::<u64>()).prop_map(
+        |(width, height, outputs, unresolved_fraction, provenance, stages, seed)| {
+            let pixels = (width * height) as usize;
+            Frame {
+                width,
+                height,
+                color: image(outputs.color, 3 * pixels, seed),
+                range: image(outputs.range, 4 * pixels, seed),
+                mask: image(outputs.mask, pixels, seed),
+                source: image(outputs.source, pixels, seed),
+                unresolved_fraction,
+                provenance,
+                stages,
+            }
+        },
+    )
+}
+
+pub(crate) fn frame_meta() -> impl Strategy<Value = FrameMeta> {
+    ("[a-z0-9]{0,12}", "[a-z0-9]{0,12}", 0.0..1e5f64).prop_map(|(view_id, worker, age_ms)| FrameMeta {
+        view_id,
+        worker,
+        age_ms,
+    })
+}
+
+/// A set of small omni samples and one of its samples, with or without the planes for specular.
+pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
+    (set_info(), 8..24u32, any::<bool>(), any::<u64>(), stages()).prop_map(
+        |(info, face, glossy, seed, stages)| {
+            let rig = Rig::Cell { origin: DVec3::ONE, spacing: 2.0, face };
+            let info = SampleSetInfo { rig, ..info };
+            let at = DVec3::splat((seed % 1000) as f64);
+            let index = rig.nearest(&Camera::look_at(at, at + DVec3::X), 1)[0];
+            let camera = rig.camera(index).unwrap();
+            let size = camera.size();
+            let plane = |kind, format: PlaneFormat| {
+                let bytes = size[0] as usize * size[1] as usize * format.texel_bytes();
+                Plane { kind, format, size, data: PlaneData::Host(image(true, bytes, seed).unwrap()) }
+            };
+            let mut planes = vec![
+                plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat),
+                plane(PlaneKind::InverseRange, PlaneFormat::R32Float),
+            ];
+            if glossy {
+                planes.push(plane(PlaneKind::Normal, PlaneFormat::Rg16Snorm));
+                planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
+            }
+            let id = SampleId { generation: info.generation, index };
+            (info, Sample { id, camera, planes, stages })
+        },
+    )
+}

@@ -1,0 +1,236 @@
+//! Frames in chunks.
+
+use argus_scene::{Frame, InvalidField, Limits, Output, Stage};
+use bytes::Bytes;
+
+use super::{Gather, pieces};
+use crate::WireError;
+use crate::codec::{self, Layout};
+use crate::convert::{duration_ms, known, required};
+use crate::v1::{self, Encoding};
+
+/// What travels with a frame without being part of it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FrameMeta {
+    /// The request's.
+    pub view_id: String,
+    /// Id of the worker that made it.
+    pub worker: String,
+    /// Milliseconds from the request's arrival to the first chunk, summed over the processes it passed.
+    pub age_ms: f64,
+}
+
+/// Takes a frame apart, its images packed as `encoding` says; unspecified is [`Encoding::Raw`], and so is
+/// an image that packing would not make smaller. Packing takes milliseconds: keep it off an async thread.
+///
+/// # Errors
+/// [`WireError::Invalid`] if an image's size is not that of the frame.
+pub fn frame_chunks(
+    frame: &Frame,
+    meta: &FrameMeta,
+    encoding: Encoding,
+) -> Result<Vec<v1::FrameChunk>, WireError> {
+    let mut images = Vec::new();
+    let mut packed = Vec::new();
+    for (output, bytes) in images_of(frame) {
+        if Some(bytes.len()) != raw_bytes(frame.width, frame.height, output) {
+            let reason = format!("{} bytes are not {} × {} pixels", bytes.len(), frame.width, frame.height);
+            return Err(WireError::field("images.output", reason));
+        }
+        let small = match encoding {
+            Encoding::Zstd => codec::pack(output.into(), bytes)?,
+            Encoding::Raw | Encoding::Unspecified => None,
+        };
+        let encoding = if small.is_some() { Encoding::Zstd } else { Encoding::Raw };
+        let bytes = small.unwrap_or_else(|| bytes.clone());
+        images.push(v1::ImageHeader {
+            output: v1::Output::from(output) as i32,
+            encoding: encoding as i32,
+            packed_bytes: bytes.len() as u64,
+        });
+        packed.push(bytes);
+    }
+    let header = v1::FrameHeader {
+        width: frame.width,
+        height: frame.height,
+        images,
+        unresolved_fraction: frame.unresolved_fraction,
+        provenance: Some((&frame.provenance).into()),
+        stages: frame.stages.iter().map(Into::into).collect(),
+        view_id: meta.view_id.clone(),
+        worker: meta.worker.clone(),
+        age_ms: meta.age_ms,
+    };
+    let mut chunks = vec![v1::FrameChunk { body: Some(v1::frame_chunk::Body::Header(header)) }];
+    let mut start = 0;
+    for bytes in &packed {
+        chunks.extend(pieces(start, bytes).map(|(offset, bytes)| v1::FrameChunk {
+            body: Some(v1::frame_chunk::Body::Data(v1::FrameData { offset, bytes })),
+        }));
+        start += bytes.len() as u64;
+    }
+    Ok(chunks)
+}
+
+/// Puts frames together again, one after the other, from the chunks of a stream.
+#[derive(Debug)]
+pub struct FrameAssembler {
+    limits: Limits,
+    partial: Option<Partial>,
+}
+
+#[derive(Debug)]
+struct Partial {
+    header: Header,
+    gather: Gather,
+}
+
+/// A header that has been checked.
+#[derive(Debug)]
+struct Header {
+    frame: Frame,
+    meta: FrameMeta,
+    /// Output, encoding, packed and raw size.
+    images: Vec<(Output, Encoding, usize, usize)>,
+}
+
+impl FrameAssembler {
+    /// For frames of at most `limits`, which bound the memory that a header can ask for.
+    pub fn new(limits: Limits) -> Self {
+        Self { limits, partial: None }
+    }
+
+    /// Takes the next chunk; `Some` once it completes a frame, after which the next one may begin.
+    ///
+    /// # Errors
+    /// Whatever is malformed, see [`WireError`]; the stream is of no use after that.
+    pub fn push(&mut self, chunk: v1::FrameChunk) -> Result<Option<(Frame, FrameMeta)>, WireError> {
+        match (required(chunk.body, "chunk.body")?, &mut self.partial) {
+            (v1::frame_chunk::Body::Header(header), None) => {
+                let header = Header::check(header, &self.limits)?;
+                // Each at most the size of its image, so the sum cannot overflow.
+                let expected = header.images.iter().map(|(_, _, packed, _)| *packed as u64).sum();
+                self.partial = Some(Partial { header, gather: Gather::new("frame", expected) });
+            }
+            (v1::frame_chunk::Body::Header(_), Some(partial)) => {
+                let reason = format!("a second header after {} bytes", partial.gather.got());
+                return Err(WireError::out_of_order("frame", reason));
+            }
+            (v1::frame_chunk::Body::Data(_), None) => {
+                return Err(WireError::out_of_order("frame", "bytes before the header"));
+            }
+            (v1::frame_chunk::Body::Data(data), Some(partial)) => {
+                partial.gather.push(data.offset, data.bytes)?;
+            }
+        }
+        match self.partial.take_if(|partial| partial.gather.is_complete()) {
+            Some(partial) => partial.header.finish(partial.gather.finish()).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// Whether the stream may end here.
+    ///
+    /// # Errors
+    /// [`WireError::Truncated`] in the middle of a frame.
+    pub fn end(&self) -> Result<(), WireError> {
+        self.partial.as_ref().map_or(Ok(()), |partial| Err(partial.gather.truncated()))
+    }
+}
+
+impl Header {
+    fn check(header: v1::FrameHeader, limits: &Limits) -> Result<Self, InvalidField> {
+        let v1::FrameHeader { width, height, .. } = header;
+        for (field, side) in [("frame.width", width), ("frame.height", height)] {
+            if !(1..=limits.max_side).contains(&side) {
+                let reason = format!("must be 1 to {} pixels, not {side}", limits.max_side);
+                return Err(InvalidField::new(field, reason));
+            }
+        }
+        if u64::from(width) * u64::from(height) > limits.max_pixels {
+            let reason = format!("must be at most {} pixels, not {width} × {height}", limits.max_pixels);
+            return Err(InvalidField::new("frame.width", reason));
+        }
+        let mut images: Vec<(Output, Encoding, usize, usize)> = Vec::new();
+        for image in &header.images {
+            let output = known::<v1::Output>(image.output, "images.output")?.try_into()?;
+            if images.iter().any(|(other, ..)| *other == output) {
+                return Err(InvalidField::new("images.output", format!("{output:?} comes twice")));
+            }
+            let encoding = known(image.encoding, "images.encoding")?;
+            let raw = raw_bytes(width, height, output)
+                .ok_or_else(|| InvalidField::new("frame.width", "does not fit in memory"))?;
+            let acceptable = match encoding {
+                Encoding::Raw => image.packed_bytes == raw as u64,
+                Encoding::Zstd => (1..=raw as u64).contains(&image.packed_bytes),
+                Encoding::Unspecified => {
+                    return Err(InvalidField::new("images.encoding", "must not be unspecified"));
+                }
+            };
+            if !acceptable {
+                let reason = format!("{} bytes for an image of {raw}", image.packed_bytes);
+                return Err(InvalidField::new("images.packed_bytes", reason));
+            }
+            images.push((output, encoding, image.packed_bytes as usize, raw));
+        }
+        if images.is_empty() {
+            return Err(InvalidField::new("frame.images", "must hold at least one image"));
+        }
+        if !(0.0..=1.0).contains(&header.unresolved_fraction) {
+            let reason = format!("must lie between 0 and 1, not {}", header.unresolved_fraction);
+            return Err(InvalidField::new("frame.unresolved_fraction", reason));
+        }
+        let frame = Frame {
+            width,
+            height,
+            color: None,
+            range: None,
+            mask: None,
+            source: None,
+            unresolved_fraction: header.unresolved_fraction,
+            provenance: required(header.provenance, "frame.provenance")?.try_into()?,
+            stages: header.stages.into_iter().map(Stage::try_from).collect::<Result<_, _>>()?,
+        };
+        let meta = FrameMeta {
+            view_id: header.view_id,
+            worker: header.worker,
+            age_ms: duration_ms(header.age_ms, "frame.age_ms")?,
+        };
+        Ok(Self { frame, meta, images })
+    }
+
+    fn finish(self, mut bytes: Bytes) -> Result<(Frame, FrameMeta), WireError> {
+        let mut frame = self.frame;
+        for (output, encoding, packed, raw) in self.images {
+            let part = bytes.split_to(packed);
+            let image = match encoding {
+                Encoding::Zstd => codec::unpack(Layout::from(output), &part, raw)?,
+                Encoding::Raw | Encoding::Unspecified => part,
+            };
+            let slot = match output {
+                Output::Color => &mut frame.color,
+                Output::Range => &mut frame.range,
+                Output::Mask => &mut frame.mask,
+                Output::Source => &mut frame.source,
+            };
+            *slot = Some(image);
+        }
+        Ok((frame, self.meta))
+    }
+}
+
+fn images_of(frame: &Frame) -> impl Iterator<Item = (Output, &Bytes)> {
+    let images = [
+        (Output::Color, &frame.color),
+        (Output::Range, &frame.range),
+        (Output::Mask, &frame.mask),
+        (Output::Source, &frame.source),
+    ];
+    images.into_iter().filter_map(|(output, bytes)| bytes.as_ref().map(|bytes| (output, bytes)))
+}
+
+/// Size of an image in memory; `None` where it exceeds the address space.
+fn raw_bytes(width: u32, height: u32, output: Output) -> Option<usize> {
+    let pixels = usize::try_from(u64::from(width) * u64::from(height)).ok()?;
+    pixels.checked_mul(Layout::from(output).texel_bytes())
+}

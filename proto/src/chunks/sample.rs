@@ -1,0 +1,302 @@
+//! Samples in chunks.
+
+use std::collections::BTreeSet;
+
+use argus_scene::{
+    InvalidField, Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleCamera, SampleId, SampleSetInfo,
+    Stage,
+};
+use bytes::Bytes;
+
+use super::{Gather, pieces};
+use crate::WireError;
+use crate::codec::{self, Layout};
+use crate::convert::{hash, known, required, unspecified};
+use crate::v1::{self, PlaneCodec};
+
+/// Takes a sample apart, its planes packed. Cloning the chunks is cheap: whoever serves a sample to many
+/// packs it once. Packing takes milliseconds: keep it off an async thread.
+///
+/// # Errors
+/// [`WireError::OnDevice`] if a plane has not been read back.
+pub fn sample_chunks(sample: &Sample) -> Result<Vec<v1::SampleChunk>, WireError> {
+    let mut planes = Vec::new();
+    let mut packed = Vec::new();
+    let hashes = plane_hashes(sample)?;
+    for (plane, hash) in sample.planes.iter().zip(&hashes) {
+        let raw = host_bytes(sample.id, plane)?;
+        let small = codec::pack(plane.format.into(), raw)?;
+        let codec = if small.is_some() { PlaneCodec::DeltaZstd } else { PlaneCodec::Raw };
+        let bytes = small.unwrap_or_else(|| raw.clone());
+        planes.push(v1::PlaneHeader {
+            kind: wire_kind(plane.kind) as i32,
+            format: wire_format(plane.format) as i32,
+            width: plane.size[0],
+            height: plane.size[1],
+            codec: codec as i32,
+            packed_bytes: bytes.len() as u64,
+            hash: Bytes::copy_from_slice(hash),
+        });
+        packed.push(bytes);
+    }
+    let header = v1::SampleHeader {
+        id: Some(sample.id.into()),
+        camera: Some((&sample.camera).into()),
+        planes,
+        stages: sample.stages.iter().map(Into::into).collect(),
+        hash: Bytes::copy_from_slice(&combined(&hashes)),
+        unchanged: false,
+    };
+    let mut chunks = vec![v1::SampleChunk { body: Some(v1::sample_chunk::Body::Header(header)) }];
+    let mut start = 0;
+    for bytes in &packed {
+        chunks.extend(pieces(start, bytes).map(|(offset, bytes)| v1::SampleChunk {
+            body: Some(v1::sample_chunk::Body::Data(v1::SampleData { offset, bytes })),
+        }));
+        start += bytes.len() as u64;
+    }
+    Ok(chunks)
+}
+
+/// What is sent instead of a sample that the receiver has with the same hash.
+pub fn unchanged_chunk(id: SampleId, hash: [u8; 32]) -> v1::SampleChunk {
+    let header = v1::SampleHeader {
+        id: Some(id.into()),
+        hash: Bytes::copy_from_slice(&hash),
+        unchanged: true,
+        ..Default::default()
+    };
+    v1::SampleChunk { body: Some(v1::sample_chunk::Body::Header(header)) }
+}
+
+/// BLAKE3 over the hashes of the sample's planes in their stored format: equal texels, equal hash.
+///
+/// # Errors
+/// [`WireError::OnDevice`] if a plane has not been read back.
+pub fn sample_hash(sample: &Sample) -> Result<[u8; 32], WireError> {
+    plane_hashes(sample).map(|hashes| combined(&hashes))
+}
+
+fn plane_hashes(sample: &Sample) -> Result<Vec<[u8; 32]>, WireError> {
+    let hash = |plane| host_bytes(sample.id, plane).map(|bytes| *blake3::hash(bytes).as_bytes());
+    sample.planes.iter().map(hash).collect()
+}
+
+fn combined(hashes: &[[u8; 32]]) -> [u8; 32] {
+    *blake3::hash(hashes.as_flattened()).as_bytes()
+}
+
+fn host_bytes(id: SampleId, plane: &Plane) -> Result<&Bytes, WireError> {
+    match &plane.data {
+        PlaneData::Host(bytes) => Ok(bytes),
+        PlaneData::Device(_) => Err(WireError::OnDevice(id)),
+    }
+}
+
+/// What a subscription brings.
+#[derive(Debug, Clone)]
+pub enum Received {
+    /// A sample, its planes in host memory and its hash.
+    Sample(Sample, [u8; 32]),
+    /// What the receiver has is still right.
+    Unchanged(SampleId),
+}
+
+/// Puts the samples of a subscription together again.
+#[derive(Debug)]
+pub struct SampleAssembler {
+    info: SampleSetInfo,
+    /// What has been asked for and has not come yet.
+    missing: BTreeSet<u64>,
+    partial: Option<(Header, Gather)>,
+}
+
+/// A header that has been checked.
+#[derive(Debug)]
+struct Header {
+    id: SampleId,
+    camera: SampleCamera,
+    planes: Vec<PlaneHeader>,
+    stages: Vec<Stage>,
+    hash: [u8; 32],
+}
+
+#[derive(Debug)]
+struct PlaneHeader {
+    kind: PlaneKind,
+    format: PlaneFormat,
+    size: [u32; 2],
+    codec: PlaneCodec,
+    packed: usize,
+    raw: usize,
+    hash: [u8; 32],
+}
+
+impl SampleAssembler {
+    /// For the samples `indices` of a set. The set's rig says how large each sample is, and so bounds the
+    /// memory that a header can ask for.
+    pub fn new(info: SampleSetInfo, indices: impl IntoIterator<Item = u64>) -> Self {
+        Self { info, missing: indices.into_iter().collect(), partial: None }
+    }
+
+    /// Takes the next chunk; `Some` once it completes a sample. Unpacking takes milliseconds.
+    ///
+    /// # Errors
+    /// Whatever is malformed, see [`WireError`]; the stream is of no use after that.
+    pub fn push(&mut self, chunk: v1::SampleChunk) -> Result<Option<Received>, WireError> {
+        match (required(chunk.body, "chunk.body")?, &mut self.partial) {
+            (v1::sample_chunk::Body::Header(header), None) => {
+                let id = SampleId::from(required(header.id, "sample.id")?);
+                if id.generation != self.info.generation || !self.missing.contains(&id.index) {
+                    return Err(WireError::field("sample.id", format!("{id} is not waited for")));
+                }
+                if header.unchanged {
+                    self.missing.remove(&id.index);
+                    return Ok(Some(Received::Unchanged(id)));
+                }
+                let header = Header::check(id, header, &self.info)?;
+                let expected = header.planes.iter().map(|plane| plane.packed as u64).sum();
+                self.partial = Some((header, Gather::new("sample", expected)));
+            }
+            (v1::sample_chunk::Body::Header(_), Some((header, _))) => {
+                let reason = format!("a header within sample {}", header.id);
+                return Err(WireError::out_of_order("sample", reason));
+            }
+            (v1::sample_chunk::Body::Data(_), None) => {
+                return Err(WireError::out_of_order("sample", "bytes before the header"));
+            }
+            (v1::sample_chunk::Body::Data(data), Some((_, gather))) => {
+                gather.push(data.offset, data.bytes)?;
+            }
+        }
+        match self.partial.take_if(|(_, gather)| gather.is_complete()) {
+            Some((header, gather)) => {
+                self.missing.remove(&header.id.index);
+                header.finish(gather.finish()).map(Some)
+            }
+            None => Ok(None),
+        }
+    }
+
+    /// Indices that have not arrived whole.
+    pub fn missing(&self) -> impl Iterator<Item = u64> {
+        self.missing.iter().copied()
+    }
+
+    /// Whether the stream may end here.
+    ///
+    /// # Errors
+    /// [`WireError::Truncated`] in the middle of a sample.
+    pub fn end(&self) -> Result<(), WireError> {
+        self.partial.as_ref().map_or(Ok(()), |(_, gather)| Err(gather.truncated()))
+    }
+}
+
+impl Header {
+    fn check(id: SampleId, header: v1::SampleHeader, info: &SampleSetInfo) -> Result<Self, InvalidField> {
+        let camera: SampleCamera = required(header.camera, "sample.camera")?.try_into()?;
+        let due = info.rig.camera(id.index)?;
+        // Not the whole camera: the last bit of a tangent may differ between machines.
+        if camera.size() != due.size() || std::mem::discriminant(&camera) != std::mem::discriminant(&due) {
+            return Err(InvalidField::new("sample.camera", format!("is not camera {} of the rig", id.index)));
+        }
+        let mut planes: Vec<PlaneHeader> = Vec::new();
+        for plane in header.planes {
+            let plane = PlaneHeader::check(plane, camera.size())?;
+            if planes.iter().any(|other| other.kind == plane.kind) {
+                return Err(InvalidField::new("planes.kind", format!("{:?} comes twice", plane.kind)));
+            }
+            planes.push(plane);
+        }
+        for kind in [PlaneKind::Radiance, PlaneKind::InverseRange] {
+            if !planes.iter().any(|plane| plane.kind == kind) {
+                return Err(InvalidField::new("sample.planes", format!("{kind:?} is missing")));
+            }
+        }
+        let claimed = hash(&header.hash, "sample.hash")?;
+        let hashes: Vec<[u8; 32]> = planes.iter().map(|plane| plane.hash).collect();
+        if claimed != combined(&hashes) {
+            return Err(InvalidField::new("sample.hash", "does not agree with the planes' hashes"));
+        }
+        let stages = header.stages.into_iter().map(Stage::try_from).collect::<Result<_, _>>()?;
+        Ok(Self { id, camera, planes, stages, hash: claimed })
+    }
+
+    fn finish(self, mut bytes: Bytes) -> Result<Received, WireError> {
+        let mut planes = Vec::with_capacity(self.planes.len());
+        for header in self.planes {
+            let packed = bytes.split_to(header.packed);
+            let raw = match header.codec {
+                PlaneCodec::DeltaZstd => codec::unpack(header.format.into(), &packed, header.raw)?,
+                PlaneCodec::Raw | PlaneCodec::Unspecified => packed,
+            };
+            if blake3::hash(&raw) != header.hash {
+                return Err(WireError::corrupt("a plane", "its texels do not have the hash of its header"));
+            }
+            let PlaneHeader { kind, format, size, .. } = header;
+            planes.push(Plane { kind, format, size, data: PlaneData::Host(raw) });
+        }
+        let sample = Sample { id: self.id, camera: self.camera, planes, stages: self.stages };
+        Ok(Received::Sample(sample, self.hash))
+    }
+}
+
+impl PlaneHeader {
+    fn check(wire: v1::PlaneHeader, size: [u32; 2]) -> Result<Self, InvalidField> {
+        let kind = match known(wire.kind, "planes.kind")? {
+            v1::PlaneKind::Unspecified => return Err(unspecified("planes.kind")),
+            v1::PlaneKind::Radiance => PlaneKind::Radiance,
+            v1::PlaneKind::InverseRange => PlaneKind::InverseRange,
+            v1::PlaneKind::Normal => PlaneKind::Normal,
+            v1::PlaneKind::Specular => PlaneKind::Specular,
+        };
+        let format = match known(wire.format, "planes.format")? {
+            v1::PlaneFormat::Unspecified => return Err(unspecified("planes.format")),
+            v1::PlaneFormat::Rgb9e5Ufloat => PlaneFormat::Rgb9e5Ufloat,
+            v1::PlaneFormat::Rgba16Float => PlaneFormat::Rgba16Float,
+            v1::PlaneFormat::R32Float => PlaneFormat::R32Float,
+            v1::PlaneFormat::Rg16Snorm => PlaneFormat::Rg16Snorm,
+            v1::PlaneFormat::Rgba8Unorm => PlaneFormat::Rgba8Unorm,
+        };
+        if [wire.width, wire.height] != size {
+            let reason =
+                format!("must be the camera's {size:?} texels, not {} × {}", wire.width, wire.height);
+            return Err(InvalidField::new("planes.width", reason));
+        }
+        // A rig's samples are at most 8192 texels a side, so this fits in 64 bits; `usize` is checked.
+        let raw = u64::from(size[0]) * u64::from(size[1]) * Layout::from(format).texel_bytes() as u64;
+        let raw = usize::try_from(raw)
+            .map_err(|_| InvalidField::new("planes.width", "the plane does not fit in memory"))?;
+        let codec = known(wire.codec, "planes.codec")?;
+        let acceptable = match codec {
+            PlaneCodec::Unspecified => return Err(unspecified("planes.codec")),
+            PlaneCodec::Raw => wire.packed_bytes == raw as u64,
+            PlaneCodec::DeltaZstd => (1..=raw as u64).contains(&wire.packed_bytes),
+        };
+        if !acceptable {
+            let reason = format!("{} bytes for a plane of {raw}", wire.packed_bytes);
+            return Err(InvalidField::new("planes.packed_bytes", reason));
+        }
+        let packed = wire.packed_bytes as usize;
+        Ok(Self { kind, format, size, codec, packed, raw, hash: hash(&wire.hash, "planes.hash")? })
+    }
+}
+
+fn wire_kind(kind: PlaneKind) -> v1::PlaneKind {
+    match kind {
+        PlaneKind::Radiance => v1::PlaneKind::Radiance,
+        PlaneKind::InverseRange => v1::PlaneKind::InverseRange,
+        PlaneKind::Normal => v1::PlaneKind::Normal,
+        PlaneKind::Specular => v1::PlaneKind::Specular,
+    }
+}
+
+fn wire_format(format: PlaneFormat) -> v1::PlaneFormat {
+    match format {
+        PlaneFormat::Rgb9e5Ufloat => v1::PlaneFormat::Rgb9e5Ufloat,
+        PlaneFormat::Rgba16Float => v1::PlaneFormat::Rgba16Float,
+        PlaneFormat::R32Float => v1::PlaneFormat::R32Float,
+        PlaneFormat::Rg16Snorm => v1::PlaneFormat::Rg16Snorm,
+        PlaneFormat::Rgba8Unorm => v1::PlaneFormat::Rgba8Unorm,
+    }
+}

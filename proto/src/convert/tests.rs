@@ -1,0 +1,183 @@
+use argus_scene::{
+    Bounds, Camera, Effect, InvalidField, Light, Lighting, Limits, Output, Plan, PlanRequest, Provenance,
+    Rig, SampleCamera, SampleId, SampleSetInfo, Search, View,
+};
+use glam::DVec3;
+use proptest::prelude::*;
+use prost::Message;
+
+use super::*;
+use crate::arbitrary;
+
+/// Through the vocabulary's wire type *and* its bytes, as between two processes.
+fn across<W: Message + Default>(wire: W) -> W {
+    W::decode(wire.encode_to_vec().as_slice()).unwrap()
+}
+
+proptest! {
+    #[test]
+    fn every_type_survives_the_wire(
+        camera in arbitrary::camera(),
+        bounds in arbitrary::bounds(),
+        sample_camera in arbitrary::sample_camera(),
+        rig in arbitrary::rig(),
+        light in arbitrary::light(),
+        lighting in arbitrary::lighting(),
+        info in arbitrary::set_info(),
+        id in arbitrary::sample_id(),
+        output in arbitrary::output(),
+    ) {
+        prop_assert_eq!(Camera::try_from(across(v1::Camera::from(&camera))).unwrap(), camera);
+        prop_assert_eq!(Bounds::try_from(across(v1::Bounds::from(bounds))).unwrap(), bounds);
+        let wire = across(v1::SampleCamera::from(&sample_camera));
+        prop_assert_eq!(SampleCamera::try_from(wire).unwrap(), sample_camera);
+        prop_assert_eq!(Rig::try_from(across(v1::Rig::from(&rig))).unwrap(), rig);
+        prop_assert_eq!(Light::try_from(across(v1::Light::from(&light))).unwrap(), light);
+        prop_assert_eq!(Lighting::try_from(across(v1::Lighting::from(&lighting))).unwrap(), lighting);
+        prop_assert_eq!(SampleSetInfo::try_from(across(v1::SampleSetInfo::from(&info))).unwrap(), info);
+        prop_assert_eq!(SampleId::from(across(v1::SampleId::from(id))), id);
+        prop_assert_eq!(Output::try_from(v1::Output::from(output)).unwrap(), output);
+    }
+
+    #[test]
+    fn every_view_plan_and_description_survives_the_wire(
+        view in arbitrary::view(),
+        plan in arbitrary::plan(),
+        request in arbitrary::plan_request(),
+        provenance in arbitrary::provenance(),
+        description in arbitrary::description(),
+    ) {
+        prop_assert_eq!(View::try_from(across(v1::View::from(&view))).unwrap(), view);
+        prop_assert_eq!(Plan::try_from(across(v1::Plan::from(&plan))).unwrap(), plan);
+        prop_assert_eq!(PlanRequest::try_from(across(v1::PlanRequest::from(&request))).unwrap(), request);
+        let wire = across(v1::Provenance::from(&provenance));
+        prop_assert_eq!(Provenance::try_from(wire).unwrap(), provenance);
+        let wire = across(v1::DescribeResponse::from(&description));
+        prop_assert_eq!(Description::try_from(wire).unwrap(), description);
+    }
+}
+
+fn view() -> v1::View {
+    v1::View::from(&View {
+        camera: Camera::look_at(DVec3::ONE, DVec3::ZERO),
+        width: 200,
+        height: 150,
+        outputs: argus_scene::Outputs::COLOR,
+        plan: PlanRequest::default(),
+        pin: None,
+    })
+}
+
+fn rejected(change: impl FnOnce(&mut v1::View)) -> InvalidField {
+    let mut wire = view();
+    change(&mut wire);
+    View::try_from(wire).expect_err("must be rejected")
+}
+
+#[test]
+fn each_malformed_view_is_rejected_by_the_field_at_fault() {
+    type Change = fn(&mut v1::View);
+    let camera: [(&str, fn(&mut v1::Camera)); 9] = [
+        ("camera.eye", |c| c.eye = None),
+        ("camera.eye", |c| c.eye.as_mut().unwrap().x = f64::NAN),
+        ("camera.target", |c| c.target = None),
+        ("camera.target", |c| c.target.as_mut().unwrap().z = f64::NEG_INFINITY),
+        ("camera.target", |c| c.target = c.eye),
+        ("camera.up", |c| c.up.as_mut().unwrap().y = f64::INFINITY),
+        ("camera.up", |c| c.up = c.eye),
+        ("camera.fov_deg", |c| c.fov_deg = Some(f64::NAN)),
+        ("camera.fov_deg", |c| c.fov_deg = Some(0.0)),
+    ];
+    for (field, change) in camera {
+        assert_eq!(rejected(|v| change(v.camera.as_mut().unwrap())).field, field);
+    }
+    let other: [(&str, Change); 5] = [
+        ("camera", |v| v.camera = None),
+        ("outputs", |v| v.outputs.push(0)),
+        ("outputs", |v| v.outputs.push(77)),
+        ("plan.search", |v| v.plan.as_mut().unwrap().search = Some(12)),
+        ("pin.scene_hash", |v| v.pin = Some(v1::Provenance::default())),
+    ];
+    for (field, change) in other {
+        assert_eq!(rejected(change).field, field);
+    }
+    assert_eq!(rejected(|v| v.outputs.push(77)).reason, "77 is not a known value");
+}
+
+#[test]
+fn what_a_client_leaves_out_of_a_view_has_its_documented_default() {
+    let mut wire = view();
+    wire.plan = None;
+    let camera = wire.camera.as_mut().unwrap();
+    (camera.up, camera.fov_deg) = (None, None);
+    let view = View::try_from(wire).unwrap();
+    assert_eq!((view.camera.up, view.camera.fov_deg), (DVec3::Y, 45.0));
+    assert_eq!(view.plan, PlanRequest::default());
+    let unspecified = v1::PlanRequest { search: Some(0), ..Default::default() };
+    assert_eq!(PlanRequest::try_from(unspecified).unwrap().search, None);
+}
+
+#[test]
+fn a_pinned_plan_that_nobody_could_render_is_rejected_below_pin() {
+    let pinned = |plan| {
+        let provenance = v1::Provenance { scene_hash: vec![7; 32].into(), plan, ..Default::default() };
+        rejected(|v| v.pin = Some(provenance))
+    };
+    let direct = |samples_per_pixel| {
+        let kind = v1::plan::Kind::Direct(v1::DirectPlan { samples_per_pixel });
+        Some(v1::Plan { kind: Some(kind) })
+    };
+    for samples_per_pixel in [0, 3, 289, u32::MAX] {
+        let at = pinned(direct(samples_per_pixel));
+        assert_eq!(at.field, "pin.plan");
+        assert!(at.reason.contains("plan.direct.samples_per_pixel"), "{at}");
+    }
+    assert_eq!(pinned(None).field, "pin");
+    let warp = |change: fn(&mut v1::WarpPlan)| {
+        let mut plan = v1::WarpPlan {
+            search: v1::Search::Linear as i32,
+            steps: 8,
+            supersampling: 1,
+            samples: vec![SampleId { generation: 1, index: 0 }.into()],
+        };
+        change(&mut plan);
+        Plan::try_from(v1::Plan { kind: Some(v1::plan::Kind::Warp(plan)) })
+    };
+    assert!(warp(|_| ()).is_ok());
+    assert!(warp(|p| (p.search, p.steps) = (v1::Search::Splat as i32, 0)).is_ok());
+    let field = |change| warp(change).unwrap_err().field;
+    assert_eq!(field(|p| p.steps = 0), "plan.warp.steps");
+    assert_eq!(field(|p| p.supersampling = 9), "plan.warp.supersampling");
+    assert_eq!(field(|p| p.samples.clear()), "plan.warp.samples");
+    assert_eq!(field(|p| p.samples = vec![v1::SampleId::default(); 9]), "plan.warp.samples");
+    assert_eq!(field(|p| p.search = 0), "plan.warp.search");
+    assert_eq!(field(|p| p.search = 9), "plan.search");
+}
+
+#[test]
+fn light_and_rigs_that_are_not_finite_are_rejected() {
+    let sun = |change: fn(&mut v1::DirectionalLight)| {
+        let mut light = v1::DirectionalLight {
+            direction: Some(DVec3::NEG_Y.into()),
+            irradiance: Some(glam::Vec3::ONE.into()),
+        };
+        change(&mut light);
+        Light::try_from(v1::Light { kind: Some(v1::light::Kind::Directional(light)) })
+    };
+    assert!(sun(|_| ()).is_ok());
+    assert!(sun(|l| l.irradiance.as_mut().unwrap().g = f32::NAN).is_err());
+    assert!(sun(|l| l.irradiance.as_mut().unwrap().g = -1.0).is_err());
+    assert!(sun(|l| l.direction = Some(DVec3::ZERO.into())).is_err());
+    let mut lighting = v1::Lighting::from(&Lighting::default());
+    lighting.exposure = f32::INFINITY;
+    assert_eq!(Lighting::try_from(lighting).unwrap_err().field, "lighting.exposure");
+    let cell = v1::CellRig { origin: Some(DVec3::ZERO.into()), spacing: f64::NAN, face: 64 };
+    let rig = v1::Rig { kind: Some(v1::rig::Kind::Cell(cell)) };
+    assert_eq!(Rig::try_from(rig).unwrap_err().field, "rig.spacing");
+    let half = v1::Bounds { min: Some(DVec3::ZERO.into()), max: None };
+    assert_eq!(Bounds::try_from(half).unwrap_err().field, "bounds.max");
+    let none = v1::Limits::from(Limits { max_side: 0, max_pixels: 1 });
+    assert_eq!(Limits::try_from(none).unwrap_err().field, "limits");
+    assert!(Effect::try_from(v1::Effect::Unspecified).is_err());
+    assert_eq!(v1::Search::from(Search::Linear), v1::Search::Linear);
+}
