@@ -1,0 +1,39 @@
+// Program of compositor/src/passes/bounds.rs: the nearest and the farthest surface in each tile of a sample, so
+// that tiles outside of a view are never splatted.
+
+struct TileBounds {
+    face_offset: vec2u,
+    face_size: vec2u,
+    layer: u32,
+    first_tile: u32,
+    tile_columns: u32,
+    tile_rows: u32,
+}
+
+var<immediate> face: TileBounds;
+
+const TILE: u32 = 16u;
+
+@group(0) @binding(0) var inverse_range: texture_2d_array<f32>;
+// Least and greatest inverse range of a tile's surfaces; 0 and 0 where it shows none.
+@group(0) @binding(1) var<storage, read_write> tiles: array<vec2f>;
+
+@compute @workgroup_size(8, 8)
+fn bound_tile(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= face.tile_columns || id.y >= face.tile_rows {
+        return;
+    }
+    var least = 0.0;
+    var most = 0.0;
+    for (var i = 0u; i < TILE * TILE; i++) {
+        let texel = id.xy * TILE + vec2u(i % TILE, i / TILE);
+        let inside = all(texel < face.face_size);
+        let stored = textureLoad(inverse_range, face.face_offset + min(texel, face.face_size - 1u), face.layer, 0).x;
+        // Positive, finite and not NaN, by its bits.
+        if inside && (bitcast<u32>(stored) - 1u) < 0x7f7fffffu {
+            least = select(min(least, stored), stored, least == 0.0);
+            most = max(most, stored);
+        }
+    }
+    tiles[face.first_tile + id.y * face.tile_columns + id.x] = vec2f(least, most);
+}

@@ -1,0 +1,40 @@
+// Program of compositor/src/passes/resolve.rs: pixels of a supersampled view are averaged in linear radiance, then
+// shown. What cannot be averaged (range, source) is the middle one's.
+
+import package::shared::encode::srgb_from_linear;
+import package::shared::pixel::{Shown, corner_of_target};
+
+struct Resolve {
+    // Where the piece lies in the supersampled target and in the final one.
+    source_origin: vec2u,
+    target_origin: vec2u,
+    // Supersampled pixels on the edge of a final one.
+    side: u32,
+    exposure: f32,
+}
+
+var<immediate> resolve: Resolve;
+
+@group(0) @binding(0) var radiance_target: texture_2d<f32>;
+@group(0) @binding(1) var range_target: texture_2d<f32>;
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
+    return corner_of_target(index);
+}
+
+@fragment
+fn average(@builtin(position) at: vec4f) -> Shown {
+    let first = (vec2u(at.xy) - resolve.target_origin) * resolve.side + resolve.source_origin;
+    var sum = vec3f(0.0);
+    for (var y = 0u; y < resolve.side; y++) {
+        for (var x = 0u; x < resolve.side; x++) {
+            sum += textureLoad(radiance_target, first + vec2u(x, y), 0).rgb;
+        }
+    }
+    let mean = sum / f32(resolve.side * resolve.side);
+    let middle = first + resolve.side / 2u;
+    let source = textureLoad(radiance_target, middle, 0).a;
+    let color = floor(srgb_from_linear(mean * resolve.exposure) * 255.0 + 0.5);
+    return Shown(vec4u(vec3u(color), u32(source)), textureLoad(range_target, middle, 0).x);
+}
