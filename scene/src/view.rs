@@ -155,10 +155,14 @@ impl View {
         within("plan.steps", self.plan.steps, 4096)?;
         within("plan.supersampling", self.plan.supersampling, 8)?;
         within("plan.samples", self.plan.samples, 8)?;
-        let supersampling = u64::from(self.plan.supersampling.unwrap_or(1));
-        if pixels * supersampling * supersampling > limits.max_pixels * 16 {
+        let (field, per_pixel) = match self.pin.as_ref().map(|pin| &pin.plan) {
+            Some(Plan::Direct { samples_per_pixel }) => ("pin.plan", u64::from(*samples_per_pixel)),
+            Some(Plan::Warp { supersampling, .. }) => ("pin.plan", u64::from(*supersampling).pow(2)),
+            None => ("plan.supersampling", u64::from(self.plan.supersampling.unwrap_or(1)).pow(2)),
+        };
+        if pixels.saturating_mul(per_pixel) > limits.max_pixels.saturating_mul(16) {
             let reason = "width × height × supersampling² is more than this service renders";
-            return Err(InvalidField::new("plan.supersampling", reason));
+            return Err(InvalidField::new(field, reason));
         }
         Ok(())
     }
@@ -198,6 +202,15 @@ mod tests {
         assert_eq!(field(|v| v.plan.supersampling = Some(9)), "plan.supersampling");
         assert_eq!(field(|v| v.plan.samples = Some(0)), "plan.samples");
         assert_eq!(field(|v| v.camera.eye.x = f64::NAN), "camera.eye");
+        let large = |v: &mut View| (v.width, v.height, v.plan.supersampling) = (4096, 4096, Some(8));
+        assert_eq!(field(large), "plan.supersampling");
+        let pin = |plan| {
+            let scene = crate::SceneHash([0; 32]);
+            Some(Provenance { scene, epoch: 0, generation: 0, plan, device: String::new() })
+        };
+        let direct = pin(Plan::Direct { samples_per_pixel: 64 });
+        let pinned = View { width: 4096, height: 4096, pin: direct, ..view() };
+        assert_eq!(pinned.validate(&limits).unwrap_err().field, "pin.plan");
         view().validate(&limits).unwrap();
     }
 }

@@ -77,7 +77,8 @@ fn rejected(change: impl FnOnce(&mut v1::View)) -> InvalidField {
 #[test]
 fn each_malformed_view_is_rejected_by_the_field_at_fault() {
     type Change = fn(&mut v1::View);
-    let camera: [(&str, fn(&mut v1::Camera)); 9] = [
+    type CameraChange = fn(&mut v1::Camera);
+    let camera: [(&str, CameraChange); 9] = [
         ("camera.eye", |c| c.eye = None),
         ("camera.eye", |c| c.eye.as_mut().unwrap().x = f64::NAN),
         ("camera.target", |c| c.target = None),
