@@ -365,6 +365,11 @@ impl<'a> ComputeCall<'a> {
         self.record(|pass| pass.dispatch_workgroups_indirect(buffer, offset));
     }
 
+    /// Sets the bindings once and hands out wgpu's pass, for dispatches that differ in immediates alone.
+    pub fn each(self, dispatches: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+        self.record(dispatches);
+    }
+
     fn record(self, dispatch: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
         let Self { commands, name, pipeline, bound, immediates } = self;
         let groups = bound.groups(&commands.gpu, &pipeline.layouts);
