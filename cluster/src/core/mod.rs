@@ -1,14 +1,33 @@
 //! The cluster's decisions as a pure machine: `(state, event, now) → actions`.
+//!
+//! [`Core::step`] takes an [`Event`] and the time, and says what to do as [`Action`]s. It reads no clock,
+//! opens no socket and throws no dice: the same events at the same times give the same actions, which is what
+//! the tests here rely on. The parts: [`balance`] says how many sample, [`hysteresis`] when that is worth a
+//! change, `roles` who changes; `dispatch` admits views and gives them to workers, `directory` knows who
+//! renders and who holds which sample, [`plan`] how a view is answered, `status` tells it all.
 
 pub mod balance;
-pub mod config;
+mod config;
+mod directory;
+mod dispatch;
+mod event;
 pub mod hysteresis;
+mod machine;
 pub mod plan;
+mod roles;
 pub mod smooth;
+mod status;
 mod time;
+mod worker;
 
 pub use config::Config;
+pub use event::{Action, Assignment, Event, Failure, Hello, Order, Report, Role, Source, Ticket, WorkerId};
+pub use machine::{Core, Counters};
+pub use status::{Status, WorkerStatus};
 pub use time::Uptime;
+
+#[cfg(test)]
+mod scenarios;
 
 #[cfg(test)]
 mod tests {

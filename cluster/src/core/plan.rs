@@ -56,7 +56,7 @@ fn check_plan(plan: &Plan, rig: &Rig, generation: u64) -> Result<(), InvalidFiel
     };
     match plan {
         Plan::Direct { samples_per_pixel: n } => {
-            within("pin.plan.direct.samples_per_pixel", *n, 64)?;
+            within("pin.plan.direct.samples_per_pixel", *n, 256)?;
             let side = n.isqrt();
             match side * side == *n {
                 true => Ok(()),
@@ -66,8 +66,10 @@ fn check_plan(plan: &Plan, rig: &Rig, generation: u64) -> Result<(), InvalidFiel
                 }
             }
         }
-        Plan::Warp { steps, supersampling, samples, .. } => {
-            within("pin.plan.warp.steps", *steps, 4096)?;
+        Plan::Warp { search, steps, supersampling, samples } => {
+            if *search == Search::Linear {
+                within("pin.plan.warp.steps", *steps, 4096)?;
+            }
             within("pin.plan.warp.supersampling", *supersampling, 8)?;
             let field = "pin.plan.warp.samples";
             if !(1..=8).contains(&samples.len()) {
@@ -166,7 +168,7 @@ mod tests {
             Err(Fault::Invalid(at)) => at.field,
             other => panic!("must be rejected by field, not {other:?}"),
         };
-        for n in [0, 2, 63, 100] {
+        for n in [0, 2, 63, 289] {
             let field = reject(Plan::Direct { samples_per_pixel: n });
             assert_eq!(field, "pin.plan.direct.samples_per_pixel", "{n}");
         }

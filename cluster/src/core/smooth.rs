@@ -45,8 +45,9 @@ impl Smoothed {
     }
 }
 
-/// Below this many per tick a rate is zero: a moving average alone would never get there.
-const NONE_PER_TICK: f64 = 0.02;
+/// After this many ticks without a count a rate is zero: a moving average alone would never get there, and
+/// whether there is any demand at all decides between rendering everything directly and dividing the roles.
+const EMPTY_TICKS: u32 = 10;
 
 /// A count per tick, averaged over ticks.
 #[derive(Debug, Clone)]
@@ -54,12 +55,13 @@ pub struct Rate {
     weight: f64,
     current: u64,
     average: f64,
+    empty_ticks: u32,
 }
 
 impl Rate {
     /// Nothing counted yet; `weight` of the newest tick in (0, 1].
     pub fn new(weight: f64) -> Self {
-        Self { weight, current: 0, average: 0.0 }
+        Self { weight, current: 0, average: 0.0, empty_ticks: 0 }
     }
 
     /// Counts `n` in the current tick.
@@ -70,7 +72,8 @@ impl Rate {
     /// Closes the tick.
     pub fn roll(&mut self) {
         self.average += self.weight * (self.current as f64 - self.average);
-        if self.current == 0 && self.average < NONE_PER_TICK {
+        self.empty_ticks = if self.current == 0 { self.empty_ticks.saturating_add(1) } else { 0 };
+        if self.empty_ticks >= EMPTY_TICKS {
             self.average = 0.0;
         }
         self.current = 0;
@@ -125,7 +128,7 @@ mod tests {
             rate.roll();
         }
         assert!((rate.per_tick() - 100.0).abs() < 0.2);
-        for _ in 0..30 {
+        for _ in 0..10 {
             rate.roll();
         }
         assert_eq!(rate.per_tick(), 0.0);

@@ -1,0 +1,285 @@
+//! Views on their way: admitted or turned away, given to a worker, given to another if that one fails.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use argus_proto::Fault;
+use argus_scene::{Plan, SampleId, View};
+
+use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
+use super::machine::Core;
+use super::plan::plan;
+use super::time::Uptime;
+use super::worker::Worker;
+
+/// An admitted view.
+#[derive(Debug, Clone)]
+pub(super) struct Pending {
+    plan: Plan,
+    /// Pinned kind of device; empty: any.
+    device: String,
+    /// When its answer is worthless, and how long that was when it was asked.
+    deadline: Option<(Uptime, Duration)>,
+    asked: Uptime,
+    attempt: u32,
+    worker: Option<WorkerId>,
+    tried: BTreeSet<WorkerId>,
+}
+
+impl Pending {
+    fn is_direct(&self) -> bool {
+        matches!(self.plan, Plan::Direct { .. })
+    }
+
+    fn samples(&self) -> &[SampleId] {
+        match &self.plan {
+            Plan::Direct { .. } => &[],
+            Plan::Warp { samples, .. } => samples,
+        }
+    }
+}
+
+impl Core {
+    pub(super) fn ask(
+        &mut self,
+        ticket: Ticket,
+        view: &View,
+        deadline: Option<Duration>,
+        now: Uptime,
+        actions: &mut Vec<Action>,
+    ) {
+        match self.admit(view) {
+            Err(fault) => {
+                match fault {
+                    Fault::Overloaded { .. } => self.counters.views_rejected += 1,
+                    _ => self.counters.views_failed += 1,
+                }
+                actions.push(Action::Refuse { ticket, fault });
+            }
+            Ok(plan) => {
+                let pending = Pending {
+                    plan,
+                    device: view.pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default(),
+                    deadline: deadline.map(|d| (now.after(d), d)),
+                    asked: now,
+                    attempt: 0,
+                    worker: None,
+                    tried: BTreeSet::new(),
+                };
+                match pending.is_direct() {
+                    true => self.rates.direct.count(1),
+                    false => self.rates.views.count(1),
+                }
+                self.views.insert(ticket, pending);
+                self.waiting.push_back(ticket);
+            }
+        }
+    }
+
+    fn admit(&self, view: &View) -> Result<Plan, Fault> {
+        if self.draining {
+            return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
+        }
+        let plan = plan(view, &self.set, &self.config)?;
+        if self.views.len() >= self.config.max_views {
+            let what = format!("{} views are waiting or in work", self.views.len());
+            return Err(Fault::Overloaded { what, retry_after: self.time_to_room() });
+        }
+        if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
+            let mut ready = self.workers.values().filter(|w| w.is_ready()).peekable();
+            if ready.peek().is_some() && !ready.any(|w| w.hello.device == *device) {
+                return Err(Fault::Pin(format!("no worker has the device {device:?}")));
+            }
+        }
+        Ok(plan)
+    }
+
+    /// How long half the views now in flight are expected to take: by then there is room for as many again.
+    fn time_to_room(&self) -> Duration {
+        let costs = self.believed_costs();
+        let secs: f64 = self
+            .views
+            .values()
+            .map(|view| if view.is_direct() { costs.direct_secs } else { costs.view_secs })
+            .sum();
+        let workers = self.workers.values().filter(|w| w.is_ready()).count().max(1);
+        Duration::from_secs_f64((secs * 0.5 / workers as f64).clamp(0.05, 5.0))
+    }
+
+    /// Gives waiting views to workers with room, oldest first. Stops looking once a reconstructed and a direct
+    /// view had to wait; a view that is bound to certain workers holds nobody up.
+    pub(super) fn pump(&mut self, now: Uptime, actions: &mut Vec<Action>) {
+        let mut stay = Vec::new();
+        let (mut direct_full, mut warp_full) = (false, false);
+        while let Some(ticket) = self.waiting.pop_front() {
+            let Some(view) = self.views.get(&ticket) else { continue };
+            let (direct, bound) = (view.is_direct(), !view.device.is_empty() || !view.tried.is_empty());
+            if (if direct { direct_full } else { warp_full }) && !bound {
+                stay.push(ticket);
+            } else if !self.place(ticket, now, actions) {
+                stay.push(ticket);
+                direct_full |= direct && !bound;
+                warp_full |= !direct && !bound;
+            }
+            if direct_full && warp_full {
+                break;
+            }
+        }
+        for ticket in stay.into_iter().rev() {
+            self.waiting.push_front(ticket);
+        }
+    }
+
+    /// Gives a view to the best worker there is; false if none has room.
+    fn place(&mut self, ticket: Ticket, now: Uptime, actions: &mut Vec<Action>) -> bool {
+        let Some(view) = self.views.get(&ticket) else { return true };
+        let Some(id) = self.choose(view) else { return false };
+        let samples = view.samples().to_vec();
+        let mut sources = Vec::new();
+        for &sample in &samples {
+            let (source, to_render) = self.directory.locate(sample, id, &self.workers, now);
+            self.rates.samples.count(to_render.into());
+            sources.push(source);
+        }
+        self.dispatch(ticket, id, &samples, sources, actions);
+        true
+    }
+
+    fn dispatch(
+        &mut self,
+        ticket: Ticket,
+        id: WorkerId,
+        samples: &[SampleId],
+        sources: Vec<Source>,
+        actions: &mut Vec<Action>,
+    ) {
+        let (Some(view), Some(worker)) = (self.views.get_mut(&ticket), self.workers.get_mut(&id)) else {
+            return;
+        };
+        worker.begin(ticket, samples);
+        view.attempt += 1;
+        view.worker = Some(id);
+        view.tried.insert(id);
+        let order = Order {
+            attempt: view.attempt,
+            worker: id,
+            address: worker.hello.address.clone(),
+            plan: view.plan.clone(),
+            sources,
+        };
+        actions.push(Action::Dispatch { ticket, order: Box::new(order) });
+    }
+
+    /// The worker that will probably answer first: fewest views in its queue, each missing sample counted as
+    /// [`super::Config::missing_sample_views`]; among equals the one that had the fewest views so far.
+    ///
+    /// Roles decide who is asked. Where nobody plays the role (the moment before roles change), or everybody
+    /// who does has failed at this view, anybody is: a worker can do both, it is only slower to start.
+    fn choose(&self, view: &Pending) -> Option<WorkerId> {
+        let takes = |w: &&Worker| if view.is_direct() { w.takes_samples() } else { w.takes_views() };
+        let able: Vec<&Worker> = self
+            .workers
+            .values()
+            .filter(|w| w.is_ready() && (view.device.is_empty() || w.hello.device == view.device))
+            .collect();
+        let untried: Vec<&Worker> = able.iter().filter(|w| !view.tried.contains(&w.id)).copied().collect();
+        let open = if untried.is_empty() { able } else { untried };
+        let suited: Vec<&Worker> = open.iter().filter(|w| takes(w)).copied().collect();
+        let asked = if suited.is_empty() { open } else { suited };
+        let cost = |w: &Worker| {
+            w.views.len() as f64 + w.missing(view.samples()) as f64 * self.config.missing_sample_views
+        };
+        asked
+            .into_iter()
+            .filter(|w| w.views.len() < self.config.max_views_per_worker)
+            .min_by(|a, b| {
+                cost(a).total_cmp(&cost(b)).then(a.dispatched.cmp(&b.dispatched)).then(a.id.cmp(&b.id))
+            })
+            .map(|w| w.id)
+    }
+
+    pub(super) fn answered(&mut self, ticket: Ticket, attempt: u32) {
+        if self.is_current(ticket, attempt) {
+            self.take_back(ticket, true);
+            self.views.remove(&ticket);
+            self.counters.views_answered += 1;
+        }
+    }
+
+    pub(super) fn failed(
+        &mut self,
+        ticket: Ticket,
+        attempt: u32,
+        failure: Failure,
+        now: Uptime,
+        actions: &mut Vec<Action>,
+    ) {
+        if !self.is_current(ticket, attempt) {
+            return;
+        }
+        match failure {
+            Failure::TryElsewhere => self.retry(ticket, now, actions),
+            Failure::Final => {
+                self.take_back(ticket, false);
+                self.views.remove(&ticket);
+                self.counters.views_failed += 1;
+            }
+        }
+    }
+
+    /// Puts a view whose worker failed first in the queue, or gives it up after too many attempts.
+    pub(super) fn retry(&mut self, ticket: Ticket, now: Uptime, actions: &mut Vec<Action>) {
+        self.take_back(ticket, false);
+        let Some(view) = self.views.get_mut(&ticket) else { return };
+        view.worker = None;
+        if view.deadline.is_some_and(|(at, _)| now >= at) {
+            return self.expire_one(ticket, now, actions);
+        }
+        if view.attempt >= self.config.max_attempts {
+            let fault = Fault::Unavailable(format!("{} workers failed at this view", view.attempt));
+            return self.refuse(ticket, fault, actions);
+        }
+        self.counters.views_retried += 1;
+        self.waiting.push_front(ticket);
+    }
+
+    /// Ends the deadlines and the patience that are over.
+    pub(super) fn expire(&mut self, now: Uptime, actions: &mut Vec<Action>) {
+        let tickets: Vec<Ticket> = self.views.keys().copied().collect();
+        for ticket in tickets {
+            self.expire_one(ticket, now, actions);
+        }
+    }
+
+    fn expire_one(&mut self, ticket: Ticket, now: Uptime, actions: &mut Vec<Action>) {
+        let Some(view) = self.views.get(&ticket) else { return };
+        if let Some((_, asked_for)) = view.deadline.filter(|(at, _)| now >= *at) {
+            self.refuse(ticket, Fault::Deadline(asked_for), actions);
+        } else if view.worker.is_none() && now.since(view.asked) >= self.config.patience {
+            let secs = self.config.patience.as_secs_f64();
+            let ready = self.workers.values().filter(|w| w.is_ready()).count();
+            let fault = Fault::Unavailable(format!("none of {ready} ready workers had room within {secs} s"));
+            self.refuse(ticket, fault, actions);
+        }
+    }
+
+    fn refuse(&mut self, ticket: Ticket, fault: Fault, actions: &mut Vec<Action>) {
+        self.take_back(ticket, false);
+        self.views.remove(&ticket);
+        self.counters.views_failed += 1;
+        actions.push(Action::Refuse { ticket, fault });
+    }
+
+    /// Whether that attempt is the one the view's answer is awaited from.
+    fn is_current(&self, ticket: Ticket, attempt: u32) -> bool {
+        self.views.get(&ticket).is_some_and(|view| view.attempt == attempt && view.worker.is_some())
+    }
+
+    /// Takes a view off the worker that has it.
+    pub(super) fn take_back(&mut self, ticket: Ticket, answered: bool) {
+        let Some(view) = self.views.get(&ticket) else { return };
+        if let Some(worker) = view.worker.and_then(|id| self.workers.get_mut(&id)) {
+            worker.end(ticket, view.samples(), answered);
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! What the core is told, and what it tells its shell to do.
+
+use std::time::Duration;
+
+use argus_proto::Fault;
+use argus_scene::{Plan, SampleId, View};
+use serde::Serialize;
+
+/// One joining of one worker process. A process that joins again gets another, so that what its earlier
+/// stream still says cannot be mistaken for news.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+pub struct WorkerId(pub u64);
+
+/// One view on its way through the cluster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+pub struct Ticket(pub u64);
+
+/// What a worker does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Role {
+    /// Renders samples and direct views.
+    Sampler,
+    /// Reconstructs views from samples.
+    Compositor,
+    /// Both: the only worker of a cluster.
+    Both,
+}
+
+impl Role {
+    /// Whether samples and direct views are its work.
+    pub fn samples(self) -> bool {
+        matches!(self, Self::Sampler | Self::Both)
+    }
+
+    /// Whether reconstructed views are its work.
+    pub fn composites(self) -> bool {
+        matches!(self, Self::Compositor | Self::Both)
+    }
+
+    /// Whether taking this role after `before` gives something up, so that a queue must be drained first.
+    pub fn gives_up_something_of(self, before: Role) -> bool {
+        (before.samples() && !self.samples()) || (before.composites() && !self.composites())
+    }
+}
+
+/// What a worker says of itself when it joins.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Hello {
+    /// Chosen by the worker, the same when it joins again.
+    pub name: String,
+    /// Process id on its machine.
+    pub pid: u32,
+    /// Where others reach it.
+    pub address: String,
+    /// Adapter, driver and version.
+    pub device: String,
+    /// CPU cores of its machine.
+    pub cores: u32,
+}
+
+/// What a worker measured. Counts and busy times are since its process started.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Report {
+    /// Sequence of the newest assignment that has taken effect; 0: none yet.
+    pub applied: u64,
+    /// Milliseconds of one process for a sample, over what it rendered lately.
+    pub sample_ms: Option<f64>,
+    /// … for a direct view.
+    pub direct_ms: Option<f64>,
+    /// … for a reconstructed view.
+    pub view_ms: Option<f64>,
+    /// Samples that wait or are in work.
+    pub queued_samples: u32,
+    /// Views that wait or are in work.
+    pub queued_views: u32,
+    /// Samples rendered.
+    pub samples_rendered: u64,
+    /// Views reconstructed.
+    pub views_composed: u64,
+    /// Views rendered directly.
+    pub views_direct: u64,
+    /// Milliseconds spent on samples and direct views.
+    pub sampling_busy_ms: f64,
+    /// Milliseconds spent on reconstructing.
+    pub compositing_busy_ms: f64,
+    /// Samples it can serve and reconstruct from.
+    pub held: Vec<SampleId>,
+    /// It is about to leave.
+    pub leaving: bool,
+}
+
+/// How an attempt at a view ended without its frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Failure {
+    /// Another worker may succeed: nothing was relayed yet.
+    TryElsewhere,
+    /// The failure is the view's own, or part of the frame is already with the client.
+    Final,
+}
+
+/// What happened.
+#[derive(Debug, Clone)]
+pub enum Event {
+    /// A worker joined.
+    Joined {
+        /// Given by the shell, never used before.
+        worker: WorkerId,
+        /// What it says of itself.
+        hello: Hello,
+    },
+    /// A worker reported.
+    Reported {
+        /// Which.
+        worker: WorkerId,
+        /// What.
+        report: Report,
+    },
+    /// A worker's stream ended.
+    Left {
+        /// Which.
+        worker: WorkerId,
+    },
+    /// A validated view is asked for.
+    Asked {
+        /// Given by the shell, never used before.
+        ticket: Ticket,
+        /// What is asked for.
+        view: Box<View>,
+        /// The answer is worthless after this.
+        deadline: Option<Duration>,
+    },
+    /// The frame of an attempt was relayed whole.
+    Answered {
+        /// Which view.
+        ticket: Ticket,
+        /// Of [`Order::attempt`].
+        attempt: u32,
+    },
+    /// An attempt failed.
+    Failed {
+        /// Which view.
+        ticket: Ticket,
+        /// Of [`Order::attempt`].
+        attempt: u32,
+        /// What may still help.
+        failure: Failure,
+    },
+    /// Nobody waits for the view any more.
+    Cancelled {
+        /// Which view.
+        ticket: Ticket,
+    },
+    /// A client opened a session.
+    SessionOpened,
+    /// A session ended.
+    SessionClosed,
+    /// A session's camera was overtaken by a newer one before it was rendered.
+    CameraSuperseded,
+    /// No new views from here on.
+    Drain,
+    /// Time passed; sent several times a tick.
+    Tick,
+}
+
+/// What a worker is told to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Assignment {
+    /// Ascending for a worker, from 1.
+    pub sequence: u64,
+    /// What it shall do once what it then no longer does is finished.
+    pub role: Role,
+}
+
+/// Who holds or can render a sample, best first. Empty: the worker renders it itself.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// Which sample.
+    pub id: SampleId,
+    /// Addresses of workers.
+    pub addresses: Vec<String>,
+}
+
+/// A view for a worker.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Order {
+    /// Ascending for a ticket, from 1.
+    pub attempt: u32,
+    /// Who shall answer.
+    pub worker: WorkerId,
+    /// Where it is.
+    pub address: String,
+    /// How.
+    pub plan: Plan,
+    /// Where the plan's samples are, for those the worker may lack.
+    pub sources: Vec<Source>,
+}
+
+/// What the shell must do.
+#[derive(Debug, Clone)]
+pub enum Action {
+    /// Tell a worker its role.
+    Assign {
+        /// Whom.
+        worker: WorkerId,
+        /// What.
+        assignment: Assignment,
+    },
+    /// End a worker's stream: it is lost, replaced or unknown. If it lives it joins again.
+    Expel {
+        /// Whom.
+        worker: WorkerId,
+        /// Why, for the log and for the worker.
+        reason: String,
+    },
+    /// Send a view to a worker; an earlier attempt at it, if any, is void.
+    Dispatch {
+        /// Which view.
+        ticket: Ticket,
+        /// To whom and how.
+        order: Box<Order>,
+    },
+    /// Answer a view with a fault; it is forgotten.
+    Refuse {
+        /// Which view.
+        ticket: Ticket,
+        /// Why.
+        fault: Fault,
+    },
+}

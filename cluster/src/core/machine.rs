@@ -1,0 +1,259 @@
+//! The machine itself: state, and which part of it each event concerns.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use argus_scene::SampleSetInfo;
+use serde::Serialize;
+
+use super::balance::{Costs, Demand, Split};
+use super::config::Config;
+use super::directory::Directory;
+use super::dispatch::Pending;
+use super::event::{Action, Event, Hello, Report, Ticket, WorkerId};
+use super::hysteresis::Hysteresis;
+use super::smooth::{Rate, Smoothed};
+use super::time::Uptime;
+use super::worker::Worker;
+
+/// What happened since the coordinator started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct Counters {
+    /// Views whose frame was relayed whole.
+    pub views_answered: u64,
+    /// Views that ended with a fault other than overload.
+    pub views_failed: u64,
+    /// Views turned away because of overload.
+    pub views_rejected: u64,
+    /// Session cameras that a newer one overtook before they were rendered.
+    pub cameras_superseded: u64,
+    /// Views sent to another worker after the first one failed.
+    pub views_retried: u64,
+    /// Roles that a worker was told in place of another.
+    pub roles_changed: u64,
+    /// Workers that joined.
+    pub workers_joined: u64,
+    /// Workers that fell silent or whose stream ended unannounced.
+    pub workers_lost: u64,
+    /// Sessions that are open now.
+    pub sessions_open: u64,
+}
+
+/// What is asked for, counted tick by tick.
+#[derive(Debug, Clone)]
+pub(super) struct Rates {
+    pub(super) samples: Rate,
+    pub(super) direct: Rate,
+    pub(super) views: Rate,
+}
+
+/// What things cost, as the workers measured it, seconds.
+#[derive(Debug, Clone)]
+pub(super) struct MeasuredCosts {
+    pub(super) sample: Smoothed,
+    pub(super) direct: Smoothed,
+    pub(super) view: Smoothed,
+    /// Busy seconds of the busiest worker in a tick.
+    pub(super) tick_secs: f64,
+}
+
+/// The cluster as its coordinator sees it. [`Core::step`] is the only way it changes.
+#[derive(Debug)]
+pub struct Core {
+    pub(super) config: Config,
+    pub(super) set: Arc<SampleSetInfo>,
+    pub(super) workers: BTreeMap<WorkerId, Worker>,
+    pub(super) views: BTreeMap<Ticket, Pending>,
+    /// Views that no worker has room for yet, oldest first.
+    pub(super) waiting: VecDeque<Ticket>,
+    pub(super) directory: Directory,
+    pub(super) rates: Rates,
+    pub(super) costs: MeasuredCosts,
+    pub(super) hysteresis: Hysteresis,
+    pub(super) split: Split,
+    pub(super) counters: Counters,
+    pub(super) draining: bool,
+    tick_began: Uptime,
+}
+
+impl Core {
+    /// A cluster without workers that serves samples of one set, from uptime zero on.
+    pub fn new(config: Config, set: Arc<SampleSetInfo>) -> Self {
+        let rate = || Rate::new(config.smoothing);
+        let cost = || Smoothed::new(config.smoothing);
+        let idle_secs = config.tick.as_secs_f64() * config.idle_fraction;
+        Self {
+            hysteresis: Hysteresis::new(config.margin, config.dwell, idle_secs),
+            rates: Rates { samples: rate(), direct: rate(), views: rate() },
+            costs: MeasuredCosts { sample: cost(), direct: cost(), view: cost(), tick_secs: 0.0 },
+            config,
+            set,
+            workers: BTreeMap::new(),
+            views: BTreeMap::new(),
+            waiting: VecDeque::new(),
+            directory: Directory::default(),
+            split: Split::Nobody,
+            counters: Counters::default(),
+            draining: false,
+            tick_began: Uptime::default(),
+        }
+    }
+
+    /// What it was configured with.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The set that all samples belong to.
+    pub fn set(&self) -> &Arc<SampleSetInfo> {
+        &self.set
+    }
+
+    /// Views waiting or in work.
+    pub fn views_in_flight(&self) -> usize {
+        self.views.len()
+    }
+
+    /// Takes one event in, at `now`, which never goes back. The actions are to be done in order.
+    pub fn step(&mut self, event: Event, now: Uptime) -> Vec<Action> {
+        let mut actions = Vec::new();
+        match event {
+            Event::Joined { worker, hello } => self.join(worker, hello, now, &mut actions),
+            Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
+            Event::Left { worker } => self.leave(worker, now, &mut actions),
+            Event::Asked { ticket, view, deadline } => self.ask(ticket, &view, deadline, now, &mut actions),
+            Event::Answered { ticket, attempt } => self.answered(ticket, attempt),
+            Event::Failed { ticket, attempt, failure } => {
+                self.failed(ticket, attempt, failure, now, &mut actions);
+            }
+            Event::Cancelled { ticket } => {
+                self.take_back(ticket, false);
+                self.views.remove(&ticket);
+            }
+            Event::SessionOpened => self.counters.sessions_open += 1,
+            Event::SessionClosed => {
+                self.counters.sessions_open = self.counters.sessions_open.saturating_sub(1);
+            }
+            Event::CameraSuperseded => self.counters.cameras_superseded += 1,
+            Event::Drain => self.draining = true,
+            Event::Tick => self.tick(now, &mut actions),
+        }
+        self.pump(now, &mut actions);
+        actions
+    }
+
+    fn join(&mut self, id: WorkerId, hello: Hello, now: Uptime, actions: &mut Vec<Action>) {
+        let same_name = |w: &&Worker| w.hello.name == hello.name;
+        if let Some(older) = self.workers.values().find(same_name).map(|w| w.id) {
+            let reason = format!("worker {} joined again", hello.name);
+            actions.push(Action::Expel { worker: older, reason });
+            self.lose(older, now, actions);
+        }
+        self.counters.workers_joined += 1;
+        let worker = Worker::new(id, hello, self.role_of_newcomer(), now);
+        actions.push(Action::Assign { worker: id, assignment: worker.assigned() });
+        self.workers.insert(id, worker);
+    }
+
+    fn report(&mut self, id: WorkerId, report: Report, now: Uptime, actions: &mut Vec<Action>) {
+        let Some(worker) = self.workers.get_mut(&id) else {
+            let reason = "its lease ran out, or it was replaced".to_owned();
+            actions.push(Action::Expel { worker: id, reason });
+            return;
+        };
+        let before = &worker.report;
+        let observe = |cost: &mut Smoothed, done: u64, done_before: u64, ms: Option<f64>| {
+            if let Some(ms) = ms.filter(|_| done > done_before) {
+                cost.observe(ms * 1e-3);
+            }
+        };
+        let costs = &mut self.costs;
+        observe(&mut costs.sample, report.samples_rendered, before.samples_rendered, report.sample_ms);
+        observe(&mut costs.direct, report.views_direct, before.views_direct, report.direct_ms);
+        observe(&mut costs.view, report.views_composed, before.views_composed, report.view_ms);
+        let was_ready = worker.is_ready();
+        if before.applied == 0 {
+            // Joined again after a coordinator's restart: what it was busy with before is not this tick's.
+            worker.busy_at_tick_ms = report.sampling_busy_ms + report.compositing_busy_ms;
+        }
+        worker.take_report(report, now);
+        if worker.is_ready() != was_ready {
+            self.processes_changed(actions);
+        }
+    }
+
+    /// A worker's stream ended: announced if it said that it leaves and has nothing left to do.
+    fn leave(&mut self, id: WorkerId, now: Uptime, actions: &mut Vec<Action>) {
+        if self.workers.contains_key(&id) {
+            self.lose(id, now, actions);
+        }
+    }
+
+    /// Forgets a worker; its views go to others.
+    fn lose(&mut self, id: WorkerId, now: Uptime, actions: &mut Vec<Action>) {
+        let Some(worker) = self.workers.remove(&id) else { return };
+        if !worker.report.leaving {
+            self.counters.workers_lost += 1;
+        }
+        for ticket in worker.views.clone() {
+            self.retry(ticket, now, actions);
+        }
+        self.processes_changed(actions);
+    }
+
+    fn tick(&mut self, now: Uptime, actions: &mut Vec<Action>) {
+        let silent = |w: &&Worker| now.since(w.last_report) >= self.config.lease;
+        let lost: Vec<WorkerId> = self.workers.values().filter(silent).map(|w| w.id).collect();
+        for worker in lost {
+            let reason = format!("silent for {:.1} s", self.config.lease.as_secs_f64());
+            actions.push(Action::Expel { worker, reason });
+            self.lose(worker, now, actions);
+        }
+        self.expire(now, actions);
+        let elapsed = now.since(self.tick_began);
+        if elapsed >= self.config.tick {
+            // A shell that was held up for several ticks closes one: what came meanwhile is counted in it.
+            self.tick_began = now;
+            for rate in [&mut self.rates.samples, &mut self.rates.direct, &mut self.rates.views] {
+                rate.roll();
+            }
+            self.measure_tick(elapsed.as_secs_f64());
+            self.directory.prune(&self.workers, now);
+        }
+        self.rebalance(now, actions);
+    }
+
+    /// The busiest worker's time in the tick that ends: what the formula's tick predicts.
+    fn measure_tick(&mut self, elapsed_secs: f64) {
+        let mut busiest = 0.0_f64;
+        for worker in self.workers.values_mut() {
+            busiest = busiest.max(worker.busy_ms() - worker.busy_at_tick_ms);
+            worker.busy_at_tick_ms = worker.busy_ms();
+        }
+        let ticks = elapsed_secs / self.config.tick.as_secs_f64();
+        let tick_secs = &mut self.costs.tick_secs;
+        *tick_secs += self.config.smoothing * (busiest * 1e-3 / ticks - *tick_secs);
+    }
+
+    /// S, D, V per tick.
+    pub(super) fn demand(&self) -> Demand {
+        Demand {
+            samples: self.rates.samples.per_tick(),
+            direct: self.rates.direct.per_tick(),
+            rays: 0.0,
+            views: self.rates.views.per_tick(),
+        }
+    }
+
+    /// What is believed of costs. A direct view and a sample are alike (both render the triangles), so either
+    /// stands in for the other while that is unmeasured.
+    pub(super) fn believed_costs(&self) -> Costs {
+        let (sample, direct) = (self.costs.sample.value(), self.costs.direct.value());
+        Costs {
+            sample_secs: sample.or(direct).unwrap_or(0.0),
+            direct_secs: direct.or(sample).unwrap_or(0.0),
+            ray_secs: 0.0,
+            view_secs: self.costs.view.value().unwrap_or(0.0),
+        }
+    }
+}

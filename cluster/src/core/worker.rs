@@ -1,0 +1,147 @@
+//! What the core knows of one worker.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use argus_scene::SampleId;
+
+use super::event::{Assignment, Hello, Report, Role, Ticket, WorkerId};
+use super::time::Uptime;
+
+/// A worker that joined and was not lost.
+#[derive(Debug, Clone)]
+pub(super) struct Worker {
+    pub(super) id: WorkerId,
+    pub(super) hello: Hello,
+    pub(super) last_report: Uptime,
+    /// The newest report; a default one until the first.
+    pub(super) report: Report,
+    /// What it did before the newest assignment that it has not acknowledged; `None` until its first role
+    /// took effect.
+    acting: Option<Role>,
+    /// What it was told last.
+    assigned: Assignment,
+    /// Views sent to it and not answered.
+    pub(super) views: BTreeSet<Ticket>,
+    /// Views ever sent to it: whose turn it is among equals.
+    pub(super) dispatched: u64,
+    /// What it said it holds, and what it must hold because it used it.
+    pub(super) held: BTreeSet<SampleId>,
+    /// Samples that views in its queue need, with how many need each: it will hold them.
+    fetching: BTreeMap<SampleId, usize>,
+    /// Busy milliseconds when the current tick began.
+    pub(super) busy_at_tick_ms: f64,
+}
+
+impl Worker {
+    pub(super) fn new(id: WorkerId, hello: Hello, role: Role, now: Uptime) -> Self {
+        Self {
+            id,
+            hello,
+            last_report: now,
+            report: Report::default(),
+            acting: None,
+            assigned: Assignment { sequence: 1, role },
+            views: BTreeSet::new(),
+            dispatched: 0,
+            held: BTreeSet::new(),
+            fetching: BTreeMap::new(),
+            busy_at_tick_ms: 0.0,
+        }
+    }
+
+    /// Whether it has the scene and a role, and stays.
+    pub(super) fn is_ready(&self) -> bool {
+        self.acting.is_some() && !self.report.leaving
+    }
+
+    /// What it was told last.
+    pub(super) fn assigned(&self) -> Assignment {
+        self.assigned
+    }
+
+    /// Whether it is still on its way to the role it was told.
+    pub(super) fn is_changing(&self) -> bool {
+        self.acting.is_some_and(|acting| acting != self.assigned.role)
+    }
+
+    /// The role it counts for; `None` while it starts.
+    pub(super) fn role(&self) -> Option<Role> {
+        self.acting.map(|_| self.assigned.role)
+    }
+
+    /// Whether it takes new samples and direct views: on the way to another role, only what both include.
+    pub(super) fn takes_samples(&self) -> bool {
+        self.is_ready() && self.acting.is_some_and(Role::samples) && self.assigned.role.samples()
+    }
+
+    /// Whether it takes new views to reconstruct.
+    pub(super) fn takes_views(&self) -> bool {
+        self.is_ready() && self.acting.is_some_and(Role::composites) && self.assigned.role.composites()
+    }
+
+    /// Tells it another role; what to send it. A role that gives nothing up counts at once.
+    pub(super) fn assign(&mut self, role: Role) -> Assignment {
+        self.assigned = Assignment { sequence: self.assigned.sequence + 1, role };
+        if let Some(acting) = self.acting
+            && !role.gives_up_something_of(acting)
+        {
+            self.acting = Some(role);
+        }
+        self.assigned
+    }
+
+    /// Takes a report in. Whether it acknowledged its newest role with it.
+    pub(super) fn take_report(&mut self, report: Report, now: Uptime) -> bool {
+        self.last_report = now;
+        let acknowledged =
+            report.applied == self.assigned.sequence && self.acting != Some(self.assigned.role);
+        if acknowledged {
+            self.acting = Some(self.assigned.role);
+        }
+        self.held = report.held.iter().copied().collect();
+        self.report = report;
+        acknowledged
+    }
+
+    /// Milliseconds it has been busy since its process started.
+    pub(super) fn busy_ms(&self) -> f64 {
+        self.report.sampling_busy_ms + self.report.compositing_busy_ms
+    }
+
+    /// Whether a view in its queue needs that sample, so that it is being rendered or fetched for it.
+    pub(super) fn is_fetching(&self, id: SampleId) -> bool {
+        self.fetching.contains_key(&id)
+    }
+
+    /// How many of `samples` it neither holds nor is about to.
+    pub(super) fn missing(&self, samples: &[SampleId]) -> usize {
+        samples.iter().filter(|id| !self.held.contains(id) && !self.fetching.contains_key(id)).count()
+    }
+
+    /// A view was sent to it.
+    pub(super) fn begin(&mut self, ticket: Ticket, samples: &[SampleId]) {
+        self.views.insert(ticket);
+        self.dispatched += 1;
+        for id in samples {
+            *self.fetching.entry(*id).or_default() += 1;
+        }
+    }
+
+    /// A view it had is answered, failed or taken back; having answered it, it holds what the view needed.
+    pub(super) fn end(&mut self, ticket: Ticket, samples: &[SampleId], answered: bool) {
+        if !self.views.remove(&ticket) {
+            return;
+        }
+        for id in samples {
+            if let Some(count) = self.fetching.get_mut(id) {
+                *count -= 1;
+                if *count == 0 {
+                    self.fetching.remove(id);
+                }
+            }
+            if answered {
+                self.held.insert(*id);
+            }
+        }
+    }
+}
