@@ -12,7 +12,7 @@ mod tree;
 
 use std::ops::RangeInclusive;
 
-use glam::{DAffine3, DVec2, DVec3, Vec4};
+use glam::{DAffine3, DVec3, Vec4};
 
 use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Camera, Lighting, Material, Mesh, Scene, SceneHash, TextureRef};
@@ -99,22 +99,21 @@ fn materials() -> Vec<Material> {
 }
 
 /// Viewpoints that show the scene well; the first is the one it is known by.
+///
+/// All look down on the tile, as the cluster paper's views do: four samples from above its corners hold what
+/// such views see. Views from the ground ask for samples nearer by (the `Cell` rig).
 fn cameras() -> Vec<NamedCamera> {
-    let above = |x: f64, metres: f64, z: f64| {
-        let floor = ground::height(DVec2::new(x, z)).max(ground::WATER);
-        DVec3::new(x, floor + metres, z)
-    };
     let camera = |name: &str, eye: DVec3, target: DVec3, fov_deg: f64| NamedCamera {
         name: name.to_owned(),
         camera: Camera { fov_deg, ..Camera::look_at(eye, target) },
     };
-    let (tree, lake) = (ground::TREE, ground::LAKE.0);
+    let lake = ground::LAKE.0;
     vec![
-        camera("valley", above(-12.0, 19.0, 92.0), DVec3::new(2.0, 16.0, 0.0), 45.0),
-        camera("shore", above(-46.0, 3.0, 50.0), DVec3::new(tree.x - 8.0, 16.0, tree.y), 50.0),
-        camera("glitter", above(-52.0, 30.0, -18.0), DVec3::new(lake.x + 4.0, 0.0, lake.y + 6.0), 55.0),
-        camera("crown", above(56.0, 16.0, 34.0), DVec3::new(tree.x, 24.0, tree.y), 50.0),
+        camera("valley", DVec3::new(-14.0, 72.0, 112.0), DVec3::new(4.0, 12.0, 0.0), 45.0),
         camera("overview", DVec3::new(95.0, 105.0, 150.0), DVec3::new(0.0, 5.0, -5.0), 45.0),
+        camera("west", DVec3::new(-125.0, 88.0, 62.0), DVec3::new(0.0, 10.0, 0.0), 45.0),
+        camera("east", DVec3::new(118.0, 80.0, 48.0), DVec3::new(6.0, 14.0, -4.0), 45.0),
+        camera("glitter", DVec3::new(-58.0, 62.0, -30.0), DVec3::new(lake.x + 4.0, 0.0, lake.y + 6.0), 55.0),
         camera("map", DVec3::new(0.0, 230.0, 60.0), DVec3::ZERO, 50.0),
     ]
 }
