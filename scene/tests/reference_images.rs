@@ -104,7 +104,7 @@ fn pixels_at_an_edge_show_what_covers_them() {
 
 fn cutout_scene() -> Scene {
     // Every other column of texels is open.
-    let leaf = texture(16, |x, _| if x % 2 == 0 { [255; 4] } else { [255, 255, 255, 0] });
+    let leaf = texture(16, |x, _| if x.is_multiple_of(2) { [255; 4] } else { [255, 255, 255, 0] });
     let material = Material { alpha: AlphaMode::Mask(0.5), ..textured(white()) };
     let black = Lighting { sky: Sky::BLACK, ..sun(DVec3::NEG_Z) };
     Scene { textures: vec![leaf], ..scene(vec![patch(2)], vec![material], black) }
@@ -113,8 +113,8 @@ fn cutout_scene() -> Scene {
 #[test]
 fn a_cutout_covers_as_much_from_afar_as_from_near() {
     // Level 0 decides at any distance: half of it is open, also where a mip level would be evenly 0.5.
-    for distance in [1.2, 3.0, 20.0, 400.0] {
-        let fov_deg = 2.0 * (0.9 / distance as f64).atan().to_degrees();
+    for distance in [1.2_f64, 3.0, 20.0, 400.0] {
+        let fov_deg = 2.0 * (0.9_f64 / distance).atan().to_degrees();
         let image = tracer(cutout_scene()).render(&Camera { fov_deg, ..front(distance) }, 24, 24, 64, |_| {});
         let covered = mean(&image).x;
         assert!((covered - 0.5).abs() < 0.03, "{distance} m: {covered}");
@@ -141,7 +141,7 @@ fn what_is_behind_a_cutout_shows_through_it() {
 
 #[test]
 fn a_texture_seen_from_afar_is_its_mean_without_a_sample_more() {
-    let checker = texture(64, |x, y| if (x + y) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] });
+    let checker = texture(64, |x, y| if (x + y).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] });
     let board = |material| Scene {
         textures: vec![checker.clone()],
         ..scene(vec![patch(1)], vec![material], furnace())
@@ -155,7 +155,7 @@ fn a_texture_seen_from_afar_is_its_mean_without_a_sample_more() {
     // Without a footprint the same ray reads level 0, where texel centres are black or white.
     let texel_centre = DVec3::new(0.5 / 32.0, 0.5 / 32.0, 20.0);
     let sharp = tracer.radiance_along(texel_centre, DVec3::NEG_Z, DVec3::ZERO, DVec3::ZERO).x;
-    assert!(sharp < 0.01 || sharp > 0.99, "{sharp}");
+    assert!(!(0.01..=0.99).contains(&sharp), "{sharp}");
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn detail_fades_continuously_with_distance() {
 
 #[test]
 fn missing_degenerate_and_wild_attributes_still_give_a_colour() {
-    let checker = texture(8, |x, y| if (x + y) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] });
+    let checker = texture(8, |x, y| if (x + y).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] });
     let rich = Material {
         metallic_roughness_texture: Some(TextureRef::new(0)),
         normal_texture: Some(TextureRef::new(0)),

@@ -76,12 +76,18 @@ impl Tracer {
     /// Mean radiance, and range on the central ray, of the pixel whose top left corner is `corner`.
     fn pixel(&self, rays: &Pinhole, corner: DVec2) -> (Vec3, f32) {
         let mut sum = Vec3::ZERO;
+        let mut range = None;
         for i in 0..rays.side * rays.side {
             let cell = DVec2::new(f64::from(i % rays.side), f64::from(i / rays.side));
             let (direction, dx, dy) = rays.through(corner + (cell + 0.5) / f64::from(rays.side));
-            sum += self.radiance_along(rays.eye, direction, dx, dy);
+            let hit = self.trace(rays.eye, direction);
+            sum += self.radiance_of(hit.as_ref(), direction, dx, dy);
+            // A grid of odd side has the pixel's centre as its middle sample; one of even side has not.
+            if 2 * i + 1 == rays.side * rays.side {
+                range = Some(hit);
+            }
         }
-        let central = self.trace(rays.eye, rays.through(corner + 0.5).0);
+        let central = range.unwrap_or_else(|| self.trace(rays.eye, rays.through(corner + 0.5).0));
         let range = central.map_or(f32::INFINITY, |hit| hit.range as f32);
         (sum / (rays.side * rays.side) as f32, range)
     }

@@ -160,17 +160,15 @@ impl Tracer {
     /// `direction + dx` and `direction + dy` are the neighbouring samples' directions, up to their length: how
     /// far they are apart decides which mip levels are read. Zero reads textures unfiltered.
     pub fn radiance_along(&self, origin: DVec3, direction: DVec3, dx: DVec3, dy: DVec3) -> Vec3 {
-        match self.trace(origin, direction) {
-            Some(hit) => self.radiance(&hit, direction, dx, dy),
-            None => sky_radiance(&self.scene.lighting.sky, direction.as_vec3()),
-        }
+        self.radiance_of(self.trace(origin, direction).as_ref(), direction, dx, dy)
     }
 
-    /// Linear radiance that leaves a surface towards where it was seen from; arguments as in
+    /// Linear radiance that comes from what a ray met: a surface, or the sky; arguments as in
     /// [`Self::radiance_along`].
-    pub fn radiance(&self, hit: &Hit, direction: DVec3, dx: DVec3, dy: DVec3) -> Vec3 {
-        let surface = self.surface(hit, direction, dx, dy);
+    pub fn radiance_of(&self, hit: Option<&Hit>, direction: DVec3, dx: DVec3, dy: DVec3) -> Vec3 {
         let lighting = &self.scene.lighting;
+        let Some(hit) = hit else { return sky_radiance(&lighting.sky, direction.as_vec3()) };
+        let surface = self.surface(hit, direction, dx, dy);
         diffuse_radiance(&surface, lighting) + specular_radiance(&surface, -direction.as_vec3(), lighting)
     }
 }

@@ -1,6 +1,6 @@
 //! One ray against one triangle, in f64.
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 
 /// A ray prepared for triangle tests: sheared so that it runs along one axis (Woop, Benthin, Wald:
 /// "Watertight Ray/Triangle Intersection", JCGT 2013).
@@ -10,9 +10,9 @@ use glam::{DVec2, DVec3};
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ShearedRay {
     origin: DVec3,
-    /// Axes in the order (x, y, z) after permutation; z is the one along which the direction is longest.
-    axes: [usize; 3],
-    /// Shear of x and y, scale of z.
+    /// The axis along which the direction is longest; the other two follow it cyclically.
+    axis: usize,
+    /// Shear of the two axes after `axis`, scale of `axis` itself.
     shear: DVec3,
 }
 
@@ -30,23 +30,29 @@ pub(super) struct Crossing {
 impl ShearedRay {
     /// `direction` must be finite and not zero.
     pub(super) fn new(origin: DVec3, direction: DVec3) -> Self {
-        let z = direction.abs().max_position();
-        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        if direction[z] < 0.0 {
-            std::mem::swap(&mut x, &mut y);
-        }
-        let shear = DVec3::new(direction[x], direction[y], 1.0) / direction[z];
-        Self { origin, axes: [x, y, z], shear }
+        let axis = direction.abs().max_position();
+        let [x, y, z] = [1, 2, 0].map(|next| direction[(axis + next) % 3]);
+        Self { origin, axis, shear: DVec3::new(x, y, 1.0) / z }
     }
 
     /// The crossing with t > 0, if there is one; edges and corners belong to the triangle.
-    pub(super) fn crossing(&self, corners: &[glam::Vec3; 3]) -> Option<Crossing> {
-        let [x, y, z] = self.axes;
-        let sheared = corners.map(|corner| {
-            let p = corner.as_dvec3() - self.origin;
-            DVec3::new(p[x] - self.shear.x * p[z], p[y] - self.shear.y * p[z], self.shear.z * p[z])
-        });
-        let [a, b, c] = sheared;
+    #[inline]
+    pub(super) fn crossing(&self, corners: &[Vec3; 3]) -> Option<Crossing> {
+        // A fixed order of axes per case keeps the corners in registers.
+        match self.axis {
+            0 => self.crossing_along(corners, |p| DVec3::new(p.y, p.z, p.x)),
+            1 => self.crossing_along(corners, |p| DVec3::new(p.z, p.x, p.y)),
+            _ => self.crossing_along(corners, |p| p),
+        }
+    }
+
+    #[inline(always)]
+    fn crossing_along(&self, corners: &[Vec3; 3], order: impl Fn(DVec3) -> DVec3) -> Option<Crossing> {
+        let sheared = |corner: Vec3| {
+            let p = order(corner.as_dvec3() - self.origin);
+            DVec3::new(p.x - self.shear.x * p.z, p.y - self.shear.y * p.z, self.shear.z * p.z)
+        };
+        let (a, b, c) = (sheared(corners[0]), sheared(corners[1]), sheared(corners[2]));
         let u = c.x * b.y - c.y * b.x;
         let v = a.x * c.y - a.y * c.x;
         let w = b.x * a.y - b.y * a.x;
@@ -60,14 +66,13 @@ impl ShearedRay {
             return None;
         }
         let barycentric = DVec2::new(v, w) / determinant;
-        Some(Crossing { t, barycentric, front: determinant > 0.0 })
+        // Looking along a negative axis, the other two appear mirrored.
+        Some(Crossing { t, barycentric, front: (determinant > 0.0) == (self.shear.z > 0.0) })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
-
     use super::*;
 
     const CORNERS: [Vec3; 3] =

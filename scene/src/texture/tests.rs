@@ -29,7 +29,8 @@ fn levels_have_the_sizes_that_graphics_interfaces_expect() {
 
 #[test]
 fn a_checkerboard_of_black_and_white_is_half_as_bright_not_byte_128() {
-    let checker = |srgb| texture(4, 4, srgb, |x, y| if (x + y) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] });
+    let checker =
+        |srgb| texture(4, 4, srgb, |x, y| if (x + y).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] });
     let byte = |srgb| chain(&checker(srgb)).levels[2].rgba[0];
     assert_eq!(byte(false), 128);
     assert_eq!(byte(true), 188, "linear 0.5 is byte 188 in sRGB");
@@ -55,7 +56,7 @@ fn odd_sides_keep_the_mean() {
 
 #[test]
 fn cutouts_have_no_dark_fringe_at_any_level() {
-    let leaf = |x: u32, y: u32| if (x / 3 + y / 2) % 2 == 0 { [40, 200, 60, 255] } else { [0; 4] };
+    let leaf = |x: u32, y: u32| if (x / 3 + y / 2).is_multiple_of(2) { [40, 200, 60, 255] } else { [0; 4] };
     let chain = MipChain::new(&texture(37, 21, true, leaf), AlphaUse::Cutout);
     for (l, level) in chain.levels.iter().enumerate() {
         for texel in level.rgba.chunks_exact(4) {
