@@ -1,1 +1,36 @@
 //! The thin client: connect, request, stream, measure.
+//!
+//! [`Client`] renders single views and asks for status, [`Session`] follows a moving camera, and [`load`]
+//! puts a service under a load that does not wait for it. None of them links a GPU or a loader.
+//!
+//! ```no_run
+//! # async fn example() -> Result<(), argus_client::ClientError> {
+//! use argus_client::{Client, RenderOptions};
+//! use argus_scene::{Outputs, PlanRequest, View};
+//!
+//! let client = Client::connect("http://127.0.0.1:7400").await?;
+//! let camera = client.description().cameras[0].camera;
+//! let (outputs, plan) = (Outputs::COLOR, PlanRequest::default());
+//! let view = View { camera, width: 640, height: 480, outputs, plan, pin: None };
+//! let answer = client.render(&view, &RenderOptions::default()).await?;
+//! println!("{} made it in {:?}", answer.meta.worker, answer.latency);
+//! # Ok(())
+//! # }
+//! ```
+
+mod connect;
+mod error;
+pub mod load;
+mod outbox;
+mod render;
+mod retry;
+mod session;
+mod status;
+
+pub use argus_proto::chunks::FrameMeta;
+pub use argus_proto::{Description, v1::Encoding};
+pub use connect::{Client, ConnectOptions};
+pub use error::ClientError;
+pub use render::{Answer, RenderOptions};
+pub use session::{Session, SessionEvent, SessionOptions};
+pub use status::{ClusterStatus, CounterStatus, WorkerStatus};

@@ -1,0 +1,145 @@
+//! What can go wrong for a client, said so that its user knows what to do next.
+
+use std::time::Duration;
+
+use argus_proto::{PROTOCOL_VERSION, WireError, status};
+use tonic::{Code, Status};
+
+/// Why there is no answer.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum ClientError {
+    /// The address cannot be one.
+    #[error("{url:?} is not the address of a server ({reason}): write it like http://127.0.0.1:7400")]
+    Address {
+        /// As given.
+        url: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// No connection.
+    #[error("no server answers at {url} ({reason}): start one with `argus serve` or check the address")]
+    NobodyListens {
+        /// As given.
+        url: String,
+        /// What the operating system says.
+        reason: String,
+    },
+    /// Something listens, but it is not Argus.
+    #[error("what listens at {url} is not an Argus server ({reason}): check the address")]
+    NotArgus {
+        /// As given.
+        url: String,
+        /// What it said instead.
+        reason: String,
+    },
+    /// The server is of another release.
+    #[error(
+        "{url} speaks protocol version {theirs}, this client version {PROTOCOL_VERSION}: \
+         use the same release of argus on both sides"
+    )]
+    Version {
+        /// As given.
+        url: String,
+        /// The server's version.
+        theirs: u32,
+    },
+    /// A field of the request that the server cannot honour.
+    #[error("{field}: {reason}")]
+    Invalid {
+        /// Path of the field.
+        field: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The server has more to do than it can.
+    #[error("{message}; ask less often or add workers")]
+    Overloaded {
+        /// What the server says.
+        message: String,
+        /// When it expects to have room again.
+        retry_after: Option<Duration>,
+    },
+    /// Nothing came in time.
+    #[error("no answer within {} ms ({last}): allow more time or see `argus status`", after.as_millis())]
+    Deadline {
+        /// The time allowed.
+        after: Duration,
+        /// The last failure on the way, or that there was none.
+        last: String,
+    },
+    /// What came is not what was asked for, or did not survive its way.
+    #[error("the answer is damaged: {0}; if it happens again, the server is at fault")]
+    Damaged(#[from] WireError),
+    /// Any other failure that the server reports.
+    #[error("the server failed ({code}): {message}")]
+    Server {
+        /// gRPC code.
+        code: Code,
+        /// Its words.
+        message: String,
+        /// Whether the connection broke rather than the server having answered.
+        broken: bool,
+    },
+}
+
+impl ClientError {
+    /// Whether the same request may succeed if it is sent again.
+    pub fn is_transient(&self) -> bool {
+        match self {
+            Self::Server { code, broken, .. } => *broken || *code == Code::Unavailable,
+            Self::Damaged(error) => !matches!(error, WireError::Invalid(_)),
+            Self::NobodyListens { .. } => true,
+            _ => false,
+        }
+    }
+}
+
+impl From<Status> for ClientError {
+    fn from(status: Status) -> Self {
+        // tonic keeps the transport's error as the source; a server's own status has none.
+        let broken = std::error::Error::source(&status).is_some();
+        match (status.code(), status::invalid_field(&status)) {
+            (Code::InvalidArgument, Some((field, reason))) => Self::Invalid { field, reason },
+            (Code::ResourceExhausted, _) => Self::Overloaded {
+                retry_after: status::retry_after(&status),
+                message: status.message().to_owned(),
+            },
+            (code, _) => Self::Server { code, message: root_cause(&status), broken },
+        }
+    }
+}
+
+/// The innermost error's words: transports wrap "connection refused" in several layers of "transport error".
+pub(crate) fn root_cause(error: &(dyn std::error::Error + 'static)) -> String {
+    let mut at = error;
+    while let Some(source) = at.source() {
+        at = source;
+    }
+    // A status displays its code and details beside its message.
+    at.downcast_ref::<Status>().map_or_else(|| at.to_string(), |status| status.message().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_proto::Fault;
+    use argus_scene::InvalidField;
+
+    use super::*;
+
+    #[test]
+    fn statuses_become_errors_that_keep_their_details() {
+        let invalid: Status = Fault::from(InvalidField::new("camera.up", "must not be 0")).into();
+        assert_eq!(ClientError::from(invalid).to_string(), "camera.up: must not be 0");
+        let retry_after = Duration::from_millis(40);
+        let full: Status = Fault::Overloaded { what: "64 views wait".to_owned(), retry_after }.into();
+        match ClientError::from(full) {
+            ClientError::Overloaded { retry_after: Some(after), .. } => assert_eq!(after, retry_after),
+            other => panic!("{other:?}"),
+        }
+        let gone = ClientError::from(Status::unavailable("no compositor holds these samples"));
+        assert!(gone.is_transient());
+        assert!(gone.to_string().contains("no compositor holds these samples"));
+        assert!(!ClientError::from(Status::internal("a pass failed")).is_transient());
+        assert!(!ClientError::from(Status::failed_precondition("pin")).is_transient());
+    }
+}

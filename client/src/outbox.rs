@@ -1,0 +1,161 @@
+//! What a session has to send: the newest camera, and acknowledgements.
+//!
+//! A queue would deliver bursts of stale cameras after a stall. So a camera waits in a slot where a newer one
+//! replaces it, while acknowledgements, of which none may be lost, queue up beside it.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use argus_proto::v1::{self, session_request::Body};
+use futures::Stream;
+use tokio::sync::Notify;
+
+/// Shared between a session and the stream of its requests.
+#[derive(Debug, Default)]
+pub(crate) struct Outbox {
+    state: Mutex<State>,
+    changed: Notify,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    camera: Option<(u64, v1::SessionView)>,
+    acks: VecDeque<u64>,
+    /// Counts the streams handed out; all but the newest end.
+    incarnation: u64,
+    closed: bool,
+    /// Cameras that were replaced before they were sent.
+    superseded: u64,
+}
+
+impl Outbox {
+    /// Replaces the camera that waits, if one does.
+    pub(crate) fn put(&self, camera_seq: u64, view: v1::SessionView) {
+        let mut state = self.lock();
+        if state.camera.replace((camera_seq, view)).is_some() {
+            state.superseded += 1;
+        }
+        drop(state);
+        self.changed.notify_one();
+    }
+
+    /// Puts back the newest camera after it was sent in vain; nothing changes if it still waits.
+    pub(crate) fn put_back(&self, camera_seq: u64, view: v1::SessionView) {
+        self.lock().camera.get_or_insert((camera_seq, view));
+    }
+
+    /// Queues an acknowledgement.
+    pub(crate) fn acknowledge(&self, camera_seq: u64) {
+        self.lock().acks.push_back(camera_seq);
+        self.changed.notify_one();
+    }
+
+    /// Ends the stream once acknowledgements are sent.
+    pub(crate) fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_one();
+    }
+
+    /// Cameras that were replaced before they were sent.
+    pub(crate) fn superseded(&self) -> u64 {
+        self.lock().superseded
+    }
+
+    /// The requests from now on; a stream handed out before ends. Acknowledgements of frames that came over
+    /// the connection before are forgotten, since their session is gone.
+    pub(crate) fn stream(self: &Arc<Self>) -> impl Stream<Item = v1::SessionRequest> + Send + use<> {
+        let mut state = self.lock();
+        state.incarnation += 1;
+        state.acks.clear();
+        let incarnation = state.incarnation;
+        drop(state);
+        // Wakes the old stream, and leaves a permit for the new one.
+        self.changed.notify_waiters();
+        self.changed.notify_one();
+        futures::stream::unfold(Arc::clone(self), move |outbox| async move {
+            loop {
+                let changed = outbox.changed.notified();
+                match outbox.next(incarnation) {
+                    Next::Send(request) => return Some((request, Arc::clone(&outbox))),
+                    Next::End => return None,
+                    Next::Wait => changed.await,
+                }
+            }
+        })
+    }
+
+    fn next(&self, incarnation: u64) -> Next {
+        let mut state = self.lock();
+        if state.incarnation != incarnation {
+            return Next::End;
+        }
+        if let Some(camera_seq) = state.acks.pop_front() {
+            return Next::Send(v1::SessionRequest { camera_seq, body: Some(Body::Ack(v1::SessionAck {})) });
+        }
+        match state.camera.take() {
+            Some(_) if state.closed => Next::End,
+            Some((camera_seq, view)) => {
+                Next::Send(v1::SessionRequest { camera_seq, body: Some(Body::View(view)) })
+            }
+            None if state.closed => Next::End,
+            None => Next::Wait,
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Every change is a single assignment: a panic elsewhere leaves nothing half done.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+enum Next {
+    Send(v1::SessionRequest),
+    Wait,
+    End,
+}
+
+#[cfg(test)]
+mod tests {
+    use futures::StreamExt;
+
+    use super::*;
+
+    fn seqs(requests: &[v1::SessionRequest]) -> Vec<(u64, bool)> {
+        requests.iter().map(|r| (r.camera_seq, matches!(r.body, Some(Body::Ack(_))))).collect()
+    }
+
+    #[tokio::test]
+    async fn the_newest_camera_replaces_those_that_wait_and_no_acknowledgement_is_lost() {
+        let outbox = Arc::new(Outbox::default());
+        for camera_seq in 1..=4 {
+            outbox.put(camera_seq, v1::SessionView::default());
+            outbox.acknowledge(camera_seq);
+        }
+        let sent: Vec<_> = outbox.stream().take(1).collect().await;
+        // Acknowledgements from before the stream belong to a session that is gone.
+        assert_eq!(seqs(&sent), [(4, false)]);
+        assert_eq!(outbox.superseded(), 3);
+        let stream = outbox.stream();
+        for camera_seq in 5..=6 {
+            outbox.put(camera_seq, v1::SessionView::default());
+            outbox.acknowledge(camera_seq);
+        }
+        let sent: Vec<_> = stream.take(3).collect().await;
+        assert_eq!(seqs(&sent), [(5, true), (6, true), (6, false)]);
+    }
+
+    #[tokio::test]
+    async fn an_older_stream_ends_when_a_newer_one_begins() {
+        let outbox = Arc::new(Outbox::default());
+        let old = tokio::spawn(outbox.stream().collect::<Vec<_>>());
+        tokio::task::yield_now().await;
+        let new = outbox.stream();
+        assert!(old.await.unwrap().is_empty());
+        outbox.put(1, v1::SessionView::default());
+        outbox.put_back(0, v1::SessionView::default());
+        let mut new = Box::pin(new);
+        assert_eq!(new.next().await.unwrap().camera_seq, 1);
+        outbox.close();
+        assert!(new.next().await.is_none());
+    }
+}

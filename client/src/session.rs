@@ -1,0 +1,236 @@
+//! Sessions: what a moving camera sees.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_proto::WireError;
+use argus_proto::chunks::{FrameAssembler, FrameMeta};
+use argus_proto::v1::{self, Encoding, session_response::Body};
+use argus_scene::{Frame, InvalidField, View};
+use tokio::time::{Instant, sleep, timeout_at};
+use tonic::{Code, Streaming};
+
+use crate::outbox::Outbox;
+use crate::render::answers;
+use crate::retry::Backoff;
+use crate::{Client, ClientError};
+
+/// How a session behaves.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SessionOptions {
+    /// How images travel; unspecified leaves it to the server.
+    pub encoding: Encoding,
+    /// A broken session is opened again for this long before it is given up.
+    pub patience: Duration,
+}
+
+impl Default for SessionOptions {
+    fn default() -> Self {
+        Self { encoding: Encoding::Unspecified, patience: Duration::from_secs(30) }
+    }
+}
+
+/// What comes out of a session.
+#[derive(Debug, Clone)]
+pub enum SessionEvent {
+    /// A frame of the camera with that number; those of older ones never come after it.
+    Frame {
+        /// What [`Session::send`] returned.
+        camera_seq: u64,
+        /// What the camera sees.
+        frame: Frame,
+        /// Who made it.
+        meta: FrameMeta,
+    },
+    /// A view that could not be rendered; the session goes on.
+    Failed {
+        /// What [`Session::send`] returned.
+        camera_seq: u64,
+        /// Why.
+        error: ClientError,
+    },
+}
+
+/// A moving camera. Each camera that is sent supersedes those before it; each frame is acknowledged when it
+/// has arrived whole, so that a slow client gets fewer frames and never stale ones. A connection that breaks is
+/// made again and the newest unanswered camera sent again.
+#[derive(Debug)]
+pub struct Session {
+    client: Client,
+    options: SessionOptions,
+    outbox: Arc<Outbox>,
+    incoming: Option<Streaming<v1::SessionResponse>>,
+    assembler: FrameAssembler,
+    /// Camera of the frame that is arriving.
+    arriving: Option<u64>,
+    next_seq: u64,
+    /// The newest camera that was answered, by a frame or a failure.
+    answered: u64,
+    /// Cameras that may still be answered, for comparison with their frames.
+    open: BTreeMap<u64, View>,
+    backoff: Backoff,
+    /// When the session broke, until the next answer.
+    broken_since: Option<Instant>,
+}
+
+impl Client {
+    /// Opens a session; the connection is made with the first call of [`Session::next`].
+    pub fn session(&self, options: SessionOptions) -> Session {
+        Session {
+            assembler: FrameAssembler::new(self.description().limits),
+            client: self.clone(),
+            options,
+            outbox: Arc::default(),
+            incoming: None,
+            arriving: None,
+            next_seq: 1,
+            answered: 0,
+            open: BTreeMap::new(),
+            backoff: Backoff::new(),
+            broken_since: None,
+        }
+    }
+}
+
+impl Session {
+    /// Moves the camera; returns its number. Never waits: a camera that has not left yet is replaced.
+    pub fn send(&mut self, view: &View) -> u64 {
+        let camera_seq = self.next_seq;
+        self.next_seq += 1;
+        self.open.insert(camera_seq, view.clone());
+        self.outbox.put(camera_seq, self.wire(view));
+        camera_seq
+    }
+
+    /// Whether the newest camera has been answered.
+    pub fn is_idle(&self) -> bool {
+        self.answered + 1 == self.next_seq
+    }
+
+    /// Cameras that were replaced before they left this client.
+    pub fn superseded_here(&self) -> u64 {
+        self.outbox.superseded()
+    }
+
+    /// Waits for the next frame. Safe to drop and call again.
+    ///
+    /// # Errors
+    /// Once the session cannot be kept up: a failure that repetition does not cure, or
+    /// [`ClientError::Deadline`] when it could not be opened again for as long as the options allow.
+    pub async fn next(&mut self) -> Result<SessionEvent, ClientError> {
+        loop {
+            let error = match self.receive().await {
+                Ok(None) => continue,
+                Ok(Some(event)) => {
+                    (self.backoff, self.broken_since) = (Backoff::new(), None);
+                    return Ok(event);
+                }
+                Err(error) => error,
+            };
+            self.incoming = None;
+            if !error.is_transient() {
+                return Err(error);
+            }
+            let after = self.options.patience;
+            let end = *self.broken_since.get_or_insert_with(Instant::now) + after;
+            let pause = self.backoff.pause();
+            if Instant::now() + pause >= end {
+                return Err(ClientError::Deadline { after, last: error.to_string() });
+            }
+            tracing::debug!(%error, "opening the session again");
+            sleep(pause).await;
+        }
+    }
+
+    /// Waits for the next message; `None` where it completes nothing.
+    async fn receive(&mut self) -> Result<Option<SessionEvent>, ClientError> {
+        let incoming = match &mut self.incoming {
+            Some(incoming) => incoming,
+            None => self.open().await?,
+        };
+        let Some(response) = incoming.message().await? else {
+            // A server that shuts down ends sessions in order; another one may take its place.
+            let message = "the server ended the session".to_owned();
+            return Err(ClientError::Server { code: Code::Unavailable, message, broken: true });
+        };
+        let camera_seq = response.camera_seq;
+        let body =
+            response.body.ok_or_else(|| WireError::from(InvalidField::new("body", "must be given")))?;
+        match body {
+            Body::Failure(failure) => {
+                if !self.settle(camera_seq) {
+                    return Ok(None);
+                }
+                Ok(Some(SessionEvent::Failed { camera_seq, error: error_of(failure) }))
+            }
+            Body::Chunk(chunk) => {
+                if *self.arriving.get_or_insert(camera_seq) != camera_seq {
+                    let reason = format!("frames of two cameras interleave at {camera_seq}");
+                    return Err(WireError::OutOfOrder { what: "frame", reason }.into());
+                }
+                let Some((frame, meta)) = self.assembler.push(chunk)? else { return Ok(None) };
+                self.arriving = None;
+                self.outbox.acknowledge(camera_seq);
+                if let Some(view) = self.open.get(&camera_seq) {
+                    answers(&frame, view)?;
+                }
+                if !self.settle(camera_seq) {
+                    return Ok(None);
+                }
+                Ok(Some(SessionEvent::Frame { camera_seq, frame, meta }))
+            }
+        }
+    }
+
+    /// Notes the answer to a camera; `false` if a newer one has been answered or it was never sent.
+    fn settle(&mut self, camera_seq: u64) -> bool {
+        let known = self.open.contains_key(&camera_seq);
+        if known {
+            self.open = self.open.split_off(&(camera_seq + 1));
+            self.answered = camera_seq;
+        }
+        known
+    }
+
+    /// Opens the stream, anew if there was one, and sends the newest camera again if it is unanswered.
+    async fn open(&mut self) -> Result<&mut Streaming<v1::SessionResponse>, ClientError> {
+        self.assembler = FrameAssembler::new(self.client.description().limits);
+        self.arriving = None;
+        if let Some((camera_seq, view)) = self.open.last_key_value() {
+            self.outbox.put_back(*camera_seq, self.wire(view));
+        }
+        let requests = self.outbox.stream();
+        let end = Instant::now() + self.options.patience;
+        let mut views = self.client.views();
+        let opening = timeout_at(end, views.session(requests)).await;
+        let response = opening.map_err(|_| ClientError::Deadline {
+            after: self.options.patience,
+            last: "the session was not opened".to_owned(),
+        })?;
+        Ok(self.incoming.insert(response?.into_inner()))
+    }
+
+    fn wire(&self, view: &View) -> v1::SessionView {
+        v1::SessionView { view: Some(view.into()), encoding: self.options.encoding as i32 }
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        self.outbox.close();
+    }
+}
+
+fn error_of(failure: v1::SessionFailure) -> ClientError {
+    let v1::SessionFailure { code, message, field } = failure;
+    match Code::from_i32(code) {
+        Code::InvalidArgument if !field.is_empty() => ClientError::Invalid {
+            // The message repeats the field, as all statuses of an invalid field do.
+            reason: message.strip_prefix(&format!("{field}: ")).unwrap_or(&message).to_owned(),
+            field,
+        },
+        Code::ResourceExhausted => ClientError::Overloaded { message, retry_after: None },
+        code => ClientError::Server { code, message, broken: false },
+    }
+}

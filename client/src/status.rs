@@ -1,0 +1,171 @@
+//! What a cluster does, as a client shows it.
+
+use argus_proto::v1;
+use serde::{Deserialize, Serialize};
+
+/// Workers, roles, and the balance between them. Serialised, it is what `argus status --json` prints.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ClusterStatus {
+    /// What the scene is called.
+    pub scene: String,
+    /// Leadership of the coordinator.
+    pub term: u64,
+    /// Placement of the samples.
+    pub generation: u64,
+    /// Scene time.
+    pub epoch: u64,
+    /// P: all workers.
+    pub processes: u32,
+    /// K: those that render samples.
+    pub samplers: u32,
+    /// Those that reconstruct views.
+    pub compositors: u32,
+    /// S: samples to refresh a tick.
+    pub samples_per_tick: f64,
+    /// g: cost of a sample, milliseconds.
+    pub sample_ms: f64,
+    /// V: views demanded a tick.
+    pub views_per_tick: f64,
+    /// c: cost of a reconstructed view, milliseconds.
+    pub view_ms: f64,
+    /// D: direct views demanded a tick.
+    pub direct_views_per_tick: f64,
+    /// Cost of a direct view, milliseconds.
+    pub direct_ms: f64,
+    /// What the balance formula says a tick takes, milliseconds.
+    pub tick_predicted_ms: f64,
+    /// What it took, milliseconds.
+    pub tick_measured_ms: f64,
+    /// One a process.
+    pub workers: Vec<WorkerStatus>,
+    /// Since the coordinator started.
+    pub counters: CounterStatus,
+}
+
+/// One worker process.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WorkerStatus {
+    /// Its own name for itself.
+    pub id: String,
+    /// Of its process.
+    pub pid: u32,
+    /// `sampler`, `compositor`, `both`, `draining`, `idle`, or `unknown` to this release.
+    pub role: String,
+    /// Where it is reached.
+    pub address: String,
+    /// Adapter, driver and version.
+    pub device: String,
+    /// CPU cores.
+    pub cores: u32,
+    /// Measured cost of a sample, milliseconds.
+    pub sample_ms: Option<f64>,
+    /// Measured cost of a direct view, milliseconds.
+    pub direct_ms: Option<f64>,
+    /// Measured cost of a reconstructed view, milliseconds.
+    pub view_ms: Option<f64>,
+    /// Samples waiting or in work.
+    pub queued_samples: u32,
+    /// Views waiting or in work.
+    pub queued_views: u32,
+    /// Samples rendered since it started.
+    pub samples_rendered: u64,
+    /// Views reconstructed since it started.
+    pub views_composed: u64,
+    /// Views rendered from triangles since it started.
+    pub views_direct: u64,
+    /// Samples it could serve now.
+    pub samples_held: u64,
+}
+
+/// What has happened since the coordinator started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct CounterStatus {
+    /// Views whose frame was relayed.
+    pub views_answered: u64,
+    /// Views that ended in an error.
+    pub views_failed: u64,
+    /// Views turned away because of overload.
+    pub views_rejected: u64,
+    /// Session cameras that a newer one overtook.
+    pub cameras_superseded: u64,
+    /// Views sent to another worker after the first one failed.
+    pub views_retried: u64,
+    /// Changes of role.
+    pub roles_changed: u64,
+    /// Workers that joined.
+    pub workers_joined: u64,
+    /// Workers that were lost.
+    pub workers_lost: u64,
+    /// Sessions open now.
+    pub sessions_open: u64,
+}
+
+impl From<v1::StatusResponse> for ClusterStatus {
+    fn from(wire: v1::StatusResponse) -> Self {
+        Self {
+            scene: wire.scene.map(|scene| scene.name).unwrap_or_default(),
+            term: wire.term,
+            generation: wire.generation,
+            epoch: wire.epoch,
+            processes: wire.processes,
+            samplers: wire.samplers,
+            compositors: wire.compositors,
+            samples_per_tick: wire.samples_per_tick,
+            sample_ms: wire.sample_ms,
+            views_per_tick: wire.views_per_tick,
+            view_ms: wire.view_ms,
+            direct_views_per_tick: wire.direct_views_per_tick,
+            direct_ms: wire.direct_ms,
+            tick_predicted_ms: wire.tick_predicted_ms,
+            tick_measured_ms: wire.tick_measured_ms,
+            workers: wire.workers.into_iter().map(Into::into).collect(),
+            counters: wire.counters.unwrap_or_default().into(),
+        }
+    }
+}
+
+impl From<v1::WorkerStatus> for WorkerStatus {
+    fn from(wire: v1::WorkerStatus) -> Self {
+        let role = match v1::Role::try_from(wire.role) {
+            Ok(v1::Role::Sampler) => "sampler",
+            Ok(v1::Role::Compositor) => "compositor",
+            Ok(v1::Role::Both) => "both",
+            Ok(v1::Role::Draining) => "draining",
+            Ok(v1::Role::Idle) => "idle",
+            Ok(v1::Role::Unspecified) | Err(_) => "unknown",
+        };
+        Self {
+            id: wire.id,
+            pid: wire.pid,
+            role: role.to_owned(),
+            address: wire.address,
+            device: wire.device,
+            cores: wire.cores,
+            sample_ms: wire.sample_ms,
+            direct_ms: wire.direct_ms,
+            view_ms: wire.view_ms,
+            queued_samples: wire.queued_samples,
+            queued_views: wire.queued_views,
+            samples_rendered: wire.samples_rendered,
+            views_composed: wire.views_composed,
+            views_direct: wire.views_direct,
+            samples_held: wire.samples_held,
+        }
+    }
+}
+
+impl From<v1::Counters> for CounterStatus {
+    fn from(wire: v1::Counters) -> Self {
+        Self {
+            views_answered: wire.views_answered,
+            views_failed: wire.views_failed,
+            views_rejected: wire.views_rejected,
+            cameras_superseded: wire.cameras_superseded,
+            views_retried: wire.views_retried,
+            roles_changed: wire.roles_changed,
+            workers_joined: wire.workers_joined,
+            workers_lost: wire.workers_lost,
+            sessions_open: wire.sessions_open,
+        }
+    }
+}
