@@ -1,0 +1,29 @@
+//! The passes of a tile, one file each; the program of `x.rs` is `shaders/sampler/x.wgsl`.
+
+mod resolve_sample;
+mod resolve_view;
+mod shade;
+mod visibility;
+
+use argus_gpu::{Gpu, wgpu};
+
+use crate::eye::Eye;
+use crate::resident::Resident;
+use crate::scratch::Targets;
+use crate::tile::Tile;
+
+pub(crate) use resolve_sample::ResolveSample;
+pub(crate) use resolve_view::ResolveView;
+pub(crate) use shade::{Shade, Shading};
+pub(crate) use visibility::Visibility;
+
+/// A tile about to be rendered: all that its passes have in common.
+pub(crate) struct TileContext<'a> {
+    pub(crate) gpu: &'a Gpu,
+    pub(crate) resident: &'a Resident,
+    pub(crate) eye: &'a Eye,
+    pub(crate) tile: &'a Tile,
+    /// The tile's rays, a uniform.
+    pub(crate) rays: wgpu::Buffer,
+    pub(crate) targets: Targets,
+}

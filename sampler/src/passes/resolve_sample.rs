@@ -1,0 +1,133 @@
+//! Program: `shaders/sampler/resolve_sample.wgsl`. Of each texel's sub-samples, the surface that covers most.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, Ticket, plane, wgpu};
+use argus_scene::{Plane, PlaneFormat, PlaneKind};
+use argus_shaders::layout::sampler::ResolveSample as Parameters;
+use argus_shaders::sampler::RESOLVE_SAMPLE;
+
+use super::TileContext;
+use crate::{RadianceFormat, SamplerKnobs};
+
+/// Texels that rows of a device plane are padded to in a buffer: 256 bytes of the smallest texel.
+const ROW_TEXELS: u32 = 64;
+
+/// Reduces sub-samples to texels and quantises them: the one place where a sample loses precision.
+pub(crate) struct ResolveSample {
+    pipeline: ComputePipeline,
+    glossy: bool,
+}
+
+/// Planes of one sample in the making.
+pub(crate) struct PlaneBuffers {
+    planes: Vec<(PlaneKind, PlaneFormat, wgpu::Buffer)>,
+    size: [u32; 2],
+    /// Texels from row to row.
+    stride: u32,
+}
+
+impl ResolveSample {
+    /// For a scene with or without glossy materials.
+    pub(crate) fn new(gpu: &Gpu, glossy: bool) -> Self {
+        let entry = if glossy { "resolve_glossy" } else { "resolve_matt" };
+        Self { pipeline: gpu.compute_pipeline(&RESOLVE_SAMPLE, entry), glossy }
+    }
+
+    /// Buffers for a sample of `size` texels; rows are padded unless they are read back.
+    pub(crate) fn planes(
+        &self,
+        gpu: &Gpu,
+        knobs: &SamplerKnobs,
+        size: [u32; 2],
+        to_host: bool,
+    ) -> PlaneBuffers {
+        let stride = if to_host { size[0] } else { size[0].next_multiple_of(ROW_TEXELS) };
+        let mut kinds = vec![
+            (PlaneKind::Radiance, knobs.radiance.plane()),
+            (PlaneKind::InverseRange, PlaneFormat::R32Float),
+        ];
+        if self.glossy {
+            kinds.push((PlaneKind::Normal, PlaneFormat::Rg16Snorm));
+            kinds.push((PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
+        }
+        let planes = kinds
+            .into_iter()
+            .map(|(kind, format)| {
+                let bytes = u64::from(stride) * u64::from(size[1]) * format.texel_bytes() as u64;
+                let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+                (kind, format, gpu.buffer("sample plane", bytes, usage))
+            })
+            .collect();
+        PlaneBuffers { planes, size, stride }
+    }
+
+    /// Writes a tile's texels into the planes.
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        knobs: &SamplerKnobs,
+        planes: &PlaneBuffers,
+    ) {
+        let TileContext { gpu, targets, tile, .. } = context;
+        let parameters = Parameters {
+            size: tile.size,
+            offset: tile.offset(),
+            stride: planes.stride,
+            side: tile.side,
+            range_bits: knobs.range_bits,
+            half_float: u32::from(knobs.radiance == RadianceFormat::HalfFloat),
+        };
+        let parameters = gpu.upload("resolve sample", &[parameters], wgpu::BufferUsages::UNIFORM);
+        let mut call = commands
+            .compute("choose surface", &self.pipeline)
+            .read("resolve", &parameters)
+            .read("shaded", &targets.shaded);
+        if let (true, Some(gloss)) = (self.glossy, &targets.gloss) {
+            call = call.read("gloss", gloss);
+        }
+        for (kind, _, buffer) in &planes.planes {
+            call = call.write(name(*kind), buffer);
+        }
+        call.dispatch_threads([tile.size[0], tile.size[1], 1]);
+    }
+}
+
+/// The plane's name in the program.
+fn name(kind: PlaneKind) -> &'static str {
+    match kind {
+        PlaneKind::Radiance => "radiance_plane",
+        PlaneKind::InverseRange => "inverse_range_plane",
+        PlaneKind::Normal => "normal_plane",
+        PlaneKind::Specular => "specular_plane",
+    }
+}
+
+impl PlaneBuffers {
+    /// Asks for the planes' bytes; call it on buffers without padding.
+    pub(crate) fn read(&self, commands: &mut Commands) -> Vec<(PlaneKind, PlaneFormat, Ticket)> {
+        let tickets = self.planes.iter().map(|(kind, format, buffer)| {
+            let texels = u64::from(self.stride) * u64::from(self.size[1]);
+            (*kind, *format, commands.read_buffer(buffer, 0..texels * format.texel_bytes() as u64))
+        });
+        tickets.collect()
+    }
+
+    /// Copies the planes into textures of their own.
+    pub(crate) fn to_textures(&self, gpu: &Gpu, commands: &mut Commands) -> Vec<Plane> {
+        let [width, height] = self.size;
+        let extent = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        let planes = self.planes.iter().map(|(kind, format, buffer)| {
+            let texture =
+                gpu.texture_2d("sample plane", self.size, plane::texture_format(*format), plane::USAGE);
+            let layout = wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(self.stride * format.texel_bytes() as u32),
+                rows_per_image: None,
+            };
+            let from = wgpu::TexelCopyBufferInfo { buffer, layout };
+            commands.encoder().copy_buffer_to_texture(from, texture.as_image_copy(), extent);
+            plane::device_plane(*kind, *format, texture)
+        });
+        planes.collect()
+    }
+}

@@ -1,0 +1,66 @@
+//! Program: `shaders/sampler/resolve_view.wgsl`. The pixels of a direct view.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, Ticket, wgpu};
+use argus_shaders::layout::sampler::ResolveView as Parameters;
+use argus_shaders::sampler::RESOLVE_VIEW;
+
+use super::TileContext;
+
+/// Turns shaded sub-samples into display colours, and visible triangles into ranges.
+pub(crate) struct ResolveView {
+    color: ComputePipeline,
+    range: ComputePipeline,
+}
+
+impl ResolveView {
+    /// For any scene.
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self {
+            color: gpu.compute_pipeline(&RESOLVE_VIEW, "resolve_color"),
+            range: gpu.compute_pipeline(&RESOLVE_VIEW, "resolve_range"),
+        }
+    }
+
+    /// Averages a tile's sub-samples; what comes back is three sRGB bytes a pixel, rows tightly packed.
+    pub(crate) fn record_color(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        exposure: f32,
+    ) -> Ticket {
+        let TileContext { gpu, targets, tile, .. } = context;
+        let parameters = Parameters { size: tile.size, side: tile.side, exposure };
+        let parameters = gpu.upload("resolve view", &[parameters], wgpu::BufferUsages::UNIFORM);
+        let pixels = tile.size[0] * tile.size[1];
+        let groups = pixels.div_ceil(4);
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+        let color = gpu.buffer("color", u64::from(groups) * 12, usage);
+        commands
+            .compute("resolve color", &self.color)
+            .read("resolve", &parameters)
+            .read("shaded", &targets.shaded)
+            .write("color", &color)
+            .dispatch_threads([groups, 1, 1]);
+        commands.read_buffer(&color, 0..u64::from(groups) * 12)
+    }
+
+    /// Intersects the central ray of each pixel with the triangle that a tile with one sub-sample a pixel sees
+    /// there; what comes back is an f32 a pixel.
+    pub(crate) fn record_range(&self, commands: &mut Commands, context: &TileContext<'_>) -> Ticket {
+        let TileContext { gpu, resident, eye, tile, rays, targets } = context;
+        let bytes = u64::from(tile.size[0]) * u64::from(tile.size[1]) * 4;
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+        let range = gpu.buffer("range", bytes, usage);
+        commands
+            .compute("resolve range", &self.range)
+            .read("rays", rays)
+            .read("visibility", &targets.visibility)
+            .read("positions", &resident.positions)
+            .read("indices", &resident.indices)
+            .read("meshes", &resident.meshes)
+            .read("instances", &eye.instances)
+            .write("range", &range)
+            .dispatch_threads([tile.size[0], tile.size[1], 1]);
+        commands.read_buffer(&range, 0..bytes)
+    }
+}

@@ -1,0 +1,65 @@
+//! Program: `shaders/sampler/shade.wgsl`. The radiance that each sub-sample sees.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu};
+use argus_shaders::sampler::SHADE;
+
+use super::TileContext;
+
+/// What is shaded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Shading {
+    /// Everything that reaches the eye, for a direct view.
+    View,
+    /// What does not depend on the viewer, for a sample.
+    Sample,
+}
+
+/// Shades visible surfaces.
+pub(crate) struct Shade {
+    view: ComputePipeline,
+    sample: ComputePipeline,
+    glossy: bool,
+}
+
+impl Shade {
+    /// For a scene with or without glossy materials.
+    pub(crate) fn new(gpu: &Gpu, glossy: bool) -> Self {
+        let sample = if glossy { "shade_glossy_sample" } else { "shade_sample" };
+        Self {
+            view: gpu.compute_pipeline(&SHADE, "shade_view"),
+            sample: gpu.compute_pipeline(&SHADE, sample),
+            glossy,
+        }
+    }
+
+    /// Shades a tile's visibility buffer.
+    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
+        let TileContext { resident, eye, targets, tile, rays, .. } = context;
+        let (name, pipeline) = match (shading, self.glossy) {
+            (Shading::View, _) => ("shade view", &self.view),
+            (Shading::Sample, false) => ("shade sample", &self.sample),
+            (Shading::Sample, true) => ("shade glossy sample", &self.sample),
+        };
+        let mut call = commands
+            .compute(name, pipeline)
+            .read("rays", rays)
+            .read("lighting", &eye.lighting)
+            .read("lights", &eye.lights)
+            .read("visibility", &targets.visibility)
+            .read("positions", &resident.positions)
+            .read("attributes", &resident.attributes)
+            .read("indices", &resident.indices)
+            .read("meshes", &resident.meshes)
+            .read("instances", &eye.instances)
+            .read("materials", &resident.materials)
+            .read("texel_levels", &resident.texel_levels)
+            .read("texels", &resident.texels)
+            .read("texels_srgb", &resident.texels_srgb)
+            .write("shaded", &targets.shaded);
+        if let (Shading::Sample, true, Some(gloss)) = (shading, self.glossy, &targets.gloss) {
+            call = call.write("gloss", gloss);
+        }
+        let [width, height] = tile.sub_samples();
+        call.dispatch_threads([width, height, 1]);
+    }
+}

@@ -1,0 +1,226 @@
+//! Triangles of all meshes in a few arrays.
+
+use argus_scene::{Mesh, Scene};
+use argus_shaders::layout::sampler::MeshLayout;
+use glam::{DVec3, Vec2, Vec3, Vec4};
+
+/// Triangles of a chunk, which is drawn or culled as a whole. Fewer would cull closer and cost more draws.
+const CHUNK_TRIANGLES: usize = 4096;
+
+/// A normal that a vertex does not have; no fraction is stored as -32768.
+const NO_NORMAL: u32 = 0x8000_8000;
+
+/// What is uploaded.
+#[derive(Default)]
+pub(super) struct Arena {
+    pub(super) positions: Vec<Vec3>,
+    pub(super) attributes: Vec<u32>,
+    pub(super) indices: Vec<u32>,
+    /// One a mesh.
+    pub(super) layouts: Vec<MeshLayout>,
+}
+
+/// How a mesh is drawn.
+pub(crate) struct MeshRun {
+    pub(crate) first_index: u32,
+    pub(crate) first_vertex: u32,
+    /// Consecutive triangles; none for a mesh that no instance places.
+    pub(crate) chunks: Vec<Chunk>,
+    /// Around all chunks.
+    pub(crate) whole: Chunk,
+}
+
+/// Some consecutive triangles of a mesh and the box around them, relative to the mesh's origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Chunk {
+    pub(crate) first_triangle: u32,
+    pub(crate) triangles: u32,
+    pub(crate) middle: DVec3,
+    pub(crate) half: DVec3,
+}
+
+impl Arena {
+    /// Of every mesh that an instance places.
+    pub(super) fn new(scene: &Scene) -> (Self, Vec<MeshRun>) {
+        let mut used = vec![false; scene.meshes.len()];
+        scene.instances.iter().for_each(|i| used[i.mesh as usize] = true);
+        let mut arena = Self::default();
+        let runs = scene.meshes.iter().zip(used).map(|(mesh, used)| arena.push(mesh, used)).collect();
+        (arena, runs)
+    }
+
+    fn push(&mut self, mesh: &Mesh, used: bool) -> MeshRun {
+        let has = |attribute: usize| used && attribute > 0 && attribute >= mesh.positions.len();
+        let (uv, color, tangent) = (has(mesh.uvs.len()), has(mesh.colors.len()), has(mesh.tangents.len()));
+        // The normal is word 0; the words of an attribute that is there follow one another.
+        let mut stride = 1;
+        let mut place = |present: bool, words: u32| {
+            let at = if present { stride } else { 0 };
+            stride += if present { words } else { 0 };
+            at
+        };
+        let (uv, color, tangent) = (place(uv, 2), place(color, 2), place(tangent, 1));
+        let layout = MeshLayout {
+            first_index: self.indices.len() as u32,
+            first_vertex: self.positions.len() as u32,
+            first_attribute: self.attributes.len() as u32,
+            stride,
+            uv,
+            color,
+            tangent,
+            material: mesh.material,
+        };
+        self.layouts.push(layout);
+        let mut run = MeshRun {
+            first_index: layout.first_index,
+            first_vertex: layout.first_vertex,
+            chunks: Vec::new(),
+            whole: Chunk { first_triangle: 0, triangles: 0, middle: DVec3::ZERO, half: DVec3::ZERO },
+        };
+        if !used || mesh.triangles() == 0 || mesh.positions.is_empty() {
+            return run;
+        }
+        // A corner that is not finite has no place, so its triangles lose their area and are never drawn.
+        self.positions.extend(mesh.positions.iter().map(|p| if p.is_finite() { *p } else { Vec3::ZERO }));
+        for vertex in 0..mesh.positions.len() {
+            self.push_attributes(mesh, &layout, vertex);
+        }
+        let drawn = |corners: &[u32]| {
+            corners.iter().all(|&i| mesh.positions.get(i as usize).is_some_and(|p| p.is_finite()))
+        };
+        let triangles = mesh.indices[..3 * mesh.triangles()].as_chunks::<3>().0;
+        for (i, chunk) in triangles.chunks(CHUNK_TRIANGLES).enumerate() {
+            let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            for corners in chunk {
+                if drawn(corners) {
+                    self.indices.extend(corners);
+                    for &corner in corners {
+                        let p = mesh.positions[corner as usize].as_dvec3();
+                        (min, max) = (min.min(p), max.max(p));
+                    }
+                } else {
+                    self.indices.extend([0; 3]);
+                }
+            }
+            if min.cmple(max).all() {
+                let first_triangle = (i * CHUNK_TRIANGLES) as u32;
+                let (middle, half) = ((min + max) * 0.5, (max - min) * 0.5);
+                run.chunks.push(Chunk { first_triangle, triangles: chunk.len() as u32, middle, half });
+            }
+        }
+        run.whole = around(&run.chunks, mesh.triangles() as u32);
+        run
+    }
+
+    fn push_attributes(&mut self, mesh: &Mesh, layout: &MeshLayout, vertex: usize) {
+        let normal = mesh.normals.get(vertex).copied().unwrap_or(Vec3::ZERO);
+        self.attributes.push(octahedral(normal));
+        if layout.uv != 0 {
+            let uv: Vec2 = mesh.uvs[vertex];
+            self.attributes.extend([uv.x.to_bits(), uv.y.to_bits()]);
+        }
+        if layout.color != 0 {
+            let [r, g, b, a] = mesh.colors[vertex].to_array();
+            self.attributes.extend([halves(r, g), halves(b, a)]);
+        }
+        if layout.tangent != 0 {
+            self.attributes.push(tangent(mesh.tangents[vertex]));
+        }
+    }
+}
+
+/// The box around chunks, as one run of all triangles.
+fn around(chunks: &[Chunk], triangles: u32) -> Chunk {
+    let min = chunks.iter().map(|c| c.middle - c.half).fold(DVec3::INFINITY, DVec3::min);
+    let max = chunks.iter().map(|c| c.middle + c.half).fold(DVec3::NEG_INFINITY, DVec3::max);
+    Chunk { first_triangle: 0, triangles, middle: (min + max) * 0.5, half: (max - min) * 0.5 }
+}
+
+/// A unit vector in two signed fractions of 16 bits, accurate to some 4·10⁻⁵ radians.
+fn octahedral(n: Vec3) -> u32 {
+    let sum = n.x.abs() + n.y.abs() + n.z.abs();
+    if !(sum > 0.0 && sum < f32::INFINITY) {
+        return NO_NORMAL;
+    }
+    let p = Vec2::new(n.x, n.y) / sum;
+    let folded = (Vec2::ONE - Vec2::new(p.y, p.x).abs())
+        * Vec2::new(if p.x >= 0.0 { 1.0 } else { -1.0 }, if p.y >= 0.0 { 1.0 } else { -1.0 });
+    let e = if n.z >= 0.0 { p } else { folded };
+    let snorm = |x: f32| u32::from((x.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16);
+    snorm(e.x) | snorm(e.y) << 16
+}
+
+/// A tangent as a normal is stored, with the bitangent's sign in the lowest bit.
+fn tangent(t: Vec4) -> u32 {
+    let word = octahedral(t.truncate());
+    if word == NO_NORMAL {
+        return word;
+    }
+    (word & !1) | u32::from(t.w >= 0.0)
+}
+
+fn halves(low: f32, high: f32) -> u32 {
+    let bits = |x: f32| u32::from(half::f16::from_f32(x).to_bits());
+    bits(low) | bits(high) << 16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mesh(triangles: usize) -> Mesh {
+        Mesh {
+            positions: (0..triangles + 2).map(|i| Vec3::new(i as f32, (i % 2) as f32, 0.0)).collect(),
+            indices: (0..triangles as u32).flat_map(|i| [i, i + 1, i + 2]).collect(),
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn chunks_cover_all_triangles_and_hold_their_corners() {
+        let mesh = mesh(3 * CHUNK_TRIANGLES + 7);
+        let mut arena = Arena::default();
+        let run = arena.push(&mesh, true);
+        assert_eq!(run.chunks.iter().map(|c| c.triangles as usize).sum::<usize>(), mesh.triangles());
+        for chunk in &run.chunks {
+            let first = 3 * chunk.first_triangle as usize;
+            for &i in &mesh.indices[first..first + 3 * chunk.triangles as usize] {
+                let from_middle = (mesh.positions[i as usize].as_dvec3() - chunk.middle).abs();
+                assert!(from_middle.cmple(chunk.half).all());
+            }
+        }
+    }
+
+    #[test]
+    fn a_corner_that_is_not_finite_takes_its_triangles_away_and_no_others() {
+        let mut mesh = mesh(4);
+        mesh.positions[0].y = f32::NAN;
+        let mut arena = Arena::default();
+        let run = arena.push(&mesh, true);
+        assert_eq!(arena.indices[..3], [0, 0, 0]);
+        assert_eq!(arena.indices[3..], mesh.indices[3..]);
+        assert!(arena.positions.iter().all(|p| p.is_finite()));
+        assert_eq!(run.whole.triangles, 4, "numbers of triangles do not move");
+    }
+
+    #[test]
+    fn unit_vectors_survive_their_encoding() {
+        let decode = |word: u32| {
+            let e = [word as u16, (word >> 16) as u16].map(|x| f32::from(x as i16) / 32767.0);
+            let z = 1.0 - e[0].abs() - e[1].abs();
+            let fold = |a: f32, b: f32| if z < 0.0 { (1.0 - b.abs()).copysign(a) } else { a };
+            Vec3::new(fold(e[0], e[1]), fold(e[1], e[0]), z).normalize()
+        };
+        for v in [Vec3::X, Vec3::NEG_Z, Vec3::new(0.3, -0.8, -0.2), Vec3::new(-1.0, 1.0, 1.0)] {
+            let v = v.normalize();
+            assert!((decode(octahedral(v)) - v).length() < 6e-5, "{v}");
+            for sign in [1.0, -1.0] {
+                let word = tangent(v.extend(sign));
+                assert_eq!(word & 1 == 1, sign > 0.0);
+                assert!((decode(word) - v).length() < 1.2e-4, "{v}");
+            }
+        }
+        assert_eq!(octahedral(Vec3::ZERO), NO_NORMAL);
+        assert_eq!(octahedral(Vec3::NAN), NO_NORMAL);
+    }
+}

@@ -1,0 +1,156 @@
+//! The scene as it lies on the device, uploaded once.
+
+mod geometry;
+mod materials;
+mod texels;
+
+use std::sync::Arc;
+
+use argus_gpu::{Gpu, wgpu};
+use argus_scene::{Bounds, RenderError, Scene};
+use bytemuck::{NoUninit, Zeroable};
+use glam::{DMat3, DVec3};
+
+pub(crate) use geometry::{Chunk, MeshRun};
+
+/// Buffers and textures that passes read, by the names that `shaders/shared/geometry.wgsl` and
+/// `shaders/shared/texture.wgsl` give them, and what the CPU needs to draw them.
+pub(crate) struct Resident {
+    pub(crate) positions: wgpu::Buffer,
+    pub(crate) attributes: wgpu::Buffer,
+    pub(crate) indices: wgpu::Buffer,
+    pub(crate) meshes: wgpu::Buffer,
+    pub(crate) materials: wgpu::Buffer,
+    pub(crate) texel_levels: wgpu::Buffer,
+    pub(crate) texels: wgpu::TextureView,
+    pub(crate) texels_srgb: wgpu::TextureView,
+    /// One a mesh of the scene.
+    pub(crate) runs: Vec<MeshRun>,
+    /// Those that can be seen, in the order they are drawn: by class, then by mesh.
+    pub(crate) instances: Vec<Placement>,
+    /// One more than the largest index of an instance.
+    pub(crate) instance_count: usize,
+    /// Box around the scene.
+    pub(crate) bounds: Bounds,
+}
+
+/// Which pipeline draws an instance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct DrawClass {
+    /// Whether fragments test alpha.
+    pub(crate) cutout: bool,
+    /// Which side is not seen.
+    pub(crate) cull: Cull,
+}
+
+/// Which side of a triangle is not drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Cull {
+    /// Both sides are seen.
+    None,
+    /// The back.
+    Back,
+    /// The back, whose corners a mirroring transform makes appear counter-clockwise.
+    MirroredBack,
+}
+
+/// An instance that can be seen.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Placement {
+    /// Index into [`Scene::instances`].
+    pub(crate) instance: u32,
+    pub(crate) mesh: u32,
+    pub(crate) class: DrawClass,
+    /// Directions and differences, both ways.
+    pub(crate) world_from_mesh: DMat3,
+    pub(crate) mesh_from_world: DMat3,
+    /// World space position of the vertices' zero.
+    pub(crate) origin: DVec3,
+}
+
+impl Resident {
+    /// Uploads a scene.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] if a part of it is larger than the device can bind.
+    pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Scene) -> Result<Self, RenderError> {
+        let (arena, runs) = geometry::Arena::new(scene);
+        let texels = texels::Texels::new(gpu, scene)?;
+        let materials = materials::materials(scene, &texels.textures);
+        let storage = wgpu::BufferUsages::STORAGE;
+        let vertex = storage | wgpu::BufferUsages::VERTEX;
+        let index = storage | wgpu::BufferUsages::INDEX;
+        Ok(Self {
+            positions: upload(gpu, "vertex positions", &arena.positions, vertex)?,
+            attributes: upload(gpu, "vertex attributes", &arena.attributes, storage)?,
+            indices: upload(gpu, "indices", &arena.indices, index)?,
+            meshes: upload(gpu, "meshes", &arena.layouts, storage)?,
+            materials: upload(gpu, "materials", &materials, storage)?,
+            texel_levels: upload(gpu, "texture levels", &texels.levels, storage)?,
+            texels: texels.linear,
+            texels_srgb: texels.srgb,
+            instances: placements(scene, &runs),
+            runs,
+            instance_count: scene.instances.len(),
+            bounds: scene.bounds(),
+        })
+    }
+}
+
+/// A buffer that holds `data`, or one zero where there is none, since nothing empty can be bound.
+///
+/// # Errors
+/// [`RenderError::OutOfMemory`] if it is larger than the device can bind.
+pub(crate) fn upload<T: NoUninit + Zeroable>(
+    gpu: &Gpu,
+    label: &str,
+    data: &[T],
+    usage: wgpu::BufferUsages,
+) -> Result<wgpu::Buffer, RenderError> {
+    let limits = gpu.device.limits();
+    let most = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
+    let bytes = size_of_val(data) as u64;
+    if bytes > most {
+        let (mib, most) = (bytes.div_ceil(1 << 20), most >> 20);
+        let message =
+            format!("{label} of this scene take {mib} MiB, and this device binds at most {most} MiB");
+        return Err(RenderError::OutOfMemory(message));
+    }
+    Ok(if data.is_empty() {
+        gpu.upload(label, &[T::zeroed()], usage)
+    } else {
+        gpu.upload(label, data, usage)
+    })
+}
+
+/// Instances with triangles and a transform that can be inverted, in the order they are drawn.
+fn placements(scene: &Scene, runs: &[MeshRun]) -> Vec<Placement> {
+    let mut placements: Vec<Placement> = (0u32..)
+        .zip(&scene.instances)
+        .filter_map(|(index, instance)| {
+            let mesh = &scene.meshes[instance.mesh as usize];
+            let material = &scene.materials[mesh.material as usize];
+            let world_from_mesh = instance.world_from_mesh.matrix3;
+            let mesh_from_world = world_from_mesh.inverse();
+            let origin = instance.world_from_mesh.transform_point3(mesh.origin);
+            let seen = mesh_from_world.is_finite() && origin.is_finite();
+            let cull = match (material.double_sided, world_from_mesh.determinant() < 0.0) {
+                (true, _) => Cull::None,
+                (false, false) => Cull::Back,
+                (false, true) => Cull::MirroredBack,
+            };
+            let class = DrawClass { cutout: material.alpha_cutoff().is_some(), cull };
+            let filled = !runs[instance.mesh as usize].chunks.is_empty();
+            (seen && filled).then_some(Placement {
+                instance: index,
+                mesh: instance.mesh,
+                class,
+                world_from_mesh,
+                mesh_from_world,
+                origin,
+            })
+        })
+        .collect();
+    placements.sort_by_key(|p| (p.class, p.mesh, p.instance));
+    placements
+}

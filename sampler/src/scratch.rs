@@ -1,0 +1,62 @@
+//! Memory that a tile is rendered in, kept for the next tile of the same size.
+
+use argus_gpu::{Gpu, wgpu};
+
+/// Format of the visibility buffer: instance + 1, triangle.
+pub(crate) const VISIBILITY: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
+/// Format of depth.
+pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+/// Sizes that are kept. Views of one cluster come in few sizes, and each has at most four kinds of tile.
+const KEPT: usize = 6;
+
+/// Targets of one size.
+#[derive(Clone)]
+pub(crate) struct Targets {
+    size: [u32; 2],
+    pub(crate) visibility: wgpu::TextureView,
+    pub(crate) depth: wgpu::TextureView,
+    /// Four floats a sub-sample.
+    pub(crate) shaded: wgpu::Buffer,
+    /// Two words a sub-sample; made when a glossy sample first needs it.
+    pub(crate) gloss: Option<wgpu::Buffer>,
+}
+
+/// Targets of the sizes that were used last.
+#[derive(Default)]
+pub(crate) struct Scratch(Vec<Targets>);
+
+impl Scratch {
+    /// Targets for `size` sub-samples.
+    pub(crate) fn targets(&mut self, gpu: &Gpu, size: [u32; 2], gloss: bool) -> Targets {
+        let kept = self.0.iter().position(|t| t.size == size);
+        let mut targets = match kept {
+            Some(index) => self.0.remove(index),
+            None => Targets::new(gpu, size),
+        };
+        if gloss && targets.gloss.is_none() {
+            let bytes = u64::from(size[0]) * u64::from(size[1]) * 8;
+            targets.gloss = Some(gpu.buffer("gloss", bytes, wgpu::BufferUsages::STORAGE));
+        }
+        self.0.insert(0, targets.clone());
+        self.0.truncate(KEPT);
+        targets
+    }
+}
+
+impl Targets {
+    fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
+        let attachment = wgpu::TextureUsages::RENDER_ATTACHMENT;
+        let view = |label, format, usage| {
+            gpu.texture_2d(label, size, format, usage).create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
+        Self {
+            size,
+            visibility: view("visibility", VISIBILITY, attachment | wgpu::TextureUsages::TEXTURE_BINDING),
+            depth: view("depth", DEPTH, attachment),
+            shaded: gpu.buffer("shaded sub-samples", bytes, wgpu::BufferUsages::STORAGE),
+            gloss: None,
+        }
+    }
+}

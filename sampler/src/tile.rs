@@ -1,0 +1,150 @@
+//! Tiles: the parts of an image that are rasterised and shaded at a time.
+
+use argus_scene::camera::Face;
+use argus_shaders::layout::sampler::Rays;
+use glam::{DVec2, DVec3, DVec4};
+
+/// Sub-samples on a side of a tile. 2048² of them take 64 MiB shaded, half of the smallest binding that a
+/// driver we know offers, and 48 MiB as visibility and depth.
+const MAX_SIDE: u32 = 2048;
+
+/// A rectangle of a face's texels, with a number of sub-samples in each.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Tile {
+    face: Face,
+    /// First texel: column, row of the face.
+    pub(crate) begin: [u32; 2],
+    /// Texels: columns, rows.
+    pub(crate) size: [u32; 2],
+    /// Sub-samples along each side of a texel.
+    pub(crate) side: u32,
+}
+
+/// Cuts faces into tiles of at most [`MAX_SIDE`] sub-samples a side, row by row.
+pub(crate) fn tiles(faces: &[Face], side: u32) -> Vec<Tile> {
+    let most = (MAX_SIDE / side).max(1);
+    let mut tiles = Vec::new();
+    for face in faces {
+        for y in (0..face.size[1]).step_by(most as usize) {
+            for x in (0..face.size[0]).step_by(most as usize) {
+                let size = [most.min(face.size[0] - x), most.min(face.size[1] - y)];
+                tiles.push(Tile { face: *face, begin: [x, y], size, side });
+            }
+        }
+    }
+    tiles
+}
+
+impl Tile {
+    /// Sub-samples: columns, rows.
+    pub(crate) fn sub_samples(&self) -> [u32; 2] {
+        self.size.map(|texels| texels * self.side)
+    }
+
+    /// The tile's first texel within the whole image.
+    pub(crate) fn offset(&self) -> [u32; 2] {
+        [self.face.offset[0] + self.begin[0], self.face.offset[1] + self.begin[1]]
+    }
+
+    /// The plane at unit depth: the tile's top left corner and half its extent, in units of the view (x right,
+    /// y up).
+    fn extent(&self) -> (DVec2, DVec2) {
+        let image = DVec2::new(f64::from(self.face.size[0]), f64::from(self.face.size[1]));
+        let at = |texel: [u32; 2]| {
+            let ndc = DVec2::new(f64::from(texel[0]), f64::from(texel[1])) / image * 2.0 - 1.0;
+            DVec2::new(ndc.x, -ndc.y) * self.face.tan_half_fov
+        };
+        let top_left = at(self.begin);
+        let bottom_right = at([self.begin[0] + self.size[0], self.begin[1] + self.size[1]]);
+        (top_left, (bottom_right - top_left) * 0.5)
+    }
+
+    /// Rows x, y and w of the transform from world axes about the eye to the tile's clip space.
+    pub(crate) fn clip_from_eye(&self) -> [DVec3; 3] {
+        let (top_left, half) = self.extent();
+        let middle = top_left + half;
+        let axes = self.face.view_from_world.transpose();
+        let (right, up, back) = (axes.x_axis, axes.y_axis, axes.z_axis);
+        // half.y is negative: rows go down.
+        [(right + back * middle.x) / half.x, (up + back * middle.y) / -half.y, -back]
+    }
+
+    /// The tile's rays.
+    pub(crate) fn rays(&self) -> Rays {
+        let (top_left, half) = self.extent();
+        let world_from_view = self.face.view_from_world.transpose();
+        let [width, height] = self.sub_samples();
+        let step = half * 2.0 / DVec2::new(f64::from(width), f64::from(height));
+        let world = |v: DVec3| (world_from_view * v).as_vec3().to_array();
+        Rays {
+            top_left: world(top_left.extend(-1.0)),
+            side: self.side,
+            right: world(DVec3::X * step.x),
+            width,
+            down: world(DVec3::Y * step.y),
+            height,
+        }
+    }
+}
+
+/// Half spaces that hold whatever a tile shows, for boxes in mesh space.
+pub(crate) struct Frustum([DVec4; 5]);
+
+impl Frustum {
+    /// From the rows x, y, w of a transform to clip space.
+    pub(crate) fn new([x, y, w]: [DVec4; 3]) -> Self {
+        Self([w + x, w - x, w + y, w - y, w])
+    }
+
+    /// Whether a box (middle, half extent) may be seen: never false for one that is.
+    pub(crate) fn may_show(&self, middle: DVec3, half: DVec3) -> bool {
+        self.0.iter().all(|plane| {
+            let normal = plane.truncate();
+            let farthest = plane.w + normal.dot(middle) + normal.abs().dot(half);
+            // Rounding to f32 on the device may show what lies a hair outside; NaN shows.
+            let slack = 1e-5 * (plane.w.abs() + normal.abs().dot(middle.abs() + half));
+            !(farthest < -slack)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Camera, SampleCamera};
+
+    use super::*;
+
+    #[test]
+    fn tiles_cover_every_texel_once_and_stay_within_bounds() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
+        let faces = SampleCamera::Perspective { camera, width: 1030, height: 700 }.faces();
+        let mut seen = vec![0u8; 1030 * 700];
+        for tile in tiles(&faces, 4) {
+            assert!(tile.sub_samples().iter().all(|&s| s <= MAX_SIDE));
+            for y in 0..tile.size[1] {
+                for x in 0..tile.size[0] {
+                    let [ox, oy] = tile.offset();
+                    seen[((oy + y) * 1030 + ox + x) as usize] += 1;
+                }
+            }
+        }
+        assert!(seen.iter().all(|&n| n == 1));
+    }
+
+    #[test]
+    fn a_tile_rasterises_a_point_at_the_sub_sample_whose_ray_meets_it() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::new(1.0, -2.0, 3.0));
+        let faces = SampleCamera::Perspective { camera, width: 1500, height: 900 }.faces();
+        for tile in tiles(&faces, 2) {
+            let rays = tile.rays();
+            let v = |a: [f32; 3]| glam::Vec3::from_array(a).as_dvec3();
+            let at = DVec2::new(17.5, 33.5);
+            let direction = v(rays.top_left) + v(rays.right) * at.x + v(rays.down) * at.y;
+            let [x, y, w] = tile.clip_from_eye().map(|row| row.dot(direction * 7.0));
+            let ndc = DVec2::new(x / w, -y / w);
+            let [width, height] = tile.sub_samples().map(f64::from);
+            let found = (ndc * 0.5 + 0.5) * DVec2::new(width, height);
+            assert!((found - at).length() < 1e-3, "{found} {at}");
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! Frames of direct views, put together from tiles.
+
+use argus_gpu::{Commands, GpuError, Ticket};
+use argus_scene::{Frame, InvalidField, Outputs, Plan, Provenance, Scene, Stage, ViewJob};
+use bytes::Bytes;
+
+use crate::tile::Tile;
+use crate::timing;
+
+/// Most sub-samples along a side of a pixel.
+const MAX_SIDE: u32 = 8;
+
+/// The side of the grid of sub-samples that a plan asks for.
+///
+/// # Errors
+/// The plan is not direct, or its number of samples is not a square up to 64.
+pub(crate) fn grid_side(plan: &Plan) -> Result<u32, InvalidField> {
+    let Plan::Direct { samples_per_pixel } = plan else {
+        return Err(InvalidField::new("plan", "a sampler renders direct views only"));
+    };
+    let side = samples_per_pixel.isqrt();
+    if side * side != *samples_per_pixel || !(1..=MAX_SIDE).contains(&side) {
+        let most = MAX_SIDE * MAX_SIDE;
+        let reason = format!("must be a square number from 1 to {most}, not {samples_per_pixel}");
+        return Err(InvalidField::new("plan.samples_per_pixel", reason));
+    }
+    Ok(side)
+}
+
+/// An image that arrives in tiles.
+pub(crate) struct Image {
+    size: [u32; 2],
+    pixel_bytes: usize,
+    bytes: Bytes,
+    /// Filled instead of `bytes` where there is more than one tile.
+    joined: Vec<u8>,
+}
+
+impl Image {
+    pub(crate) fn new(size: [u32; 2], pixel_bytes: usize) -> Self {
+        Self { size, pixel_bytes, bytes: Bytes::new(), joined: Vec::new() }
+    }
+
+    /// Submits the commands that render a tile, waits for them and takes the pixels.
+    pub(crate) fn finish(
+        &mut self,
+        tile: &Tile,
+        commands: Commands,
+        pixels: Ticket,
+        stages: &mut Vec<Stage>,
+    ) -> Result<(), GpuError> {
+        let mut finished = commands.submit().wait()?;
+        timing::add(stages, std::mem::take(&mut finished.stages));
+        self.place(tile, finished.take(pixels));
+        Ok(())
+    }
+
+    /// Takes a tile's pixels, rows tightly packed; bytes beyond the last are ignored.
+    fn place(&mut self, tile: &Tile, mut pixels: Bytes) {
+        let row = tile.size[0] as usize * self.pixel_bytes;
+        if tile.size == self.size {
+            pixels.truncate(row * tile.size[1] as usize);
+            self.bytes = pixels;
+            return;
+        }
+        let pitch = self.size[0] as usize * self.pixel_bytes;
+        self.joined.resize(pitch * self.size[1] as usize, 0);
+        let [x, y] = tile.begin.map(|texels| texels as usize);
+        for (i, from) in pixels.chunks_exact(row).take(tile.size[1] as usize).enumerate() {
+            let at = (y + i) * pitch + x * self.pixel_bytes;
+            self.joined[at..at + row].copy_from_slice(from);
+        }
+    }
+
+    pub(crate) fn into_bytes(self) -> Bytes {
+        if self.joined.is_empty() { self.bytes } else { self.joined.into() }
+    }
+}
+
+/// Images that were rendered.
+#[derive(Default)]
+pub(crate) struct ViewParts {
+    pub(crate) color: Option<Bytes>,
+    pub(crate) range: Option<Bytes>,
+}
+
+/// The reply to a direct view: what is asked of samples is answered with "none".
+pub(crate) fn frame(
+    view: &ViewJob,
+    scene: &Scene,
+    device: &str,
+    parts: ViewParts,
+    stages: Vec<Stage>,
+) -> Frame {
+    let Outputs { mask, source, .. } = view.outputs;
+    let none = |wanted: bool| {
+        let pixels = view.width as usize * view.height as usize;
+        wanted.then(|| Bytes::from(vec![0; pixels]))
+    };
+    Frame {
+        width: view.width,
+        height: view.height,
+        color: parts.color,
+        range: parts.range,
+        mask: none(mask),
+        source: none(source),
+        unresolved_fraction: 0.0,
+        provenance: Provenance {
+            scene: scene.hash,
+            epoch: view.epoch,
+            generation: 0,
+            plan: view.plan.clone(),
+            device: device.to_owned(),
+        },
+        stages,
+    }
+}
