@@ -18,6 +18,8 @@
 pub mod coordinator;
 pub mod core;
 mod handed_in;
+mod net;
+mod wire;
 pub mod worker;
 
 pub use handed_in::{BundleFile, RoleFactory, SceneOpener, SceneRef, SceneSource};

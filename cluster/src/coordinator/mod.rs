@@ -1,15 +1,37 @@
 //! The coordinator's shell: sockets and clocks around [`crate::core`].
 
+mod cluster;
 mod config;
+mod hub;
+mod relay;
+mod scenes;
+mod session;
+mod views;
 
 use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use argus_proto::FILE_DESCRIPTOR_SET;
+use argus_proto::v1::cluster_server::ClusterServer;
+use argus_proto::v1::scenes_server::ScenesServer;
+use argus_proto::v1::views_server::ViewsServer;
+use argus_scene::{Rig, SampleSetInfo};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
+use tonic::transport::Server;
+use tonic::transport::server::TcpIncoming;
+use tracing::info;
 
 pub use config::{Config, ServeError};
 
-use crate::SceneSource;
+use self::hub::Hub;
+use crate::core::{Core, Event};
+use crate::net::KEEPALIVE;
+use crate::wire::Standing;
+use crate::{SceneRef, SceneSource};
+
+/// Placement of the first rig; nothing yet moves the cameras of a scene while it is served.
+const FIRST_GENERATION: u64 = 1;
 
 /// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled,
 /// then turns new requests away, lets those in work finish for [`Config::grace`], and returns.
@@ -22,7 +44,88 @@ pub async fn serve(
     source: Arc<dyn SceneSource>,
     shutdown: CancellationToken,
 ) -> Result<(), ServeError> {
-    let _ = (config, listener, source);
-    shutdown.cancelled().await;
+    let scene = source.scene();
+    let set = Arc::new(SampleSetInfo {
+        scene: scene.hash,
+        bounds: scene.bounds(),
+        rig: Rig::for_scene(scene, &config.rig)?,
+        epoch: 0,
+        generation: FIRST_GENERATION,
+        lighting: scene.lighting.clone(),
+    });
+    let standing = Standing {
+        term: config.term.unwrap_or_else(milliseconds_since_1970),
+        scene: SceneRef { name: scene.name.clone(), hash: scene.hash },
+        limits: config.core.limits,
+        report_interval: config.core.report_interval,
+    };
+    let address = listener.local_addr()?;
+    info!(%address, scene = scene.name, term = standing.term, "coordinator serves");
+    let core = Core::new(config.core.clone(), set);
+    let hub = Arc::new(Hub::new(&config, core, source, standing));
+
+    let (health, health_service) = tonic_health::server::health_reporter();
+    health.set_serving::<ViewsServer<views::ViewsService>>().await;
+    health.set_serving::<ClusterServer<cluster::ClusterService>>().await;
+    health.set_serving::<ScenesServer<scenes::ScenesService>>().await;
+    let reflection = tonic_reflection::server::Builder::configure()
+        .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
+        .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
+        .build_v1()?;
+
+    let draining = {
+        let (hub, shutdown, grace) = (hub.clone(), shutdown.clone(), config.grace);
+        async move {
+            shutdown.cancelled().await;
+            info!("coordinator drains");
+            hub.step(Event::Drain);
+            health.set_not_serving::<ViewsServer<views::ViewsService>>().await;
+            health.set_service_status("", tonic_health::ServingStatus::NotServing).await;
+            let idle = async {
+                while hub.look(|core| core.views_in_flight()) > 0 {
+                    tokio::time::sleep(Duration::from_millis(10)).await;
+                }
+            };
+            // What is not done within the grace is cut off; the client's library tries elsewhere or later.
+            let _ = tokio::time::timeout(grace, idle).await;
+            hub.closing.cancel();
+        }
+    };
+    let server = Server::builder()
+        .http2_adaptive_window(Some(true))
+        .http2_keepalive_interval(Some(KEEPALIVE))
+        .add_service(ViewsServer::new(views::ViewsService::new(hub.clone())))
+        .add_service(ClusterServer::new(cluster::ClusterService { hub: hub.clone() }))
+        .add_service(ScenesServer::new(scenes::ScenesService { hub: hub.clone() }))
+        .add_service(health_service)
+        .add_service(reflection)
+        .serve_with_incoming_shutdown(TcpIncoming::from(listener).with_nodelay(Some(true)), draining);
+    let cut_off = async {
+        hub.closing.cancelled().await;
+        tokio::time::sleep(Duration::from_secs(1)).await;
+    };
+    tokio::select! {
+        served = server => served?,
+        () = tick(&hub, &config) => {}
+        () = cut_off => {}
+    }
+    info!("coordinator stopped");
     Ok(())
+}
+
+/// Tells the core the time, ten times a tick and at least ten times a second.
+async fn tick(hub: &Hub, config: &Config) {
+    let period = (config.core.tick / 10).clamp(Duration::from_millis(5), Duration::from_millis(100));
+    let mut interval = tokio::time::interval(period);
+    interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    loop {
+        interval.tick().await;
+        hub.step(Event::Tick);
+    }
+}
+
+/// Not before 1970 on any machine whose clock was ever set.
+fn milliseconds_since_1970() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
 }

@@ -181,8 +181,8 @@ impl Sim {
     fn second(&mut self, views: usize, direct: usize) {
         for quarter in 0..4 {
             let share = |n: usize| n * (quarter + 1) / 4 - n * quarter / 4;
-            (0..share(views)).for_each(|_| drop(self.ask(false)));
-            (0..share(direct)).for_each(|_| drop(self.ask(true)));
+            (0..share(views)).for_each(|_| _ = self.ask(false));
+            (0..share(direct)).for_each(|_| _ = self.ask(true));
             self.answer_all();
             self.now = self.now.after(Duration::from_millis(250));
             self.report_all();

@@ -1,0 +1,88 @@
+//! `Cluster`: what workers join, and what people ask for its state.
+
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_proto::status::{check_version, invalid};
+use argus_proto::v1;
+use argus_proto::v1::cluster_server::Cluster;
+use argus_proto::v1::worker_report::Body;
+use argus_scene::InvalidField;
+use futures::{Stream, StreamExt};
+use tokio_stream::wrappers::UnboundedReceiverStream;
+use tonic::{Request, Response, Status, Streaming};
+
+use super::hub::Hub;
+use crate::core::{Event, WorkerId};
+use crate::wire;
+
+/// How long a stream may stay without a hello.
+const HELLO_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// The service.
+pub(super) struct ClusterService {
+    pub(super) hub: Arc<Hub>,
+}
+
+#[tonic::async_trait]
+impl Cluster for ClusterService {
+    type JoinStream = Pin<Box<dyn Stream<Item = Result<v1::Assignment, Status>> + Send>>;
+
+    async fn join(
+        &self,
+        request: Request<Streaming<v1::WorkerReport>>,
+    ) -> Result<Response<Self::JoinStream>, Status> {
+        let mut reports = request.into_inner();
+        let first = tokio::time::timeout(HELLO_TIMEOUT, reports.message())
+            .await
+            .map_err(|_| Status::deadline_exceeded("no hello came"))??;
+        let Some(Body::Hello(hello)) = first.and_then(|report| report.body) else {
+            return Err(invalid(InvalidField::new("hello", "must be the first message")));
+        };
+        check_version(hello.protocol_version)?;
+        let hello = wire::hello_from(hello).map_err(invalid)?;
+        let (worker, assignments, expelled) = self.hub.seat(hello);
+        let hub = self.hub.clone();
+        tokio::spawn(async move {
+            let _seat = Seat { hub: hub.clone(), worker };
+            loop {
+                let report = tokio::select! {
+                    report = reports.message() => report,
+                    () = expelled.cancelled() => break,
+                };
+                match report.ok().flatten().and_then(|report| report.body) {
+                    Some(Body::Measurements(measurements)) => {
+                        let report = wire::report_from(measurements);
+                        hub.step(Event::Reported { worker, report });
+                    }
+                    // A second hello says nothing new; an empty report at the end of the stream ends it.
+                    Some(Body::Hello(_)) => {}
+                    None => break,
+                }
+            }
+        });
+        let closing = self.hub.closing.clone().cancelled_owned();
+        let assignments = UnboundedReceiverStream::new(assignments).take_until(closing);
+        Ok(Response::new(Box::pin(assignments)))
+    }
+
+    async fn status(
+        &self,
+        _request: Request<v1::StatusRequest>,
+    ) -> Result<Response<v1::StatusResponse>, Status> {
+        Ok(Response::new(self.hub.status()))
+    }
+}
+
+/// Gives a worker's seat up when its stream ends, however it ends.
+struct Seat {
+    hub: Arc<Hub>,
+    worker: WorkerId,
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.hub.vacate(self.worker);
+    }
+}

@@ -1,0 +1,173 @@
+//! A view's way through the coordinator: ask the core, open the worker's stream, pass its chunks on.
+//!
+//! Chunks are relayed as they come. A worker that fails before its first chunk costs nothing but time. One
+//! that fails in the middle of a frame is replaced as well: a frame's bytes are a function of its provenance,
+//! so another worker's are the same, and what the client already has is skipped. Only the frame's header is
+//! looked at, to make sure of that and to add the relay's own time.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_proto::v1::frame_chunk::Body;
+use argus_proto::v1::views_client::ViewsClient;
+use argus_proto::{Fault, v1};
+use argus_scene::View;
+use futures::Stream;
+use tokio::time::Instant;
+use tonic::{Code, Status, Streaming};
+use tracing::debug;
+
+use super::hub::Hub;
+use crate::core::Order;
+use crate::wire;
+
+/// A view that is asked for.
+pub(super) struct Wanted {
+    /// Checked.
+    pub(super) view: View,
+    /// As it came, to be sent on.
+    pub(super) wire: v1::View,
+    pub(super) view_id: String,
+    pub(super) deadline: Option<Duration>,
+    pub(super) encoding: i32,
+    /// When its request arrived.
+    pub(super) arrived: Instant,
+}
+
+/// What a client already has of a frame.
+#[derive(Default)]
+struct Relayed {
+    header: Option<v1::FrameHeader>,
+    bytes: u64,
+}
+
+/// How an attempt ended early.
+enum Broken {
+    /// The core gave the view to another worker, or refused it.
+    Overruled(Result<Box<Order>, Fault>),
+    /// The worker failed.
+    Failed(Status),
+}
+
+/// The frame of a view in chunks. Dropping the stream cancels the view.
+pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<v1::FrameChunk, Status>> {
+    async_stream::try_stream! {
+        let mut asked = hub.ask(wanted.view.clone(), wanted.deadline);
+        let mut order = asked.verdict().await?;
+        let mut relayed = Relayed::default();
+        loop {
+            let mut chunks: Option<Streaming<v1::FrameChunk>> = None;
+            let broken = loop {
+                // Both futures are safe to drop at any await: an RPC that is not read on is cancelled.
+                let next = async {
+                    match &mut chunks {
+                        Some(chunks) => Ok((None, chunks.message().await?)),
+                        None => {
+                            let mut opened = open(&hub, &wanted, &order).await?;
+                            let first = opened.message().await?;
+                            Ok::<_, Status>((Some(opened), first))
+                        }
+                    }
+                };
+                let next = tokio::select! {
+                    biased;
+                    verdict = asked.verdict() => break Broken::Overruled(verdict),
+                    next = next => next,
+                };
+                match next {
+                    Err(status) => break Broken::Failed(status),
+                    Ok((_, None)) => {
+                        if relayed.header.is_none() {
+                            break Broken::Failed(Status::data_loss("the worker sent no frame"));
+                        }
+                        asked.answered(order.attempt);
+                        return;
+                    }
+                    Ok((opened, Some(chunk))) => {
+                        chunks = opened.or(chunks);
+                        match relayed.pass(chunk, wanted.arrived) {
+                            Ok(Some(chunk)) => yield chunk,
+                            Ok(None) => {}
+                            Err(status) => break Broken::Failed(status),
+                        }
+                    }
+                }
+            };
+            order = match broken {
+                Broken::Overruled(verdict) => verdict?,
+                Broken::Failed(status) if !another_may_succeed(&status) => {
+                    asked.failed(order.attempt);
+                    Err(status)?;
+                    return;
+                }
+                Broken::Failed(status) => {
+                    debug!(view = wanted.view_id, attempt = order.attempt, %status, "attempt failed");
+                    asked.try_elsewhere(order.attempt);
+                    // Where no other is left, what the last one said tells more than that it was the last.
+                    match asked.verdict().await {
+                        Err(Fault::Unavailable(_)) => Err(status)?,
+                        verdict => verdict?,
+                    }
+                }
+            };
+        }
+    }
+}
+
+/// Whether a worker's failure may be its own: all but what is wrong with the request itself.
+fn another_may_succeed(status: &Status) -> bool {
+    !matches!(status.code(), Code::InvalidArgument | Code::DeadlineExceeded | Code::Unimplemented)
+}
+
+async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {
+    let age = wanted.arrived.elapsed();
+    let left = wanted.deadline.map_or(0, |deadline| {
+        // 0 would mean: no deadline.
+        u32::try_from(deadline.saturating_sub(age).as_millis()).unwrap_or(u32::MAX).max(1)
+    });
+    let request = v1::RenderRequest {
+        view_id: wanted.view_id.clone(),
+        view: Some(wanted.wire.clone()),
+        deadline_ms: left,
+        encoding: wanted.encoding,
+        order: Some(v1::ViewOrder {
+            term: hub.standing.term,
+            epoch: hub.look(|core| core.set().epoch),
+            plan: Some((&order.plan).into()),
+            sources: wire::sources(order.sources.clone()),
+            age_ms: age.as_secs_f64() * 1e3,
+        }),
+    };
+    let mut client = ViewsClient::new(hub.channels.to(&order.address)?);
+    Ok(client.render(request).await?.into_inner())
+}
+
+impl Relayed {
+    /// What to send on of a chunk; `None` if the client has it already.
+    fn pass(&mut self, chunk: v1::FrameChunk, arrived: Instant) -> Result<Option<v1::FrameChunk>, Status> {
+        match chunk.body {
+            Some(Body::Header(mut header)) => {
+                if let Some(sent) = &self.header {
+                    let same = sent.provenance == header.provenance && sent.images == header.images;
+                    let reason = "the worker failed within a frame, and no other makes the same one";
+                    return if same { Ok(None) } else { Err(Status::unavailable(reason)) };
+                }
+                let age_ms = arrived.elapsed().as_secs_f64() * 1e3;
+                let relay_ms = (age_ms - header.age_ms).max(0.0);
+                header.stages.push(v1::Stage { name: "relay".to_owned(), ms: relay_ms });
+                header.age_ms = age_ms;
+                self.header = Some(header.clone());
+                Ok(Some(v1::FrameChunk { body: Some(Body::Header(header)) }))
+            }
+            Some(Body::Data(data)) => {
+                // Every worker cuts the same bytes at the same places.
+                if data.offset < self.bytes {
+                    return Ok(None);
+                }
+                self.bytes = data.offset + data.bytes.len() as u64;
+                Ok(Some(v1::FrameChunk { body: Some(Body::Data(data)) }))
+            }
+            None => Err(Status::data_loss("the worker sent an empty chunk")),
+        }
+    }
+}

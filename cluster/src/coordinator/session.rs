@@ -1,0 +1,198 @@
+//! A session: one moving camera. The newest position wins, frames are acknowledged, nobody gets stale ones.
+//!
+//! Cameras go into a slot of capacity one: a camera that is still there when the next one comes was never
+//! rendered and is counted as superseded. One view is in work at a time, and at most [`WINDOW`] frames are on
+//! their way to the client unacknowledged, so that a slow client gets fewer frames instead of older ones.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use argus_proto::status::{invalid, invalid_field};
+use argus_proto::v1;
+use argus_proto::v1::session_request::Body as Asked;
+use argus_proto::v1::session_response::Body as Answer;
+use futures::{Stream, StreamExt};
+use parking_lot::Mutex;
+use tokio::sync::Notify;
+use tokio::time::Instant;
+use tonic::{Status, Streaming};
+
+use super::hub::Hub;
+use super::relay::{Wanted, relay};
+use super::views::{checked, checked_encoding};
+use crate::core::Event;
+
+/// Frames on their way: one that arrives while the next one leaves keeps the line busy without a queue.
+const WINDOW: usize = 2;
+
+/// What the client's side of a session said so far.
+#[derive(Default)]
+struct Inbox {
+    /// The newest camera that is not in work.
+    newest: Option<(u64, v1::SessionView, Instant)>,
+    last_seq: Option<u64>,
+    superseded: u64,
+    /// Frames sent and not acknowledged.
+    on_their_way: BTreeSet<u64>,
+    closed: bool,
+}
+
+/// The inbox and the bell that rings when it changes.
+#[derive(Default)]
+struct Shared {
+    inbox: Mutex<Inbox>,
+    changed: Notify,
+}
+
+/// Counts the session while it lasts.
+struct Open(Arc<Hub>);
+
+impl Open {
+    fn new(hub: Arc<Hub>) -> Self {
+        hub.step(Event::SessionOpened);
+        Self(hub)
+    }
+}
+
+impl Drop for Open {
+    fn drop(&mut self) {
+        self.0.step(Event::SessionClosed);
+    }
+}
+
+/// Answers the cameras of one client until it closes its side, or the coordinator closes.
+pub(super) fn run(
+    hub: Arc<Hub>,
+    requests: Streaming<v1::SessionRequest>,
+) -> impl Stream<Item = Result<v1::SessionResponse, Status>> {
+    async_stream::try_stream! {
+        let _open = Open::new(hub.clone());
+        let shared = Arc::new(Shared::default());
+        let reader = listen(hub.clone(), requests, shared.clone());
+        tokio::pin!(reader);
+        let mut reading = true;
+        loop {
+            // Listening goes on within this task, so that it ends with it.
+            // It comes first: what has arrived meanwhile overtakes what waits.
+            let taken = tokio::select! {
+                biased;
+                () = &mut reader, if reading => { reading = false; continue }
+                taken = take(&shared) => taken,
+                () = hub.closing.cancelled() => None,
+            };
+            let Some((camera_seq, asked, arrived)) = taken else { return };
+            let answers = frames(hub.clone(), camera_seq, asked, arrived);
+            tokio::pin!(answers);
+            let mut failed = false;
+            loop {
+                let answer = tokio::select! {
+                    answer = answers.next() => answer,
+                    () = &mut reader, if reading => { reading = false; continue }
+                };
+                let Some(body) = answer else { break };
+                failed |= matches!(body, Answer::Failure(_));
+                let superseded = shared.inbox.lock().superseded;
+                yield v1::SessionResponse { camera_seq, superseded, body: Some(body) };
+            }
+            if !failed {
+                shared.inbox.lock().on_their_way.insert(camera_seq);
+            }
+        }
+    }
+}
+
+/// Puts what the client says into the inbox, until it says no more.
+async fn listen(hub: Arc<Hub>, mut requests: Streaming<v1::SessionRequest>, shared: Arc<Shared>) {
+    while let Ok(Some(request)) = requests.message().await {
+        let mut superseded = false;
+        {
+            let mut inbox = shared.inbox.lock();
+            match request.body {
+                Some(Asked::View(view)) => {
+                    // Sequence numbers ascend; one that does not was overtaken on its way.
+                    let overtaken = inbox.last_seq.is_some_and(|last| request.camera_seq <= last);
+                    if overtaken {
+                        superseded = true;
+                    } else {
+                        inbox.last_seq = Some(request.camera_seq);
+                        superseded =
+                            inbox.newest.replace((request.camera_seq, view, Instant::now())).is_some();
+                    }
+                    inbox.superseded += u64::from(superseded);
+                }
+                // Frames arrive in order, so an acknowledgement covers all before it.
+                Some(Asked::Ack(_)) => inbox.on_their_way.retain(|seq| *seq > request.camera_seq),
+                None => {}
+            }
+        }
+        if superseded {
+            hub.step(Event::CameraSuperseded);
+        }
+        shared.changed.notify_one();
+    }
+    shared.inbox.lock().closed = true;
+    shared.changed.notify_one();
+}
+
+/// The newest camera once the client has room for its frame; `None` when there will be no more. A client that
+/// closed its side cannot acknowledge, and its newest camera is still answered.
+async fn take(shared: &Shared) -> Option<(u64, v1::SessionView, Instant)> {
+    loop {
+        {
+            let mut inbox = shared.inbox.lock();
+            if inbox.closed || inbox.on_their_way.len() < WINDOW {
+                if let Some(newest) = inbox.newest.take() {
+                    return Some(newest);
+                }
+            }
+            if inbox.closed {
+                return None;
+            }
+        }
+        shared.changed.notified().await;
+    }
+}
+
+/// The frame of one camera, or its failure.
+fn frames(
+    hub: Arc<Hub>,
+    camera_seq: u64,
+    asked: v1::SessionView,
+    arrived: Instant,
+) -> impl Stream<Item = Answer> {
+    async_stream::stream! {
+        let checks = checked(&hub, asked.view.as_ref())
+            .and_then(|view| Ok((view, checked_encoding(asked.encoding)?)));
+        let (view, encoding) = match checks {
+            Ok(checks) => checks,
+            Err(at) => {
+                yield failure(&invalid(at));
+                return;
+            }
+        };
+        let wanted = Wanted {
+            view,
+            wire: asked.view.unwrap_or_default(),
+            view_id: camera_seq.to_string(),
+            deadline: None,
+            encoding,
+            arrived,
+        };
+        let chunks = relay(hub, wanted);
+        tokio::pin!(chunks);
+        while let Some(chunk) = chunks.next().await {
+            match chunk {
+                Ok(chunk) => yield Answer::Chunk(chunk),
+                Err(status) => yield failure(&status),
+            }
+        }
+    }
+}
+
+fn failure(status: &Status) -> Answer {
+    Answer::Failure(v1::SessionFailure {
+        code: status.code() as i32,
+        message: status.message().to_owned(),
+        field: invalid_field(status).map(|(field, _)| field).unwrap_or_default(),
+    })
+}

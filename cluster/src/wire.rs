@@ -1,0 +1,193 @@
+//! The core's words on the wire.
+
+use std::time::Duration;
+
+use argus_proto::convert::scene_hash_bytes;
+use argus_proto::{PROTOCOL_VERSION, v1};
+use argus_scene::{InvalidField, Limits, SampleSetInfo};
+
+use crate::SceneRef;
+use crate::core::{Assignment, Hello, Report, Role, Source, Status, WorkerStatus};
+
+/// Longest name of a worker: it stands in every frame and log line.
+const MAX_NAME: usize = 128;
+
+pub(crate) fn role(role: Role) -> v1::Role {
+    match role {
+        Role::Sampler => v1::Role::Sampler,
+        Role::Compositor => v1::Role::Compositor,
+        Role::Both => v1::Role::Both,
+    }
+}
+
+/// The role of an assignment.
+pub(crate) fn role_from(number: i32) -> Result<Role, InvalidField> {
+    match v1::Role::try_from(number) {
+        Ok(v1::Role::Sampler) => Ok(Role::Sampler),
+        Ok(v1::Role::Compositor) => Ok(Role::Compositor),
+        Ok(v1::Role::Both) => Ok(Role::Both),
+        _ => Err(InvalidField::new("role", format!("{number} is not a role to be assigned"))),
+    }
+}
+
+pub(crate) fn hello_from(wire: v1::Hello) -> Result<Hello, InvalidField> {
+    if wire.worker_id.is_empty() || wire.worker_id.len() > MAX_NAME {
+        let reason = format!("must be 1 to {MAX_NAME} bytes long, not {}", wire.worker_id.len());
+        return Err(InvalidField::new("hello.worker_id", reason));
+    }
+    crate::net::endpoint(&wire.address, Duration::from_secs(1))
+        .map_err(|reason| InvalidField::new("hello.address", reason))?;
+    Ok(Hello {
+        name: wire.worker_id,
+        pid: wire.pid,
+        address: wire.address,
+        device: wire.device,
+        cores: wire.cores,
+    })
+}
+
+pub(crate) fn hello(hello: &Hello) -> v1::WorkerReport {
+    let hello = v1::Hello {
+        protocol_version: PROTOCOL_VERSION,
+        worker_id: hello.name.clone(),
+        pid: hello.pid,
+        address: hello.address.clone(),
+        device: hello.device.clone(),
+        cores: hello.cores,
+    };
+    v1::WorkerReport { body: Some(v1::worker_report::Body::Hello(hello)) }
+}
+
+pub(crate) fn report_from(wire: v1::Measurements) -> Report {
+    // A broken clock must not poison sums; the smoothing of costs checks for itself.
+    let busy = |ms: f64| if ms > 0.0 && ms.is_finite() { ms } else { 0.0 };
+    Report {
+        applied: wire.applied,
+        sample_ms: wire.sample_ms,
+        direct_ms: wire.direct_ms,
+        view_ms: wire.view_ms,
+        queued_samples: wire.queued_samples,
+        queued_views: wire.queued_views,
+        samples_rendered: wire.samples_rendered,
+        views_composed: wire.views_composed,
+        views_direct: wire.views_direct,
+        sampling_busy_ms: busy(wire.sampling_busy_ms),
+        compositing_busy_ms: busy(wire.compositing_busy_ms),
+        held: wire.held.into_iter().map(Into::into).collect(),
+        leaving: wire.leaving,
+    }
+}
+
+pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
+    let measurements = v1::Measurements {
+        applied: report.applied,
+        role: role(acting) as i32,
+        sample_ms: report.sample_ms,
+        direct_ms: report.direct_ms,
+        view_ms: report.view_ms,
+        queued_samples: report.queued_samples,
+        queued_views: report.queued_views,
+        samples_rendered: report.samples_rendered,
+        views_composed: report.views_composed,
+        views_direct: report.views_direct,
+        sampling_busy_ms: report.sampling_busy_ms,
+        compositing_busy_ms: report.compositing_busy_ms,
+        held: report.held.into_iter().map(Into::into).collect(),
+        leaving: report.leaving,
+    };
+    v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }
+}
+
+/// What every assignment of a coordinator says alike.
+#[derive(Debug, Clone)]
+pub(crate) struct Standing {
+    pub(crate) term: u64,
+    pub(crate) scene: SceneRef,
+    pub(crate) limits: Limits,
+    pub(crate) report_interval: Duration,
+}
+
+pub(crate) fn scene_ref(scene: &SceneRef) -> v1::SceneRef {
+    v1::SceneRef { name: scene.name.clone(), hash: scene_hash_bytes(scene.hash) }
+}
+
+pub(crate) fn assignment(assignment: Assignment, standing: &Standing, set: &SampleSetInfo) -> v1::Assignment {
+    v1::Assignment {
+        term: standing.term,
+        sequence: assignment.sequence,
+        role: role(assignment.role) as i32,
+        scene: Some(scene_ref(&standing.scene)),
+        set: Some(set.into()),
+        render_ahead: Vec::new(),
+        sources: Vec::new(),
+        limits: Some(standing.limits.into()),
+        report_interval_ms: u32::try_from(standing.report_interval.as_millis()).unwrap_or(u32::MAX),
+    }
+}
+
+pub(crate) fn sources(sources: Vec<Source>) -> Vec<v1::SampleSource> {
+    sources
+        .into_iter()
+        .map(|source| v1::SampleSource { id: Some(source.id.into()), addresses: source.addresses })
+        .collect()
+}
+
+pub(crate) fn status(status: Status, standing: &Standing, set: &SampleSetInfo) -> v1::StatusResponse {
+    let counters = status.counters;
+    v1::StatusResponse {
+        protocol_version: PROTOCOL_VERSION,
+        scene: Some(scene_ref(&standing.scene)),
+        term: standing.term,
+        generation: set.generation,
+        epoch: set.epoch,
+        processes: status.processes,
+        samplers: status.samplers,
+        compositors: status.compositors,
+        samples_per_tick: status.samples_per_tick,
+        sample_ms: status.sample_ms,
+        views_per_tick: status.views_per_tick,
+        view_ms: status.view_ms,
+        tick_predicted_ms: status.tick_predicted_ms,
+        tick_measured_ms: status.tick_measured_ms,
+        workers: status.workers.into_iter().map(worker_status).collect(),
+        counters: Some(v1::Counters {
+            views_answered: counters.views_answered,
+            views_failed: counters.views_failed,
+            views_rejected: counters.views_rejected,
+            cameras_superseded: counters.cameras_superseded,
+            views_retried: counters.views_retried,
+            roles_changed: counters.roles_changed,
+            workers_joined: counters.workers_joined,
+            workers_lost: counters.workers_lost,
+            sessions_open: counters.sessions_open,
+        }),
+        direct_views_per_tick: status.direct_views_per_tick,
+        direct_ms: status.direct_ms,
+    }
+}
+
+fn worker_status(worker: WorkerStatus) -> v1::WorkerStatus {
+    let role = match (worker.role, worker.draining) {
+        (None, _) => v1::Role::Idle,
+        (Some(_), true) => v1::Role::Draining,
+        (Some(playing), false) => role(playing),
+    };
+    let (hello, report) = (worker.hello, worker.report);
+    v1::WorkerStatus {
+        id: hello.name,
+        pid: hello.pid,
+        role: role as i32,
+        address: hello.address,
+        device: hello.device,
+        cores: hello.cores,
+        sample_ms: report.sample_ms,
+        direct_ms: report.direct_ms,
+        view_ms: report.view_ms,
+        queued_samples: report.queued_samples,
+        queued_views: report.queued_views,
+        samples_rendered: report.samples_rendered,
+        views_composed: report.views_composed,
+        views_direct: report.views_direct,
+        samples_held: report.held.len() as u64,
+    }
+}
