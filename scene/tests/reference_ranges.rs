@@ -178,6 +178,27 @@ fn degenerate_triangles_and_transforms_are_not_seen_and_hide_nothing() {
 }
 
 #[test]
+fn absurd_sizes_are_traced_or_left_out_and_hide_nothing() {
+    let ray = (DVec3::new(0.1, 0.2, 3.0), DVec3::NEG_Z);
+    let mut scene = placed(patch(3), DAffine3::IDENTITY);
+    for translation in [1e30, -1e149, 1e200, f64::MAX] {
+        let world_from_mesh = DAffine3::from_translation(DVec3::X * translation);
+        scene.instances.push(Instance { mesh: 0, node: None, world_from_mesh });
+    }
+    let hit = Tracer::new(scene.into()).trace(ray.0, ray.1).expect("the patch beside the far ones");
+    assert!(hit.instance == 0 && (hit.range - 3.0).abs() < 1e-12, "{hit:?}");
+    for scale in [1e-90_f64, 1e-30, 1e30, 1e90] {
+        let tracer = Tracer::new(placed(patch(3), DAffine3::from_scale(DVec3::splat(scale))).into());
+        let hit = tracer.trace(ray.0 * scale, ray.1).unwrap_or_else(|| panic!("scaled by {scale}"));
+        assert!((hit.range / scale - 3.0).abs() < 1e-12, "{scale}: {hit:?}");
+    }
+    let mut huge = patch(3);
+    huge.positions.iter_mut().for_each(|p| *p *= f32::MAX);
+    let hit = tracer(placed(huge, DAffine3::IDENTITY)).trace(ray.0, ray.1).expect("the huge patch");
+    assert!((hit.range - 3.0).abs() < 1e-12);
+}
+
+#[test]
 fn rays_that_are_no_rays_meet_nothing() {
     let tracer = tracer(placed(patch(2), DAffine3::IDENTITY));
     let origin = DVec3::new(0.1, 0.2, 3.0);

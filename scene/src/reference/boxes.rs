@@ -1,11 +1,12 @@
 //! Hierarchies of boxes that never lose a surface.
 //!
-//! A [`BoxTree`] is an obvhs BVH2 in f32 about the middle of what it holds. Rays come in f64; they are moved to
-//! where they enter the tree's box before they are rounded, so that nothing f32 is larger than the tree itself
-//! however far away the eye or the world's origin is. What remains is bounded:
+//! A [`BoxTree`] is an obvhs BVH2 in f32 about the middle of what it holds, scaled to unit size, so that neither
+//! overflows nor underflows. Rays come in f64; they are moved to where they enter the tree's box before they are
+//! rounded, so that nothing f32 is larger than the tree itself however far away the eye or the world's origin
+//! is. What remains is bounded:
 //! rounding of the origin, the direction times the length travelled, and the slab test are each a few units of
-//! 2⁻²⁴ of the tree's diagonal, and obvhs replaces direction components below 2⁻²³ by that. Boxes are padded by
-//! [`PADDING`], 2⁻¹⁸ of the diagonal, which is more than all of these together.
+//! 2⁻²⁴ of the tree's size, and obvhs replaces direction components below 2⁻²³ by that. Boxes are padded by
+//! [`PADDING`], 2⁻¹⁸ of the size, which is more than all of these together.
 
 use glam::{DVec3, Vec3A};
 use obvhs::BvhBuildParams;
@@ -20,7 +21,7 @@ use obvhs::ray::{Ray, RayHit};
 
 use crate::Bounds;
 
-/// How far boxes are grown, as a share of the diagonal of all of them together.
+/// How far boxes are grown, as a share of the longest edge of the box around all of them.
 const PADDING: f64 = 1.0 / (1 << 18) as f64;
 
 /// A hierarchy over boxes, by their position in the list it was built from.
@@ -32,6 +33,8 @@ pub(super) struct BoxTree {
     half: DVec3,
     /// Metres that every box was grown by.
     padding: f64,
+    /// From metres to the f32 coordinates.
+    scale: f64,
 }
 
 impl BoxTree {
@@ -43,18 +46,20 @@ impl BoxTree {
             all.extend(b.max);
         }
         let center = all.center();
-        // The smallest normal f32 keeps a tree that is a single point from having flat boxes.
-        let padding = (all.size().length() * PADDING).max(f64::from(f32::MIN_POSITIVE));
+        // At least 2^-500, so that a tree that is a single point has a size to be scaled by.
+        let extent = all.size().max_element().max(2.0_f64.powi(-500));
+        let padding = extent * PADDING;
+        let scale = extent.recip();
         let grown: Vec<Aabb> = boxes
             .iter()
             .map(|b| {
-                let point = |p: DVec3| Vec3A::from((p - center).as_vec3());
+                let point = |p: DVec3| Vec3A::from(((p - center) * scale).as_vec3());
                 Aabb::new(point(b.min - padding), point(b.max + padding))
             })
             .collect();
         // Twice the padding: at least as large as the rounded boxes inside.
         let half = all.size() * 0.5 + 2.0 * padding;
-        Self { bvh: build(&grown), center, half, padding }
+        Self { bvh: build(&grown), center, half, padding, scale }
     }
 
     /// For a leaf's position in [`Self::visit`]: which of the boxes given to [`Self::new`] it is.
@@ -72,13 +77,16 @@ impl BoxTree {
         limit: f64,
         mut leaf: impl FnMut(usize) -> f64,
     ) {
-        let length = direction.length();
+        // Scaled first: a strongly scaling instance makes directions whose squares would underflow.
+        let most = direction.abs().max_element();
+        let length = (direction / most).length() * most;
         let unit = direction / length;
         let from_center = origin - self.center;
         let Some(entry) = entry(from_center, unit, self.half) else { return };
         // Boxes a little beyond the limit are visited too: the f32 ray may enter them late by a padding.
-        let rounded = |limit: f64| ((limit * length - entry + 2.0 * self.padding) as f32).next_up();
-        let start = (from_center + unit * entry).as_vec3();
+        let rounded =
+            |limit: f64| (((limit * length - entry + 2.0 * self.padding) * self.scale) as f32).next_up();
+        let start = ((from_center + unit * entry) * self.scale).as_vec3();
         let reach = rounded(limit);
         if !start.is_finite() || !(reach > 0.0) {
             return;

@@ -14,7 +14,7 @@
 //! - Of surfaces at equal range the lowest (instance, triangle) is seen, whatever the hierarchy looks like.
 //!
 //! What is not seen: triangles without area, triangles with a corner that is not finite, and instances whose
-//! transform cannot be inverted. A ray that is not finite or has no direction meets nothing.
+//! transform cannot be inverted or that reach beyond 10¹⁵⁰ m. A ray that is not finite or has no direction meets nothing.
 
 mod boxes;
 pub mod cache;

@@ -226,7 +226,10 @@ impl Placed {
     }
 }
 
-/// The box around a mesh's box once placed; `None` if it holds nothing or is not finite.
+/// Coordinates beyond this, metres, are not seen: their squares would overflow.
+const FARTHEST: f64 = 1e150;
+
+/// The box around a mesh's box once placed; `None` if it holds nothing or reaches beyond [`FARTHEST`].
 fn placed_bounds(scene: &Scene, instance: &Instance, in_mesh: Bounds) -> Option<Bounds> {
     if in_mesh.is_empty() {
         return None;
@@ -237,7 +240,8 @@ fn placed_bounds(scene: &Scene, instance: &Instance, in_mesh: Bounds) -> Option<
         let pick = |axis: usize| if corner >> axis & 1 == 0 { in_mesh.min[axis] } else { in_mesh.max[axis] };
         let point = DVec3::new(pick(0), pick(1), pick(2));
         let placed = instance.world_from_mesh.transform_point3(origin + point);
-        if !placed.is_finite() {
+        // A NaN is not within the limit either.
+        if !placed.abs().cmple(DVec3::splat(FARTHEST)).all() {
             return None;
         }
         bounds.extend(placed);
