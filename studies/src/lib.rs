@@ -6,7 +6,10 @@
 //! that a noisy machine disturbs all of them alike.
 
 pub mod baseline;
+pub mod burst;
+mod local_cluster;
 mod median;
 mod report;
 
+pub use local_cluster::LocalCluster;
 pub use report::{Machine, Report};

@@ -1,0 +1,185 @@
+//! What several subcommands take: points, sizes, servers, rigs and plans.
+
+use argus_scene::{Output, PlanRequest, RigKind, RigKnobs, Search};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use glam::DVec3;
+
+/// Where the service is, for every subcommand that is a client.
+#[derive(clap::Args)]
+pub(crate) struct Server {
+    /// Where the service is
+    #[arg(long, value_name = "URL", env = "ARGUS_SERVER", default_value = "http://127.0.0.1:7400")]
+    pub(crate) server: String,
+}
+
+/// How sample cameras are placed; what is left out follows from the scene.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Sample cameras")]
+pub(crate) struct Rig {
+    /// Rule of placement: four cameras over each tile (landscapes seen from outside) or omni cameras on a
+    /// lattice (interiors)
+    #[arg(long, value_name = "RULE", value_parser = rig_kind())]
+    pub(crate) rig: Option<RigKind>,
+    /// Tiles along x and z, for tile-corners
+    #[arg(long, value_name = "XxZ", value_parser = size)]
+    pub(crate) tiles: Option<[u32; 2]>,
+    /// Texels of a sample, for tile-corners
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub(crate) sample_size: Option<[u32; 2]>,
+    /// Edge of a cell in metres, for cell
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    pub(crate) cell: Option<f64>,
+    /// Side of a cube face in texels, for cell
+    #[arg(long, value_name = "TEXELS")]
+    pub(crate) face: Option<u32>,
+    /// Samples that a view is reconstructed from where its request leaves it open
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub(crate) samples: Option<u32>,
+}
+
+impl Rig {
+    /// The rig's part of them, in the vocabulary's words.
+    pub(crate) fn knobs(&self) -> RigKnobs {
+        RigKnobs {
+            kind: self.rig,
+            tiles: self.tiles,
+            size: self.sample_size,
+            spacing: self.cell,
+            face: self.face,
+        }
+    }
+
+    /// The same knobs as arguments of a subcommand that runs in a process of its own.
+    pub(crate) fn to_arguments(&self) -> Vec<String> {
+        let pair = |[a, b]: [u32; 2]| format!("{a}x{b}");
+        let rig = self.rig.map(|kind| RIGS[usize::from(kind == RigKind::Cell)].to_owned());
+        let values = [
+            ("--rig", rig),
+            ("--tiles", self.tiles.map(pair)),
+            ("--sample-size", self.sample_size.map(pair)),
+            ("--cell", self.cell.map(|metres| metres.to_string())),
+            ("--face", self.face.map(|texels| texels.to_string())),
+            ("--samples", self.samples.map(|n| n.to_string())),
+        ];
+        values.into_iter().filter_map(|(name, value)| value.map(|v| format!("{name}={v}"))).collect()
+    }
+}
+
+/// How a view is to be answered; what is left out the service chooses.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Plan")]
+pub(crate) struct Plan {
+    /// How the depth of a pixel is found: by splatting the samples forward (fast), or by the cluster paper's
+    /// linear steps along the ray
+    #[arg(long, value_name = "SEARCH", value_parser = search())]
+    pub(crate) search: Option<Search>,
+    /// Linear steps, 1 to 4096, for the linear search
+    #[arg(long, value_name = "N")]
+    pub(crate) steps: Option<u32>,
+    /// Render from the triangles: the exact answer, and the baseline
+    #[arg(long)]
+    pub(crate) direct: bool,
+    /// Average each pixel from this many a side, 1 to 8
+    #[arg(long, value_name = "N")]
+    pub(crate) supersampling: Option<u32>,
+    /// Reconstruct from at most this many samples, 1 to 8
+    #[arg(long, value_name = "N")]
+    pub(crate) samples: Option<u32>,
+}
+
+impl Plan {
+    /// In the vocabulary's words.
+    pub(crate) fn request(&self) -> PlanRequest {
+        PlanRequest {
+            direct: self.direct,
+            search: self.search,
+            steps: self.steps,
+            supersampling: self.supersampling,
+            samples: self.samples,
+        }
+    }
+}
+
+const RIGS: [&str; 2] = ["tile-corners", "cell"];
+
+fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
+    PossibleValuesParser::new(RIGS).map(|name| match name.as_str() {
+        "cell" => RigKind::Cell,
+        _ => RigKind::TileCorners,
+    })
+}
+
+fn search() -> impl TypedValueParser<Value = Search> {
+    PossibleValuesParser::new(["splat", "linear"]).map(|name| match name.as_str() {
+        "linear" => Search::Linear,
+        _ => Search::Splat,
+    })
+}
+
+/// Parses the name of one image of a frame.
+pub(crate) fn output() -> impl TypedValueParser<Value = Output> {
+    PossibleValuesParser::new(["color", "range", "mask", "source"]).map(|name| match name.as_str() {
+        "range" => Output::Range,
+        "mask" => Output::Mask,
+        "source" => Output::Source,
+        _ => Output::Color,
+    })
+}
+
+/// Parses `X,Y,Z`. Numbers that are not finite pass: the service says which field is at fault.
+pub(crate) fn point(text: &str) -> Result<DVec3, String> {
+    let parts = text.split(',').map(|part| part.trim().parse::<f64>()).collect::<Result<Vec<_>, _>>();
+    match parts.as_deref() {
+        Ok(&[x, y, z]) => Ok(DVec3::new(x, y, z)),
+        _ => Err("three numbers with commas between them are wanted, such as 3,2.5,-1".to_owned()),
+    }
+}
+
+/// Parses `WIDTHxHEIGHT`. Zero passes: the service says which sides it accepts.
+pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
+    let sides = text.split_once(['x', 'X']).map(|(w, h)| (w.trim().parse(), h.trim().parse()));
+    match sides {
+        Some((Ok(width), Ok(height))) => Ok([width, height]),
+        _ => Err("two whole numbers with an x between them are wanted, such as 640x480".to_owned()),
+    }
+}
+
+/// Parses a finite number above zero.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
+        _ => Err("a finite number above 0 is wanted".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_take_signs_spaces_and_numbers_that_are_not_finite() {
+        assert_eq!(point("1,-2.5,1e6"), Ok(DVec3::new(1.0, -2.5, 1e6)));
+        assert_eq!(point(" 1, 2 ,3 "), Ok(DVec3::new(1.0, 2.0, 3.0)));
+        assert!(point("nan,0,inf").unwrap().x.is_nan());
+        for wrong in ["", "1,2", "1,2,3,4", "1;2;3", "a,b,c"] {
+            assert!(point(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn sizes_are_two_whole_numbers() {
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        assert_eq!(size("0x0"), Ok([0, 0]));
+        for wrong in ["", "640", "640x", "-1x5", "1.5x2", "640x480x3", "99999999999x1"] {
+            assert!(size(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn cell_sizes_are_above_zero() {
+        assert_eq!(positive("0.5"), Ok(0.5));
+        for wrong in ["0", "-1", "nan", "inf", ""] {
+            assert!(positive(wrong).is_err(), "{wrong}");
+        }
+    }
+}

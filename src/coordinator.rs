@@ -1,0 +1,136 @@
+//! `argus coordinator`: one address for clients, and the split of workers between the roles.
+
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::Arc;
+
+use anyhow::Context;
+use argus_cluster::coordinator::{Config, serve};
+use argus_cluster::core;
+use serde::Serialize;
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+use crate::wiring::OpenScene;
+use crate::{args, output, shutdown};
+
+/// Accepts workers and answers clients; renders nothing itself.
+///
+/// Workers join it with `argus worker --coordinator URL`, from this machine or others; one that does not have
+/// the scene takes it from here. Ctrl-C finishes what is in work and exits 0.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Example: a cluster over machines
+  host-a$ argus coordinator --scene model.glb --listen 0.0.0.0:7400
+  host-b$ argus worker --coordinator http://host-a:7400 --listen 0.0.0.0:7401 --advertise http://host-b:7401
+  host-c$ argus view --server http://host-a:7400 --eye 3,2,5 --target 0,1,0 --out view.png")]
+pub(crate) struct Args {
+    /// A file (.glb, .gltf, .obj, .ply) or `terrain[:TRIANGLES]`
+    #[arg(long, value_name = "S")]
+    scene: String,
+    #[command(flatten)]
+    service: Service,
+}
+
+/// What `coordinator` and `serve` have in common.
+#[derive(clap::Args)]
+pub(crate) struct Service {
+    /// Where to listen; port 0 takes any that is free
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:7400")]
+    pub(crate) listen: String,
+    #[command(flatten)]
+    rig: args::Rig,
+    /// Print one JSON object as soon as clients can connect: url, pid, scene, workers
+    #[arg(long)]
+    json: bool,
+    /// Also stop when standard input ends
+    #[arg(long, hide = true)]
+    exit_with_stdin: bool,
+}
+
+/// A coordinator that listens, and has not yet begun to serve.
+pub(crate) struct Ready {
+    /// Where clients on this machine reach it.
+    pub(crate) url: String,
+    listener: TcpListener,
+    source: Arc<OpenScene>,
+    config: Config,
+    /// Cancelled when this process is to stop.
+    pub(crate) shutdown: CancellationToken,
+}
+
+/// The one JSON object of a service.
+#[derive(Serialize)]
+struct Announcement<'a> {
+    url: &'a str,
+    pid: u32,
+    scene: &'a str,
+    workers: usize,
+}
+
+pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
+    let ready = args.service.prepare(&args.scene).await?;
+    args.service.announce(&ready, 0)?;
+    if !args.service.json {
+        println!("workers join with: argus worker --coordinator {}", ready.url);
+    }
+    ready.serve().await
+}
+
+impl Service {
+    /// Takes the address, so that a conflict shows at once, then opens the scene.
+    pub(crate) async fn prepare(&self, scene: &str) -> anyhow::Result<Ready> {
+        let shutdown = shutdown::requested(self.exit_with_stdin);
+        let listener = listen(&self.listen).await?;
+        let url = format!("http://{}", reachable(listener.local_addr()?));
+        let spec = scene.to_owned();
+        let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec));
+        let source = tokio::select! {
+            source = opening => Arc::new(source.context("a task of this process failed")??),
+            () = shutdown.cancelled() => anyhow::bail!("stopped before the scene was open"),
+        };
+        source.report();
+        let mut config = Config { rig: self.rig.knobs(), ..Config::default() };
+        config.core = core::Config {
+            samples_per_view: self.rig.samples.unwrap_or(config.core.samples_per_view),
+            ..config.core
+        };
+        Ok(Ready { url, listener, source, config, shutdown })
+    }
+
+    /// Says where the service is.
+    pub(crate) fn announce(&self, ready: &Ready, workers: usize) -> anyhow::Result<()> {
+        let (url, scene) = (ready.url.as_str(), ready.source.name());
+        if self.json {
+            return output::json(&Announcement { url, pid: std::process::id(), scene, workers });
+        }
+        println!("serving {scene} at {url}");
+        println!("try:  argus status --server {url}");
+        println!("      argus view --server {url} --out view.png");
+        Ok(())
+    }
+}
+
+impl Ready {
+    /// Serves until the process is to stop.
+    pub(crate) async fn serve(self) -> anyhow::Result<()> {
+        Ok(serve(self.config, self.listener, self.source, self.shutdown).await?)
+    }
+}
+
+/// Listens on `address`, or says what to do instead.
+pub(crate) async fn listen(address: &str) -> anyhow::Result<TcpListener> {
+    TcpListener::bind(address).await.with_context(|| {
+        format!("cannot listen on {address}: choose another address with --listen, such as 127.0.0.1:0")
+    })
+}
+
+/// Where a process on this machine reaches what listens on `address`.
+fn reachable(mut address: SocketAddr) -> SocketAddr {
+    if address.ip().is_unspecified() {
+        address.set_ip(match address.ip() {
+            IpAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),
+            IpAddr::V6(_) => Ipv6Addr::LOCALHOST.into(),
+        });
+    }
+    address
+}

@@ -1,0 +1,149 @@
+//! `argus demo`: a local cluster, its clients, and how close their views come to the truth.
+
+mod judge;
+mod sheet;
+mod table;
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use argus_client::load::path_views;
+use argus_client::{Answer, Client, ClusterStatus};
+use argus_scene::{PlanRequest, View};
+use argus_studies::LocalCluster;
+use argus_studies::burst::{connect, patient};
+use futures::future::try_join_all;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::demo::judge::Judged;
+use crate::demo::table::Figures;
+use crate::{args, output, processes};
+
+/// Starts a cluster of processes on this machine, lets clients ask for their views over gRPC, compares each
+/// with the view rendered from the triangles, and leaves pictures, a contact sheet and a table of costs.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus demo
+  argus demo --scene model.glb --views 8 --size 320x240 --out pictures")]
+pub(crate) struct Args {
+    /// A file (.glb, .gltf, .obj, .ply) or `terrain[:TRIANGLES]`
+    #[arg(long, value_name = "S", default_value = "terrain")]
+    scene: String,
+    /// Clients, each with a viewpoint of its own
+    #[arg(long, value_name = "N", default_value = "16", value_parser = clap::value_parser!(u16).range(1..=256))]
+    views: u16,
+    /// Pixels of a view
+    #[arg(long, value_name = "WxH", default_value = "200x150", value_parser = args::size)]
+    size: [u32; 2],
+    /// Worker processes [default: one a core, at least 2 and at most 4]
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
+    workers: Option<u16>,
+    /// Folder for the pictures
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+    #[command(flatten)]
+    rig: args::Rig,
+    /// Print the figures as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Samples a pixel, a side, of the views that are taken for the truth.
+const TRUTH_SIDE: u32 = 4;
+/// Longer than the interval at which workers report what their work costs.
+const REPORTS: Duration = Duration::from_millis(600);
+
+/// What sixteen viewers got for one way of answering them.
+struct Round {
+    answers: Vec<Answer>,
+    /// From the first request to the last frame.
+    total: Duration,
+    /// The cluster's own figures, afterwards.
+    status: ClusterStatus,
+}
+
+pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
+    let count = usize::from(args.views);
+    let workers = args.workers.map_or_else(processes::default_count, usize::from);
+    let progress = progress(3 * count as u64);
+
+    progress.set_message(format!("starting a coordinator and {workers} workers"));
+    let program = std::env::current_exe().context("cannot find this program's own file")?;
+    let (scene, rig) = (args.scene.clone(), args.rig.to_arguments());
+    let starting = move || LocalCluster::start(&program, &scene, workers, &rig);
+    let cluster = tokio::task::spawn_blocking(starting).await??;
+    let first = connect(&cluster, workers).await?;
+    let mut clients = vec![first];
+    while clients.len() < count {
+        clients.push(Client::connect(cluster.url()).await?);
+    }
+
+    let ask = async |message, plan| {
+        progress.set_message(message);
+        let views = path_views(clients[0].description(), u32::from(args.views), args.size, plan);
+        ask_all(&clients, &views, &progress).await
+    };
+    let direct = PlanRequest { direct: true, ..PlanRequest::default() };
+    let warped = ask("views from samples", PlanRequest::default()).await?;
+    let naive = ask("the same views from triangles", direct).await?;
+    let truth = PlanRequest { supersampling: Some(TRUTH_SIDE), ..direct };
+    let truth = ask("the truth: sixteen samples a pixel", truth).await?;
+    tokio::task::spawn_blocking(move || cluster.stop()).await??;
+
+    progress.set_message("comparing");
+    let judged = judge::all(&warped.answers, &naive.answers, &truth.answers)?;
+    progress.finish_and_clear();
+    let figures = Figures::of(&args.scene, workers, &warped, &naive, &judged);
+    let title =
+        format!("{}: {count} views of {}x{}, {workers} workers", figures.scene, args.size[0], args.size[1]);
+    let sheet = write_pictures(&args.out, &title, &judged)?;
+    if args.json {
+        return output::json(&figures.with_sheet(&sheet));
+    }
+    print!("{figures}");
+    println!("\nPictures and the contact sheet are in {}", sheet.display());
+    Ok(())
+}
+
+/// Each client asks for its own view, all at the same time.
+async fn ask_all(clients: &[Client], views: &[View], progress: &ProgressBar) -> anyhow::Result<Round> {
+    let options = patient();
+    let begin = Instant::now();
+    let answers = clients.iter().zip(views).map(async |(client, view)| {
+        let answer = client.render(view, &options).await;
+        progress.inc(1);
+        answer
+    });
+    let answers = try_join_all(answers).await?;
+    let total = begin.elapsed();
+    tokio::time::sleep(REPORTS).await;
+    let status = clients.first().context("there are no clients")?.status().await?;
+    Ok(Round { answers, total, status })
+}
+
+/// Writes every picture, and the contact sheet, whose place it returns.
+fn write_pictures(folder: &Path, title: &str, judged: &[Judged]) -> anyhow::Result<PathBuf> {
+    let write = |name: String, image: &image::RgbImage| {
+        output::write_rgb_png(&folder.join(name), image.width(), image.height(), image)
+    };
+    for (i, view) in judged.iter().enumerate() {
+        write(format!("view-{i:02}.png"), &view.warped)?;
+        write(format!("direct-{i:02}.png"), &view.truth)?;
+        write(format!("flip-{i:02}.png"), &view.difference)?;
+    }
+    let entries: Vec<sheet::Entry<'_>> = judged.iter().enumerate().map(|(i, view)| view.entry(i)).collect();
+    write("contact-sheet.png".to_owned(), &sheet::draw(title, &entries))?;
+    Ok(folder.join("contact-sheet.png"))
+}
+
+/// A bar on standard error, where that is a terminal.
+fn progress(steps: u64) -> ProgressBar {
+    let bar = ProgressBar::new(steps);
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>3}/{len} {msg} ({elapsed})") {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
+}

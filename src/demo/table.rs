@@ -1,0 +1,119 @@
+//! What the views cost, beside what they would have cost without samples.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::path::Path;
+
+use argus_scene::{Plan, SampleId};
+use serde::Serialize;
+
+use crate::demo::Round;
+use crate::demo::judge::Judged;
+
+/// The demo's figures.
+#[derive(Serialize)]
+pub(crate) struct Figures {
+    pub(crate) scene: String,
+    workers: usize,
+    views: usize,
+    /// Samples that the views were reconstructed from: S.
+    samples: usize,
+    /// Cost of one sample: g of the cluster paper.
+    sample_ms: f64,
+    /// S·g.
+    samples_ms: f64,
+    /// Cost of one view from triangles.
+    direct_ms: f64,
+    /// Cost of one view from samples: c.
+    view_ms: f64,
+    /// c over the cost of a direct view.
+    view_per_direct: f64,
+    /// All views from samples, the samples' own cost included.
+    total_ms: f64,
+    /// All views from triangles.
+    naive_ms: f64,
+    flip: Spread,
+    flip_direct: Spread,
+    unresolved_fraction: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sheet: Option<String>,
+}
+
+#[derive(Serialize)]
+struct Spread {
+    mean: f64,
+    median: f64,
+    max: f64,
+}
+
+impl Spread {
+    fn of(values: impl Iterator<Item = f64>) -> Self {
+        let mut values: Vec<f64> = values.collect();
+        values.sort_by(f64::total_cmp);
+        let middle = values.len() / 2;
+        let median = match values.len() {
+            0 => f64::NAN,
+            n if n % 2 == 1 => values[middle],
+            _ => (values[middle - 1] + values[middle]) / 2.0,
+        };
+        Self {
+            mean: values.iter().sum::<f64>() / values.len() as f64,
+            median,
+            max: values.last().copied().unwrap_or(f64::NAN),
+        }
+    }
+}
+
+impl Figures {
+    pub(crate) fn of(scene: &str, workers: usize, warped: &Round, naive: &Round, judged: &[Judged]) -> Self {
+        let samples: BTreeSet<SampleId> = warped
+            .answers
+            .iter()
+            .flat_map(|answer| match &answer.frame.provenance.plan {
+                Plan::Warp { samples, .. } => samples.clone(),
+                Plan::Direct { .. } => Vec::new(),
+            })
+            .collect();
+        let (sample_ms, view_ms) = (warped.status.sample_ms, warped.status.view_ms);
+        let direct_ms = naive.status.direct_ms;
+        Self {
+            scene: scene.to_owned(),
+            workers,
+            views: judged.len(),
+            samples: samples.len(),
+            sample_ms,
+            samples_ms: samples.len() as f64 * sample_ms,
+            direct_ms,
+            view_ms,
+            view_per_direct: view_ms / direct_ms,
+            total_ms: warped.total.as_secs_f64() * 1e3,
+            naive_ms: naive.total.as_secs_f64() * 1e3,
+            flip: Spread::of(judged.iter().map(|view| view.flip)),
+            flip_direct: Spread::of(judged.iter().map(|view| view.flip_direct)),
+            unresolved_fraction: judged.iter().map(|view| view.unresolved_fraction).sum::<f64>()
+                / judged.len() as f64,
+            sheet: None,
+        }
+    }
+
+    pub(crate) fn with_sheet(self, sheet: &Path) -> Self {
+        Self { sheet: Some(sheet.display().to_string()), ..self }
+    }
+}
+
+impl fmt::Display for Figures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let spread = |s: &Spread| format!("mean {:.4}  median {:.4}  max {:.4}", s.mean, s.median, s.max);
+        writeln!(f, "{}: {} views, {} workers", self.scene, self.views, self.workers)?;
+        writeln!(f, "  a view from triangles            {:9.2} ms", self.direct_ms)?;
+        writeln!(f, "  a view from samples          c   {:9.2} ms", self.view_ms)?;
+        writeln!(f, "    of a view from triangles       {:9.3}", self.view_per_direct)?;
+        writeln!(f, "  a sample                     g   {:9.2} ms", self.sample_ms)?;
+        writeln!(f, "  {:<3} samples, once          S·g   {:9.2} ms", self.samples, self.samples_ms)?;
+        writeln!(f, "  all views, samples included      {:9.1} ms", self.total_ms)?;
+        writeln!(f, "  all views from triangles         {:9.1} ms", self.naive_ms)?;
+        writeln!(f, "  FLIP from samples                {}", spread(&self.flip))?;
+        writeln!(f, "  FLIP from triangles, 1 a pixel   {}", spread(&self.flip_direct))?;
+        writeln!(f, "  pixels that no sample saw        {:8.3} %", self.unresolved_fraction * 100.0)
+    }
+}

@@ -1,0 +1,152 @@
+//! `argus load`: many clients at once, and what becomes of their views.
+
+use std::time::Duration;
+
+use argus_client::load::{self, LatencyMs, LoadOptions, LoadReport, Mode, burst, path_views};
+use argus_client::{Client, ConnectOptions, RenderOptions};
+use argus_studies::burst::IN_FLIGHT;
+use serde::Serialize;
+
+use crate::exit::bad_arguments;
+use crate::{args, output};
+
+/// Loads a service with many clients, each on a path of its own around the viewpoints that the scene
+/// recommends, and counts what becomes of their views.
+///
+/// When each view is due is fixed beforehand, and latency counts from then, so a stall of the service shows
+/// in full. With --views, a number of views is instead asked for as fast as they are answered.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus load --clients 16 --seconds 10
+  argus load --clients 4 --seconds 10 --rate 30 --sessions --json
+  argus load --views 290 --size 200x150            all at once: how long does it take?
+  argus load --views 290 --size 200x150 --direct   … and without samples?")]
+pub(crate) struct Args {
+    #[command(flatten)]
+    server: args::Server,
+    /// Clients at the same time
+    #[arg(long, value_name = "N", required_unless_present = "views", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    clients: Option<u32>,
+    /// How long views are sent
+    #[arg(long, value_name = "T", required_unless_present = "views", value_parser = args::positive)]
+    seconds: Option<f64>,
+    /// Pixels of a view
+    #[arg(long, value_name = "WxH", default_value = "200x150", value_parser = args::size)]
+    size: [u32; 2],
+    /// Views a second, of each client
+    #[arg(long, value_name = "FPS", default_value = "10", value_parser = args::positive)]
+    rate: f64,
+    /// Cameras of sessions, where newer ones supersede older ones, in place of views that each want an answer
+    #[arg(long)]
+    sessions: bool,
+    /// Ask for this many views as fast as they are answered, in place of clients and a rate
+    #[arg(long, value_name = "N", conflicts_with_all = ["clients", "seconds", "rate", "sessions"], value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    views: Option<u32>,
+    #[command(flatten)]
+    plan: args::Plan,
+    /// A view without an answer for this many seconds has failed
+    #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = args::positive)]
+    timeout: f64,
+    /// Print one JSON object: sent, answered, failed, rejected, superseded, views_per_sec,
+    /// latency_ms: {p50, p90, p99, max}, total_secs
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    sent: u64,
+    answered: u64,
+    failed: u64,
+    rejected: u64,
+    superseded: u64,
+    views_per_sec: f64,
+    latency_ms: LatencyMs,
+    /// From the first view to the last answer of a burst, or the load's duration.
+    total_secs: f64,
+    first_error: Option<String>,
+}
+
+pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
+    let connections = args.clients.unwrap_or(4).clamp(1, 4) as usize;
+    let client = Client::connect_with(
+        &args.server.server,
+        &ConnectOptions { connections, ..ConnectOptions::default() },
+    )
+    .await?;
+    let report = match args.views {
+        Some(views) => all_at_once(&client, views, &args).await?,
+        None => steady(&client, &args).await?,
+    };
+    if args.json {
+        return output::json(&report);
+    }
+    println!(
+        "{} views sent: {} answered, {} failed, {} rejected, {} superseded",
+        report.sent, report.answered, report.failed, report.rejected, report.superseded
+    );
+    println!("  {:.1} views/s in {:.2} s", report.views_per_sec, report.total_secs);
+    let LatencyMs { p50, p90, p99, max } = report.latency_ms;
+    println!("  latency p50 {p50:.1} ms, p90 {p90:.1} ms, p99 {p99:.1} ms, max {max:.1} ms");
+    if let Some(error) = &report.first_error {
+        println!("  the first that was not answered: {error}");
+    }
+    Ok(())
+}
+
+/// A fixed schedule.
+async fn steady(client: &Client, args: &Args) -> anyhow::Result<Report> {
+    let (Some(clients), Some(seconds)) = (args.clients, args.seconds) else {
+        return Err(bad_arguments("--clients and --seconds are wanted, or --views"));
+    };
+    let options = LoadOptions {
+        clients,
+        duration: duration(seconds),
+        rate: args.rate,
+        size: args.size,
+        plan: args.plan.request(),
+        mode: if args.sessions { Mode::Sessions } else { Mode::Requests },
+        deadline: duration(args.timeout),
+        ..LoadOptions::default()
+    };
+    let LoadReport { sent, answered, failed, rejected, superseded, views_per_sec, latency_ms, first_error } =
+        load::run(client, &options).await?;
+    Ok(Report {
+        sent,
+        answered,
+        failed,
+        rejected,
+        superseded,
+        views_per_sec,
+        latency_ms,
+        total_secs: seconds,
+        first_error,
+    })
+}
+
+/// As fast as they are answered.
+async fn all_at_once(client: &Client, views: u32, args: &Args) -> anyhow::Result<Report> {
+    let views = path_views(client.description(), views, args.size, args.plan.request());
+    if let Some(view) = views.first() {
+        view.validate(&client.description().limits)?;
+    }
+    let options = RenderOptions { deadline: duration(args.timeout), ..RenderOptions::default() };
+    let outcome = burst(client, views, IN_FLIGHT, &options, |_, _| ()).await;
+    Ok(Report {
+        sent: outcome.views,
+        answered: outcome.views - outcome.failed,
+        failed: outcome.failed,
+        rejected: 0,
+        superseded: 0,
+        views_per_sec: outcome.views_per_sec,
+        latency_ms: outcome.latency_ms,
+        total_secs: outcome.total_ms / 1e3,
+        first_error: outcome.first_error,
+    })
+}
+
+/// Durations beyond what a clock can count are as good as for ever.
+fn duration(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::from_secs(u64::from(u32::MAX)))
+}

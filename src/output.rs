@@ -1,0 +1,70 @@
+//! Results: one JSON object on standard output, and image files.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use anyhow::Context;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ColorType, ExtendedColorType, ImageEncoder, Rgb, Rgb32FImage, RgbImage};
+use serde::Serialize;
+
+/// Prints the one JSON object of a run.
+pub(crate) fn json(value: &impl Serialize) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    serde_json::to_writer_pretty(&mut out, value)?;
+    writeln!(out)?;
+    out.flush().context("cannot write to standard output")
+}
+
+/// Writes an sRGB image, 3 bytes a pixel, as PNG.
+///
+/// Fast compression: the default one takes longer than the view took to render.
+pub(crate) fn write_rgb_png(path: &Path, width: u32, height: u32, rgb: &[u8]) -> anyhow::Result<()> {
+    write_png(path, width, height, rgb, ColorType::Rgb8)
+}
+
+/// Writes a byte a pixel as a grey PNG.
+pub(crate) fn write_gray_png(path: &Path, width: u32, height: u32, gray: &[u8]) -> anyhow::Result<()> {
+    write_png(path, width, height, gray, ColorType::L8)
+}
+
+fn write_png(path: &Path, width: u32, height: u32, bytes: &[u8], color: ColorType) -> anyhow::Result<()> {
+    let mut file = create(path)?;
+    PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(bytes, width, height, ExtendedColorType::from(color))
+        .and_then(|()| Ok(file.flush()?))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes ranges (f32 little-endian, metres, +inf where there is nothing) as 32-bit float OpenEXR. The value
+/// stands in all three of R, G and B, since few readers open a file without them.
+pub(crate) fn write_range_exr(path: &Path, width: u32, height: u32, range: &[u8]) -> anyhow::Result<()> {
+    let (values, _) = range.as_chunks::<4>();
+    let mut image = Rgb32FImage::new(width, height);
+    for (pixel, value) in image.pixels_mut().zip(values) {
+        *pixel = Rgb([f32::from_le_bytes(*value); 3]);
+    }
+    // The encoder seeks, so it gets the file itself.
+    image
+        .write_to(&mut create(path)?, image::ImageFormat::OpenExr)
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Reads an image file as 8-bit RGB.
+pub(crate) fn read_rgb(path: &Path) -> anyhow::Result<RgbImage> {
+    let image = image::ImageReader::open(path)
+        .and_then(|reader| reader.with_guessed_format())
+        .with_context(|| format!("cannot open {}", path.display()))?
+        .decode()
+        .with_context(|| format!("cannot read {} as an image", path.display()))?;
+    Ok(image.into_rgb8())
+}
+
+fn create(path: &Path) -> anyhow::Result<BufWriter<File>> {
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(BufWriter::new(file))
+}

@@ -1,0 +1,109 @@
+//! Worker processes on this machine: started, started again when they end, and never left behind.
+
+use std::process::{ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use tokio::process::{Child, Command};
+use tokio::task::JoinSet;
+use tokio_util::sync::CancellationToken;
+
+/// A process that ends sooner than this after its start has not worked.
+const EARLY: Duration = Duration::from_secs(10);
+/// Early ends in a row after which a worker is not started again.
+const MOST_EARLY_ENDS: u32 = 5;
+/// Pause before the first new start; it doubles with each early end.
+const FIRST_PAUSE: Duration = Duration::from_millis(200);
+/// How long a worker that was asked to stop may take: its own grace for views in work, and some more.
+const GRACE: Duration = Duration::from_secs(10);
+
+/// How many worker processes suit this machine: two at least, so that both roles are played, and at most
+/// four, since the workers of one machine share its device.
+pub(crate) fn default_count() -> usize {
+    cores().clamp(2, 4)
+}
+
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Keeps `count` workers of the coordinator at `url` running until `shutdown`, then lets them finish.
+///
+/// # Errors
+/// If one of them ends as soon as it starts, time and again.
+pub(crate) async fn keep(count: usize, url: &str, shutdown: CancellationToken) -> anyhow::Result<()> {
+    let mut workers = JoinSet::new();
+    for index in 0..count {
+        workers.spawn(keep_one(index, count, url.to_owned(), shutdown.clone()));
+    }
+    let mut result = Ok(());
+    while let Some(ended) = workers.join_next().await {
+        let ended = ended.context("a task of this process failed").and_then(|inner| inner);
+        if ended.is_err() {
+            shutdown.cancel();
+            result = result.and(ended);
+        }
+    }
+    result
+}
+
+async fn keep_one(
+    index: usize,
+    count: usize,
+    url: String,
+    shutdown: CancellationToken,
+) -> anyhow::Result<()> {
+    let mut early_ends = 0;
+    loop {
+        let started = Instant::now();
+        let mut child = start(count, &url)?;
+        let status = tokio::select! {
+            status = child.wait() => status?,
+            () = shutdown.cancelled() => return stop(child).await,
+        };
+        if shutdown.is_cancelled() {
+            return Ok(());
+        }
+        early_ends = if started.elapsed() < EARLY { early_ends + 1 } else { 0 };
+        if early_ends == MOST_EARLY_ENDS {
+            bail!("worker {index} ends as soon as it starts ({status}); its own message is above");
+        }
+        let pause = FIRST_PAUSE * 2u32.pow(early_ends);
+        tracing::warn!("worker {index} ended ({status}); it is started again in {} ms", pause.as_millis());
+        tokio::select! {
+            () = tokio::time::sleep(pause) => {}
+            () = shutdown.cancelled() => return Ok(()),
+        }
+    }
+}
+
+fn start(count: usize, url: &str) -> anyhow::Result<Child> {
+    let program = std::env::current_exe().context("cannot find this program's own file")?;
+    let mut command = Command::new(&program);
+    command
+        .args(["worker", "--coordinator", url, "--listen", "127.0.0.1:0", "--exit-with-stdin"])
+        // Workers die with the end of this pipe, however this process ends.
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .kill_on_drop(true);
+    // The software driver would start a thread a core in every worker; they share the cores instead.
+    if std::env::var_os("LP_NUM_THREADS").is_none() {
+        command.env("LP_NUM_THREADS", (cores() / count).max(1).to_string());
+    }
+    command.spawn().with_context(|| format!("cannot start {}", program.display()))
+}
+
+async fn stop(mut child: Child) -> anyhow::Result<()> {
+    drop(child.stdin.take());
+    match tokio::time::timeout(GRACE, child.wait()).await {
+        Ok(status) => report(status?),
+        Err(_) => child.kill().await.context("cannot end a worker")?,
+    }
+    Ok(())
+}
+
+fn report(status: ExitStatus) {
+    if !status.success() {
+        tracing::warn!("a worker ended with {status} while stopping");
+    }
+}

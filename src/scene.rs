@@ -1,0 +1,116 @@
+//! `argus scene`: what is in a scene.
+
+use argus_scene::{Bounds, Effect, RigKind, Scene};
+use serde::Serialize;
+
+use crate::output;
+
+/// What is in a scene: triangles, bounds, materials, lights, cameras, and the effects it calls for.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  argus scene model.glb\n  argus scene terrain:2000000 --json")]
+pub(crate) struct Args {
+    /// A file (.glb, .gltf, .obj, .ply) or `terrain[:TRIANGLES]`
+    #[arg(value_name = "S")]
+    scene: String,
+    /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
+    /// animations, bounds {min, max} (null where the scene is empty), rig, effects, warnings
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    name: &'a str,
+    hash: String,
+    triangles: usize,
+    instances: usize,
+    materials: usize,
+    textures: usize,
+    lights: usize,
+    cameras: usize,
+    animations: usize,
+    bounds: Corners,
+    rig: RigKind,
+    effects: Vec<Effect>,
+    warnings: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Corners {
+    min: Option<[f64; 3]>,
+    max: Option<[f64; 3]>,
+}
+
+impl Corners {
+    fn of(bounds: Bounds) -> Self {
+        if bounds.is_empty() {
+            return Self { min: None, max: None };
+        }
+        Self { min: Some(bounds.min.to_array()), max: Some(bounds.max.to_array()) }
+    }
+}
+
+impl<'a> Report<'a> {
+    fn of(scene: &'a Scene) -> Self {
+        Self {
+            name: &scene.name,
+            hash: scene.hash.to_string(),
+            triangles: scene.triangles(),
+            instances: scene.instances.len(),
+            materials: scene.materials.len(),
+            textures: scene.textures.len(),
+            lights: scene.lighting.lights.len(),
+            cameras: scene.cameras.len(),
+            animations: scene.animations.len(),
+            bounds: Corners::of(scene.bounds()),
+            rig: scene.rig,
+            effects: scene.effects(),
+            warnings: &scene.warnings,
+        }
+    }
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let scene = argus_scene::open(&args.scene)?;
+    let report = Report::of(&scene);
+    if args.json {
+        return output::json(&report);
+    }
+    println!("{}", report.name);
+    println!("  triangles   {} in {} instances", report.triangles, report.instances);
+    match (report.bounds.min, report.bounds.max) {
+        (Some(min), Some(max)) => println!("  bounds      {} to {} m", point(min), point(max)),
+        _ => println!("  bounds      empty"),
+    }
+    println!("  materials   {}, textures {}", report.materials, report.textures);
+    println!("  lights      {}, animations {}", report.lights, report.animations);
+    let names = report.effects.iter().map(name_of).collect::<Vec<_>>();
+    println!("  effects     {}", if names.is_empty() { "none".to_owned() } else { names.join(", ") });
+    println!("  rig         {}", name_of(&report.rig));
+    println!("  hash        {}", report.hash);
+    println!("  cameras     {}", report.cameras);
+    for named in &scene.cameras {
+        let camera = &named.camera;
+        println!(
+            "    {:<20} --eye {} --target {} --fov-deg {:.4}",
+            named.name,
+            point(camera.eye.to_array()),
+            point(camera.target.to_array()),
+            camera.fov_deg
+        );
+    }
+    for warning in report.warnings {
+        println!("  warning     {warning}");
+    }
+    Ok(())
+}
+
+/// A point as `--eye` takes it.
+fn point(p: [f64; 3]) -> String {
+    format!("{:.4},{:.4},{:.4}", p[0], p[1], p[2])
+}
+
+/// The name by which JSON has a value.
+fn name_of(value: &impl Serialize) -> String {
+    serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
+}

@@ -1,0 +1,122 @@
+//! `argus study`: the experiments behind the figures.
+
+use std::path::PathBuf;
+
+use argus_studies::{Report, baseline, burst};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::{args, output};
+
+/// Measures what approximations cost and what they are worth, on this machine.
+///
+/// Each study prints a Markdown table; with --out it also writes Markdown, CSV and JSON. On the software
+/// driver, LP_NUM_THREADS=1 keeps samplers and compositors comparable: only its fragment work uses threads.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  LP_NUM_THREADS=1 argus study baseline --out figures
+  argus study baseline --scene model.glb --quick
+  argus study burst --scene terrain:500000 --views 290")]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    study: Study,
+}
+
+#[derive(clap::Subcommand)]
+enum Study {
+    Baseline(Baseline),
+    Burst(Burst),
+}
+
+/// What direct views, samples and both searches cost, and how close they come to the reference
+#[derive(clap::Args)]
+struct Baseline {
+    /// A file or `terrain[:TRIANGLES]`; may be given more than once [default: terrain of 50000, 500000 and
+    /// 2000000 triangles]
+    #[arg(long, value_name = "S")]
+    scene: Vec<String>,
+    /// Pixels of a view; may be given more than once [default: 200x150 and 640x480]
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Vec<[u32; 2]>,
+    #[command(flatten)]
+    form: Form,
+}
+
+/// Many views at once, by gRPC, from a cluster that has no samples yet, against all of them rendered directly
+#[derive(clap::Args)]
+struct Burst {
+    /// A file or `terrain[:TRIANGLES]` [default: terrain:500000]
+    #[arg(long, value_name = "S")]
+    scene: Option<String>,
+    /// Views [default: 290]
+    #[arg(long, value_name = "N")]
+    views: Option<u32>,
+    /// Worker processes [default: 2]
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
+    workers: Option<u16>,
+    #[command(flatten)]
+    form: Form,
+}
+
+/// How long a study may take, and what becomes of its figures.
+#[derive(clap::Args)]
+struct Form {
+    /// A few seconds, to see that everything works; the figures are noise
+    #[arg(long)]
+    quick: bool,
+    /// Print one JSON object: scene, machine, rows (one object a table row)
+    #[arg(long)]
+    json: bool,
+    /// Folder for the figures as Markdown, CSV and JSON
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
+    let progress = ProgressBar::no_length();
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>3}/{len} {msg} ({elapsed})") {
+        progress.set_style(style);
+    }
+    let (name, form, report) = match args.study {
+        Study::Baseline(Baseline { scene, size, form }) => {
+            let mut options =
+                if form.quick { baseline::Options::quick() } else { baseline::Options::default() };
+            if !scene.is_empty() {
+                options.scenes = scene;
+            }
+            if !size.is_empty() {
+                options.sizes = size;
+            }
+            let bar = progress.clone();
+            let report = tokio::task::spawn_blocking(move || baseline::run(&options, &bar)).await??;
+            ("baseline", form, report)
+        }
+        Study::Burst(Burst { scene, views, workers, form }) => {
+            let mut options = if form.quick { burst::Options::quick() } else { burst::Options::default() };
+            options.scene = scene.unwrap_or(options.scene);
+            options.views = views.unwrap_or(options.views);
+            options.workers = workers.map_or(options.workers, usize::from);
+            let report = burst::run(&std::env::current_exe()?, &options, &progress).await?;
+            ("burst", form, report)
+        }
+    };
+    progress.finish_and_clear();
+    publish(name, &form, &report)
+}
+
+fn publish(name: &str, form: &Form, report: &Report) -> anyhow::Result<()> {
+    if let Some(folder) = &form.out {
+        report.write(folder, name)?;
+        eprintln!("written: {}", folder.join(name).with_extension("{md,csv,json}").display());
+    }
+    if form.json {
+        return output::json(report);
+    }
+    let machine = &report.machine;
+    println!(
+        "{} ({} cores), {}, LP_NUM_THREADS={}\n",
+        machine.cpu, machine.cores, machine.gpu, machine.driver_threads
+    );
+    print!("{}", report.markdown());
+    Ok(())
+}

@@ -1,0 +1,172 @@
+//! `argus view`: one view, into a file.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::Context;
+use argus_client::{Answer, Client, RenderOptions};
+use argus_scene::{Camera, Frame, Output, Outputs, Plan, Search, View};
+use glam::DVec3;
+use serde::Serialize;
+
+use crate::{args, output};
+
+/// Asks for one view and writes it to a file.
+///
+/// Colour is written as sRGB PNG; range (metres from the eye, +inf where there is nothing) as 32-bit float
+/// OpenEXR; mask (255 where no sample saw the pixel's surface) and source (which of the samples served it,
+/// from 1; 0 for none) as grey PNG.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus view --eye 60,40,60 --target 0,5,0 --out view.png
+  argus view --eye 60,40,60 --target 0,5,0 --direct --out exact.png
+  argus view --eye -1.5,2,0 --target 0,2,-3 --fov-deg 70 --output range --out range.exr --json
+`argus scene S` lists viewpoints that the scene's author recommends.")]
+pub(crate) struct Args {
+    #[command(flatten)]
+    server: args::Server,
+    #[command(flatten)]
+    camera: CameraArgs,
+    /// Pixels
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = args::size)]
+    size: [u32; 2],
+    #[command(flatten)]
+    plan: args::Plan,
+    /// Which image: color, range, mask or source
+    #[arg(long, value_name = "IMAGE", default_value = "color", value_parser = args::output())]
+    output: Output,
+    /// File to write
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Give up after this many seconds
+    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = args::positive)]
+    timeout: f64,
+    /// Print one JSON object: width, height, epoch, search, samples, unresolved_fraction, worker,
+    /// stages_ms: {name: ms}, total_ms, …
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::Args)]
+#[command(next_help_heading = "Camera")]
+struct CameraArgs {
+    /// Where the viewer stands, metres
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true)]
+    eye: DVec3,
+    /// What the viewer looks at
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true)]
+    target: DVec3,
+    /// What is up in the image
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", value_parser = args::point, allow_hyphen_values = true)]
+    up: DVec3,
+    /// Vertical field of view, degrees
+    #[arg(long, value_name = "DEG", default_value = "45", allow_hyphen_values = true)]
+    fov_deg: f64,
+}
+
+#[derive(Serialize)]
+struct Report {
+    width: u32,
+    height: u32,
+    epoch: u64,
+    generation: u64,
+    /// `splat`, `linear` or `direct`.
+    search: &'static str,
+    /// Ids, best first; none for a direct view.
+    samples: Vec<String>,
+    unresolved_fraction: f64,
+    worker: String,
+    device: String,
+    stages_ms: BTreeMap<String, f64>,
+    /// Within the service.
+    age_ms: f64,
+    /// As this client saw it.
+    total_ms: f64,
+    attempts: u32,
+}
+
+impl Report {
+    fn of(answer: &Answer) -> Self {
+        let Answer { frame, meta, latency, attempts } = answer;
+        let (search, samples) = match &frame.provenance.plan {
+            Plan::Direct { .. } => ("direct", Vec::new()),
+            Plan::Warp { search, samples, .. } => {
+                let name = match search {
+                    Search::Splat => "splat",
+                    Search::Linear => "linear",
+                };
+                (name, samples.iter().map(ToString::to_string).collect())
+            }
+        };
+        let mut stages_ms = BTreeMap::new();
+        for stage in &frame.stages {
+            // A pass that ran more than once is one row.
+            *stages_ms.entry(stage.name.clone()).or_default() += stage.ms;
+        }
+        Self {
+            width: frame.width,
+            height: frame.height,
+            epoch: frame.provenance.epoch,
+            generation: frame.provenance.generation,
+            search,
+            samples,
+            unresolved_fraction: frame.unresolved_fraction,
+            worker: meta.worker.clone(),
+            device: frame.provenance.device.clone(),
+            stages_ms,
+            age_ms: meta.age_ms,
+            total_ms: latency.as_secs_f64() * 1e3,
+            attempts: *attempts,
+        }
+    }
+}
+
+pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
+    let CameraArgs { eye, target, up, fov_deg } = args.camera;
+    let [width, height] = args.size;
+    let view = View {
+        camera: Camera { eye, target, up, fov_deg },
+        width,
+        height,
+        outputs: Outputs::only(args.output),
+        plan: args.plan.request(),
+        pin: None,
+    };
+    let client = Client::connect(&args.server.server).await?;
+    let deadline =
+        Duration::try_from_secs_f64(args.timeout).unwrap_or(Duration::from_secs(u64::from(u32::MAX)));
+    let options = RenderOptions { deadline, ..RenderOptions::default() };
+    let answer = client.render(&view, &options).await?;
+    write(&args.out, args.output, &answer.frame)?;
+    let report = Report::of(&answer);
+    if args.json {
+        return output::json(&report);
+    }
+    println!("{}: {}x{}, {}", args.out.display(), report.width, report.height, report.search);
+    println!("  made by     {} from {} samples", report.worker, report.samples.len());
+    println!("  unresolved  {:.3}% of the pixels", report.unresolved_fraction * 100.0);
+    println!("  took        {:.1} ms, {:.1} ms of them within the service", report.total_ms, report.age_ms);
+    for (name, ms) in &report.stages_ms {
+        println!("    {ms:9.3} ms  {name}");
+    }
+    Ok(())
+}
+
+/// Writes the one image that was asked for.
+fn write(path: &Path, output: Output, frame: &Frame) -> anyhow::Result<()> {
+    let (width, height) = (frame.width, frame.height);
+    let image = match output {
+        Output::Color => &frame.color,
+        Output::Range => &frame.range,
+        Output::Mask => &frame.mask,
+        Output::Source => &frame.source,
+    };
+    let image = image.as_ref().context("the frame lacks the image that was asked for")?;
+    match output {
+        Output::Color => output::write_rgb_png(path, width, height, image),
+        Output::Range => output::write_range_exr(path, width, height, image),
+        Output::Mask | Output::Source => output::write_gray_png(path, width, height, image),
+    }
+}

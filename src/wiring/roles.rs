@@ -1,0 +1,41 @@
+//! The two roles over one GPU context.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use argus_cluster::RoleFactory;
+use argus_compositor::GpuCompositor;
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::GpuSampler;
+use argus_scene::{Compositor, RenderError, Sampler, Scene};
+
+/// This machine's device, opened when the first role asks for it and shared by both, so that in one process
+/// samples stay on it.
+#[derive(Default)]
+pub(crate) struct Device {
+    gpu: Mutex<Option<Arc<Gpu>>>,
+}
+
+impl Device {
+    fn gpu(&self) -> Result<Arc<Gpu>, RenderError> {
+        let mut held = self.gpu.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(gpu) = held.as_ref().filter(|gpu| gpu.lost().is_none()) {
+            return Ok(gpu.clone());
+        }
+        // The lost device is let go of first: it may hold the memory that the new one needs.
+        *held = None;
+        let gpu = Gpu::new(&GpuOptions::default()).map_err(|error| error.into_render())?;
+        tracing::info!("rendering on {}", gpu.kind());
+        *held = Some(gpu.clone());
+        Ok(gpu)
+    }
+}
+
+impl RoleFactory for Device {
+    fn sampler(&self, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError> {
+        Ok(Box::new(GpuSampler::new(self.gpu()?, scene)?))
+    }
+
+    fn compositor(&self) -> Result<Box<dyn Compositor>, RenderError> {
+        Ok(Box::new(GpuCompositor::new(self.gpu()?)?))
+    }
+}

@@ -1,0 +1,49 @@
+//! The scene that a coordinator serves, and the files it came from.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use argus_cluster::SceneSource;
+use argus_scene::{LoadError, Scene, load};
+
+/// A scene that was opened by its specification.
+pub(crate) struct OpenScene {
+    scene: Arc<Scene>,
+}
+
+impl OpenScene {
+    /// Opens a file or generates a scene; may take long.
+    pub(crate) fn open(spec: &str) -> Result<Self, LoadError> {
+        Ok(Self { scene: Arc::new(argus_scene::open(spec)?) })
+    }
+
+    /// What the user called it.
+    pub(crate) fn name(&self) -> &str {
+        &self.scene.name
+    }
+
+    /// Logs what the loader could not honour.
+    pub(crate) fn report(&self) {
+        tracing::info!("{}: {} triangles", self.scene.name, self.scene.triangles());
+        for warning in &self.scene.warnings {
+            tracing::warn!("{}: {warning}", self.scene.name);
+        }
+    }
+}
+
+impl SceneSource for OpenScene {
+    fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    fn procedural(&self) -> Option<String> {
+        argus_scene::is_procedural(&self.scene.name).then(|| self.scene.name.clone())
+    }
+
+    fn files(&self) -> Result<Vec<(String, PathBuf)>, String> {
+        if self.procedural().is_some() {
+            return Ok(Vec::new());
+        }
+        load::bundle_files(Path::new(&self.scene.name)).map_err(|error| error.to_string())
+    }
+}

@@ -1,0 +1,89 @@
+//! A whole cluster of processes on this machine, for as long as somebody needs it.
+
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use serde::Deserialize;
+
+/// How long the processes may take to finish what is in work.
+const GRACE: Duration = Duration::from_secs(20);
+
+/// An `argus serve` in a process of its own, with its workers; ends when dropped.
+#[derive(Debug)]
+pub struct LocalCluster {
+    process: Child,
+    url: String,
+}
+
+/// The part of what a service prints that is of use here.
+#[derive(Deserialize)]
+struct Announcement {
+    url: String,
+}
+
+impl LocalCluster {
+    /// Starts a coordinator and `workers` worker processes of the program `argus`, on a free port of the
+    /// loopback interface; `more` are further arguments of `argus serve`. Returns as soon as clients can
+    /// connect; views that are asked for before the workers have joined wait for them.
+    ///
+    /// # Errors
+    /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
+    pub fn start(argus: &Path, scene: &str, workers: usize, more: &[String]) -> anyhow::Result<Self> {
+        let mut process = Command::new(argus)
+            .args(["serve", "--json", "--exit-with-stdin", "--listen", "127.0.0.1:0", "--scene", scene])
+            .args(["--workers", &workers.to_string()])
+            .args(more)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("cannot start {}", argus.display()))?;
+        let Some(output) = process.stdout.take() else { bail!("the service has no output") };
+        // One object and no more: the stream stays open for as long as the service runs.
+        let mut objects = serde_json::Deserializer::from_reader(output).into_iter::<Announcement>();
+        match objects.next() {
+            Some(Ok(Announcement { url })) => Ok(Self { process, url }),
+            _ => bail!("the service ended before it served: {}", process.wait()?),
+        }
+    }
+
+    /// Where clients reach it.
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// Lets it finish what is in work.
+    ///
+    /// # Errors
+    /// If it did not end in time or did not end well.
+    pub fn stop(mut self) -> anyhow::Result<()> {
+        match self.end()? {
+            Some(status) if status.success() => Ok(()),
+            Some(status) => bail!("the service ended with {status}"),
+            None => bail!("the service did not end within {} s", GRACE.as_secs()),
+        }
+    }
+
+    /// Closes its standard input, by which it and its workers know that they are to stop.
+    fn end(&mut self) -> std::io::Result<Option<ExitStatus>> {
+        drop(self.process.stdin.take());
+        let deadline = Instant::now() + GRACE;
+        while Instant::now() < deadline {
+            if let Some(status) = self.process.try_wait()? {
+                return Ok(Some(status));
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        self.process.kill()?;
+        self.process.wait()?;
+        Ok(None)
+    }
+}
+
+impl Drop for LocalCluster {
+    fn drop(&mut self) {
+        // Nothing is left to report to; the operating system has the processes' last word.
+        let _ = self.end();
+    }
+}

@@ -1,0 +1,170 @@
+//! Starts and stops the processes that the tests talk to; no child outlives its test.
+#![allow(dead_code)] // each test binary uses its own part
+
+pub(crate) mod wire;
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// A small scene that is generated, so that no test needs a file: quick to sample, yet with every effect.
+pub(crate) const SMALL: &str = "terrain:20000";
+/// How long anything may take that should take a moment; generous, since tests share few cores.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The program under test, with the arguments given.
+pub(crate) fn argus(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_argus"));
+    // Several renderers share few cores: one thread of the software driver each.
+    command.args(arguments).env("LP_NUM_THREADS", "1").env_remove("ARGUS_SERVER").env_remove("ARGUS_LOG");
+    command
+}
+
+/// Runs it to its end.
+pub(crate) fn run(arguments: &[&str]) -> Output {
+    argus(arguments).stdin(Stdio::null()).output().expect("argus starts")
+}
+
+/// Runs it to its end, which must be a good one, and takes its one JSON object.
+pub(crate) fn json(arguments: &[&str]) -> Value {
+    let output = run(arguments);
+    assert!(output.status.success(), "argus {arguments:?}: {}", stderr(&output));
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| {
+        panic!("argus {arguments:?} printed no JSON ({error}): {}", String::from_utf8_lossy(&output.stdout))
+    })
+}
+
+/// What it said to a person.
+pub(crate) fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// A child process that ends with its owner.
+pub(crate) struct Process(Child);
+
+impl Process {
+    /// Starts a service that runs until its standard input closes, which the death of this test does too.
+    pub(crate) fn start(mut command: Command) -> Self {
+        command.arg("--exit-with-stdin").stdin(Stdio::piped());
+        Self(command.spawn().expect("argus starts"))
+    }
+
+    pub(crate) fn pid(&self) -> u32 {
+        self.0.id()
+    }
+
+    pub(crate) fn take_stdout(&mut self) -> ChildStdout {
+        self.0.stdout.take().expect("stdout is piped")
+    }
+
+    /// Asks it to stop by the end of its input.
+    pub(crate) fn stop(&mut self) -> ExitStatus {
+        drop(self.0.stdin.take());
+        self.wait()
+    }
+
+    /// Ends it without a word, as a crash would.
+    pub(crate) fn kill(&mut self) {
+        self.0.kill().expect("the process can be killed");
+        self.0.wait().expect("the process ends");
+    }
+
+    /// Waits for its end.
+    pub(crate) fn wait(&mut self) -> ExitStatus {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            if let Some(status) = self.0.try_wait().expect("the process can be asked") {
+                return status;
+            }
+            assert!(Instant::now() < deadline, "process {} does not end", self.pid());
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A coordinator in a process of its own.
+pub(crate) struct Coordinator {
+    pub(crate) process: Process,
+    pub(crate) url: String,
+}
+
+impl Coordinator {
+    pub(crate) fn start(scene: &str, more: &[&str]) -> Self {
+        Self::start_in(Path::new(env!("CARGO_MANIFEST_DIR")), scene, more)
+    }
+
+    /// With the working directory that relative paths of scenes start from.
+    pub(crate) fn start_in(folder: &Path, scene: &str, more: &[&str]) -> Self {
+        let mut command = argus(&["coordinator", "--listen", "127.0.0.1:0", "--json", "--scene", scene]);
+        command.args(more).current_dir(folder).stdout(Stdio::piped());
+        let mut process = Process::start(command);
+        // The stream stays open while the service runs, so exactly one object is read from it.
+        let mut objects = serde_json::Deserializer::from_reader(process.take_stdout()).into_iter::<Value>();
+        let announced = objects.next().expect("the coordinator announces itself").expect("in JSON");
+        let url = announced["url"].as_str().expect("with its address").to_owned();
+        Self { process, url }
+    }
+
+    /// A worker of this coordinator, in a process of its own.
+    pub(crate) fn worker(&self, more: &[&str]) -> Process {
+        let mut command = argus(&["worker", "--coordinator", &self.url, "--listen", "127.0.0.1:0"]);
+        command.args(more);
+        Process::start(command)
+    }
+
+    pub(crate) fn workers(&self, count: usize) -> Vec<Process> {
+        (0..count).map(|_| self.worker(&[])).collect()
+    }
+
+    /// What `argus status --json` says.
+    pub(crate) fn status(&self) -> Value {
+        json(&["status", "--server", &self.url, "--json"])
+    }
+
+    /// Waits until the status satisfies `condition`.
+    pub(crate) fn wait_until(&self, what: &str, condition: impl Fn(&Value) -> bool) -> Value {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let status = self.status();
+            if condition(&status) {
+                return status;
+            }
+            assert!(Instant::now() < deadline, "not in time: {what}; status {status:#}");
+            std::thread::sleep(Duration::from_millis(200));
+        }
+    }
+
+    pub(crate) fn wait_for_workers(&self, count: u64) -> Value {
+        self.wait_until(&format!("{count} workers"), |status| status["processes"] == count)
+    }
+}
+
+/// A file of the real scenes, or `None` (and one line) where this machine has none. Under
+/// `ARGUS_REQUIRE_SCENES=1` having none is a failure.
+pub(crate) fn real_scene(path: &str) -> Option<PathBuf> {
+    real(path).inspect(|file| assert!(file.is_file(), "ARGUS_SCENES has no file {path}"))
+}
+
+/// A folder of the real scenes, likewise.
+pub(crate) fn real_folder(path: &str) -> Option<PathBuf> {
+    real(path).inspect(|folder| assert!(folder.is_dir(), "ARGUS_SCENES has no folder {path}"))
+}
+
+fn real(path: &str) -> Option<PathBuf> {
+    let required = std::env::var("ARGUS_REQUIRE_SCENES").is_ok_and(|value| value == "1");
+    let Some(folder) = std::env::var_os("ARGUS_SCENES").map(PathBuf::from) else {
+        assert!(!required, "ARGUS_REQUIRE_SCENES=1, yet ARGUS_SCENES is not set");
+        eprintln!("skipped: ARGUS_SCENES is not set, so there is no {path}");
+        return None;
+    };
+    Some(folder.join(path))
+}
