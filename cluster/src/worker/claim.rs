@@ -1,0 +1,84 @@
+//! Who waits for a result: a batch is cancelled when nobody waits for any of it.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use argus_scene::Cancel;
+use parking_lot::Mutex;
+
+/// The cancellation of a batch, raised by the last of its members to go.
+#[derive(Debug, Default)]
+pub(super) struct Batch {
+    pub(super) cancel: Cancel,
+    waiting: AtomicUsize,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    gone: bool,
+    batch: Option<Arc<Batch>>,
+}
+
+/// The waiting side. Dropping it says that nobody waits any more.
+#[derive(Debug)]
+pub(super) struct Claim(Arc<Mutex<State>>);
+
+/// The working side.
+#[derive(Debug)]
+pub(super) struct Claimed(Arc<Mutex<State>>);
+
+/// The two sides of one result.
+pub(super) fn claim() -> (Claim, Claimed) {
+    let state = Arc::new(Mutex::default());
+    (Claim(Arc::clone(&state)), Claimed(state))
+}
+
+impl Claimed {
+    /// Joins a batch; false if nobody waits, and then it is not part of it.
+    pub(super) fn join(&self, batch: &Arc<Batch>) -> bool {
+        let mut state = self.0.lock();
+        if state.gone {
+            return false;
+        }
+        batch.waiting.fetch_add(1, Ordering::AcqRel);
+        state.batch = Some(Arc::clone(batch));
+        true
+    }
+
+    /// Whether nobody waits.
+    pub(super) fn is_gone(&self) -> bool {
+        self.0.lock().gone
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        let mut state = self.0.lock();
+        state.gone = true;
+        if let Some(batch) = state.batch.take()
+            && batch.waiting.fetch_sub(1, Ordering::AcqRel) == 1
+        {
+            batch.cancel.cancel();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_batch_is_cancelled_when_the_last_of_its_members_goes() {
+        let batch = Arc::new(Batch::default());
+        let (first, first_claimed) = claim();
+        let (second, second_claimed) = claim();
+        let (early, early_claimed) = claim();
+        drop(early);
+        assert!(first_claimed.join(&batch) && second_claimed.join(&batch));
+        assert!(!early_claimed.join(&batch) && early_claimed.is_gone());
+        drop(first);
+        assert!(!batch.cancel.is_cancelled());
+        drop(second);
+        assert!(batch.cancel.is_cancelled());
+    }
+}

@@ -1,0 +1,136 @@
+//! How a worker comes by samples: held, fetched from another, or rendered here.
+//!
+//! Views that need the same sample at the same time share one fetch. A fetch asks the addresses in the order
+//! given, verifies what comes by its hash, and where none of them has the sample renders it here: a worker
+//! can play both roles, so a sampler's death costs the time of one sample and no view.
+//!
+//! Where the planes go follows from who asks: what another process asks for is read back to host memory
+//! ([`on_host`]); what only this process needs stays on the device ([`at_hand`]). If both happen, in that
+//! order, the host copy serves both; the other way round the sample is rendered once more, byte for byte the
+//! same, which costs less than reading back every sample of a cluster of one.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use argus_proto::chunks::{Received, SampleAssembler};
+use argus_proto::convert::scene_hash_bytes;
+use argus_proto::v1::samples_client::SamplesClient;
+use argus_proto::{Fault, v1};
+use argus_scene::{Sample, SampleId, SampleSetInfo};
+use futures::FutureExt;
+use futures::future::{BoxFuture, Shared, WeakShared};
+use parking_lot::Mutex;
+use tracing::warn;
+
+use super::node::Node;
+
+type Fetch = BoxFuture<'static, Result<Arc<Sample>, Fault>>;
+
+/// Fetches under way, by sample and by whether its planes must be in host memory. A fetch whose last waiter
+/// gives up is dropped with it.
+#[derive(Default)]
+pub(super) struct Fetches(Mutex<HashMap<(SampleId, bool), WeakShared<Fetch>>>);
+
+impl Fetches {
+    /// Joins the fetch of that sample, or starts it.
+    fn join(&self, key: (SampleId, bool), start: impl FnOnce() -> Fetch) -> Shared<Fetch> {
+        let mut under_way = self.0.lock();
+        if let Some(fetch) = under_way.get(&key).and_then(WeakShared::upgrade)
+            && fetch.peek().is_none()
+        {
+            return fetch;
+        }
+        under_way.retain(|_, fetch| fetch.upgrade().is_some_and(|fetch| fetch.peek().is_none()));
+        let fetch = start().shared();
+        under_way.extend(fetch.downgrade().map(|weak| (key, weak)));
+        fetch
+    }
+}
+
+/// The sample for this process's own views.
+pub(super) async fn at_hand(
+    node: Arc<Node>,
+    info: Arc<SampleSetInfo>,
+    id: SampleId,
+    addresses: Vec<String>,
+) -> Result<Arc<Sample>, Fault> {
+    if let Some(sample) = node.store.get(id) {
+        return Ok(sample);
+    }
+    let fetch = node.fetches.join((id, false), || {
+        let node = node.clone();
+        Box::pin(async move {
+            // Another fetch may have ended between the look above and this one.
+            if let Some(sample) = node.store.get(id) {
+                return Ok(sample);
+            }
+            for address in addresses.iter().filter(|address| **address != node.hello.address) {
+                match from_other(&node, &info, id, address).await {
+                    Ok(sample) => return Ok(node.store.insert(sample)),
+                    Err(fault) => warn!(%id, address, %fault, "sample not to be had there"),
+                }
+            }
+            node.render_sample(id, info, false).await
+        })
+    });
+    fetch.await
+}
+
+/// The sample for another process.
+pub(super) async fn on_host(
+    node: Arc<Node>,
+    info: Arc<SampleSetInfo>,
+    id: SampleId,
+) -> Result<Arc<Sample>, Fault> {
+    if let Some(sample) = node.store.get_on_host(id) {
+        return Ok(sample);
+    }
+    let fetch = node.fetches.join((id, true), || {
+        let node = node.clone();
+        Box::pin(async move {
+            match node.store.get_on_host(id) {
+                Some(sample) => Ok(sample),
+                None => node.render_sample(id, info, true).await,
+            }
+        })
+    });
+    fetch.await
+}
+
+async fn from_other(node: &Node, info: &SampleSetInfo, id: SampleId, address: &str) -> Result<Sample, Fault> {
+    let mut client = SamplesClient::new(node.channels.to(address)?);
+    let request = v1::SubscribeRequest {
+        scene_hash: scene_hash_bytes(info.scene),
+        epoch: info.epoch,
+        generation: info.generation,
+        indices: vec![id.index],
+        have: Vec::new(),
+    };
+    let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
+    let silent = |_| Fault::Unavailable(format!("{address} fell silent"));
+    let limit = node.config.fetch_timeout;
+    let opened = tokio::time::timeout(limit, client.subscribe(request)).await.map_err(silent)?;
+    let mut chunks = opened.map_err(unavailable)?.into_inner();
+    let mut assembler = SampleAssembler::new(info.clone(), [id.index]);
+    loop {
+        let chunk =
+            tokio::time::timeout(limit, chunks.message()).await.map_err(silent)?.map_err(unavailable)?;
+        let Some(chunk) = chunk else {
+            return Err(Fault::Unavailable(format!("{address} ended the stream before the sample's end")));
+        };
+        // Unpacking takes milliseconds.
+        let pushed = tokio::task::spawn_blocking(move || {
+            let received = assembler.push(chunk);
+            (assembler, received)
+        });
+        let (back, received) = pushed.await.map_err(|e| Fault::Unavailable(e.to_string()))?;
+        assembler = back;
+        match received? {
+            Some(Received::Sample(sample, _)) => return Ok(sample),
+            Some(Received::Unchanged(_)) => {
+                return Err(Fault::NotFound(format!("{address} claims that sample {id} is here")));
+            }
+            None => {}
+        }
+    }
+}

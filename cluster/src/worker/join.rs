@@ -1,0 +1,240 @@
+//! A worker's life with its coordinator: join, report, do as told, join again.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_proto::convert::scene_hash;
+use argus_proto::v1;
+use argus_proto::v1::cluster_client::ClusterClient;
+use argus_scene::{InvalidField, Limits, SampleSetInfo};
+use tokio::sync::{mpsc, watch};
+use tokio::time::Instant;
+use tokio_stream::wrappers::ReceiverStream;
+use tokio_util::sync::CancellationToken;
+use tonic::transport::Channel;
+use tonic::{Code, Status};
+use tracing::{info, warn};
+
+use super::node::Node;
+use super::{RunError, scene};
+use crate::core::Role;
+use crate::{SceneOpener, SceneRef, net, wire};
+
+/// Pause before the first attempt to join again; it doubles up to [`super::Config::rejoin_pause`].
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+
+/// How often a worker that drains looks whether it is done.
+const DRAIN_LOOK: Duration = Duration::from_millis(5);
+
+/// Between two reports until the coordinator has said how often it wants them.
+const FIRST_INTERVAL: Duration = Duration::from_millis(250);
+
+/// An assignment, checked.
+#[derive(Debug, Clone)]
+struct Duty {
+    sequence: u64,
+    role: Role,
+    scene: SceneRef,
+    set: SampleSetInfo,
+    limits: Limits,
+}
+
+/// Stays with the coordinator until `shutdown`.
+///
+/// # Errors
+/// As [`super::run`].
+pub(super) async fn stay(
+    node: Arc<Node>,
+    opener: Arc<dyn SceneOpener>,
+    shutdown: CancellationToken,
+) -> Result<(), RunError> {
+    let url = node.config.coordinator.clone();
+    let address = |reason| RunError::Address { what: "the coordinator's URL", reason };
+    let endpoint = net::endpoint(&url, node.config.connect_timeout).map_err(address)?;
+    let began = Instant::now();
+    let mut joined_once = false;
+    let mut pause = FIRST_PAUSE;
+    loop {
+        let attempt = async {
+            let channel = endpoint.connect().await.map_err(|e| Ended::Lost(root_cause(&e)))?;
+            once(&node, opener.clone(), channel, &mut joined_once, &mut pause).await
+        };
+        let ended = tokio::select! {
+            ended = attempt => ended,
+            () = shutdown.cancelled() => return Ok(()),
+        };
+        let reason = match ended {
+            Ok(()) => "the coordinator ended the stream".to_owned(),
+            Err(Ended::Fatal(error)) => return Err(error),
+            Err(Ended::Lost(reason)) => reason,
+        };
+        if !joined_once && began.elapsed() >= node.config.join_timeout {
+            return Err(RunError::Unreachable { url, reason });
+        }
+        if joined_once {
+            warn!(url, reason, "coordinator lost, joining again");
+        }
+        tokio::select! {
+            () = tokio::time::sleep(pause) => {}
+            () = shutdown.cancelled() => return Ok(()),
+        }
+        pause = (pause * 2).min(node.config.rejoin_pause.max(FIRST_PAUSE));
+    }
+}
+
+/// How a stream ended.
+enum Ended {
+    /// Joining again may help.
+    Lost(String),
+    /// It will not.
+    Fatal(RunError),
+}
+
+/// The innermost reason, which is the one that says something ("connection refused").
+fn root_cause(error: &dyn std::error::Error) -> String {
+    let mut cause = error;
+    while let Some(inner) = cause.source() {
+        cause = inner;
+    }
+    cause.to_string()
+}
+
+/// One stream, from hello to its end.
+async fn once(
+    node: &Arc<Node>,
+    opener: Arc<dyn SceneOpener>,
+    channel: Channel,
+    joined_once: &mut bool,
+    pause: &mut Duration,
+) -> Result<(), Ended> {
+    let (reports, outgoing) = mpsc::channel(4);
+    // The channel is empty, so this cannot fail.
+    let _ = reports.try_send(wire::hello(&node.hello));
+    node.act(None, 0);
+    let mut client = ClusterClient::new(channel.clone());
+    // Something may listen there that never answers.
+    let joined = tokio::time::timeout(node.config.join_timeout, client.join(ReceiverStream::new(outgoing)))
+        .await
+        .map_err(|_| Ended::Lost("it accepts connections but does not answer".to_owned()))?;
+    let mut assignments = joined.map_err(|status| turned_away(node, &status))?.into_inner();
+    info!(url = node.config.coordinator, "joined the coordinator");
+    *joined_once = true;
+    *pause = FIRST_PAUSE;
+    let (interval, _) = watch::channel(FIRST_INTERVAL);
+    let (duties, newest) = watch::channel(None);
+    let listen = async {
+        loop {
+            let message = assignments.message().await;
+            let Some(assignment) = message.map_err(|status| Ended::Lost(status.message().to_owned()))? else {
+                return Ok(());
+            };
+            node.check_term(assignment.term).map_err(|fault| Ended::Lost(fault.to_string()))?;
+            if assignment.report_interval_ms > 0 {
+                interval.send_replace(Duration::from_millis(assignment.report_interval_ms.into()));
+            }
+            let duty = duty(assignment).map_err(|at| Ended::Lost(format!("a malformed assignment: {at}")))?;
+            duties.send_replace(Some(duty));
+        }
+    };
+    tokio::select! {
+        ended = listen => ended,
+        ended = obey(node, opener, channel, newest) => ended,
+        () = report(node, reports, interval.subscribe()) => Err(Ended::Lost("the stream broke".to_owned())),
+    }
+}
+
+fn turned_away(node: &Node, status: &Status) -> Ended {
+    let reason = status.message().to_owned();
+    match status.code() {
+        Code::FailedPrecondition | Code::InvalidArgument | Code::Unimplemented => {
+            Ended::Fatal(RunError::TurnedAway { url: node.config.coordinator.clone(), reason })
+        }
+        _ => Ended::Lost(reason),
+    }
+}
+
+fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
+    let missing = |field| InvalidField::new(field, "must be given");
+    let scene = wire.scene.ok_or_else(|| missing("scene"))?;
+    Ok(Duty {
+        sequence: wire.sequence,
+        role: wire::role_from(wire.role)?,
+        scene: SceneRef { hash: scene_hash(&scene.hash, "scene.hash")?, name: scene.name },
+        set: wire.set.ok_or_else(|| missing("set"))?.try_into()?,
+        limits: wire.limits.ok_or_else(|| missing("limits"))?.try_into()?,
+    })
+}
+
+/// Reports at each interval, and at once where there is news.
+async fn report(
+    node: &Node,
+    reports: mpsc::Sender<v1::WorkerReport>,
+    mut interval: watch::Receiver<Duration>,
+) {
+    loop {
+        let pause = *interval.borrow_and_update();
+        tokio::select! {
+            () = tokio::time::sleep(pause) => {}
+            () = node.news.notified() => {}
+            changed = interval.changed() => if changed.is_err() { return },
+        }
+        let acting = node.acting().unwrap_or(Role::Both);
+        if reports.send(wire::report(node.report(), acting)).await.is_err() {
+            return;
+        }
+    }
+}
+
+/// Does what the newest assignment says; one that comes before an older one has taken effect replaces it.
+async fn obey(
+    node: &Arc<Node>,
+    opener: Arc<dyn SceneOpener>,
+    channel: Channel,
+    mut newest: watch::Receiver<Option<Duty>>,
+) -> Result<(), Ended> {
+    loop {
+        let duty = newest.borrow_and_update().clone();
+        let done = async {
+            match duty {
+                Some(duty) => take_up(node, opener.clone(), channel.clone(), duty).await,
+                None => Ok(()),
+            }
+        };
+        tokio::select! {
+            // An assignment that is done waits for the next one.
+            done = async { done.await?; std::future::pending().await } => return done,
+            changed = newest.changed() => if changed.is_err() { return Ok(()) },
+        }
+    }
+}
+
+/// Takes a role up: has the scene, finishes what the old role gave it, is ready for the new one.
+async fn take_up(
+    node: &Arc<Node>,
+    opener: Arc<dyn SceneOpener>,
+    channel: Channel,
+    duty: Duty,
+) -> Result<(), Ended> {
+    let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
+    node.serve_set(&scene, duty.set, duty.limits);
+    if duty.role.samples() {
+        node.prepare_sampler().await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
+    }
+    if let Some(before) = node.acting() {
+        loop {
+            let backlog = node.backlog();
+            let samples_due =
+                before.samples() && !duty.role.samples() && backlog.direct + backlog.samples > 0;
+            let views_due = before.composites() && !duty.role.composites() && backlog.views > 0;
+            if !(samples_due || views_due) {
+                break;
+            }
+            tokio::time::sleep(DRAIN_LOOK).await;
+        }
+    }
+    if node.acting() != Some(duty.role) {
+        info!(role = ?duty.role, "role taken up");
+    }
+    node.act(Some(duty.role), duty.sequence);
+    Ok(())
+}

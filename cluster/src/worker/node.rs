@@ -1,0 +1,236 @@
+//! What the parts of a worker share: what it was told, what it holds, and the way to its render thread.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use argus_proto::Fault;
+use argus_scene::{Limits, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob};
+use parking_lot::Mutex;
+use tokio::sync::{Notify, oneshot};
+
+use super::Config;
+use super::claim::claim;
+use super::fetch::Fetches;
+use super::meter::Meter;
+use super::queue::{Backlog, Queue, Rendered, SampleTask, ViewTask, Work};
+use super::store::Store;
+use crate::core::{Hello, Report, Role};
+use crate::net::Channels;
+
+/// What the coordinator told and what has taken effect.
+#[derive(Debug, Default)]
+struct Told {
+    set: Option<Arc<SampleSetInfo>>,
+    scene: Option<Arc<Scene>>,
+    limits: Limits,
+    acting: Option<Role>,
+    applied: u64,
+    leaving: bool,
+}
+
+/// A worker.
+pub(super) struct Node {
+    pub(super) config: Config,
+    pub(super) hello: Hello,
+    pub(super) channels: Channels,
+    pub(super) store: Arc<Store>,
+    pub(super) fetches: Fetches,
+    /// Rings when a report is due before its time.
+    pub(super) news: Notify,
+    queue: Arc<Queue>,
+    meter: Arc<Meter>,
+    told: Mutex<Told>,
+    /// Highest term seen.
+    term: AtomicU64,
+    /// Requests in work.
+    active: AtomicUsize,
+}
+
+/// A request in work, as long as it lives.
+pub(super) struct Active(Arc<Node>);
+
+impl Drop for Active {
+    fn drop(&mut self) {
+        self.0.active.fetch_sub(1, Ordering::AcqRel);
+    }
+}
+
+impl Node {
+    pub(super) fn new(
+        config: Config,
+        hello: Hello,
+        queue: Arc<Queue>,
+        store: Arc<Store>,
+        meter: Arc<Meter>,
+    ) -> Arc<Self> {
+        Arc::new(Self {
+            channels: Channels::new(config.connect_timeout),
+            config,
+            hello,
+            store,
+            fetches: Fetches::default(),
+            news: Notify::new(),
+            queue,
+            meter,
+            told: Mutex::default(),
+            term: AtomicU64::new(0),
+            active: AtomicUsize::new(0),
+        })
+    }
+
+    /// Takes a term in.
+    ///
+    /// # Errors
+    /// [`Fault::StaleTerm`] for one lower than the highest seen.
+    pub(super) fn check_term(&self, theirs: u64) -> Result<(), Fault> {
+        let ours = self.term.fetch_max(theirs, Ordering::AcqRel);
+        if theirs < ours { Err(Fault::StaleTerm { ours, theirs }) } else { Ok(()) }
+    }
+
+    /// The set that is served.
+    ///
+    /// # Errors
+    /// [`Fault::Unavailable`] until the scene is there.
+    pub(super) fn set(&self) -> Result<(Arc<SampleSetInfo>, Limits), Fault> {
+        let told = self.told.lock();
+        let set =
+            told.set.clone().ok_or_else(|| Fault::Unavailable("the scene is not loaded yet".to_owned()))?;
+        Ok((set, told.limits))
+    }
+
+    /// The scene that is loaded.
+    pub(super) fn scene(&self) -> Option<Arc<Scene>> {
+        self.told.lock().scene.clone()
+    }
+
+    /// Serves another set from now on; samples of the old one are forgotten.
+    pub(super) fn serve_set(&self, scene: &Arc<Scene>, set: SampleSetInfo, limits: Limits) {
+        let mut told = self.told.lock();
+        if !told.scene.as_ref().is_some_and(|old| Arc::ptr_eq(old, scene)) {
+            told.scene = Some(scene.clone());
+            self.queue.order(Work::Scene(scene.clone()));
+        }
+        if told.set.as_deref() != Some(&set) {
+            told.set = Some(Arc::new(set));
+            self.store.clear();
+        }
+        told.limits = limits;
+    }
+
+    /// The role it acts in.
+    pub(super) fn acting(&self) -> Option<Role> {
+        self.told.lock().acting
+    }
+
+    /// A role has taken effect by that assignment; `applied` 0: a new coordinator's first is awaited.
+    pub(super) fn act(&self, role: Option<Role>, applied: u64) {
+        let mut told = self.told.lock();
+        told.acting = role.or(told.acting);
+        told.applied = applied;
+        drop(told);
+        self.news.notify_one();
+    }
+
+    /// Says in the next report, which is due now, that it is about to leave.
+    pub(super) fn leave(&self) {
+        self.told.lock().leaving = true;
+        self.news.notify_one();
+    }
+
+    /// The state of things.
+    pub(super) fn report(&self) -> Report {
+        let backlog = self.queue.backlog();
+        let told = self.told.lock();
+        let mut report = Report {
+            applied: told.applied,
+            queued_samples: backlog.samples as u32,
+            queued_views: (backlog.views + backlog.direct) as u32,
+            held: self.store.ids(),
+            leaving: told.leaving,
+            ..Report::default()
+        };
+        drop(told);
+        self.meter.fill(&mut report);
+        report
+    }
+
+    pub(super) fn backlog(&self) -> Backlog {
+        self.queue.backlog()
+    }
+
+    /// Counts a request until what is returned is dropped.
+    pub(super) fn begin(self: &Arc<Self>) -> Active {
+        self.active.fetch_add(1, Ordering::AcqRel);
+        Active(self.clone())
+    }
+
+    /// Whether no request is in work.
+    pub(super) fn is_idle(&self) -> bool {
+        self.active.load(Ordering::Acquire) == 0
+    }
+
+    /// Makes the sampler.
+    pub(super) async fn prepare_sampler(&self) -> Result<(), RenderError> {
+        let (reply, done) = oneshot::channel();
+        self.queue.order(Work::Prepare(reply));
+        done.await.unwrap_or_else(|_| Err(stopped()))
+    }
+
+    /// Renders a view, its samples being at hand. Dropping the future takes it back.
+    pub(super) async fn render_view(
+        &self,
+        job: ViewJob,
+        info: Arc<SampleSetInfo>,
+        samples: Vec<Arc<Sample>>,
+        alone: bool,
+    ) -> Result<Rendered, Fault> {
+        let (reply, done) = oneshot::channel();
+        let (waiting, claimed) = claim();
+        let task = ViewTask { job, info, samples, alone, queued: Instant::now(), claimed, reply };
+        self.queue.push_view(task).map_err(|_| self.overloaded("views"))?;
+        let rendered = done.await.unwrap_or_else(|_| Err(stopped()));
+        drop(waiting);
+        Ok(rendered?)
+    }
+
+    /// Renders a sample and keeps it; after a lost device, once more. Dropping the future takes it back.
+    pub(super) async fn render_sample(
+        &self,
+        id: SampleId,
+        info: Arc<SampleSetInfo>,
+        to_host: bool,
+    ) -> Result<Arc<Sample>, Fault> {
+        let mut again = true;
+        loop {
+            let (reply, done) = oneshot::channel();
+            let (waiting, claimed) = claim();
+            let task = SampleTask { id, info: info.clone(), to_host, claimed, reply };
+            self.queue.push_sample(task).map_err(|_| self.overloaded("samples"))?;
+            let rendered = done.await.unwrap_or_else(|_| Err(stopped()));
+            drop(waiting);
+            match rendered {
+                Err(RenderError::DeviceLost(_)) if again => again = false,
+                rendered => return Ok(self.store.insert(rendered?)),
+            }
+        }
+    }
+
+    fn overloaded(&self, what: &str) -> Fault {
+        let Backlog { samples, views, direct } = self.queue.backlog();
+        let what = format!("{samples} samples and {} views wait here, no more {what} fit", views + direct);
+        Fault::Overloaded { what, retry_after: Duration::from_millis(250) }
+    }
+}
+
+impl Drop for Node {
+    /// Ends the render thread once it has done what it is doing.
+    fn drop(&mut self) {
+        self.queue.order(Work::Stop);
+    }
+}
+
+/// The error of work that the render thread will not do any more.
+fn stopped() -> RenderError {
+    RenderError::DeviceLost("the worker is shutting down".to_owned())
+}

@@ -1,0 +1,206 @@
+//! What waits for the render thread.
+//!
+//! Samples go first, since views of this and of other processes wait for them; then batches of reconstructed
+//! and of direct views take turns, so that neither starves the other. The queues are bounded: what does not
+//! fit is turned away at once.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Instant;
+
+use argus_scene::{Frame, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob};
+use parking_lot::{Condvar, Mutex};
+use tokio::sync::oneshot;
+
+use super::claim::Claimed;
+
+/// A view for the render thread.
+pub(super) struct ViewTask {
+    pub(super) job: ViewJob,
+    /// What the plan's samples were shaded with.
+    pub(super) info: Arc<SampleSetInfo>,
+    /// The plan's samples; none for a direct view.
+    pub(super) samples: Vec<Arc<Sample>>,
+    /// It was in a batch that took the device down: it gets one of its own.
+    pub(super) alone: bool,
+    pub(super) queued: Instant,
+    pub(super) claimed: Claimed,
+    pub(super) reply: oneshot::Sender<Result<Rendered, RenderError>>,
+}
+
+/// A frame and how long its view waited for the render thread.
+pub(super) struct Rendered {
+    pub(super) frame: Frame,
+    pub(super) queue_ms: f64,
+}
+
+/// A sample for the render thread.
+pub(super) struct SampleTask {
+    pub(super) id: SampleId,
+    pub(super) info: Arc<SampleSetInfo>,
+    /// Another process needs it.
+    pub(super) to_host: bool,
+    pub(super) claimed: Claimed,
+    pub(super) reply: oneshot::Sender<Result<Sample, RenderError>>,
+}
+
+/// What the render thread does next.
+pub(super) enum Work {
+    /// This is the scene from now on.
+    Scene(Arc<Scene>),
+    /// Make the sampler, so that the first sample does not wait for it.
+    Prepare(oneshot::Sender<Result<(), RenderError>>),
+    Samples(Vec<SampleTask>),
+    Views(Vec<ViewTask>),
+    Direct(Vec<ViewTask>),
+    Stop,
+}
+
+/// How much waits or is in work.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Backlog {
+    pub(super) samples: usize,
+    pub(super) views: usize,
+    pub(super) direct: usize,
+}
+
+#[derive(Default)]
+struct State {
+    orders: VecDeque<Work>,
+    samples: VecDeque<SampleTask>,
+    views: VecDeque<ViewTask>,
+    direct: VecDeque<ViewTask>,
+    in_work: Backlog,
+    direct_had_its_turn: bool,
+    stopped: bool,
+}
+
+/// The queues, shared with the render thread.
+pub(super) struct Queue {
+    max_views: usize,
+    max_samples: usize,
+    max_batch: usize,
+    max_direct_batch: usize,
+    state: Mutex<State>,
+    filled: Condvar,
+}
+
+/// What does not fit comes back.
+pub(super) struct Full;
+
+impl Queue {
+    pub(super) fn new(config: &super::Config) -> Self {
+        Self {
+            max_views: config.max_queued_views,
+            max_samples: config.max_queued_samples,
+            max_batch: config.max_batch.max(1),
+            max_direct_batch: config.max_direct_batch.max(1),
+            state: Mutex::default(),
+            filled: Condvar::new(),
+        }
+    }
+
+    /// Queues an order that is neither view nor sample; it is done before all of them.
+    pub(super) fn order(&self, work: Work) {
+        let mut state = self.state.lock();
+        state.stopped |= matches!(work, Work::Stop);
+        state.orders.push_back(work);
+        self.filled.notify_one();
+    }
+
+    pub(super) fn push_view(&self, task: ViewTask) -> Result<(), Full> {
+        let mut state = self.state.lock();
+        state.forget_the_gone();
+        if state.stopped || state.views.len() + state.direct.len() >= self.max_views {
+            return Err(Full);
+        }
+        match task.job.plan {
+            Plan::Direct { .. } => state.direct.push_back(task),
+            Plan::Warp { .. } => state.views.push_back(task),
+        }
+        self.filled.notify_one();
+        Ok(())
+    }
+
+    pub(super) fn push_sample(&self, task: SampleTask) -> Result<(), Full> {
+        let mut state = self.state.lock();
+        if state.stopped || state.samples.len() >= self.max_samples {
+            return Err(Full);
+        }
+        state.samples.push_back(task);
+        self.filled.notify_one();
+        Ok(())
+    }
+
+    /// Waits for work. What came before is done, whatever became of it.
+    pub(super) fn next(&self) -> Work {
+        let mut state = self.state.lock();
+        state.in_work = Backlog::default();
+        loop {
+            state.forget_the_gone();
+            if let Some(work) = state.take(self.max_batch, self.max_direct_batch) {
+                return work;
+            }
+            self.filled.wait(&mut state);
+        }
+    }
+
+    pub(super) fn backlog(&self) -> Backlog {
+        let state = self.state.lock();
+        Backlog {
+            samples: state.samples.len() + state.in_work.samples,
+            views: state.views.len() + state.in_work.views,
+            direct: state.direct.len() + state.in_work.direct,
+        }
+    }
+}
+
+impl State {
+    /// Views that nobody waits for any more make room for others.
+    fn forget_the_gone(&mut self) {
+        self.samples.retain(|task| !task.claimed.is_gone());
+        self.views.retain(|task| !task.claimed.is_gone());
+        self.direct.retain(|task| !task.claimed.is_gone());
+    }
+
+    fn take(&mut self, max_batch: usize, max_direct_batch: usize) -> Option<Work> {
+        if let Some(work) = self.orders.pop_front() {
+            return Some(work);
+        }
+        if !self.samples.is_empty() {
+            let batch: Vec<SampleTask> = self.samples.drain(..).collect();
+            self.in_work.samples = batch.len();
+            return Some(Work::Samples(batch));
+        }
+        let direct_turn = self.views.is_empty() || !self.direct_had_its_turn;
+        if direct_turn && !self.direct.is_empty() {
+            self.direct_had_its_turn = true;
+            let batch = take_batch(&mut self.direct, max_direct_batch);
+            self.in_work.direct = batch.len();
+            return Some(Work::Direct(batch));
+        }
+        self.direct_had_its_turn = false;
+        if self.views.is_empty() {
+            return None;
+        }
+        let batch = take_batch(&mut self.views, max_batch);
+        self.in_work.views = batch.len();
+        Some(Work::Views(batch))
+    }
+}
+
+/// The oldest tasks, up to `most`, of one set; one that must be alone is.
+fn take_batch(queue: &mut VecDeque<ViewTask>, most: usize) -> Vec<ViewTask> {
+    let mut batch: Vec<ViewTask> = Vec::new();
+    while batch.len() < most {
+        let Some(next) = queue.front() else { break };
+        let fits = batch
+            .first()
+            .is_none_or(|first| !first.alone && !next.alone && Arc::ptr_eq(&first.info, &next.info));
+        if !fits {
+            break;
+        }
+        batch.extend(queue.pop_front());
+    }
+    batch
+}

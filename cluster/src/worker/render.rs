@@ -1,0 +1,264 @@
+//! The render thread: the only one that touches the two roles.
+//!
+//! It takes all views that wait as one batch, so a busy worker gets the gain of batching and an idle one the
+//! latency of a single view. A panic in a role counts as a lost device: both roles are made anew, and whoever
+//! waits asks once more.
+
+use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Weak};
+use std::time::Instant;
+
+use argus_scene::{
+    Compositor, Frame, RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene,
+};
+use tracing::{info, warn};
+
+use super::claim::Batch;
+use super::meter::{Kind, Meter};
+use super::queue::{Queue, Rendered, SampleTask, ViewTask, Work};
+use super::store::Store;
+use crate::RoleFactory;
+
+/// What the render thread owns.
+pub(super) struct Renderer {
+    factory: Arc<dyn RoleFactory>,
+    queue: Arc<Queue>,
+    store: Arc<Store>,
+    meter: Arc<Meter>,
+    scene: Option<Arc<Scene>>,
+    sampler: Option<Box<dyn Sampler>>,
+    compositor: Option<Box<dyn Compositor>>,
+    /// What the compositor holds; a sample that only this map knows of is released.
+    held: HashMap<SampleId, Weak<Sample>>,
+}
+
+/// Results of a call into a role, or the news that the role is of no use any more.
+type Results<T> = Result<Vec<Result<T, RenderError>>, RenderError>;
+
+impl Renderer {
+    /// A renderer whose compositor is made, so that a machine that cannot render says so at once.
+    pub(super) fn new(
+        factory: Arc<dyn RoleFactory>,
+        queue: Arc<Queue>,
+        store: Arc<Store>,
+        meter: Arc<Meter>,
+    ) -> Result<(Self, String), RenderError> {
+        let compositor = factory.compositor()?;
+        let device = compositor.device().to_owned();
+        let renderer = Self {
+            factory,
+            queue,
+            store,
+            meter,
+            scene: None,
+            sampler: None,
+            compositor: Some(compositor),
+            held: HashMap::new(),
+        };
+        Ok((renderer, device))
+    }
+
+    /// Renders until it is told to stop.
+    pub(super) fn run(mut self) {
+        loop {
+            match self.queue.next() {
+                Work::Stop => return,
+                Work::Scene(scene) => {
+                    self.scene = Some(scene);
+                    self.sampler = None;
+                }
+                Work::Prepare(reply) => {
+                    // Nobody waits for it once the assignment is overtaken.
+                    let _ = reply.send(self.sampler().map(|_| ()));
+                }
+                Work::Samples(tasks) => self.samples(tasks),
+                Work::Views(tasks) => self.views(tasks),
+                Work::Direct(tasks) => self.direct(tasks),
+            }
+        }
+    }
+
+    fn sampler(&mut self) -> Result<&mut dyn Sampler, RenderError> {
+        if self.sampler.is_none() {
+            let scene = self.scene.clone().ok_or_else(|| RenderError::Internal("no scene yet".to_owned()))?;
+            let began = Instant::now();
+            self.sampler = Some(self.factory.sampler(scene)?);
+            info!(ms = began.elapsed().as_secs_f64() * 1e3, "sampler made");
+        }
+        match &mut self.sampler {
+            Some(sampler) => Ok(sampler.as_mut()),
+            None => Err(RenderError::Internal("no sampler".to_owned())),
+        }
+    }
+
+    fn compositor(&mut self) -> Result<&mut dyn Compositor, RenderError> {
+        if self.compositor.is_none() {
+            self.compositor = Some(self.factory.compositor()?);
+        }
+        match &mut self.compositor {
+            Some(compositor) => Ok(compositor.as_mut()),
+            None => Err(RenderError::Internal("no compositor".to_owned())),
+        }
+    }
+
+    /// Gives the device up; the next work makes both roles anew.
+    fn rebuild(&mut self, reason: &str) {
+        warn!(reason, "device lost, the roles are made anew");
+        self.sampler = None;
+        self.compositor = None;
+        self.held.clear();
+        self.store.forget_device_planes();
+    }
+
+    /// Calls into a role. A panic there takes the role down, not the process.
+    fn guarded<T>(&mut self, call: impl FnOnce(&mut Self) -> Results<T>) -> Results<T> {
+        let results = match catch_unwind(AssertUnwindSafe(|| call(self))) {
+            Ok(results) => results,
+            Err(panic) => {
+                let text = panic.downcast_ref::<&str>().map(|s| (*s).to_owned());
+                let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+                Err(RenderError::DeviceLost(format!("a role panicked: {text}")))
+            }
+        };
+        let lost = match &results {
+            Err(RenderError::DeviceLost(reason)) => Some(reason.clone()),
+            Err(_) => None,
+            Ok(results) => results.iter().find_map(|result| match result {
+                Err(RenderError::DeviceLost(reason)) => Some(reason.clone()),
+                _ => None,
+            }),
+        };
+        if let Some(reason) = lost {
+            self.rebuild(&reason);
+        }
+        results
+    }
+
+    fn samples(&mut self, tasks: Vec<SampleTask>) {
+        // One job a set and a place for the planes; there is one of each nearly always.
+        let mut rest = tasks;
+        while let Some(first) = rest.first() {
+            let (info, to_host) = (first.info.clone(), first.to_host);
+            let (group, others): (Vec<SampleTask>, Vec<SampleTask>) =
+                rest.into_iter().partition(|task| task.to_host == to_host && Arc::ptr_eq(&task.info, &info));
+            rest = others;
+            self.sample_group(info, to_host, group);
+        }
+    }
+
+    fn sample_group(&mut self, info: Arc<SampleSetInfo>, to_host: bool, tasks: Vec<SampleTask>) {
+        let batch = Arc::new(Batch::default());
+        let tasks: Vec<SampleTask> = tasks.into_iter().filter(|task| task.claimed.join(&batch)).collect();
+        if tasks.is_empty() {
+            return;
+        }
+        let job = SampleJob { info, ids: tasks.iter().map(|task| task.id).collect(), to_host };
+        let began = Instant::now();
+        let results = self.guarded(|own| Ok(own.sampler()?.render_samples(&job, &batch.cancel)));
+        self.record(Kind::Sample, &results, began, began);
+        deliver(tasks.into_iter().map(|task| task.reply), results);
+    }
+
+    fn direct(&mut self, tasks: Vec<ViewTask>) {
+        let (batch, tasks) = begin(tasks);
+        if tasks.is_empty() {
+            return;
+        }
+        let jobs: Vec<_> = tasks.iter().map(|task| task.job.clone()).collect();
+        let began = Instant::now();
+        let results = self.guarded(|own| Ok(own.sampler()?.render_views(&jobs, &batch.cancel)));
+        self.record(Kind::Direct, &results, began, began);
+        deliver_frames(tasks, results, began);
+    }
+
+    fn views(&mut self, tasks: Vec<ViewTask>) {
+        let (batch, tasks) = begin(tasks);
+        if tasks.is_empty() {
+            return;
+        }
+        let began = Instant::now();
+        let tasks: Vec<ViewTask> = tasks.into_iter().filter_map(|task| self.holding(task)).collect();
+        if tasks.is_empty() {
+            return;
+        }
+        let jobs: Vec<_> = tasks.iter().map(|task| task.job.clone()).collect();
+        let composing = Instant::now();
+        let results = self.guarded(|own| Ok(own.compositor()?.compose(&jobs, &batch.cancel)));
+        self.record(Kind::View, &results, composing, began);
+        deliver_frames(tasks, results, began);
+    }
+
+    /// The view, now that the compositor holds its samples; a view whose samples it refuses fails alone.
+    fn holding(&mut self, task: ViewTask) -> Option<ViewTask> {
+        match self.guarded(|own| own.hold(&task).map(|()| Vec::<Result<(), RenderError>>::new())) {
+            Ok(_) => Some(task),
+            Err(error) => {
+                let _ = task.reply.send(Err(error));
+                None
+            }
+        }
+    }
+
+    /// Makes the compositor hold what a view needs, and no longer what the store has forgotten.
+    fn hold(&mut self, task: &ViewTask) -> Result<(), RenderError> {
+        let gone: Vec<SampleId> =
+            self.held.iter().filter(|(_, sample)| sample.strong_count() == 0).map(|(id, _)| *id).collect();
+        if !gone.is_empty() {
+            self.compositor()?.release(&gone);
+            self.held.retain(|id, _| !gone.contains(id));
+        }
+        let is_held = |sample: &Arc<Sample>| {
+            let held = self.held.get(&sample.id);
+            held.is_some_and(|held| std::ptr::eq(held.as_ptr(), Arc::as_ptr(sample)))
+        };
+        let samples: Vec<Arc<Sample>> = task.samples.iter().filter(|s| !is_held(s)).cloned().collect();
+        if samples.is_empty() {
+            return Ok(());
+        }
+        let set = SampleSet { info: task.info.clone(), samples };
+        self.compositor()?.hold(&set)?;
+        self.held.extend(set.samples.iter().map(|sample| (sample.id, Arc::downgrade(sample))));
+        Ok(())
+    }
+
+    fn record<T>(&self, kind: Kind, results: &Results<T>, rendering: Instant, began: Instant) {
+        let done = results.as_ref().map_or(0, |results| results.iter().filter(|r| r.is_ok()).count());
+        if done > 0 {
+            self.meter.add(kind, done, rendering.elapsed(), began.elapsed());
+        }
+    }
+}
+
+/// The batch of the views that somebody still waits for.
+fn begin(tasks: Vec<ViewTask>) -> (Arc<Batch>, Vec<ViewTask>) {
+    let batch = Arc::new(Batch::default());
+    let tasks = tasks.into_iter().filter(|task| task.claimed.join(&batch)).collect();
+    (batch, tasks)
+}
+
+/// One result for each who waits. A role that returns too few has failed at the rest.
+fn deliver<T>(
+    replies: impl Iterator<Item = tokio::sync::oneshot::Sender<Result<T, RenderError>>>,
+    results: Results<T>,
+) {
+    let (mut results, error) = match results {
+        Ok(results) => (results.into_iter(), RenderError::Internal("a result is missing".to_owned())),
+        Err(error) => (Vec::new().into_iter(), error),
+    };
+    for reply in replies {
+        // Whoever gave up waiting meanwhile misses nothing.
+        let _ = reply.send(results.next().unwrap_or_else(|| Err(error.clone())));
+    }
+}
+
+fn deliver_frames(tasks: Vec<ViewTask>, results: Results<Frame>, began: Instant) {
+    let waited: Vec<f64> = tasks.iter().map(|task| (began - task.queued).as_secs_f64() * 1e3).collect();
+    let results = results.map(|frames| {
+        let rendered = |(frame, queue_ms): (Result<Frame, RenderError>, f64)| {
+            frame.map(|frame| Rendered { frame, queue_ms })
+        };
+        frames.into_iter().zip(waited).map(rendered).collect()
+    });
+    deliver(tasks.into_iter().map(|task| task.reply), results);
+}

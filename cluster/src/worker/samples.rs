@@ -1,0 +1,96 @@
+//! `Samples`: what this worker holds or can render, for others to reconstruct views from.
+
+use std::collections::HashMap;
+use std::pin::Pin;
+use std::sync::Arc;
+
+use argus_proto::chunks::{sample_chunks, sample_hash, unchanged_chunk};
+use argus_proto::convert::scene_hash;
+use argus_proto::v1::samples_server::Samples;
+use argus_proto::{Fault, v1};
+use argus_scene::{InvalidField, SampleId, SampleSetInfo};
+use bytes::Bytes;
+use futures::{Stream, StreamExt, TryStreamExt};
+use tonic::{Request, Response, Status};
+
+use super::fetch;
+use super::node::Node;
+
+/// Most samples of one subscription.
+const MAX_INDICES: usize = 1024;
+
+/// Samples of one subscription that are packed at the same time, and so are in memory twice.
+const IN_WORK: usize = 4;
+
+/// The service.
+pub(super) struct SamplesService {
+    pub(super) node: Arc<Node>,
+}
+
+type Chunks = Pin<Box<dyn Stream<Item = Result<v1::SampleChunk, Status>> + Send>>;
+
+#[tonic::async_trait]
+impl Samples for SamplesService {
+    type SubscribeStream = Chunks;
+
+    async fn subscribe(&self, request: Request<v1::SubscribeRequest>) -> Result<Response<Chunks>, Status> {
+        let active = self.node.begin();
+        let request = request.into_inner();
+        let info = check(&self.node, &request)?;
+        let have: HashMap<u64, Bytes> =
+            request.have.into_iter().map(|held| (held.index, held.hash)).collect();
+        let node = self.node.clone();
+        let one = move |index: u64| {
+            let (node, info, have) = (node.clone(), info.clone(), have.get(&index).cloned());
+            async move {
+                let chunks = packed(node, info, index, have).await?;
+                Ok::<_, Status>(futures::stream::iter(chunks.into_iter().map(Ok)))
+            }
+        };
+        // Sample by sample, each whole before the next one: that is what the receiver puts together.
+        let chunks = futures::stream::iter(request.indices).map(one).buffer_unordered(IN_WORK).try_flatten();
+        let chunks = chunks.inspect(move |_| {
+            let _in_work_until_sent = &active;
+        });
+        Ok(Response::new(Box::pin(chunks)))
+    }
+}
+
+fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInfo>, Fault> {
+    let (info, _) = node.set()?;
+    let scene = scene_hash(&request.scene_hash, "scene_hash")?;
+    if scene != info.scene || request.epoch != info.epoch || request.generation != info.generation {
+        let asked = format!("scene {scene}, epoch {}, generation {}", request.epoch, request.generation);
+        return Err(Fault::NotFound(format!("samples of {asked} are not served here")));
+    }
+    if !(1..=MAX_INDICES).contains(&request.indices.len()) {
+        let reason = format!("must be 1 to {MAX_INDICES}, not {}", request.indices.len());
+        return Err(InvalidField::new("indices", reason).into());
+    }
+    for index in &request.indices {
+        info.rig.camera(*index)?;
+    }
+    Ok(info)
+}
+
+/// A sample in chunks, rendered if it is not held.
+async fn packed(
+    node: Arc<Node>,
+    info: Arc<SampleSetInfo>,
+    index: u64,
+    have: Option<Bytes>,
+) -> Result<Vec<v1::SampleChunk>, Fault> {
+    let id = SampleId { generation: info.generation, index };
+    let sample = fetch::on_host(node, info, id).await?;
+    let pack = move || {
+        if let Some(have) = have {
+            let hash = sample_hash(&sample)?;
+            if have == hash.as_slice() {
+                return Ok(vec![unchanged_chunk(id, hash)]);
+            }
+        }
+        sample_chunks(&sample)
+    };
+    let packed = tokio::task::spawn_blocking(pack).await;
+    Ok(packed.map_err(|e| Fault::Unavailable(e.to_string()))??)
+}

@@ -1,0 +1,187 @@
+//! The samples this process holds, bounded by their size.
+//!
+//! One entry a sample, shared with whoever uses it: the views that wait with it, and through them the
+//! compositor. The least recently used entry that nobody uses is forgotten first; what is in use stays, so
+//! that a view that was admitted is never left without its samples.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use argus_scene::{PlaneData, Sample, SampleId};
+use parking_lot::Mutex;
+
+#[derive(Debug)]
+struct Entry {
+    sample: Arc<Sample>,
+    bytes: u64,
+    used: u64,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    entries: HashMap<SampleId, Entry>,
+    bytes: u64,
+    clock: u64,
+}
+
+/// The samples, by id.
+#[derive(Debug)]
+pub(super) struct Store {
+    limit: u64,
+    state: Mutex<State>,
+}
+
+/// Whether every plane is in host memory, so that another process can have it.
+pub(super) fn is_on_host(sample: &Sample) -> bool {
+    sample.planes.iter().all(|plane| matches!(plane.data, PlaneData::Host(_)))
+}
+
+/// Bytes of its texels.
+fn bytes_of(sample: &Sample) -> u64 {
+    let plane = |plane: &argus_scene::Plane| {
+        u64::from(plane.size[0]) * u64::from(plane.size[1]) * plane.format.texel_bytes() as u64
+    };
+    sample.planes.iter().map(plane).sum()
+}
+
+impl Store {
+    /// Empty; keeps `limit` texel bytes and what is in use.
+    pub(super) fn new(limit: u64) -> Self {
+        Self { limit, state: Mutex::default() }
+    }
+
+    /// The sample, if it is held.
+    pub(super) fn get(&self, id: SampleId) -> Option<Arc<Sample>> {
+        let mut state = self.state.lock();
+        state.clock += 1;
+        let clock = state.clock;
+        let entry = state.entries.get_mut(&id)?;
+        entry.used = clock;
+        Some(entry.sample.clone())
+    }
+
+    /// The sample, if it is held in host memory.
+    pub(super) fn get_on_host(&self, id: SampleId) -> Option<Arc<Sample>> {
+        self.get(id).filter(|sample| is_on_host(sample))
+    }
+
+    /// Takes a sample in, in place of one of the same id.
+    pub(super) fn insert(&self, sample: Sample) -> Arc<Sample> {
+        let sample = Arc::new(sample);
+        let mut state = self.state.lock();
+        state.remove(sample.id);
+        state.clock += 1;
+        let entry = Entry { sample: sample.clone(), bytes: bytes_of(&sample), used: state.clock };
+        state.bytes += entry.bytes;
+        state.entries.insert(sample.id, entry);
+        while state.bytes > self.limit {
+            let unused = |(_, entry): &(&SampleId, &Entry)| Arc::strong_count(&entry.sample) == 1;
+            let oldest = state.entries.iter().filter(unused).min_by_key(|(_, entry)| entry.used);
+            let Some((&id, _)) = oldest else { break };
+            state.remove(id);
+        }
+        sample
+    }
+
+    /// Forgets samples, used or not.
+    pub(super) fn forget(&self, ids: &[SampleId]) {
+        let mut state = self.state.lock();
+        for id in ids {
+            state.remove(*id);
+        }
+    }
+
+    /// Forgets the samples that are only on the device, because that was lost.
+    pub(super) fn forget_device_planes(&self) {
+        let mut state = self.state.lock();
+        let lost: Vec<SampleId> =
+            state.entries.iter().filter(|(_, e)| !is_on_host(&e.sample)).map(|(id, _)| *id).collect();
+        for id in lost {
+            state.remove(id);
+        }
+    }
+
+    /// Forgets everything.
+    pub(super) fn clear(&self) {
+        *self.state.lock() = State::default();
+    }
+
+    /// What is held.
+    pub(super) fn ids(&self) -> Vec<SampleId> {
+        let mut ids: Vec<SampleId> = self.state.lock().entries.keys().copied().collect();
+        ids.sort_unstable();
+        ids
+    }
+}
+
+impl State {
+    fn remove(&mut self, id: SampleId) {
+        if let Some(entry) = self.entries.remove(&id) {
+            self.bytes -= entry.bytes;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Camera, Plane, PlaneFormat, PlaneKind, SampleCamera};
+    use bytes::Bytes;
+    use glam::DVec3;
+
+    use super::*;
+
+    fn id(index: u64) -> SampleId {
+        SampleId { generation: 1, index }
+    }
+
+    /// 400 bytes.
+    fn sample(index: u64, data: PlaneData) -> Sample {
+        let plane =
+            Plane { kind: PlaneKind::InverseRange, format: PlaneFormat::R32Float, size: [10, 10], data };
+        let camera = Camera::look_at(DVec3::ONE, DVec3::ZERO);
+        let camera = SampleCamera::Perspective { camera, width: 10, height: 10 };
+        Sample { id: id(index), camera, planes: vec![plane], stages: Vec::new() }
+    }
+
+    fn host(index: u64) -> Sample {
+        sample(index, PlaneData::Host(Bytes::from(vec![0; 400])))
+    }
+
+    #[test]
+    fn the_least_recently_used_goes_first_and_what_is_in_use_stays() {
+        let store = Store::new(1200);
+        let in_use = store.insert(host(0));
+        for index in 1..3 {
+            store.insert(host(index));
+        }
+        assert!(store.get(id(1)).is_some());
+        store.insert(host(3));
+        assert_eq!(store.ids(), [id(0), id(1), id(3)]);
+        drop(in_use);
+        store.insert(host(4));
+        assert_eq!(store.ids(), [id(1), id(3), id(4)]);
+    }
+
+    #[test]
+    fn samples_in_use_may_exceed_the_limit() {
+        let store = Store::new(500);
+        let held: Vec<_> = (0..4).map(|index| store.insert(host(index))).collect();
+        assert_eq!(store.ids().len(), 4);
+        drop(held);
+        store.insert(host(9));
+        assert_eq!(store.ids(), [id(9)]);
+    }
+
+    #[test]
+    fn a_lost_device_takes_only_its_own_planes() {
+        let store = Store::new(1 << 20);
+        store.insert(host(0));
+        store.insert(sample(1, PlaneData::Device(Arc::new(()))));
+        assert!(store.get_on_host(id(1)).is_none() && store.get(id(1)).is_some());
+        store.forget_device_planes();
+        assert_eq!(store.ids(), [id(0)]);
+        store.insert(host(0));
+        store.clear();
+        assert!(store.ids().is_empty());
+    }
+}

@@ -1,0 +1,173 @@
+//! `Views` as a worker serves it: to its coordinator, with orders.
+
+use std::collections::HashMap;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_proto::chunks::{FrameMeta, frame_chunks};
+use argus_proto::status::invalid;
+use argus_proto::v1::frame_chunk::Body;
+use argus_proto::v1::views_server::Views;
+use argus_proto::{Fault, v1};
+use argus_scene::{Frame, InvalidField, Plan, RenderError, SampleId, SampleSetInfo, Stage, View, ViewJob};
+use futures::Stream;
+use futures::future::try_join_all;
+use tokio::time::Instant;
+use tonic::{Request, Response, Status, Streaming};
+
+use super::fetch;
+use super::node::Node;
+use super::queue::Rendered;
+
+/// The service.
+pub(super) struct ViewsService {
+    pub(super) node: Arc<Node>,
+}
+
+type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+
+/// A view as ordered, checked.
+struct Ordered {
+    job: ViewJob,
+    info: Arc<SampleSetInfo>,
+    /// The plan's samples in its order, with where to fetch each.
+    samples: Vec<(SampleId, Vec<String>)>,
+}
+
+#[tonic::async_trait]
+impl Views for ViewsService {
+    type RenderStream = Streamed<v1::FrameChunk>;
+    type SessionStream = Streamed<v1::SessionResponse>;
+
+    async fn describe(
+        &self,
+        _request: Request<v1::DescribeRequest>,
+    ) -> Result<Response<v1::DescribeResponse>, Status> {
+        Err(ask_the_coordinator())
+    }
+
+    async fn render(
+        &self,
+        request: Request<v1::RenderRequest>,
+    ) -> Result<Response<Self::RenderStream>, Status> {
+        let arrived = Instant::now();
+        let active = self.node.begin();
+        let request = request.into_inner();
+        let Some(order) = request.order else { return Err(ask_the_coordinator()) };
+        self.node.check_term(order.term)?;
+        let age_ms = order.age_ms;
+        let ordered = check(&self.node, request.view, order)?;
+        let encoding = v1::Encoding::try_from(request.encoding).unwrap_or(v1::Encoding::Unspecified);
+        let answer = render(&self.node, ordered);
+        let frame = match request.deadline_ms {
+            0 => answer.await?,
+            ms => {
+                let deadline = Duration::from_millis(ms.into());
+                let late = |_| Fault::Deadline(deadline);
+                tokio::time::timeout(deadline, answer).await.map_err(late)??
+            }
+        };
+        let meta = FrameMeta { view_id: request.view_id, worker: self.node.hello.name.clone(), age_ms };
+        let chunks = tokio::task::spawn_blocking(move || encode(&frame, meta, encoding, arrived))
+            .await
+            .map_err(|e| Status::internal(e.to_string()))??;
+        let stream = futures::stream::iter(chunks.into_iter().map(move |chunk| {
+            let _in_work_until_sent = &active;
+            Ok(chunk)
+        }));
+        Ok(Response::new(Box::pin(stream)))
+    }
+
+    async fn session(
+        &self,
+        _request: Request<Streaming<v1::SessionRequest>>,
+    ) -> Result<Response<Self::SessionStream>, Status> {
+        Err(ask_the_coordinator())
+    }
+}
+
+fn ask_the_coordinator() -> Status {
+    invalid(InvalidField::new("order", "must be given: clients ask the coordinator, which sends orders here"))
+}
+
+fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Ordered, Fault> {
+    let (info, limits) = node.set()?;
+    if order.epoch != info.epoch {
+        let reason = format!("epoch {} is ordered, {} is served here", order.epoch, info.epoch);
+        return Err(Fault::Unavailable(reason));
+    }
+    let view = View::try_from(view.ok_or_else(|| InvalidField::new("view", "must be given"))?)?;
+    view.validate(&limits)?;
+    let plan = Plan::try_from(order.plan.ok_or_else(|| InvalidField::new("order.plan", "must be given"))?)?;
+    let mut addresses: HashMap<SampleId, Vec<String>> = order
+        .sources
+        .into_iter()
+        .filter_map(|source| Some((SampleId::from(source.id?), source.addresses)))
+        .collect();
+    let ids: &[SampleId] = match &plan {
+        Plan::Direct { .. } => &[],
+        Plan::Warp { samples, .. } => samples,
+    };
+    let mut samples = Vec::with_capacity(ids.len());
+    for id in ids {
+        if id.generation != info.generation {
+            let reason = format!("sample {id} is ordered, generation {} is served here", info.generation);
+            return Err(Fault::Unavailable(reason));
+        }
+        info.rig.camera(id.index)?;
+        samples.push((*id, addresses.remove(id).unwrap_or_default()));
+    }
+    let View { camera, width, height, outputs, .. } = view;
+    let job = ViewJob { camera, width, height, outputs, plan, epoch: order.epoch };
+    Ok(Ordered { job, info, samples })
+}
+
+/// The frame, with the stages before the role's own. If the device is lost, or the compositor misses what it
+/// was given, everything is done once more, in a batch of its own: a view that takes devices down shall not
+/// take its neighbours down twice.
+async fn render(node: &Arc<Node>, ordered: Ordered) -> Result<Frame, Fault> {
+    let mut again = false;
+    loop {
+        let began = Instant::now();
+        let fetches = ordered.samples.iter().map(|(id, addresses)| {
+            fetch::at_hand(node.clone(), ordered.info.clone(), *id, addresses.clone())
+        });
+        let samples = try_join_all(fetches).await?;
+        let samples_ms = began.elapsed().as_secs_f64() * 1e3;
+        let rendered = node.render_view(ordered.job.clone(), ordered.info.clone(), samples, again).await;
+        match rendered {
+            Ok(Rendered { mut frame, queue_ms }) => {
+                let mut stages = vec![Stage::new("queue", queue_ms)];
+                if !ordered.samples.is_empty() {
+                    stages.insert(0, Stage::new("samples", samples_ms));
+                }
+                frame.stages.splice(0..0, stages);
+                return Ok(frame);
+            }
+            Err(Fault::Render(RenderError::DeviceLost(_) | RenderError::MissingSample(_))) if !again => {
+                again = true;
+                let ids: Vec<SampleId> = ordered.samples.iter().map(|(id, _)| *id).collect();
+                node.store.forget(&ids);
+            }
+            Err(fault) => return Err(fault),
+        }
+    }
+}
+
+/// The frame in chunks, what packing took in its header.
+fn encode(
+    frame: &Frame,
+    meta: FrameMeta,
+    encoding: v1::Encoding,
+    arrived: Instant,
+) -> Result<Vec<v1::FrameChunk>, Fault> {
+    let began = Instant::now();
+    let mut chunks = frame_chunks(frame, &meta, encoding)?;
+    if let Some(v1::FrameChunk { body: Some(Body::Header(header)) }) = chunks.first_mut() {
+        let ms = began.elapsed().as_secs_f64() * 1e3;
+        header.stages.push(v1::Stage { name: "encode".to_owned(), ms });
+        header.age_ms += arrived.elapsed().as_secs_f64() * 1e3;
+    }
+    Ok(chunks)
+}
