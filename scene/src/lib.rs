@@ -29,6 +29,8 @@ pub mod view;
 pub mod load;
 #[cfg(feature = "reference")]
 pub mod metrics;
+#[cfg(all(feature = "loaders", feature = "procedural"))]
+mod open;
 #[cfg(feature = "procedural")]
 pub mod procedural;
 #[cfg(feature = "reference")]
@@ -38,7 +40,11 @@ pub use camera::{Camera, OmniLayout, SampleCamera};
 pub use error::{InvalidField, RenderError};
 pub use frame::{Frame, Provenance, Stage};
 pub use light::{Light, Lighting, Sky};
+#[cfg(feature = "loaders")]
+pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
+#[cfg(all(feature = "loaders", feature = "procedural"))]
+pub use open::open;
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, SampleJob, Sampler, ViewJob};
 pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo};

@@ -84,7 +84,8 @@ pub struct Mesh {
     pub uvs: Vec<Vec2>,
     /// Linear vertex colours that multiply the base colour, one a position, or none.
     pub colors: Vec<Vec4>,
-    /// Three a triangle, each less than the number of positions; none is NaN or degenerate by index.
+    /// Three a triangle, each less than the number of positions, none of which is NaN. A triangle may have no
+    /// area, or name a vertex twice: files do, and counts are theirs.
     pub indices: Vec<u32>,
     /// Index into [`Scene::materials`].
     pub material: u32,

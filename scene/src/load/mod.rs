@@ -1,1 +1,166 @@
-//! Scene files: glTF 2.0, OBJ + MTL and PLY become a [`crate::Scene`].
+//! Scene files: glTF 2.0, OBJ + MTL and PLY become a [`Scene`].
+//!
+//! Files are untrusted. Whatever is in one, the answer is a scene or a [`LoadError`] of one line; memory is
+//! bounded by the bundle's size, not by the counts that it claims; and a bad texture costs that texture and
+//! a warning.
+
+mod bundle;
+mod error;
+mod geometry;
+mod gltf;
+mod images;
+mod normals;
+mod obj;
+mod ply;
+mod polygon;
+mod tangents;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use bytes::Bytes;
+
+use crate::scene::{Animation, Instance, NamedCamera, Node, RigKind};
+use crate::{Light, Lighting, Material, Mesh, Scene, Sky, Texture};
+
+use bundle::{Bundle, Folder, InMemory};
+pub use bundle::bundle_files;
+pub use error::LoadError;
+
+/// A file format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Gltf,
+    Obj,
+    Ply,
+}
+
+impl Format {
+    /// By the first bytes where they tell, else by the extension.
+    fn detect(name: &str, bytes: &[u8]) -> Result<Self, String> {
+        if bytes.is_empty() {
+            return Err("the file is empty".to_owned());
+        }
+        if bytes.starts_with(b"glTF") {
+            return Ok(Self::Gltf);
+        }
+        if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+            return Ok(Self::Ply);
+        }
+        let extension = name.rsplit_once('.').map_or("", |(_, extension)| extension);
+        match extension.to_ascii_lowercase().as_str() {
+            "gltf" | "glb" => Ok(Self::Gltf),
+            "obj" => Ok(Self::Obj),
+            "ply" => Ok(Self::Ply),
+            _ => Err("is no scene format known here (.glb, .gltf, .obj, .ply)".to_owned()),
+        }
+    }
+}
+
+/// What a format's loader finds in a file.
+#[derive(Default)]
+struct Parts {
+    meshes: Vec<Mesh>,
+    instances: Vec<Instance>,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    nodes: Vec<Node>,
+    animations: Vec<Animation>,
+    lights: Vec<Light>,
+    cameras: Vec<NamedCamera>,
+}
+
+/// Warnings, of which a hostile file could cause any number.
+#[derive(Default)]
+struct Warnings {
+    lines: Vec<String>,
+    more: usize,
+}
+
+impl Warnings {
+    const MOST: usize = 64;
+
+    fn add(&mut self, line: impl AsRef<str>) {
+        if self.lines.len() < Self::MOST {
+            self.lines.push(error::one_line(line.as_ref()));
+        } else {
+            self.more += 1;
+        }
+    }
+
+    fn into_lines(mut self) -> Vec<String> {
+        if self.more > 0 {
+            self.lines.push(format!("and {} more warnings", self.more));
+        }
+        self.lines
+    }
+}
+
+/// Loads a scene from a file and the files that it refers to.
+///
+/// # Errors
+/// One line that names the file and the reason.
+pub fn load_path(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
+    let path = path.as_ref();
+    let shown = path.display().to_string();
+    let (folder, main) = bundle::split(path)?;
+    let scene = Bundle::collect(&Folder(folder), &main).and_then(|bundle| load(&bundle));
+    let mut scene = scene.map_err(|error| LoadError::new(&shown, error.reason))?;
+    scene.name = shown;
+    Ok(scene)
+}
+
+/// Loads a scene from files in memory; `name` is the main one's. The same bundle has the same hash and gives
+/// the same scene as on disk, but for the scene's name.
+///
+/// # Errors
+/// One line that names the file and the reason.
+pub fn load_bundle(name: &str, files: &BTreeMap<String, Bytes>) -> Result<Scene, LoadError> {
+    load(&Bundle::collect(&InMemory(files), name)?)
+}
+
+fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
+    let mut warnings = Warnings::default();
+    let parts = match bundle.format {
+        Format::Gltf => gltf::load(bundle, &mut warnings),
+        Format::Obj => obj::load(bundle, &mut warnings),
+        Format::Ply => ply::load(bundle, &mut warnings),
+    };
+    let mut parts = parts.map_err(|reason| LoadError::new(&bundle.main, reason))?;
+    if parts.materials.is_empty() {
+        parts.materials.push(Material::default());
+    }
+    if parts.instances.is_empty() {
+        warnings.add("there are no triangles in it");
+    }
+    let lighting = if parts.lights.is_empty() {
+        Lighting::default()
+    } else {
+        Lighting { lights: parts.lights, sky: Sky::BLACK, exposure: 1.0 }
+    };
+    let mut scene = Scene {
+        name: bundle.main.clone(),
+        hash: bundle.hash(),
+        meshes: parts.meshes,
+        instances: parts.instances,
+        materials: parts.materials,
+        textures: parts.textures,
+        nodes: parts.nodes,
+        animations: parts.animations,
+        lighting,
+        cameras: parts.cameras,
+        rig: RigKind::Cell,
+        warnings: Vec::new(),
+    };
+    scene.rig = rig_of(&scene);
+    scene.warnings = warnings.into_lines();
+    Ok(scene)
+}
+
+/// A scene is taken for a height field, to be seen from above, where it is eight times as long and as wide
+/// as it is high and nobody placed a camera in it; every other scene is one to walk through.
+fn rig_of(scene: &Scene) -> RigKind {
+    let size = scene.bounds().size();
+    let flat = size.y * 8.0 < size.x.min(size.z);
+    if flat && scene.cameras.is_empty() { RigKind::TileCorners } else { RigKind::Cell }
+}

@@ -1,0 +1,216 @@
+//! From what a file says of a mesh to a [`Mesh`] that keeps its promises.
+
+use glam::{DVec3, Vec2, Vec3, Vec4};
+
+use super::{Warnings, normals, tangents};
+use crate::Mesh;
+
+/// How normals are made where a file has none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum MissingNormals {
+    /// Each triangle its own, as glTF wants it.
+    Flat,
+    /// Averaged around each vertex, weighted by area.
+    Smooth,
+}
+
+/// A mesh as a file has it, nothing checked but that its arrays were really there.
+#[derive(Debug, Default)]
+pub(super) struct RawMesh {
+    pub(super) name: String,
+    pub(super) origin: DVec3,
+    /// Relative to `origin`; may hold NaN and infinities.
+    pub(super) positions: Vec<Vec3>,
+    /// As many as positions, or ignored; so are the next three.
+    pub(super) normals: Vec<Vec3>,
+    pub(super) tangents: Vec<Vec4>,
+    pub(super) uvs: Vec<Vec2>,
+    pub(super) colors: Vec<Vec4>,
+    /// Three a triangle; may point anywhere.
+    pub(super) indices: Vec<u32>,
+    pub(super) material: u32,
+}
+
+impl RawMesh {
+    /// Drops what cannot be drawn and unreferenced vertices, and makes the normals, and where `normal_mapped`
+    /// the tangents, that are missing. `None` where no triangle is left.
+    pub(super) fn finish(
+        mut self,
+        missing: MissingNormals,
+        normal_mapped: bool,
+        warnings: &mut Warnings,
+    ) -> Option<Mesh> {
+        self.drop_broken_triangles(warnings);
+        if self.indices.is_empty() {
+            return None;
+        }
+        for (what, length) in [
+            ("normals", self.normals.len()),
+            ("tangents", self.tangents.len()),
+            ("texture coordinates", self.uvs.len()),
+            ("vertex colours", self.colors.len()),
+        ] {
+            if length != 0 && length != self.positions.len() {
+                warnings.add(format!("mesh {:?}: its {what} are not as many as its positions: ignored", self.name));
+            }
+        }
+        self.keep_matching();
+        self.compact();
+        let mut mesh = Mesh {
+            name: self.name,
+            origin: self.origin,
+            positions: self.positions,
+            normals: self.normals,
+            tangents: self.tangents,
+            uvs: self.uvs,
+            colors: self.colors,
+            indices: self.indices,
+            material: self.material,
+        };
+        for uv in &mut mesh.uvs {
+            *uv = if uv.is_finite() { *uv } else { Vec2::ZERO };
+        }
+        for color in &mut mesh.colors {
+            *color = if color.is_finite() { color.max(Vec4::ZERO) } else { Vec4::ONE };
+        }
+        match (mesh.normals.is_empty(), missing) {
+            (false, _) => normals::repair(&mut mesh),
+            (true, MissingNormals::Flat) => normals::make_flat(&mut mesh),
+            (true, MissingNormals::Smooth) => normals::make_smooth(&mut mesh),
+        }
+        tangents::complete(&mut mesh, normal_mapped);
+        Some(mesh)
+    }
+
+    fn drop_broken_triangles(&mut self, warnings: &mut Warnings) {
+        let count = self.positions.len();
+        let finite: Vec<bool> = self.positions.iter().map(|p| p.is_finite()).collect();
+        let (mut outside, mut infinite) = (0usize, 0usize);
+        let mut kept = 0;
+        for triangle in 0..self.indices.len() / 3 {
+            let corners = [0, 1, 2].map(|k| self.indices[3 * triangle + k]);
+            if corners.iter().any(|&i| i as usize >= count) {
+                outside += 1;
+            } else if corners.iter().any(|&i| !finite[i as usize]) {
+                infinite += 1;
+            } else {
+                self.indices[kept..kept + 3].copy_from_slice(&corners);
+                kept += 3;
+            }
+        }
+        if self.indices.len() % 3 != 0 {
+            warnings.add(format!("mesh {:?}: its last triangle is incomplete: dropped", self.name));
+        }
+        self.indices.truncate(kept);
+        for (dropped, why) in [
+            (outside, "with vertices that it does not have"),
+            (infinite, "with vertices that are NaN or infinite"),
+        ] {
+            if dropped > 0 {
+                warnings.add(format!("mesh {:?}: {dropped} triangles {why}: dropped", self.name));
+            }
+        }
+    }
+
+    fn keep_matching(&mut self) {
+        let count = self.positions.len();
+        if self.normals.len() != count {
+            self.normals.clear();
+        }
+        if self.tangents.len() != count {
+            self.tangents.clear();
+        }
+        if self.uvs.len() != count {
+            self.uvs.clear();
+        }
+        if self.colors.len() != count {
+            self.colors.clear();
+        }
+    }
+
+    /// Forgets vertices that no triangle uses: NaN ones among them, and those of the other primitives that
+    /// share the same arrays.
+    fn compact(&mut self) {
+        let mut new_index = vec![u32::MAX; self.positions.len()];
+        let mut order = Vec::new();
+        for index in &mut self.indices {
+            let new = &mut new_index[*index as usize];
+            if *new == u32::MAX {
+                *new = order.len() as u32;
+                order.push(*index);
+            }
+        }
+        if order.len() == self.positions.len() {
+            return;
+        }
+        self.indices.iter_mut().for_each(|index| *index = new_index[*index as usize]);
+        pick(&mut self.positions, &order);
+        pick(&mut self.normals, &order);
+        pick(&mut self.tangents, &order);
+        pick(&mut self.uvs, &order);
+        pick(&mut self.colors, &order);
+    }
+}
+
+/// Element `order[i]` comes to `i`; an empty array stays empty.
+pub(super) fn pick<T: Copy>(values: &mut Vec<T>, order: &[u32]) {
+    if !values.is_empty() {
+        *values = order.iter().map(|&i| values[i as usize]).collect();
+    }
+}
+
+/// Positions in full precision as `f32` about an origin: the middle of their box where they lie far from
+/// zero in relation to their extent, else zero.
+pub(super) fn about_an_origin(positions: &[DVec3]) -> (DVec3, Vec<Vec3>) {
+    let mut bounds = crate::Bounds::EMPTY;
+    positions.iter().for_each(|p| bounds.extend(*p));
+    let far = bounds.center().abs().max_element() > 8.0 * bounds.size().max_element();
+    let origin = if far && !bounds.is_empty() { bounds.center() } else { DVec3::ZERO };
+    (origin, positions.iter().map(|p| (*p - origin).as_vec3()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square() -> RawMesh {
+        RawMesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y],
+            indices: vec![0, 1, 2, 0, 2, 3],
+            ..RawMesh::default()
+        }
+    }
+
+    #[test]
+    fn triangles_that_cannot_be_drawn_are_dropped_with_a_warning_each_kind() {
+        let mut raw = square();
+        raw.positions.push(Vec3::new(f32::NAN, 0.0, 0.0));
+        raw.positions.push(Vec3::new(0.0, f32::INFINITY, 0.0));
+        raw.indices.extend([0, 1, 4, 0, 5, 1, 0, 1, 6, 0, 1, u32::MAX, 0, 1]);
+        let mut warnings = Warnings::default();
+        let mesh = raw.finish(MissingNormals::Smooth, false, &mut warnings).unwrap();
+        assert_eq!(mesh.triangles(), 2);
+        assert_eq!(mesh.positions.len(), 4);
+        assert_eq!(warnings.into_lines().len(), 3);
+    }
+
+    #[test]
+    fn attributes_of_another_length_are_ignored() {
+        let raw = RawMesh { normals: vec![Vec3::Z], uvs: vec![Vec2::ONE; 5], ..square() };
+        let mut warnings = Warnings::default();
+        let mesh = raw.finish(MissingNormals::Smooth, true, &mut warnings).unwrap();
+        assert!(mesh.uvs.is_empty() && mesh.tangents.is_empty());
+        assert_eq!(mesh.normals, [Vec3::Z; 4]);
+        assert_eq!(warnings.into_lines().len(), 2);
+    }
+
+    #[test]
+    fn coordinates_far_from_zero_keep_their_precision() {
+        let far = DVec3::new(4.0e6, 120.0, -3.0e6);
+        let detail = DVec3::splat(0.001);
+        let (origin, positions) = about_an_origin(&[far, far + detail, far + DVec3::X]);
+        let second = origin + positions[1].as_dvec3() - (origin + positions[0].as_dvec3());
+        assert!((second - detail).length() < 1e-6);
+        assert_eq!(about_an_origin(&[DVec3::ZERO, DVec3::ONE]).0, DVec3::ZERO);
+    }
+}

@@ -1,0 +1,205 @@
+//! Buffers, views and accessors, every bound checked before anything is allocated.
+
+use std::sync::OnceLock;
+
+use bytes::Bytes;
+use gltf::json;
+use json::accessor::{ComponentType, Type};
+use json::validation::Checked;
+
+use super::{Document, fetch, get};
+use crate::load::bundle::Bundle;
+
+/// Reads numbers out of a document's buffers.
+pub(super) struct Reader<'a> {
+    pub(super) root: &'a json::Root,
+    blob: Option<Bytes>,
+    bundle: &'a Bundle,
+    buffers: Vec<OnceLock<Result<Bytes, String>>>,
+    /// Bytes that an accessor without a buffer, all zeros, may make up.
+    most_zeros: u64,
+}
+
+/// The elements of an accessor, where they lie.
+struct Elements {
+    data: Bytes,
+    stride: usize,
+    count: usize,
+    component: ComponentType,
+    normalized: bool,
+}
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(document: &'a Document, bundle: &'a Bundle, most_zeros: u64) -> Self {
+        let root = &document.root;
+        let buffers = root.buffers.iter().map(|_| OnceLock::new()).collect();
+        Self { root, blob: document.blob.clone(), bundle, buffers, most_zeros }
+    }
+
+    fn buffer(&self, index: json::Index<json::Buffer>) -> Result<Bytes, String> {
+        let number = index.value();
+        let buffer = get(&self.root.buffers, index, "buffer")?;
+        let loaded = self.buffers[number].get_or_init(|| {
+            let bytes = match (&buffer.uri, &self.blob) {
+                (Some(uri), _) => fetch(self.bundle, uri)?,
+                (None, Some(blob)) if number == 0 => blob.clone(),
+                (None, _) => return Err("has neither a URI nor a binary chunk".to_owned()),
+            };
+            let length = usize::try_from(buffer.byte_length.0).unwrap_or(usize::MAX);
+            if bytes.len() < length {
+                return Err(format!("has {} bytes instead of {length}", bytes.len()));
+            }
+            Ok(bytes.slice(..length))
+        });
+        loaded.clone().map_err(|reason| format!("buffer {number}: {reason}"))
+    }
+
+    /// The bytes of a view, and the distance of its elements where it sets one.
+    pub(super) fn view(&self, index: json::Index<json::buffer::View>) -> Result<(Bytes, Option<usize>), String> {
+        let view = get(&self.root.buffer_views, index, "buffer view")?;
+        let buffer = self.buffer(view.buffer)?;
+        let start = view.byte_offset.map_or(0, |offset| offset.0);
+        let slice = slice(&buffer, start, view.byte_length.0)
+            .ok_or_else(|| format!("buffer view {} does not fit in its buffer", index.value()))?;
+        // A stride of zero is against the rules but means none.
+        Ok((slice, view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0)))
+    }
+
+    fn elements(&self, index: json::Index<json::Accessor>, types: &[Type]) -> Result<Elements, String> {
+        let wrong = |reason: &str| format!("accessor {}: {reason}", index.value());
+        let accessor = get(&self.root.accessors, index, "accessor")?;
+        let (Checked::Valid(component), Checked::Valid(kind)) = (accessor.component_type, accessor.type_) else {
+            return Err(wrong("unknown component or element type"));
+        };
+        if !types.contains(&kind) {
+            return Err(wrong("has another type than its use needs"));
+        }
+        let component = component.0;
+        let size = component.size() * kind.multiplicity();
+        let count = usize::try_from(accessor.count.0).unwrap_or(usize::MAX);
+        let (data, stride) = match accessor.buffer_view {
+            Some(view) => {
+                let (bytes, stride) = self.view(view)?;
+                let stride = stride.unwrap_or(size);
+                if stride < size {
+                    return Err(wrong("its elements overlap"));
+                }
+                let offset = accessor.byte_offset.map_or(0, |offset| offset.0);
+                let needed = match count {
+                    0 => Some(0),
+                    _ => (count - 1).checked_mul(stride).and_then(|last| last.checked_add(size)),
+                };
+                let needed = needed.and_then(|needed| slice(&bytes, offset, needed as u64));
+                (needed.ok_or_else(|| wrong("does not fit in its buffer view"))?, stride)
+            }
+            None => {
+                let bytes = (count as u64).saturating_mul(size as u64);
+                if bytes > self.most_zeros {
+                    return Err(wrong("claims more than its file can hold"));
+                }
+                (Bytes::from(vec![0; bytes as usize]), size)
+            }
+        };
+        let elements = Elements { data, stride, count, component, normalized: accessor.normalized };
+        match &accessor.sparse {
+            Some(sparse) => self.displace(elements, sparse, size).map_err(|reason| wrong(&reason)),
+            None => Ok(elements),
+        }
+    }
+
+    /// Replaces the elements that a sparse accessor lists.
+    fn displace(&self, base: Elements, sparse: &json::accessor::sparse::Sparse, size: usize) -> Result<Elements, String> {
+        let Checked::Valid(index_type) = sparse.indices.component_type else {
+            return Err("unknown type of sparse indices".to_owned());
+        };
+        let count = usize::try_from(sparse.count.0).unwrap_or(usize::MAX);
+        let part = |view, offset: json::validation::USize64, size: usize| {
+            let (bytes, _) = self.view(view)?;
+            let length = count.checked_mul(size).ok_or("too many sparse elements")?;
+            slice(&bytes, offset.0, length as u64).ok_or_else(|| "its sparse part does not fit in its view".to_owned())
+        };
+        let indices = part(sparse.indices.buffer_view, sparse.indices.byte_offset, index_type.0.size())?;
+        let values = part(sparse.values.buffer_view, sparse.values.byte_offset, size)?;
+        let mut dense = Vec::with_capacity(base.count * size);
+        for i in 0..base.count {
+            dense.extend_from_slice(&base.data[i * base.stride..i * base.stride + size]);
+        }
+        for i in 0..count {
+            let at = integer(&indices, i * index_type.0.size(), index_type.0) as usize;
+            if at >= base.count {
+                return Err("a sparse index is out of range".to_owned());
+            }
+            dense[at * size..(at + 1) * size].copy_from_slice(&values[i * size..(i + 1) * size]);
+        }
+        Ok(Elements { data: Bytes::from(dense), stride: size, ..base })
+    }
+
+    /// Elements of `N` numbers: floats as they are, integers divided by their largest value if normalised.
+    /// Of the `types` allowed, those with fewer numbers are filled up with ones.
+    pub(super) fn floats<const N: usize>(
+        &self,
+        index: json::Index<json::Accessor>,
+        types: &[Type],
+    ) -> Result<Vec<[f32; N]>, String> {
+        let elements = self.elements(index, types)?;
+        let kind = self.root.accessors[index.value()].type_;
+        let width = match kind {
+            Checked::Valid(kind) => kind.multiplicity().min(N),
+            Checked::Invalid => 0,
+        };
+        let size = elements.component.size();
+        let scale = match (elements.normalized, elements.component) {
+            (false, _) | (_, ComponentType::F32) => 1.0,
+            (_, ComponentType::I8) => 1.0 / 127.0,
+            (_, ComponentType::U8) => 1.0 / 255.0,
+            (_, ComponentType::I16) => 1.0 / 32767.0,
+            (_, ComponentType::U16) => 1.0 / 65535.0,
+            (_, ComponentType::U32) => 1.0 / 4_294_967_295.0,
+        };
+        let number = |at: usize| match elements.component {
+            ComponentType::F32 => f32::from_bits(integer(&elements.data, at, ComponentType::U32)),
+            ComponentType::I8 => f32::from(elements.data[at] as i8) * scale,
+            ComponentType::I16 => f32::from(integer(&elements.data, at, ComponentType::U16) as u16 as i16) * scale,
+            unsigned => integer(&elements.data, at, unsigned) as f32 * scale,
+        };
+        Ok((0..elements.count)
+            .map(|i| {
+                let mut element = [1.0; N];
+                for (k, value) in element[..width].iter_mut().enumerate() {
+                    *value = number(i * elements.stride + k * size);
+                }
+                element
+            })
+            .collect())
+    }
+
+    /// Unsigned integers, one an element.
+    pub(super) fn integers(&self, index: json::Index<json::Accessor>) -> Result<Vec<u32>, String> {
+        let elements = self.elements(index, &[Type::Scalar])?;
+        match elements.component {
+            ComponentType::U8 | ComponentType::U16 | ComponentType::U32 => {}
+            _ => return Err(format!("accessor {}: indices must be unsigned integers", index.value())),
+        }
+        Ok((0..elements.count).map(|i| integer(&elements.data, i * elements.stride, elements.component)).collect())
+    }
+
+    /// How many elements an accessor claims.
+    pub(super) fn count(&self, index: json::Index<json::Accessor>) -> Result<usize, String> {
+        let accessor = get(&self.root.accessors, index, "accessor")?;
+        Ok(usize::try_from(accessor.count.0).unwrap_or(usize::MAX))
+    }
+}
+
+/// An unsigned little-endian number; signed types give their bits.
+fn integer(data: &[u8], at: usize, component: ComponentType) -> u32 {
+    match component.size() {
+        1 => u32::from(data[at]),
+        2 => u32::from(u16::from_le_bytes([data[at], data[at + 1]])),
+        _ => u32::from_le_bytes([data[at], data[at + 1], data[at + 2], data[at + 3]]),
+    }
+}
+
+fn slice(bytes: &Bytes, start: u64, length: u64) -> Option<Bytes> {
+    let end = start.checked_add(length).filter(|&end| end <= bytes.len() as u64)?;
+    Some(bytes.slice(start as usize..end as usize))
+}

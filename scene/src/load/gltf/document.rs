@@ -1,0 +1,194 @@
+//! The container and the JSON: from bytes to a document.
+
+use bytes::Bytes;
+use gltf::json;
+use serde_json::Value;
+
+/// Extensions that a file may require, since they are honoured, or change nothing that is drawn here.
+const KNOWN_EXTENSIONS: [&str; 8] = [
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+];
+
+/// A parsed document; its indices are not checked.
+pub(super) struct Document {
+    pub(super) root: json::Root,
+    /// The binary chunk.
+    pub(super) blob: Option<Bytes>,
+}
+
+impl Document {
+    pub(super) fn parse(bytes: &Bytes) -> Result<Self, String> {
+        let (text, blob) = if bytes.starts_with(b"glTF") { split_glb(bytes)? } else { (bytes.clone(), None) };
+        let not_json = |error: serde_json::Error| format!("its JSON cannot be read: {error}");
+        let mut value: Value = serde_json::from_slice(&text).map_err(not_json)?;
+        normalise(&mut value);
+        check_version(&value)?;
+        let root = serde_json::from_value(value).map_err(|error| format!("is not glTF 2.0: {error}"))?;
+        Ok(Self { root, blob })
+    }
+
+    /// Refuses a document that cannot be shown without an extension that is unknown here.
+    pub(super) fn check_extensions(&self) -> Result<(), String> {
+        let unknown = self.root.extensions_required.iter().find(|e| !KNOWN_EXTENSIONS.contains(&e.as_str()));
+        match unknown {
+            Some(extension) => Err(format!("it requires the extension {extension}, which is not supported")),
+            None => Ok(()),
+        }
+    }
+}
+
+fn check_version(document: &Value) -> Result<(), String> {
+    let asset = document.get("asset").ok_or("is not glTF: it has no asset")?;
+    let text = |key: &str| asset.get(key).and_then(Value::as_str);
+    let version = text("version").ok_or("is not glTF: its asset has no version")?;
+    let needed = text("minVersion").unwrap_or(version);
+    // A minor version may be newer, unless the file says that it needs it.
+    let too_new = text("minVersion").is_some_and(|v| v != "2.0");
+    if !needed.starts_with("2.") || too_new {
+        return Err(format!("is glTF {needed}; 2.0 is supported"));
+    }
+    Ok(())
+}
+
+/// The two chunks of a binary glTF. Chunks of other kinds may follow and are skipped.
+fn split_glb(bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
+    let word = |at: usize| -> Result<u32, String> {
+        let word = bytes.get(at..at + 4).ok_or("the GLB header is cut short")?;
+        Ok(u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
+    };
+    let (version, length) = (word(4)?, word(8)? as usize);
+    if version != 2 {
+        return Err(format!("is GLB version {version}; 2 is supported"));
+    }
+    if length > bytes.len() {
+        return Err(format!("the file is cut short: its header promises {length} bytes, it has {}", bytes.len()));
+    }
+    let (mut at, mut text, mut blob) = (12usize, None, None);
+    while at < length {
+        let size = word(at)? as usize;
+        let kind = word(at + 4)?;
+        let start = at + 8;
+        let end = start.checked_add(size).filter(|&end| end <= length);
+        let end = end.ok_or_else(|| format!("a GLB chunk of {size} bytes does not fit in its file"))?;
+        match &kind.to_le_bytes() {
+            b"JSON" if text.is_none() && at == 12 => text = Some(bytes.slice(start..end)),
+            b"JSON" => return Err("a GLB file has one JSON chunk, and it comes first".to_owned()),
+            b"BIN\0" if blob.is_none() => blob = Some(bytes.slice(start..end)),
+            b"BIN\0" => return Err("a GLB file has at most one binary chunk".to_owned()),
+            _ => {}
+        }
+        // Chunks are padded to four bytes; files whose sizes leave the padding out are common.
+        at = end.next_multiple_of(4);
+    }
+    Ok((text.ok_or("a GLB file without a JSON chunk")?, blob))
+}
+
+/// Makes correct JSON digestible for the crate that describes it: whole numbers that are written as
+/// fractions (`5126.0`) become whole, a scene may lack its nodes, and channels that animate no node go.
+fn normalise(document: &mut Value) {
+    if let Some(scenes) = document.get_mut("scenes").and_then(Value::as_array_mut) {
+        for scene in scenes.iter_mut().filter_map(Value::as_object_mut) {
+            scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+        }
+    }
+    if let Some(animations) = document.get_mut("animations").and_then(Value::as_array_mut) {
+        for channels in animations.iter_mut().filter_map(|a| a.get_mut("channels")?.as_array_mut()) {
+            channels.retain(|channel| channel.get("target").is_none_or(|target| target.get("node").is_some()));
+        }
+    }
+    whole_numbers(document);
+}
+
+/// Recursion is bounded: the parser refuses what is nested deeper than 128 levels.
+fn whole_numbers(value: &mut Value) {
+    match value {
+        Value::Number(number) if number.is_f64() => {
+            let Some(x) = number.as_f64() else { return };
+            if x.fract() == 0.0 && (0.0..9e15).contains(&x) && !(x == 0.0 && x.is_sign_negative()) {
+                *number = (x as u64).into();
+            }
+        }
+        Value::Array(values) => values.iter_mut().for_each(whole_numbers),
+        Value::Object(values) => values.values_mut().for_each(whole_numbers),
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(bytes: &[u8]) -> String {
+        Document::parse(&Bytes::copy_from_slice(bytes)).err().unwrap()
+    }
+
+    fn glb(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
+        let body: Vec<u8> = chunks
+            .iter()
+            .flat_map(|(kind, data)| [&(data.len() as u32).to_le_bytes()[..], &kind[..], data].concat())
+            .collect();
+        [b"glTF", &2u32.to_le_bytes()[..], &(12 + body.len() as u32).to_le_bytes()[..], &body].concat()
+    }
+
+    const EMPTY: &[u8] = b"{\"asset\":{\"version\":\"2.0\"}} ";
+
+    #[test]
+    fn each_kind_of_broken_container_is_named() {
+        assert!(error(b"glTF").contains("cut short"));
+        assert!(error(&glb(&[])).contains("without a JSON"));
+        assert!(error(&glb(&[(b"BIN\0", b"1234"), (b"JSON", EMPTY)])).contains("comes first"));
+        assert!(error(&glb(&[(b"JSON", EMPTY), (b"JSON", EMPTY)])).contains("one JSON chunk"));
+        assert!(error(&glb(&[(b"JSON", EMPTY), (b"BIN\0", b""), (b"BIN\0", b"")])).contains("at most one"));
+        let mut short = glb(&[(b"JSON", EMPTY)]);
+        short.truncate(24);
+        assert!(error(&short).contains("promises"));
+        let mut version = glb(&[(b"JSON", EMPTY)]);
+        version[4] = 1;
+        assert!(error(&version).contains("version 1"));
+        let mut lying = glb(&[(b"JSON", EMPTY)]);
+        lying[12..16].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert!(error(&lying).contains("does not fit"));
+    }
+
+    #[test]
+    fn unknown_chunks_and_unpadded_ones_are_read() {
+        let chunks: [(&[u8; 4], &[u8]); 3] = [(b"JSON", EMPTY), (b"XTRA", b"1234"), (b"BIN\0", b"abcd")];
+        let document = Document::parse(&Bytes::from(glb(&chunks))).unwrap();
+        assert_eq!(document.blob.unwrap(), &b"abcd"[..]);
+    }
+
+    #[test]
+    fn json_that_is_no_gltf_is_refused_in_words() {
+        assert!(error(b"{").contains("JSON"));
+        assert!(error(b"[]").contains("no asset"));
+        assert!(error(br#"{"asset":{}}"#).contains("no version"));
+        assert!(error(br#"{"asset":{"version":"1.0"}}"#).contains("glTF 1.0"));
+        assert!(error(br#"{"asset":{"version":"2.1","minVersion":"2.1"}}"#).contains("glTF 2.1"));
+        assert!(error("[".repeat(100_000).as_bytes()).contains("JSON"));
+        assert!(error(br#"{"asset":{"version":"2.0"},"nodes":3}"#).contains("not glTF 2.0"));
+    }
+
+    #[test]
+    fn correct_oddities_are_read() {
+        let text = br#"{"asset":{"version":"2.0"},"scenes":[{}],
+            "accessors":[{"count":3.0,"componentType":5126.0,"type":"SCALAR"}],
+            "animations":[{"samplers":[],"channels":[{"sampler":0,"target":{"path":"pointer"}}]}]}"#;
+        let document = Document::parse(&Bytes::from_static(text)).unwrap();
+        assert_eq!(document.root.accessors[0].count.0, 3);
+        assert!(document.root.animations[0].channels.is_empty());
+    }
+
+    #[test]
+    fn a_required_extension_that_is_unknown_is_named() {
+        let text = br#"{"asset":{"version":"2.0"},"extensionsRequired":["KHR_draco_mesh_compression"]}"#;
+        let document = Document::parse(&Bytes::from_static(text)).unwrap();
+        assert!(document.check_extensions().unwrap_err().contains("KHR_draco_mesh_compression"));
+    }
+}

@@ -1,0 +1,112 @@
+//! glTF 2.0, binary and JSON.
+//!
+//! The `gltf` crate's types describe the document, but its validation and its iterators index without
+//! checking (an accessor out of range panics in `validate`), so every reference is looked up here, and only
+//! what the default scene draws is read: an unused broken object harms nobody.
+
+mod accessor;
+mod animation;
+mod document;
+mod material;
+mod nodes;
+mod primitive;
+
+use std::collections::BTreeSet;
+
+use base64::Engine;
+use bytes::Bytes;
+use gltf::json;
+
+use super::bundle::{Bundle, relative};
+use super::{Parts, Warnings};
+use document::Document;
+
+/// Bytes of scene that a bundle may grow into: a multiple of its own size, for arrays that several meshes
+/// share, and a little for small files.
+const MOST_GROWTH: (u64, u64) = (256, 16 << 20);
+
+/// Counts what a scene will take before it is allocated.
+struct Budget {
+    left: u64,
+}
+
+impl Budget {
+    fn for_bundle(bundle: &Bundle) -> Self {
+        Self { left: (bundle.len() as u64).saturating_mul(MOST_GROWTH.0).saturating_add(MOST_GROWTH.1) }
+    }
+
+    /// Takes `count` things of `size` bytes.
+    fn take(&mut self, count: usize, size: u64) -> Result<(), String> {
+        let bytes = (count as u64).saturating_mul(size);
+        match self.left.checked_sub(bytes) {
+            Some(left) => {
+                self.left = left;
+                Ok(())
+            }
+            None => Err(format!("it claims more than {} times its own size", MOST_GROWTH.0)),
+        }
+    }
+}
+
+/// Names of the files that a document refers to and that lie in its folder.
+pub(super) fn references(bytes: &Bytes) -> Result<BTreeSet<String>, String> {
+    let document = Document::parse(bytes)?;
+    let buffers = document.root.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+    let images = document.root.images.iter().filter_map(|image| image.uri.as_deref());
+    Ok(buffers.chain(images).filter_map(|uri| file_of(uri).ok()).collect())
+}
+
+/// The file within the scene's folder that a URI names.
+fn file_of(uri: &str) -> Result<String, String> {
+    // Exporters disagree about escaping: a name with a stray per cent sign is taken as it is.
+    let decoded = percent_encoding::percent_decode_str(uri).decode_utf8();
+    relative("", decoded.as_deref().unwrap_or(uri))
+}
+
+/// The bytes that a URI stands for: a file of the bundle, or its own.
+fn fetch(bundle: &Bundle, uri: &str) -> Result<Bytes, String> {
+    let Some(data) = uri.strip_prefix("data:") else {
+        return bundle.get(&file_of(uri)?).cloned();
+    };
+    let (kind, data) = data.split_once(',').ok_or("a data URI without data")?;
+    if !kind.ends_with(";base64") {
+        return Ok(Bytes::from(percent_encoding::percent_decode_str(data).collect::<Vec<u8>>()));
+    }
+    let lenient = base64::engine::GeneralPurpose::new(
+        &base64::alphabet::STANDARD,
+        base64::engine::GeneralPurposeConfig::new()
+            .with_decode_padding_mode(base64::engine::DecodePaddingMode::Indifferent),
+    );
+    let bytes = lenient.decode(data.trim()).map_err(|error| format!("a data URI: {error}"))?;
+    Ok(Bytes::from(bytes))
+}
+
+/// Reads the default scene of a document.
+pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, String> {
+    let document = Document::parse(bundle.main_bytes())?;
+    document.check_extensions()?;
+    let root = &document.root;
+    let mut budget = Budget::for_bundle(bundle);
+    let reader = accessor::Reader::new(&document, bundle, budget.left);
+
+    let hierarchy = nodes::Hierarchy::new(root, &mut budget, warnings)?;
+    let (materials, textures) = material::read(&reader, bundle, warnings);
+    let mut parts = Parts { materials, ..Parts::default() };
+    primitive::place(&reader, &hierarchy, &mut parts, &mut budget, warnings)?;
+    parts.textures = textures.decode(&mut parts.materials, warnings);
+    parts.animations = animation::read(&reader, &hierarchy, &mut budget, warnings)?;
+    parts.lights = nodes::lights(root, &hierarchy, warnings);
+    parts.cameras = nodes::cameras(root, &hierarchy, warnings);
+    parts.nodes = hierarchy.nodes;
+    Ok(parts)
+}
+
+/// A name as a document has it, or empty.
+fn name(name: &Option<String>) -> String {
+    name.clone().unwrap_or_default()
+}
+
+/// Looks an index up.
+fn get<'a, T>(list: &'a [T], index: json::Index<T>, what: &str) -> Result<&'a T, String> {
+    list.get(index.value()).ok_or_else(|| format!("{what} {} does not exist", index.value()))
+}

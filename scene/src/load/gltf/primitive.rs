@@ -1,0 +1,182 @@
+//! Meshes: primitives read once, in parallel, and placed wherever a node wants them.
+
+use std::collections::HashMap;
+
+use gltf::json;
+use glam::{Vec2, Vec3, Vec4};
+use json::accessor::Type;
+use json::mesh::{Mode, Semantic};
+use json::validation::Checked;
+use rayon::prelude::*;
+
+use super::accessor::Reader;
+use super::nodes::Hierarchy;
+use super::{Budget, get, material, name};
+use crate::load::geometry::{MissingNormals, RawMesh};
+use crate::load::{Parts, Warnings};
+use crate::scene::Instance;
+use crate::{Material, Mesh};
+
+/// Bytes that a vertex and an index take at most while a primitive is read.
+const VERTEX_BYTES: u64 = 2 * 68;
+const INDEX_BYTES: u64 = 4 + 68;
+
+/// Reads every primitive that the hierarchy draws into `parts.meshes` and places it in `parts.instances`.
+pub(super) fn place(
+    reader: &Reader,
+    hierarchy: &Hierarchy,
+    parts: &mut Parts,
+    budget: &mut Budget,
+    warnings: &mut Warnings,
+) -> Result<(), String> {
+    let root = reader.root;
+    // Each drawn mesh of the document: its primitives' numbers in `wanted`.
+    let mut primitives_of: HashMap<usize, std::ops::Range<usize>> = HashMap::new();
+    let mut wanted: Vec<(usize, usize)> = Vec::new();
+    let mut placed = Vec::new();
+    for (node, &at) in hierarchy.in_document.iter().enumerate() {
+        let Some(index) = root.nodes[at].mesh else { continue };
+        let mesh = get(&root.meshes, index, "mesh")?;
+        if root.nodes[at].skin.is_some() {
+            warnings.add(format!("node {at}: skins are not supported: drawn in its mesh's own pose"));
+        }
+        let range = primitives_of.entry(index.value()).or_insert_with(|| {
+            let first = wanted.len();
+            wanted.extend((0..mesh.primitives.len()).map(|k| (index.value(), k)));
+            first..wanted.len()
+        });
+        budget.take(range.len(), 256)?;
+        placed.push((node as u32, range.clone()));
+    }
+    for &(mesh, k) in &wanted {
+        let primitive = &root.meshes[mesh].primitives[k];
+        let vertices = match primitive.attributes.get(&Checked::Valid(Semantic::Positions)) {
+            Some(&index) => reader.count(index)?,
+            None => 0,
+        };
+        let indices = primitive.indices.map_or(Ok(vertices), |index| reader.count(index))?;
+        budget.take(vertices, VERTEX_BYTES)?;
+        // A strip or a fan has almost three times as many corners as indices.
+        let corners = if primitive.mode == Checked::Valid(Mode::Triangles) { 1 } else { 3 };
+        budget.take(indices, corners * INDEX_BYTES)?;
+    }
+    let default_material = default_material(root, &wanted, parts);
+    let materials = &parts.materials;
+    let read: Vec<(Result<Option<Mesh>, String>, Warnings)> = wanted
+        .par_iter()
+        .map(|&(mesh, k)| {
+            let mut warnings = Warnings::default();
+            let primitive = &root.meshes[mesh].primitives[k];
+            let material = primitive.material.map_or(default_material, |m| m.value() as u32);
+            let mesh_name = name(&root.meshes[mesh].name);
+            let read = read(reader, primitive, mesh_name, material, materials, &mut warnings);
+            (read.map_err(|reason| format!("mesh {mesh}, primitive {k}: {reason}")), warnings)
+        })
+        .collect();
+    let mut index_of = Vec::with_capacity(read.len());
+    for (mesh, lines) in read {
+        lines.into_lines().iter().for_each(|line| warnings.add(line));
+        index_of.push(mesh?.map(|mesh| {
+            parts.meshes.push(mesh);
+            parts.meshes.len() as u32 - 1
+        }));
+    }
+    for (node, range) in placed {
+        let world_from_mesh = hierarchy.world_from_node[node as usize];
+        if !world_from_mesh.is_finite() {
+            warnings.add(format!("node {}: its place in the world is not finite: left out", hierarchy.in_document[node as usize]));
+            continue;
+        }
+        let meshes = index_of[range].iter().flatten();
+        parts.instances.extend(meshes.map(|&mesh| Instance { mesh, node: Some(node), world_from_mesh }));
+    }
+    Ok(())
+}
+
+/// Adds the default material if a primitive names none; returns its index.
+fn default_material(root: &json::Root, wanted: &[(usize, usize)], parts: &mut Parts) -> u32 {
+    let index = parts.materials.len() as u32;
+    if wanted.iter().any(|&(mesh, k)| root.meshes[mesh].primitives[k].material.is_none()) {
+        parts.materials.push(Material::default());
+    }
+    index
+}
+
+/// One primitive; `None` where it draws no triangle.
+fn read(
+    reader: &Reader,
+    primitive: &json::mesh::Primitive,
+    name: String,
+    material: u32,
+    materials: &[Material],
+    warnings: &mut Warnings,
+) -> Result<Option<Mesh>, String> {
+    let attribute = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
+    let Checked::Valid(mode) = primitive.mode else { return Err("unknown mode".to_owned()) };
+    if matches!(mode, Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
+        warnings.add(format!("mesh {name:?}: points and lines are not drawn"));
+        return Ok(None);
+    }
+    let Some(positions) = attribute(Semantic::Positions) else {
+        warnings.add(format!("mesh {name:?}: a primitive without positions is not drawn"));
+        return Ok(None);
+    };
+    if primitive.targets.is_some() {
+        warnings.add(format!("mesh {name:?}: morph targets are not supported: drawn without"));
+    }
+    let surface = materials.get(material as usize).ok_or_else(|| format!("material {material} does not exist"))?;
+    let mut raw = RawMesh { name, material, ..RawMesh::default() };
+    raw.positions = reader.floats::<3>(positions, &[Type::Vec3])?.into_iter().map(Vec3::from).collect();
+    let indices = match primitive.indices {
+        Some(index) => reader.integers(index)?,
+        None => (0..u32::try_from(raw.positions.len()).map_err(|_| "too many vertices")?).collect(),
+    };
+    raw.indices = triangles(mode, indices);
+    if let Some(index) = attribute(Semantic::Normals) {
+        raw.normals = reader.floats::<3>(index, &[Type::Vec3])?.into_iter().map(Vec3::from).collect();
+    }
+    let normal_mapped = surface.normal_texture.is_some();
+    if let (Some(index), true) = (attribute(Semantic::Tangents), normal_mapped && !raw.normals.is_empty()) {
+        raw.tangents = reader.floats::<4>(index, &[Type::Vec4])?.into_iter().map(Vec4::from).collect();
+    }
+    let set = material::uv_set(reader.root, primitive.material);
+    if let (Some(index), Some(_)) = (attribute(Semantic::TexCoords(set)), any_texture(surface)) {
+        raw.uvs = reader.floats::<2>(index, &[Type::Vec2])?.into_iter().map(Vec2::from).collect();
+    }
+    if let Some(index) = attribute(Semantic::Colors(0)) {
+        raw.colors = reader.floats::<4>(index, &[Type::Vec3, Type::Vec4])?.into_iter().map(Vec4::from).collect();
+    }
+    Ok(raw.finish(MissingNormals::Flat, normal_mapped, warnings))
+}
+
+fn any_texture(m: &Material) -> Option<crate::TextureRef> {
+    m.base_color_texture.or(m.metallic_roughness_texture).or(m.normal_texture).or(m.emissive_texture)
+}
+
+/// Lists of triangles as they are; strips and fans unrolled, every second triangle of a strip turned around.
+fn triangles(mode: Mode, indices: Vec<u32>) -> Vec<u32> {
+    match mode {
+        Mode::TriangleStrip => {
+            let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
+            indices.windows(3).enumerate().flat_map(turned).collect()
+        }
+        Mode::TriangleFan => {
+            let Some((&first, rest)) = indices.split_first() else { return Vec::new() };
+            rest.windows(2).flat_map(|w| [first, w[0], w[1]]).collect()
+        }
+        _ => indices,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_and_fans_keep_their_winding() {
+        assert_eq!(triangles(Mode::TriangleStrip, vec![0, 1, 2, 3, 4]), [0, 1, 2, 2, 1, 3, 2, 3, 4]);
+        assert_eq!(triangles(Mode::TriangleFan, vec![7, 1, 2, 3]), [7, 1, 2, 7, 2, 3]);
+        assert!(triangles(Mode::TriangleStrip, vec![0, 1]).is_empty());
+        assert!(triangles(Mode::TriangleFan, Vec::new()).is_empty());
+    }
+}

@@ -1,0 +1,198 @@
+//! Image files into textures, in parallel; a bad one costs its texture and a warning.
+
+use std::collections::HashMap;
+use std::io::Cursor;
+use std::sync::Arc;
+
+use bytes::Bytes;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use rayon::prelude::*;
+
+use super::Warnings;
+use crate::material::Wrap;
+use crate::{Material, Texture, TextureRef};
+
+/// Longest side of an image, in texels.
+const MOST_TEXELS: u32 = 16384;
+/// No image format here packs more than this many bytes of pixels into a byte of file: deflate, the densest,
+/// reaches 1032. An image that claims more is cut short or lies, and gets no memory.
+const MOST_BYTES_A_BYTE: u64 = 1100;
+/// Decoded bytes of one scene's textures; those beyond are dropped.
+const MOST_DECODED: u64 = 8 << 30;
+
+/// An image as RGBA.
+struct Pixels {
+    width: u32,
+    height: u32,
+    rgba: Arc<[u8]>,
+}
+
+/// The images and textures of a scene under construction.
+#[derive(Default)]
+pub(super) struct Textures {
+    images: Vec<(String, Bytes)>,
+    wanted: Vec<(usize, bool, [Wrap; 2])>,
+    known: HashMap<(usize, bool, [Wrap; 2]), u32>,
+}
+
+impl Textures {
+    /// Adds an image file by its name for messages; returns its number.
+    pub(super) fn add_image(&mut self, name: String, bytes: Bytes) -> usize {
+        self.images.push((name, bytes));
+        self.images.len() - 1
+    }
+
+    /// The texture that reads an image as sRGB or linear, addressed in one way.
+    pub(super) fn texture(&mut self, image: usize, srgb: bool, wrap: [Wrap; 2]) -> u32 {
+        *self.known.entry((image, srgb, wrap)).or_insert_with(|| {
+            self.wanted.push((image, srgb, wrap));
+            self.wanted.len() as u32 - 1
+        })
+    }
+
+    /// Decodes what is wanted and points the materials at it; what cannot be decoded is taken out of them.
+    pub(super) fn decode(self, materials: &mut [Material], warnings: &mut Warnings) -> Vec<Texture> {
+        let mut used = vec![false; self.images.len()];
+        self.wanted.iter().for_each(|&(image, ..)| used[image] = true);
+        let decoded: Vec<Option<Result<Pixels, String>>> = self
+            .images
+            .par_iter()
+            .zip(&used)
+            .map(|((name, bytes), used)| used.then(|| decode(name, bytes)))
+            .collect();
+        for ((name, _), result) in self.images.iter().zip(&decoded) {
+            if let Some(Err(reason)) = result {
+                warnings.add(format!("texture {name}: {reason}: left out"));
+            }
+        }
+        let mut textures = Vec::new();
+        let mut total = 0u64;
+        let new_index: Vec<Option<u32>> = self
+            .wanted
+            .iter()
+            .map(|&(image, srgb, wrap)| {
+                let pixels = decoded[image].as_ref()?.as_ref().ok()?;
+                total += pixels.rgba.len() as u64;
+                if total > MOST_DECODED {
+                    warnings.add(format!("texture {}: too many textures: left out", self.images[image].0));
+                    return None;
+                }
+                textures.push(Texture {
+                    name: self.images[image].0.clone(),
+                    width: pixels.width,
+                    height: pixels.height,
+                    rgba: pixels.rgba.clone(),
+                    srgb,
+                    wrap,
+                });
+                Some(textures.len() as u32 - 1)
+            })
+            .collect();
+        for material in materials {
+            for slot in [
+                &mut material.base_color_texture,
+                &mut material.metallic_roughness_texture,
+                &mut material.normal_texture,
+                &mut material.emissive_texture,
+            ] {
+                *slot = slot.and_then(|reference| {
+                    let texture = new_index[reference.texture as usize]?;
+                    Some(TextureRef { texture, ..reference })
+                });
+            }
+        }
+        textures
+    }
+}
+
+/// Decodes one image file, with memory bounded by what its size can hold.
+fn decode(name: &str, bytes: &[u8]) -> Result<Pixels, String> {
+    // A TGA file does not say what it is.
+    let format = image::guess_format(bytes).or_else(|error| match ImageFormat::from_path(name) {
+        Ok(ImageFormat::Tga) => Ok(ImageFormat::Tga),
+        _ => Err(error),
+    });
+    let format = format.map_err(|_| "is no image format known here (PNG, JPEG, BMP, TGA)".to_owned())?;
+    if !matches!(format, ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Bmp | ImageFormat::Tga) {
+        return Err(format!("{format:?} images are not supported (PNG, JPEG, BMP, TGA are)"));
+    }
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    let most_bytes = (bytes.len() as u64).saturating_mul(MOST_BYTES_A_BYTE).saturating_add(64 << 10);
+    let mut limits = image::Limits::default();
+    limits.max_image_width = Some(MOST_TEXELS);
+    limits.max_image_height = Some(MOST_TEXELS);
+    limits.max_alloc = Some(most_bytes.saturating_mul(2));
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(|error| error.to_string())?;
+    let (width, height) = decoder.dimensions();
+    if width == 0 || height == 0 || width > MOST_TEXELS || height > MOST_TEXELS {
+        return Err(format!("{width}×{height} texels; 1 to {MOST_TEXELS} a side are supported"));
+    }
+    if decoder.total_bytes() > most_bytes {
+        return Err(format!("{width}×{height} texels cannot be held by {} bytes", bytes.len()));
+    }
+    let image = DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())?;
+    Ok(Pixels { width, height, rgba: Arc::from(image.into_rgba8().into_raw()) })
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A PNG file of one colour.
+    pub(in crate::load) fn png(width: u32, height: u32, rgba: [u8; 4]) -> Bytes {
+        let image = image::RgbaImage::from_pixel(width, height, image::Rgba(rgba));
+        let mut bytes = Vec::new();
+        image.write_to(&mut Cursor::new(&mut bytes), ImageFormat::Png).unwrap();
+        Bytes::from(bytes)
+    }
+
+    #[test]
+    fn an_image_that_claims_more_than_its_file_can_hold_gets_no_memory() {
+        let mut bytes = png(4, 4, [255; 4]).to_vec();
+        // Width and height of the header, whose checksum is then made to fit.
+        bytes[16..24].copy_from_slice(&[0, 0, 0x3f, 0xff, 0, 0, 0x3f, 0xff]);
+        let mut crc = u32::MAX;
+        for byte in &bytes[12..29] {
+            crc ^= u32::from(*byte);
+            for _ in 0..8 {
+                crc = (crc >> 1) ^ (0xedb8_8320 & 0u32.wrapping_sub(crc & 1));
+            }
+        }
+        bytes[29..33].copy_from_slice(&(!crc).to_be_bytes());
+        assert!(decode("x.png", &bytes).err().unwrap().contains("cannot be held"));
+    }
+
+    #[test]
+    fn truncated_and_foreign_images_are_refused_with_a_reason() {
+        let whole = png(64, 64, [1, 2, 3, 4]);
+        assert!(decode("x", &whole).is_ok());
+        for length in [0, 1, 8, 20, 33, whole.len() / 2] {
+            decode("x.png", &whole[..length]).err().unwrap();
+        }
+        assert!(decode("x.png", b"GIF89a\x01\0\x01\0").err().unwrap().contains("not supported"));
+    }
+
+    #[test]
+    fn one_image_read_in_two_ways_is_two_textures_with_the_same_bytes() {
+        let mut textures = Textures::default();
+        let image = textures.add_image("a.png".to_owned(), png(2, 2, [9; 4]));
+        let wrap = [Wrap::Repeat; 2];
+        let (color, data) = (textures.texture(image, true, wrap), textures.texture(image, false, wrap));
+        assert_eq!(color, textures.texture(image, true, wrap));
+        let bad = textures.add_image("b.png".to_owned(), Bytes::from_static(b"nonsense"));
+        let broken = textures.texture(bad, true, wrap);
+        let mut materials = [Material {
+            base_color_texture: Some(TextureRef::new(color)),
+            metallic_roughness_texture: Some(TextureRef::new(data)),
+            emissive_texture: Some(TextureRef::new(broken)),
+            ..Material::default()
+        }];
+        let mut warnings = Warnings::default();
+        let decoded = textures.decode(&mut materials, &mut warnings);
+        assert_eq!(decoded.len(), 2);
+        assert!(Arc::ptr_eq(&decoded[0].rgba, &decoded[1].rgba));
+        assert_eq!(materials[0].emissive_texture, None);
+        assert_eq!(warnings.into_lines().len(), 1);
+    }
+}

@@ -1,0 +1,185 @@
+//! Wavefront OBJ with MTL materials.
+//!
+//! A parser of our own: coordinates are text of any precision, which `f32` parsers cut off before the mesh
+//! can choose its origin, and the files found in the wild need more leniency than the format's definition.
+
+mod faces;
+mod mtl;
+mod text;
+
+use std::collections::{BTreeSet, HashMap};
+
+use bytes::Bytes;
+use glam::{DVec2, DVec3, Vec3, Vec4};
+
+use super::bundle::{Bundle, relative};
+use super::geometry::{MissingNormals, RawMesh, about_an_origin};
+use super::images::Textures;
+use super::{Parts, Warnings};
+use crate::scene::Instance;
+use crate::{Material, Mesh};
+use faces::Groups;
+use text::{lines, numbers};
+
+/// What the lines of a file add up to.
+#[derive(Default)]
+struct Content {
+    positions: Vec<DVec3>,
+    /// As many as positions if any has a colour.
+    colors: Vec<Vec4>,
+    uvs: Vec<DVec2>,
+    normals: Vec<Vec3>,
+    groups: Groups,
+}
+
+/// Candidates for the names of the material libraries, by `mtllib` line: the whole line, then its words.
+pub(super) fn libraries(bytes: &[u8]) -> Vec<Vec<String>> {
+    let mut libraries = Vec::new();
+    lines(bytes, |keyword, rest| {
+        if keyword == b"mtllib" {
+            let rest = String::from_utf8_lossy(rest).trim().to_owned();
+            let mut names = vec![rest.clone()];
+            names.extend(rest.split_whitespace().filter(|word| *word != rest).map(str::to_owned));
+            libraries.push(names);
+        }
+    });
+    libraries
+}
+
+/// The files that a material library names as textures, relative to the scene's folder.
+pub(super) fn textures(library: &str, bytes: &[u8]) -> BTreeSet<String> {
+    mtl::textures(library, bytes)
+}
+
+/// Reads an OBJ file and its libraries.
+pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, String> {
+    let bytes = bundle.main_bytes();
+    let mut images = Textures::default();
+    let library = read_libraries(bundle, &mut images, warnings);
+    let mut content = Content::default();
+    read(bytes, &mut content, warnings)?;
+
+    let mut parts = Parts::default();
+    let mut mapped = Vec::new();
+    let mut missing_material = None;
+    for name in content.groups.materials() {
+        let found = name.as_ref().and_then(|name| library.get(name));
+        if let (Some(name), None) = (&name, found) {
+            warnings.add(format!("material {name:?} is not defined: shown in grey"));
+        }
+        let index = match (found, missing_material) {
+            (Some(material), _) => {
+                parts.materials.push(material.clone());
+                parts.materials.len() - 1
+            }
+            (None, Some(index)) => index,
+            (None, None) => {
+                parts.materials.push(Material::default());
+                missing_material = Some(parts.materials.len() - 1);
+                parts.materials.len() - 1
+            }
+        };
+        mapped.push(index as u32);
+    }
+    parts.textures = images.decode(&mut parts.materials, warnings);
+    mtl::cut_out(&mut parts.materials, &parts.textures);
+    let (origin, positions) = about_an_origin(&content.positions);
+    for (group, material) in content.groups.into_meshes().into_iter().zip(mapped) {
+        let name = group.material.clone().unwrap_or_default();
+        let normal_mapped = parts.materials[material as usize].normal_texture.is_some();
+        let mut raw = RawMesh { name, origin, material, ..RawMesh::default() };
+        for corner in &group.corners {
+            raw.positions.push(positions[corner.position as usize]);
+            raw.normals.push(corner.normal.map_or(Vec3::ZERO, |n| content.normals[n as usize]));
+            if group.has_uvs {
+                // OBJ's v points up the image; the vocabulary's points down.
+                let uv = corner.uv.map_or(DVec2::ZERO, |t| content.uvs[t as usize]);
+                raw.uvs.push(DVec2::new(uv.x, 1.0 - uv.y).as_vec2());
+            }
+            if !content.colors.is_empty() {
+                raw.colors.push(content.colors[corner.position as usize]);
+            }
+        }
+        raw.indices = group.indices;
+        // Normals without a direction are averaged over the triangles that share the vertex: those of one
+        // smoothing group, or of one face where there is none.
+        let finished: Option<Mesh> = raw.finish(MissingNormals::Smooth, normal_mapped, warnings);
+        if let Some(mesh) = finished {
+            parts.meshes.push(mesh);
+        }
+    }
+    parts.instances = (0..parts.meshes.len() as u32)
+        .map(|mesh| Instance { mesh, node: None, world_from_mesh: glam::DAffine3::IDENTITY })
+        .collect();
+    Ok(parts)
+}
+
+fn read_libraries(bundle: &Bundle, images: &mut Textures, warnings: &mut Warnings) -> HashMap<String, Material> {
+    let mut library = HashMap::new();
+    for candidates in libraries(bundle.main_bytes()) {
+        let found = |name: &String| relative("", name).ok().filter(|name| bundle.files.contains_key(name));
+        // The whole line is a name with spaces; where it is none, each word is a name.
+        let names: Vec<String> = match candidates.first().and_then(found) {
+            Some(whole) => vec![whole],
+            None => candidates.iter().skip(1).filter_map(found).collect(),
+        };
+        if names.is_empty() {
+            warnings.add(format!("material library {:?} cannot be read", candidates.first()));
+        }
+        for name in names {
+            // The first definition of a material counts, as in the order of libraries.
+            for (material, value) in mtl::read(&name, &bundle.files[&name], bundle, images, warnings) {
+                library.entry(material).or_insert(value);
+            }
+        }
+    }
+    library
+}
+
+fn read(bytes: &Bytes, content: &mut Content, warnings: &mut Warnings) -> Result<(), String> {
+    let (mut bad_faces, mut drawn_otherwise) = (0usize, 0usize);
+    lines(bytes, |keyword, rest| match keyword {
+        b"v" => {
+            let (n, count) = numbers::<8>(rest);
+            content.positions.push(DVec3::new(n[0], n[1], n[2]));
+            // x y z r g b; with a weight in fourth place only where a seventh number follows.
+            let color = match count {
+                6 => Some([n[3], n[4], n[5]]),
+                7.. => Some([n[4], n[5], n[6]]),
+                _ => None,
+            };
+            if color.is_some() || !content.colors.is_empty() {
+                content.colors.resize(content.positions.len() - 1, Vec4::ONE);
+                let [r, g, b] = color.unwrap_or([1.0; 3]);
+                content.colors.push(Vec4::new(r as f32, g as f32, b as f32, 1.0));
+            }
+        }
+        b"vt" => {
+            let (n, count) = numbers::<3>(rest);
+            content.uvs.push(DVec2::new(n[0], if count > 1 { n[1] } else { 0.0 }));
+        }
+        b"vn" => {
+            let (n, _) = numbers::<3>(rest);
+            content.normals.push(DVec3::new(n[0], n[1], n[2]).as_vec3());
+        }
+        b"f" | b"fo" => {
+            if !content.groups.add_face(rest, &content.positions, content.uvs.len(), content.normals.len()) {
+                bad_faces += 1;
+            }
+        }
+        b"usemtl" => content.groups.use_material(String::from_utf8_lossy(rest).trim()),
+        b"s" => content.groups.smooth(rest),
+        b"p" | b"l" | b"curv" | b"surf" => drawn_otherwise += 1,
+        _ => {}
+    });
+    if bad_faces > 0 {
+        warnings.add(format!("{bad_faces} faces with fewer than three corners or vertices that do not exist: dropped"));
+    }
+    if drawn_otherwise > 0 {
+        warnings.add(format!("{drawn_otherwise} points, lines, curves or surfaces are not drawn"));
+    }
+    if content.positions.is_empty() && !bytes.is_ascii() {
+        return Err("is no OBJ file: it has no vertices".to_owned());
+    }
+    Ok(())
+}
