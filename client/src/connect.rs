@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
+use argus_proto::transport::tuned;
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::{Description, PROTOCOL_VERSION, v1};
@@ -125,15 +126,7 @@ fn endpoint(url: &str, timeout: Duration) -> Result<Endpoint, ClientError> {
         Some(scheme) => return Err(address(&format!("{scheme}:// is not supported"))),
         None => return Err(address("http:// is missing")),
     }
-    Ok(endpoint
-        .connect_timeout(timeout)
-        .tcp_nodelay(true)
-        // Frames are larger than the default window, which would cost a round trip for each 64 KiB.
-        .http2_adaptive_window(true)
-        // A server that vanished without a word is noticed in seconds, also while only waiting.
-        .http2_keep_alive_interval(Duration::from_secs(5))
-        .keep_alive_timeout(Duration::from_secs(5))
-        .keep_alive_while_idle(true))
+    Ok(tuned(endpoint.connect_timeout(timeout)))
 }
 
 async fn describe(channel: &Channel, url: &str) -> Result<Description, ClientError> {

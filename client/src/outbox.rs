@@ -4,6 +4,7 @@
 //! replaces it, while acknowledgements, of which none may be lost, queue up beside it.
 
 use std::collections::VecDeque;
+use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use argus_proto::v1::{self, session_request::Body};
@@ -76,29 +77,29 @@ impl Outbox {
             loop {
                 let changed = outbox.changed.notified();
                 match outbox.next(incarnation) {
-                    Next::Send(request) => return Some((request, Arc::clone(&outbox))),
-                    Next::End => return None,
-                    Next::Wait => changed.await,
+                    ControlFlow::Break(request) => return request.map(|sent| (sent, Arc::clone(&outbox))),
+                    ControlFlow::Continue(()) => changed.await,
                 }
             }
         })
     }
 
-    fn next(&self, incarnation: u64) -> Next {
+    /// The next request or the end of the stream; `Continue` if there is nothing to send yet.
+    fn next(&self, incarnation: u64) -> ControlFlow<Option<v1::SessionRequest>> {
         let mut state = self.lock();
         if state.incarnation != incarnation {
-            return Next::End;
+            return ControlFlow::Break(None);
         }
+        let request = |camera_seq, body| Some(v1::SessionRequest { camera_seq, body: Some(body) });
         if let Some(camera_seq) = state.acks.pop_front() {
-            return Next::Send(v1::SessionRequest { camera_seq, body: Some(Body::Ack(v1::SessionAck {})) });
+            return ControlFlow::Break(request(camera_seq, Body::Ack(v1::SessionAck {})));
+        }
+        if state.closed {
+            return ControlFlow::Break(None);
         }
         match state.camera.take() {
-            Some(_) if state.closed => Next::End,
-            Some((camera_seq, view)) => {
-                Next::Send(v1::SessionRequest { camera_seq, body: Some(Body::View(view)) })
-            }
-            None if state.closed => Next::End,
-            None => Next::Wait,
+            Some((camera_seq, view)) => ControlFlow::Break(request(camera_seq, Body::View(view))),
+            None => ControlFlow::Continue(()),
         }
     }
 
@@ -106,12 +107,6 @@ impl Outbox {
         // Every change is a single assignment: a panic elsewhere leaves nothing half done.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-enum Next {
-    Send(v1::SessionRequest),
-    Wait,
-    End,
 }
 
 #[cfg(test)]

@@ -39,7 +39,7 @@ pub enum SessionEvent {
         /// What [`Session::send`] returned.
         camera_seq: u64,
         /// What the camera sees.
-        frame: Frame,
+        frame: Box<Frame>,
         /// Who made it.
         meta: FrameMeta,
     },
@@ -178,7 +178,7 @@ impl Session {
                 if !self.settle(camera_seq) {
                     return Ok(None);
                 }
-                Ok(Some(SessionEvent::Frame { camera_seq, frame, meta }))
+                Ok(Some(SessionEvent::Frame { camera_seq, frame: Box::new(frame), meta }))
             }
         }
     }

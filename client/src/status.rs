@@ -3,7 +3,8 @@
 use argus_proto::v1;
 use serde::{Deserialize, Serialize};
 
-/// Workers, roles, and the balance between them. Serialised, it is what `argus status --json` prints.
+/// Workers, roles, and the balance between them; numbers that are not known are 0. Serialised, it is what
+/// `argus status --json` prints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ClusterStatus {
     /// What the scene is called.
@@ -110,18 +111,23 @@ impl From<v1::StatusResponse> for ClusterStatus {
             processes: wire.processes,
             samplers: wire.samplers,
             compositors: wire.compositors,
-            samples_per_tick: wire.samples_per_tick,
-            sample_ms: wire.sample_ms,
-            views_per_tick: wire.views_per_tick,
-            view_ms: wire.view_ms,
-            direct_views_per_tick: wire.direct_views_per_tick,
-            direct_ms: wire.direct_ms,
-            tick_predicted_ms: wire.tick_predicted_ms,
-            tick_measured_ms: wire.tick_measured_ms,
+            samples_per_tick: number(wire.samples_per_tick),
+            sample_ms: number(wire.sample_ms),
+            views_per_tick: number(wire.views_per_tick),
+            view_ms: number(wire.view_ms),
+            direct_views_per_tick: number(wire.direct_views_per_tick),
+            direct_ms: number(wire.direct_ms),
+            tick_predicted_ms: number(wire.tick_predicted_ms),
+            tick_measured_ms: number(wire.tick_measured_ms),
             workers: wire.workers.into_iter().map(Into::into).collect(),
             counters: wire.counters.unwrap_or_default().into(),
         }
     }
+}
+
+/// JSON has no NaN and no infinity, and a script that expects a number should get one: what is not known is 0.
+fn number(value: f64) -> f64 {
+    if value.is_finite() { value } else { 0.0 }
 }
 
 impl From<v1::WorkerStatus> for WorkerStatus {

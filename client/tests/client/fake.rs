@@ -1,0 +1,321 @@
+//! A server that answers with made-up frames and misbehaves on demand.
+
+use std::net::SocketAddr;
+use std::pin::Pin;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, PoisonError};
+use std::time::{Duration, Instant};
+
+use argus_client::{Client, ConnectOptions};
+use argus_proto::chunks::{FrameMeta, frame_chunks};
+use argus_proto::v1::cluster_server::{Cluster, ClusterServer};
+use argus_proto::v1::session_response::Body;
+use argus_proto::v1::views_server::{Views, ViewsServer};
+use argus_proto::v1::{self, Encoding};
+use argus_proto::{Description, Fault, status};
+use argus_scene::scene::NamedCamera;
+use argus_scene::{
+    Bounds, Camera, Frame, Limits, Outputs, Plan, PlanRequest, Provenance, Rig, SampleId, SceneHash, Search,
+    View,
+};
+use futures::{Stream, StreamExt};
+use glam::DVec3;
+use tokio::net::TcpListener;
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::{mpsc, oneshot, watch};
+
+use tokio::time::sleep;
+use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
+use tonic::transport::Server;
+use tonic::{Request, Response, Status, Streaming};
+
+/// What the server does wrong, and how often.
+#[derive(Debug, Default)]
+pub(crate) struct Fake {
+    /// Reported by `Describe` instead of ours.
+    pub(crate) version: Option<u32>,
+    /// So many renders are refused with `UNAVAILABLE` first.
+    pub(crate) unavailable: AtomicU32,
+    /// So many frames, or frames of sessions, lose their last chunk first.
+    pub(crate) truncate: AtomicU32,
+    /// So many sessions end in the middle of a frame first.
+    pub(crate) end_sessions: AtomicU32,
+    /// Every render is refused as too much.
+    pub(crate) overloaded: bool,
+    /// Each frame takes this long.
+    pub(crate) frame_time: Duration,
+    /// Between these times after the first render, no render is answered before the second.
+    pub(crate) stall: Option<(Duration, Duration)>,
+    /// Set by the first render.
+    pub(crate) first_render: Mutex<Option<Instant>>,
+    /// View ids of all renders, in order.
+    pub(crate) view_ids: Mutex<Vec<String>>,
+    /// Acknowledgements that sessions received.
+    pub(crate) acks: AtomicU64,
+    /// Frames that sessions sent whole.
+    pub(crate) session_frames: AtomicU64,
+}
+
+/// A running fake, which stops when dropped.
+pub(crate) struct Running {
+    pub(crate) fake: Arc<Fake>,
+    pub(crate) address: SocketAddr,
+    /// Its own, so that whatever the server has spawned ends with it.
+    runtime: Option<Runtime>,
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+impl Running {
+    /// Breaks all connections and frees the port, as when the process is killed.
+    pub(crate) async fn kill(mut self) {
+        self.runtime.take().expect("runs until it is killed").shutdown_background();
+        while TcpListener::bind(self.address).await.is_err() {
+            sleep(Duration::from_millis(1)).await;
+        }
+    }
+
+    pub(crate) fn url(&self) -> String {
+        format!("http://{}", self.address)
+    }
+
+    pub(crate) async fn client(&self) -> Client {
+        let options = ConnectOptions { connections: 2, ..ConnectOptions::default() };
+        Client::connect_with(&self.url(), &options).await.unwrap()
+    }
+}
+
+impl Fake {
+    pub(crate) async fn serve(self) -> Running {
+        serve_at(Arc::new(self), "127.0.0.1:0".parse().unwrap()).await
+    }
+
+    /// Answers a view, or refuses it, as the fields say.
+    async fn chunks(&self, view: &View, view_id: &str, encoding: i32) -> Result<Vec<v1::FrameChunk>, Status> {
+        view.validate(&Limits::default()).map_err(status::invalid)?;
+        let first = *lock(&self.first_render).get_or_insert_with(Instant::now);
+        if let Some((begin, end)) = self.stall
+            && (begin..end).contains(&first.elapsed())
+        {
+            sleep(end - first.elapsed()).await;
+        }
+        sleep(self.frame_time).await;
+        let meta = FrameMeta { view_id: view_id.to_owned(), worker: "fake".to_owned(), age_ms: 1.5 };
+        let encoding = Encoding::try_from(encoding).unwrap();
+        let mut chunks = frame_chunks(&frame(view), &meta, encoding).unwrap();
+        if take_one(&self.truncate) {
+            chunks.pop();
+        }
+        Ok(chunks)
+    }
+}
+
+pub(crate) async fn serve_at(fake: Arc<Fake>, address: SocketAddr) -> Running {
+    let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let router = Server::builder()
+        .add_service(ViewsServer::new(Handler(Arc::clone(&fake))))
+        .add_service(ClusterServer::new(Handler(Arc::clone(&fake))));
+    let (bound, is_bound) = oneshot::channel();
+    runtime.spawn(async move {
+        let listener = TcpListener::bind(address).await.unwrap();
+        bound.send(listener.local_addr().unwrap()).unwrap();
+        router.serve_with_incoming(TcpListenerStream::new(listener)).await.unwrap();
+    });
+    let address = is_bound.await.unwrap();
+    Running { fake, address, runtime: Some(runtime) }
+}
+
+pub(crate) fn view(x: f64) -> View {
+    View {
+        camera: Camera::look_at(DVec3::new(x, 2.0, 3.0), DVec3::ZERO),
+        width: 40,
+        height: 30,
+        outputs: Outputs { range: true, ..Outputs::COLOR },
+        plan: PlanRequest::default(),
+        pin: None,
+    }
+}
+
+/// A frame that depends on the view, so that a mix-up shows.
+pub(crate) fn frame(view: &View) -> Frame {
+    let pixels = (view.width * view.height) as usize;
+    let shade = (view.camera.eye.x * 16.0) as u8;
+    let plan = Plan::Warp {
+        search: Search::Splat,
+        steps: 16,
+        supersampling: 1,
+        samples: vec![SampleId { generation: 1, index: 2 }],
+    };
+    let provenance =
+        Provenance { scene: SceneHash([7; 32]), epoch: 0, generation: 1, plan, device: "none".to_owned() };
+    Frame {
+        width: view.width,
+        height: view.height,
+        color: view.outputs.color.then(|| vec![shade; 3 * pixels].into()),
+        range: view.outputs.range.then(|| 2.5f32.to_le_bytes().repeat(pixels).into()),
+        mask: None,
+        source: None,
+        unresolved_fraction: 0.0,
+        provenance,
+        stages: Vec::new(),
+    }
+}
+
+fn description() -> Description {
+    let bounds = Bounds { min: DVec3::splat(-1.0), max: DVec3::splat(1.0) };
+    Description {
+        scene_name: "fake".to_owned(),
+        scene_hash: SceneHash([7; 32]),
+        bounds,
+        triangles: 12,
+        effects: Vec::new(),
+        cameras: vec![NamedCamera { name: "front".to_owned(), camera: view(1.0).camera }],
+        limits: Limits::default(),
+        rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
+        defaults: PlanRequest::default(),
+    }
+}
+
+struct Handler(Arc<Fake>);
+
+type Chunks<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+
+#[tonic::async_trait]
+impl Views for Handler {
+    async fn describe(
+        &self,
+        _: Request<v1::DescribeRequest>,
+    ) -> Result<Response<v1::DescribeResponse>, Status> {
+        let mut response = v1::DescribeResponse::from(&description());
+        response.protocol_version = self.0.version.unwrap_or(response.protocol_version);
+        Ok(Response::new(response))
+    }
+
+    type RenderStream = Chunks<v1::FrameChunk>;
+
+    async fn render(
+        &self,
+        request: Request<v1::RenderRequest>,
+    ) -> Result<Response<Self::RenderStream>, Status> {
+        let request = request.into_inner();
+        lock(&self.0.view_ids).push(request.view_id.clone());
+        assert!(request.deadline_ms > 0, "a client always says how long it waits");
+        if self.0.overloaded {
+            let (what, retry_after) = ("64 views wait".to_owned(), Duration::from_millis(100));
+            return Err(Fault::Overloaded { what, retry_after }.into());
+        }
+        if take_one(&self.0.unavailable) {
+            return Err(Fault::Unavailable("no compositor yet".to_owned()).into());
+        }
+        let view: View = request.view.unwrap_or_default().try_into().map_err(status::invalid)?;
+        let chunks = self.0.chunks(&view, &request.view_id, request.encoding).await?;
+        Ok(Response::new(Box::pin(futures::stream::iter(chunks.into_iter().map(Ok)))))
+    }
+
+    type SessionStream = Chunks<v1::SessionResponse>;
+
+    async fn session(
+        &self,
+        request: Request<Streaming<v1::SessionRequest>>,
+    ) -> Result<Response<Self::SessionStream>, Status> {
+        let (newest, mut cameras) = watch::channel(None);
+        let (acked, mut acks) = watch::channel(0);
+        let mut incoming = request.into_inner();
+        let fake = Arc::clone(&self.0);
+        tokio::spawn(async move {
+            while let Some(Ok(request)) = incoming.next().await {
+                match request.body.unwrap() {
+                    v1::session_request::Body::View(view) => {
+                        newest.send_replace(Some((request.camera_seq, view)));
+                    }
+                    v1::session_request::Body::Ack(_) => {
+                        fake.acks.fetch_add(1, Ordering::SeqCst);
+                        acked.send_replace(request.camera_seq);
+                    }
+                }
+            }
+        });
+        let (responses, stream) = mpsc::channel(1);
+        let fake = Arc::clone(&self.0);
+        tokio::spawn(async move {
+            while cameras.changed().await.is_ok() {
+                let Some((camera_seq, view)) = cameras.borrow_and_update().clone() else { continue };
+                let respond = |body| v1::SessionResponse { camera_seq, superseded: 0, body: Some(body) };
+                let encoding = view.encoding;
+                let view = view.view.unwrap_or_default().try_into().map_err(status::invalid);
+                let chunks = match view {
+                    Ok(view) => fake.chunks(&view, "", encoding).await,
+                    Err(status) => Err(status),
+                };
+                let chunks = match chunks {
+                    Ok(chunks) => chunks,
+                    Err(status) => {
+                        let field = status::invalid_field(&status).unwrap_or_default().0;
+                        let (code, message) = (status.code() as i32, status.message().to_owned());
+                        let failure = v1::SessionFailure { code, message, field };
+                        let _ = responses.send(Ok(respond(Body::Failure(failure)))).await;
+                        continue;
+                    }
+                };
+                let end_early = take_one(&fake.end_sessions);
+                for chunk in chunks {
+                    if responses.send(Ok(respond(Body::Chunk(chunk)))).await.is_err() || end_early {
+                        return;
+                    }
+                }
+                fake.session_frames.fetch_add(1, Ordering::SeqCst);
+                if acks.wait_for(|seq| *seq >= camera_seq).await.is_err() {
+                    return;
+                }
+            }
+        });
+        Ok(Response::new(Box::pin(ReceiverStream::new(stream))))
+    }
+}
+
+#[tonic::async_trait]
+impl Cluster for Handler {
+    type JoinStream = Chunks<v1::Assignment>;
+
+    async fn join(
+        &self,
+        _: Request<Streaming<v1::WorkerReport>>,
+    ) -> Result<Response<Self::JoinStream>, Status> {
+        Err(Status::unimplemented("a fake has no workers"))
+    }
+
+    async fn status(&self, _: Request<v1::StatusRequest>) -> Result<Response<v1::StatusResponse>, Status> {
+        let worker = |id: &str, role| v1::WorkerStatus {
+            id: id.to_owned(),
+            pid: 17,
+            role,
+            address: "http://127.0.0.1:7401".to_owned(),
+            ..Default::default()
+        };
+        Ok(Response::new(v1::StatusResponse {
+            processes: 2,
+            samplers: 1,
+            compositors: 1,
+            view_ms: 1.25,
+            tick_measured_ms: f64::NAN,
+            workers: vec![worker("a", v1::Role::Sampler as i32), worker("b", 99)],
+            ..Default::default()
+        }))
+    }
+}
+
+/// Takes one off a counter that is not yet 0.
+fn take_one(counter: &AtomicU32) -> bool {
+    counter.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |n| n.checked_sub(1)).is_ok()
+}
+
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

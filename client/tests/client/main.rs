@@ -1,0 +1,8 @@
+//! The client against a server in the same process that is slow, breaks off, lies or is gone.
+
+#![allow(clippy::unwrap_used, reason = "clippy knows tests by their attribute, not the server they share")]
+
+mod fake;
+mod load;
+mod session;
+mod views;

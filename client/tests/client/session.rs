@@ -1,0 +1,90 @@
+//! Sessions, against a server that is slow or breaks off.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use crate::fake::{Fake, frame, view};
+use argus_client::{ClientError, Session, SessionEvent, SessionOptions};
+use tokio::time::{sleep, timeout};
+
+async fn next(session: &mut Session) -> SessionEvent {
+    timeout(Duration::from_secs(10), session.next()).await.expect("an event within 10 s").unwrap()
+}
+
+#[tokio::test]
+async fn the_newest_camera_wins_and_every_frame_is_acknowledged() {
+    let server = Fake { frame_time: Duration::from_millis(30), ..Fake::default() }.serve().await;
+    let mut session = server.client().await.session(SessionOptions::default());
+    let mut seen = Vec::new();
+    for i in 0..100 {
+        session.send(&view(f64::from(i % 10) + 1.0));
+        if let Ok(event) = timeout(Duration::from_millis(3), session.next()).await {
+            let SessionEvent::Frame { camera_seq, .. } = event.unwrap() else { panic!("a frame expected") };
+            seen.push(camera_seq);
+        }
+    }
+    while !session.is_idle() {
+        let SessionEvent::Frame { camera_seq, frame: came, .. } = next(&mut session).await else {
+            panic!("a frame expected")
+        };
+        seen.push(camera_seq);
+        assert_eq!(*came, frame(&view(((camera_seq - 1) % 10) as f64 + 1.0)), "the frame of its camera");
+    }
+    assert_eq!(seen.last(), Some(&100), "the newest camera is always answered");
+    assert!(seen.is_sorted_by(|a, b| a < b), "{seen:?}");
+    assert!(seen.len() < 50, "a slow server sends fewer frames: {}", seen.len());
+    // The last acknowledgement may still be on its way.
+    timeout(Duration::from_secs(5), async {
+        while server.fake.acks.load(Ordering::SeqCst) < seen.len() as u64 {
+            sleep(Duration::from_millis(5)).await;
+        }
+    })
+    .await
+    .expect("every frame is acknowledged");
+    assert_eq!(server.fake.session_frames.load(Ordering::SeqCst), seen.len() as u64);
+}
+
+#[tokio::test]
+async fn sessions_that_break_or_are_damaged_are_opened_again_and_lose_no_newest_camera() {
+    let fake = Fake { end_sessions: AtomicU32::new(2), truncate: AtomicU32::new(1), ..Fake::default() };
+    let server = fake.serve().await;
+    let mut session = server.client().await.session(SessionOptions::default());
+    for i in 1..=5 {
+        let camera_seq = session.send(&view(f64::from(i)));
+        match next(&mut session).await {
+            SessionEvent::Frame { camera_seq: answered, .. } => assert_eq!(answered, camera_seq),
+            SessionEvent::Failed { error, .. } => panic!("{error}"),
+        }
+        assert!(session.is_idle());
+    }
+}
+
+#[tokio::test]
+async fn a_view_that_cannot_be_rendered_fails_alone() {
+    let server = Fake::default().serve().await;
+    let mut session = server.client().await.session(SessionOptions::default());
+    let mut bad = view(1.0);
+    bad.camera.target = bad.camera.eye;
+    session.send(&bad);
+    match next(&mut session).await {
+        SessionEvent::Failed { camera_seq: 1, error: ClientError::Invalid { field, reason } } => {
+            assert_eq!((field.as_str(), reason.as_str()), ("camera.target", "must differ from camera.eye"));
+        }
+        other => panic!("{other:?}"),
+    }
+    session.send(&view(1.0));
+    assert!(matches!(next(&mut session).await, SessionEvent::Frame { camera_seq: 2, .. }));
+}
+
+#[tokio::test]
+async fn a_session_whose_server_is_gone_is_given_up_when_patience_ends() {
+    let server = Fake::default().serve().await;
+    let patience = Duration::from_millis(300);
+    let mut session = server.client().await.session(SessionOptions { patience, ..SessionOptions::default() });
+    session.send(&view(1.0));
+    next(&mut session).await;
+    server.kill().await;
+    session.send(&view(2.0));
+    let outcome = timeout(Duration::from_secs(10), session.next()).await.expect("an end to patience");
+    assert!(matches!(outcome.unwrap_err(), ClientError::Deadline { .. }));
+}
