@@ -1,1 +1,42 @@
 //! Sample sets to frames: depth-corrected inverse warping.
+//!
+//! A compositor never sees a triangle. It holds samples (images of radiance and range, taken elsewhere) as
+//! layers of texture arrays, and answers views from them: a *search* finds the depth of each pixel, and the
+//! colour is fetched where the samples have that point, from texels whose range agrees with it. Two searches
+//! end in the same fetch:
+//!
+//! - [`argus_scene::Search::Splat`]: samples' texels are projected forward into cells of the view, the nearest
+//!   stays, gaps between cells of one surface are closed;
+//! - [`argus_scene::Search::Linear`]: the cluster paper's (section 4.2), linear steps and bisection.
+//!
+//! What a frame's pixels mean, beside [`argus_scene::Output`]:
+//! - a pixel is *sky* (source 0, mask 0, no range) where its ray misses the scene's bounds or samples see past
+//!   everything on it;
+//! - it is *unresolved* (source 0, mask 255, no range) where no sample saw what it shows. Its colour is a guess,
+//!   never passed off as more: the farthest texel that the first sample looking there has around the place, for
+//!   background goes on behind the edge that hid it; sky if no sample looks there;
+//! - with supersampling, colour is the mean in linear radiance, and range, mask and source are those of the
+//!   middle sub-pixel (of an even number, the one below and right of the middle).
+//!
+//! [`compositor`] tells a batch from top to bottom; `passes` has one file a pass, its program at
+//! `shaders/compositor/` under the same name.
+
+pub mod compositor;
+mod cull;
+mod drawing;
+mod frames;
+mod geometry;
+mod holdings;
+mod knobs;
+mod layout;
+mod lights;
+mod passes;
+mod plan;
+mod pool;
+mod prepare;
+mod targets;
+mod validate;
+
+pub use compositor::GpuCompositor;
+pub use knobs::CompositorKnobs;
+pub use plan::PassPlan;

@@ -4,7 +4,7 @@
 
 import package::shared::fetch::{view};
 import package::shared::pixel::{
-    Linear, Pixel, Shown, corner_of_target, crossing_of_bounds, direction_at, image_position, linear_of, opinion_at, pixel_at, shown,
+    Linear, Pixel, Shown, corner_of_target, crossing_of_bounds, direction_at, image_position, linear_of, opinion_at, pixel_at, shown, with_specular,
 };
 
 // Halvings of the last step: 64 steps and 8 halvings place a surface to within 1/16384 of the bounds.
@@ -15,7 +15,7 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     return corner_of_target(index);
 }
 
-fn pixel(fragment: vec4f, omni: bool, glossy: bool) -> Pixel {
+fn pixel(fragment: vec4f, omni: bool) -> Pixel {
     let d = direction_at(image_position(fragment));
     let span = crossing_of_bounds(d);
     let step = (span.y - span.x) / f32(view.steps);
@@ -45,45 +45,45 @@ fn pixel(fragment: vec4f, omni: bool, glossy: bool) -> Pixel {
     }
     // The side on which all cameras are: the most conservative surface.
     let q = select(0.0, 1.0 / max(outside, 1e-20), found);
-    return pixel_at(d, q, clear && !found, omni, glossy);
+    return pixel_at(d, q, clear && !found, omni);
 }
 
 @fragment
 fn show_pinhole(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, false, false));
+    return shown(pixel(at, false));
 }
 
 @fragment
 fn show_pinhole_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, false, true));
+    return shown(with_specular(pixel(at, false)));
 }
 
 @fragment
 fn show_omni(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, true, false));
+    return shown(pixel(at, true));
 }
 
 @fragment
 fn show_omni_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, true, true));
+    return shown(with_specular(pixel(at, true)));
 }
 
 @fragment
 fn keep_pinhole(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, false, false));
+    return linear_of(pixel(at, false));
 }
 
 @fragment
 fn keep_pinhole_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, false, true));
+    return linear_of(with_specular(pixel(at, false)));
 }
 
 @fragment
 fn keep_omni(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, true, false));
+    return linear_of(pixel(at, true));
 }
 
 @fragment
 fn keep_omni_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, true, true));
+    return linear_of(with_specular(pixel(at, true)));
 }

@@ -3,7 +3,7 @@
 
 import package::shared::fetch::{view};
 import package::shared::pixel::{
-    Linear, Pixel, Shown, corner_of_target, crossing_of_bounds, direction_at, image_position, linear_of, opinion_at, pixel_at, shown,
+    Linear, Pixel, Shown, corner_of_target, crossing_of_bounds, direction_at, image_position, linear_of, opinion_at, pixel_at, shown, with_specular,
 };
 
 @group(0) @binding(9) var<storage, read> depths: array<f32>;
@@ -35,50 +35,50 @@ fn is_clear(d: vec3f, unknown: bool, omni: bool) -> bool {
     return clear;
 }
 
-fn pixel(fragment: vec4f, omni: bool, glossy: bool) -> Pixel {
+fn pixel(fragment: vec4f, omni: bool) -> Pixel {
     let position = image_position(fragment);
     let d = direction_at(position);
     let splatted = splatted_depth(position);
     let clear = is_clear(d, splatted <= 0.0, omni);
-    return pixel_at(d, abs(splatted), clear, omni, glossy);
+    return pixel_at(d, abs(splatted), clear, omni);
 }
 
 @fragment
 fn show_pinhole(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, false, false));
+    return shown(pixel(at, false));
 }
 
 @fragment
 fn show_pinhole_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, false, true));
+    return shown(with_specular(pixel(at, false)));
 }
 
 @fragment
 fn show_omni(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, true, false));
+    return shown(pixel(at, true));
 }
 
 @fragment
 fn show_omni_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, true, true));
+    return shown(with_specular(pixel(at, true)));
 }
 
 @fragment
 fn keep_pinhole(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, false, false));
+    return linear_of(pixel(at, false));
 }
 
 @fragment
 fn keep_pinhole_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, false, true));
+    return linear_of(with_specular(pixel(at, false)));
 }
 
 @fragment
 fn keep_omni(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, true, false));
+    return linear_of(pixel(at, true));
 }
 
 @fragment
 fn keep_omni_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, true, true));
+    return linear_of(with_specular(pixel(at, true)));
 }

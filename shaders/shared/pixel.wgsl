@@ -64,6 +64,10 @@ struct Pixel {
     source: u32,
     // Metres from the eye; 0 where there is nothing.
     range: f32,
+    // Where the surface is, relative to the eye, and where its sample has it.
+    position: vec3f,
+    uv: vec2f,
+    layer: u32,
 }
 
 const UNRESOLVED: u32 = 255u;
@@ -73,44 +77,41 @@ const UNRESOLVED: u32 = 255u;
 //
 // A pixel that no sample saw shows what lies farthest where the first sample looks: background goes on behind
 // the edge that hid it, so the guess is seldom the wrong side's. It is marked, and has no range.
-fn pixel_at(d: vec3f, q: f32, clear: bool, omni: bool, glossy: bool) -> Pixel {
-    let toward = normalize(d);
+fn pixel_at(d: vec3f, q: f32, clear: bool, omni: bool) -> Pixel {
     let fetched = fetch_at(d, q, omni);
     let resolved = q > 0.0 && fetched.agreement > 0.0;
-    var pixel = Pixel(sky_radiance(lighting, toward), 0u, 0.0);
+    var pixel = Pixel(sky_radiance(lighting, normalize(d)), 0u, 0.0, vec3f(0.0), fetched.uv, fetched.layer);
     if resolved || (!clear && fetched.source < view.sample_count) {
         let texel = textureSampleLevel(radiance, bilinear, fetched.uv, fetched.layer, 0.0).rgb;
         pixel.radiance = finite_or_zero(texel);
     }
     if resolved {
         pixel.source = fetched.source + 1u;
-        pixel.range = length(d) / q;
+        pixel.position = d / q;
+        pixel.range = length(pixel.position);
     } else if !clear {
         pixel.source = UNRESOLVED;
-    }
-    if glossy {
-        if resolved {
-            pixel.radiance += specular_at(fetched.uv, fetched.layer, d / q, -toward);
-        }
     }
     return pixel;
 }
 
-// The highlight that the viewer, and not the sample, sees.
-fn specular_at(uv: vec2f, layer: u32, position: vec3f, to_eye: vec3f) -> vec3f {
-    let stored = textureSampleLevel(specular_plane, bilinear, uv, layer, 0.0);
-    let encoded = textureSampleLevel(normal_plane, nearest, uv, layer, 0.0).xy;
-    if all(stored.rgb <= vec3f(0.0)) {
-        return vec3f(0.0);
+// The pixel with the highlight that its viewer, and not the sample, sees.
+fn with_specular(pixel: Pixel) -> Pixel {
+    let stored = textureSampleLevel(specular_plane, bilinear, pixel.uv, pixel.layer, 0.0);
+    let encoded = textureSampleLevel(normal_plane, nearest, pixel.uv, pixel.layer, 0.0).xy;
+    var result = pixel;
+    if pixel.range > 0.0 && any(stored.rgb > vec3f(0.0)) {
+        let to_eye = -pixel.position / pixel.range;
+        let surface = Surface(
+            pixel.position, unit_from_octahedral(encoded), vec3f(0.0), vec3f(0.0), stored.rgb, stored.a,
+        );
+        var sum = specular_sky(surface, to_eye, lighting);
+        for (var i = 0u; i < lighting.light_count; i++) {
+            sum += specular_light(surface, to_eye, lights[view.first_light + i]);
+        }
+        result.radiance += finite_or_zero(sum);
     }
-    let surface = Surface(
-        position, unit_from_octahedral(encoded), vec3f(0.0), vec3f(0.0), stored.rgb, stored.a,
-    );
-    var sum = specular_sky(surface, to_eye, lighting);
-    for (var i = 0u; i < lighting.light_count; i++) {
-        sum += specular_light(surface, to_eye, lights[view.first_light + i]);
-    }
-    return finite_or_zero(sum);
+    return result;
 }
 
 // A pixel as it is shown: sRGB and the source, each a byte.

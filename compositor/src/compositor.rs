@@ -1,0 +1,346 @@
+//! A batch of views, from top to bottom.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use argus_gpu::wgpu::BufferUsages;
+use argus_gpu::{Gpu, wgpu};
+use argus_scene::{
+    Cancel, Compositor, Frame, Provenance, RenderError, SampleId, SampleSet, Search, Stage, ViewJob,
+};
+use argus_shaders::layout::compositor::Fill;
+
+use crate::drawing::{Draw, FINE, RANGE, SHOWN, Shared, Variant};
+use crate::frames::Assembly;
+use crate::holdings::Holdings;
+use crate::knobs::CompositorKnobs;
+use crate::layout::{Chunk, Piece, chunks};
+use crate::lights::{light_about, lighting_uniform};
+use crate::passes::bounds::BoundsPass;
+use crate::passes::fill::FillPass;
+use crate::passes::linear::LinearPass;
+use crate::passes::resolve::ResolvePass;
+use crate::passes::splat::{SplatCall, SplatPass};
+use crate::passes::warp::WarpPass;
+use crate::plan::{PassPlan, plan};
+use crate::prepare::PreparedView;
+use crate::targets::{Target, Targets};
+
+/// Reconstructs views from samples on a GPU.
+#[derive(Debug)]
+pub struct GpuCompositor {
+    gpu: Arc<Gpu>,
+    knobs: CompositorKnobs,
+    holdings: Holdings,
+    targets: Targets,
+    nearest: wgpu::Sampler,
+    bilinear: wgpu::Sampler,
+    bounds: BoundsPass,
+    splat: SplatPass,
+    fill: FillPass,
+    warp: WarpPass,
+    linear: LinearPass,
+    resolve: ResolvePass,
+}
+
+/// Everything that is uploaded for a chunk, and who reads which part of it.
+struct ChunkData {
+    /// A view's uniforms, at multiples of the device's alignment.
+    views: wgpu::Buffer,
+    lighting: wgpu::Buffer,
+    lights: wgpu::Buffer,
+    blocks: wgpu::Buffer,
+    cells: wgpu::Buffer,
+    cell_bytes: u64,
+    depths: wgpu::Buffer,
+    /// By pool.
+    splats: BTreeMap<usize, Vec<SplatCall>>,
+    fills: Vec<Fill>,
+    /// By what decides which pipeline draws: search, pool, variant. Indices into the chunk's pieces.
+    draws: BTreeMap<(bool, usize, Variant), Vec<usize>>,
+}
+
+/// Distance of uniforms in a buffer: the largest alignment that a device may ask for.
+const UNIFORM_STRIDE: u64 = 256;
+/// Distance of views' uniforms.
+const VIEW_STRIDE: u64 =
+    (size_of::<argus_shaders::layout::compositor::ViewUniform>() as u64).next_multiple_of(UNIFORM_STRIDE);
+
+impl GpuCompositor {
+    /// A compositor with default knobs that holds nothing yet.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] if the device lacks what the passes need.
+    pub fn new(gpu: Arc<Gpu>) -> Result<Self, RenderError> {
+        Self::with_knobs(gpu, CompositorKnobs::default())
+    }
+
+    /// A compositor that holds nothing yet.
+    ///
+    /// # Errors
+    /// As [`GpuCompositor::new`].
+    pub fn with_knobs(gpu: Arc<Gpu>, knobs: CompositorKnobs) -> Result<Self, RenderError> {
+        if !gpu.device.features().contains(wgpu::Features::IMMEDIATES) {
+            let reason = format!("the device `{}` has no immediates (push constants)", gpu.kind());
+            return Err(RenderError::Internal(reason));
+        }
+        let sampler = |filter| {
+            gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                mag_filter: filter,
+                min_filter: filter,
+                ..Default::default()
+            })
+        };
+        Ok(Self {
+            knobs,
+            holdings: Holdings::default(),
+            targets: Targets::default(),
+            nearest: sampler(wgpu::FilterMode::Nearest),
+            bilinear: sampler(wgpu::FilterMode::Linear),
+            bounds: BoundsPass::new(&gpu),
+            splat: SplatPass::new(&gpu),
+            fill: FillPass::new(&gpu),
+            warp: WarpPass::new(),
+            linear: LinearPass::new(),
+            resolve: ResolvePass::new(&gpu),
+            gpu,
+        })
+    }
+
+    /// Which passes a view calls for, and why each is on or off.
+    ///
+    /// # Errors
+    /// As the view itself would fail: a sample that is not held, a plan that cannot be followed.
+    pub fn plan(&self, job: &ViewJob) -> Result<Vec<PassPlan>, RenderError> {
+        let view = PreparedView::new(0, job, &self.holdings, self.knobs.splatting)?;
+        Ok(plan(&job.plan, job.outputs, view.glossy, self.knobs.splatting))
+    }
+
+    /// Number of samples that are held.
+    pub fn held(&self) -> usize {
+        self.holdings.len()
+    }
+
+    /// The views that can be composed, cut into chunks, each drawn and read back in one submission.
+    fn compose_batch(&mut self, jobs: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
+        let began = Instant::now();
+        let mut results: Vec<Option<RenderError>> = vec![None; jobs.len()];
+        let mut views = Vec::with_capacity(jobs.len());
+        for (index, job) in jobs.iter().enumerate() {
+            match PreparedView::new(index, job, &self.holdings, self.knobs.splatting) {
+                Ok(view) => views.push(view),
+                Err(error) => results[index] = Some(error),
+            }
+        }
+        let mut stages = vec![Stage::new("prepare views", milliseconds(began))];
+        let extents: Vec<[u32; 3]> =
+            views.iter().map(|v| [jobs[v.job].width, jobs[v.job].height, v.side]).collect();
+        let mut assemblies: Vec<Assembly> =
+            views.iter().map(|v| Assembly::new(jobs[v.job].width, jobs[v.job].height, jobs[v.job].outputs)).collect();
+        for chunk in chunks(&extents, &self.knobs) {
+            let outcome = if cancel.is_cancelled() {
+                Err(RenderError::Cancelled)
+            } else {
+                self.compose_chunk(&chunk, &views, jobs, &mut assemblies)
+            };
+            match outcome {
+                Ok(passes) => passes.into_iter().for_each(|stage| add_stage(&mut stages, stage)),
+                Err(error) => chunk.pieces.iter().for_each(|piece| {
+                    results[views[piece.view].job] = Some(error.clone());
+                }),
+            }
+        }
+        // A batch's cost is shared evenly.
+        let share = 1.0 / views.len().max(1) as f64;
+        stages.iter_mut().for_each(|stage| stage.ms *= share);
+        let mut frames: BTreeMap<usize, Frame> = BTreeMap::new();
+        for (view, assembly) in views.iter().zip(assemblies) {
+            if let Some(first) = view.samples.first() {
+                let provenance = Provenance {
+                    scene: first.info.scene,
+                    epoch: first.info.epoch,
+                    generation: first.info.generation,
+                    plan: jobs[view.job].plan.clone(),
+                    device: self.gpu.kind().to_owned(),
+                };
+                frames.insert(view.job, assembly.finish(provenance, stages.clone()));
+            }
+        }
+        let missing = || RenderError::Internal("a view was neither composed nor refused".to_owned());
+        let result = |(i, error): (usize, Option<RenderError>)| match error {
+            Some(error) => Err(error),
+            None => frames.remove(&i).ok_or_else(missing),
+        };
+        results.into_iter().enumerate().map(result).collect()
+    }
+
+    /// Draws the pieces of a chunk, brings them back and adds them to their frames.
+    fn compose_chunk(
+        &mut self,
+        chunk: &Chunk,
+        views: &[PreparedView],
+        jobs: &[ViewJob],
+        assemblies: &mut [Assembly],
+    ) -> Result<Vec<Stage>, RenderError> {
+        let began = Instant::now();
+        let data = self.upload(chunk, views, jobs);
+        let side = chunk.pieces.first().map_or(1, |piece| piece.side);
+        let any_range = chunk.pieces.iter().any(|piece| jobs[views[piece.view].job].outputs.range);
+        let fine = (side > 1).then(|| chunk.size.map(|pixels| pixels * side));
+        let shown = self.targets.take(&self.gpu, chunk.size, SHOWN);
+        // Attached only where range is asked for or averaged; else of a size that costs nothing.
+        let range_size = if any_range || side > 1 { chunk.size } else { [1, 1] };
+        let range = self.targets.take(&self.gpu, range_size, RANGE);
+        let fine = fine.map(|size| {
+            [self.targets.take(&self.gpu, size, FINE), self.targets.take(&self.gpu, size, RANGE)]
+        });
+        let drawn: [&Target; 2] = fine.as_ref().map_or([&shown, &range], |[color, range]| [color, range]);
+
+        let mut commands = self.gpu.commands("compose views");
+        // Cells that no texel reaches stay 0: infinitely far.
+        commands.encoder().clear_buffer(&data.cells, 0, Some(data.cell_bytes));
+        for (pool, calls) in &data.splats {
+            let inverse_range = self.holdings.pool(*pool)?.view(argus_scene::PlaneKind::InverseRange)?;
+            self.splat.record(&mut commands, calls, inverse_range, &data.blocks, &data.cells);
+        }
+        if !data.fills.is_empty() {
+            self.fill.record(&mut commands, &data.fills, &data.cells, &data.depths);
+        }
+        for ((splat, pool, variant), pieces) in &data.draws {
+            let shared = Shared {
+                pool: self.holdings.pool(*pool)?,
+                nearest: &self.nearest,
+                bilinear: &self.bilinear,
+                lights: &data.lights,
+                depths: splat.then_some(&data.depths),
+            };
+            let draws: Vec<Draw<'_>> = pieces
+                .iter()
+                .map(|&i| Draw {
+                    piece: chunk.pieces[i],
+                    view: part(&data.views, i, VIEW_STRIDE),
+                    lighting: part(&data.lighting, i, UNIFORM_STRIDE),
+                })
+                .collect();
+            if *splat {
+                self.warp.record(&self.gpu, &mut commands, *variant, &shared, &draws, drawn)?;
+            } else {
+                self.linear.record(&self.gpu, &mut commands, *variant, &shared, &draws, drawn)?;
+            }
+        }
+        if let Some([color, depth]) = &fine {
+            let exposure = |p: &Piece| views[p.view].samples.first().map_or(1.0, |s| s.info.lighting.exposure);
+            let pieces: Vec<(Piece, f32)> = chunk.pieces.iter().map(|p| (*p, exposure(p))).collect();
+            self.resolve.record(&mut commands, &pieces, [color, depth], [&shown, &range]);
+        }
+        let shown_ticket = commands.read_texture(&shown.texture);
+        let range_ticket = any_range.then(|| commands.read_texture(&range.texture));
+        let uploaded = milliseconds(began);
+        let mut finished = commands.submit().wait()?;
+
+        let unpacking = Instant::now();
+        let shown_bytes = finished.take(shown_ticket);
+        let range_bytes = range_ticket.map(|ticket| finished.take(ticket)).unwrap_or_default();
+        for piece in &chunk.pieces {
+            assemblies[piece.view].add(chunk, piece, &shown_bytes, &range_bytes);
+        }
+        for target in [shown, range].into_iter().chain(fine.into_iter().flatten()) {
+            self.targets.give_back(target);
+        }
+        let mut stages = vec![Stage::new("record passes", uploaded)];
+        stages.append(&mut finished.stages);
+        stages.push(Stage::new("unpack frames", milliseconds(unpacking)));
+        Ok(stages)
+    }
+
+    /// Uploads what the passes of a chunk read.
+    fn upload(&mut self, chunk: &Chunk, views: &[PreparedView], jobs: &[ViewJob]) -> ChunkData {
+        let mut uniforms = vec![0u8; chunk.pieces.len() * VIEW_STRIDE as usize];
+        let mut lighting = vec![0u8; chunk.pieces.len() * UNIFORM_STRIDE as usize];
+        let (mut lights, mut blocks) = (Vec::new(), Vec::new());
+        let mut splats: BTreeMap<usize, Vec<SplatCall>> = BTreeMap::new();
+        let mut fills = Vec::new();
+        let mut draws: BTreeMap<(bool, usize, Variant), Vec<usize>> = BTreeMap::new();
+        let mut cell_count = 0;
+        for (i, piece) in chunk.pieces.iter().enumerate() {
+            let view = &views[piece.view];
+            let job = &jobs[view.job];
+            let uniform = view.uniform(piece, cell_count, lights.len() as u32);
+            put(&mut uniforms, i, VIEW_STRIDE, &uniform);
+            if let Some(info) = view.samples.first().map(|held| &held.info) {
+                put(&mut lighting, i, UNIFORM_STRIDE, &lighting_uniform(&info.lighting));
+                if view.glossy {
+                    lights.extend(info.lighting.lights.iter().map(|light| light_about(light, job.camera.eye)));
+                }
+            }
+            let splat = view.search == Search::Splat;
+            if splat {
+                splats.entry(view.pool).or_default().extend(view.splats(piece, cell_count, &mut blocks));
+                fills.push(view.fill(piece, cell_count));
+            }
+            cell_count += view.cell_count(piece);
+            let fine = view.side > 1;
+            let variant =
+                Variant { omni: view.omni, glossy: view.glossy, fine, range: fine || job.outputs.range };
+            draws.entry((splat, view.pool, variant)).or_default().push(i);
+        }
+        splats.retain(|_, calls| !calls.is_empty());
+        let mut upload = |label, bytes: &[u8], usage| {
+            let buffer = self.targets.buffer(&self.gpu, label, bytes.len() as u64, usage);
+            self.gpu.write(&buffer, bytes);
+            buffer
+        };
+        let views = upload("views", &uniforms, BufferUsages::UNIFORM);
+        let lighting = upload("lighting", &lighting, BufferUsages::UNIFORM);
+        let lights = upload("lights", bytemuck::cast_slice(&lights), BufferUsages::STORAGE);
+        let blocks = upload("blocks", bytemuck::cast_slice(&blocks), BufferUsages::STORAGE);
+        let cell_bytes = u64::from(cell_count) * 8;
+        let mut scratch = |label, bytes: u64| self.targets.buffer(&self.gpu, label, bytes, BufferUsages::STORAGE);
+        let cells = scratch("cells", cell_bytes);
+        let depths = scratch("depths", cell_bytes / 2);
+        ChunkData { views, lighting, lights, blocks, cells, cell_bytes, depths, splats, fills, draws }
+    }
+}
+
+impl Compositor for GpuCompositor {
+    fn device(&self) -> &str {
+        self.gpu.kind()
+    }
+
+    fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError> {
+        self.holdings.hold(&self.gpu, &self.bounds, &self.knobs, set)
+    }
+
+    fn release(&mut self, ids: &[SampleId]) {
+        self.holdings.release(ids);
+        self.holdings.trim();
+    }
+
+    fn compose(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
+        self.compose_batch(views, cancel)
+    }
+}
+
+/// Element `index` of an array with the given stride.
+fn part(buffer: &wgpu::Buffer, index: usize, stride: u64) -> wgpu::BufferBinding<'_> {
+    wgpu::BufferBinding { buffer, offset: index as u64 * stride, size: wgpu::BufferSize::new(stride) }
+}
+
+/// Writes element `index` of an array with the given stride.
+fn put<T: bytemuck::NoUninit>(bytes: &mut [u8], index: usize, stride: u64, value: &T) {
+    let value = bytemuck::bytes_of(value);
+    bytes[index * stride as usize..][..value.len()].copy_from_slice(value);
+}
+
+fn milliseconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}
+
+/// Adds a stage to the row of its name.
+fn add_stage(stages: &mut Vec<Stage>, stage: Stage) {
+    match stages.iter_mut().find(|s| s.name == stage.name) {
+        Some(row) => row.ms += stage.ms,
+        None => stages.push(stage),
+    }
+}

@@ -1,0 +1,83 @@
+//! Frames in the making: pieces come back from the device and are put together.
+
+use argus_scene::{Frame, Outputs, Provenance, Stage};
+use bytes::Bytes;
+
+use crate::layout::{Chunk, Piece};
+
+/// A frame whose pieces come in one after another.
+#[derive(Debug)]
+pub(crate) struct Assembly {
+    width: u32,
+    height: u32,
+    color: Option<Vec<u8>>,
+    range: Option<Vec<u8>>,
+    mask: Option<Vec<u8>>,
+    source: Option<Vec<u8>>,
+    unresolved: u64,
+}
+
+/// What the programs write for a pixel that no sample saw, in place of a source.
+const UNRESOLVED: u8 = 255;
+
+impl Assembly {
+    pub(crate) fn new(width: u32, height: u32, outputs: Outputs) -> Self {
+        let plane = |on: bool, bytes: usize| on.then(|| vec![0; width as usize * height as usize * bytes]);
+        Self {
+            width,
+            height,
+            color: plane(outputs.color, 3),
+            range: plane(outputs.range, 4),
+            mask: plane(outputs.mask, 1),
+            source: plane(outputs.source, 1),
+            unresolved: 0,
+        }
+    }
+
+    /// Takes a piece out of a chunk's targets: rgb and source a pixel, and range where any view asked for it.
+    pub(crate) fn add(&mut self, chunk: &Chunk, piece: &Piece, shown: &[u8], range: &[u8]) {
+        let (columns, row_pixels) = (piece.part.width as usize, chunk.size[0] as usize);
+        for row in 0..piece.part.height as usize {
+            let from = (piece.target[1] as usize + row) * row_pixels + piece.target[0] as usize;
+            let to = (piece.part.y as usize + row) * self.width as usize + piece.part.x as usize;
+            let pixels = shown[4 * from..4 * (from + columns)].as_chunks::<4>().0;
+            self.unresolved += pixels.iter().filter(|p| p[3] == UNRESOLVED).count() as u64;
+            if let Some(color) = &mut self.color {
+                let out = color[3 * to..3 * (to + columns)].as_chunks_mut::<3>().0;
+                out.iter_mut().zip(pixels).for_each(|(out, p)| out.copy_from_slice(&p[..3]));
+            }
+            if let Some(mask) = &mut self.mask {
+                let out = &mut mask[to..to + columns];
+                out.iter_mut().zip(pixels).for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 255 } else { 0 });
+            }
+            if let Some(source) = &mut self.source {
+                let out = &mut source[to..to + columns];
+                out.iter_mut().zip(pixels).for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 0 } else { p[3] });
+            }
+            if let Some(out) = &mut self.range {
+                let out = out[4 * to..4 * (to + columns)].as_chunks_mut::<4>().0;
+                let metres = range[4 * from..4 * (from + columns)].as_chunks::<4>().0;
+                // On the device nothing is 0: no infinity travels there.
+                out.iter_mut().zip(metres).for_each(|(out, &m)| {
+                    *out = if f32::from_le_bytes(m) > 0.0 { m } else { f32::INFINITY.to_le_bytes() };
+                });
+            }
+        }
+    }
+
+    /// The frame, all of its pieces added.
+    pub(crate) fn finish(self, provenance: Provenance, stages: Vec<Stage>) -> Frame {
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        Frame {
+            width: self.width,
+            height: self.height,
+            color: self.color.map(Bytes::from),
+            range: self.range.map(Bytes::from),
+            mask: self.mask.map(Bytes::from),
+            source: self.source.map(Bytes::from),
+            unresolved_fraction: self.unresolved as f64 / pixels.max(1) as f64,
+            provenance,
+            stages,
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! What a user may turn; none of it shows in a frame's bytes but [`CompositorKnobs::splatting`].
+
+/// How a compositor works.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CompositorKnobs {
+    /// The first this many samples of a plan leave their depth in the view; all of them are fetched from.
+    pub splatting: usize,
+    /// Sub-pixels on a side of the pieces that a large view is worked off in.
+    pub piece_side: u32,
+    /// Sub-pixels that are worked on at once, in one submission.
+    pub chunk_pixels: u64,
+    /// Bytes of device memory that samples may fill.
+    pub max_sample_bytes: u64,
+}
+
+impl Default for CompositorKnobs {
+    fn default() -> Self {
+        Self { splatting: 2, piece_side: 2048, chunk_pixels: 4 << 20, max_sample_bytes: 4 << 30 }
+    }
+}

@@ -1,0 +1,138 @@
+//! How a batch is cut up: large views into pieces, pieces into chunks that are worked on in one submission, the
+//! pieces of a chunk side by side in one target.
+//!
+//! None of it shows: a piece's pixels are computed from their position in the whole view.
+
+use crate::knobs::CompositorKnobs;
+
+/// A rectangle of pixels: x, y, width, height.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Rect {
+    pub(crate) x: u32,
+    pub(crate) y: u32,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+}
+
+/// A part of a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Piece {
+    /// Index of the view among those that are composed.
+    pub(crate) view: usize,
+    /// Final pixels of the view.
+    pub(crate) part: Rect,
+    /// Where they lie in the chunk's target.
+    pub(crate) target: [u32; 2],
+    /// Sub-pixels on an edge of a pixel.
+    pub(crate) side: u32,
+}
+
+impl Piece {
+    /// Where its sub-pixels lie in the chunk's supersampled target, which is only made where there are any.
+    pub(crate) fn fine_target(&self) -> [u32; 2] {
+        self.target.map(|at| at * self.side)
+    }
+}
+
+/// Pieces of one submission and the extent of their target.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(crate) struct Chunk {
+    pub(crate) pieces: Vec<Piece>,
+    pub(crate) size: [u32; 2],
+}
+
+/// Rows that a chunk's target has at most.
+const MAX_ROWS: u32 = 8192;
+
+/// Cuts views, given as width, height and supersampling, into chunks.
+///
+/// Views of one supersampling follow one another, so that a chunk's fine target has one scale.
+pub(crate) fn chunks(views: &[[u32; 3]], knobs: &CompositorKnobs) -> Vec<Chunk> {
+    let mut order: Vec<usize> = (0..views.len()).collect();
+    order.sort_by_key(|&i| views[i][2]);
+    let mut chunks = Vec::new();
+    let mut open: Vec<Piece> = Vec::new();
+    let mut pixels = 0;
+    for view in order {
+        let [width, height, side] = views[view];
+        let step = (knobs.piece_side / side).max(1);
+        for y in (0..height).step_by(step as usize) {
+            for x in (0..width).step_by(step as usize) {
+                let part = Rect { x, y, width: step.min(width - x), height: step.min(height - y) };
+                let area = u64::from(part.width) * u64::from(part.height) * u64::from(side * side);
+                let other_scale = open.last().is_some_and(|piece| piece.side != side);
+                if !open.is_empty() && (pixels + area > knobs.chunk_pixels || other_scale) {
+                    chunks.push(place(std::mem::take(&mut open)));
+                    pixels = 0;
+                }
+                pixels += area;
+                open.push(Piece { view, part, target: [0, 0], side });
+            }
+        }
+    }
+    if !open.is_empty() {
+        chunks.push(place(open));
+    }
+    chunks
+}
+
+/// Places pieces on shelves, left to right and top to bottom, as narrow as the greatest number of rows allows: a
+/// piece's rows then lie close together when they are read back.
+fn place(mut pieces: Vec<Piece>) -> Chunk {
+    let widest = pieces.iter().map(|p| p.part.width).max().unwrap_or(0);
+    let mut width = widest;
+    let size = loop {
+        let (mut x, mut y, mut shelf) = (0, 0, 0);
+        for piece in &mut pieces {
+            if x + piece.part.width > width {
+                (x, y, shelf) = (0, y + shelf, 0);
+            }
+            piece.target = [x, y];
+            x += piece.part.width;
+            shelf = shelf.max(piece.part.height);
+        }
+        if (y + shelf) * pieces.first().map_or(1, |p| p.side) <= MAX_ROWS {
+            break [width, y + shelf];
+        }
+        width += widest;
+    };
+    Chunk { pieces, size }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn overlap(a: &Piece, b: &Piece) -> bool {
+        let apart = |a0: u32, a1: u32, b0: u32, b1: u32| a0 + a1 <= b0 || b0 + b1 <= a0;
+        !apart(a.target[0], a.part.width, b.target[0], b.part.width)
+            && !apart(a.target[1], a.part.height, b.target[1], b.part.height)
+    }
+
+    proptest! {
+        #[test]
+        fn every_pixel_of_every_view_is_in_one_piece_and_no_two_pieces_share_a_place(
+            views in prop::collection::vec((1u32..700, 1u32..700, 1u32..4).prop_map(|(w, h, s)| [w, h, s]), 1..12),
+            piece_side in 1u32..400,
+        ) {
+            let piece_side = piece_side.max(40);
+            let knobs = CompositorKnobs { piece_side, chunk_pixels: 200_000, ..Default::default() };
+            let chunks = chunks(&views, &knobs);
+            let mut covered = vec![0u64; views.len()];
+            for chunk in &chunks {
+                for (i, piece) in chunk.pieces.iter().enumerate() {
+                    covered[piece.view] += u64::from(piece.part.width) * u64::from(piece.part.height);
+                    prop_assert!(piece.part.width * piece.side <= piece_side.max(piece.side));
+                    prop_assert!(piece.target[0] + piece.part.width <= chunk.size[0]);
+                    prop_assert!(piece.target[1] + piece.part.height <= chunk.size[1]);
+                    prop_assert!(chunk.pieces[..i].iter().all(|other| !overlap(other, piece)));
+                }
+            }
+            for (covered, [w, h, _]) in covered.iter().zip(&views) {
+                prop_assert_eq!(*covered, u64::from(*w) * u64::from(*h));
+            }
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! Program: `shaders/compositor/fill.wgsl`. Closes the gaps between cells of one surface.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::layout::compositor::Fill;
+
+/// The pass: one dispatch a piece.
+#[derive(Debug)]
+pub(crate) struct FillPass {
+    pipeline: ComputePipeline,
+}
+
+impl FillPass {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::FILL, "fill_cell") }
+    }
+
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        calls: &[Fill],
+        cells: &wgpu::Buffer,
+        depths: &wgpu::Buffer,
+    ) {
+        let [x, y, _] = self.pipeline.workgroup_size();
+        commands.compute("fill cells", &self.pipeline).read("cells", cells).write("depths", depths).each(|pass| {
+            for call in calls {
+                pass.set_immediates(0, bytemuck::bytes_of(call));
+                pass.dispatch_workgroups((call.columns as u32).div_ceil(x), (call.rows as u32).div_ceil(y), 1);
+            }
+        });
+    }
+}

@@ -1,0 +1,8 @@
+//! One file a pass; the first line of each names its program.
+
+pub(crate) mod bounds;
+pub(crate) mod fill;
+pub(crate) mod linear;
+pub(crate) mod resolve;
+pub(crate) mod splat;
+pub(crate) mod warp;

@@ -1,0 +1,50 @@
+//! Program: `shaders/compositor/splat.wgsl`. Leaves the depth of samples' texels in the cells of views.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::layout::compositor::Splat;
+
+/// The pass: one dispatch a view, sample and face.
+#[derive(Debug)]
+pub(crate) struct SplatPass {
+    pipeline: ComputePipeline,
+}
+
+/// What one dispatch reads beside the samples.
+#[derive(Debug)]
+pub(crate) struct SplatCall {
+    pub(crate) splat: Splat,
+    pub(crate) block_count: u32,
+}
+
+/// Workgroups that a device takes in one dimension; a splat has one a block.
+const MAX_GROUPS: u32 = 65_535;
+
+impl SplatPass {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::SPLAT, "splat_block") }
+    }
+
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        calls: &[SplatCall],
+        inverse_range: &wgpu::TextureView,
+        blocks: &wgpu::Buffer,
+        cells: &wgpu::Buffer,
+    ) {
+        commands
+            .compute("splat samples", &self.pipeline)
+            .read("inverse_range", inverse_range)
+            .read("blocks", blocks)
+            .write("cells", cells)
+            .each(|pass| {
+                for call in calls {
+                    for begin in (0..call.block_count).step_by(MAX_GROUPS as usize) {
+                        let splat = Splat { first_block: call.splat.first_block + begin, ..call.splat };
+                        pass.set_immediates(0, bytemuck::bytes_of(&splat));
+                        pass.dispatch_workgroups((call.block_count - begin).min(MAX_GROUPS), 1, 1);
+                    }
+                }
+            });
+    }
+}

@@ -1,0 +1,152 @@
+//! Texture arrays that samples of one size and format are layers of.
+//!
+//! Binding arrays are not available everywhere, so all samples that a view may be made of must lie in one
+//! array per plane. Samples of a rig share a size, so in practice there is one pool.
+
+use argus_gpu::Gpu;
+use argus_gpu::plane::{self, texture_format};
+use argus_gpu::wgpu;
+use argus_scene::{PlaneFormat, PlaneKind, RenderError, Sample};
+
+/// What samples must have in common to share texture arrays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct PoolClass {
+    pub(crate) size: [u32; 2],
+    pub(crate) radiance: PlaneFormat,
+    pub(crate) glossy: bool,
+    pub(crate) omni: bool,
+}
+
+impl PoolClass {
+    fn planes(&self) -> Vec<(PlaneKind, PlaneFormat)> {
+        let mut planes =
+            vec![(PlaneKind::Radiance, self.radiance), (PlaneKind::InverseRange, PlaneFormat::R32Float)];
+        if self.glossy {
+            planes.push((PlaneKind::Normal, PlaneFormat::Rg16Snorm));
+            planes.push((PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
+        }
+        planes
+    }
+
+    /// Bytes of one sample.
+    pub(crate) fn layer_bytes(&self) -> u64 {
+        let texels = u64::from(self.size[0]) * u64::from(self.size[1]);
+        self.planes().iter().map(|(_, format)| format.texel_bytes() as u64 * texels).sum()
+    }
+}
+
+/// One plane's array, and the view that passes bind.
+#[derive(Debug)]
+struct Array {
+    kind: PlaneKind,
+    format: PlaneFormat,
+    texture: wgpu::Texture,
+    view: wgpu::TextureView,
+}
+
+/// Samples of one class.
+#[derive(Debug)]
+pub(crate) struct Pool {
+    pub(crate) class: PoolClass,
+    arrays: Vec<Array>,
+    capacity: u32,
+    free: Vec<u32>,
+}
+
+/// Layers that a pool begins with: the samples of one tile or the nearest of one cell.
+const FIRST_LAYERS: u32 = 4;
+
+impl Pool {
+    /// An empty pool; memory is taken with the first sample.
+    pub(crate) fn new(class: PoolClass) -> Self {
+        Self { class, arrays: Vec::new(), capacity: 0, free: Vec::new() }
+    }
+
+    /// The array of a plane that the class has.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] for one that it has not.
+    pub(crate) fn view(&self, kind: PlaneKind) -> Result<&wgpu::TextureView, RenderError> {
+        let array = self.arrays.iter().find(|a| a.kind == kind);
+        array.map(|a| &a.view).ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
+    }
+
+    /// A layer for one more sample, doubling the arrays where all are taken.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] beyond the layers that the device can address.
+    pub(crate) fn take_layer(&mut self, gpu: &Gpu) -> Result<u32, RenderError> {
+        if let Some(layer) = self.free.pop() {
+            return Ok(layer);
+        }
+        let most = gpu.device.limits().max_texture_array_layers;
+        if self.capacity >= most {
+            let reason = format!("{most} samples of one size are held, and a texture array has no more layers");
+            return Err(RenderError::OutOfMemory(reason));
+        }
+        let capacity = (2 * self.capacity).clamp(FIRST_LAYERS, most);
+        self.grow(gpu, capacity);
+        self.free.extend((self.capacity..capacity).rev());
+        self.capacity = capacity;
+        self.free.pop().ok_or_else(|| RenderError::Internal("a grown pool has no free layer".to_owned()))
+    }
+
+    /// Gives a layer back.
+    pub(crate) fn free_layer(&mut self, layer: u32) {
+        self.free.push(layer);
+    }
+
+    /// Whether no sample is in it.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.free.len() as u32 == self.capacity
+    }
+
+    /// Puts a sample's planes into a layer.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] if they do not fit, which validation excludes.
+    pub(crate) fn write(&self, gpu: &Gpu, sample: &Sample, layer: u32) -> Result<(), RenderError> {
+        for array in &self.arrays {
+            if let Some(plane) = sample.plane(array.kind) {
+                plane::copy_into_layer(gpu, plane, &array.texture, layer)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn grow(&mut self, gpu: &Gpu, capacity: u32) {
+        let [width, height] = self.class.size;
+        let label = wgpu::CommandEncoderDescriptor { label: Some("grow sample pool") };
+        let mut encoder = gpu.device.create_command_encoder(&label);
+        let old = std::mem::take(&mut self.arrays);
+        for (kind, format) in self.class.planes() {
+            let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some("samples"),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: capacity },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: texture_format(format),
+                usage: plane::USAGE,
+                view_formats: &[],
+            });
+            if let Some(old) = old.iter().find(|a| a.kind == kind) {
+                let kept = wgpu::Extent3d { width, height, depth_or_array_layers: self.capacity };
+                encoder.copy_texture_to_texture(old.texture.as_image_copy(), texture.as_image_copy(), kept);
+            }
+            // Said outright, since a pool of one layer would be seen as no array.
+            let view = texture.create_view(&wgpu::TextureViewDescriptor {
+                dimension: Some(wgpu::TextureViewDimension::D2Array),
+                ..Default::default()
+            });
+            self.arrays.push(Array { kind, format, texture, view });
+        }
+        gpu.queue.submit([encoder.finish()]);
+        tracing::debug!(
+            layers = capacity,
+            ?self.class,
+            bytes = self.arrays.iter().map(|a| a.format.texel_bytes()).sum::<usize>(),
+            "sample pool grown"
+        );
+    }
+}

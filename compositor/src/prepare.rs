@@ -1,0 +1,213 @@
+//! Views made ready to be drawn: everything the device is told about them, computed in f64.
+
+use std::sync::Arc;
+
+use argus_scene::{InvalidField, Plan, RenderError, Search, ViewJob};
+use argus_shaders::layout::compositor::{Fill, MAX_SAMPLES, Splat, ViewSample, ViewUniform};
+use bytemuck::Zeroable as _;
+use glam::DVec2;
+
+use crate::cull::{VisibleTile, cell_size, push_blocks, visible_tiles};
+use crate::geometry::{PixelFromFace, ViewGeometry, bounds_about, view_sample};
+use crate::holdings::{Held, Holdings};
+use crate::layout::{Piece, Rect};
+use crate::passes::splat::SplatCall;
+
+/// One view of a batch.
+#[derive(Debug)]
+pub(crate) struct PreparedView {
+    /// Index of its job.
+    pub(crate) job: usize,
+    pub(crate) search: Search,
+    pub(crate) side: u32,
+    pub(crate) samples: Vec<Arc<Held>>,
+    pub(crate) pool: usize,
+    pub(crate) omni: bool,
+    pub(crate) glossy: bool,
+    /// First of its lights in the chunk's.
+    geometry: ViewGeometry,
+    steps: u32,
+    /// Sub-pixels on the edge of a cell.
+    cell: u32,
+    sources: Vec<SplatSource>,
+}
+
+/// A face that a view is splatted from.
+#[derive(Debug)]
+struct SplatSource {
+    sample: usize,
+    face: usize,
+    pixel_from_face: PixelFromFace,
+    tiles: Vec<VisibleTile>,
+}
+
+impl PreparedView {
+    /// Looks a job's samples up and finds out what of them the view sees.
+    ///
+    /// # Errors
+    /// [`RenderError::MissingSample`], or [`RenderError::Invalid`] for a plan that no compositor can follow.
+    pub(crate) fn new(
+        index: usize,
+        job: &ViewJob,
+        holdings: &Holdings,
+        splatting: usize,
+    ) -> Result<Self, RenderError> {
+        let Plan::Warp { search, steps, supersampling, samples } = &job.plan else {
+            return Err(InvalidField::new("plan", "a compositor has no triangles to render directly").into());
+        };
+        let within = |field, value: usize, most: usize| match (1..=most).contains(&value) {
+            true => Ok(()),
+            false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {value}"))),
+        };
+        within("plan.samples", samples.len(), MAX_SAMPLES)?;
+        within("plan.supersampling", *supersampling as usize, 8)?;
+        if *search == Search::Linear {
+            within("plan.steps", *steps as usize, 4096)?;
+        }
+        job.camera.validate()?;
+        within("width", job.width as usize, 1 << 16)?;
+        within("height", job.height as usize, 1 << 16)?;
+        let samples = holdings.of_plan(samples)?;
+        let pool = samples.first().map_or(0, |held| held.pool);
+        let class = holdings.pool(pool)?.class;
+        let geometry = ViewGeometry::new(&job.camera, job.width, job.height, *supersampling);
+        let mut view = Self {
+            job: index,
+            search: *search,
+            side: *supersampling,
+            samples,
+            pool,
+            omni: class.omni,
+            glossy: class.glossy,
+            geometry,
+            steps: *steps,
+            cell: 1,
+            sources: Vec::new(),
+        };
+        if *search == Search::Splat {
+            view.find_sources(splatting);
+        }
+        Ok(view)
+    }
+
+    fn find_sources(&mut self, splatting: usize) {
+        for (sample, held) in self.samples.iter().enumerate().take(splatting.max(1)) {
+            for (face, (pinhole, tiles)) in held.faces.iter().zip(&held.tiles).enumerate() {
+                let pixel_from_face = self.geometry.pixel_from_face(held.camera.center(), pinhole);
+                let tiles = visible_tiles(&self.geometry, pinhole, &pixel_from_face, tiles);
+                if !tiles.is_empty() {
+                    self.sources.push(SplatSource { sample, face, pixel_from_face, tiles });
+                }
+            }
+        }
+        self.cell = cell_size(self.sources.iter().flat_map(|source| &source.tiles), self.geometry.size);
+    }
+
+    /// Columns and rows of the view's cells that a part of it needs, as first and number: those its sub-pixels
+    /// are in and, since gaps are closed from their neighbours, one more on every side.
+    fn cells_of(&self, part: Rect) -> Cells {
+        let (side, cell) = (self.side, self.cell);
+        let span = |at: u32, length: u32| {
+            let first = (at * side / cell) as i32 - 1;
+            let last = (((at + length) * side - 1) / cell) as i32 + 1;
+            (first, last - first + 1)
+        };
+        let (first_column, columns) = span(part.x, part.width);
+        let (first_row, rows) = span(part.y, part.height);
+        Cells { first_column, first_row, columns, rows }
+    }
+
+    /// What the searches are told of a piece; its cells begin at `first_cell`, its lights at `first_light`.
+    pub(crate) fn uniform(&self, piece: &Piece, first_cell: u32, first_light: u32) -> ViewUniform {
+        let [corner, right, down] = self.geometry.directions().map(|d| d.as_vec3().to_array());
+        let first = self.samples.first();
+        let bounds = first.map(|held| bounds_about(&held.info.bounds, self.geometry.eye)).unwrap_or_default();
+        let cells = self.cells_of(piece.part);
+        let mut samples = [ViewSample::zeroed(); MAX_SAMPLES];
+        for (slot, held) in samples.iter_mut().zip(&self.samples) {
+            *slot = view_sample(self.geometry.eye, &held.camera, &held.faces[0], held.layer);
+        }
+        let side = piece.side;
+        ViewUniform {
+            corner,
+            sample_count: self.samples.len() as u32,
+            right,
+            steps: self.steps,
+            down,
+            first_light,
+            bounds_min: bounds[0],
+            cell: self.cell as f32,
+            bounds_max: bounds[1],
+            first_cell,
+            piece_origin: [(piece.part.x * side) as f32, (piece.part.y * side) as f32],
+            target_origin: piece.fine_target().map(|at| at as f32),
+            cell_origin: [cells.first_column, cells.first_row],
+            cell_columns: cells.columns,
+            _pad: 0,
+            samples,
+        }
+    }
+
+    /// Number of cells of a piece; none for a search that needs none.
+    pub(crate) fn cell_count(&self, piece: &Piece) -> u32 {
+        if self.search != Search::Splat {
+            return 0;
+        }
+        let cells = self.cells_of(piece.part);
+        (cells.columns * cells.rows) as u32
+    }
+
+    /// The fill of a piece.
+    pub(crate) fn fill(&self, piece: &Piece, first_cell: u32) -> Fill {
+        let cells = self.cells_of(piece.part);
+        Fill { first_cell, columns: cells.columns, rows: cells.rows }
+    }
+
+    /// The splats of a piece; their blocks are appended to `blocks`.
+    pub(crate) fn splats(&self, piece: &Piece, first_cell: u32, blocks: &mut Vec<u32>) -> Vec<SplatCall> {
+        let cells = self.cells_of(piece.part);
+        let cell = f64::from(self.cell);
+        let from = DVec2::new(f64::from(cells.first_column), f64::from(cells.first_row)) * cell;
+        let to = from + DVec2::new(f64::from(cells.columns), f64::from(cells.rows)) * cell;
+        let mut calls = Vec::with_capacity(self.sources.len());
+        for source in &self.sources {
+            let held = &self.samples[source.sample];
+            let face = &held.faces[source.face];
+            let first_block = blocks.len() as u32;
+            let block_count = push_blocks(&source.tiles, [from, to], self.cell, face, blocks);
+            if block_count == 0 {
+                continue;
+            }
+            let size = DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
+            let m = source.pixel_from_face;
+            let splat = Splat {
+                column: (m.x / cell).as_vec4().to_array(),
+                row: (m.y / cell).as_vec4().to_array(),
+                depth: m.w.as_vec4().to_array(),
+                scale: (2.0 * face.tan_half_fov / size).as_vec2().to_array(),
+                bias: (-face.tan_half_fov).as_vec2().to_array(),
+                face_offset: face.offset,
+                face_size: face.size,
+                layer: held.layer,
+                first_block,
+                first_cell,
+                cell_columns: cells.columns,
+                cell_rows: cells.rows,
+                origin_column: cells.first_column,
+                origin_row: cells.first_row,
+                _pad: 0,
+            };
+            calls.push(SplatCall { splat, block_count });
+        }
+        calls
+    }
+}
+
+/// A rectangle of a view's cells.
+#[derive(Debug, Clone, Copy)]
+struct Cells {
+    first_column: i32,
+    first_row: i32,
+    columns: i32,
+    rows: i32,
+}
