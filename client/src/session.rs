@@ -69,6 +69,9 @@ pub struct Session {
     answered: u64,
     /// Cameras that may still be answered, for comparison with their frames.
     open: BTreeMap<u64, View>,
+    /// What the server counted, over this connection and over those before it.
+    superseded_there: u64,
+    superseded_before: u64,
     backoff: Backoff,
     /// When the session broke, until the next answer.
     broken_since: Option<Instant>,
@@ -87,6 +90,8 @@ impl Client {
             next_seq: 1,
             answered: 0,
             open: BTreeMap::new(),
+            superseded_there: 0,
+            superseded_before: 0,
             backoff: Backoff::new(),
             broken_since: None,
         }
@@ -108,9 +113,9 @@ impl Session {
         self.answered + 1 == self.next_seq
     }
 
-    /// Cameras that were replaced before they left this client.
-    pub fn superseded_here(&self) -> u64 {
-        self.outbox.superseded()
+    /// Cameras that a newer one replaced before they were rendered: here before they left, and at the server.
+    pub fn superseded(&self) -> u64 {
+        self.outbox.superseded() + self.superseded_before + self.superseded_there
     }
 
     /// Waits for the next frame. Safe to drop and call again.
@@ -155,6 +160,7 @@ impl Session {
             return Err(ClientError::Server { code: Code::Unavailable, message, broken: true });
         };
         let camera_seq = response.camera_seq;
+        self.superseded_there = response.superseded;
         let body =
             response.body.ok_or_else(|| WireError::from(InvalidField::new("body", "must be given")))?;
         match body {
@@ -197,6 +203,7 @@ impl Session {
     async fn open(&mut self) -> Result<&mut Streaming<v1::SessionResponse>, ClientError> {
         self.assembler = FrameAssembler::new(self.client.description().limits);
         self.arriving = None;
+        self.superseded_before += std::mem::take(&mut self.superseded_there);
         if let Some((camera_seq, view)) = self.open.last_key_value() {
             self.outbox.put_back(*camera_seq, self.wire(view));
         }

@@ -19,6 +19,7 @@ use std::time::Duration;
 use argus_proto::v1::Encoding;
 use argus_scene::{InvalidField, Outputs, PlanRequest, View};
 use serde::{Deserialize, Serialize};
+use tokio::task::JoinSet;
 use tokio::time::Instant;
 
 use crate::{Client, ClientError};
@@ -79,23 +80,20 @@ impl Default for LoadOptions {
 pub async fn run(client: &Client, options: &LoadOptions) -> Result<LoadReport, ClientError> {
     let schedules = check(client, options)?;
     let begin = Instant::now();
-    let clients = schedules.map(|schedule| {
-        let client = client.clone();
-        let options = options.clone();
-        tokio::spawn(async move {
+    // Ends the clients with this call, should its caller drop it.
+    let mut clients = JoinSet::new();
+    for schedule in schedules {
+        let (client, options) = (client.clone(), options.clone());
+        clients.spawn(async move {
             match options.mode {
                 Mode::Requests => requests::run(client, options, schedule, begin).await,
                 Mode::Sessions => sessions::run(client, options, schedule, begin).await,
             }
-        })
-    });
+        });
+    }
     let mut total = Tally::new();
-    // All are spawned before the first is waited for.
-    for task in clients.collect::<Vec<_>>() {
-        match task.await {
-            Ok(tally) => total.merge(&tally),
-            Err(error) => std::panic::resume_unwind(error.into_panic()),
-        }
+    for tally in clients.join_all().await {
+        total.merge(&tally);
     }
     Ok(total.report(options.duration))
 }

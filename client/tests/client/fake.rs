@@ -227,12 +227,14 @@ impl Views for Handler {
     ) -> Result<Response<Self::SessionStream>, Status> {
         let (newest, mut cameras) = watch::channel(None);
         let (acked, mut acks) = watch::channel(0);
+        let received = Arc::new(AtomicU64::new(0));
         let mut incoming = request.into_inner();
-        let fake = Arc::clone(&self.0);
+        let (fake, arrived) = (Arc::clone(&self.0), Arc::clone(&received));
         tokio::spawn(async move {
             while let Some(Ok(request)) = incoming.next().await {
                 match request.body.unwrap() {
                     v1::session_request::Body::View(view) => {
+                        arrived.fetch_add(1, Ordering::SeqCst);
                         newest.send_replace(Some((request.camera_seq, view)));
                     }
                     v1::session_request::Body::Ack(_) => {
@@ -245,9 +247,12 @@ impl Views for Handler {
         let (responses, stream) = mpsc::channel(1);
         let fake = Arc::clone(&self.0);
         tokio::spawn(async move {
+            let mut taken = 0;
             while cameras.changed().await.is_ok() {
                 let Some((camera_seq, view)) = cameras.borrow_and_update().clone() else { continue };
-                let respond = |body| v1::SessionResponse { camera_seq, superseded: 0, body: Some(body) };
+                taken += 1;
+                let superseded = received.load(Ordering::SeqCst) - taken;
+                let respond = |body| v1::SessionResponse { camera_seq, superseded, body: Some(body) };
                 let encoding = view.encoding;
                 let view = view.view.unwrap_or_default().try_into().map_err(status::invalid);
                 let chunks = match view {

@@ -32,6 +32,7 @@ async fn the_newest_camera_wins_and_every_frame_is_acknowledged() {
     }
     assert_eq!(seen.last(), Some(&100), "the newest camera is always answered");
     assert!(seen.is_sorted_by(|a, b| a < b), "{seen:?}");
+    assert_eq!(session.superseded() + seen.len() as u64, 100, "each camera is answered or superseded");
     assert!(seen.len() < 50, "a slow server sends fewer frames: {}", seen.len());
     // The last acknowledgement may still be on its way.
     timeout(Duration::from_secs(5), async {
