@@ -38,8 +38,9 @@ pub(super) struct BoxTree {
 }
 
 impl BoxTree {
-    /// Over boxes that are neither empty nor infinite.
-    pub(super) fn new(boxes: &[Bounds]) -> Self {
+    /// Over boxes that are neither empty nor infinite, at most `a_leaf` (1 to 255) to a leaf: few where visiting
+    /// one costs much.
+    pub(super) fn new(boxes: &[Bounds], a_leaf: u32) -> Self {
         let mut all = Bounds::EMPTY;
         for b in boxes {
             all.extend(b.min);
@@ -59,7 +60,7 @@ impl BoxTree {
             .collect();
         // Twice the padding: at least as large as the rounded boxes inside.
         let half = all.size() * 0.5 + 2.0 * padding;
-        Self { bvh: build(&grown), center, half, padding, scale }
+        Self { bvh: build(&grown, a_leaf), center, half, padding, scale }
     }
 
     /// For a leaf's position in [`Self::visit`]: which of the boxes given to [`Self::new`] it is.
@@ -123,7 +124,7 @@ fn entry(origin: DVec3, unit: DVec3, half: DVec3) -> Option<f64> {
 
 /// obvhs' "medium" build, step by step: its helper function also validates the tree whenever debug assertions
 /// are on, which takes longer than the build.
-fn build(boxes: &[Aabb]) -> Bvh2 {
+fn build(boxes: &[Aabb], a_leaf: u32) -> Bvh2 {
     let params = BvhBuildParams::medium_build();
     let mut bvh = PlocBuilder::with_capacity(boxes.len()).build(
         params.ploc_search_distance,
@@ -135,7 +136,7 @@ fn build(boxes: &[Aabb]) -> Bvh2 {
     let mut optimizer = ReinsertionOptimizer::default();
     let ratio = params.reinsertion_batch_ratio;
     optimizer.run(&mut bvh, ratio, None);
-    collapse(&mut bvh, params.max_prims_per_leaf, params.collapse_traversal_cost);
+    collapse(&mut bvh, a_leaf, params.collapse_traversal_cost);
     optimizer.run(&mut bvh, ratio * params.post_collapse_reinsertion_batch_ratio_multiplier, None);
     // Reinsertion can deepen the tree beyond what the builder noted, and the traversal's stack is sized by it.
     bvh.max_depth = depth(&bvh) + 1;

@@ -77,7 +77,7 @@ impl Tracer {
                 Some((bounds, placed))
             })
             .unzip();
-        let top = BoxTree::new(&boxes);
+        let top = BoxTree::new(&boxes, 1);
         let mut unordered: Vec<_> = unordered.into_iter().map(Some).collect();
         let placed = top.order().iter().filter_map(|&i| unordered[i as usize].take()).collect();
         let textures = mip_chains(&scene);
@@ -178,6 +178,9 @@ fn precedes(a: &Hit, b: &Hit) -> bool {
     a.range < b.range || (a.range == b.range && (a.instance, a.triangle) < (b.instance, b.triangle))
 }
 
+/// A triangle costs about as much as a box: obvhs' own choice for its "medium" build.
+const TRIANGLES_A_LEAF: u32 = 8;
+
 impl MeshTree {
     /// Takes the triangles that can be seen, and returns the box around them beside; none if not `used`.
     fn new(mesh: &Mesh, used: bool) -> (Self, Bounds) {
@@ -200,7 +203,7 @@ impl MeshTree {
             corners.push([a, b, c]);
             triangles.push(triangle);
         }
-        let tree = BoxTree::new(&boxes);
+        let tree = BoxTree::new(&boxes, TRIANGLES_A_LEAF);
         let corners = tree.order().iter().map(|&i| corners[i as usize]).collect();
         let triangles = tree.order().iter().map(|&i| triangles[i as usize]).collect();
         (Self { tree, corners, triangles }, all)
