@@ -37,14 +37,14 @@ pub(crate) struct Service {
     /// Where to listen; port 0 takes any that is free
     #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:7400")]
     pub(crate) listen: String,
-    #[command(flatten)]
-    rig: args::Rig,
     /// Print one JSON object as soon as clients can connect: url, pid, scene, workers
     #[arg(long)]
     json: bool,
     /// Also stop when standard input ends
     #[arg(long, hide = true)]
     exit_with_stdin: bool,
+    #[command(flatten)]
+    rig: args::Rig,
 }
 
 /// A coordinator that listens, and has not yet begun to serve.

@@ -16,12 +16,15 @@ use crate::{args, output};
 /// When each view is due is fixed beforehand, and latency counts from then, so a stall of the service shows
 /// in full. With --views, a number of views is instead asked for as fast as they are answered.
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(
+    allow_negative_numbers = true,
+    after_help = "\
 Examples:
   argus load --clients 16 --seconds 10
   argus load --clients 4 --seconds 10 --rate 30 --sessions --json
   argus load --views 290 --size 200x150            all at once: how long does it take?
-  argus load --views 290 --size 200x150 --direct   … and without samples?")]
+  argus load --views 290 --size 200x150 --direct   … and without samples?"
+)]
 pub(crate) struct Args {
     #[command(flatten)]
     server: args::Server,
@@ -43,8 +46,6 @@ pub(crate) struct Args {
     /// Ask for this many views as fast as they are answered, in place of clients and a rate
     #[arg(long, value_name = "N", conflicts_with_all = ["clients", "seconds", "rate", "sessions"], value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     views: Option<u32>,
-    #[command(flatten)]
-    plan: args::Plan,
     /// A view without an answer for this many seconds has failed
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = args::positive)]
     timeout: f64,
@@ -52,6 +53,8 @@ pub(crate) struct Args {
     /// latency_ms: {p50, p90, p99, max}, total_secs
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    plan: args::Plan,
 }
 
 #[derive(Serialize)]

@@ -18,12 +18,15 @@ use crate::{args, output};
 /// OpenEXR; mask (255 where no sample saw the pixel's surface) and source (which of the samples served it,
 /// from 1; 0 for none) as grey PNG.
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(
+    allow_negative_numbers = true,
+    after_help = "\
 Examples:
   argus view --eye 60,40,60 --target 0,5,0 --out view.png
   argus view --eye 60,40,60 --target 0,5,0 --direct --out exact.png
   argus view --eye -1.5,2,0 --target 0,2,-3 --fov-deg 70 --output range --out range.exr --json
-`argus scene S` lists viewpoints that the scene's author recommends.")]
+`argus scene S` lists viewpoints that the scene's author recommends."
+)]
 pub(crate) struct Args {
     #[command(flatten)]
     server: args::Server,
@@ -32,8 +35,6 @@ pub(crate) struct Args {
     /// Pixels
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = args::size)]
     size: [u32; 2],
-    #[command(flatten)]
-    plan: args::Plan,
     /// Which image: color, range, mask or source
     #[arg(long, value_name = "IMAGE", default_value = "color", value_parser = args::output())]
     output: Output,
@@ -47,10 +48,11 @@ pub(crate) struct Args {
     /// stages_ms: {name: ms}, total_ms, …
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    plan: args::Plan,
 }
 
 #[derive(clap::Args)]
-#[command(next_help_heading = "Camera")]
 struct CameraArgs {
     /// Where the viewer stands, metres
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true)]

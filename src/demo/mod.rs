@@ -43,11 +43,11 @@ pub(crate) struct Args {
     /// Folder for the pictures
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
-    #[command(flatten)]
-    rig: args::Rig,
     /// Print the figures as one JSON object
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    rig: args::Rig,
 }
 
 /// Samples a pixel, a side, of the views that are taken for the truth.
