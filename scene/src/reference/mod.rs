@@ -7,8 +7,8 @@
 //!
 //! How it stays exact:
 //! - Boxes of the hierarchies are f32 about their own centre and padded by more than traversal can round
-//!   ([`boxes`]), so that at 10⁶ m no surface is culled; every triangle in a box that is met is intersected in
-//!   f64, in mesh space ([`triangle`]).
+//!   (`boxes`), so that at 10⁶ m no surface is culled; every triangle in a box that is met is intersected in
+//!   f64, in mesh space (`triangle`).
 //! - The triangle test is watertight between triangles of an instance that share vertices. Between instances
 //!   it is exact to rounding, which is some 10⁻¹⁶ of the distance.
 //! - Of surfaces at equal range the lowest (instance, triangle) is seen, whatever the hierarchy looks like.
