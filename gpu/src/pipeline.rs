@@ -57,6 +57,20 @@ impl Gpu {
     /// # Panics
     /// If the program has no such entry point (a typo).
     pub fn compute_pipeline(&self, program: &'static Program, entry: &str) -> ComputePipeline {
+        self.compute_pipeline_with(program, entry, &[])
+    }
+
+    /// The same, with values for the program's `override`s: what is constant there is folded away, where a
+    /// branch on a uniform may still cost both of its sides (the software driver masks, and never skips).
+    ///
+    /// # Panics
+    /// If the program has no such entry point (a typo).
+    pub fn compute_pipeline_with(
+        &self,
+        program: &'static Program,
+        entry: &str,
+        constants: &[(&str, f64)],
+    ) -> ComputePipeline {
         let entry = program.entry_point(entry);
         let label = format!("{}:{}", program.label, entry.name);
         let module = self.module(program);
@@ -65,7 +79,7 @@ impl Gpu {
             layout: None,
             module: &module,
             entry_point: Some(entry.name),
-            compilation_options: Default::default(),
+            compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
             cache: None,
         });
         let layouts = groups(entry.bindings).into_iter().map(|g| (g, raw.get_bind_group_layout(g))).collect();

@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
 use argus_scene::{
-    Cancel, Effect, Frame, InvalidField, Lighting, Plane, PlaneData, RenderError, Sample, SampleCamera,
-    SampleId, SampleJob, Sampler, Scene, Stage, ViewJob,
+    Cancel, Frame, InvalidField, Lighting, Plane, PlaneData, RenderError, Sample, SampleCamera, SampleId,
+    SampleJob, Sampler, Scene, Stage, ViewJob,
 };
 use glam::DVec3;
 
@@ -58,11 +58,11 @@ impl GpuSampler {
             let message = format!("{} does not number triangles in fragments", gpu.kind());
             return Err(RenderError::Internal(message));
         }
-        let glossy = scene.effects().contains(&Effect::Specular);
         let resident = Resident::new(&gpu, &scene)?;
+        let glossy = resident.features.specular;
         Ok(Self {
             visibility: Visibility::new(&gpu, &resident),
-            shade: Shade::new(&gpu, glossy),
+            shade: Shade::new(&gpu, resident.features),
             resolve_sample: ResolveSample::new(&gpu, glossy),
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),

@@ -11,7 +11,9 @@ import package::shared::rays::{Rays, central_ray, ray_through};
 import package::shared::shading::{
     Light, Lighting, Surface, diffuse_light, sky_ambient, sky_radiance, specular_light, specular_sky,
 };
-import package::shared::texture::{sample_texture};
+import package::shared::texture::{
+    ROLE_BASE_COLOR, ROLE_EMISSIVE, ROLE_METALLIC_ROUGHNESS, ROLE_NONE, ROLE_NORMAL, sample_texture, slots, texels, texels_srgb,
+};
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(1) var<uniform> lighting: Lighting;
@@ -22,150 +24,222 @@ import package::shared::texture::{sample_texture};
 // Octahedral normal (2x16snorm), F0 and roughness (4x8unorm).
 @group(0) @binding(5) var<storage, read_write> gloss: array<vec2u>;
 
-struct Seen {
-    surface: Surface,
-    // 1/metres on the sub-sample's own ray, and on the central one as far as the triangle's plane tells.
-    inverse_range: f32,
-    central_inverse_range: f32,
+// What the scene has of each, so that what it lacks costs nothing: the software driver executes both sides of
+// every branch under a mask, and folds away only what is constant.
+override has_srgb_textures: bool = true;
+override has_linear_textures: bool = true;
+override has_normal_maps: bool = true;
+override has_vertex_colors: bool = true;
+override has_specular: bool = true;
+
+// A triangle where a ray meets it.
+struct Hit {
+    instance: Placed,
+    mesh: MeshLayout,
+    triangle: Triangle,
+    // In the attributes, of the three corners.
+    records: vec3u,
+    // Of the three corners.
+    weights: vec3f,
+    // The triangle's normal and the ray's unit direction, in mesh space.
+    geometric: vec3f,
+    in_mesh: vec3f,
+    // Unit direction in the world, and what scaled the ray to it.
+    direction: vec3f,
+    scale: f32,
+    // Metres.
+    range: f32,
+    front: bool,
 }
 
-// The surface of a triangle along a ray, textures looked up.
-fn see(ids: vec2u, sub_sample: vec2u) -> Seen {
+fn hit_at(ids: vec2u, sub_sample: vec2u) -> Hit {
     let instance = instances[ids.x - 1u];
     let mesh = meshes[instance.mesh];
     let along = ray_through(rays, vec2f(sub_sample) + 0.5);
     let scale = 1.0 / length(along);
-    let direction = along * scale;
-    let in_mesh = mesh_from_world(instance, direction);
+    let in_mesh = mesh_from_world(instance, along * scale);
     let triangle = triangle_about_eye(instance, mesh, ids.y);
     let crossing = cross_triangle(in_mesh, triangle.a, triangle.e1, triangle.e2);
+    let records = mesh.first_attribute + triangle.corners * mesh.stride;
     let weights = vec3f(1.0 - crossing.barycentric.x - crossing.barycentric.y, crossing.barycentric);
-    let geometric = cross(triangle.e1, triangle.e2);
-
     // The range is bounded so that its inverse is finite, and so is everything that follows.
     let range = clamp(crossing.t, 1e-18, 1e18);
-    let inverse = 1.0 / range;
-    let central = normalize(central_ray(rays, sub_sample));
-    let plane = dot(geometric, mesh_from_world(instance, central)) / dot(geometric, in_mesh);
-    // A plane seen edge-on may leave the texel anywhere; nothing is farther off than a few texels' slope.
-    let slope = select(1.0, clamp(plane, 0.75, 1.25), abs(plane) < 1e9);
+    return Hit(
+        instance, mesh, triangle, records, weights, cross(triangle.e1, triangle.e2), in_mesh, along * scale, scale,
+        range, crossing.front,
+    );
+}
 
-    var surface: Surface;
-    surface.position = direction * range;
-    let record = mesh.first_attribute + triangle.corners * mesh.stride;
-    let dx = mesh_from_world(instance, rays.right) * scale;
-    let dy = mesh_from_world(instance, rays.down) * scale;
-    shade_inputs(&surface, instance, mesh, triangle, record, weights, geometric, in_mesh, dx, dy, range);
-    surface.normal *= select(-1.0, 1.0, crossing.front);
-    return Seen(surface, inverse, inverse * slope);
+// 1/metres on the central ray of the hit's texel, as far as the triangle's plane tells. A plane seen edge-on may
+// leave the texel anywhere; nothing is farther off than a few texels' slope.
+fn central_inverse_range(hit: Hit, sub_sample: vec2u) -> f32 {
+    let central = normalize(central_ray(rays, sub_sample));
+    let slope = dot(hit.geometric, mesh_from_world(hit.instance, central)) / dot(hit.geometric, hit.in_mesh);
+    return select(1.0, clamp(slope, 0.75, 1.25), abs(slope) < 1e9) / hit.range;
 }
 
 // How far the hit moves on its triangle, in barycentric coordinates, as its ray's direction changes by
 // `difference` (Igehy, "Tracing Ray Differentials", 1999, section 3.1.1).
-fn barycentric_step(
-    triangle: Triangle, geometric: vec3f, direction: vec3f, difference: vec3f, range: f32,
-) -> vec2f {
-    let along = -range * dot(difference, geometric) / dot(direction, geometric);
-    let moved = difference * range + direction * along;
-    let area = dot(geometric, geometric);
+fn barycentric_step(hit: Hit, difference: vec3f) -> vec2f {
+    let d = mesh_from_world(hit.instance, difference) * hit.scale;
+    let along = -hit.range * dot(d, hit.geometric) / dot(hit.in_mesh, hit.geometric);
+    let moved = d * hit.range + hit.in_mesh * along;
+    let area = dot(hit.geometric, hit.geometric);
     return vec2f(
-        dot(cross(moved, triangle.e2), geometric), dot(cross(triangle.e1, moved), geometric),
+        dot(cross(moved, hit.triangle.e2), hit.geometric), dot(cross(hit.triangle.e1, moved), hit.geometric),
     ) / area;
 }
 
-fn shade_inputs(
-    surface: ptr<function, Surface>, instance: Placed, mesh: MeshLayout, triangle: Triangle, record: vec3u,
-    weights: vec3f, geometric: vec3f, direction: vec3f, dx: vec3f, dy: vec3f, range: f32,
-) {
-    let material = mesh.material;
+// A material's textures at a hit; neutral where it has none.
+struct Looked {
+    base_color: vec4f,
+    emissive: vec3f,
+    metallic_roughness: vec4f,
+    // Tangent space, -1..1.
+    normal: vec3f,
+    has_normal: bool,
+}
+
+fn take(looked: ptr<function, Looked>, role: u32, value: vec4f) {
+    (*looked).base_color = select((*looked).base_color, value, role == ROLE_BASE_COLOR);
+    (*looked).emissive = select((*looked).emissive, value.rgb, role == ROLE_EMISSIVE);
+    (*looked).metallic_roughness =
+        select((*looked).metallic_roughness, value, role == ROLE_METALLIC_ROUGHNESS);
+    (*looked).normal = select((*looked).normal, value.xyz * 2.0 - 1.0, role == ROLE_NORMAL);
+    (*looked).has_normal = (*looked).has_normal || role == ROLE_NORMAL;
+}
+
+fn look_up(hit: Hit, material: MaterialData) -> Looked {
+    var looked = Looked(vec4f(1.0), vec3f(1.0), vec4f(1.0), vec3f(0.0, 0.0, 1.0), false);
+    if !(has_srgb_textures || has_linear_textures) {
+        return looked;
+    }
     var uv = vec2f(0.0);
     var duv_dx = vec2f(0.0);
     var duv_dy = vec2f(0.0);
-    if mesh.uv != 0u {
-        let a = uv_at(record.x + mesh.uv);
-        let b = uv_at(record.y + mesh.uv);
-        let c = uv_at(record.z + mesh.uv);
-        uv = blend2(a, b, c, weights);
-        let x = barycentric_step(triangle, geometric, direction, dx, range);
-        let y = barycentric_step(triangle, geometric, direction, dy, range);
+    if hit.mesh.uv != 0u {
+        let a = uv_at(hit.records.x + hit.mesh.uv);
+        let b = uv_at(hit.records.y + hit.mesh.uv);
+        let c = uv_at(hit.records.z + hit.mesh.uv);
+        uv = blend2(a, b, c, hit.weights);
+        let x = barycentric_step(hit, rays.right);
+        let y = barycentric_step(hit, rays.down);
         duv_dx = (b - a) * x.x + (c - a) * x.y;
         duv_dy = (b - a) * y.x + (c - a) * y.y;
     }
-    var base = materials[material].base_color
-        * sample_texture(materials[material].base_color_texture, uv, duv_dx, duv_dy);
-    if mesh.color != 0u {
-        base *= blend4(
-            color_at(record.x + mesh.color), color_at(record.y + mesh.color), color_at(record.z + mesh.color),
-            weights,
-        );
-    }
-    let metallic_roughness =
-        sample_texture(materials[material].metallic_roughness_texture, uv, duv_dx, duv_dy);
-    let metallic = saturate(materials[material].metallic * metallic_roughness.b);
-    (*surface).albedo = base.rgb * (1.0 - metallic);
-    (*surface).roughness = saturate(materials[material].roughness * metallic_roughness.g);
-    (*surface).f0 = vec3f(0.0);
-    if materials[material].glossy != 0u {
-        (*surface).f0 = mix(vec3f(materials[material].dielectric_f0), base.rgb, metallic);
-    }
-    (*surface).emissive = vec3f(0.0);
-    if any(materials[material].emissive > vec3f(0.0)) {
-        (*surface).emissive = materials[material].emissive
-            * sample_texture(materials[material].emissive_texture, uv, duv_dx, duv_dy).rgb;
-    }
-
-    let normal = blend3(
-        normal_from_word(attributes[record.x]), normal_from_word(attributes[record.y]),
-        normal_from_word(attributes[record.z]), weights,
-    );
-    var in_mesh = unit_or(normal, geometric);
-    if materials[material].normal_texture.levels != 0u && mesh.tangent != 0u && dot(normal, normal) > 0.0 {
-        let word = attributes[record.x + mesh.tangent];
-        // The bitangent's sign lies in the lowest bit, which is within the tangent's rounding.
-        let handedness = select(-1.0, 1.0, (word & 1u) != 0u);
-        let tangent = blend3(
-            normal_from_word(word), normal_from_word(attributes[record.y + mesh.tangent]),
-            normal_from_word(attributes[record.z + mesh.tangent]), weights,
-        );
-        if dot(tangent, tangent) > 1e-12 {
-            let t = normalize(tangent);
-            let b = cross(in_mesh, t) * handedness;
-            let texel = sample_texture(materials[material].normal_texture, uv, duv_dx, duv_dy).xyz * 2.0 - 1.0;
-            let local = texel * vec3f(vec2f(materials[material].normal_scale), 1.0);
-            in_mesh = unit_or(t * local.x + b * local.y + in_mesh * local.z, in_mesh);
+    // One body for all of a material's textures, since each further one would be executed for every surface;
+    // and it comes before its loop's end, since a loop that ends at its head is executed once more under a mask.
+    // A surface without textures reads some texture and forgets it.
+    let last = arrayLength(&slots) - 1u;
+    if has_srgb_textures {
+        var i = 0u;
+        loop {
+            let slot = slots[min(material.first_srgb + i, last)];
+            let role = select(ROLE_NONE, slot.role, i < material.srgb_count);
+            take(&looked, role, sample_texture(texels_srgb, slot, uv, duv_dx, duv_dy));
+            i += 1u;
+            if i >= material.srgb_count {
+                break;
+            }
         }
     }
-    (*surface).normal = unit_or(normal_from_mesh(instance, in_mesh), vec3f(0.0, 1.0, 0.0));
+    if has_linear_textures {
+        var i = 0u;
+        loop {
+            let slot = slots[min(material.first_linear + i, last)];
+            let role = select(ROLE_NONE, slot.role, i < material.linear_count);
+            take(&looked, role, sample_texture(texels, slot, uv, duv_dx, duv_dy));
+            i += 1u;
+            if i >= material.linear_count {
+                break;
+            }
+        }
+    }
+    return looked;
+}
+
+// The visible point of a surface, seen from its front.
+fn surface_at(hit: Hit) -> Surface {
+    let material = materials[hit.mesh.material];
+    let looked = look_up(hit, material);
+    var base = material.base_color * looked.base_color;
+    if has_vertex_colors && hit.mesh.color != 0u {
+        let at = hit.records + hit.mesh.color;
+        base *= blend4(color_at(at.x), color_at(at.y), color_at(at.z), hit.weights);
+    }
+    let metallic = saturate(material.metallic * looked.metallic_roughness.b);
+    var surface: Surface;
+    surface.position = hit.direction * hit.range;
+    surface.albedo = base.rgb * (1.0 - metallic);
+    surface.emissive = material.emissive * looked.emissive;
+    surface.f0 = vec3f(0.0);
+    if has_specular && material.glossy != 0u {
+        surface.f0 = mix(vec3f(material.dielectric_f0), base.rgb, metallic);
+    }
+    surface.roughness = saturate(material.roughness * looked.metallic_roughness.g);
+    let normal = normal_from_mesh(hit.instance, normal_at(hit, material, looked));
+    surface.normal = unit_or(normal, -hit.direction) * select(-1.0, 1.0, hit.front);
+    return surface;
+}
+
+// Shading normal in mesh space, not a unit vector in general.
+fn normal_at(hit: Hit, material: MaterialData, looked: Looked) -> vec3f {
+    let vertex = blend3(
+        normal_from_word(attributes[hit.records.x]), normal_from_word(attributes[hit.records.y]),
+        normal_from_word(attributes[hit.records.z]), hit.weights,
+    );
+    let normal = unit_or(vertex, hit.geometric);
+    if !(has_normal_maps && looked.has_normal && hit.mesh.tangent != 0u && any(vertex != vec3f(0.0))) {
+        return normal;
+    }
+    let at = hit.records + hit.mesh.tangent;
+    let word = attributes[at.x];
+    // The bitangent's sign lies in the lowest bit, which is within the tangent's rounding.
+    let handedness = select(-1.0, 1.0, (word & 1u) != 0u);
+    let tangent = blend3(
+        normal_from_word(word), normal_from_word(attributes[at.y]), normal_from_word(attributes[at.z]), hit.weights,
+    );
+    if !(dot(tangent, tangent) > 1e-12) {
+        return normal;
+    }
+    let t = normalize(tangent);
+    let b = cross(normal, t) * handedness;
+    let local = looked.normal * vec3f(material.normal_scale, material.normal_scale, 1.0);
+    return unit_or(t * local.x + b * local.y + normal * local.z, normal);
 }
 
 // A vector's direction; another vector, as it is, where it has none.
 fn unit_or(v: vec3f, other: vec3f) -> vec3f {
     // Scaled first: squares of small triangles' normals underflow.
     let most = max(max(abs(v.x), abs(v.y)), abs(v.z));
-    if !(most > 0.0 && most < 1e38) {
-        return other;
-    }
-    return normalize(v / most);
+    let some = most > 0.0 && most < 1e38;
+    return select(other, normalize(v / select(1.0, most, some)), some);
 }
 
-fn diffuse(surface: Surface) -> vec3f {
-    var irradiance_by_pi = sky_ambient(lighting, surface.normal);
-    for (var i = 0u; i < lighting.light_count; i++) {
-        irradiance_by_pi += diffuse_light(lights[i], surface.position, surface.normal);
-    }
-    return surface.emissive + surface.albedo * irradiance_by_pi;
-}
-
-fn specular(surface: Surface) -> vec3f {
-    if all(surface.f0 == vec3f(0.0)) {
-        return vec3f(0.0);
-    }
+// What leaves a surface in every direction alike, and, if it is `seen` by a view, what it reflects to the eye.
+fn radiance(surface: Surface, seen: bool) -> vec3f {
+    let reflects = has_specular && seen;
     let to_eye = -normalize(surface.position);
-    var radiance = specular_sky(surface, to_eye, lighting);
-    for (var i = 0u; i < lighting.light_count; i++) {
-        radiance += specular_light(surface, to_eye, lights[i]);
+    var irradiance_by_pi = sky_ambient(lighting, surface.normal);
+    var reflected = vec3f(0.0);
+    if reflects {
+        reflected = specular_sky(surface, to_eye, lighting);
     }
-    return radiance;
+    // The body comes first, as above; where there is no light the array holds one that is black.
+    var i = 0u;
+    loop {
+        let light = lights[i];
+        irradiance_by_pi += diffuse_light(light, surface.position, surface.normal);
+        if reflects {
+            reflected += specular_light(surface, to_eye, light);
+        }
+        i += 1u;
+        if i >= lighting.light_count {
+            break;
+        }
+    }
+    let glossy = any(surface.f0 != vec3f(0.0));
+    return surface.emissive + surface.albedo * irradiance_by_pi + select(vec3f(0.0), reflected, glossy);
 }
 
 fn sky_along(sub_sample: vec2u) -> vec3f {
@@ -184,8 +258,8 @@ fn shade_view(@builtin(global_invocation_id) id: vec3u) {
         shaded[at] = vec4f(sky_along(id.xy), 0.0);
         return;
     }
-    let seen = see(ids, id.xy);
-    shaded[at] = vec4f(finite_or_zero(diffuse(seen.surface) + specular(seen.surface)), seen.inverse_range);
+    let hit = hit_at(ids, id.xy);
+    shaded[at] = vec4f(finite_or_zero(radiance(surface_at(hit), true)), 1.0 / hit.range);
 }
 
 // For a sample: what does not depend on the viewer.
@@ -200,8 +274,9 @@ fn shade_sample(@builtin(global_invocation_id) id: vec3u) {
         shaded[at] = vec4f(sky_along(id.xy), 0.0);
         return;
     }
-    let seen = see(ids, id.xy);
-    shaded[at] = vec4f(finite_or_zero(diffuse(seen.surface)), seen.central_inverse_range);
+    let hit = hit_at(ids, id.xy);
+    let inverse_range = central_inverse_range(hit, id.xy);
+    shaded[at] = vec4f(finite_or_zero(radiance(surface_at(hit), false)), inverse_range);
 }
 
 // For a sample of a scene with glossy materials: also what specular reflection will need.
@@ -217,8 +292,10 @@ fn shade_glossy_sample(@builtin(global_invocation_id) id: vec3u) {
         gloss[at] = vec2u(0u);
         return;
     }
-    let seen = see(ids, id.xy);
-    shaded[at] = vec4f(finite_or_zero(diffuse(seen.surface)), seen.central_inverse_range);
-    let specular = vec4f(seen.surface.f0, seen.surface.roughness);
-    gloss[at] = vec2u(pack2x16snorm(octahedral_from_unit(seen.surface.normal)), pack4x8unorm(specular));
+    let hit = hit_at(ids, id.xy);
+    let surface = surface_at(hit);
+    let inverse_range = central_inverse_range(hit, id.xy);
+    shaded[at] = vec4f(finite_or_zero(radiance(surface, false)), inverse_range);
+    let specular = vec4f(surface.f0, surface.roughness);
+    gloss[at] = vec2u(pack2x16snorm(octahedral_from_unit(surface.normal)), pack4x8unorm(specular));
 }

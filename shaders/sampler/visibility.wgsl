@@ -1,7 +1,7 @@
 // Program of `sampler/src/passes/visibility.rs`: which triangle of which instance each sub-sample sees.
 
 import package::shared::geometry::{attributes, color_at, instances, materials, meshes, uv_at};
-import package::shared::texture::{sample_alpha};
+import package::shared::texture::{sample_alpha, slots};
 enable primitive_index;
 
 // A run of an instance's triangles, placed before the tile that is rasterised.
@@ -70,10 +70,12 @@ fn place_cutout(
 
 @fragment
 fn identify_cutout(in: Cutout, @builtin(primitive_index) primitive: u32) -> @location(0) vec2u {
-    let material = meshes[instances[in.instance_and_first.x - 1u].mesh].material;
-    let factor = materials[material].base_color.a * in.alpha;
-    let alpha = factor * sample_alpha(materials[material].base_color_texture, in.uv);
-    if !(alpha >= materials[material].alpha_cutoff) {
+    let material = materials[meshes[instances[in.instance_and_first.x - 1u].mesh].material];
+    var alpha = material.base_color.a * in.alpha;
+    if material.alpha_slot != 0u {
+        alpha *= sample_alpha(slots[material.alpha_slot - 1u], in.uv);
+    }
+    if !(alpha >= material.alpha_cutoff) {
         discard;
     }
     return in.instance_and_first + vec2u(0u, primitive);

@@ -1,8 +1,5 @@
 // A scene's triangles as they lie in storage, and what is known of them at a point.
 
-import package::shared::ray_triangle::{Crossing, cross_triangle};
-import package::shared::texture::{TextureSlot};
-
 // Where a mesh's data begin, and which attributes its vertices have.
 struct MeshLayout {
     // In `indices`; their values count from `first_vertex`.
@@ -40,10 +37,13 @@ struct MaterialData {
     glossy: u32,
     // Alpha below which there is no surface; 0 or less if alpha is ignored.
     alpha_cutoff: f32,
-    base_color_texture: TextureSlot,
-    metallic_roughness_texture: TextureSlot,
-    normal_texture: TextureSlot,
-    emissive_texture: TextureSlot,
+    // 1 + the index of the base colour's slot; 0: it has no texture.
+    alpha_slot: u32,
+    // Its textures in `slots`, those that are sRGB-encoded apart from the others.
+    first_srgb: u32,
+    srgb_count: u32,
+    first_linear: u32,
+    linear_count: u32,
 }
 
 @group(1) @binding(0) var<storage, read> positions: array<f32>;

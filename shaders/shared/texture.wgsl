@@ -22,16 +22,27 @@ struct TextureSlot {
     size: vec2u,
     // Where the addresses of its levels begin in `texel_levels`.
     first_level: u32,
-    // Number of levels; 0: there is no texture.
+    // Number of levels.
     levels: u32,
     // Addressing of u and v: 0 repeat, 1 clamp, 2 mirror.
     wrap: vec2u,
-    // Whether the colours are sRGB-encoded.
-    srgb: u32,
+    // What the material uses it for: one of the constants below.
+    role: u32,
 }
 
+const ROLE_BASE_COLOR: u32 = 0;
+const ROLE_EMISSIVE: u32 = 1;
+const ROLE_METALLIC_ROUGHNESS: u32 = 2;
+const ROLE_NORMAL: u32 = 3;
+const ROLE_NONE: u32 = 4;
+
+// One entry for each texture of each material, those of a material together.
+@group(1) @binding(6) var<storage, read> slots: array<TextureSlot>;
+// Address of the first texel of each level of each texture.
 @group(1) @binding(7) var<storage, read> texel_levels: array<u32>;
+// The texels as they are stored.
 @group(1) @binding(8) var texels: texture_2d_array<f32>;
+// The same texels, colours decoded from sRGB.
 @group(1) @binding(9) var texels_srgb: texture_2d_array<f32>;
 
 fn transform_duv(slot: TextureSlot, duv: vec2f) -> vec2f {
@@ -90,59 +101,35 @@ fn texel_place(address: u32) -> vec3u {
     return vec3u(column, row, address >> TEXEL_LAYER_BITS);
 }
 
-fn texel(address: u32, srgb: bool) -> vec4f {
+fn texel(source: texture_2d_array<f32>, address: u32) -> vec4f {
     let place = texel_place(address);
-    if srgb {
-        return textureLoad(texels_srgb, place.xy, place.z, 0);
-    }
-    return textureLoad(texels, place.xy, place.z, 0);
+    return textureLoad(source, place.xy, place.z, 0);
 }
 
-fn level_size(slot: TextureSlot, level: u32) -> vec2u {
-    return max(slot.size >> vec2u(level), vec2u(1u));
-}
-
-fn bilinear(slot: TextureSlot, uv: vec2f, level: u32) -> vec4f {
-    let size = level_size(slot, level);
+fn bilinear(source: texture_2d_array<f32>, slot: TextureSlot, uv: vec2f, level: u32) -> vec4f {
+    let size = max(slot.size >> vec2u(level), vec2u(1u));
     let x = taps(uv.x, size.x, slot.wrap.x);
     let y = taps(uv.y, size.y, slot.wrap.y);
     let base = texel_levels[slot.first_level + level];
     let upper = base + y.first * size.x;
     let lower = base + y.second * size.x;
-    let srgb = slot.srgb != 0u;
-    let above = mix(texel(upper + x.first, srgb), texel(upper + x.second, srgb), x.fraction);
-    let below = mix(texel(lower + x.first, srgb), texel(lower + x.second, srgb), x.fraction);
+    let above = mix(texel(source, upper + x.first), texel(source, upper + x.second), x.fraction);
+    let below = mix(texel(source, lower + x.first), texel(source, lower + x.second), x.fraction);
     return mix(above, below, y.fraction);
 }
 
-// Linear colour and alpha at a mesh's uv, trilinear; white where there is no texture.
-fn sample_texture(slot: TextureSlot, uv: vec2f, duv_dx: vec2f, duv_dy: vec2f) -> vec4f {
-    if slot.levels == 0u {
-        return vec4f(1.0);
-    }
+// Value at a mesh's uv, trilinear, from either view of the texels.
+fn sample_texture(
+    source: texture_2d_array<f32>, slot: TextureSlot, uv: vec2f, duv_dx: vec2f, duv_dy: vec2f,
+) -> vec4f {
     let at = transform_uv(slot, uv);
     let level = texture_level(slot, transform_duv(slot, duv_dx), transform_duv(slot, duv_dy));
     let fine = u32(level);
-    let fraction = level - f32(fine);
-    let color = bilinear(slot, at, fine);
-    if !(fraction > 0.0) {
-        return color;
-    }
-    return mix(color, bilinear(slot, at, min(fine + 1u, slot.levels - 1u)), fraction);
+    let coarse = min(fine + 1u, slot.levels - 1u);
+    return mix(bilinear(source, slot, at, fine), bilinear(source, slot, at, coarse), level - f32(fine));
 }
 
-// Alpha for an alpha test at a mesh's uv: level 0, at any distance; 1 where there is no texture.
+// Alpha for an alpha test at a mesh's uv: level 0, at any distance.
 fn sample_alpha(slot: TextureSlot, uv: vec2f) -> f32 {
-    if slot.levels == 0u {
-        return 1.0;
-    }
-    let at = transform_uv(slot, uv);
-    let x = taps(at.x, slot.size.x, slot.wrap.x);
-    let y = taps(at.y, slot.size.y, slot.wrap.y);
-    let base = texel_levels[slot.first_level];
-    let upper = base + y.first * slot.size.x;
-    let lower = base + y.second * slot.size.x;
-    let above = mix(texel(upper + x.first, false).a, texel(upper + x.second, false).a, x.fraction);
-    let below = mix(texel(lower + x.first, false).a, texel(lower + x.second, false).a, x.fraction);
-    return mix(above, below, y.fraction);
+    return bilinear(texels, slot, transform_uv(slot, uv), 0u).a;
 }

@@ -4,6 +4,7 @@ use argus_gpu::{Commands, ComputePipeline, Gpu};
 use argus_shaders::sampler::SHADE;
 
 use super::TileContext;
+use crate::resident::Features;
 
 /// What is shaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,14 +23,19 @@ pub(crate) struct Shade {
 }
 
 impl Shade {
-    /// For a scene with or without glossy materials.
-    pub(crate) fn new(gpu: &Gpu, glossy: bool) -> Self {
-        let sample = if glossy { "shade_glossy_sample" } else { "shade_sample" };
-        Self {
-            view: gpu.compute_pipeline(&SHADE, "shade_view"),
-            sample: gpu.compute_pipeline(&SHADE, sample),
-            glossy,
-        }
+    /// For a scene with those features.
+    pub(crate) fn new(gpu: &Gpu, features: Features) -> Self {
+        let constants = [
+            ("has_srgb_textures", features.srgb_textures),
+            ("has_linear_textures", features.linear_textures),
+            ("has_normal_maps", features.normal_maps),
+            ("has_vertex_colors", features.vertex_colors),
+            ("has_specular", features.specular),
+        ]
+        .map(|(name, has)| (name, f64::from(u8::from(has))));
+        let pipeline = |entry| gpu.compute_pipeline_with(&SHADE, entry, &constants);
+        let sample = if features.specular { "shade_glossy_sample" } else { "shade_sample" };
+        Self { view: pipeline("shade_view"), sample: pipeline(sample), glossy: features.specular }
     }
 
     /// Shades a tile's visibility buffer.
@@ -52,6 +58,7 @@ impl Shade {
             .read("meshes", &resident.meshes)
             .read("instances", &eye.instances)
             .read("materials", &resident.materials)
+            .read("slots", &resident.slots)
             .read("texel_levels", &resident.texel_levels)
             .read("texels", &resident.texels)
             .read("texels_srgb", &resident.texels_srgb)

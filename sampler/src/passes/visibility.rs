@@ -50,9 +50,9 @@ impl Visibility {
                     .read("meshes", &resident.meshes)
                     .read("instances", &eye.instances)
                     .read("materials", &resident.materials)
+                    .read("slots", &resident.slots)
                     .read("texel_levels", &resident.texel_levels)
-                    .read("texels", &resident.texels)
-                    .read("texels_srgb", &resident.texels_srgb);
+                    .read("texels", &resident.texels);
             }
             let raw = bound.begin();
             raw.set_vertex_buffer(0, resident.positions.slice(..));

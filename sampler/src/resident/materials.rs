@@ -4,41 +4,73 @@ use argus_scene::material::Wrap;
 use argus_scene::shading::dielectric_f0;
 use argus_scene::texture::transform_duv;
 use argus_scene::{Material, Scene, TextureRef};
-use argus_shaders::layout::sampler::{MaterialData, TextureSlot};
+use argus_shaders::layout::sampler::{MaterialData, TextureSlot, role};
 use glam::Vec2;
 
 use super::texels::Placed;
 
-/// One a material of the scene.
-pub(super) fn materials(scene: &Scene, textures: &[Placed]) -> Vec<MaterialData> {
-    scene.materials.iter().map(|material| data(material, textures)).collect()
+/// What is uploaded.
+#[derive(Default)]
+pub(super) struct Materials {
+    /// One a material of the scene.
+    pub(super) data: Vec<MaterialData>,
+    /// One for each texture of each material.
+    pub(super) slots: Vec<TextureSlot>,
 }
 
-fn data(material: &Material, textures: &[Placed]) -> MaterialData {
-    let slot = |reference: Option<TextureRef>| slot(reference, textures);
-    MaterialData {
-        base_color: material.base_color.to_array(),
-        emissive: material.emissive.to_array(),
-        metallic: material.metallic,
-        roughness: material.roughness,
-        normal_scale: material.normal_scale,
-        dielectric_f0: dielectric_f0(material.ior),
-        glossy: u32::from(material.is_glossy()),
-        alpha_cutoff: material.alpha_cutoff().unwrap_or(0.0),
-        _pad: 0,
-        base_color_texture: slot(material.base_color_texture),
-        metallic_roughness_texture: slot(material.metallic_roughness_texture),
-        normal_texture: slot(material.normal_texture),
-        emissive_texture: slot(material.emissive_texture),
-        _pad_end: [0; 2],
+impl Materials {
+    /// Of a scene whose textures were placed.
+    pub(super) fn new(scene: &Scene, textures: &[Placed]) -> Self {
+        let mut materials = Self::default();
+        for material in &scene.materials {
+            materials.push(material, textures);
+        }
+        materials
+    }
+
+    fn push(&mut self, material: &Material, textures: &[Placed]) {
+        let uses = [
+            (role::BASE_COLOR, material.base_color_texture),
+            (role::EMISSIVE, material.emissive_texture.filter(|_| material.emissive.max_element() > 0.0)),
+            (role::METALLIC_ROUGHNESS, material.metallic_roughness_texture),
+            (role::NORMAL, material.normal_texture),
+        ];
+        // A reference to a texture that the scene does not have is none.
+        let used = uses.map(|(role, reference)| {
+            let reference = reference?;
+            Some((role, reference, textures.get(reference.texture as usize)?))
+        });
+        let mut take = |srgb: bool| {
+            let first = self.slots.len() as u32;
+            let taken = used.iter().flatten().filter(|(_, _, placed)| placed.srgb == srgb);
+            self.slots.extend(taken.map(|(role, reference, placed)| slot(*role, reference, placed)));
+            (first, self.slots.len() as u32 - first)
+        };
+        let (first_srgb, srgb_count) = take(true);
+        let (first_linear, linear_count) = take(false);
+        let mine = first_srgb..first_linear + linear_count;
+        let alpha = mine.into_iter().find(|&i| self.slots[i as usize].role == role::BASE_COLOR);
+        self.data.push(MaterialData {
+            base_color: material.base_color.to_array(),
+            emissive: material.emissive.to_array(),
+            metallic: material.metallic,
+            roughness: material.roughness,
+            normal_scale: material.normal_scale,
+            dielectric_f0: dielectric_f0(material.ior),
+            glossy: u32::from(material.is_glossy()),
+            alpha_cutoff: material.alpha_cutoff().unwrap_or(0.0),
+            alpha_slot: alpha.map_or(0, |i| i + 1),
+            first_srgb,
+            srgb_count,
+            first_linear,
+            linear_count,
+            _pad: [0; 2],
+        });
     }
 }
 
-/// A reference to a texture; all zero, which is none, where the scene has no such texture.
-fn slot(reference: Option<TextureRef>, textures: &[Placed]) -> TextureSlot {
-    let placed = reference.and_then(|r| Some((r, textures.get(r.texture as usize)?)));
-    let Some((reference, placed)) = placed else { return TextureSlot::default() };
-    let (u, v) = (transform_duv(&reference, Vec2::X), transform_duv(&reference, Vec2::Y));
+fn slot(role: u32, reference: &TextureRef, placed: &Placed) -> TextureSlot {
+    let (u, v) = (transform_duv(reference, Vec2::X), transform_duv(reference, Vec2::Y));
     let wrap = |wrap: Wrap| match wrap {
         Wrap::Repeat => 0,
         Wrap::Clamp => 1,
@@ -52,7 +84,7 @@ fn slot(reference: Option<TextureRef>, textures: &[Placed]) -> TextureSlot {
         first_level: placed.first_level,
         levels: placed.levels,
         wrap: placed.wrap.map(wrap),
-        srgb: u32::from(placed.srgb),
+        role,
         _pad: 0,
     }
 }

@@ -7,7 +7,7 @@ mod texels;
 use std::sync::Arc;
 
 use argus_gpu::{Gpu, wgpu};
-use argus_scene::{Bounds, RenderError, Scene};
+use argus_scene::{Bounds, Effect, RenderError, Scene};
 use bytemuck::{NoUninit, Zeroable};
 use glam::{DMat3, DVec3};
 
@@ -21,6 +21,7 @@ pub(crate) struct Resident {
     pub(crate) indices: wgpu::Buffer,
     pub(crate) meshes: wgpu::Buffer,
     pub(crate) materials: wgpu::Buffer,
+    pub(crate) slots: wgpu::Buffer,
     pub(crate) texel_levels: wgpu::Buffer,
     pub(crate) texels: wgpu::TextureView,
     pub(crate) texels_srgb: wgpu::TextureView,
@@ -32,6 +33,30 @@ pub(crate) struct Resident {
     pub(crate) instance_count: usize,
     /// Box around the scene.
     pub(crate) bounds: Bounds,
+    pub(crate) features: Features,
+}
+
+/// What shading must be able to do for the scene: programs are made without the rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Features {
+    pub(crate) srgb_textures: bool,
+    pub(crate) linear_textures: bool,
+    pub(crate) normal_maps: bool,
+    pub(crate) vertex_colors: bool,
+    pub(crate) specular: bool,
+}
+
+impl Features {
+    fn new(scene: &Scene, materials: &materials::Materials) -> Self {
+        let effects = scene.effects();
+        Self {
+            srgb_textures: materials.data.iter().any(|m| m.srgb_count > 0),
+            linear_textures: materials.data.iter().any(|m| m.linear_count > 0),
+            normal_maps: effects.contains(&Effect::NormalMap),
+            vertex_colors: scene.meshes.iter().any(|mesh| !mesh.colors.is_empty()),
+            specular: effects.contains(&Effect::Specular),
+        }
+    }
 }
 
 /// Which pipeline draws an instance.
@@ -76,7 +101,7 @@ impl Resident {
     pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Scene) -> Result<Self, RenderError> {
         let (arena, runs) = geometry::Arena::new(scene);
         let texels = texels::Texels::new(gpu, scene)?;
-        let materials = materials::materials(scene, &texels.textures);
+        let materials = materials::Materials::new(scene, &texels.textures);
         let storage = wgpu::BufferUsages::STORAGE;
         let vertex = storage | wgpu::BufferUsages::VERTEX;
         let index = storage | wgpu::BufferUsages::INDEX;
@@ -85,7 +110,9 @@ impl Resident {
             attributes: upload(gpu, "vertex attributes", &arena.attributes, storage)?,
             indices: upload(gpu, "indices", &arena.indices, index)?,
             meshes: upload(gpu, "meshes", &arena.layouts, storage)?,
-            materials: upload(gpu, "materials", &materials, storage)?,
+            features: Features::new(scene, &materials),
+            materials: upload(gpu, "materials", &materials.data, storage)?,
+            slots: upload(gpu, "texture slots", &materials.slots, storage)?,
             texel_levels: upload(gpu, "texture levels", &texels.levels, storage)?,
             texels: texels.linear,
             texels_srgb: texels.srgb,

@@ -14,9 +14,20 @@ pub(super) const MIRRORS: &[Mirror] = &[
     ResolveView::MIRROR,
 ];
 
+/// Values of [`TextureSlot::role`], as `shared/texture.wgsl` has them.
+pub mod role {
+    /// Base colour and alpha.
+    pub const BASE_COLOR: u32 = 0;
+    /// Emission.
+    pub const EMISSIVE: u32 = 1;
+    /// Green: roughness, blue: metallic.
+    pub const METALLIC_ROUGHNESS: u32 = 2;
+    /// Tangent-space normals.
+    pub const NORMAL: u32 = 3;
+}
+
 mirror! {
-    /// A material's reference to a texture: `shared/texture.wgsl`. All zero: there is no texture.
-    #[derive(Default)]
+    /// A material's reference to a texture: `shared/texture.wgsl`.
     pub struct TextureSlot {
         /// Row of the linear part of the transform from a mesh's uv to the texture's.
         pub u_from_uv: [f32; 2],
@@ -32,8 +43,8 @@ mirror! {
         pub levels: u32,
         /// Addressing of u and v: 0 repeat, 1 clamp, 2 mirror.
         pub wrap: [u32; 2],
-        /// Whether the colours are sRGB-encoded.
-        pub srgb: u32,
+        /// What its material uses it for: [`role`].
+        pub role: u32,
         /// WGSL rounds the struct up to 8 bytes.
         pub _pad: u32,
     }
@@ -97,18 +108,18 @@ mirror! {
         pub glossy: u32,
         /// Alpha below which there is no surface.
         pub alpha_cutoff: f32,
-        /// Aligns the slots.
-        pub _pad: u32,
-        /// Of the base colour and alpha.
-        pub base_color_texture: TextureSlot,
-        /// Green: roughness, blue: metallic.
-        pub metallic_roughness_texture: TextureSlot,
-        /// Tangent-space normal map.
-        pub normal_texture: TextureSlot,
-        /// Of the emission.
-        pub emissive_texture: TextureSlot,
+        /// 1 + the index of the base colour's slot; 0: it has no texture.
+        pub alpha_slot: u32,
+        /// First of its sRGB-encoded textures among all slots.
+        pub first_srgb: u32,
+        /// How many.
+        pub srgb_count: u32,
+        /// First of its other textures.
+        pub first_linear: u32,
+        /// How many.
+        pub linear_count: u32,
         /// WGSL rounds the struct up to 16 bytes.
-        pub _pad_end: [u32; 2],
+        pub _pad: [u32; 2],
     }
 }
 
