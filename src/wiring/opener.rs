@@ -40,7 +40,7 @@ impl SceneFolder {
 
     /// Keeps a bundle: written beside its place and renamed into it, so that several workers may share the
     /// folder and none sees half a scene.
-    fn keep(&self, reference: &SceneRef, files: &[BundleFile]) -> io::Result<PathBuf> {
+    fn keep(&self, reference: &SceneRef, files: &[BundleFile]) -> io::Result<()> {
         let root = files.first().ok_or(io::ErrorKind::InvalidData)?;
         let kept = self.kept(reference);
         let partial = self.folder.join(format!("{}.{}", reference.hash, std::process::id()));
@@ -56,7 +56,7 @@ impl SceneFolder {
             let _ = std::fs::remove_dir_all(&kept);
             std::fs::rename(&partial, &kept)?;
         }
-        Ok(kept.join(FILES).join(&root.name))
+        Ok(())
     }
 }
 
@@ -91,10 +91,13 @@ impl SceneOpener for SceneFolder {
     }
 
     fn open_bundle(&self, reference: &SceneRef, files: Vec<BundleFile>) -> Result<Arc<Scene>, String> {
-        let root = self
-            .keep(reference, &files)
-            .map_err(|error| format!("cannot keep the scene in {}: {error}", self.folder.display()))?;
-        let scene = load::load_path(&root).map_err(|error| error.to_string())?;
+        if let Err(error) = self.keep(reference, &files) {
+            // The scene is here all the same; it will be fetched again next time.
+            tracing::warn!("cannot keep the scene in {}: {error}", self.folder.display());
+        }
+        let root = files.first().ok_or("the scene came without files")?.name.clone();
+        let files = files.into_iter().map(|file| (file.name, file.bytes)).collect();
+        let scene = load::load_bundle(&root, &files).map_err(|error| error.to_string())?;
         Ok(Arc::new(Scene { name: reference.name.clone(), ..scene }))
     }
 }

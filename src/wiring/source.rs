@@ -1,5 +1,6 @@
 //! The scene that a coordinator serves, and the files it came from.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -44,6 +45,10 @@ impl SceneSource for OpenScene {
         if self.procedural().is_some() {
             return Ok(Vec::new());
         }
-        load::bundle_files(Path::new(&self.scene.name)).map_err(|error| error.to_string())
+        let path = Path::new(&self.scene.name);
+        let mut files = load::bundle_files(path).map_err(|error| error.to_string())?;
+        // The one to open comes first; the others stay in order.
+        files.sort_by_key(|(name, _)| path.file_name() != Some(OsStr::new(name)));
+        Ok(files)
     }
 }
