@@ -44,7 +44,7 @@ pub use light::{Light, Lighting, Sky};
 pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
-pub use open::open;
+pub use open::{is_procedural, open};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, SampleJob, Sampler, ViewJob};
 pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo};

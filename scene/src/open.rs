@@ -12,12 +12,10 @@ use crate::procedural::{DEFAULT_TERRAIN_TRIANGLES, TERRAIN_TRIANGLES, terrain};
 /// One line that names the scene and the reason: a number of triangles that is none or outside
 /// [`TERRAIN_TRIANGLES`], or what [`load_path`] says of the file.
 pub fn open(spec: &str) -> Result<Scene, LoadError> {
-    let count = match spec.strip_prefix("terrain") {
-        Some("") => return Ok(terrain(DEFAULT_TERRAIN_TRIANGLES)),
-        Some(rest) => rest.strip_prefix(':'),
-        None => None,
-    };
-    let Some(count) = count else {
+    if spec == "terrain" {
+        return Ok(terrain(DEFAULT_TERRAIN_TRIANGLES));
+    }
+    let Some(count) = spec.strip_prefix("terrain:") else {
         if !Path::new(spec).exists() {
             let reason = "no such file, nor the built-in scene terrain[:TRIANGLES]";
             return Err(LoadError::new(spec, reason));
@@ -33,6 +31,11 @@ pub fn open(spec: &str) -> Result<Scene, LoadError> {
     }
 }
 
+/// Whether `spec` names a built-in scene, which every process makes for itself, rather than a file.
+pub fn is_procedural(spec: &str) -> bool {
+    spec == "terrain" || spec.starts_with("terrain:")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -40,7 +43,9 @@ mod tests {
     #[test]
     fn terrains_are_opened_by_name_and_number() {
         assert_eq!(open("terrain:2000").unwrap().name, "terrain:2000");
-        for spec in ["terrain:", "terrain:1999", "terrain:20000001", "terrain:-5", "terrain:1e5", "terrain:many"] {
+        for spec in
+            ["terrain:", "terrain:1999", "terrain:20000001", "terrain:-5", "terrain:1e5", "terrain:many"]
+        {
             let error = open(spec).expect_err(spec).to_string();
             assert!(error.starts_with(spec) && error.contains("2000 to 20000000"), "{error}");
         }
