@@ -57,9 +57,14 @@ async fn keep_one(
     loop {
         let started = Instant::now();
         let mut child = start(count, &url)?;
+        // Waiting for a child closes its standard input, and the worker takes that for the end of its parent.
+        let input = child.stdin.take();
         let status = tokio::select! {
             status = child.wait() => status?,
-            () = shutdown.cancelled() => return stop(child).await,
+            () = shutdown.cancelled() => {
+                drop(input);
+                return stop(child).await;
+            }
         };
         if shutdown.is_cancelled() {
             return Ok(());
@@ -90,11 +95,14 @@ fn start(count: usize, url: &str) -> anyhow::Result<Child> {
     if std::env::var_os("LP_NUM_THREADS").is_none() {
         command.env("LP_NUM_THREADS", (cores() / count).max(1).to_string());
     }
+    // Mesa's layer that chooses among devices complains where there is no desktop; Argus chooses by itself.
+    if std::env::var_os("NODEVICE_SELECT").is_none() {
+        command.env("NODEVICE_SELECT", "1");
+    }
     command.spawn().with_context(|| format!("cannot start {}", program.display()))
 }
 
 async fn stop(mut child: Child) -> anyhow::Result<()> {
-    drop(child.stdin.take());
     match tokio::time::timeout(GRACE, child.wait()).await {
         Ok(status) => report(status?),
         Err(_) => child.kill().await.context("cannot end a worker")?,
