@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 
 use tracing_subscriber::EnvFilter;
 
-/// Starts logging: warnings alone by default, more with each `-v`; `ARGUS_LOG` has the last word.
+/// Starts logging: what Argus does by default, more with each `-v`; `ARGUS_LOG` has the last word.
 pub(crate) fn start(verbosity: u8) {
     let default = match verbosity {
         0 => "warn,argus=info,wgpu_hal=error",

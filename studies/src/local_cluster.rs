@@ -31,7 +31,12 @@ impl LocalCluster {
     /// # Errors
     /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
     pub fn start(argus: &Path, scene: &str, workers: usize, more: &[String]) -> anyhow::Result<Self> {
-        let mut process = Command::new(argus)
+        let mut command = Command::new(argus);
+        if std::env::var_os("ARGUS_LOG").is_none() {
+            // Progress is shown by whoever asked for the cluster; its processes report trouble alone.
+            command.env("ARGUS_LOG", "warn");
+        }
+        let mut process = command
             .args(["serve", "--json", "--exit-with-stdin", "--listen", "127.0.0.1:0", "--scene", scene])
             .args(["--workers", &workers.to_string()])
             .args(more)
