@@ -5,7 +5,9 @@ mod common;
 use std::sync::Arc;
 
 use argus_scene::procedural::terrain;
+use argus_scene::{Camera, Scene};
 use common::*;
+use glam::DVec3;
 
 /// What the issue promises of 16 samples a pixel.
 const MAX_FLIP: f64 = 0.01;
@@ -26,4 +28,27 @@ fn terrain_is_as_the_reference_has_it() {
         println!("{}: FLIP {flip:.5} {:?}", named.name, frame.stages);
         assert!(flip <= MAX_FLIP, "{}: FLIP {flip}", named.name);
     }
+}
+
+/// A scene file below `ARGUS_SCENES`, or `None` with one line where that is unset.
+fn real_scene(path: &str) -> Option<Arc<Scene>> {
+    let Some(folder) = std::env::var_os("ARGUS_SCENES") else {
+        assert!(std::env::var_os("ARGUS_REQUIRE_SCENES").is_none(), "ARGUS_SCENES is not set");
+        println!("skipped: ARGUS_SCENES is not set");
+        return None;
+    };
+    let path = std::path::Path::new(&folder).join(path);
+    Some(Arc::new(argus_scene::open(&path.to_string_lossy()).expect("a scene that is known to load")))
+}
+
+#[test]
+fn sponza_is_as_the_reference_has_it() {
+    let Some(scene) = real_scene("sponza/sponza.glb") else { return };
+    let camera = Camera::look_at(DVec3::new(-11.0, 3.0, 0.0), DVec3::new(0.0, 4.0, 0.0));
+    let size = [200, 150];
+    let frame = direct(&mut sampler(&scene), &view_job(camera, size, 16));
+    let truth = reference(&scene, &camera, size, 16);
+    let flip = flip("sponza", &image_of(&frame), &truth.display(scene.lighting.exposure));
+    println!("Sponza: FLIP {flip:.5} {:?}", frame.stages);
+    assert!(flip <= MAX_FLIP, "FLIP {flip}");
 }
