@@ -72,13 +72,18 @@ impl Bundle {
             }
             Format::Obj => {
                 let libraries = obj::libraries(&bytes);
-                let candidates = libraries.iter().flatten().filter_map(|name| relative("", name).ok()).collect();
+                let candidates =
+                    libraries.iter().flatten().filter_map(|name| relative("", name).ok()).collect();
                 bundle.add(files, candidates);
                 // A line's words are files of their own only where the whole line is not one; those that
                 // are neither were guesses.
                 bundle.missing.clear();
-                let libraries: Vec<(String, Bytes)> =
-                    bundle.files.iter().filter(|(name, _)| *name != main).map(|(n, b)| (n.clone(), b.clone())).collect();
+                let libraries: Vec<(String, Bytes)> = bundle
+                    .files
+                    .iter()
+                    .filter(|(name, _)| *name != main)
+                    .map(|(n, b)| (n.clone(), b.clone()))
+                    .collect();
                 for (library, bytes) in libraries {
                     bundle.add(files, obj::textures(&library, &bytes));
                 }
@@ -190,7 +195,9 @@ mod tests {
 
     #[test]
     fn names_outside_the_folder_are_refused() {
-        for name in ["../secret", "a/../../b", "/etc/passwd", "C:\\x.png", "http://x/y", "file:x", "a\0b", "", "."] {
+        for name in
+            ["../secret", "a/../../b", "/etc/passwd", "C:\\x.png", "http://x/y", "file:x", "a\0b", "", "."]
+        {
             relative("", name).expect_err(name);
         }
         relative("textures", "..\\x.png").expect_err("backslashes climb as well");

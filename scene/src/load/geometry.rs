@@ -51,7 +51,10 @@ impl RawMesh {
             ("vertex colours", self.colors.len()),
         ] {
             if length != 0 && length != self.positions.len() {
-                warnings.add(format!("mesh {:?}: its {what} are not as many as its positions: ignored", self.name));
+                warnings.add(format!(
+                    "mesh {:?}: its {what} are not as many as its positions: ignored",
+                    self.name
+                ));
             }
         }
         self.keep_matching();
@@ -98,7 +101,7 @@ impl RawMesh {
                 kept += 3;
             }
         }
-        if self.indices.len() % 3 != 0 {
+        if !self.indices.len().is_multiple_of(3) {
             warnings.add(format!("mesh {:?}: its last triangle is incomplete: dropped", self.name));
         }
         self.indices.truncate(kept);

@@ -23,8 +23,8 @@ use bytes::Bytes;
 use crate::scene::{Animation, Instance, NamedCamera, Node, RigKind};
 use crate::{Light, Lighting, Material, Mesh, Scene, Sky, Texture};
 
-use bundle::{Bundle, Folder, InMemory};
 pub use bundle::bundle_files;
+use bundle::{Bundle, Folder, InMemory};
 pub use error::LoadError;
 
 /// A file format.

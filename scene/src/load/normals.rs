@@ -89,7 +89,8 @@ mod tests {
     #[test]
     fn normals_without_a_direction_are_replaced_and_the_rest_normalised() {
         let mut mesh = roof();
-        mesh.normals = vec![Vec3::NAN, Vec3::new(0.0, 3.0, 0.0), Vec3::ZERO, Vec3::new(f32::INFINITY, 0.0, 0.0)];
+        mesh.normals =
+            vec![Vec3::NAN, Vec3::new(0.0, 3.0, 0.0), Vec3::ZERO, Vec3::new(f32::INFINITY, 0.0, 0.0)];
         repair(&mut mesh);
         assert!(mesh.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-6));
         assert_eq!(mesh.normals[1], Vec3::Y);

@@ -149,9 +149,9 @@ impl Values<'_> {
             let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
             self.rest = &rest[end..];
             let word = std::str::from_utf8(&rest[..end]).ok();
-            return word
-                .and_then(|word| word.parse().ok())
-                .ok_or_else(|| format!("{:?} is no number", super::error::one_line(&String::from_utf8_lossy(&rest[..end]))));
+            return word.and_then(|word| word.parse().ok()).ok_or_else(|| {
+                format!("{:?} is no number", super::error::one_line(&String::from_utf8_lossy(&rest[..end])))
+            });
         }
         let size = scalar.size();
         if self.rest.len() < size {
@@ -209,7 +209,9 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
     let content = parse(bundle.main_bytes(), warnings)?;
     if content.bad_faces > 0 {
         let count = content.bad_faces;
-        warnings.add(format!("{count} faces with fewer than three corners or vertices that do not exist: dropped"));
+        warnings.add(format!(
+            "{count} faces with fewer than three corners or vertices that do not exist: dropped"
+        ));
     }
     let (origin, positions) = about_an_origin(&content.positions);
     let raw = RawMesh {
@@ -267,7 +269,8 @@ fn vertices(element: &Element, values: &mut Values, content: &mut Content) -> Re
         [Some(a), Some(b), Some(c)] => Some([a, b, c]),
         _ => None,
     };
-    let position = all([find(&["x"]), find(&["y"]), find(&["z"])]).ok_or("its vertices have no x, y and z")?;
+    let position =
+        all([find(&["x"]), find(&["y"]), find(&["z"])]).ok_or("its vertices have no x, y and z")?;
     let normal = all([find(&["nx"]), find(&["ny"]), find(&["nz"])]);
     let color = all([
         find(&["red", "r", "diffuse_red"]),
@@ -298,7 +301,8 @@ fn vertices(element: &Element, values: &mut Values, content: &mut Content) -> Re
 
 fn faces(element: &Element, values: &mut Values, content: &mut Content) -> Result<(), String> {
     let names = ["vertex_indices", "vertex_index"];
-    let indices = element.properties.iter().position(|p| p.list.is_some() && names.contains(&p.name.as_str()));
+    let indices =
+        element.properties.iter().position(|p| p.list.is_some() && names.contains(&p.name.as_str()));
     let indices = indices.ok_or("its faces have no list of vertex_indices")?;
     let (mut list, mut face, mut outline) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..element.count {
@@ -334,7 +338,9 @@ mod tests {
     #[test]
     fn ascii_and_both_byte_orders_give_the_same_mesh() {
         let corners = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
-        let ascii = format!("ply\nformat ascii 1.0\n{HEADER}0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 4\n4 0 1 2 3 1 .5\n3 0 1 2 0\n");
+        let ascii = format!(
+            "ply\nformat ascii 1.0\n{HEADER}0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 4\n4 0 1 2 3 1 .5\n3 0 1 2 0\n"
+        );
         let binary = |little: bool| {
             let kind = if little { "binary_little_endian" } else { "binary_big_endian" };
             let mut bytes = format!("ply\nformat {kind} 1.0\n{HEADER}").into_bytes();

@@ -37,6 +37,8 @@ pub(super) struct Crown {
     size: IVec3,
     /// Square metres of leaf a cubic metre, halved: the mean projection of randomly turned leaves.
     extinction: Vec<f64>,
+    /// Share of the sky's light that reaches the middle of each cell.
+    visible: Vec<f64>,
 }
 
 impl Crown {
@@ -49,12 +51,18 @@ impl Crown {
         }
         let cell = ((max - min).max_element() / CROWN_CELLS).max(0.1);
         let size = ((max - min) / cell).ceil().as_ivec3() + 1;
-        let mut crown = Self { min, cell, size, extinction: vec![0.0; (size.x * size.y * size.z) as usize] };
+        let extinction = vec![0.0; (size.x * size.y * size.z) as usize];
+        let mut crown = Self { min, cell, size, extinction, visible: Vec::new() };
         for leaf in leaves {
             if let Some(i) = crown.index(((*leaf - min) / cell).floor().as_ivec3()) {
                 crown.extinction[i] += 0.5 * leaf_area / (cell * cell * cell);
             }
         }
+        let middle = |i: i32| {
+            let c = IVec3::new(i % size.x, i / size.x % size.y, i / (size.x * size.y));
+            min + (c.as_dvec3() + 0.5) * cell
+        };
+        crown.visible = (0..size.x * size.y * size.z).map(|i| crown.survey(middle(i))).collect();
         crown
     }
 
@@ -63,8 +71,25 @@ impl Crown {
         inside.then(|| ((c.z * self.size.y + c.y) * self.size.x + c.x) as usize)
     }
 
-    /// Share of the sky's light that reaches `from` through the leaves.
-    pub(super) fn sky_visibility(&self, from: DVec3) -> f64 {
+    /// Share of the sky's light that reaches a point within the crown: trilinear between cells.
+    pub(super) fn sky_visibility(&self, at: DVec3) -> f64 {
+        let last = (self.size - 1).as_dvec3();
+        let c = ((at - self.min) / self.cell - 0.5).clamp(DVec3::ZERO, last);
+        let base = c.floor().min(last - 1.0).max(DVec3::ZERO);
+        let f = c - base;
+        let mut sum = 0.0;
+        for corner in 0..8 {
+            let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
+            let weight = DVec3::select(step.cmpeq(IVec3::ONE), f, 1.0 - f);
+            if let Some(i) = self.index(base.as_ivec3() + step) {
+                sum += weight.x * weight.y * weight.z * self.visible[i];
+            }
+        }
+        sum
+    }
+
+    /// Share of the sky's light that reaches `from`, wherever it is, through the leaves.
+    pub(super) fn survey(&self, from: DVec3) -> f64 {
         SKY.iter().map(|&(direction, weight)| weight * self.transmittance(from, direction)).sum()
     }
 
@@ -109,8 +134,9 @@ impl GroundOcclusion {
         for j in 0..row {
             for i in 0..row {
                 let (p, y) = (at(i, j), heights[j * row + i]);
-                let open = horizon(&heights, i, j);
-                visible.push(open * crown.sky_visibility(DVec3::new(p.x, y + 0.3, p.y)));
+                let shade = crown.survey(DVec3::new(p.x, y + 0.3, p.y));
+                // Squared: what comes past the leaves is green and low.
+                visible.push(horizon(&heights, i, j) * shade * shade);
             }
         }
         Self { visible }

@@ -55,7 +55,10 @@ impl<'a> Reader<'a> {
     }
 
     /// The bytes of a view, and the distance of its elements where it sets one.
-    pub(super) fn view(&self, index: json::Index<json::buffer::View>) -> Result<(Bytes, Option<usize>), String> {
+    pub(super) fn view(
+        &self,
+        index: json::Index<json::buffer::View>,
+    ) -> Result<(Bytes, Option<usize>), String> {
         let view = get(&self.root.buffer_views, index, "buffer view")?;
         let buffer = self.buffer(view.buffer)?;
         let start = view.byte_offset.map_or(0, |offset| offset.0);
@@ -68,7 +71,8 @@ impl<'a> Reader<'a> {
     fn elements(&self, index: json::Index<json::Accessor>, types: &[Type]) -> Result<Elements, String> {
         let wrong = |reason: &str| format!("accessor {}: {reason}", index.value());
         let accessor = get(&self.root.accessors, index, "accessor")?;
-        let (Checked::Valid(component), Checked::Valid(kind)) = (accessor.component_type, accessor.type_) else {
+        let (Checked::Valid(component), Checked::Valid(kind)) = (accessor.component_type, accessor.type_)
+        else {
             return Err(wrong("unknown component or element type"));
         };
         if !types.contains(&kind) {
@@ -108,7 +112,12 @@ impl<'a> Reader<'a> {
     }
 
     /// Replaces the elements that a sparse accessor lists.
-    fn displace(&self, base: Elements, sparse: &json::accessor::sparse::Sparse, size: usize) -> Result<Elements, String> {
+    fn displace(
+        &self,
+        base: Elements,
+        sparse: &json::accessor::sparse::Sparse,
+        size: usize,
+    ) -> Result<Elements, String> {
         let Checked::Valid(index_type) = sparse.indices.component_type else {
             return Err("unknown type of sparse indices".to_owned());
         };
@@ -116,7 +125,8 @@ impl<'a> Reader<'a> {
         let part = |view, offset: json::validation::USize64, size: usize| {
             let (bytes, _) = self.view(view)?;
             let length = count.checked_mul(size).ok_or("too many sparse elements")?;
-            slice(&bytes, offset.0, length as u64).ok_or_else(|| "its sparse part does not fit in its view".to_owned())
+            slice(&bytes, offset.0, length as u64)
+                .ok_or_else(|| "its sparse part does not fit in its view".to_owned())
         };
         let indices = part(sparse.indices.buffer_view, sparse.indices.byte_offset, index_type.0.size())?;
         let values = part(sparse.values.buffer_view, sparse.values.byte_offset, size)?;
@@ -156,11 +166,16 @@ impl<'a> Reader<'a> {
             (_, ComponentType::U16) => 1.0 / 65535.0,
             (_, ComponentType::U32) => 1.0 / 4_294_967_295.0,
         };
-        let number = |at: usize| match elements.component {
-            ComponentType::F32 => f32::from_bits(integer(&elements.data, at, ComponentType::U32)),
-            ComponentType::I8 => f32::from(elements.data[at] as i8) * scale,
-            ComponentType::I16 => f32::from(integer(&elements.data, at, ComponentType::U16) as u16 as i16) * scale,
-            unsigned => integer(&elements.data, at, unsigned) as f32 * scale,
+        // The one signed integer without an opposite stands for −1 as well.
+        let signed = |x: f32| if elements.normalized { (x * scale).max(-1.0) } else { x };
+        let number = |at: usize| {
+            let bits = integer(&elements.data, at, elements.component);
+            match elements.component {
+                ComponentType::F32 => f32::from_bits(bits),
+                ComponentType::I8 => signed(f32::from(bits as u8 as i8)),
+                ComponentType::I16 => signed(f32::from(bits as u16 as i16)),
+                _ => bits as f32 * scale,
+            }
         };
         Ok((0..elements.count)
             .map(|i| {
@@ -180,7 +195,9 @@ impl<'a> Reader<'a> {
             ComponentType::U8 | ComponentType::U16 | ComponentType::U32 => {}
             _ => return Err(format!("accessor {}: indices must be unsigned integers", index.value())),
         }
-        Ok((0..elements.count).map(|i| integer(&elements.data, i * elements.stride, elements.component)).collect())
+        Ok((0..elements.count)
+            .map(|i| integer(&elements.data, i * elements.stride, elements.component))
+            .collect())
     }
 
     /// How many elements an accessor claims.

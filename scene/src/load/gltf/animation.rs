@@ -1,7 +1,7 @@
 //! Animations of nodes.
 
-use gltf::json;
 use glam::{Quat, Vec3};
+use gltf::json;
 use json::accessor::Type;
 use json::animation::{Interpolation as JsonInterpolation, Property};
 use json::validation::Checked;
@@ -26,7 +26,8 @@ pub(super) fn read(
     for (number, animation) in reader.root.animations.iter().enumerate() {
         let mut channels = Vec::new();
         for (k, json) in animation.channels.iter().enumerate() {
-            for index in animation.samplers.get(json.sampler.value()).iter().flat_map(|s| [s.input, s.output]) {
+            for index in animation.samplers.get(json.sampler.value()).iter().flat_map(|s| [s.input, s.output])
+            {
                 budget.take(reader.count(index).unwrap_or(0), 32)?;
             }
             match channel(reader, hierarchy, animation, json) {
@@ -76,7 +77,9 @@ fn channel(
             };
             Track::Rotation(values.into_iter().map(unit).collect())
         }
-        Checked::Valid(Property::MorphTargetWeights) => return Err("morph targets are not supported".to_owned()),
+        Checked::Valid(Property::MorphTargetWeights) => {
+            return Err("morph targets are not supported".to_owned());
+        }
         Checked::Invalid => return Err("unknown property".to_owned()),
     };
     let (count, finite) = match &track {

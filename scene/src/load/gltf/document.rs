@@ -68,7 +68,10 @@ fn split_glb(bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
         return Err(format!("is GLB version {version}; 2 is supported"));
     }
     if length > bytes.len() {
-        return Err(format!("the file is cut short: its header promises {length} bytes, it has {}", bytes.len()));
+        return Err(format!(
+            "the file is cut short: its header promises {length} bytes, it has {}",
+            bytes.len()
+        ));
     }
     let (mut at, mut text, mut blob) = (12usize, None, None);
     while at < length {
@@ -91,7 +94,8 @@ fn split_glb(bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
 }
 
 /// Makes correct JSON digestible for the crate that describes it: whole numbers that are written as
-/// fractions (`5126.0`) become whole, a scene may lack its nodes, and channels that animate no node go.
+/// fractions (`5126.0`) become whole, a scene may lack its nodes, channels that animate no node go, and so
+/// does everybody's own data (`extras`).
 fn normalise(document: &mut Value) {
     if let Some(scenes) = document.get_mut("scenes").and_then(Value::as_array_mut) {
         for scene in scenes.iter_mut().filter_map(Value::as_object_mut) {
@@ -100,14 +104,15 @@ fn normalise(document: &mut Value) {
     }
     if let Some(animations) = document.get_mut("animations").and_then(Value::as_array_mut) {
         for channels in animations.iter_mut().filter_map(|a| a.get_mut("channels")?.as_array_mut()) {
-            channels.retain(|channel| channel.get("target").is_none_or(|target| target.get("node").is_some()));
+            channels
+                .retain(|channel| channel.get("target").is_none_or(|target| target.get("node").is_some()));
         }
     }
-    whole_numbers(document);
+    simplify(document);
 }
 
 /// Recursion is bounded: the parser refuses what is nested deeper than 128 levels.
-fn whole_numbers(value: &mut Value) {
+fn simplify(value: &mut Value) {
     match value {
         Value::Number(number) if number.is_f64() => {
             let Some(x) = number.as_f64() else { return };
@@ -115,8 +120,11 @@ fn whole_numbers(value: &mut Value) {
                 *number = (x as u64).into();
             }
         }
-        Value::Array(values) => values.iter_mut().for_each(whole_numbers),
-        Value::Object(values) => values.values_mut().for_each(whole_numbers),
+        Value::Array(values) => values.iter_mut().for_each(simplify),
+        Value::Object(values) => {
+            values.remove("extras");
+            values.values_mut().for_each(simplify);
+        }
         _ => {}
     }
 }
@@ -177,7 +185,7 @@ mod tests {
 
     #[test]
     fn correct_oddities_are_read() {
-        let text = br#"{"asset":{"version":"2.0"},"scenes":[{}],
+        let text = br#"{"asset":{"version":"2.0","extras":7},"scenes":[{}],
             "accessors":[{"count":3.0,"componentType":5126.0,"type":"SCALAR"}],
             "animations":[{"samplers":[],"channels":[{"sampler":0,"target":{"path":"pointer"}}]}]}"#;
         let document = Document::parse(&Bytes::from_static(text)).unwrap();

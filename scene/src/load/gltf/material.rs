@@ -1,7 +1,7 @@
 //! Materials, their extensions, and the textures that they name.
 
-use gltf::json;
 use glam::{Vec2, Vec3, Vec4};
+use gltf::json;
 use json::material::AlphaMode as JsonAlphaMode;
 use json::texture::WrappingMode;
 use json::validation::Checked;
@@ -102,7 +102,8 @@ impl Slots<'_, '_> {
     fn extensions(&mut self, json: &json::Material, material: &mut Material, set: u32) {
         let Some(extensions) = &json.extensions else { return };
         if let Some(glossy) = &extensions.pbr_specular_glossiness {
-            self.warnings.add(format!("material {:?}: specular-glossiness is shown as a dielectric", material.name));
+            self.warnings
+                .add(format!("material {:?}: specular-glossiness is shown as a dielectric", material.name));
             material.base_color = Vec4::from(glossy.diffuse_factor.0);
             material.base_color_texture = self.info(&glossy.diffuse_texture, true, set);
             material.metallic = 0.0;
@@ -147,7 +148,8 @@ impl Slots<'_, '_> {
     }
 
     fn other_set(&mut self) {
-        self.warnings.add("a material with textures on several sets of coordinates: only the first set is shown");
+        self.warnings
+            .add("a material with textures on several sets of coordinates: only the first set is shown");
     }
 
     fn texture(&mut self, index: json::Index<json::Texture>, srgb: bool) -> Option<TextureRef> {
@@ -207,10 +209,11 @@ fn sanitise(material: &mut Material) {
         material.base_color = Vec4::ONE;
     }
     material.base_color = material.base_color.clamp(Vec4::ZERO, Vec4::ONE);
-    material.emissive = if material.emissive.is_finite() { material.emissive.max(Vec3::ZERO) } else { Vec3::ZERO };
+    material.emissive =
+        if material.emissive.is_finite() { material.emissive.max(Vec3::ZERO) } else { Vec3::ZERO };
     // Zero stands for an infinite index: KHR_materials_ior's way to ask for full reflection.
     material.ior = match material.ior {
-        ior if ior == 0.0 => 1e3,
+        0.0 => 1e3,
         ior if ior >= 1.0 && ior.is_finite() => ior,
         _ => 1.5,
     };

@@ -1,7 +1,7 @@
 //! The hierarchy, flattened parents first, and what hangs from it: lights and cameras.
 
-use gltf::json;
 use glam::{DAffine3, DMat4, DQuat, DVec3, Vec3};
+use gltf::json;
 use json::validation::Checked;
 
 use super::{Budget, get, name};
@@ -26,7 +26,11 @@ impl Hierarchy {
     ///
     /// # Errors
     /// A node that is its own ancestor, or that does not exist.
-    pub(super) fn new(root: &json::Root, budget: &mut Budget, warnings: &mut Warnings) -> Result<Self, String> {
+    pub(super) fn new(
+        root: &json::Root,
+        budget: &mut Budget,
+        warnings: &mut Warnings,
+    ) -> Result<Self, String> {
         let parents = parents(root, warnings)?;
         let roots = roots(root, &parents, warnings)?;
         let count = root.nodes.len();
@@ -90,7 +94,11 @@ fn parents(root: &json::Root, warnings: &mut Warnings) -> Result<Vec<Option<usiz
 
 /// The scene's roots. One that also hangs from another node of the scene, an exporter's slip that would draw
 /// it twice, is left to its parent.
-fn roots(root: &json::Root, parents: &[Option<usize>], warnings: &mut Warnings) -> Result<Vec<usize>, String> {
+fn roots(
+    root: &json::Root,
+    parents: &[Option<usize>],
+    warnings: &mut Warnings,
+) -> Result<Vec<usize>, String> {
     let scene = match root.scene {
         Some(index) => Some(get(&root.scenes, index, "scene")?),
         None => root.scenes.first(),
@@ -120,7 +128,8 @@ fn roots(root: &json::Root, parents: &[Option<usize>], warnings: &mut Warnings) 
         }
         let hangs = parents[index].is_some_and(|parent| below_listed[parent] == Some(true));
         if hangs {
-            warnings.add(format!("node {index} is a root and another node's child: drawn once, as the child"));
+            warnings
+                .add(format!("node {index} is a root and another node's child: drawn once, as the child"));
         } else {
             roots.push(index);
         }
@@ -200,7 +209,8 @@ pub(super) fn cameras(root: &json::Root, hierarchy: &Hierarchy, warnings: &mut W
         let eye = world_from_node.translation;
         let forward = world_from_node.transform_vector3(DVec3::NEG_Z).normalize_or(DVec3::NEG_Z);
         let up = world_from_node.transform_vector3(DVec3::Y).normalize_or(DVec3::Y);
-        let read = Camera { eye, target: eye + forward, up, fov_deg: f64::from(perspective.yfov).to_degrees() };
+        let read =
+            Camera { eye, target: eye + forward, up, fov_deg: f64::from(perspective.yfov).to_degrees() };
         match read.validate() {
             Ok(()) => {
                 let named = node.name.as_ref().or(camera.name.as_ref());

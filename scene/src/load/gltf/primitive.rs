@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
-use gltf::json;
 use glam::{Vec2, Vec3, Vec4};
+use gltf::json;
 use json::accessor::Type;
 use json::mesh::{Mode, Semantic};
 use json::validation::Checked;
@@ -84,7 +84,10 @@ pub(super) fn place(
     for (node, range) in placed {
         let world_from_mesh = hierarchy.world_from_node[node as usize];
         if !world_from_mesh.is_finite() {
-            warnings.add(format!("node {}: its place in the world is not finite: left out", hierarchy.in_document[node as usize]));
+            warnings.add(format!(
+                "node {}: its place in the world is not finite: left out",
+                hierarchy.in_document[node as usize]
+            ));
             continue;
         }
         let meshes = index_of[range].iter().flatten();
@@ -124,7 +127,8 @@ fn read(
     if primitive.targets.is_some() {
         warnings.add(format!("mesh {name:?}: morph targets are not supported: drawn without"));
     }
-    let surface = materials.get(material as usize).ok_or_else(|| format!("material {material} does not exist"))?;
+    let surface =
+        materials.get(material as usize).ok_or_else(|| format!("material {material} does not exist"))?;
     let mut raw = RawMesh { name, material, ..RawMesh::default() };
     raw.positions = reader.floats::<3>(positions, &[Type::Vec3])?.into_iter().map(Vec3::from).collect();
     let indices = match primitive.indices {
@@ -144,7 +148,8 @@ fn read(
         raw.uvs = reader.floats::<2>(index, &[Type::Vec2])?.into_iter().map(Vec2::from).collect();
     }
     if let Some(index) = attribute(Semantic::Colors(0)) {
-        raw.colors = reader.floats::<4>(index, &[Type::Vec3, Type::Vec4])?.into_iter().map(Vec4::from).collect();
+        raw.colors =
+            reader.floats::<4>(index, &[Type::Vec3, Type::Vec4])?.into_iter().map(Vec4::from).collect();
     }
     Ok(raw.finish(MissingNormals::Flat, normal_mapped, warnings))
 }
@@ -157,7 +162,8 @@ fn any_texture(m: &Material) -> Option<crate::TextureRef> {
 fn triangles(mode: Mode, indices: Vec<u32>) -> Vec<u32> {
     match mode {
         Mode::TriangleStrip => {
-            let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
+            let turned =
+                |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
             indices.windows(3).enumerate().flat_map(turned).collect()
         }
         Mode::TriangleFan => {

@@ -39,7 +39,9 @@ pub(super) fn libraries(bytes: &[u8]) -> Vec<Vec<String>> {
         if keyword == b"mtllib" {
             let rest = String::from_utf8_lossy(rest).trim().to_owned();
             let mut names = vec![rest.clone()];
-            names.extend(rest.split_whitespace().filter(|word| *word != rest).map(str::to_owned));
+            // A backslash keeps a space within its word.
+            let kept = rest.replace("\\ ", "\0");
+            names.extend(kept.split_whitespace().map(|word| word.replace('\0', " ")));
             libraries.push(names);
         }
     });
@@ -114,7 +116,11 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
     Ok(parts)
 }
 
-fn read_libraries(bundle: &Bundle, images: &mut Textures, warnings: &mut Warnings) -> HashMap<String, Material> {
+fn read_libraries(
+    bundle: &Bundle,
+    images: &mut Textures,
+    warnings: &mut Warnings,
+) -> HashMap<String, Material> {
     let mut library = HashMap::new();
     for candidates in libraries(bundle.main_bytes()) {
         let found = |name: &String| relative("", name).ok().filter(|name| bundle.files.contains_key(name));
@@ -124,7 +130,8 @@ fn read_libraries(bundle: &Bundle, images: &mut Textures, warnings: &mut Warning
             None => candidates.iter().skip(1).filter_map(found).collect(),
         };
         if names.is_empty() {
-            warnings.add(format!("material library {:?} cannot be read", candidates.first()));
+            let line = candidates.first().map_or("", String::as_str);
+            warnings.add(format!("material library {line:?} cannot be read"));
         }
         for name in names {
             // The first definition of a material counts, as in the order of libraries.
@@ -163,9 +170,8 @@ fn read(bytes: &Bytes, content: &mut Content, warnings: &mut Warnings) -> Result
             content.normals.push(DVec3::new(n[0], n[1], n[2]).as_vec3());
         }
         b"f" | b"fo" => {
-            if !content.groups.add_face(rest, &content.positions, content.uvs.len(), content.normals.len()) {
-                bad_faces += 1;
-            }
+            let Content { positions, uvs, normals, groups, .. } = &mut *content;
+            bad_faces += usize::from(!groups.add_face(rest, positions, uvs.len(), normals.len()));
         }
         b"usemtl" => content.groups.use_material(String::from_utf8_lossy(rest).trim()),
         b"s" => content.groups.smooth(rest),
@@ -173,7 +179,9 @@ fn read(bytes: &Bytes, content: &mut Content, warnings: &mut Warnings) -> Result
         _ => {}
     });
     if bad_faces > 0 {
-        warnings.add(format!("{bad_faces} faces with fewer than three corners or vertices that do not exist: dropped"));
+        warnings.add(format!(
+            "{bad_faces} faces with fewer than three corners or vertices that do not exist: dropped"
+        ));
     }
     if drawn_otherwise > 0 {
         warnings.add(format!("{drawn_otherwise} points, lines, curves or surfaces are not drawn"));

@@ -97,7 +97,8 @@ pub(super) fn read(
 fn convert(phong: &Phong, texture: &mut impl FnMut(&Reference, bool) -> Option<TextureRef>) -> Material {
     let unit = |v: Vec3| if v.is_finite() { v.clamp(Vec3::ZERO, Vec3::ONE) } else { Vec3::ZERO };
     let map = |kind| phong.maps.iter().rev().find(|(k, _)| *k == kind).map(|(_, reference)| reference);
-    let diffuse = unit(phong.diffuse.unwrap_or(if map(Map::Diffuse).is_some() { Vec3::ONE } else { Vec3::splat(0.8) }));
+    let diffuse =
+        unit(phong.diffuse.unwrap_or(if map(Map::Diffuse).is_some() { Vec3::ONE } else { Vec3::splat(0.8) }));
     let specular = unit(phong.specular);
     let shows_highlights = phong.illumination.is_none_or(|model| model >= 2);
     let exponent = phong.exponent.filter(|n| n.is_finite() && *n > 0.0);
@@ -131,7 +132,8 @@ fn convert(phong: &Phong, texture: &mut impl FnMut(&Reference, bool) -> Option<T
         material.ior = ior;
     }
     // Where a file has both, d is the one that is defined by the format.
-    let opaque = factor(phong.dissolve).or_else(|| factor(phong.transparency).map(|t| 1.0 - t)).unwrap_or(1.0);
+    let opaque =
+        factor(phong.dissolve).or_else(|| factor(phong.transparency).map(|t| 1.0 - t)).unwrap_or(1.0);
     if map(Map::Dissolve).is_none() {
         material.transmission = 1.0 - opaque;
     }
@@ -145,7 +147,8 @@ pub(super) fn cut_out(materials: &mut [Material], textures: &[Texture]) {
         let rgba = &textures[reference.texture as usize].rgba;
         if rgba.chunks_exact(4).any(|texel| texel[3] < 255) {
             material.alpha = AlphaMode::Mask(0.5);
-            material.base_color = Vec4::new(material.base_color.x, material.base_color.y, material.base_color.z, 1.0);
+            material.base_color =
+                Vec4::new(material.base_color.x, material.base_color.y, material.base_color.z, 1.0);
         }
     }
 }
@@ -161,7 +164,8 @@ fn parse(bytes: &[u8]) -> Vec<Phong> {
         let Some(material) = materials.last_mut() else { return };
         let ([a, b, c], count) = numbers::<3>(rest);
         // One number stands for three; spectral files and other colour spaces are not read.
-        let color = || if count == 1 { Vec3::splat(a as f32) } else { Vec3::new(a as f32, b as f32, c as f32) };
+        let color =
+            || if count == 1 { Vec3::splat(a as f32) } else { Vec3::new(a as f32, b as f32, c as f32) };
         let value = (count > 0).then_some(a as f32);
         match keyword.to_ascii_lowercase().as_slice() {
             b"kd" => material.diffuse = Some(color()),
@@ -186,16 +190,15 @@ fn parse(bytes: &[u8]) -> Vec<Phong> {
 
 /// A texture statement: options, then a file name that may contain spaces. `None` without a name.
 fn reference(rest: &[u8]) -> Option<Reference> {
-    let mut reference =
-        Reference { file: String::new(), scale: Vec2::ONE, offset: Vec2::ZERO, clamp: false };
+    let mut reference = Reference { file: String::new(), scale: Vec2::ONE, offset: Vec2::ZERO, clamp: false };
     let mut left = rest.trim_ascii();
     while left.starts_with(b"-") {
         let (option, mut after) = split_word(left);
         let (least, most) = match option {
             b"-o" | b"-s" | b"-t" => (1, 3),
             b"-mm" => (2, 2),
-            b"-blendu" | b"-blendv" | b"-cc" | b"-clamp" | b"-imfchan" | b"-type" | b"-texres" | b"-bm" | b"-boost"
-            | b"-colorspace" => (1, 1),
+            b"-blendu" | b"-blendv" | b"-cc" | b"-clamp" | b"-imfchan" | b"-type" | b"-texres" | b"-bm"
+            | b"-boost" | b"-colorspace" => (1, 1),
             // A file name that begins with a dash.
             _ => break,
         };
