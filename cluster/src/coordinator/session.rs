@@ -140,10 +140,10 @@ async fn take(shared: &Shared) -> Option<(u64, v1::SessionView, Instant)> {
     loop {
         {
             let mut inbox = shared.inbox.lock();
-            if inbox.closed || inbox.on_their_way.len() < WINDOW {
-                if let Some(newest) = inbox.newest.take() {
-                    return Some(newest);
-                }
+            if (inbox.closed || inbox.on_their_way.len() < WINDOW)
+                && let Some(newest) = inbox.newest.take()
+            {
+                return Some(newest);
             }
             if inbox.closed {
                 return None;

@@ -1,0 +1,151 @@
+//! Who joins, who leaves, and who plays which role.
+
+use std::time::Duration;
+
+use super::sim::Sim;
+use crate::core::*;
+
+#[test]
+fn one_worker_alone_plays_both_roles_and_a_second_takes_one_of_them() {
+    let mut sim = Sim::new(Config::default());
+    assert_eq!(sim.roles(), (0, 0));
+    let waiting = sim.ask(false);
+    assert!(sim.orders.is_empty(), "nobody there yet");
+    let first = sim.join("a");
+    assert!(sim.orders.is_empty(), "not ready yet");
+    sim.report(first);
+    assert_eq!(sim.roles(), (1, 1));
+    assert_eq!(sim.orders[&waiting].sources.len(), 4);
+    assert!(sim.orders[&waiting].sources.iter().all(|s| s.addresses.is_empty()), "it renders them itself");
+    let second = sim.join("b");
+    sim.report(second);
+    assert_eq!(sim.roles(), (1, 1));
+    assert_eq!(sim.workers[&first].told.last().unwrap().role, Role::Sampler);
+    assert_eq!(sim.workers[&second].told.last().unwrap().role, Role::Compositor);
+    sim.step(Event::Left { worker: second });
+    assert_eq!(sim.roles(), (1, 1));
+    assert_eq!(sim.workers[&first].told.last().unwrap().role, Role::Both);
+}
+
+#[test]
+fn a_role_moves_when_demand_moves_and_only_then() {
+    let mut sim = Sim::with_workers(3);
+    (0..10).for_each(|_| sim.second(400, 0));
+    assert_eq!(sim.roles(), (1, 2));
+    let settled = sim.roles_changed();
+    // 400 views are 0.8 s per tick, 30 direct ones 2.4 s: two shall sample.
+    (0..3).for_each(|_| sim.second(400, 30));
+    assert_eq!(sim.roles_changed(), settled, "the dwell is not over");
+    (0..10).for_each(|_| sim.second(400, 30));
+    assert_eq!(sim.roles(), (2, 1));
+    assert_eq!(sim.roles_changed(), settled + 1);
+    (0..20).for_each(|_| sim.second(400, 0));
+    assert_eq!(sim.roles(), (1, 2));
+    assert_eq!(sim.roles_changed(), settled + 2);
+    (0..20).for_each(|_| sim.second(0, 20));
+    assert_eq!(sim.roles(), (3, 0), "direct views alone: everybody renders");
+    sim.second(400, 20);
+    sim.second(400, 20);
+    let (samplers, compositors) = sim.roles();
+    assert!(samplers >= 1 && compositors >= 1, "views without a compositor do not wait for the dwell");
+    assert!(sim.refused.is_empty());
+}
+
+#[test]
+fn noise_about_a_boundary_moves_nothing() {
+    let mut sim = Sim::with_workers(3);
+    // a·(P − K) = b·(K − 1) at K = 2: a tie between one sampler and two.
+    sim.view_ms = 4.0;
+    (0..10).for_each(|_| sim.second(200, 10));
+    let settled = sim.roles_changed();
+    for i in 0..120_usize {
+        let tremble = (i * 7919) % 13;
+        sim.view_ms = 4.0 * (0.94 + 0.01 * tremble as f64);
+        sim.second(194 + tremble, 10);
+    }
+    assert_eq!(sim.roles_changed(), settled);
+}
+
+#[test]
+fn a_worker_that_changes_its_role_gets_nothing_new_until_it_has_finished() {
+    let mut sim = Sim::with_workers(3);
+    (0..10).for_each(|_| sim.second(400, 0));
+    for worker in sim.workers.values_mut() {
+        worker.obedient = false;
+    }
+    (0..10).for_each(|_| sim.second(400, 30));
+    let status = sim.core.status();
+    let changing: Vec<_> = status.workers.iter().filter(|w| w.draining).collect();
+    assert_eq!(changing.len(), 1);
+    let name = changing[0].hello.name.clone();
+    let id = sim.workers.iter().find(|(_, w)| w.name == name).map(|(id, _)| *id).unwrap();
+    for direct in [false, true] {
+        for _ in 0..20 {
+            let ticket = sim.ask(direct);
+            assert_ne!(sim.orders[&ticket].worker, id);
+        }
+    }
+    sim.answer_all();
+    sim.workers.get_mut(&id).unwrap().obedient = true;
+    sim.report(id);
+    assert!(sim.core.status().workers.iter().all(|w| !w.draining));
+    let to_it = (0..20).filter(|_| {
+        let ticket = sim.ask(true);
+        sim.orders[&ticket].worker == id
+    });
+    assert!(to_it.count() > 0);
+}
+
+#[test]
+fn a_worker_that_falls_silent_is_lost_when_its_lease_is_over() {
+    let mut sim = Sim::with_workers(2);
+    let silent = *sim.workers.keys().next().unwrap();
+    let other = *sim.workers.keys().last().unwrap();
+    for _ in 0..19 {
+        sim.now = sim.now.after(Duration::from_millis(250));
+        sim.report(other);
+        sim.step(Event::Tick);
+    }
+    assert!(sim.expelled.is_empty());
+    sim.now = sim.now.after(Duration::from_millis(250));
+    sim.step(Event::Tick);
+    assert_eq!(sim.expelled, [silent]);
+    assert_eq!(sim.roles(), (1, 1));
+    // It was only slow: what its old stream still says is answered by ending it.
+    sim.step(Event::Reported { worker: silent, report: Report::default() });
+    assert_eq!(sim.expelled, [silent, silent]);
+}
+
+#[test]
+fn a_worker_of_the_same_name_replaces_the_older_one() {
+    let mut sim = Sim::with_workers(2);
+    let old = *sim.workers.keys().next().unwrap();
+    let ticket = sim.ask(true);
+    assert_eq!(sim.orders[&ticket].worker, old, "the sampler");
+    let new = sim.join("w0");
+    assert_eq!(sim.expelled, [old]);
+    sim.report(new);
+    sim.step(Event::Left { worker: old });
+    assert_eq!(sim.core.status().processes, 2);
+    assert_ne!(sim.orders[&ticket].worker, old);
+    sim.answer_all();
+    assert_eq!(sim.core.status().counters.views_answered, 1);
+}
+
+#[test]
+fn a_worker_that_says_it_leaves_finishes_and_gets_nothing_new() {
+    let mut sim = Sim::with_workers(3);
+    let tickets: Vec<Ticket> = (0..10).map(|_| sim.ask(false)).collect();
+    let leaver = sim.orders[&tickets[0]].worker;
+    sim.workers.get_mut(&leaver).unwrap().report.leaving = true;
+    sim.report(leaver);
+    for _ in 0..20 {
+        let ticket = sim.ask(false);
+        assert_ne!(sim.orders[&ticket].worker, leaver);
+    }
+    assert_eq!(sim.core.status().processes, 2);
+    sim.answer_all();
+    sim.leave(leaver);
+    let counters = sim.core.status().counters;
+    assert_eq!((counters.views_answered, counters.workers_lost, counters.views_retried), (30, 0, 0));
+}

@@ -1,0 +1,200 @@
+//! A coordinator's core with workers that do as they are told.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_proto::Fault;
+use argus_scene::{Camera, Outputs, PlanRequest, SampleId, View};
+use glam::DVec3;
+
+use crate::core::tests::set_info;
+use crate::core::*;
+
+/// A coordinator's core with workers that do as they are told, on a clock that only tests move.
+pub(super) struct Sim {
+    pub(super) core: Core,
+    pub(super) now: Uptime,
+    pub(super) next: u64,
+    pub(super) workers: BTreeMap<WorkerId, SimWorker>,
+    /// Views in work, by ticket.
+    pub(super) orders: BTreeMap<Ticket, Order>,
+    pub(super) refused: Vec<(Ticket, Fault)>,
+    pub(super) answered: BTreeSet<Ticket>,
+    pub(super) expelled: Vec<WorkerId>,
+    /// Costs that workers report.
+    pub(super) view_ms: f64,
+    pub(super) direct_ms: f64,
+}
+
+#[derive(Debug, Clone, Default)]
+pub(super) struct SimWorker {
+    pub(super) name: String,
+    pub(super) report: Report,
+    pub(super) told: Vec<Assignment>,
+    /// Whether it acknowledges at its next report.
+    pub(super) obedient: bool,
+}
+
+impl Sim {
+    pub(super) fn new(config: Config) -> Self {
+        Self {
+            core: Core::new(config, Arc::new(set_info())),
+            now: Uptime::default(),
+            next: 1,
+            workers: BTreeMap::new(),
+            orders: BTreeMap::new(),
+            refused: Vec::new(),
+            answered: BTreeSet::new(),
+            expelled: Vec::new(),
+            view_ms: 2.0,
+            direct_ms: 80.0,
+        }
+    }
+
+    pub(super) fn with_workers(count: usize) -> Self {
+        let mut sim = Self::new(Config::default());
+        for i in 0..count {
+            sim.join(&format!("w{i}"));
+            sim.report_all();
+        }
+        sim
+    }
+
+    pub(super) fn step(&mut self, event: Event) {
+        for action in self.core.step(event, self.now) {
+            match action {
+                Action::Assign { worker, assignment } => {
+                    if let Some(worker) = self.workers.get_mut(&worker) {
+                        worker.told.push(assignment);
+                    }
+                }
+                Action::Expel { worker, .. } => {
+                    self.workers.remove(&worker);
+                    self.orders.retain(|_, order| order.worker != worker);
+                    self.expelled.push(worker);
+                }
+                Action::Dispatch { ticket, order } => {
+                    assert!(!self.answered.contains(&ticket), "an answered view was sent again");
+                    assert!(self.workers.contains_key(&order.worker), "sent to a worker that is gone");
+                    self.orders.insert(ticket, *order);
+                }
+                Action::Refuse { ticket, fault } => {
+                    assert!(!self.answered.contains(&ticket), "an answered view was refused");
+                    assert!(!self.refused.iter().any(|(t, _)| *t == ticket), "refused twice");
+                    self.orders.remove(&ticket);
+                    self.refused.push((ticket, fault));
+                }
+            }
+        }
+    }
+
+    pub(super) fn join(&mut self, name: &str) -> WorkerId {
+        let id = WorkerId(self.next);
+        self.next += 1;
+        let worker = SimWorker { name: name.to_owned(), obedient: true, ..SimWorker::default() };
+        self.workers.insert(id, worker);
+        let hello = Hello {
+            name: name.to_owned(),
+            pid: id.0 as u32,
+            address: format!("http://{name}"),
+            device: "device".to_owned(),
+            cores: 1,
+        };
+        self.step(Event::Joined { worker: id, hello });
+        id
+    }
+
+    /// Its process ends, and with it what it was working on.
+    pub(super) fn leave(&mut self, id: WorkerId) {
+        self.workers.remove(&id);
+        self.orders.retain(|_, order| order.worker != id);
+        self.step(Event::Left { worker: id });
+    }
+
+    pub(super) fn report(&mut self, id: WorkerId) {
+        let Some(worker) = self.workers.get_mut(&id) else { return };
+        if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
+            worker.report.applied = told.sequence;
+        }
+        worker.report.sample_ms = Some(self.direct_ms);
+        worker.report.direct_ms = Some(self.direct_ms);
+        worker.report.view_ms = Some(self.view_ms);
+        let report = worker.report.clone();
+        self.step(Event::Reported { worker: id, report });
+    }
+
+    pub(super) fn report_all(&mut self) {
+        for id in self.workers.keys().copied().collect::<Vec<_>>() {
+            self.report(id);
+        }
+    }
+
+    pub(super) fn ask(&mut self, direct: bool) -> Ticket {
+        self.ask_with(direct, None)
+    }
+
+    pub(super) fn ask_with(&mut self, direct: bool, deadline: Option<Duration>) -> Ticket {
+        let ticket = Ticket(self.next);
+        self.next += 1;
+        let view = Box::new(View {
+            camera: Camera::look_at(DVec3::new(3.0, 30.0, 4.0), DVec3::new(2.0, 0.0, 2.0)),
+            width: 200,
+            height: 150,
+            outputs: Outputs::COLOR,
+            plan: PlanRequest { direct, ..PlanRequest::default() },
+            pin: None,
+        });
+        self.step(Event::Asked { ticket, view, deadline });
+        ticket
+    }
+
+    pub(super) fn answer(&mut self, ticket: Ticket) {
+        let Some(order) = self.orders.remove(&ticket) else { return };
+        if let Some(worker) = self.workers.get_mut(&order.worker) {
+            match &order.plan {
+                argus_scene::Plan::Direct { .. } => {
+                    worker.report.views_direct += 1;
+                    worker.report.sampling_busy_ms += self.direct_ms;
+                }
+                argus_scene::Plan::Warp { samples, .. } => {
+                    worker.report.views_composed += 1;
+                    worker.report.compositing_busy_ms += self.view_ms;
+                    let held: BTreeSet<SampleId> =
+                        worker.report.held.iter().chain(samples).copied().collect();
+                    worker.report.held = held.into_iter().collect();
+                }
+            }
+        }
+        self.answered.insert(ticket);
+        self.step(Event::Answered { ticket, attempt: order.attempt });
+    }
+
+    pub(super) fn answer_all(&mut self) {
+        while let Some(ticket) = self.orders.keys().next().copied() {
+            self.answer(ticket);
+        }
+    }
+
+    /// A second of demand, spread over four reports.
+    pub(super) fn second(&mut self, views: usize, direct: usize) {
+        for quarter in 0..4 {
+            let share = |n: usize| n * (quarter + 1) / 4 - n * quarter / 4;
+            (0..share(views)).for_each(|_| _ = self.ask(false));
+            (0..share(direct)).for_each(|_| _ = self.ask(true));
+            self.answer_all();
+            self.now = self.now.after(Duration::from_millis(250));
+            self.report_all();
+            self.step(Event::Tick);
+        }
+    }
+
+    pub(super) fn roles(&self) -> (u32, u32) {
+        let status = self.core.status();
+        (status.samplers, status.compositors)
+    }
+
+    pub(super) fn roles_changed(&self) -> u64 {
+        self.core.status().counters.roles_changed
+    }
+}

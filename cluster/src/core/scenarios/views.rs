@@ -1,0 +1,180 @@
+//! What becomes of views and of the samples they need.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use argus_proto::Fault;
+use argus_scene::{Camera, Outputs, PlanRequest, View};
+use glam::DVec3;
+
+use super::sim::Sim;
+use crate::core::tests::set_info;
+use crate::core::*;
+
+#[test]
+fn the_views_of_a_lost_worker_are_sent_to_another() {
+    let mut sim = Sim::with_workers(3);
+    let tickets: Vec<Ticket> = (0..40).map(|_| sim.ask(false)).collect();
+    let victim = sim.orders[&tickets[0]].worker;
+    let before: Vec<Ticket> = tickets.iter().filter(|t| sim.orders[t].worker == victim).copied().collect();
+    assert!(before.len() > 1);
+    sim.leave(victim);
+    for ticket in &before {
+        let order = &sim.orders[ticket];
+        assert_ne!(order.worker, victim);
+        assert_eq!(order.attempt, 2);
+    }
+    sim.answer_all();
+    let counters = sim.core.status().counters;
+    assert_eq!(counters.views_answered, 40);
+    assert_eq!((counters.views_retried, counters.workers_lost), (before.len() as u64, 1));
+    assert_eq!(sim.core.views_in_flight(), 0);
+}
+
+#[test]
+fn what_comes_twice_or_too_late_is_ignored() {
+    let mut sim = Sim::with_workers(3);
+    let ticket = sim.ask(false);
+    let first = sim.orders[&ticket].clone();
+    sim.step(Event::Failed { ticket, attempt: first.attempt, failure: Failure::TryElsewhere });
+    let second = sim.orders[&ticket].clone();
+    assert_ne!(second.worker, first.worker);
+    sim.step(Event::Failed { ticket, attempt: first.attempt, failure: Failure::Final });
+    sim.step(Event::Answered { ticket, attempt: first.attempt });
+    assert_eq!(sim.core.views_in_flight(), 1);
+    sim.answer(ticket);
+    sim.step(Event::Answered { ticket, attempt: second.attempt });
+    sim.step(Event::Cancelled { ticket });
+    let counters = sim.core.status().counters;
+    assert_eq!((counters.views_answered, counters.views_failed, counters.views_retried), (1, 0, 1));
+    assert_eq!(sim.core.views_in_flight(), 0);
+}
+
+#[test]
+fn a_view_at_which_every_worker_fails_is_given_up() {
+    let mut sim = Sim::with_workers(3);
+    let ticket = sim.ask(false);
+    for attempt in 1..=4 {
+        sim.step(Event::Failed { ticket, attempt, failure: Failure::TryElsewhere });
+    }
+    assert!(matches!(&sim.refused[..], [(t, Fault::Unavailable(_))] if *t == ticket));
+    assert_eq!(sim.core.views_in_flight(), 0);
+}
+
+#[test]
+fn one_view_too_many_is_turned_away_at_once() {
+    let mut sim = Sim::new(Config { max_views: 10, max_views_per_worker: 3, ..Config::default() });
+    let worker = sim.join("a");
+    sim.report(worker);
+    let tickets: Vec<Ticket> = (0..12).map(|_| sim.ask(false)).collect();
+    assert_eq!(sim.orders.len(), 3);
+    assert_eq!(sim.refused.len(), 2);
+    assert!(sim.refused.iter().all(|(_, f)| matches!(f, Fault::Overloaded { .. })));
+    assert_eq!(sim.core.status().counters.views_rejected, 2);
+    sim.answer_all();
+    assert_eq!(sim.answered.len(), 10, "those admitted are answered, first come first served");
+    assert!(tickets[..10].iter().all(|t| sim.answered.contains(t)));
+}
+
+#[test]
+fn deadlines_patience_and_cancellation_end_a_wait() {
+    let mut sim = Sim::new(Config::default());
+    let hurried = sim.ask_with(false, Some(Duration::from_millis(100)));
+    let patient = sim.ask(false);
+    let cancelled = sim.ask(true);
+    sim.step(Event::Cancelled { ticket: cancelled });
+    sim.now = sim.now.after(Duration::from_millis(100));
+    sim.step(Event::Tick);
+    assert!(matches!(&sim.refused[..], [(t, Fault::Deadline(_))] if *t == hurried));
+    sim.now = sim.now.after(Duration::from_secs(30));
+    sim.step(Event::Tick);
+    assert!(matches!(&sim.refused[1..], [(t, Fault::Unavailable(_))] if *t == patient));
+    assert_eq!(sim.core.views_in_flight(), 0);
+}
+
+#[test]
+fn samples_are_counted_once_and_again_only_when_nobody_holds_them() {
+    let mut sim = Sim::with_workers(3);
+    (0..30).for_each(|_| sim.second(40, 0));
+    assert_eq!(sim.core.status().samples_per_tick, 0.0, "a static scene is sampled once");
+    let ticket = sim.ask(false);
+    let order = &sim.orders[&ticket];
+    assert!(order.sources.iter().all(|s| !s.addresses.is_empty()), "the other holder or the sampler");
+    // Everybody who held them leaves; those that come render anew.
+    let old: Vec<WorkerId> = sim.workers.keys().copied().collect();
+    for worker in old {
+        sim.leave(worker);
+    }
+    for name in ["x", "y"] {
+        let id = sim.join(name);
+        sim.report(id);
+    }
+    sim.second(4, 0);
+    assert!(sim.core.status().samples_per_tick > 1.0);
+    assert!(sim.answered.contains(&ticket));
+}
+
+#[test]
+fn views_spread_over_compositors_and_ask_the_same_sampler_for_the_same_sample() {
+    let mut sim = Sim::with_workers(4);
+    let sampler = sim
+        .core
+        .status()
+        .workers
+        .iter()
+        .find(|w| w.role == Some(Role::Sampler))
+        .map(|w| w.hello.address.clone())
+        .unwrap();
+    let tickets: Vec<Ticket> = (0..30).map(|_| sim.ask(false)).collect();
+    let mut count = BTreeMap::<WorkerId, usize>::new();
+    for ticket in &tickets {
+        let order = &sim.orders[ticket];
+        *count.entry(order.worker).or_default() += 1;
+        assert!(order.sources.iter().all(|s| s.addresses == [sampler.clone()]));
+    }
+    assert_eq!(count.len(), 3);
+    assert!(count.values().all(|n| (8..=12).contains(n)), "{count:?}");
+}
+
+#[test]
+fn a_draining_coordinator_turns_new_views_away_and_answers_the_old() {
+    let mut sim = Sim::with_workers(2);
+    let old = sim.ask(false);
+    sim.step(Event::Drain);
+    let new = sim.ask(false);
+    assert!(matches!(&sim.refused[..], [(t, Fault::Unavailable(_))] if *t == new));
+    sim.answer(old);
+    assert_eq!(sim.core.views_in_flight(), 0);
+}
+
+#[test]
+fn a_pinned_device_is_waited_for_or_refused() {
+    let mut sim = Sim::with_workers(2);
+    let ticket = sim.ask(false);
+    let order = sim.orders[&ticket].clone();
+    let set = set_info();
+    let mut pinned = |device: &str| {
+        let ticket = Ticket(sim.next);
+        sim.next += 1;
+        let view = Box::new(View {
+            camera: Camera::look_at(DVec3::new(3.0, 30.0, 4.0), DVec3::new(2.0, 0.0, 2.0)),
+            width: 20,
+            height: 15,
+            outputs: Outputs::COLOR,
+            plan: PlanRequest::default(),
+            pin: Some(argus_scene::Provenance {
+                scene: set.scene,
+                epoch: set.epoch,
+                generation: set.generation,
+                plan: order.plan.clone(),
+                device: device.to_owned(),
+            }),
+        });
+        sim.step(Event::Asked { ticket, view, deadline: None });
+        ticket
+    };
+    let (same, other, any) = (pinned("device"), pinned("another"), pinned(""));
+    assert_eq!(sim.orders[&same].plan, order.plan);
+    assert_eq!(sim.orders[&any].plan, order.plan);
+    assert!(matches!(&sim.refused[..], [(t, Fault::Pin(_))] if *t == other));
+}

@@ -1,0 +1,324 @@
+//! A whole cluster in one process, on port 0, with roles that compute pixels without a GPU.
+
+// Each test binary uses its own part of this.
+#![allow(dead_code, unreachable_pub, missing_docs, clippy::unwrap_used)]
+
+pub mod roles;
+pub mod session;
+
+use std::future::Future;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use argus_cluster::{BundleFile, SceneOpener, SceneRef, SceneSource, coordinator, core, worker};
+use argus_proto::chunks::{FrameAssembler, FrameMeta};
+use argus_proto::v1::cluster_client::ClusterClient;
+use argus_proto::v1::views_client::ViewsClient;
+use argus_proto::v1::{self};
+use argus_scene::scene::RigKind;
+use argus_scene::{
+    Camera, Frame, Instance, Lighting, Limits, Material, Mesh, Outputs, PlanRequest, Provenance, Scene,
+    SceneHash, View,
+};
+use glam::{DAffine3, DVec3, Vec3};
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+use tokio_util::sync::CancellationToken;
+use tonic::Status;
+use tonic::transport::Channel;
+
+use roles::{Factory, Knobs};
+
+/// Nothing in a test takes this long unless it hangs.
+pub const LIMIT: Duration = Duration::from_secs(30);
+
+/// One triangle, and a hash that follows from the name.
+pub fn scene(name: &str) -> Arc<Scene> {
+    let mesh = Mesh {
+        positions: vec![Vec3::new(-10.0, 0.0, -10.0), Vec3::new(10.0, 0.0, -10.0), Vec3::new(0.0, 4.0, 10.0)],
+        normals: vec![Vec3::Y; 3],
+        indices: vec![0, 1, 2],
+        ..Mesh::default()
+    };
+    let mut hash = [0; 32];
+    for (place, byte) in name.bytes().enumerate() {
+        hash[place % 32] ^= byte;
+    }
+    Arc::new(Scene {
+        name: name.to_owned(),
+        hash: SceneHash(hash),
+        meshes: vec![mesh],
+        instances: vec![Instance { mesh: 0, node: None, world_from_mesh: DAffine3::IDENTITY }],
+        materials: vec![Material::default()],
+        textures: Vec::new(),
+        nodes: Vec::new(),
+        animations: Vec::new(),
+        lighting: Lighting::default(),
+        cameras: Vec::new(),
+        rig: RigKind::TileCorners,
+        warnings: Vec::new(),
+    })
+}
+
+/// Serves a scene that is generated, or one of two files.
+pub struct Source {
+    pub scene: Arc<Scene>,
+    pub files: Vec<(String, PathBuf)>,
+}
+
+impl SceneSource for Source {
+    fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    fn procedural(&self) -> Option<String> {
+        self.files.is_empty().then(|| self.scene.name.clone())
+    }
+
+    fn files(&self) -> Result<Vec<(String, PathBuf)>, String> {
+        Ok(self.files.clone())
+    }
+}
+
+/// Has the scene itself, or counts what it had to be sent.
+#[derive(Default)]
+pub struct Opener {
+    pub has_nothing: bool,
+    pub generated: AtomicUsize,
+    pub fetched: parking_lot::Mutex<Vec<BundleFile>>,
+}
+
+impl SceneOpener for Opener {
+    fn open_local(&self, reference: &SceneRef) -> Result<Option<Arc<Scene>>, String> {
+        Ok((!self.has_nothing).then(|| scene(&reference.name)))
+    }
+
+    fn open_procedural(&self, spec: &str) -> Result<Arc<Scene>, String> {
+        self.generated.fetch_add(1, Ordering::SeqCst);
+        Ok(scene(spec))
+    }
+
+    fn open_bundle(&self, reference: &SceneRef, files: Vec<BundleFile>) -> Result<Arc<Scene>, String> {
+        *self.fetched.lock() = files;
+        Ok(scene(&reference.name))
+    }
+}
+
+/// A process of the cluster: a runtime of its own, so that it can be killed in the middle of things.
+pub struct Process<E> {
+    pub address: SocketAddr,
+    shutdown: CancellationToken,
+    runtime: Option<Runtime>,
+    ended: Option<tokio::sync::oneshot::Receiver<Result<(), E>>>,
+}
+
+impl<E: Send + 'static> Process<E> {
+    fn start<F, Run>(address: Option<SocketAddr>, run: Run) -> Self
+    where
+        F: Future<Output = Result<(), E>> + Send + 'static,
+        Run: FnOnce(TcpListener, CancellationToken) -> F,
+    {
+        let runtime =
+            tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+        let address = address.unwrap_or_else(|| "127.0.0.1:0".parse().unwrap());
+        let listener = std::net::TcpListener::bind(address).unwrap();
+        listener.set_nonblocking(true).unwrap();
+        let entered = runtime.enter();
+        let listener = TcpListener::from_std(listener).unwrap();
+        drop(entered);
+        let address = listener.local_addr().unwrap();
+        let shutdown = CancellationToken::new();
+        let (done, ended) = tokio::sync::oneshot::channel();
+        let running = run(listener, shutdown.clone());
+        runtime.spawn(async move { done.send(running.await) });
+        Self { address, shutdown, runtime: Some(runtime), ended: Some(ended) }
+    }
+
+    /// Ends it at once, as a crash would: its connections break.
+    pub fn kill(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+
+    /// Asks it to end and waits for what it returns.
+    pub async fn stop(&mut self) -> Result<(), E> {
+        self.shutdown.cancel();
+        self.ended().await
+    }
+
+    /// Waits for what it returns.
+    pub async fn ended(&mut self) -> Result<(), E> {
+        let ended = self.ended.take().unwrap();
+        tokio::time::timeout(LIMIT, ended).await.expect("it must end").unwrap()
+    }
+
+    pub fn url(&self) -> String {
+        format!("http://{}", self.address)
+    }
+}
+
+impl<E> Drop for Process<E> {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+pub type Worker = Process<worker::RunError>;
+pub type Coordinator = Process<coordinator::ServeError>;
+
+/// Ticks of 100 ms, so that demand is known and roles change within a second.
+pub fn quick() -> coordinator::Config {
+    coordinator::Config {
+        core: core::Config {
+            tick: Duration::from_millis(100),
+            dwell: Duration::from_millis(300),
+            report_interval: Duration::from_millis(25),
+            lease: Duration::from_secs(3),
+            ..core::Config::default()
+        },
+        ..coordinator::Config::default()
+    }
+}
+
+pub fn start_coordinator(config: coordinator::Config) -> Coordinator {
+    start_coordinator_at(config, None, Source { scene: scene("test"), files: Vec::new() })
+}
+
+pub fn start_coordinator_at(
+    config: coordinator::Config,
+    address: Option<SocketAddr>,
+    source: Source,
+) -> Coordinator {
+    Process::start(address, |listener, shutdown| {
+        coordinator::serve(config, listener, Arc::new(source), shutdown)
+    })
+}
+
+pub fn start_worker(coordinator: &str, knobs: &Arc<Knobs>) -> Worker {
+    start_worker_with(worker::Config::new(coordinator), knobs, Arc::new(Opener::default()))
+}
+
+pub fn start_worker_with(config: worker::Config, knobs: &Arc<Knobs>, opener: Arc<Opener>) -> Worker {
+    let factory = Arc::new(Factory { knobs: knobs.clone() });
+    Process::start(None, |listener, shutdown| worker::run(config, listener, factory, opener, shutdown))
+}
+
+/// One coordinator and its workers.
+pub struct Cluster {
+    pub coordinator: Coordinator,
+    pub workers: Vec<Worker>,
+    pub knobs: Arc<Knobs>,
+    pub channel: Channel,
+}
+
+impl Cluster {
+    pub async fn start(workers: usize) -> Self {
+        Self::start_with(quick(), workers).await
+    }
+
+    pub async fn start_with(config: coordinator::Config, count: usize) -> Self {
+        let knobs = Arc::new(Knobs::default());
+        let coordinator = start_coordinator(config);
+        let workers = (0..count).map(|_| start_worker(&coordinator.url(), &knobs)).collect();
+        let channel = channel(&coordinator.url());
+        let cluster = Self { coordinator, workers, knobs, channel };
+        cluster.wait_for(|status| status.processes as usize == count).await;
+        cluster
+    }
+
+    pub fn views(&self) -> ViewsClient<Channel> {
+        ViewsClient::new(self.channel.clone())
+    }
+
+    pub async fn status(&self) -> v1::StatusResponse {
+        let mut client = ClusterClient::new(self.channel.clone());
+        client.status(v1::StatusRequest {}).await.unwrap().into_inner()
+    }
+
+    /// Waits until the cluster is in a state.
+    pub async fn wait_for(&self, state: impl Fn(&v1::StatusResponse) -> bool) -> v1::StatusResponse {
+        let reached = async {
+            loop {
+                let status = self.status().await;
+                if state(&status) {
+                    return status;
+                }
+                tokio::time::sleep(Duration::from_millis(10)).await;
+            }
+        };
+        match tokio::time::timeout(LIMIT, reached).await {
+            Ok(status) => status,
+            Err(_) => panic!("the state was never reached: {:#?}", self.status().await),
+        }
+    }
+
+    pub async fn render(&self, view: &View) -> Result<(Frame, FrameMeta), Status> {
+        render(self.views(), view, 0).await
+    }
+
+    /// The worker with that id.
+    pub fn worker_at(&mut self, address: &str) -> &mut Worker {
+        self.workers.iter_mut().find(|w| w.url() == address).unwrap()
+    }
+}
+
+pub fn channel(url: &str) -> Channel {
+    tonic::transport::Endpoint::from_shared(url.to_owned()).unwrap().tcp_nodelay(true).connect_lazy()
+}
+
+pub fn request(view: &View, deadline_ms: u32) -> v1::RenderRequest {
+    v1::RenderRequest {
+        view_id: "a view".to_owned(),
+        view: Some(view.into()),
+        deadline_ms,
+        encoding: v1::Encoding::Raw as i32,
+        order: None,
+    }
+}
+
+pub async fn render(
+    mut client: ViewsClient<Channel>,
+    view: &View,
+    deadline_ms: u32,
+) -> Result<(Frame, FrameMeta), Status> {
+    let answer = async {
+        let mut chunks = client.render(request(view, deadline_ms)).await?.into_inner();
+        let mut assembler = FrameAssembler::new(Limits::default());
+        let mut frame = None;
+        while let Some(chunk) = chunks.message().await? {
+            if let Some(complete) = assembler.push(chunk).unwrap() {
+                assert!(frame.replace(complete).is_none(), "two frames for one view");
+            }
+        }
+        frame.ok_or_else(|| Status::data_loss("no frame"))
+    };
+    tokio::time::timeout(LIMIT, answer).await.expect("a view must be answered")
+}
+
+/// One of many viewpoints around the scene.
+pub fn view(i: usize) -> View {
+    let angle = i as f64 * 0.37;
+    let eye = DVec3::new(20.0 * angle.cos(), 15.0, 20.0 * angle.sin());
+    View {
+        camera: Camera::look_at(eye, DVec3::ZERO),
+        width: 32,
+        height: 24,
+        outputs: Outputs::COLOR,
+        plan: PlanRequest::default(),
+        pin: None,
+    }
+}
+
+pub fn direct(i: usize) -> View {
+    View { plan: PlanRequest { direct: true, ..PlanRequest::default() }, ..view(i) }
+}
+
+pub fn pinned(i: usize, pin: Provenance) -> View {
+    View { pin: Some(pin), ..view(i) }
+}

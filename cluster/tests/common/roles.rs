@@ -1,0 +1,247 @@
+//! Roles whose pixels are a hash of what they are a function of: a frame that was made of the wrong samples,
+//! or with the wrong plan, is a different frame.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::time::Duration;
+
+use argus_cluster::RoleFactory;
+use argus_scene::{
+    Cancel, Compositor, Frame, Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Provenance, RenderError,
+    Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Stage, ViewJob,
+};
+use bytes::Bytes;
+
+/// What a test may change while a cluster runs, shared by its workers.
+#[derive(Default)]
+pub struct Knobs {
+    pub view_us: AtomicU64,
+    pub direct_us: AtomicU64,
+    pub sample_us: AtomicU64,
+    /// The next calls that lose the device.
+    pub lose_device: AtomicUsize,
+    /// The next calls that panic.
+    pub panics: AtomicUsize,
+    /// Views of this width fail.
+    pub poisoned_width: AtomicU64,
+    pub compositors_made: AtomicUsize,
+    pub samplers_made: AtomicUsize,
+    pub samples_rendered: AtomicUsize,
+    pub samples_read_back: AtomicUsize,
+    pub largest_batch: AtomicUsize,
+    pub cancelled: AtomicUsize,
+    /// Compositors refuse to be made.
+    pub no_device: AtomicBool,
+}
+
+impl Knobs {
+    pub fn set(&self, view_us: u64, direct_us: u64) {
+        self.view_us.store(view_us, Ordering::SeqCst);
+        self.direct_us.store(direct_us, Ordering::SeqCst);
+    }
+
+    /// Works for a while, a slice at a time; whether it was cancelled.
+    fn work(&self, us: &AtomicU64, cancel: &Cancel) -> bool {
+        let mut left = Duration::from_micros(us.load(Ordering::SeqCst));
+        while !left.is_zero() {
+            if cancel.is_cancelled() {
+                self.cancelled.fetch_add(1, Ordering::SeqCst);
+                return true;
+            }
+            let slice = left.min(Duration::from_millis(5));
+            std::thread::sleep(slice);
+            left -= slice;
+        }
+        false
+    }
+
+    fn misfortune(&self) -> Result<(), RenderError> {
+        let strikes = |count: &AtomicUsize| {
+            count.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |n| n.checked_sub(1)).is_ok()
+        };
+        if strikes(&self.panics) {
+            panic!("a role panics, as told");
+        }
+        match strikes(&self.lose_device) {
+            true => Err(RenderError::DeviceLost("as told".to_owned())),
+            false => Ok(()),
+        }
+    }
+}
+
+pub struct Factory {
+    pub knobs: Arc<Knobs>,
+}
+
+pub const DEVICE: &str = "no device at all, version 1";
+
+impl RoleFactory for Factory {
+    fn sampler(&self, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError> {
+        self.knobs.samplers_made.fetch_add(1, Ordering::SeqCst);
+        Ok(Box::new(FakeSampler { knobs: self.knobs.clone(), scene }))
+    }
+
+    fn compositor(&self) -> Result<Box<dyn Compositor>, RenderError> {
+        if self.knobs.no_device.load(Ordering::SeqCst) {
+            return Err(RenderError::Internal("there is no device".to_owned()));
+        }
+        self.knobs.compositors_made.fetch_add(1, Ordering::SeqCst);
+        Ok(Box::new(FakeCompositor { knobs: self.knobs.clone(), held: HashMap::new() }))
+    }
+}
+
+/// FNV-1a.
+fn hash(parts: &[&[u8]]) -> u64 {
+    let bytes = parts.iter().flat_map(|part| part.iter());
+    bytes.fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3))
+}
+
+/// Bytes that follow from a seed.
+fn noise(seed: u64, count: usize) -> Bytes {
+    let mut x = seed | 1;
+    let next = |_| {
+        x ^= x << 13;
+        x ^= x >> 7;
+        x ^= x << 17;
+        (x >> 24) as u8
+    };
+    (0..count).map(next).collect::<Vec<u8>>().into()
+}
+
+fn frame(job: &ViewJob, scene: &Scene, generation: u64, seed: u64) -> Frame {
+    let pixels = (job.width * job.height) as usize;
+    Frame {
+        width: job.width,
+        height: job.height,
+        color: job.outputs.color.then(|| noise(seed, pixels * 3)),
+        range: job.outputs.range.then(|| noise(seed ^ 1, pixels * 4)),
+        mask: job.outputs.mask.then(|| noise(seed ^ 2, pixels)),
+        source: job.outputs.source.then(|| noise(seed ^ 3, pixels)),
+        unresolved_fraction: 0.0,
+        provenance: Provenance {
+            scene: scene.hash,
+            epoch: job.epoch,
+            generation,
+            plan: job.plan.clone(),
+            device: DEVICE.to_owned(),
+        },
+        stages: vec![Stage::new("render", 1.0)],
+    }
+}
+
+fn seed_of(job: &ViewJob, more: &[u8]) -> u64 {
+    let text = format!("{:?} {:?} {} {} {}", job.camera, job.plan, job.width, job.height, job.epoch);
+    hash(&[text.as_bytes(), more])
+}
+
+struct FakeSampler {
+    knobs: Arc<Knobs>,
+    scene: Arc<Scene>,
+}
+
+impl FakeSampler {
+    fn sample(&self, info: &SampleSetInfo, id: SampleId, to_host: bool) -> Result<Sample, RenderError> {
+        let camera = info.rig.camera(id.index)?;
+        let size = camera.size();
+        let texels = (size[0] * size[1]) as usize;
+        let seed = hash(&[&self.scene.hash.0, &id.index.to_le_bytes(), &info.epoch.to_le_bytes()]);
+        let plane = |kind, format: PlaneFormat, seed| {
+            let bytes = noise(seed, texels * format.texel_bytes());
+            let data = if to_host { PlaneData::Host(bytes) } else { PlaneData::Device(Arc::new(bytes)) };
+            Plane { kind, format, size, data }
+        };
+        let radiance = plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat, seed);
+        let range = plane(PlaneKind::InverseRange, PlaneFormat::R32Float, seed ^ 1);
+        Ok(Sample { id, camera, planes: vec![radiance, range], stages: vec![Stage::new("sample", 1.0)] })
+    }
+}
+
+impl Sampler for FakeSampler {
+    fn device(&self) -> &str {
+        DEVICE
+    }
+
+    fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {
+        let one = |id: &SampleId| {
+            self.knobs.misfortune()?;
+            if self.knobs.work(&self.knobs.sample_us, cancel) {
+                return Err(RenderError::Cancelled);
+            }
+            self.knobs.samples_rendered.fetch_add(1, Ordering::SeqCst);
+            self.knobs.samples_read_back.fetch_add(job.to_host.into(), Ordering::SeqCst);
+            self.sample(&job.info, *id, job.to_host)
+        };
+        job.ids.iter().map(one).collect()
+    }
+
+    fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
+        let one = |job: &ViewJob| {
+            assert!(matches!(job.plan, Plan::Direct { .. }));
+            self.knobs.misfortune()?;
+            if self.knobs.work(&self.knobs.direct_us, cancel) {
+                return Err(RenderError::Cancelled);
+            }
+            Ok(frame(job, &self.scene, 1, seed_of(job, &self.scene.hash.0)))
+        };
+        views.iter().map(one).collect()
+    }
+}
+
+struct FakeCompositor {
+    knobs: Arc<Knobs>,
+    held: HashMap<SampleId, (Arc<SampleSetInfo>, Vec<Bytes>)>,
+}
+
+impl Compositor for FakeCompositor {
+    fn device(&self) -> &str {
+        DEVICE
+    }
+
+    fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError> {
+        for sample in &set.samples {
+            let bytes = |plane: &Plane| match &plane.data {
+                PlaneData::Host(bytes) => Ok(bytes.clone()),
+                PlaneData::Device(any) => {
+                    let bytes = any.clone().downcast::<Bytes>();
+                    bytes.map(|b| (*b).clone()).map_err(|_| RenderError::Internal("not our plane".to_owned()))
+                }
+            };
+            let planes = sample.planes.iter().map(bytes).collect::<Result<_, _>>()?;
+            self.held.insert(sample.id, (set.info.clone(), planes));
+        }
+        Ok(())
+    }
+
+    fn release(&mut self, ids: &[SampleId]) {
+        for id in ids {
+            self.held.remove(id);
+        }
+    }
+
+    fn compose(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
+        self.knobs.largest_batch.fetch_max(views.len(), Ordering::SeqCst);
+        let one = |job: &ViewJob| {
+            let Plan::Warp { samples, .. } = &job.plan else { panic!("a direct view") };
+            self.knobs.misfortune()?;
+            if u64::from(job.width) == self.knobs.poisoned_width.load(Ordering::SeqCst) {
+                return Err(RenderError::Internal("poisoned".to_owned()));
+            }
+            if self.knobs.work(&self.knobs.view_us, cancel) {
+                return Err(RenderError::Cancelled);
+            }
+            let mut texels = Vec::new();
+            let mut of = None;
+            for id in samples {
+                let (info, planes) = self.held.get(id).ok_or(RenderError::MissingSample(*id))?;
+                of = Some(info.clone());
+                planes.iter().for_each(|plane| texels.extend_from_slice(&plane[..64]));
+            }
+            let info = of.ok_or_else(|| RenderError::Internal("no samples".to_owned()))?;
+            let mut made = frame(job, &super::scene("test"), info.generation, seed_of(job, &texels));
+            made.provenance.scene = info.scene;
+            Ok(made)
+        };
+        views.iter().map(one).collect()
+    }
+}

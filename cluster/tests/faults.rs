@@ -1,0 +1,365 @@
+//! Workers that die, devices that are lost, coordinators that come back: nothing is lost but time.
+
+mod common;
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use argus_cluster::{core, worker};
+use argus_scene::View;
+use common::roles::Knobs;
+use common::{
+    Cluster, Opener, Source, direct, quick, scene, start_coordinator, start_coordinator_at, start_worker,
+    start_worker_with, view,
+};
+use futures::future::join_all;
+use tonic::Code;
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_killed_in_the_middle_of_its_work_costs_no_view() {
+    let mut cluster = Cluster::start(3).await;
+    cluster.knobs.set(10_000, 10_000);
+    for victim in ["compositor", "sampler"] {
+        let channel = cluster.views();
+        let views = join_all((0..80).map(|i| {
+            let (client, view) = (channel.clone(), if i % 8 == 0 { direct(i) } else { view(i) });
+            tokio::spawn(async move { common::render(client, &view, 0).await })
+        }));
+        tokio::time::sleep(Duration::from_millis(60)).await;
+        let status = cluster.status().await;
+        let role =
+            |w: &&argus_proto::v1::WorkerStatus| w.role().as_str_name().ends_with(&victim.to_uppercase());
+        let address = status.workers.iter().find(role).unwrap().address.clone();
+        cluster.worker_at(&address).kill();
+        for answered in views.await {
+            answered.unwrap().unwrap();
+        }
+        // A new one takes its place.
+        let replacement = start_worker(&cluster.coordinator.url(), &cluster.knobs);
+        cluster.workers.push(replacement);
+        cluster.wait_for(|s| s.processes == 3 && s.samplers == 1).await;
+    }
+    let counters = cluster.status().await.counters.unwrap();
+    assert_eq!((counters.views_answered, counters.views_failed, counters.workers_lost), (160, 0, 2));
+    assert!(counters.views_retried > 0, "{counters:?}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_killed_worker_in_the_middle_of_a_large_frame_is_replaced_byte_for_byte() {
+    let mut cluster = Cluster::start(3).await;
+    let large = View { width: 4096, height: 2048, ..view(1) };
+    let (whole, _) = cluster.render(&large).await.unwrap();
+    let mut client = cluster.views();
+    let mut chunks = client.render(common::request(&large, 0)).await.unwrap().into_inner();
+    let limits = argus_scene::Limits::default();
+    let mut assembler = argus_proto::chunks::FrameAssembler::new(limits);
+    let mut header = None;
+    let mut frame = None;
+    let mut received = 0;
+    while let Some(chunk) = chunks.message().await.unwrap() {
+        if let Some(argus_proto::v1::frame_chunk::Body::Header(h)) = &chunk.body {
+            header = Some(h.clone());
+        }
+        received += 1;
+        if received == 4 {
+            let id = header.clone().unwrap().worker;
+            let address = cluster.status().await.workers.into_iter().find(|w| w.id == id).unwrap().address;
+            cluster.worker_at(&address).kill();
+        }
+        if let Some((complete, _)) = assembler.push(chunk).unwrap() {
+            frame = Some(complete);
+        }
+    }
+    assert_eq!(frame.unwrap().color, whole.color);
+    assert_eq!(cluster.status().await.counters.unwrap().views_retried, 1);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_lost_device_and_a_panic_are_made_good_within_the_worker() {
+    let cluster = Cluster::start(1).await;
+    let (expected, _) = cluster.render(&view(1)).await.unwrap();
+    for misfortune in [&cluster.knobs.lose_device, &cluster.knobs.panics] {
+        let made = cluster.knobs.compositors_made.load(Ordering::SeqCst);
+        misfortune.store(1, Ordering::SeqCst);
+        let (frame, _) = cluster.render(&view(1)).await.unwrap();
+        assert_eq!(frame.color, expected.color);
+        assert_eq!(cluster.knobs.compositors_made.load(Ordering::SeqCst), made + 1);
+        misfortune.store(1, Ordering::SeqCst);
+        cluster.render(&direct(1)).await.unwrap();
+    }
+    assert_eq!(cluster.status().await.counters.unwrap().views_retried, 0, "nobody else was asked");
+    // Beyond repair: the view fails with a clear error, and the cluster goes on.
+    cluster.knobs.lose_device.store(100, Ordering::SeqCst);
+    let status = cluster.render(&view(1)).await.unwrap_err();
+    assert_eq!(status.code(), Code::Unavailable);
+    assert!(status.message().contains("device was lost"), "{status}");
+    cluster.knobs.lose_device.store(0, Ordering::SeqCst);
+    assert_eq!(cluster.render(&view(1)).await.unwrap().0.color, expected.color);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn one_views_failure_is_not_its_neighbours() {
+    let cluster = Cluster::start(2).await;
+    cluster.knobs.set(5000, 0);
+    cluster.knobs.poisoned_width.store(13, Ordering::SeqCst);
+    let views = (0..32).map(|i| if i == 7 { View { width: 13, ..view(i) } } else { view(i) });
+    let views: Vec<View> = views.collect();
+    let answers = join_all(views.iter().map(|view| cluster.render(view))).await;
+    for (i, answer) in answers.into_iter().enumerate() {
+        match i {
+            7 => assert_eq!(answer.unwrap_err().code(), Code::Internal),
+            _ => drop(answer.unwrap()),
+        }
+    }
+    assert!(cluster.knobs.largest_batch.load(Ordering::SeqCst) > 8);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn workers_join_a_coordinator_that_comes_back() {
+    let mut cluster = Cluster::start(2).await;
+    let (before, _) = cluster.render(&view(1)).await.unwrap();
+    let address = cluster.coordinator.address;
+    cluster.coordinator.kill();
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let source = Source { scene: scene("test"), files: Vec::new() };
+    cluster.coordinator = start_coordinator_at(quick(), Some(address), source);
+    cluster.channel = common::channel(&cluster.coordinator.url());
+    let status = cluster.wait_for(|s| s.processes == 2).await;
+    assert_eq!(status.counters.unwrap().workers_joined, 2);
+    let rendered = cluster.knobs.samples_rendered.load(Ordering::SeqCst);
+    let (after, _) = cluster.render(&view(1)).await.unwrap();
+    assert_eq!(after.color, before.color);
+    assert_eq!(
+        cluster.knobs.samples_rendered.load(Ordering::SeqCst),
+        rendered,
+        "they still hold the samples"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_that_is_stopped_finishes_and_is_not_missed() {
+    let mut cluster = Cluster::start(3).await;
+    cluster.knobs.set(20_000, 20_000);
+    let channel = cluster.views();
+    let views = join_all((0..60).map(|i| {
+        let (client, view) = (channel.clone(), view(i));
+        tokio::spawn(async move { common::render(client, &view, 0).await })
+    }));
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    for worker in &mut cluster.workers[..2] {
+        worker.stop().await.unwrap();
+    }
+    for answered in views.await {
+        answered.unwrap().unwrap();
+    }
+    let counters = cluster.status().await.counters.unwrap();
+    assert_eq!((counters.views_answered, counters.workers_lost), (60, 0), "{counters:?}");
+    cluster.wait_for(|s| s.processes == 1 && s.samplers == 1 && s.compositors == 1).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_coordinator_that_is_stopped_answers_what_it_has() {
+    let mut cluster = Cluster::start(2).await;
+    cluster.knobs.set(100_000, 0);
+    let channel = cluster.views();
+    let views: Vec<_> = (0..4)
+        .map(|i| tokio::spawn(common::render(channel.clone(), Box::leak(Box::new(view(i))), 0)))
+        .collect();
+    cluster.wait_for(|s| s.workers.iter().any(|w| w.queued_views > 0)).await;
+    cluster.coordinator.stop().await.unwrap();
+    for answered in views {
+        answered.await.unwrap().unwrap();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_silent_worker_is_lost_and_its_view_answered_by_another() {
+    let config = {
+        let mut config = quick();
+        config.core.lease = Duration::from_millis(400);
+        config
+    };
+    let mut cluster = Cluster::start_with(config, 2).await;
+    cluster.knobs.set(50_000, 0);
+    let (_, meta) = cluster.render(&view(0)).await.unwrap();
+    // A worker that hangs: its connections stay open, nothing moves. Stood in for by a proxy that swallows
+    // everything it is given, announced as a worker by a hello of our own.
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = format!("http://{}", listener.local_addr().unwrap());
+    let swallow = tokio::spawn(async move {
+        let mut open = Vec::new();
+        while let Ok((stream, _)) = listener.accept().await {
+            open.push(stream);
+        }
+    });
+    use argus_proto::v1::{Hello, Measurements, WorkerReport, worker_report::Body};
+    let (reports, outgoing) = tokio::sync::mpsc::channel(8);
+    let hello = Hello {
+        protocol_version: argus_proto::PROTOCOL_VERSION,
+        worker_id: "hangs".to_owned(),
+        pid: 1,
+        address: address.clone(),
+        device: common::roles::DEVICE.to_owned(),
+        cores: 1,
+    };
+    reports.send(WorkerReport { body: Some(Body::Hello(hello)) }).await.unwrap();
+    let mut client = argus_proto::v1::cluster_client::ClusterClient::new(cluster.channel.clone());
+    let incoming = tokio_stream::wrappers::ReceiverStream::new(outgoing);
+    let mut assignments = client.join(incoming).await.unwrap().into_inner();
+    let first = assignments.message().await.unwrap().unwrap();
+    let ready = Measurements { applied: first.sequence, ..Measurements::default() };
+    reports.send(WorkerReport { body: Some(Body::Measurements(ready)) }).await.unwrap();
+    cluster.wait_for(|s| s.processes == 3).await;
+    let answers = join_all((0..40).map(|i| {
+        let (client, view) = (cluster.views(), view(i));
+        async move { common::render(client, &view, 0).await }
+    }))
+    .await;
+    for answer in answers {
+        assert_ne!(answer.unwrap().1.worker, "hangs");
+    }
+    assert!(!meta.worker.is_empty());
+    let counters = cluster.status().await.counters.unwrap();
+    assert_eq!(counters.workers_lost, 1);
+    let ended = loop {
+        match assignments.message().await {
+            Ok(Some(_)) => {}
+            ended => break ended,
+        }
+    };
+    assert_eq!(ended.unwrap_err().code(), Code::Aborted, "its stream was ended, with the reason");
+    swallow.abort();
+    cluster.workers.clear();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_says_in_one_line_why_it_cannot_work() {
+    let knobs = Arc::new(Knobs::default());
+    let opener = || Arc::new(Opener::default());
+    let config = |url: &str| worker::Config {
+        join_timeout: Duration::from_millis(300),
+        connect_timeout: Duration::from_millis(200),
+        ..worker::Config::new(url)
+    };
+    let error = async |config| {
+        let mut worker = start_worker_with(config, &knobs, opener());
+        worker.ended().await.unwrap_err().to_string()
+    };
+    let unused = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let nobody = error(config(&format!("http://{unused}"))).await;
+    assert!(nobody.contains("no coordinator answers at") && nobody.contains("argus coordinator"), "{nobody}");
+    let mute = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let silent = error(config(&format!("http://{}", mute.local_addr().unwrap()))).await;
+    assert!(silent.contains("no coordinator answers at"), "{silent}");
+    for url in ["not a url", "https://127.0.0.1:1", "127.0.0.1:7400"] {
+        let wrong = error(config(url)).await;
+        assert!(wrong.contains("coordinator's URL"), "{wrong}");
+    }
+    let advertised = worker::Config { advertise: Some("nowhere".to_owned()), ..config("http://127.0.0.1:1") };
+    assert!(error(advertised).await.contains("advertised address"));
+    knobs.no_device.store(true, Ordering::SeqCst);
+    let device = error(config("http://127.0.0.1:1")).await;
+    assert!(device.contains("cannot render") && device.contains("no device"), "{device}");
+    for line in [nobody, silent, device] {
+        assert_eq!(line.lines().count(), 1);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn requests_that_nobody_waits_for_are_cancelled() {
+    let cluster = Cluster::start(1).await;
+    cluster.render(&view(0)).await.unwrap();
+    cluster.knobs.set(20_000_000, 0);
+    let mut client = cluster.views();
+    let impatient = client.render(common::request(&view(1), 0));
+    assert!(
+        tokio::time::timeout(Duration::from_millis(200), async {
+            let mut chunks = impatient.await.unwrap().into_inner();
+            chunks.message().await
+        })
+        .await
+        .is_err()
+    );
+    while cluster.knobs.cancelled.load(Ordering::SeqCst) == 0 {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    let late = common::render(cluster.views(), &view(2), 150).await.unwrap_err();
+    assert_eq!(late.code(), Code::DeadlineExceeded);
+    cluster.knobs.set(0, 0);
+    cluster.render(&view(3)).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn overload_is_said_at_once_and_passes() {
+    let mut config = quick();
+    config.core = core::Config { max_views: 8, ..config.core };
+    let cluster = Cluster::start_with(config, 1).await;
+    cluster.render(&view(0)).await.unwrap();
+    cluster.knobs.set(100_000, 0);
+    let answers = join_all((0..20).map(|i| {
+        let (client, view) = (cluster.views(), view(i));
+        async move {
+            let began = tokio::time::Instant::now();
+            (common::render(client, &view, 0).await, began.elapsed())
+        }
+    }))
+    .await;
+    let (mut answered, mut rejected) = (0, 0);
+    for (answer, took) in answers {
+        match answer {
+            Ok(_) => answered += 1,
+            Err(status) => {
+                assert_eq!(status.code(), Code::ResourceExhausted);
+                assert!(argus_proto::status::retry_after(&status).is_some());
+                assert!(took < Duration::from_millis(500), "{took:?}");
+                rejected += 1;
+            }
+        }
+    }
+    assert_eq!((answered, rejected), (8, 12));
+    cluster.knobs.set(0, 0);
+    cluster.render(&view(1)).await.unwrap();
+    assert_eq!(cluster.status().await.counters.unwrap().views_rejected, 12);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_without_the_scene_fetches_it_by_hash() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, vec![7; 3_000_000]).unwrap();
+        (name.to_owned(), path)
+    };
+    let files = vec![place("scene.gltf"), place("data.bin")];
+    let knobs = Arc::new(Knobs::default());
+    for files in [files, Vec::new()] {
+        let source = Source { scene: scene("bundle"), files: files.clone() };
+        let coordinator = start_coordinator_at(quick(), None, source);
+        let opener = Arc::new(Opener { has_nothing: true, ..Opener::default() });
+        let config = worker::Config::new(coordinator.url());
+        let _worker = start_worker_with(config, &knobs, opener.clone());
+        let client = argus_proto::v1::views_client::ViewsClient::new(common::channel(&coordinator.url()));
+        common::render(client, &view(0), 0).await.unwrap();
+        let fetched = opener.fetched.lock().clone();
+        let names: Vec<&str> = fetched.iter().map(|file| file.name.as_str()).collect();
+        match files.is_empty() {
+            true => assert_eq!((opener.generated.load(Ordering::SeqCst), fetched.len()), (1, 0)),
+            false => {
+                assert_eq!(names, ["scene.gltf", "data.bin"], "the one to open comes first");
+                assert!(fetched.iter().all(|file| file.bytes.len() == 3_000_000));
+            }
+        }
+    }
+    // Files that have another hash than they should are refused.
+    let wrong = Source {
+        scene: Arc::new(argus_scene::Scene { name: "other".into(), ..(*scene("x")).clone() }),
+        files: Vec::new(),
+    };
+    let coordinator = start_coordinator_at(quick(), None, wrong);
+    let opener = Arc::new(Opener { has_nothing: true, ..Opener::default() });
+    let mut worker = start_worker_with(worker::Config::new(coordinator.url()), &knobs, opener);
+    let error = worker.ended().await.unwrap_err().to_string();
+    assert!(error.contains("scene other") && error.contains("hash"), "{error}");
+    drop(start_coordinator(quick()));
+}

@@ -1,0 +1,137 @@
+//! Views through a real cluster: every one answered, the same bytes whoever answers.
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use argus_proto::v1;
+use argus_scene::{Output, Outputs, Plan, View};
+use common::{Cluster, direct, pinned, render, view};
+use futures::future::join_all;
+use futures::stream::{FuturesUnordered, StreamExt};
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn two_clients_views_are_answered_by_two_compositors_from_samples_rendered_once() {
+    let cluster = Cluster::start(3).await;
+    cluster.knobs.set(3000, 0);
+    let frames = join_all((0..60).map(|i| {
+        let cluster = &cluster;
+        async move { cluster.render(&view(i)).await.unwrap() }
+    }))
+    .await;
+    let workers: BTreeSet<&str> = frames.iter().map(|(_, meta)| meta.worker.as_str()).collect();
+    assert_eq!(workers.len(), 2, "two compositors, and the sampler is none");
+    for (frame, meta) in &frames {
+        assert_eq!(meta.view_id, "a view");
+        assert!(meta.age_ms > 0.0);
+        let stages: Vec<&str> = frame.stages.iter().map(|stage| stage.name.as_str()).collect();
+        assert_eq!(stages, ["samples", "queue", "render", "encode", "relay"]);
+        assert_eq!(frame.provenance.device, common::roles::DEVICE);
+    }
+    assert!(cluster.knobs.largest_batch.load(Ordering::SeqCst) > 4, "what waits is one batch");
+    assert_eq!(cluster.knobs.samples_rendered.load(Ordering::SeqCst), 4, "one tile, four corners, once");
+    assert_eq!(cluster.knobs.samples_read_back.load(Ordering::SeqCst), 4, "others need them");
+    let status = cluster.wait_for(|s| s.workers.iter().any(|w| w.views_composed > 0)).await;
+    assert_eq!((status.samplers, status.compositors), (1, 2));
+    assert_eq!(status.counters.unwrap().views_answered, 60);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn one_process_and_a_cluster_make_the_same_bytes_of_the_same_provenance() {
+    let alone = Cluster::start(1).await;
+    let many = Cluster::start(3).await;
+    let mut outputs = Outputs::COLOR;
+    (outputs.range, outputs.mask, outputs.source) = (true, true, true);
+    for i in 0..8 {
+        let wanted = View { outputs, ..view(i) };
+        let (frame, _) = alone.render(&wanted).await.unwrap();
+        let again = View { outputs, ..pinned(i, frame.provenance.clone()) };
+        let (same, _) = many.render(&again).await.unwrap();
+        assert_eq!(same.provenance, frame.provenance);
+        assert_eq!((same.color, same.range), (frame.color, frame.range));
+        assert_eq!((same.mask, same.source), (frame.mask, frame.source));
+    }
+    assert_eq!(alone.knobs.samples_read_back.load(Ordering::SeqCst), 0, "alone, samples stay on the device");
+    let (frame, _) = alone.render(&direct(3)).await.unwrap();
+    assert_eq!(frame.provenance.plan, Plan::Direct { samples_per_pixel: 1 });
+    let (same, _) = many.render(&pinned(3, frame.provenance.clone())).await.unwrap();
+    assert_eq!(same.color, frame.color);
+    let only_range = View { outputs: Outputs::only(Output::Range), ..view(1) };
+    assert!(many.render(&only_range).await.unwrap().0.color.is_none());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_frame_of_many_chunks_arrives_whole() {
+    let cluster = Cluster::start(2).await;
+    let large = View { width: 2048, height: 1024, ..view(1) };
+    let (frame, _) = cluster.render(&large).await.unwrap();
+    assert_eq!(frame.color.unwrap().len(), 2048 * 1024 * 3);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn roles_move_with_demand_and_every_frame_is_answered() {
+    let cluster = Cluster::start(3).await;
+    cluster.knobs.set(2000, 10_000);
+    let client = cluster.views();
+    // So many views and direct views every 100 ms, whatever becomes of them, until the roles are as wanted.
+    let press = async |views: usize, directs: usize, wanted: (u32, u32)| {
+        let one = |view: View| {
+            let client = client.clone();
+            async move { render(client, &view, 0).await.unwrap() }
+        };
+        let mut work: FuturesUnordered<_> = (0..views).map(view).map(one).collect();
+        let mut tick = tokio::time::interval(Duration::from_millis(100));
+        let began = tokio::time::Instant::now();
+        loop {
+            tokio::select! {
+                Some(_answered) = work.next() => {}
+                _ = tick.tick() => {
+                    let status = cluster.status().await;
+                    if (status.samplers, status.compositors) == wanted {
+                        break;
+                    }
+                    assert!(began.elapsed() < common::LIMIT, "{wanted:?} was never reached: {status:#?}");
+                    let asked = (0..views).map(view).chain((0..directs).map(direct));
+                    work.extend(asked.map(one));
+                }
+            }
+        }
+        while work.next().await.is_some() {}
+    };
+    press(30, 0, (1, 2)).await;
+    press(10, 16, (2, 1)).await;
+    press(40, 2, (1, 2)).await;
+    press(0, 8, (3, 0)).await;
+    press(30, 0, (1, 2)).await;
+    let counters = cluster.status().await.counters.unwrap();
+    assert!(counters.roles_changed >= 4, "{counters:?}");
+    assert_eq!((counters.views_failed, counters.views_rejected, counters.views_retried), (0, 0, 0));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn status_tells_what_was_measured() {
+    let cluster = Cluster::start(3).await;
+    cluster.knobs.set(5000, 20_000);
+    cluster.knobs.sample_us.store(30_000, Ordering::SeqCst);
+    for i in 0..40 {
+        cluster.render(&view(i)).await.unwrap();
+        if i % 4 == 0 {
+            cluster.render(&direct(i)).await.unwrap();
+        }
+    }
+    let status = cluster.wait_for(|s| s.view_ms > 0.0 && s.sample_ms > 0.0 && s.direct_ms > 0.0).await;
+    // A sleep of 5 ms takes up to half as much again on a busy machine, and never less.
+    assert!(status.view_ms >= 5.0 && status.view_ms < 40.0, "{}", status.view_ms);
+    assert!(status.direct_ms >= 20.0 && status.direct_ms < 100.0, "{}", status.direct_ms);
+    assert!(status.sample_ms >= 30.0 && status.sample_ms < 120.0, "{}", status.sample_ms);
+    assert!(status.views_per_tick > 0.0 && status.tick_predicted_ms > 0.0 && status.tick_measured_ms > 0.0);
+    assert_eq!(status.scene.unwrap().name, "test");
+    assert_eq!((status.generation, status.epoch), (1, 0));
+    for worker in &status.workers {
+        assert!(worker.pid == std::process::id() && !worker.id.is_empty());
+        assert!([v1::Role::Sampler, v1::Role::Compositor].contains(&worker.role()));
+        assert!(cluster.workers.iter().any(|w| w.url() == worker.address));
+    }
+}
