@@ -64,7 +64,7 @@ fn check(scene: &Scene) {
         assert_eq!(texture.rgba.len(), texture.width as usize * texture.height as usize * 4, "{name}");
     }
     for camera in &scene.cameras {
-        camera.camera.validate().unwrap();
+        camera.camera.validate().expect("a camera that can be looked through");
     }
     assert!(scene.warnings.iter().all(|line| !line.contains('\n')), "{name}");
 }
@@ -243,8 +243,8 @@ fn a_bundle_in_memory_is_the_scene_on_disk() {
 
 fn files_below(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
     let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
         if path.is_dir() {
             found.extend(files_below(&path, extensions));
         } else if path.extension().is_some_and(|e| extensions.iter().any(|x| e == *x)) {

@@ -1,0 +1,184 @@
+//! The header of a PLY file, and the values after it.
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    Little,
+    Big,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn parse(word: &str) -> Result<Self, String> {
+        Ok(match word {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return Err(format!("unknown type {word:?} in its header")),
+        })
+    }
+
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// Largest value of an integer type, by which colours are divided; 1 for floats.
+    pub(super) fn unit(self) -> f64 {
+        match self {
+            Self::I8 => 127.0,
+            Self::U8 => 255.0,
+            Self::I16 => 32767.0,
+            Self::U16 => 65535.0,
+            Self::I32 => f64::from(i32::MAX),
+            Self::U32 => f64::from(u32::MAX),
+            Self::F32 | Self::F64 => 1.0,
+        }
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Property {
+    pub(super) name: String,
+    pub(super) scalar: Scalar,
+    /// The type of the count, where the property is a list.
+    pub(super) list: Option<Scalar>,
+}
+
+#[derive(Debug)]
+pub(super) struct Element {
+    pub(super) name: String,
+    pub(super) count: u64,
+    pub(super) properties: Vec<Property>,
+}
+
+impl Element {
+    pub(super) fn find(&self, names: &[&str]) -> Option<usize> {
+        self.properties.iter().position(|p| p.list.is_none() && names.contains(&p.name.as_str()))
+    }
+}
+
+/// The header, and where the data begins.
+pub(super) fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, usize), String> {
+    let mut encoding = None;
+    let mut elements: Vec<Element> = Vec::new();
+    let mut at = 0;
+    loop {
+        let rest = bytes.get(at..).filter(|rest| !rest.is_empty()).ok_or("its header does not end")?;
+        let end = rest.iter().position(|&b| b == b'\n' || b == b'\r').ok_or("its header does not end")?;
+        let line = std::str::from_utf8(&rest[..end]).map_err(|_| "its header is not text")?;
+        at += end + if rest[end..].starts_with(b"\r\n") { 2 } else { 1 };
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words.as_slice() {
+            ["end_header"] => break,
+            ["format", kind, _] => {
+                encoding = Some(match *kind {
+                    "ascii" => Encoding::Ascii,
+                    "binary_little_endian" => Encoding::Little,
+                    "binary_big_endian" => Encoding::Big,
+                    other => return Err(format!("unknown format {other:?}")),
+                });
+            }
+            ["element", name, count] => {
+                let count = count.parse().map_err(|_| format!("element {name:?} has no count"))?;
+                elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() });
+            }
+            ["property", "list", count, scalar, name] => {
+                let (list, scalar) = (Some(Scalar::parse(count)?), Scalar::parse(scalar)?);
+                let element = elements.last_mut().ok_or("a property before any element")?;
+                element.properties.push(Property { name: (*name).to_owned(), scalar, list });
+            }
+            ["property", scalar, name] => {
+                let scalar = Scalar::parse(scalar)?;
+                let element = elements.last_mut().ok_or("a property before any element")?;
+                element.properties.push(Property { name: (*name).to_owned(), scalar, list: None });
+            }
+            ["ply"] | ["comment" | "obj_info", ..] | [] => {}
+            _ => return Err(format!("{:?} in its header", crate::load::error::one_line(line))),
+        }
+    }
+    Ok((encoding.ok_or("its header names no format")?, elements, at))
+}
+
+/// The values of a file's data, one after the other.
+pub(super) struct Values<'a> {
+    pub(super) rest: &'a [u8],
+    pub(super) encoding: Encoding,
+}
+
+impl Values<'_> {
+    pub(super) fn next(&mut self, scalar: Scalar) -> Result<f64, String> {
+        let cut_short = || "the file is cut short".to_owned();
+        if self.encoding == Encoding::Ascii {
+            let start = self.rest.iter().position(|b| !b.is_ascii_whitespace()).ok_or_else(cut_short)?;
+            let rest = &self.rest[start..];
+            let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+            self.rest = &rest[end..];
+            let word = std::str::from_utf8(&rest[..end]).ok();
+            return word.and_then(|word| word.parse().ok()).ok_or_else(|| {
+                format!(
+                    "{:?} is no number",
+                    crate::load::error::one_line(&String::from_utf8_lossy(&rest[..end]))
+                )
+            });
+        }
+        let size = scalar.size();
+        if self.rest.len() < size {
+            return Err(cut_short());
+        }
+        let (value, rest) = self.rest.split_at(size);
+        self.rest = rest;
+        let mut bytes = [0; 8];
+        bytes[..size].copy_from_slice(value);
+        if self.encoding == Encoding::Big {
+            bytes[..size].reverse();
+        }
+        let [a, b, c, d, ..] = bytes;
+        Ok(match scalar {
+            Scalar::I8 => f64::from(a as i8),
+            Scalar::U8 => f64::from(a),
+            Scalar::I16 => f64::from(i16::from_le_bytes([a, b])),
+            Scalar::U16 => f64::from(u16::from_le_bytes([a, b])),
+            Scalar::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+            Scalar::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+            Scalar::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            Scalar::F64 => f64::from_le_bytes(bytes),
+        })
+    }
+
+    /// A whole property: its value, or the last of a list's, whose values go to `list`.
+    pub(super) fn property(&mut self, property: &Property, list: &mut Vec<f64>) -> Result<f64, String> {
+        let Some(count_type) = property.list else { return self.next(property.scalar) };
+        let count = self.next(count_type)?;
+        if !(count >= 0.0) || count.fract() != 0.0 {
+            return Err(format!("a list of {count} values"));
+        }
+        list.clear();
+        let mut left = count as u64;
+        while left > 0 {
+            list.push(self.next(property.scalar)?);
+            left -= 1;
+        }
+        Ok(count)
+    }
+}
