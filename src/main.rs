@@ -68,9 +68,19 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    silence_device_selection();
     let cli = Cli::parse();
     logging::start(cli.verbose);
     exit::code(run(cli.command))
+}
+
+/// Turns off Mesa's layer that reorders GPUs for a desktop session: Argus chooses its adapter itself, and where
+/// there is no session the layer prints an error for every process.
+fn silence_device_selection() {
+    if std::env::var_os("NODEVICE_SELECT").is_none() {
+        // SAFETY: called first in `main`, when no other thread can be reading the environment.
+        unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
+    }
 }
 
 fn run(command: Command) -> anyhow::Result<()> {

@@ -33,7 +33,8 @@ pub fn viewpoints(suggested: &[Camera], count: usize) -> Vec<Camera> {
 fn stray(camera: Camera, turn: f64) -> Camera {
     // Reciprocal powers of the root of x⁴ = x + 1: a low-discrepancy sequence in three dimensions.
     let spread = |alpha: f64| 2.0 * (turn * alpha).fract() - 1.0;
-    let (yaw, pitch, dolly) = (spread(0.819_172_513_396), spread(0.671_043_606_704), spread(0.549_700_477_902));
+    let (yaw, pitch, dolly) =
+        (spread(0.819_172_513_396), spread(0.671_043_606_704), spread(0.549_700_477_902));
     let offset = camera.eye - camera.target;
     let side = camera.up.cross(offset).normalize_or(DVec3::X);
     let up = camera.up.normalize_or(DVec3::Y);
