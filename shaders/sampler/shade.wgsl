@@ -3,8 +3,8 @@
 import package::shared::encode::{octahedral_from_unit};
 import package::shared::finite::{finite_or_zero};
 import package::shared::geometry::{
-    MaterialData, MeshLayout, Placed, Triangle, attributes, blend2, blend3, blend4, color_at, instances, materials,
-    mesh_from_world, meshes, normal_from_mesh, normal_from_word, triangle_about_eye, uv_at,
+    MaterialData, MeshLayout, Placed, Triangle, attributes, blend2, blend3, blend4, color_of, instances, materials,
+    mesh_from_world, meshes, normal_from_mesh, normal_from_word, triangle_about_eye, uv_of,
 };
 import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{Rays, central_ray, ray_through};
@@ -37,8 +37,11 @@ struct Hit {
     instance: Placed,
     mesh: MeshLayout,
     triangle: Triangle,
-    // In the attributes, of the three corners.
+    // Of the three corners, in the attributes, and their first records.
     records: vec3u,
+    a: vec4u,
+    b: vec4u,
+    c: vec4u,
     // Of the three corners.
     weights: vec3f,
     // The triangle's normal and the ray's unit direction, in mesh space.
@@ -60,13 +63,13 @@ fn hit_at(ids: vec2u, sub_sample: vec2u) -> Hit {
     let in_mesh = mesh_from_world(instance, along * scale);
     let triangle = triangle_about_eye(instance, mesh, ids.y);
     let crossing = cross_triangle(in_mesh, triangle.a, triangle.e1, triangle.e2);
-    let records = mesh.first_attribute + triangle.corners * mesh.stride;
+    let records = mesh.first.z + triangle.corners * mesh.first.w;
     let weights = vec3f(1.0 - crossing.barycentric.x - crossing.barycentric.y, crossing.barycentric);
     // The range is bounded so that its inverse is finite, and so is everything that follows.
     let range = clamp(crossing.t, 1e-18, 1e18);
     return Hit(
-        instance, mesh, triangle, records, weights, cross(triangle.e1, triangle.e2), in_mesh, along * scale, scale,
-        range, crossing.front,
+        instance, mesh, triangle, records, attributes[records.x], attributes[records.y], attributes[records.z],
+        weights, cross(triangle.e1, triangle.e2), in_mesh, along * scale, scale, range, crossing.front,
     );
 }
 
@@ -117,10 +120,10 @@ fn look_up(hit: Hit, material: MaterialData) -> Looked {
     var uv = vec2f(0.0);
     var duv_dx = vec2f(0.0);
     var duv_dy = vec2f(0.0);
-    if hit.mesh.uv != 0u {
-        let a = uv_at(hit.records.x + hit.mesh.uv);
-        let b = uv_at(hit.records.y + hit.mesh.uv);
-        let c = uv_at(hit.records.z + hit.mesh.uv);
+    if hit.mesh.has.x != 0u {
+        let a = uv_of(hit.a);
+        let b = uv_of(hit.b);
+        let c = uv_of(hit.c);
         uv = blend2(a, b, c, hit.weights);
         let x = barycentric_step(hit, rays.right);
         let y = barycentric_step(hit, rays.down);
@@ -134,11 +137,11 @@ fn look_up(hit: Hit, material: MaterialData) -> Looked {
     if has_srgb_textures {
         var i = 0u;
         loop {
-            let slot = slots[min(material.first_srgb + i, last)];
-            let role = select(ROLE_NONE, slot.role, i < material.srgb_count);
+            let slot = slots[min(material.textures.x + i, last)];
+            let role = select(ROLE_NONE, slot.usage.z, i < material.textures.y);
             take(&looked, role, sample_texture(texels_srgb, slot, uv, duv_dx, duv_dy));
             i += 1u;
-            if i >= material.srgb_count {
+            if i >= material.textures.y {
                 break;
             }
         }
@@ -146,11 +149,11 @@ fn look_up(hit: Hit, material: MaterialData) -> Looked {
     if has_linear_textures {
         var i = 0u;
         loop {
-            let slot = slots[min(material.first_linear + i, last)];
-            let role = select(ROLE_NONE, slot.role, i < material.linear_count);
+            let slot = slots[min(material.textures.z + i, last)];
+            let role = select(ROLE_NONE, slot.usage.z, i < material.textures.w);
             take(&looked, role, sample_texture(texels, slot, uv, duv_dx, duv_dy));
             i += 1u;
-            if i >= material.linear_count {
+            if i >= material.textures.w {
                 break;
             }
         }
@@ -160,12 +163,11 @@ fn look_up(hit: Hit, material: MaterialData) -> Looked {
 
 // The visible point of a surface, seen from its front.
 fn surface_at(hit: Hit) -> Surface {
-    let material = materials[hit.mesh.material];
+    let material = materials[hit.mesh.has.w];
     let looked = look_up(hit, material);
     var base = material.base_color * looked.base_color;
-    if has_vertex_colors && hit.mesh.color != 0u {
-        let at = hit.records + hit.mesh.color;
-        base *= blend4(color_at(at.x), color_at(at.y), color_at(at.z), hit.weights);
+    if has_vertex_colors && hit.mesh.has.y != 0u {
+        base *= blend4(color_of(hit.a), color_of(hit.b), color_of(hit.c), hit.weights);
     }
     let metallic = saturate(material.metallic * looked.metallic_roughness.b);
     var surface: Surface;
@@ -173,10 +175,10 @@ fn surface_at(hit: Hit) -> Surface {
     surface.albedo = base.rgb * (1.0 - metallic);
     surface.emissive = material.emissive * looked.emissive;
     surface.f0 = vec3f(0.0);
-    if has_specular && material.glossy != 0u {
-        surface.f0 = mix(vec3f(material.dielectric_f0), base.rgb, metallic);
+    if has_specular && material.traits.x != 0u {
+        surface.f0 = mix(vec3f(material.factors.z), base.rgb, metallic);
     }
-    surface.roughness = saturate(material.roughness * looked.metallic_roughness.g);
+    surface.roughness = saturate(material.factors.x * looked.metallic_roughness.g);
     let normal = normal_from_mesh(hit.instance, normal_at(hit, material, looked));
     surface.normal = unit_or(normal, -hit.direction) * select(-1.0, 1.0, hit.front);
     return surface;
@@ -184,27 +186,28 @@ fn surface_at(hit: Hit) -> Surface {
 
 // Shading normal in mesh space, not a unit vector in general.
 fn normal_at(hit: Hit, material: MaterialData, looked: Looked) -> vec3f {
+    let normals = hit.triangle.normals;
     let vertex = blend3(
-        normal_from_word(attributes[hit.records.x]), normal_from_word(attributes[hit.records.y]),
-        normal_from_word(attributes[hit.records.z]), hit.weights,
+        normal_from_word(normals.x), normal_from_word(normals.y), normal_from_word(normals.z), hit.weights,
     );
     let normal = unit_or(vertex, hit.geometric);
-    if !(has_normal_maps && looked.has_normal && hit.mesh.tangent != 0u && any(vertex != vec3f(0.0))) {
+    if !(has_normal_maps && looked.has_normal && hit.mesh.has.z != 0u && any(vertex != vec3f(0.0))) {
         return normal;
     }
-    let at = hit.records + hit.mesh.tangent;
-    let word = attributes[at.x];
+    let at = hit.records + 1u;
+    let word = attributes[at.x].x;
     // The bitangent's sign lies in the lowest bit, which is within the tangent's rounding.
     let handedness = select(-1.0, 1.0, (word & 1u) != 0u);
     let tangent = blend3(
-        normal_from_word(word), normal_from_word(attributes[at.y]), normal_from_word(attributes[at.z]), hit.weights,
+        normal_from_word(word), normal_from_word(attributes[at.y].x), normal_from_word(attributes[at.z].x),
+        hit.weights,
     );
     if !(dot(tangent, tangent) > 1e-12) {
         return normal;
     }
     let t = normalize(tangent);
     let b = cross(normal, t) * handedness;
-    let local = looked.normal * vec3f(material.normal_scale, material.normal_scale, 1.0);
+    let local = looked.normal * vec3f(material.factors.yy, 1.0);
     return unit_or(t * local.x + b * local.y + normal * local.z, normal);
 }
 

@@ -1,6 +1,6 @@
 // Program of `sampler/src/passes/visibility.rs`: which triangle of which instance each sub-sample sees.
 
-import package::shared::geometry::{attributes, color_at, instances, materials, meshes, uv_at};
+import package::shared::geometry::{attributes, color_of, instances, materials, meshes, uv_of};
 import package::shared::texture::{sample_alpha, slots};
 enable primitive_index;
 
@@ -55,27 +55,21 @@ fn place_cutout(
 ) -> Cutout {
     let draw = draws[index];
     let mesh = meshes[instances[draw.instance].mesh];
-    let record = mesh.first_attribute + (vertex - mesh.first_vertex) * mesh.stride;
-    var uv = vec2f(0.0);
-    if mesh.uv != 0u {
-        uv = uv_at(record + mesh.uv);
-    }
-    var alpha = 1.0;
-    if mesh.color != 0u {
-        alpha = color_at(record + mesh.color).a;
-    }
+    let record = attributes[mesh.first.z + (vertex - mesh.first.y) * mesh.first.w];
+    let uv = select(vec2f(0.0), uv_of(record), mesh.has.x != 0u);
+    let alpha = select(1.0, color_of(record).a, mesh.has.y != 0u);
     let ids = vec2u(draw.instance + 1u, draw.first_triangle);
     return Cutout(clip_from_mesh(draw, position), ids, uv, alpha);
 }
 
 @fragment
 fn identify_cutout(in: Cutout, @builtin(primitive_index) primitive: u32) -> @location(0) vec2u {
-    let material = materials[meshes[instances[in.instance_and_first.x - 1u].mesh].material];
+    let material = materials[meshes[instances[in.instance_and_first.x - 1u].mesh].has.w];
     var alpha = material.base_color.a * in.alpha;
-    if material.alpha_slot != 0u {
-        alpha *= sample_alpha(slots[material.alpha_slot - 1u], in.uv);
+    if material.traits.y != 0u {
+        alpha *= sample_alpha(slots[material.traits.y - 1u], in.uv);
     }
-    if !(alpha >= material.alpha_cutoff) {
+    if !(alpha >= material.factors.w) {
         discard;
     }
     return in.instance_and_first + vec2u(0u, primitive);

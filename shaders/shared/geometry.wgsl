@@ -2,18 +2,11 @@
 
 // Where a mesh's data begin, and which attributes its vertices have.
 struct MeshLayout {
-    // In `indices`; their values count from `first_vertex`.
-    first_index: u32,
-    // In `positions`, three floats each.
-    first_vertex: u32,
-    // In `attributes`: the first vertex's record, and the words of a record.
-    first_attribute: u32,
-    stride: u32,
-    // Words into a record; 0: the mesh has none. Word 0 is the normal.
-    uv: u32,
-    color: u32,
-    tangent: u32,
-    material: u32,
+    // First of its `indices`; first of its `vertices`, from which indices count; first of its `attributes`;
+    // records of attributes to a vertex.
+    first: vec4u,
+    // Whether its vertices have texture coordinates, colours, tangents; its material.
+    has: vec4u,
 }
 
 // An instance as one sample camera sees it.
@@ -29,25 +22,20 @@ struct MaterialData {
     base_color: vec4f,
     emissive: vec3f,
     metallic: f32,
-    roughness: f32,
-    normal_scale: f32,
-    // Reflectance of the dielectric at normal incidence.
-    dielectric_f0: f32,
-    // Whether it has a specular lobe at all.
-    glossy: u32,
-    // Alpha below which there is no surface; 0 or less if alpha is ignored.
-    alpha_cutoff: f32,
-    // 1 + the index of the base colour's slot; 0: it has no texture.
-    alpha_slot: u32,
-    // Its textures in `slots`, those that are sRGB-encoded apart from the others.
-    first_srgb: u32,
-    srgb_count: u32,
-    first_linear: u32,
-    linear_count: u32,
+    // Roughness; scale of the normal map; the dielectric's reflectance at normal incidence; alpha below which
+    // there is no surface.
+    factors: vec4f,
+    // Its textures in `slots`: the first that is sRGB-encoded and how many, the first of the others and how many.
+    textures: vec4u,
+    // Whether it has a specular lobe at all; 1 + the index of the base colour's slot, 0 if it has no texture.
+    traits: vec4u,
 }
 
-@group(1) @binding(0) var<storage, read> positions: array<f32>;
-@group(1) @binding(1) var<storage, read> attributes: array<u32>;
+// Bits of the position, and the normal as `normal_from_word` reads it.
+@group(1) @binding(0) var<storage, read> vertices: array<vec4u>;
+// Texture coordinates and colour (4x16float); in meshes with tangents another record follows, whose first word
+// is the tangent.
+@group(1) @binding(1) var<storage, read> attributes: array<vec4u>;
 @group(1) @binding(2) var<storage, read> indices: array<u32>;
 @group(1) @binding(3) var<storage, read> meshes: array<MeshLayout>;
 @group(1) @binding(4) var<storage, read> instances: array<Placed>;
@@ -59,10 +47,8 @@ struct Triangle {
     a: vec3f,
     e1: vec3f,
     e2: vec3f,
-}
-
-fn position(vertex: u32) -> vec3f {
-    return vec3f(positions[3u * vertex], positions[3u * vertex + 1u], positions[3u * vertex + 2u]);
+    // Of each corner, as a vertex holds it.
+    normals: vec3u,
 }
 
 fn eye_in_mesh(instance: Placed) -> vec3f {
@@ -85,12 +71,16 @@ fn normal_from_mesh(instance: Placed, n: vec3f) -> vec3f {
 
 // The corners about the eye: differences of nearby numbers, exact even where the numbers are large.
 fn triangle_about_eye(instance: Placed, mesh: MeshLayout, primitive: u32) -> Triangle {
-    let first = mesh.first_index + 3u * primitive;
+    let first = mesh.first.x + 3u * primitive;
     let corners = vec3u(indices[first], indices[first + 1u], indices[first + 2u]);
-    let a = position(mesh.first_vertex + corners.x);
-    let b = position(mesh.first_vertex + corners.y);
-    let c = position(mesh.first_vertex + corners.z);
-    return Triangle(corners, a - eye_in_mesh(instance), b - a, c - a);
+    let a = vertices[mesh.first.y + corners.x];
+    let b = vertices[mesh.first.y + corners.y];
+    let c = vertices[mesh.first.y + corners.z];
+    let first_corner = bitcast<vec3f>(a.xyz);
+    return Triangle(
+        corners, first_corner - eye_in_mesh(instance), bitcast<vec3f>(b.xyz) - first_corner,
+        bitcast<vec3f>(c.xyz) - first_corner, vec3u(a.w, b.w, c.w),
+    );
 }
 
 // Octahedral normal; zero where the vertex has none.
@@ -106,12 +96,12 @@ fn normal_from_word(word: u32) -> vec3f {
     return normalize(n);
 }
 
-fn uv_at(record: u32) -> vec2f {
-    return bitcast<vec2f>(vec2u(attributes[record], attributes[record + 1u]));
+fn uv_of(record: vec4u) -> vec2f {
+    return bitcast<vec2f>(record.xy);
 }
 
-fn color_at(record: u32) -> vec4f {
-    return vec4f(unpack2x16float(attributes[record]), unpack2x16float(attributes[record + 1u]));
+fn color_of(record: vec4u) -> vec4f {
+    return vec4f(unpack2x16float(record.z), unpack2x16float(record.w));
 }
 
 fn blend2(a: vec2f, b: vec2f, c: vec2f, weights: vec3f) -> vec2f {

@@ -12,22 +12,18 @@ const TEXEL_LAYER_BITS: u32 = 22;
 const WRAP_REPEAT: u32 = 0;
 const WRAP_CLAMP: u32 = 1;
 
-// A material's reference to a texture.
+// A material's reference to a texture. Storage that many lanes read at places of their own is read in vectors of
+// four: the software driver takes hardly longer for one than for a scalar.
 struct TextureSlot {
-    // Columns of the linear part of the transform from a mesh's uv to the texture's.
-    u_from_uv: vec2f,
-    v_from_uv: vec2f,
-    offset: vec2f,
-    // Texels of level 0.
-    size: vec2u,
-    // Where the addresses of its levels begin in `texel_levels`.
-    first_level: u32,
-    // Number of levels.
-    levels: u32,
-    // Addressing of u and v: 0 repeat, 1 clamp, 2 mirror.
-    wrap: vec2u,
-    // What the material uses it for: one of the constants below.
-    role: u32,
+    // Rows of the linear part of the transform from a mesh's uv to the texture's.
+    texture_from_uv: vec4f,
+    // Added last; z and w are not used.
+    offset: vec4f,
+    // Texels of level 0: width, height; where the addresses of its levels begin in `texel_levels`; how many.
+    extent: vec4u,
+    // Addressing of u and v: 0 repeat, 1 clamp, 2 mirror; what the material uses it for: one of the constants
+    // below; w is not used.
+    usage: vec4u,
 }
 
 const ROLE_BASE_COLOR: u32 = 0;
@@ -46,22 +42,22 @@ const ROLE_NONE: u32 = 4;
 @group(1) @binding(9) var texels_srgb: texture_2d_array<f32>;
 
 fn transform_duv(slot: TextureSlot, duv: vec2f) -> vec2f {
-    return vec2f(dot(slot.u_from_uv, duv), dot(slot.v_from_uv, duv));
+    return vec2f(dot(slot.texture_from_uv.xy, duv), dot(slot.texture_from_uv.zw, duv));
 }
 
 fn transform_uv(slot: TextureSlot, uv: vec2f) -> vec2f {
-    return transform_duv(slot, uv) + slot.offset;
+    return transform_duv(slot, uv) + slot.offset.xy;
 }
 
 // The level for a pixel across which the transformed uv changes by these.
 fn texture_level(slot: TextureSlot, duv_dx: vec2f, duv_dy: vec2f) -> f32 {
-    let size = vec2f(slot.size);
+    let size = vec2f(slot.extent.xy);
     let texels_squared = max(dot(duv_dx * size, duv_dx * size), dot(duv_dy * size, duv_dy * size));
     if !(texels_squared > 1.0) {
         return 0.0;
     }
     // Half of a logarithm that is infinite for infinity is the last level, as is any other.
-    return min(0.5 * log2(min(texels_squared, 1e38)), f32(slot.levels - 1));
+    return min(0.5 * log2(min(texels_squared, 1e38)), f32(slot.extent.w - 1));
 }
 
 struct Taps {
@@ -107,10 +103,10 @@ fn texel(source: texture_2d_array<f32>, address: u32) -> vec4f {
 }
 
 fn bilinear(source: texture_2d_array<f32>, slot: TextureSlot, uv: vec2f, level: u32) -> vec4f {
-    let size = max(slot.size >> vec2u(level), vec2u(1u));
-    let x = taps(uv.x, size.x, slot.wrap.x);
-    let y = taps(uv.y, size.y, slot.wrap.y);
-    let base = texel_levels[slot.first_level + level];
+    let size = max(slot.extent.xy >> vec2u(level), vec2u(1u));
+    let x = taps(uv.x, size.x, slot.usage.x);
+    let y = taps(uv.y, size.y, slot.usage.y);
+    let base = texel_levels[slot.extent.z + level];
     let upper = base + y.first * size.x;
     let lower = base + y.second * size.x;
     let above = mix(texel(source, upper + x.first), texel(source, upper + x.second), x.fraction);
@@ -125,7 +121,7 @@ fn sample_texture(
     let at = transform_uv(slot, uv);
     let level = texture_level(slot, transform_duv(slot, duv_dx), transform_duv(slot, duv_dy));
     let fine = u32(level);
-    let coarse = min(fine + 1u, slot.levels - 1u);
+    let coarse = min(fine + 1u, slot.extent.w - 1u);
     return mix(bilinear(source, slot, at, fine), bilinear(source, slot, at, coarse), level - f32(fine));
 }
 

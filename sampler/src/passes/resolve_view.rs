@@ -55,7 +55,7 @@ impl ResolveView {
             .compute("resolve range", &self.range)
             .read("rays", rays)
             .read("visibility", &targets.visibility)
-            .read("positions", &resident.positions)
+            .read("vertices", &resident.vertices)
             .read("indices", &resident.indices)
             .read("meshes", &resident.meshes)
             .read("instances", &eye.instances)

@@ -52,7 +52,7 @@ impl Shade {
             .read("lighting", &eye.lighting)
             .read("lights", &eye.lights)
             .read("visibility", &targets.visibility)
-            .read("positions", &resident.positions)
+            .read("vertices", &resident.vertices)
             .read("attributes", &resident.attributes)
             .read("indices", &resident.indices)
             .read("meshes", &resident.meshes)

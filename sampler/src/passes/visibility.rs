@@ -55,7 +55,7 @@ impl Visibility {
                     .read("texels", &resident.texels);
             }
             let raw = bound.begin();
-            raw.set_vertex_buffer(0, resident.positions.slice(..));
+            raw.set_vertex_buffer(0, resident.vertices.slice(..));
             raw.set_index_buffer(resident.indices.slice(..), wgpu::IndexFormat::Uint32);
             for call in &list.calls[begin..end] {
                 raw.draw_indexed(call.indices.clone(), call.base_vertex, call.draws.clone());
@@ -77,7 +77,7 @@ fn pipeline(gpu: &Gpu, class: DrawClass) -> RenderPipeline {
         vertex,
         fragment: Some(fragment),
         buffers: &[wgpu::VertexBufferLayout {
-            array_stride: 12,
+            array_stride: 16,
             step_mode: wgpu::VertexStepMode::Vertex,
             attributes: &wgpu::vertex_attr_array![0 => Float32x3],
         }],

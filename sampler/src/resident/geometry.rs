@@ -13,8 +13,10 @@ const NO_NORMAL: u32 = 0x8000_8000;
 /// What is uploaded.
 #[derive(Default)]
 pub(super) struct Arena {
-    pub(super) positions: Vec<Vec3>,
-    pub(super) attributes: Vec<u32>,
+    /// Position and normal.
+    pub(super) vertices: Vec<[u32; 4]>,
+    /// Texture coordinates and colour; the tangent in a record of its own.
+    pub(super) attributes: Vec<[u32; 4]>,
     pub(super) indices: Vec<u32>,
     /// One a mesh.
     pub(super) layouts: Vec<MeshLayout>,
@@ -52,38 +54,27 @@ impl Arena {
     fn push(&mut self, mesh: &Mesh, used: bool) -> MeshRun {
         let has = |attribute: usize| used && attribute > 0 && attribute >= mesh.positions.len();
         let (uv, color, tangent) = (has(mesh.uvs.len()), has(mesh.colors.len()), has(mesh.tangents.len()));
-        // The normal is word 0; the words of an attribute that is there follow one another.
-        let mut stride = 1;
-        let mut place = |present: bool, words: u32| {
-            let at = if present { stride } else { 0 };
-            stride += if present { words } else { 0 };
-            at
-        };
-        let (uv, color, tangent) = (place(uv, 2), place(color, 2), place(tangent, 1));
+        let records = u32::from(uv || color || tangent) + u32::from(tangent);
+        let (first_index, first_vertex) = (self.indices.len() as u32, self.vertices.len() as u32);
         let layout = MeshLayout {
-            first_index: self.indices.len() as u32,
-            first_vertex: self.positions.len() as u32,
-            first_attribute: self.attributes.len() as u32,
-            stride,
-            uv,
-            color,
-            tangent,
-            material: mesh.material,
+            first: [first_index, first_vertex, self.attributes.len() as u32, records],
+            has: [u32::from(uv), u32::from(color), u32::from(tangent), mesh.material],
         };
         self.layouts.push(layout);
         let mut run = MeshRun {
-            first_index: layout.first_index,
-            first_vertex: layout.first_vertex,
+            first_index,
+            first_vertex,
             chunks: Vec::new(),
             whole: Chunk { first_triangle: 0, triangles: 0, middle: DVec3::ZERO, half: DVec3::ZERO },
         };
         if !used || mesh.triangles() == 0 || mesh.positions.is_empty() {
             return run;
         }
-        // A corner that is not finite has no place, so its triangles lose their area and are never drawn.
-        self.positions.extend(mesh.positions.iter().map(|p| if p.is_finite() { *p } else { Vec3::ZERO }));
         for vertex in 0..mesh.positions.len() {
-            self.push_attributes(mesh, &layout, vertex);
+            self.push_vertex(mesh, vertex);
+            if uv || color || tangent {
+                self.push_attributes(mesh, vertex, [uv, color, tangent]);
+            }
         }
         let drawn = |corners: &[u32]| {
             corners.iter().all(|&i| mesh.positions.get(i as usize).is_some_and(|p| p.is_finite()))
@@ -112,19 +103,20 @@ impl Arena {
         run
     }
 
-    fn push_attributes(&mut self, mesh: &Mesh, layout: &MeshLayout, vertex: usize) {
+    fn push_vertex(&mut self, mesh: &Mesh, vertex: usize) {
+        // A corner that is not finite has no place, so its triangles lose their area and are never drawn.
+        let position = if mesh.positions[vertex].is_finite() { mesh.positions[vertex] } else { Vec3::ZERO };
         let normal = mesh.normals.get(vertex).copied().unwrap_or(Vec3::ZERO);
-        self.attributes.push(octahedral(normal));
-        if layout.uv != 0 {
-            let uv: Vec2 = mesh.uvs[vertex];
-            self.attributes.extend([uv.x.to_bits(), uv.y.to_bits()]);
-        }
-        if layout.color != 0 {
-            let [r, g, b, a] = mesh.colors[vertex].to_array();
-            self.attributes.extend([halves(r, g), halves(b, a)]);
-        }
-        if layout.tangent != 0 {
-            self.attributes.push(tangent(mesh.tangents[vertex]));
+        let [x, y, z] = position.to_array().map(f32::to_bits);
+        self.vertices.push([x, y, z, octahedral(normal)]);
+    }
+
+    fn push_attributes(&mut self, mesh: &Mesh, vertex: usize, [uv, color, tangents]: [bool; 3]) {
+        let uv = if uv { mesh.uvs[vertex] } else { Vec2::ZERO };
+        let [r, g, b, a] = if color { mesh.colors[vertex] } else { Vec4::ONE }.to_array();
+        self.attributes.push([uv.x.to_bits(), uv.y.to_bits(), halves(r, g), halves(b, a)]);
+        if tangents {
+            self.attributes.push([tangent(mesh.tangents[vertex]), 0, 0, 0]);
         }
     }
 }
@@ -199,7 +191,8 @@ mod tests {
         let run = arena.push(&mesh, true);
         assert_eq!(arena.indices[..3], [0, 0, 0]);
         assert_eq!(arena.indices[3..], mesh.indices[3..]);
-        assert!(arena.positions.iter().all(|p| p.is_finite()));
+        let finite = |v: &[u32; 4]| v[..3].iter().all(|&x| f32::from_bits(x).is_finite());
+        assert!(arena.vertices.iter().all(finite));
         assert_eq!(run.whole.triangles, 4, "numbers of triangles do not move");
     }
 

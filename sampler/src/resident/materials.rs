@@ -49,22 +49,19 @@ impl Materials {
         let (first_srgb, srgb_count) = take(true);
         let (first_linear, linear_count) = take(false);
         let mine = first_srgb..first_linear + linear_count;
-        let alpha = mine.into_iter().find(|&i| self.slots[i as usize].role == role::BASE_COLOR);
+        let alpha = mine.into_iter().find(|&i| self.slots[i as usize].usage[2] == role::BASE_COLOR);
         self.data.push(MaterialData {
             base_color: material.base_color.to_array(),
             emissive: material.emissive.to_array(),
             metallic: material.metallic,
-            roughness: material.roughness,
-            normal_scale: material.normal_scale,
-            dielectric_f0: dielectric_f0(material.ior),
-            glossy: u32::from(material.is_glossy()),
-            alpha_cutoff: material.alpha_cutoff().unwrap_or(0.0),
-            alpha_slot: alpha.map_or(0, |i| i + 1),
-            first_srgb,
-            srgb_count,
-            first_linear,
-            linear_count,
-            _pad: [0; 2],
+            factors: [
+                material.roughness,
+                material.normal_scale,
+                dielectric_f0(material.ior),
+                material.alpha_cutoff().unwrap_or(0.0),
+            ],
+            textures: [first_srgb, srgb_count, first_linear, linear_count],
+            traits: [u32::from(material.is_glossy()), alpha.map_or(0, |i| i + 1), 0, 0],
         });
     }
 }
@@ -76,15 +73,11 @@ fn slot(role: u32, reference: &TextureRef, placed: &Placed) -> TextureSlot {
         Wrap::Clamp => 1,
         Wrap::Mirror => 2,
     };
+    let [width, height] = placed.size;
     TextureSlot {
-        u_from_uv: [u.x, v.x],
-        v_from_uv: [u.y, v.y],
-        offset: reference.offset.to_array(),
-        size: placed.size,
-        first_level: placed.first_level,
-        levels: placed.levels,
-        wrap: placed.wrap.map(wrap),
-        role,
-        _pad: 0,
+        texture_from_uv: [u.x, v.x, u.y, v.y],
+        offset: [reference.offset.x, reference.offset.y, 0.0, 0.0],
+        extent: [width, height, placed.first_level, placed.levels],
+        usage: [wrap(placed.wrap[0]), wrap(placed.wrap[1]), role, 0],
     }
 }

@@ -16,7 +16,7 @@ pub(crate) use geometry::{Chunk, MeshRun};
 /// Buffers and textures that passes read, by the names that `shaders/shared/geometry.wgsl` and
 /// `shaders/shared/texture.wgsl` give them, and what the CPU needs to draw them.
 pub(crate) struct Resident {
-    pub(crate) positions: wgpu::Buffer,
+    pub(crate) vertices: wgpu::Buffer,
     pub(crate) attributes: wgpu::Buffer,
     pub(crate) indices: wgpu::Buffer,
     pub(crate) meshes: wgpu::Buffer,
@@ -50,8 +50,8 @@ impl Features {
     fn new(scene: &Scene, materials: &materials::Materials) -> Self {
         let effects = scene.effects();
         Self {
-            srgb_textures: materials.data.iter().any(|m| m.srgb_count > 0),
-            linear_textures: materials.data.iter().any(|m| m.linear_count > 0),
+            srgb_textures: materials.data.iter().any(|m| m.textures[1] > 0),
+            linear_textures: materials.data.iter().any(|m| m.textures[3] > 0),
             normal_maps: effects.contains(&Effect::NormalMap),
             vertex_colors: scene.meshes.iter().any(|mesh| !mesh.colors.is_empty()),
             specular: effects.contains(&Effect::Specular),
@@ -106,7 +106,7 @@ impl Resident {
         let vertex = storage | wgpu::BufferUsages::VERTEX;
         let index = storage | wgpu::BufferUsages::INDEX;
         Ok(Self {
-            positions: upload(gpu, "vertex positions", &arena.positions, vertex)?,
+            vertices: upload(gpu, "vertices", &arena.vertices, vertex)?,
             attributes: upload(gpu, "vertex attributes", &arena.attributes, storage)?,
             indices: upload(gpu, "indices", &arena.indices, index)?,
             meshes: upload(gpu, "meshes", &arena.layouts, storage)?,

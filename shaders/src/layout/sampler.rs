@@ -14,7 +14,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     ResolveView::MIRROR,
 ];
 
-/// Values of [`TextureSlot::role`], as `shared/texture.wgsl` has them.
+/// Values in [`TextureSlot::usage`], as `shared/texture.wgsl` has them.
 pub mod role {
     /// Base colour and alpha.
     pub const BASE_COLOR: u32 = 0;
@@ -29,47 +29,24 @@ pub mod role {
 mirror! {
     /// A material's reference to a texture: `shared/texture.wgsl`.
     pub struct TextureSlot {
-        /// Row of the linear part of the transform from a mesh's uv to the texture's.
-        pub u_from_uv: [f32; 2],
-        /// The other row.
-        pub v_from_uv: [f32; 2],
+        /// Rows of the linear part of the transform from a mesh's uv to the texture's.
+        pub texture_from_uv: [f32; 4],
         /// Added last.
-        pub offset: [f32; 2],
-        /// Texels of level 0.
-        pub size: [u32; 2],
-        /// Where the addresses of its levels begin.
-        pub first_level: u32,
-        /// Number of levels.
-        pub levels: u32,
-        /// Addressing of u and v: 0 repeat, 1 clamp, 2 mirror.
-        pub wrap: [u32; 2],
-        /// What its material uses it for: [`role`].
-        pub role: u32,
-        /// WGSL rounds the struct up to 8 bytes.
-        pub _pad: u32,
+        pub offset: [f32; 4],
+        /// Width and height of level 0, where the addresses of its levels begin, how many levels there are.
+        pub extent: [u32; 4],
+        /// Addressing of u and v (0 repeat, 1 clamp, 2 mirror), what its material uses it for ([`role`]).
+        pub usage: [u32; 4],
     }
 }
 
 mirror! {
     /// Where a mesh's data begin, and which attributes its vertices have: `shared/geometry.wgsl`.
-    #[derive(Default)]
     pub struct MeshLayout {
-        /// First of its indices.
-        pub first_index: u32,
-        /// First of its vertices; indices count from it.
-        pub first_vertex: u32,
-        /// Word at which its first vertex's record of attributes begins.
-        pub first_attribute: u32,
-        /// Words of a record; the normal is the first.
-        pub stride: u32,
-        /// Word of a record at which texture coordinates begin; 0: none.
-        pub uv: u32,
-        /// The same of the colour.
-        pub color: u32,
-        /// The same of the tangent.
-        pub tangent: u32,
-        /// Index of its material.
-        pub material: u32,
+        /// First index, first vertex, first record of attributes, records of attributes to a vertex.
+        pub first: [u32; 4],
+        /// Whether its vertices have texture coordinates, colours, tangents; its material.
+        pub has: [u32; 4],
     }
 }
 
@@ -98,28 +75,12 @@ mirror! {
         pub emissive: [f32; 3],
         /// Factor.
         pub metallic: f32,
-        /// Factor.
-        pub roughness: f32,
-        /// Scales x and y of the normal map.
-        pub normal_scale: f32,
-        /// Reflectance of the dielectric at normal incidence.
-        pub dielectric_f0: f32,
-        /// 1 where the material has a specular lobe.
-        pub glossy: u32,
-        /// Alpha below which there is no surface.
-        pub alpha_cutoff: f32,
-        /// 1 + the index of the base colour's slot; 0: it has no texture.
-        pub alpha_slot: u32,
-        /// First of its sRGB-encoded textures among all slots.
-        pub first_srgb: u32,
-        /// How many.
-        pub srgb_count: u32,
-        /// First of its other textures.
-        pub first_linear: u32,
-        /// How many.
-        pub linear_count: u32,
-        /// WGSL rounds the struct up to 16 bytes.
-        pub _pad: [u32; 2],
+        /// Roughness, scale of the normal map, reflectance of the dielectric, alpha below which nothing is.
+        pub factors: [f32; 4],
+        /// First sRGB-encoded texture among all slots, how many, first of the others, how many.
+        pub textures: [u32; 4],
+        /// Whether it has a specular lobe; 1 + the index of the base colour's slot, or 0.
+        pub traits: [u32; 4],
     }
 }
 
