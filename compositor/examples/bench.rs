@@ -23,12 +23,14 @@ fn main() {
     let (width, height) = size.split_once('x').expect("WIDTHxHEIGHT");
     let [width, height]: [u32; 2] = [width.parse().expect("width"), height.parse().expect("height")];
     let folder = args.next();
+    let quick = std::env::var("QUICK").is_ok();
+    let glossy = std::env::var("GLOSSY").is_ok();
 
     let scene = Arc::new(procedural::terrain(triangles));
     let rig = Rig::for_scene(&scene, &RigKnobs::default()).expect("a rig");
     let tracer = Tracer::new(Arc::clone(&scene));
     let cameras: Vec<_> = (0..4).map(|i| rig.camera(i).expect("a camera")).collect();
-    let set = sample_set(&tracer, &cameras, true, 3);
+    let set = sample_set(&tracer, &cameras, glossy, if quick { 1 } else { 3 });
     let mut compositor = compositor(&set);
 
     let center = scene.bounds().center();
@@ -51,14 +53,18 @@ fn main() {
         .iter()
         .enumerate()
         .map(|(i, job)| {
-            (i < 6).then(|| {
+            (i < 6 && !quick).then(|| {
                 tracer.render(&job.camera, width, height, 16, |_| {}).display(scene.lighting.exposure)
             })
         })
         .collect();
+    let only = std::env::var("ONLY").unwrap_or_default();
     for (name, search, steps) in
         [("splat", Search::Splat, 64), ("linear 64", Search::Linear, 64)]
     {
+        if !name.contains(&only) {
+            continue;
+        }
         let jobs = jobs(search, steps);
         let mut best = f64::INFINITY;
         let mut frames = Vec::new();

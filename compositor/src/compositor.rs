@@ -7,19 +7,20 @@ use std::time::Instant;
 use argus_gpu::wgpu::BufferUsages;
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{
-    Cancel, Compositor, Frame, Provenance, RenderError, SampleId, SampleSet, Search, Stage, ViewJob,
+    Cancel, Compositor, Frame, PlaneKind, Provenance, RenderError, SampleId, SampleSet, Search, Stage, ViewJob,
 };
-use argus_shaders::layout::compositor::Fill;
+use argus_shaders::layout::compositor::{Fill, ViewUniform};
 
 use crate::drawing::{Draw, FINE, RANGE, SHOWN, Shared, Variant};
 use crate::frames::Assembly;
 use crate::holdings::Holdings;
 use crate::knobs::CompositorKnobs;
-use crate::layout::{Chunk, Piece, chunks};
-use crate::lights::{light_about, lighting_uniform};
+use crate::layout::{Chunk, Extent, Piece, chunks};
+use crate::lights::light_about;
 use crate::passes::bounds::BoundsPass;
 use crate::passes::fill::FillPass;
 use crate::passes::linear::LinearPass;
+use crate::passes::mend::MendPass;
 use crate::passes::resolve::ResolvePass;
 use crate::passes::splat::{SplatCall, SplatPass};
 use crate::passes::warp::WarpPass;
@@ -40,32 +41,31 @@ pub struct GpuCompositor {
     splat: SplatPass,
     fill: FillPass,
     warp: WarpPass,
+    mend: MendPass,
     linear: LinearPass,
     resolve: ResolvePass,
 }
 
-/// Everything that is uploaded for a chunk, and who reads which part of it.
+/// Everything that the passes of a chunk read, and which of them run.
 struct ChunkData {
-    /// A view's uniforms, at multiples of the device's alignment.
+    /// A piece's uniforms each.
     views: wgpu::Buffer,
-    lighting: wgpu::Buffer,
     lights: wgpu::Buffer,
     blocks: wgpu::Buffer,
     cells: wgpu::Buffer,
     cell_bytes: u64,
     depths: wgpu::Buffer,
-    /// By pool.
-    splats: BTreeMap<usize, Vec<SplatCall>>,
+    unsettled: wgpu::Buffer,
+    splats: Vec<SplatCall>,
     fills: Vec<Fill>,
-    /// By what decides which pipeline draws: search, pool, variant. Indices into the chunk's pieces.
-    draws: BTreeMap<(bool, usize, Variant), Vec<usize>>,
+    /// By search (whether it is the splat) and pipeline: indices into the chunk's pieces.
+    draws: BTreeMap<(bool, Variant), Vec<usize>>,
 }
 
-/// Distance of uniforms in a buffer: the largest alignment that a device may ask for.
-const UNIFORM_STRIDE: u64 = 256;
-/// Distance of views' uniforms.
-const VIEW_STRIDE: u64 =
-    (size_of::<argus_shaders::layout::compositor::ViewUniform>() as u64).next_multiple_of(UNIFORM_STRIDE);
+/// Distance of pieces' uniforms in their buffer.
+const VIEW_STRIDE: u64 = size_of::<ViewUniform>() as u64;
+// The largest alignment that a device may ask for.
+const _: () = assert!(VIEW_STRIDE.is_multiple_of(256));
 
 impl GpuCompositor {
     /// A compositor with default knobs that holds nothing yet.
@@ -102,6 +102,7 @@ impl GpuCompositor {
             splat: SplatPass::new(&gpu),
             fill: FillPass::new(&gpu),
             warp: WarpPass::new(),
+            mend: MendPass::default(),
             linear: LinearPass::new(),
             resolve: ResolvePass::new(&gpu),
             gpu,
@@ -134,8 +135,11 @@ impl GpuCompositor {
             }
         }
         let mut stages = vec![Stage::new("prepare views", milliseconds(began))];
-        let extents: Vec<[u32; 3]> =
-            views.iter().map(|v| [jobs[v.job].width, jobs[v.job].height, v.side]).collect();
+        let extent = |v: &PreparedView| {
+            let ViewJob { width, height, .. } = jobs[v.job];
+            Extent { width, height, side: v.side, pool: v.pool }
+        };
+        let extents: Vec<Extent> = views.iter().map(extent).collect();
         let mut assemblies: Vec<Assembly> =
             views.iter().map(|v| Assembly::new(jobs[v.job].width, jobs[v.job].height, jobs[v.job].outputs)).collect();
         for chunk in chunks(&extents, &self.knobs) {
@@ -198,36 +202,40 @@ impl GpuCompositor {
         let drawn: [&Target; 2] = fine.as_ref().map_or([&shown, &range], |[color, range]| [color, range]);
 
         let mut commands = self.gpu.commands("compose views");
-        // Cells that no texel reaches stay 0: infinitely far.
-        commands.encoder().clear_buffer(&data.cells, 0, Some(data.cell_bytes));
-        for (pool, calls) in &data.splats {
-            let inverse_range = self.holdings.pool(*pool)?.view(argus_scene::PlaneKind::InverseRange)?;
-            self.splat.record(&mut commands, calls, inverse_range, &data.blocks, &data.cells);
-        }
+        let pool = self.holdings.pool(chunk.pieces.first().map_or(0, |piece| views[piece.view].pool))?;
         if !data.fills.is_empty() {
+            // Cells that no texel reaches stay 0: infinitely far.
+            commands.encoder().clear_buffer(&data.cells, 0, Some(data.cell_bytes));
+            commands.encoder().clear_buffer(&data.unsettled, 0, Some(4));
+            let inverse_range = pool.view(PlaneKind::InverseRange)?;
+            self.splat.record(&mut commands, &data.splats, inverse_range, &data.blocks, &data.cells);
             self.fill.record(&mut commands, &data.fills, &data.cells, &data.depths);
         }
-        for ((splat, pool, variant), pieces) in &data.draws {
-            let shared = Shared {
-                pool: self.holdings.pool(*pool)?,
-                nearest: &self.nearest,
-                bilinear: &self.bilinear,
-                lights: &data.lights,
-                depths: splat.then_some(&data.depths),
-            };
+        let mut shared = Shared {
+            pool,
+            nearest: &self.nearest,
+            bilinear: &self.bilinear,
+            lights: &data.lights,
+            splatted: None,
+        };
+        for (&(splat, variant), pieces) in &data.draws {
             let draws: Vec<Draw<'_>> = pieces
                 .iter()
-                .map(|&i| Draw {
-                    piece: chunk.pieces[i],
-                    view: part(&data.views, i, VIEW_STRIDE),
-                    lighting: part(&data.lighting, i, UNIFORM_STRIDE),
-                })
+                .map(|&i| Draw { piece: chunk.pieces[i], view: part(&data.views, i, VIEW_STRIDE) })
                 .collect();
-            if *splat {
-                self.warp.record(&self.gpu, &mut commands, *variant, &shared, &draws, drawn)?;
+            shared.splatted = splat.then_some([&data.depths, &data.unsettled]);
+            if splat {
+                self.warp.record(&self.gpu, &mut commands, variant, &shared, &draws, drawn)?;
             } else {
-                self.linear.record(&self.gpu, &mut commands, *variant, &shared, &draws, drawn)?;
+                self.linear.record(&self.gpu, &mut commands, variant, &shared, &draws, drawn)?;
             }
+        }
+        // Views with and without range share one list; what is written to a range that is not there is dropped.
+        if let Some((&(_, variant), _)) = data.draws.iter().find(|((splat, _), _)| *splat) {
+            let variant = Variant { range: true, ..variant };
+            shared.splatted = Some([&data.depths, &data.unsettled]);
+            let buffers = [&data.views, &data.cells];
+            self.mend.record(&self.gpu, &mut commands, variant, &shared, buffers, drawn)?;
         }
         if let Some([color, depth]) = &fine {
             let exposure = |p: &Piece| views[p.view].samples.first().map_or(1.0, |s| s.info.lighting.exposure);
@@ -256,50 +264,47 @@ impl GpuCompositor {
 
     /// Uploads what the passes of a chunk read.
     fn upload(&mut self, chunk: &Chunk, views: &[PreparedView], jobs: &[ViewJob]) -> ChunkData {
-        let mut uniforms = vec![0u8; chunk.pieces.len() * VIEW_STRIDE as usize];
-        let mut lighting = vec![0u8; chunk.pieces.len() * UNIFORM_STRIDE as usize];
+        let mut uniforms: Vec<ViewUniform> = Vec::with_capacity(chunk.pieces.len());
         let (mut lights, mut blocks) = (Vec::new(), Vec::new());
-        let mut splats: BTreeMap<usize, Vec<SplatCall>> = BTreeMap::new();
-        let mut fills = Vec::new();
-        let mut draws: BTreeMap<(bool, usize, Variant), Vec<usize>> = BTreeMap::new();
-        let mut cell_count = 0;
+        let (mut splats, mut fills) = (Vec::new(), Vec::new());
+        let mut draws: BTreeMap<(bool, Variant), Vec<usize>> = BTreeMap::new();
+        let (mut cell_count, mut pixels) = (0, 0);
         for (i, piece) in chunk.pieces.iter().enumerate() {
             let view = &views[piece.view];
             let job = &jobs[view.job];
-            let uniform = view.uniform(piece, cell_count, lights.len() as u32);
-            put(&mut uniforms, i, VIEW_STRIDE, &uniform);
-            if let Some(info) = view.samples.first().map(|held| &held.info) {
-                put(&mut lighting, i, UNIFORM_STRIDE, &lighting_uniform(&info.lighting));
-                if view.glossy {
-                    lights.extend(info.lighting.lights.iter().map(|light| light_about(light, job.camera.eye)));
-                }
+            uniforms.push(view.uniform(piece, i as u32, cell_count, lights.len() as u32));
+            if let Some(held) = view.samples.first().filter(|_| view.glossy) {
+                let about = |light| light_about(light, job.camera.eye);
+                lights.extend(held.info.lighting.lights.iter().map(about));
             }
             let splat = view.search == Search::Splat;
             if splat {
-                splats.entry(view.pool).or_default().extend(view.splats(piece, cell_count, &mut blocks));
+                splats.append(&mut view.splats(piece, cell_count, &mut blocks));
                 fills.push(view.fill(piece, cell_count));
+                cell_count += view.cell_count(piece);
+                pixels += u64::from(piece.part.width * piece.part.height * piece.side * piece.side);
             }
-            cell_count += view.cell_count(piece);
             let fine = view.side > 1;
-            let variant =
-                Variant { omni: view.omni, glossy: view.glossy, fine, range: fine || job.outputs.range };
-            draws.entry((splat, view.pool, variant)).or_default().push(i);
+            let range = fine || job.outputs.range;
+            let variant = Variant { omni: view.omni, glossy: view.glossy, fine, range };
+            draws.entry((splat, variant)).or_default().push(i);
         }
-        splats.retain(|_, calls| !calls.is_empty());
         let mut upload = |label, bytes: &[u8], usage| {
             let buffer = self.targets.buffer(&self.gpu, label, bytes.len() as u64, usage);
             self.gpu.write(&buffer, bytes);
             buffer
         };
-        let views = upload("views", &uniforms, BufferUsages::UNIFORM);
-        let lighting = upload("lighting", &lighting, BufferUsages::UNIFORM);
+        let both = BufferUsages::UNIFORM | BufferUsages::STORAGE;
+        let views = upload("views", bytemuck::cast_slice(&uniforms), both);
         let lights = upload("lights", bytemuck::cast_slice(&lights), BufferUsages::STORAGE);
         let blocks = upload("blocks", bytemuck::cast_slice(&blocks), BufferUsages::STORAGE);
         let cell_bytes = u64::from(cell_count) * 8;
         let mut scratch = |label, bytes: u64| self.targets.buffer(&self.gpu, label, bytes, BufferUsages::STORAGE);
         let cells = scratch("cells", cell_bytes);
         let depths = scratch("depths", cell_bytes / 2);
-        ChunkData { views, lighting, lights, blocks, cells, cell_bytes, depths, splats, fills, draws }
+        // Their number, and two words for each pixel that may be among them.
+        let unsettled = scratch("unsettled", 4 + 8 * pixels);
+        ChunkData { views, lights, blocks, cells, cell_bytes, depths, unsettled, splats, fills, draws }
     }
 }
 
@@ -325,12 +330,6 @@ impl Compositor for GpuCompositor {
 /// Element `index` of an array with the given stride.
 fn part(buffer: &wgpu::Buffer, index: usize, stride: u64) -> wgpu::BufferBinding<'_> {
     wgpu::BufferBinding { buffer, offset: index as u64 * stride, size: wgpu::BufferSize::new(stride) }
-}
-
-/// Writes element `index` of an array with the given stride.
-fn put<T: bytemuck::NoUninit>(bytes: &mut [u8], index: usize, stride: u64, value: &T) {
-    let value = bytemuck::bytes_of(value);
-    bytes[index * stride as usize..][..value.len()].copy_from_slice(value);
 }
 
 fn milliseconds(since: Instant) -> f64 {

@@ -31,7 +31,8 @@ pub(crate) struct Variant {
 }
 
 impl Variant {
-    fn entry_point(self) -> String {
+    /// Programs of both searches, and the mending of one, name their entry points alike.
+    pub(crate) fn entry_point(self) -> String {
         let kind = if self.omni { "omni" } else { "pinhole" };
         let to = if self.fine { "keep" } else { "show" };
         format!("{to}_{kind}{}", if self.glossy { "_glossy" } else { "" })
@@ -59,16 +60,15 @@ pub(crate) struct Shared<'a> {
     pub(crate) bilinear: &'a wgpu::Sampler,
     /// Lights of every view, relative to its eye.
     pub(crate) lights: &'a wgpu::Buffer,
-    /// Splatted depths; only the warp reads them.
-    pub(crate) depths: Option<&'a wgpu::Buffer>,
+    /// Splatted depths, and the list of pixels that they do not settle; the warp's alone.
+    pub(crate) splatted: Option<[&'a wgpu::Buffer; 2]>,
 }
 
-/// One piece and its own uniforms.
+/// One piece and its uniforms.
 #[derive(Debug)]
 pub(crate) struct Draw<'a> {
     pub(crate) piece: Piece,
     pub(crate) view: wgpu::BufferBinding<'a>,
-    pub(crate) lighting: wgpu::BufferBinding<'a>,
 }
 
 /// One search's pipelines, made when they are first needed: a scene calls for one or two of them.
@@ -112,7 +112,6 @@ pub(crate) fn draw_pieces(
         let mut call = pass
             .draw(pipeline)
             .read("view", &draw.view)
-            .read("lighting", &draw.lighting)
             .read("inverse_range", inverse_range)
             .read("radiance", radiance)
             .read("nearest", shared.nearest)
@@ -123,8 +122,8 @@ pub(crate) fn draw_pieces(
                 .read("specular_plane", shared.pool.view(PlaneKind::Specular)?)
                 .read("lights", shared.lights);
         }
-        if let Some(depths) = shared.depths {
-            call = call.read("depths", depths);
+        if let Some([depths, unsettled]) = shared.splatted {
+            call = call.read("depths", depths).write("unsettled", unsettled);
         }
         call.vertices(0..3, 0..1);
     }

@@ -181,9 +181,4 @@ impl Holdings {
     pub(crate) fn len(&self) -> usize {
         self.held.len()
     }
-
-    /// Whether any sample that is held has the planes for specular.
-    pub(crate) fn any_glossy(&self) -> bool {
-        self.pools.iter().flatten().any(|pool| pool.class.glossy && !pool.is_empty())
-    }
 }

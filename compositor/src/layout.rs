@@ -34,6 +34,17 @@ impl Piece {
     }
 }
 
+/// What cutting a batch up needs to know of a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Extent {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    /// Sub-pixels on an edge of a pixel.
+    pub(crate) side: u32,
+    /// Pool that its samples are in.
+    pub(crate) pool: usize,
+}
+
 /// Pieces of one submission and the extent of their target.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(crate) struct Chunk {
@@ -44,24 +55,22 @@ pub(crate) struct Chunk {
 /// Rows that a chunk's target has at most.
 const MAX_ROWS: u32 = 8192;
 
-/// Cuts views, given as width, height and supersampling, into chunks.
-///
-/// Views of one supersampling follow one another, so that a chunk's fine target has one scale.
-pub(crate) fn chunks(views: &[[u32; 3]], knobs: &CompositorKnobs) -> Vec<Chunk> {
+/// Cuts views into chunks. The pieces of a chunk have one pool, and one scale of their fine target.
+pub(crate) fn chunks(views: &[Extent], knobs: &CompositorKnobs) -> Vec<Chunk> {
     let mut order: Vec<usize> = (0..views.len()).collect();
-    order.sort_by_key(|&i| views[i][2]);
+    order.sort_by_key(|&i| (views[i].pool, views[i].side));
     let mut chunks = Vec::new();
     let mut open: Vec<Piece> = Vec::new();
     let mut pixels = 0;
     for view in order {
-        let [width, height, side] = views[view];
+        let Extent { width, height, side, pool } = views[view];
         let step = (knobs.piece_side / side).max(1);
         for y in (0..height).step_by(step as usize) {
             for x in (0..width).step_by(step as usize) {
                 let part = Rect { x, y, width: step.min(width - x), height: step.min(height - y) };
                 let area = u64::from(part.width) * u64::from(part.height) * u64::from(side * side);
-                let other_scale = open.last().is_some_and(|piece| piece.side != side);
-                if !open.is_empty() && (pixels + area > knobs.chunk_pixels || other_scale) {
+                let other = open.last().is_some_and(|p| p.side != side || views[p.view].pool != pool);
+                if !open.is_empty() && (pixels + area > knobs.chunk_pixels || other) {
                     chunks.push(place(std::mem::take(&mut open)));
                     pixels = 0;
                 }
@@ -114,10 +123,14 @@ mod tests {
     proptest! {
         #[test]
         fn every_pixel_of_every_view_is_in_one_piece_and_no_two_pieces_share_a_place(
-            views in prop::collection::vec((1u32..700, 1u32..700, 1u32..4).prop_map(|(w, h, s)| [w, h, s]), 1..12),
+            views in prop::collection::vec((1u32..700, 1u32..700, 1u32..4, 0usize..2), 1..12),
             piece_side in 1u32..400,
         ) {
             let piece_side = piece_side.max(40);
+            let views: Vec<Extent> = views
+                .into_iter()
+                .map(|(width, height, side, pool)| Extent { width, height, side, pool })
+                .collect();
             let knobs = CompositorKnobs { piece_side, chunk_pixels: 200_000, ..Default::default() };
             let chunks = chunks(&views, &knobs);
             let mut covered = vec![0u64; views.len()];
@@ -130,8 +143,8 @@ mod tests {
                     prop_assert!(chunk.pieces[..i].iter().all(|other| !overlap(other, piece)));
                 }
             }
-            for (covered, [w, h, _]) in covered.iter().zip(&views) {
-                prop_assert_eq!(*covered, u64::from(*w) * u64::from(*h));
+            for (covered, view) in covered.iter().zip(&views) {
+                prop_assert_eq!(*covered, u64::from(view.width) * u64::from(view.height));
             }
         }
     }

@@ -27,6 +27,7 @@ pub(crate) fn plan(plan: &Plan, outputs: Outputs, glossy: bool, splatting: usize
         row("splat samples", splat, &format!("{searched}; the first {count} samples leave their depth")),
         row("fill cells", splat, searched),
         row("warp views", splat, searched),
+        row("mend pixels", splat, "pixels that one sample did not settle are tried in all"),
         row("search views", !splat, &format!("{searched}; at most {steps} steps")),
         row(
             "specular",

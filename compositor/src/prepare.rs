@@ -4,13 +4,14 @@ use std::sync::Arc;
 
 use argus_scene::{InvalidField, Plan, RenderError, Search, ViewJob};
 use argus_shaders::layout::compositor::{Fill, MAX_SAMPLES, Splat, ViewSample, ViewUniform};
-use bytemuck::Zeroable as _;
+use bytemuck::Zeroable;
 use glam::DVec2;
 
 use crate::cull::{VisibleTile, cell_size, push_blocks, visible_tiles};
 use crate::geometry::{PixelFromFace, ViewGeometry, bounds_about, view_sample};
 use crate::holdings::{Held, Holdings};
 use crate::layout::{Piece, Rect};
+use crate::lights::lighting_uniform;
 use crate::passes::splat::SplatCall;
 
 /// One view of a batch.
@@ -24,7 +25,6 @@ pub(crate) struct PreparedView {
     pub(crate) pool: usize,
     pub(crate) omni: bool,
     pub(crate) glossy: bool,
-    /// First of its lights in the chunk's.
     geometry: ViewGeometry,
     steps: u32,
     /// Sub-pixels on the edge of a cell.
@@ -117,8 +117,9 @@ impl PreparedView {
         Cells { first_column, first_row, columns, rows }
     }
 
-    /// What the searches are told of a piece; its cells begin at `first_cell`, its lights at `first_light`.
-    pub(crate) fn uniform(&self, piece: &Piece, first_cell: u32, first_light: u32) -> ViewUniform {
+    /// What the searches are told of piece number `index` of a chunk; its cells begin at `first_cell`, its lights at
+    /// `first_light`.
+    pub(crate) fn uniform(&self, piece: &Piece, index: u32, first_cell: u32, first_light: u32) -> ViewUniform {
         let [corner, right, down] = self.geometry.directions().map(|d| d.as_vec3().to_array());
         let first = self.samples.first();
         let bounds = first.map(|held| bounds_about(&held.info.bounds, self.geometry.eye)).unwrap_or_default();
@@ -143,8 +144,10 @@ impl PreparedView {
             target_origin: piece.fine_target().map(|at| at as f32),
             cell_origin: [cells.first_column, cells.first_row],
             cell_columns: cells.columns,
-            _pad: 0,
+            piece: index,
+            lighting: first.map_or(Zeroable::zeroed(), |held| lighting_uniform(&held.info.lighting)),
             samples,
+            _pad: [0.0; 24],
         }
     }
 
@@ -195,7 +198,7 @@ impl PreparedView {
                 cell_rows: cells.rows,
                 origin_column: cells.first_column,
                 origin_row: cells.first_row,
-                _pad: 0,
+                source: source.sample as u32,
             };
             calls.push(SplatCall { splat, block_count });
         }

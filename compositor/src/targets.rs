@@ -28,7 +28,8 @@ impl Targets {
         }
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
             | wgpu::TextureUsages::COPY_SRC
-            | wgpu::TextureUsages::TEXTURE_BINDING;
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::STORAGE_BINDING;
         let texture = gpu.texture_2d("frames", size, format, usage);
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
         Target { texture, view }

@@ -1,6 +1,8 @@
 // Program of compositor/src/passes/fill.rs: cells become depths. A surface that goes on from one side of a cell
 // to the other fills it, over whatever lies farther; other empty cells take a neighbour's depth on trial.
 
+import package::shared::cells::{Depth, bits_of, depth_of_cell};
+
 struct Fill {
     first_cell: u32,
     columns: i32,
@@ -9,28 +11,33 @@ struct Fill {
 
 var<immediate> fill: Fill;
 
-// Low word unused, high word the bits of the greatest inverse depth.
+// Low and high word of each.
 @group(0) @binding(0) var<storage, read> cells: array<vec2u>;
-@group(0) @binding(1) var<storage, read_write> depths: array<f32>;
+@group(0) @binding(1) var<storage, read_write> depths: array<u32>;
 
 // Relative difference of inverse depth below which two cells are taken for one surface.
 const CONTINUES: f32 = 0.1;
 
-fn cell_at(column: i32, row: i32) -> f32 {
+fn cell_at(column: i32, row: i32) -> Depth {
     let inside = column >= 0 && row >= 0 && column < fill.columns && row < fill.rows;
     let index = select(0u, u32(row * fill.columns + column), inside);
-    return select(0.0, bitcast<f32>(cells[fill.first_cell + index].y), inside);
+    return depth_of_cell(select(vec2u(0u), cells[fill.first_cell + index], inside));
 }
 
-// Inverse depth between two opposite neighbours of one surface, which is affine over the image; 0 if they are
-// not of one.
-fn between(a: f32, b: f32) -> f32 {
-    return select(0.0, 0.5 * (a + b), abs(a - b) <= CONTINUES * min(a, b));
+// Between two opposite neighbours of one surface, inverse depth being affine over the image; none if they are not
+// of one.
+fn between(a: Depth, b: Depth) -> Depth {
+    return Depth(select(0.0, 0.5 * (a.q + b.q), abs(a.q - b.q) <= CONTINUES * min(a.q, b.q)), a.source);
 }
 
-// The lesser that is not 0: the farther of two.
-fn farther(a: f32, b: f32) -> f32 {
-    return select(select(min(a, b), a, b == 0.0), b, a == 0.0);
+fn nearer(a: Depth, b: Depth) -> Depth {
+    return Depth(max(a.q, b.q), select(a.source, b.source, b.q > a.q));
+}
+
+// The farther of two that are not none.
+fn farther(a: Depth, b: Depth) -> Depth {
+    let second = a.q == 0.0 || (b.q > 0.0 && b.q < a.q);
+    return Depth(select(a.q, b.q, second), select(a.source, b.source, second));
 }
 
 @compute @workgroup_size(8, 8)
@@ -49,16 +56,18 @@ fn fill_cell(@builtin(global_invocation_id) id: vec3u) {
     let up_right = cell_at(c + 1, r - 1);
     let down_left = cell_at(c - 1, r + 1);
     let down_right = cell_at(c + 1, r + 1);
-    let straight = max(between(left, right), between(up, down));
-    let across = max(between(up_left, down_right), between(up_right, down_left));
-    let surface = max(straight, across);
+    let straight = nearer(between(left, right), between(up, down));
+    let across = nearer(between(up_left, down_right), between(up_right, down_left));
+    let surface = nearer(straight, across);
     var depth = own;
-    if surface > own * (1.0 + CONTINUES) {
+    if surface.q > own.q * (1.0 + CONTINUES) {
         depth = surface;
     }
-    if depth == 0.0 {
-        let edge = farther(farther(left, right), farther(up, down));
-        depth = -farther(edge, farther(farther(up_left, down_right), farther(up_right, down_left)));
+    if depth.q == 0.0 {
+        let edges = farther(farther(left, right), farther(up, down));
+        let corners = farther(farther(up_left, down_right), farther(up_right, down_left));
+        let edge = farther(edges, corners);
+        depth = Depth(-edge.q, edge.source);
     }
-    depths[fill.first_cell + u32(r * fill.columns + c)] = depth;
+    depths[fill.first_cell + u32(r * fill.columns + c)] = bits_of(depth);
 }

@@ -2,10 +2,12 @@
 // in equal steps through the scene's bounds until it is behind the surface of every camera that looks there;
 // bisection then finds where it went in.
 
-import package::shared::fetch::{view};
+import package::shared::fetch::{Fetch, Opinion, ViewUniform, crossing_of_bounds, fetch_from, is_better, opinion_of};
 import package::shared::pixel::{
-    Linear, Pixel, Shown, corner_of_target, crossing_of_bounds, direction_at, image_position, linear_of, opinion_at, pixel_at, shown, with_specular,
+    Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel, with_specular,
 };
+
+@group(0) @binding(0) var<uniform> view: ViewUniform;
 
 // Halvings of the last step: 64 steps and 8 halvings place a surface to within 1/16384 of the bounds.
 const HALVINGS: u32 = 8u;
@@ -15,13 +17,24 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     return corner_of_target(index);
 }
 
-fn pixel(fragment: vec4f, omni: bool) -> Pixel {
-    let d = direction_at(image_position(fragment));
-    let span = crossing_of_bounds(d);
+// All samples' opinion of a point: seen by any, clear if any looks past it.
+fn opinion_at(d: vec3f, t: f32, omni: bool) -> Opinion {
+    var all = Opinion(false, false);
+    for (var i = 0u; i < view.sample_count; i++) {
+        let one = opinion_of(view.samples[i], d, t, omni);
+        all = Opinion(all.seen || one.seen, all.clear || one.clear);
+    }
+    return all;
+}
+
+fn pixel(at: vec4f, omni: bool) -> Pixel {
+    let position = at.xy - view.target_origin + view.piece_origin;
+    let d = view.corner + view.right * position.x + view.down * position.y;
+    let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
     let step = (span.y - span.x) / f32(view.steps);
     var outside = span.x;
     var inside = 0.0;
-    // Clear: the sky is seen unless the ray passes a place that no sample looks at.
+    // The sky is seen unless the ray passes a place that no sample looks at.
     var clear = true;
     for (var k = 1u; k <= view.steps && inside == 0.0 && span.x < span.y; k++) {
         let t = span.x + step * f32(k);
@@ -44,28 +57,43 @@ fn pixel(fragment: vec4f, omni: bool) -> Pixel {
         }
     }
     // The side on which all cameras are: the most conservative surface.
-    let q = select(0.0, 1.0 / max(outside, 1e-20), found);
-    return pixel_at(d, q, clear && !found, omni);
+    let q = 1.0 / max(outside, 1e-20);
+    var best = Fetch(vec2f(0.0), 0u, 0.0, false);
+    var source = 0u;
+    for (var i = 0u; i < view.sample_count; i++) {
+        let next = fetch_from(view.samples[i], d, q, omni);
+        if is_better(next, best) {
+            best = next;
+            source = i;
+        }
+    }
+    if found && best.agreement > 0.0 {
+        return surface_pixel(best, source, d, q);
+    }
+    if clear && !found {
+        return sky_pixel(view.lighting, d);
+    }
+    return unresolved_pixel(view.lighting, best, d);
 }
 
 @fragment
 fn show_pinhole(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, false));
+    return shown(pixel(at, false), view.lighting.exposure);
 }
 
 @fragment
 fn show_pinhole_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, false)));
+    return shown(with_specular(pixel(at, false), view.lighting, view.first_light), view.lighting.exposure);
 }
 
 @fragment
 fn show_omni(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, true));
+    return shown(pixel(at, true), view.lighting.exposure);
 }
 
 @fragment
 fn show_omni_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, true)));
+    return shown(with_specular(pixel(at, true), view.lighting, view.first_light), view.lighting.exposure);
 }
 
 @fragment
@@ -75,7 +103,7 @@ fn keep_pinhole(@builtin(position) at: vec4f) -> Linear {
 
 @fragment
 fn keep_pinhole_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, false)));
+    return linear_of(with_specular(pixel(at, false), view.lighting, view.first_light));
 }
 
 @fragment
@@ -85,5 +113,5 @@ fn keep_omni(@builtin(position) at: vec4f) -> Linear {
 
 @fragment
 fn keep_omni_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, true)));
+    return linear_of(with_specular(pixel(at, true), view.lighting, view.first_light));
 }

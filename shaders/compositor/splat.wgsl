@@ -2,6 +2,7 @@
 // depth in the cells of the view that they fall into; the nearest stays.
 
 import package::shared::camera::direction_in_face;
+import package::shared::cells::HANDICAP;
 
 // One face of one sample, as one view sees it. Rows take a position in the face's axes times its inverse depth,
 // and that inverse depth, to cell coordinates times w, and to w, the depth along the view's axis times the same.
@@ -23,6 +24,8 @@ struct Splat {
     // Where the piece's cells begin in the view's.
     origin_column: i32,
     origin_row: i32,
+    // Position of the sample in the plan's list.
+    source: u32,
 }
 
 var<immediate> splat: Splat;
@@ -49,6 +52,8 @@ fn splat_block(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id
     let usable = (bitcast<u32>(q) - 1u) < 0x7f7fffffu && w > 0.0;
     if usable && all(texel < splat.face_size) && all(cell >= vec2f(0.0)) && all(cell < size) {
         let index = splat.first_cell + u32(cell.y) * u32(splat.cell_columns) + u32(cell.x);
-        atomicMax(&cells[index], u64(bitcast<u32>(q)) << 32u);
+        // A surface at 10^-36 of its depth from the handicap is not one.
+        let high = max(bitcast<u32>(q), splat.source * HANDICAP + 1u) - splat.source * HANDICAP;
+        atomicMax(&cells[index], (u64(high) << 32u) | u64(splat.source));
     }
 }

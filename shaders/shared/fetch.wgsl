@@ -1,7 +1,8 @@
 // The depth-corrected fetch that both searches end in: a view's pixel, at the depth a search found for it, is
-// looked up in every sample of the plan; a sample serves the pixel where the range it stores agrees.
+// looked up in a sample, and taken from those of its texels whose range agrees.
 
 import package::shared::camera::{Pinhole, Seen, seen_by_cube, seen_by_pinhole};
+import package::shared::shading::Lighting;
 
 // A sample as the pixels of one view look it up.
 struct ViewSample {
@@ -40,10 +41,13 @@ struct ViewUniform {
     cell_origin: vec2i,
     // Columns of this piece's cells.
     cell_columns: i32,
-    samples: array<ViewSample, 8>,
+    // Index of this piece among the chunk's.
+    piece: u32,
+    lighting: Lighting,
+    // So much that an array's elements lie at multiples of 256 bytes, as uniforms must.
+    @size(608) samples: array<ViewSample, 8>,
 }
 
-@group(0) @binding(0) var<uniform> view: ViewUniform;
 @group(0) @binding(1) var inverse_range: texture_2d_array<f32>;
 @group(0) @binding(2) var radiance: texture_2d_array<f32>;
 @group(0) @binding(3) var nearest: sampler;
@@ -52,55 +56,42 @@ struct ViewUniform {
 // Relative difference of range up to which a texel is taken for the surface that is looked for.
 const AGREEMENT: f32 = 0.03;
 
-// What the samples know of one point of a view ray.
+// What one sample has at a point of a view ray.
 struct Fetch {
     // Texture coordinates that fetch bilinearly from agreeing texels only.
     uv: vec2f,
-    // Position in the plan's list.
-    source: u32,
     layer: u32,
-    // Share of the bilinear weights that agrees; 0 if no sample has the point. Texture coordinates, source
-    // and layer are then a guess: the farthest texel that the first sample which looks there has around it.
+    // Share of the bilinear weights that agrees; 0 if the sample does not have the point.
     agreement: f32,
+    // Whether it looks there at all; without agreement, uv is the farthest texel around the place.
+    inside: bool,
 }
 
-// Where sample i has the direction d.
-fn seen_by_sample(i: u32, d: vec3f, omni: bool) -> Seen {
+// Where a sample has the direction d.
+fn seen_by_sample(s: ViewSample, d: vec3f, omni: bool) -> Seen {
     if omni {
         return seen_by_cube(f32(textureDimensions(inverse_range).y) * 0.5, d);
     }
-    let s = view.samples[i];
     return seen_by_pinhole(Pinhole(s.u_from_world, s.v_from_world, s.w_from_world), d);
 }
 
-// Finds the sample that serves the point at inverse depth q (1/metres, along the view's axis) in direction d.
-//
-// The first sample of the list with half of its weights in agreement is taken, else the one with most: the
-// list's order is by nearness, and the nearest camera's texels are distorted least.
-fn fetch_at(d: vec3f, q: f32, omni: bool) -> Fetch {
-    var best = Fetch(vec2f(0.0), view.sample_count, 0u, 0.0);
+// Looks the point at inverse depth q (1/metres, along the view's axis) in direction d up in a sample.
+fn fetch_from(s: ViewSample, d: vec3f, q: f32, omni: bool) -> Fetch {
+    let ray = d + s.eye_from_center * q;
+    let seen = seen_by_sample(s, ray, omni);
+    // Inverse range that the sample has if it sees the point.
+    let expected = q * inverseSqrt(max(dot(ray, ray), 1e-30));
     let size = vec2f(textureDimensions(inverse_range));
-    for (var i = 0u; i < view.sample_count; i++) {
-        let ray = d + view.samples[i].eye_from_center * q;
-        let seen = seen_by_sample(i, ray, omni);
-        // Inverse range that the sample has if it sees the point; 0, as for sky, at infinity.
-        let expected = q * inverseSqrt(max(dot(ray, ray), 1e-30));
-        let position = seen.uv * size - 0.5;
-        let base = floor(position);
-        let f = position - base;
-        // In the middle of the four texels, so that no device's rounding of coordinates picks others.
-        let four = textureGather(0, inverse_range, nearest, (base + 1.0) / size, view.samples[i].layer);
-        let agrees = abs(four - expected) <= vec4f(AGREEMENT * expected);
-        let bilinear_weights = vec4f((1.0 - f.x) * f.y, f.x * f.y, f.x * (1.0 - f.y), (1.0 - f.x) * (1.0 - f.y));
-        let weights = select(vec4f(0.0), bilinear_weights, agrees);
-        let agreement = dot(weights, vec4f(1.0));
-        let better = agreement > best.agreement && best.agreement < 0.5;
-        if seen.inside && (better || best.source == view.sample_count) {
-            let offset = select(farthest_offset(four), agreeing_offset(weights, agreement), agreement > 0.0);
-            best = Fetch((base + 0.5 + offset) / size, i, view.samples[i].layer, agreement);
-        }
-    }
-    return best;
+    let position = seen.uv * size - 0.5;
+    let base = floor(position);
+    let f = position - base;
+    // In the middle of the four texels, so that no device's rounding of coordinates picks others.
+    let four = textureGather(0, inverse_range, nearest, (base + 1.0) / size, s.layer);
+    let shares = vec4f((1.0 - f.x) * f.y, f.x * f.y, f.x * (1.0 - f.y), (1.0 - f.x) * (1.0 - f.y));
+    let weights = select(vec4f(0.0), shares, abs(four - expected) <= vec4f(AGREEMENT * expected));
+    let agreement = select(0.0, dot(weights, vec4f(1.0)), seen.inside);
+    let offset = select(farthest_offset(four), agreeing_offset(weights, agreement), agreement > 0.0);
+    return Fetch((base + 0.5 + offset) / size, s.layer, agreement, seen.inside);
 }
 
 // Offset, in texels from the first of four, at which a bilinear fetch takes from those that have a weight
@@ -116,26 +107,49 @@ fn agreeing_offset(weights: vec4f, sum: f32) -> vec2f {
     if leaked < 1e-3 {
         return center;
     }
-    var most = weights.x;
-    var at = vec2f(0.0, 1.0);
-    if weights.y > most {
-        most = weights.y;
-        at = vec2f(1.0, 1.0);
-    }
-    if weights.z > most {
-        most = weights.z;
-        at = vec2f(1.0, 0.0);
-    }
-    if weights.w > most {
-        at = vec2f(0.0, 0.0);
-    }
-    return at;
+    let upper = select(vec2f(0.0, 0.0), vec2f(1.0, 0.0), weights.z > weights.w);
+    let lower = select(vec2f(0.0, 1.0), vec2f(1.0, 1.0), weights.y > weights.x);
+    return select(upper, lower, max(weights.x, weights.y) > max(weights.z, weights.w));
 }
 
 // Offset of the texel with the greatest range (in the order of textureGather).
 fn farthest_offset(four: vec4f) -> vec2f {
-    let least = min(min(four.x, four.y), min(four.z, four.w));
-    let right = select(four.y, four.z, four.z < four.y) <= least;
-    let below = select(four.x, four.y, four.y < four.x) <= least;
-    return vec2f(select(0.0, 1.0, right), select(0.0, 1.0, below));
+    let upper = select(vec2f(0.0, 0.0), vec2f(1.0, 0.0), four.z < four.w);
+    let lower = select(vec2f(0.0, 1.0), vec2f(1.0, 1.0), four.y < four.x);
+    return select(upper, lower, min(four.x, four.y) < min(four.z, four.w));
+}
+
+// The better of two fetches for one pixel, the first of them from a sample that is earlier in the plan's list,
+// which is ordered by nearness: the nearest camera's texels are distorted least, so it need not have all of its
+// weights in agreement. Without agreement, the first that looks there.
+fn is_better(next: Fetch, so_far: Fetch) -> bool {
+    return (next.inside && !so_far.inside) || (next.agreement > so_far.agreement && so_far.agreement < 0.5);
+}
+
+// What a sample says of a point at depth t in direction d.
+struct Opinion {
+    // It looks there.
+    seen: bool,
+    // It looks past it.
+    clear: bool,
+}
+
+fn opinion_of(s: ViewSample, d: vec3f, t: f32, omni: bool) -> Opinion {
+    let ray = d * t + s.eye_from_center;
+    let seen = seen_by_sample(s, ray, omni);
+    let stored = textureSampleLevel(inverse_range, nearest, seen.uv, s.layer, 0.0).x;
+    // In squares: no root. Sky, stored as 0, is beyond every point.
+    return Opinion(seen.inside, seen.inside && stored * stored * dot(ray, ray) < 1.0);
+}
+
+// Depths at which a direction enters and leaves the scene's bounds, the entry at least 0; entry >= exit where it
+// misses them.
+fn crossing_of_bounds(bounds_min: vec3f, bounds_max: vec3f, d: vec3f) -> vec2f {
+    // A component of 0 is parallel to its planes: nearly so has the same crossing, without an infinity.
+    let steep = select(d, vec3f(1e-20), abs(d) < vec3f(1e-20));
+    let a = bounds_min / steep;
+    let b = bounds_max / steep;
+    let first = min(a, b);
+    let last = max(a, b);
+    return vec2f(max(max(first.x, first.y), max(first.z, 0.0)), min(last.x, min(last.y, last.z)));
 }

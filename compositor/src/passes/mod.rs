@@ -3,6 +3,7 @@
 pub(crate) mod bounds;
 pub(crate) mod fill;
 pub(crate) mod linear;
+pub(crate) mod mend;
 pub(crate) mod resolve;
 pub(crate) mod splat;
 pub(crate) mod warp;

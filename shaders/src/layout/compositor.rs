@@ -1,6 +1,7 @@
 //! `shaders/compositor/*.wgsl` and what they share: the compositor's side of the GPU.
 
 use super::Mirror;
+use super::shared::Lighting;
 
 /// All of this file's.
 pub(super) const MIRRORS: &[Mirror] = &[
@@ -68,10 +69,14 @@ mirror! {
         pub cell_origin: [i32; 2],
         /// Columns of this piece's cells.
         pub cell_columns: i32,
-        /// WGSL aligns the samples to 16 bytes.
-        pub _pad: u32,
+        /// Index of this piece among the chunk's.
+        pub piece: u32,
+        /// Sky, exposure and number of lights.
+        pub lighting: Lighting,
         /// The plan's samples, in its order.
         pub samples: [ViewSample; MAX_SAMPLES],
+        /// As many as make 768 bytes, so that an array's elements lie where uniforms may.
+        pub _pad: [f32; 24],
     }
 }
 
@@ -106,8 +111,8 @@ mirror! {
         pub origin_column: i32,
         /// Row of the view's cells at which the piece's begin.
         pub origin_row: i32,
-        /// WGSL rounds the struct up to 16 bytes.
-        pub _pad: u32,
+        /// Position of the sample in the plan's list.
+        pub source: u32,
     }
 }
 
