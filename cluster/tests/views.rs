@@ -135,3 +135,17 @@ async fn status_tells_what_was_measured() {
         assert!(cluster.workers.iter().any(|w| w.url() == worker.address));
     }
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_thousand_views_at_once_on_one_connection_are_all_answered() {
+    // With adaptive windows, h2 takes the requests themselves for an attack and ends the connection.
+    let cluster = Cluster::start(3).await;
+    let frames = join_all((0..1000).map(|i| {
+        let cluster = &cluster;
+        async move { cluster.render(&view(i)).await }
+    }))
+    .await;
+    for frame in frames {
+        frame.unwrap();
+    }
+}

@@ -18,7 +18,6 @@ use argus_proto::v1::views_server::ViewsServer;
 use argus_scene::{Rig, SampleSetInfo};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
-use tonic::transport::Server;
 use tonic::transport::server::TcpIncoming;
 use tracing::info;
 
@@ -26,7 +25,7 @@ pub use config::{Config, ServeError};
 
 use self::hub::Hub;
 use crate::core::{Core, Event};
-use crate::net::KEEPALIVE;
+use crate::net;
 use crate::wire::Standing;
 use crate::{SceneRef, SceneSource};
 
@@ -91,9 +90,7 @@ pub async fn serve(
             hub.closing.cancel();
         }
     };
-    let server = Server::builder()
-        .http2_adaptive_window(Some(true))
-        .http2_keepalive_interval(Some(KEEPALIVE))
+    let server = net::server()
         .add_service(ViewsServer::new(views::ViewsService::new(hub.clone())))
         .add_service(ClusterServer::new(cluster::ClusterService { hub: hub.clone() }))
         .add_service(ScenesServer::new(scenes::ScenesService { hub: hub.clone() }))

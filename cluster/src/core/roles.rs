@@ -20,10 +20,11 @@ impl Core {
         balance::split(&self.demand(), &self.believed_costs(), processes)
     }
 
-    /// The role a worker that joins now will most likely have once it is ready, so that it need not change.
+    /// The role a worker that joins now will most likely have once it is ready, so that it need not change:
+    /// workers that are still starting count, since all of a cluster may start at once.
     pub(super) fn role_of_newcomer(&self) -> Role {
-        let processes = self.processes() + 1;
-        let samplers = self.members().filter(|w| w.role().is_some_and(Role::samples)).count();
+        let processes = u32::try_from(self.workers.len()).unwrap_or(u32::MAX).saturating_add(1);
+        let samplers = self.workers.values().filter(|w| w.assigned().role.samples()).count();
         match self.wanted(processes) {
             Split::Nobody | Split::Alone => Role::Both,
             Split::AllDirect => Role::Sampler,

@@ -30,7 +30,6 @@ use rand::{Rng, SeedableRng};
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
-use tonic::transport::Server;
 use tonic::transport::server::TcpIncoming;
 use tracing::info;
 
@@ -42,7 +41,7 @@ use self::queue::Queue;
 use self::render::Renderer;
 use self::store::Store;
 use crate::core::Hello;
-use crate::net::{self, KEEPALIVE};
+use crate::net;
 use crate::{RoleFactory, SceneOpener};
 
 /// Joins the coordinator and serves views and samples on `listener` until `shutdown` is cancelled, then says
@@ -96,9 +95,7 @@ async fn serve_and_stay(
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
         .build_v1()?;
     let closing = CancellationToken::new();
-    let server = Server::builder()
-        .http2_adaptive_window(Some(true))
-        .http2_keepalive_interval(Some(KEEPALIVE))
+    let server = net::server()
         .add_service(ViewsServer::new(views::ViewsService { node: node.clone() }))
         .add_service(SamplesServer::new(samples::SamplesService { node: node.clone() }))
         .add_service(health_service)
