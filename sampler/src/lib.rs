@@ -3,8 +3,8 @@
 //! [`GpuSampler`] holds a scene on the device and renders it from triangles, for others as samples and as
 //! direct views. Each image is cut into tiles that bound its memory; a tile is rasterised into a visibility
 //! buffer (which triangle of which instance each sub-sample sees), shaded in one compute pass that recomputes
-//! what the rasteriser found, and resolved: to the surface that covers most of a texel ([`passes`] of samples),
-//! or to the mean of a pixel (direct views). What the two kinds of image have in common is the same code, so a
+//! what the rasteriser found, and resolved: to the surface that covers most of a texel (samples), or to the mean of
+//! a pixel (direct views). What the two kinds of image have in common is the same code, so a
 //! sample holds what a direct view from its camera shows.
 
 mod draws;

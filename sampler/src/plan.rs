@@ -8,7 +8,7 @@ use crate::resident::{DrawClass, Resident};
 /// Whether one piece of work runs for this scene.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PassPlan {
-    /// What it does; a pass has the name of its timing row.
+    /// What it does: a pass, by the name of its timing row, or a part of one.
     pub name: &'static str,
     /// Whether it runs.
     pub on: bool,
@@ -27,36 +27,50 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
     let (opaque, cutouts) = (count(&|c| !c.cutout), count(&|c| c.cutout));
     let lights = scene.lighting.lights.len();
     let textures = scene.textures.len();
-    let specular = has(Effect::Specular);
+    let features = resident.features;
     let said = |present, yes: &str, no: &str| if present { yes.to_owned() } else { no.to_owned() };
     vec![
-        row("rasterise opaque", opaque > 0, format!("{opaque} instances of opaque materials")),
-        row("rasterise cut-outs", cutouts > 0, format!("{cutouts} instances of alpha-tested materials")),
-        row("shade view", true, "direct views are shaded with their specular part".to_owned()),
+        row("rasterise", opaque + cutouts > 0, format!("{} instances can be seen", opaque + cutouts)),
+        row("test alpha", cutouts > 0, format!("{cutouts} of them have alpha-tested materials")),
+        row("shade view", true, "direct views, with what their eyes see reflected".to_owned()),
         row(
             "shade sample",
-            !specular,
-            said(specular, "glossy samples are shaded instead", "nothing is glossy"),
+            !features.specular,
+            said(features.specular, "glossy samples are shaded instead", "nothing is glossy"),
         ),
-        row("shade glossy sample", specular, said(specular, "a material is glossy", "nothing is glossy")),
-        row("look textures up", textures > 0, format!("{textures} textures")),
+        row(
+            "shade glossy sample",
+            features.specular,
+            said(features.specular, "a material is glossy", "nothing is glossy"),
+        ),
+        row(
+            "look textures up",
+            features.srgb_textures || features.linear_textures,
+            format!("{textures} textures"),
+        ),
         row(
             "perturb normals",
-            has(Effect::NormalMap),
-            said(has(Effect::NormalMap), "a material has a normal map", "no material has a normal map"),
+            features.normal_maps,
+            said(features.normal_maps, "a material has a normal map", "no material has a normal map"),
         ),
         row("emit", has(Effect::Emission), said(has(Effect::Emission), "a material emits", "nothing emits")),
-        row("light", lights > 0, format!("{lights} punctual lights")),
-        row(
-            "choose surface",
-            knobs.sub_samples > 1,
-            format!("{} sub-samples in a texel of a sample", knobs.sub_samples),
-        ),
+        row("light", lights > 0, format!("{lights} directional, point and spot lights")),
+        row("choose surface", true, format!("{} sub-samples in a texel of a sample", knobs.sub_samples)),
         row(
             "normal and specular planes",
-            specular,
-            said(specular, "the compositor adds reflection per view", "nothing is glossy"),
+            features.specular,
+            said(features.specular, "the compositor adds reflection per view", "nothing is glossy"),
         ),
-        row("resolve range", true, "when a view asks for range, from rays through pixel centres".to_owned()),
+        row("resolve color", true, "direct views that ask for colour".to_owned()),
+        row(
+            "resolve range",
+            true,
+            "direct views that ask for range, along rays through pixel centres".to_owned(),
+        ),
+        row(
+            "animate",
+            false,
+            said(has(Effect::Animation), "samplers show scenes as they are at time zero", "nothing moves"),
+        ),
     ]
 }

@@ -63,7 +63,7 @@ impl GpuSampler {
         Ok(Self {
             visibility: Visibility::new(&gpu, &resident),
             shade: Shade::new(&gpu, resident.features),
-            resolve_sample: ResolveSample::new(&gpu, glossy),
+            resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
             gpu,
@@ -86,6 +86,7 @@ impl GpuSampler {
         id: SampleId,
         cancel: &Cancel,
     ) -> Result<Sample, RenderError> {
+        let begin = Instant::now();
         self.check_alive()?;
         if job.info.scene != self.scene.hash {
             let reason = format!("this process holds scene {}, not {}", self.scene.hash, job.info.scene);
@@ -126,12 +127,14 @@ impl GpuSampler {
             commands.submit().wait()?;
             planes
         };
+        timing::add_rest(&mut stages, begin);
         Ok(Sample { id, camera, planes, stages })
     }
 
     /// One direct view: per tile, find what is visible, shade it, average each pixel; and once more with one
     /// ray a pixel where ranges are asked for.
     fn render_view(&mut self, view: &ViewJob, cancel: &Cancel) -> Result<Frame, RenderError> {
+        let begin = Instant::now();
         self.check_alive()?;
         let side = grid_side(&view.plan)?;
         if view.width == 0 || view.height == 0 {
@@ -171,6 +174,7 @@ impl GpuSampler {
             }
             parts.range = Some(image.into_bytes());
         }
+        timing::add_rest(&mut stages, begin);
         Ok(frame(view, &self.scene, self.gpu.kind(), parts, stages))
     }
 

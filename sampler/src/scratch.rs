@@ -7,8 +7,8 @@ pub(crate) const VISIBILITY: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint
 /// Format of depth.
 pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
-/// Sizes that are kept. Views of one cluster come in few sizes, and each has at most four kinds of tile.
-const KEPT: usize = 6;
+/// Sub-samples that are kept in all, at 28 to 36 bytes each: twice a largest tile's.
+const KEPT: u64 = 2 << 22;
 
 /// Targets of one size.
 #[derive(Clone)]
@@ -39,7 +39,11 @@ impl Scratch {
             targets.gloss = Some(gpu.buffer("gloss", bytes, wgpu::BufferUsages::STORAGE));
         }
         self.0.insert(0, targets.clone());
-        self.0.truncate(KEPT);
+        let mut kept = 0;
+        self.0.retain(|t| {
+            kept += u64::from(t.size[0]) * u64::from(t.size[1]);
+            kept <= KEPT
+        });
         targets
     }
 }

@@ -1,5 +1,7 @@
 //! Stage times of several submissions as one table.
 
+use std::time::Instant;
+
 use argus_scene::Stage;
 
 /// Adds rows to a table; those of the same name are summed.
@@ -9,5 +11,15 @@ pub(crate) fn add(table: &mut Vec<Stage>, rows: Vec<Stage>) {
             Some(stage) => stage.ms += row.ms,
             None => table.push(row),
         }
+    }
+}
+
+/// Adds what passed since `begin` beyond the rows of the table: submission, copies, and what a driver's
+/// timestamps leave out, as the software driver's do of compute passes that follow one another.
+pub(crate) fn add_rest(table: &mut Vec<Stage>, begin: Instant) {
+    let rows: f64 = table.iter().map(|stage| stage.ms).sum();
+    let rest = begin.elapsed().as_secs_f64() * 1e3 - rows;
+    if rest > 0.0 {
+        table.push(Stage::new("other", rest));
     }
 }

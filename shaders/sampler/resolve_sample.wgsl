@@ -9,13 +9,16 @@ struct ResolveSample {
     offset: vec2u,
     // Texels from row to row of the planes.
     stride: u32,
-    // Sub-samples along each side of a texel.
-    side: u32,
     // Mantissa bits that an inverse range keeps, 1 to 23.
     range_bits: u32,
     // 0: Rgb9e5Ufloat, one word a texel; 1: Rgba16Float, two.
     half_float: u32,
+    // Of `shaded`, from row to row.
+    shaded_stride: u32,
 }
+
+// Sub-samples along each side of a texel, at most four: constant, so that they can be kept in registers.
+override side: u32 = 2u;
 
 @group(0) @binding(0) var<uniform> resolve: ResolveSample;
 @group(0) @binding(1) var<storage, read> shaded: array<vec4f>;
@@ -36,35 +39,27 @@ fn same_surface(a: f32, b: f32) -> bool {
 
 // Where a texel's sub-sample lies in `shaded`.
 fn address(texel: vec2u, i: u32) -> u32 {
-    let at = texel * resolve.side + vec2u(i % resolve.side, i / resolve.side);
-    return at.y * (resolve.size.x * resolve.side) + at.x;
+    let at = texel * side + vec2u(i % side, i / side);
+    return at.y * resolve.shaded_stride + at.x;
 }
 
 // The sub-sample whose surface most others share; of equals the nearest one's.
 fn winner(texel: vec2u) -> f32 {
-    let count = resolve.side * resolve.side;
-    var least = shaded[address(texel, 0u)].w;
-    var most = least;
-    for (var i = 1u; i < count; i++) {
-        let inverse = shaded[address(texel, i)].w;
-        least = min(least, inverse);
-        most = max(most, inverse);
-    }
-    if same_surface(least, most) {
-        return most;
+    let count = side * side;
+    var inverse: array<f32, 16>;
+    for (var i = 0u; i < count; i++) {
+        inverse[i] = shaded[address(texel, i)].w;
     }
     var best = 0.0;
     var best_share = 0u;
     for (var i = 0u; i < count; i++) {
-        let inverse = shaded[address(texel, i)].w;
         var share = 0u;
         for (var j = 0u; j < count; j++) {
-            share += select(0u, 1u, same_surface(inverse, shaded[address(texel, j)].w));
+            share += select(0u, 1u, same_surface(inverse[i], inverse[j]));
         }
-        if share > best_share || (share == best_share && inverse > best) {
-            best = inverse;
-            best_share = share;
-        }
+        let better = share > best_share || (share == best_share && inverse[i] > best);
+        best = select(best, inverse[i], better);
+        best_share = select(best_share, share, better);
     }
     return best;
 }
@@ -97,7 +92,7 @@ fn resolve_matt(@builtin(global_invocation_id) id: vec3u) {
     let chosen = winner(id.xy);
     var sum = vec4f(0.0);
     var members = 0.0;
-    for (var i = 0u; i < resolve.side * resolve.side; i++) {
+    for (var i = 0u; i < side * side; i++) {
         let sub_sample = shaded[address(id.xy, i)];
         if same_surface(chosen, sub_sample.w) {
             sum += sub_sample;
@@ -118,7 +113,7 @@ fn resolve_glossy(@builtin(global_invocation_id) id: vec3u) {
     var normal = vec3f(0.0);
     var specular = vec4f(0.0);
     var members = 0.0;
-    for (var i = 0u; i < resolve.side * resolve.side; i++) {
+    for (var i = 0u; i < side * side; i++) {
         let at = address(id.xy, i);
         let sub_sample = shaded[at];
         if same_surface(chosen, sub_sample.w) {

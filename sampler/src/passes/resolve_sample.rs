@@ -26,10 +26,11 @@ pub(crate) struct PlaneBuffers {
 }
 
 impl ResolveSample {
-    /// For a scene with or without glossy materials.
-    pub(crate) fn new(gpu: &Gpu, glossy: bool) -> Self {
+    /// For a scene with or without glossy materials, and `side` sub-samples along each side of a texel.
+    pub(crate) fn new(gpu: &Gpu, glossy: bool, side: u32) -> Self {
         let entry = if glossy { "resolve_glossy" } else { "resolve_matt" };
-        Self { pipeline: gpu.compute_pipeline(&RESOLVE_SAMPLE, entry), glossy }
+        let constants = [("side", f64::from(side))];
+        Self { pipeline: gpu.compute_pipeline_with(&RESOLVE_SAMPLE, entry, &constants), glossy }
     }
 
     /// Buffers for a sample of `size` texels; rows are padded unless they are read back.
@@ -73,9 +74,9 @@ impl ResolveSample {
             size: tile.size,
             offset: tile.offset(),
             stride: planes.stride,
-            side: tile.side,
             range_bits: knobs.range_bits,
             half_float: u32::from(knobs.radiance == RadianceFormat::HalfFloat),
+            shaded_stride: tile.sub_samples()[0],
         };
         let parameters = gpu.upload("resolve sample", &[parameters], wgpu::BufferUsages::UNIFORM);
         let mut call = commands

@@ -4,7 +4,9 @@ use argus_scene::{Mesh, Scene};
 use argus_shaders::layout::sampler::MeshLayout;
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-/// Triangles of a chunk, which is drawn or culled as a whole. Fewer would cull closer and cost more draws.
+/// Triangles of a chunk, which is drawn or culled as a whole: fewer would cull closer and cost more draws. They keep
+/// the order that the file gives them; sorted along a space-filling curve, chunks of the 500k terrain were drawn no
+/// faster in any of its views, and its vertices were fetched more slowly.
 const CHUNK_TRIANGLES: usize = 4096;
 
 /// A normal that a vertex does not have; no fraction is stored as -32768.

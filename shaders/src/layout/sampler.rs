@@ -131,12 +131,12 @@ mirror! {
         pub offset: [u32; 2],
         /// Texels from row to row of the planes.
         pub stride: u32,
-        /// Sub-samples along each side of a texel.
-        pub side: u32,
         /// Mantissa bits that an inverse range keeps.
         pub range_bits: u32,
         /// 1: radiance is stored as Rgba16Float rather than Rgb9e5Ufloat.
         pub half_float: u32,
+        /// Sub-samples from row to row of what was shaded.
+        pub shaded_stride: u32,
     }
 }
 
