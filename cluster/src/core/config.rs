@@ -27,6 +27,9 @@ pub struct Config {
     pub report_interval: Duration,
     /// Views waiting or in work in the whole cluster; one more is turned away at once.
     pub max_views: usize,
+    /// A view that would probably wait longer than this, or than its own deadline, before its turn comes is
+    /// turned away at once: by the measured costs of what is in flight before it.
+    pub max_wait: Duration,
     /// Views sent to one worker and not yet answered: two full batches, so that one is ready when the other
     /// is done.
     pub max_views_per_worker: usize,
@@ -55,6 +58,7 @@ impl Default for Config {
             lease: Duration::from_secs(5),
             report_interval: Duration::from_millis(250),
             max_views: 2048,
+            max_wait: Duration::from_secs(60),
             max_views_per_worker: 128,
             max_attempts: 4,
             patience: Duration::from_secs(30),

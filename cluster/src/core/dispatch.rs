@@ -48,7 +48,7 @@ impl Core {
         now: Uptime,
         actions: &mut Vec<Action>,
     ) {
-        match self.admit(view) {
+        match self.admit(view, deadline) {
             Err(fault) => {
                 match fault {
                     Fault::Overloaded { .. } => self.counters.views_rejected += 1,
@@ -76,14 +76,21 @@ impl Core {
         }
     }
 
-    fn admit(&self, view: &View) -> Result<Plan, Fault> {
+    fn admit(&self, view: &View, deadline: Option<Duration>) -> Result<Plan, Fault> {
         if self.draining {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
         let plan = plan(view, &self.set, &self.config)?;
-        if self.views.len() >= self.config.max_views {
-            let what = format!("{} views are waiting or in work", self.views.len());
-            return Err(Fault::Overloaded { what, retry_after: self.time_to_room() });
+        let direct = matches!(plan, Plan::Direct { .. });
+        let expected = self.expected_wait(direct);
+        let bearable = deadline.unwrap_or(Duration::MAX).min(self.config.max_wait);
+        if self.views.len() >= self.config.max_views || expected > bearable {
+            let (count, secs) = (self.views.len(), expected.as_secs_f64());
+            let what =
+                format!("{count} views are waiting or in work, {secs:.1} s of it before this one's turn");
+            // By then half of what is in flight is done.
+            let retry_after = (expected / 2).clamp(Duration::from_millis(50), Duration::from_secs(5));
+            return Err(Fault::Overloaded { what, retry_after });
         }
         if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
             let mut ready = self.workers.values().filter(|w| w.is_ready()).peekable();
@@ -94,16 +101,19 @@ impl Core {
         Ok(plan)
     }
 
-    /// How long half the views now in flight are expected to take: by then there is room for as many again.
-    fn time_to_room(&self) -> Duration {
+    /// How long the views of one kind that are in flight will take those who play that role, as far as their
+    /// cost was measured. Where nothing but direct views is in flight, all will soon render them.
+    fn expected_wait(&self, direct: bool) -> Duration {
         let costs = self.believed_costs();
-        let secs: f64 = self
-            .views
-            .values()
-            .map(|view| if view.is_direct() { costs.direct_secs } else { costs.view_secs })
-            .sum();
-        let workers = self.workers.values().filter(|w| w.is_ready()).count().max(1);
-        Duration::from_secs_f64((secs * 0.5 / workers as f64).clamp(0.05, 5.0))
+        let cost = if direct { costs.direct_secs } else { costs.view_secs };
+        let ahead = self.views.values().filter(|view| view.is_direct() == direct).count();
+        let all = direct && ahead == self.views.len();
+        let takes = |w: &&Worker| match direct {
+            true => w.takes_samples() || (all && w.is_ready()),
+            false => w.takes_views(),
+        };
+        let hands = self.workers.values().filter(takes).count().max(1);
+        Duration::try_from_secs_f64(cost * ahead as f64 / hands as f64).unwrap_or(Duration::MAX)
     }
 
     /// Gives waiting views to workers with room, oldest first. Stops looking once a reconstructed and a direct

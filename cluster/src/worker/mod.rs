@@ -31,7 +31,7 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::server::TcpIncoming;
-use tracing::info;
+use tracing::{info, warn};
 
 pub use config::{Config, RunError};
 
@@ -64,7 +64,7 @@ pub async fn run(
     let queue = Arc::new(Queue::new(&config));
     let store = Arc::new(Store::new(config.held_bytes));
     let meter = Arc::new(Meter::default());
-    let device = start_rendering(factory, queue.clone(), store.clone(), meter.clone()).await?;
+    let (device, rendering) = start_rendering(factory, queue.clone(), store.clone(), meter.clone()).await?;
     info!(worker = name, address, device, "worker starts");
     let hello = Hello {
         name,
@@ -73,9 +73,13 @@ pub async fn run(
         device,
         cores: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
     };
+    let grace = config.grace;
     let node = Node::new(config, hello, queue, store, meter);
     // A child: what fails here must not stop what else the caller's token stops.
     let result = serve_and_stay(&node, listener, opener, shutdown.child_token()).await;
+    // A process that exits while its driver still renders, or gives a device up, may crash on its way out.
+    node.stop();
+    rendering.ended(grace).await;
     info!(worker = node.hello.name, "worker stopped");
     result
 }
@@ -149,15 +153,35 @@ async fn serve_and_stay(
     result
 }
 
-/// Starts the render thread; the device's name once its compositor is made.
+/// The render thread, and the news of its end.
+struct Rendering {
+    thread: std::thread::JoinHandle<()>,
+    ended: oneshot::Receiver<()>,
+}
+
+impl Rendering {
+    /// Waits until the thread has given its roles up, at most so long.
+    async fn ended(self, at_most: Duration) {
+        match tokio::time::timeout(at_most, self.ended).await {
+            // It has nothing left to do but to end. A panic there was logged when it happened.
+            Ok(_) => drop(self.thread.join()),
+            Err(_) => warn!("the render thread does not end; the process goes without it"),
+        }
+    }
+}
+
+/// Starts the render thread; with the device's name once its compositor is made.
 async fn start_rendering(
     factory: Arc<dyn RoleFactory>,
     queue: Arc<Queue>,
     store: Arc<Store>,
     meter: Arc<Meter>,
-) -> Result<String, RunError> {
+) -> Result<(String, Rendering), RunError> {
     let (made, device) = oneshot::channel();
-    std::thread::Builder::new().name("render".to_owned()).spawn(move || {
+    let (running, ended) = oneshot::channel::<()>();
+    let thread = std::thread::Builder::new().name("render".to_owned()).spawn(move || {
+        // Dropped last, after all that the thread owns.
+        let _running = running;
         // Nobody waits for the answer any more if the worker was stopped meanwhile.
         match Renderer::new(factory, queue, store, meter) {
             Err(error) => drop(made.send(Err(error))),
@@ -169,7 +193,8 @@ async fn start_rendering(
         }
     })?;
     let died = |_| Err(RenderError::Internal("the render thread died".to_owned()));
-    Ok(device.await.unwrap_or_else(died)?)
+    let device = device.await.unwrap_or_else(died)?;
+    Ok((device, Rendering { thread, ended }))
 }
 
 /// Where others reach this worker.

@@ -221,12 +221,17 @@ impl Node {
         let what = format!("{samples} samples and {} views wait here, no more {what} fit", views + direct);
         Fault::Overloaded { what, retry_after: Duration::from_millis(250) }
     }
+
+    /// Ends the render thread once it has done what it is doing; nobody waits for the rest.
+    pub(super) fn stop(&self) {
+        self.queue.order(Work::Stop);
+    }
 }
 
 impl Drop for Node {
-    /// Ends the render thread once it has done what it is doing.
+    /// A worker whose future was dropped leaves no thread behind either.
     fn drop(&mut self) {
-        self.queue.order(Work::Stop);
+        self.stop();
     }
 }
 

@@ -77,6 +77,23 @@ fn one_view_too_many_is_turned_away_at_once() {
 }
 
 #[test]
+fn a_view_whose_turn_would_come_too_late_is_turned_away_at_once() {
+    let mut sim = Sim::with_workers(3);
+    // 20 ms on each of two compositors: a hundred of them are a second's work.
+    sim.view_ms = 20.0;
+    (0..10).for_each(|_| sim.second(40, 0));
+    (0..100).for_each(|_| _ = sim.ask(false));
+    assert!(sim.refused.is_empty());
+    let hurried = sim.ask_with(false, Some(Duration::from_millis(900)));
+    assert!(matches!(&sim.refused[..], [(t, Fault::Overloaded { .. })] if *t == hurried));
+    let patient = sim.ask_with(false, Some(Duration::from_millis(1500)));
+    let direct = sim.ask_with(true, Some(Duration::from_millis(900)));
+    sim.answer_all();
+    assert!(sim.answered.contains(&patient) && sim.answered.contains(&direct));
+    assert_eq!(sim.refused.len(), 1);
+}
+
+#[test]
 fn deadlines_patience_and_cancellation_end_a_wait() {
     let mut sim = Sim::new(Config::default());
     let hurried = sim.ask_with(false, Some(Duration::from_millis(100)));
