@@ -274,17 +274,101 @@ impl Scene {
         present.into_iter().filter_map(|(effect, present)| present.then_some(effect)).collect()
     }
 
-    /// A viewpoint that shows the scene: the first recommended one, or one from outside its bounds.
+    /// A viewpoint that shows the scene: the first recommended one; else, in a scene that surrounds its own
+    /// middle, one from within, along its longer side; else one from outside its bounds.
     pub fn default_camera(&self) -> Camera {
         if let Some(named) = self.cameras.first() {
             return named.camera;
         }
         let bounds = self.bounds();
-        let center = bounds.center();
-        let radius = (bounds.size().length() * 0.5).max(1e-3);
+        let (center, size) = (bounds.center(), bounds.size());
+        if self.surrounds(center) {
+            let along = if size.x >= size.z { DVec3::X * size.x } else { DVec3::Z * size.z };
+            return Camera { fov_deg: 60.0, ..Camera::look_at(center - along * 0.3, center) };
+        }
+        let radius = (size.length() * 0.5).max(1e-3);
         Camera::look_at(center + DVec3::new(0.9, 0.6, 1.6).normalize() * radius * 2.7, center)
     }
+
+    /// Whether a surface lies in each of eight level directions and below, as around a point in a room or a
+    /// courtyard. Looks at every triangle: asked once, of scenes whose files recommend no viewpoint.
+    fn surrounds(&self, point: DVec3) -> bool {
+        let turn = |i: u32| f64::from(i) * std::f64::consts::FRAC_PI_4 + 0.1;
+        let level = (0..8).map(|i| DVec3::new(turn(i).cos(), 0.0, turn(i).sin()));
+        let mut open: Vec<DVec3> = level.chain([DVec3::new(0.01, -1.0, 0.02)]).collect();
+        for instance in &self.instances {
+            let mesh = &self.meshes[instance.mesh as usize];
+            let at = |i: u32| {
+                instance.world_from_mesh.transform_point3(mesh.origin + mesh.positions[i as usize].as_dvec3())
+            };
+            for triangle in mesh.indices.chunks_exact(3) {
+                let [a, b, c] = [at(triangle[0]) - point, at(triangle[1]) - point, at(triangle[2]) - point];
+                open.retain(|&direction| !meets(direction, a, b, c));
+            }
+        }
+        open.is_empty()
+    }
+}
+
+/// Whether a ray from the origin meets a triangle: the signed volumes that its edges span with the direction
+/// agree, and the triangle's plane lies ahead.
+fn meets(direction: DVec3, a: DVec3, b: DVec3, c: DVec3) -> bool {
+    let [u, v, w] = [direction.dot(b.cross(a)), direction.dot(c.cross(b)), direction.dot(a.cross(c))];
+    let volume = u + v + w;
+    let one_side = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
+    one_side && volume != 0.0 && (direction.dot(a * v + b * w + c * u) / volume) > 0.0
 }
 
 /// Scenes are large and shared; everything downstream holds one of these.
 pub type SharedScene = Arc<Scene>;
+
+#[cfg(test)]
+mod tests {
+    use glam::DAffine3;
+
+    use super::*;
+
+    /// A box seen from within, its top open, scaled to `size`.
+    fn courtyard(size: DVec3) -> Scene {
+        let corner = |i: u32| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
+        let quads = [[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4]];
+        let mesh = Mesh {
+            positions: (0..8).map(corner).collect(),
+            normals: vec![Vec3::Y; 8],
+            indices: quads.iter().flat_map(|q| [q[0], q[1], q[2], q[0], q[2], q[3]]).collect(),
+            ..Mesh::default()
+        };
+        Scene {
+            name: String::new(),
+            hash: SceneHash([0; 32]),
+            meshes: vec![mesh],
+            instances: vec![Instance { mesh: 0, node: None, world_from_mesh: DAffine3::from_scale(size) }],
+            materials: vec![Material::default()],
+            textures: Vec::new(),
+            nodes: Vec::new(),
+            animations: Vec::new(),
+            lighting: Lighting::default(),
+            cameras: Vec::new(),
+            rig: RigKind::Cell,
+            warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_courtyard_is_looked_at_from_within_along_its_longer_side() {
+        let camera = courtyard(DVec3::new(4.0, 3.0, 20.0)).default_camera();
+        camera.validate().unwrap();
+        assert_eq!(camera.eye, DVec3::new(2.0, 1.5, 4.0));
+        assert_eq!(camera.target, DVec3::new(2.0, 1.5, 10.0));
+    }
+
+    #[test]
+    fn a_scene_with_an_open_side_is_looked_at_from_outside() {
+        let mut scene = courtyard(DVec3::ONE);
+        scene.meshes[0].indices.drain(..6);
+        let camera = scene.default_camera();
+        assert!(!scene.bounds().contains(camera.eye));
+        scene.meshes[0].indices.clear();
+        scene.default_camera().validate().unwrap();
+    }
+}
