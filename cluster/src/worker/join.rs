@@ -63,16 +63,19 @@ pub(super) async fn stay(
             ended = attempt => ended,
             () = shutdown.cancelled() => return Ok(()),
         };
-        let reason = match ended {
-            Ok(()) => "the coordinator ended the stream".to_owned(),
+        // A stream that the coordinator ended by itself is its shutdown, and no trouble yet.
+        let (orderly, reason) = match ended {
+            Ok(()) => (true, "the coordinator ended the stream".to_owned()),
             Err(Ended::Fatal(error)) => return Err(error),
-            Err(Ended::Lost(reason)) => reason,
+            Err(Ended::Lost(reason)) => (false, reason),
         };
         if !joined_once && began.elapsed() >= node.config.join_timeout {
             return Err(RunError::Unreachable { url, reason });
         }
-        if joined_once {
-            warn!(url, reason, "coordinator lost, joining again");
+        match (joined_once, orderly) {
+            (true, true) => info!(url, "coordinator gone, joining again"),
+            (true, false) => warn!(url, reason, "coordinator lost, joining again"),
+            (false, _) => {}
         }
         tokio::select! {
             () = tokio::time::sleep(pause) => {}
