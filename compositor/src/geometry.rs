@@ -48,6 +48,11 @@ impl ViewGeometry {
         ]
     }
 
+    /// The axis that the view looks along, unit, world axes.
+    pub(crate) fn forward(&self) -> DVec3 {
+        -self.view_from_world.row(2)
+    }
+
     /// Extent of a sub-pixel at depth 1.
     pub(crate) fn pixel_at_unit_depth(&self) -> DVec2 {
         2.0 * self.half / self.size

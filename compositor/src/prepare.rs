@@ -140,14 +140,16 @@ impl PreparedView {
             cell: self.cell as f32,
             bounds_max: bounds[1],
             first_cell,
+            forward: self.geometry.forward().as_vec3().to_array(),
+            piece: index,
             piece_origin: [(piece.part.x * side) as f32, (piece.part.y * side) as f32],
             target_origin: piece.fine_target().map(|at| at as f32),
             cell_origin: [cells.first_column, cells.first_row],
             cell_columns: cells.columns,
-            piece: index,
+            _pad_lighting: 0,
             lighting: first.map_or(Zeroable::zeroed(), |held| lighting_uniform(&held.info.lighting)),
             samples,
-            _pad: [0.0; 24],
+            _pad: [0.0; 20],
         }
     }
 

@@ -2,7 +2,7 @@
 // in equal steps through the scene's bounds until it is behind the surface of every camera that looks there;
 // bisection then finds where it went in.
 
-import package::shared::fetch::{Fetch, Opinion, ViewUniform, crossing_of_bounds, fetch_from, is_better, opinion_of};
+import package::shared::fetch::{Fetch, TRACE, Opinion, ViewUniform, crossing_of_bounds, fetch_from, is_better, opinion_of};
 import package::shared::pixel::{
     Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel, with_specular,
 };
@@ -58,7 +58,7 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
     }
     // The side on which all cameras are: the most conservative surface.
     let q = 1.0 / max(outside, 1e-20);
-    var best = Fetch(vec2f(0.0), 0u, 0.0, false);
+    var best = Fetch(vec2f(0.0), 0u, 0.0, 0.0, false);
     var source = 0u;
     for (var i = 0u; i < view.sample_count; i++) {
         let next = fetch_from(view.samples[i], d, q, omni);
@@ -67,7 +67,7 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
             source = i;
         }
     }
-    if found && best.agreement > 0.0 {
+    if found && best.agreement > TRACE {
         return surface_pixel(best, source, d, q);
     }
     if clear && !found {

@@ -2,7 +2,7 @@
 // at are tried in all of them; what none has is sky if they see past everything there, else unresolved.
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
-import package::shared::fetch::{Fetch, Opinion, ViewUniform, crossing_of_bounds, fetch_from, is_better, opinion_of};
+import package::shared::fetch::{Fetch, SETTLED, ViewUniform, crossing_of_bounds, fetch_from, is_better, opinion_of, refined};
 import package::shared::pixel::{
     Pixel, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel, with_specular,
 };
@@ -26,21 +26,44 @@ struct Mended {
     view: u32,
 }
 
-// The best of all samples at a depth.
+// The best of all samples at one depth.
 struct Found {
     fetch: Fetch,
     source: u32,
+    q: f32,
+    // No sample sees past the point: it is not in empty space.
+    solid: bool,
 }
 
-fn look_up(view: u32, d: vec3f, q: f32, omni: bool) -> Found {
-    var best = Found(Fetch(vec2f(0.0), 0u, 0.0, false), 0u);
-    for (var i = 0u; i < views[view].sample_count && best.fetch.agreement < 0.5; i++) {
+// Looks a surface of some sample up in all of them. One that sees past the point refutes the others, however well
+// they agree: near the edge of a surface the point may be beside it and yet within tolerance of what another camera
+// sees behind.
+fn look_up(view: u32, d: vec3f, depth: Depth, omni: bool) -> Found {
+    let s = views[view].samples[depth.source];
+    let q = refined(s, views[view].forward, d, depth.q, omni);
+    var best = Found(fetch_from(s, d, q, omni), depth.source, q, true);
+    best.solid = best.fetch.past < SETTLED;
+    for (var i = 0u; i < views[view].sample_count && best.solid; i++) {
         let next = fetch_from(views[view].samples[i], d, q, omni);
+        best.solid = next.past < SETTLED;
         if is_better(next, best.fetch) {
-            best = Found(next, i);
+            best = Found(next, i, q, best.solid);
         }
     }
     return best;
+}
+
+// The farthest surface in and around a cell, as it was before gaps were closed.
+fn farthest_around(view: u32, at: i32) -> Depth {
+    var farthest = Depth(0.0, 0u);
+    for (var i = 0; i < 9; i++) {
+        // A piece has cells around all that its pixels are in.
+        let depth = depth_of_cell(cells[at + (i / 3 - 1) * views[view].cell_columns + i % 3 - 1]);
+        if depth.q > 0.0 && (farthest.q == 0.0 || depth.q < farthest.q) {
+            farthest = depth;
+        }
+    }
+    return farthest;
 }
 
 // Whether at every point that is checked some sample looks past it.
@@ -64,27 +87,30 @@ fn mend(slot: u32, omni: bool) -> Mended {
     let position = vec2f(place) + 0.5 - views[index].target_origin + views[index].piece_origin;
     let d = views[index].corner + views[index].right * position.x + views[index].down * position.y;
     let cell = vec2i(floor(position / views[index].cell)) - views[index].cell_origin;
-    let at = views[index].first_cell + u32(cell.y * views[index].cell_columns + cell.x);
-    // First what the cell became, then what it was before its neighbours' surface was drawn over it.
-    let became = abs(depth_of(depths[at]).q);
-    let was = depth_of_cell(cells[at]).q;
-    var found = Found(Fetch(vec2f(0.0), 0u, 0.0, false), 0u);
-    var q = became;
-    if became > 0.0 {
-        found = look_up(index, d, became, omni);
+    let at = i32(views[index].first_cell) + cell.y * views[index].cell_columns + cell.x;
+    // First what the cell became; then what lies behind, for a cell takes the nearest of its texels although the pixel
+    // may be beside that surface's edge; then what it was before its neighbours' surface was drawn over it.
+    let became = depth_of(depths[at]);
+    let was = depth_of_cell(cells[at]);
+    let behind = farthest_around(index, at);
+    var found = Found(Fetch(vec2f(0.0), 0u, 0.0, 0.0, false), 0u, 0.0, false);
+    var settled = false;
+    for (var k = 0u; k < 3u && !settled; k++) {
+        let q = select(select(was.q, behind.q, k == 1u), abs(became.q), k == 0u);
+        let source = select(select(was.source, behind.source, k == 1u), became.source, k == 0u);
+        if q > 0.0 {
+            found = look_up(index, d, Depth(q, source), omni);
+            settled = found.solid && found.fetch.agreement >= SETTLED;
+        }
     }
-    if found.fetch.agreement == 0.0 && was > 0.0 && was != became {
-        q = was;
-        found = look_up(index, d, was, omni);
-    }
-    if q > 0.0 && found.fetch.agreement > 0.0 {
-        return Mended(surface_pixel(found.fetch, found.source, d, q), place, index);
+    if settled {
+        return Mended(surface_pixel(found.fetch, found.source, d, found.q), place, index);
     }
     if is_clear(index, d, omni) {
         return Mended(sky_pixel(views[index].lighting, d), place, index);
     }
-    if q == 0.0 {
-        found = look_up(index, d, 0.0, omni);
+    for (var i = 0u; i < views[index].sample_count && !found.fetch.inside; i++) {
+        found.fetch = fetch_from(views[index].samples[i], d, 0.0, omni);
     }
     return Mended(unresolved_pixel(views[index].lighting, found.fetch, d), place, index);
 }

@@ -7,7 +7,7 @@
 // nearly every pixel.
 
 import package::shared::cells::{Depth, depth_of};
-import package::shared::fetch::{ViewUniform, crossing_of_bounds, fetch_from};
+import package::shared::fetch::{SETTLED, ViewUniform, crossing_of_bounds, fetch_from, refined};
 import package::shared::pixel::{
     Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, with_specular,
 };
@@ -27,10 +27,12 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
     let d = view.corner + view.right * position.x + view.down * position.y;
     let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
     let depth = depth_of(depths[view.first_cell + u32(cell.y * view.cell_columns + cell.x)]);
-    let fetched = fetch_from(view.samples[depth.source], d, depth.q, omni);
+    let s = view.samples[depth.source];
+    let q = refined(s, view.forward, d, depth.q, omni);
+    let fetched = fetch_from(s, d, q, omni);
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
-    if depth.q > 0.0 && fetched.agreement > 0.0 {
-        return surface_pixel(fetched, depth.source, d, depth.q);
+    if depth.q > 0.0 && fetched.agreement >= SETTLED {
+        return surface_pixel(fetched, depth.source, d, q);
     }
     // Nothing is outside of the scene's bounds.
     if span.x < span.y {

@@ -33,6 +33,10 @@ struct ViewUniform {
     bounds_max: vec3f,
     // First of this piece's cells.
     first_cell: u32,
+    // The view's axis, unit.
+    forward: vec3f,
+    // Index of this piece among the chunk's.
+    piece: u32,
     // Image position of the piece's first pixel, in pixels.
     piece_origin: vec2f,
     // Where the piece lies in the target.
@@ -41,11 +45,9 @@ struct ViewUniform {
     cell_origin: vec2i,
     // Columns of this piece's cells.
     cell_columns: i32,
-    // Index of this piece among the chunk's.
-    piece: u32,
     lighting: Lighting,
     // So much that an array's elements lie at multiples of 256 bytes, as uniforms must.
-    @size(608) samples: array<ViewSample, 8>,
+    @size(592) samples: array<ViewSample, 8>,
 }
 
 @group(0) @binding(1) var inverse_range: texture_2d_array<f32>;
@@ -56,13 +58,21 @@ struct ViewUniform {
 // Relative difference of range up to which a texel is taken for the surface that is looked for.
 const AGREEMENT: f32 = 0.03;
 
+// Share of the bilinear weights that decides: with less, the nearest texel is of another surface.
+const SETTLED: f32 = 0.5;
+
+// Less than this is rounding: a texel that the pixel does not touch.
+const TRACE: f32 = 0.02;
+
 // What one sample has at a point of a view ray.
 struct Fetch {
     // Texture coordinates that fetch bilinearly from agreeing texels only.
     uv: vec2f,
     layer: u32,
-    // Share of the bilinear weights that agrees; 0 if the sample does not have the point.
+    // Shares of the bilinear weights. That agrees; 0 if the sample does not have the point.
     agreement: f32,
+    // Share that looks past the point.
+    past: f32,
     // Whether it looks there at all; without agreement, uv is the farthest texel around the place.
     inside: bool,
 }
@@ -73,6 +83,23 @@ fn seen_by_sample(s: ViewSample, d: vec3f, omni: bool) -> Seen {
         return seen_by_cube(f32(textureDimensions(inverse_range).y) * 0.5, d);
     }
     return seen_by_pinhole(Pinhole(s.u_from_world, s.v_from_world, s.w_from_world), d);
+}
+
+// Relative difference of range beyond which a sample is taken to see another surface than a depth is of.
+const SAME: f32 = 0.1;
+
+// A depth of the right surface, but of a place beside the pixel, brought closer: that of the point where the sample
+// sees the surface, along its own ray through the place (one step of the fixed-point iteration).
+fn refined(s: ViewSample, forward: vec3f, d: vec3f, q: f32, omni: bool) -> f32 {
+    let ray = d + s.eye_from_center * q;
+    let seen = seen_by_sample(s, ray, omni);
+    let stored = textureSampleLevel(inverse_range, bilinear, seen.uv, s.layer, 0.0).x;
+    let unit = inverseSqrt(max(dot(ray, ray), 1e-30));
+    let same = seen.inside && abs(stored - q * unit) <= SAME * q * unit;
+    let depth = dot(forward, ray * (unit / max(stored, 1e-30)) - s.eye_from_center);
+    // A depth that is not near the first one is of a ray that grazes.
+    let next = 1.0 / max(depth, 1e-30);
+    return select(q, next, same && abs(next - q) <= SAME * q);
 }
 
 // Looks the point at inverse depth q (1/metres, along the view's axis) in direction d up in a sample.
@@ -91,7 +118,9 @@ fn fetch_from(s: ViewSample, d: vec3f, q: f32, omni: bool) -> Fetch {
     let weights = select(vec4f(0.0), shares, abs(four - expected) <= vec4f(AGREEMENT * expected));
     let agreement = select(0.0, dot(weights, vec4f(1.0)), seen.inside);
     let offset = select(farthest_offset(four), agreeing_offset(weights, agreement), agreement > 0.0);
-    return Fetch((base + 0.5 + offset) / size, s.layer, agreement, seen.inside);
+    let beyond = select(vec4f(0.0), shares, four < vec4f((1.0 - AGREEMENT) * expected));
+    let past = select(0.0, dot(beyond, vec4f(1.0)), seen.inside);
+    return Fetch((base + 0.5 + offset) / size, s.layer, agreement, past, seen.inside);
 }
 
 // Offset, in texels from the first of four, at which a bilinear fetch takes from those that have a weight
@@ -123,7 +152,7 @@ fn farthest_offset(four: vec4f) -> vec2f {
 // which is ordered by nearness: the nearest camera's texels are distorted least, so it need not have all of its
 // weights in agreement. Without agreement, the first that looks there.
 fn is_better(next: Fetch, so_far: Fetch) -> bool {
-    return (next.inside && !so_far.inside) || (next.agreement > so_far.agreement && so_far.agreement < 0.5);
+    return (next.inside && !so_far.inside) || (next.agreement > so_far.agreement && so_far.agreement < SETTLED);
 }
 
 // What a sample says of a point at depth t in direction d.

@@ -305,10 +305,15 @@ pub(crate) fn compositor_with(set: &SampleSet, knobs: CompositorKnobs) -> GpuCom
 
 pub(crate) const EVERYTHING: Outputs = Outputs { color: true, range: true, mask: true, source: true };
 
-/// A view of everything, from the first `samples` samples.
-pub(crate) fn job(camera: Camera, [width, height]: [u32; 2], search: Search, samples: u64) -> ViewJob {
-    let plan =
-        Plan::Warp { search, steps: 64, supersampling: 1, samples: (0..samples).map(id).collect() };
+/// A view of everything, from all samples of a set, nearest first.
+pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], search: Search) -> ViewJob {
+    let mut samples: Vec<&Arc<Sample>> = set.samples.iter().collect();
+    samples.sort_by(|a, b| {
+        let distance = |s: &Sample| s.camera.center().distance(camera.eye);
+        distance(a).total_cmp(&distance(b))
+    });
+    let samples = samples.iter().map(|sample| sample.id).collect();
+    let plan = Plan::Warp { search, steps: 64, supersampling: 1, samples };
     ViewJob { camera, width, height, outputs: EVERYTHING, plan, epoch: 3 }
 }
 
