@@ -64,10 +64,13 @@ struct Round {
     status: ClusterStatus,
 }
 
+/// Rounds after the first, which waits for the samples and for the driver to compile: a service's everyday.
+const STEADY_ROUNDS: usize = 4;
+
 pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     let count = usize::from(args.views);
     let workers = args.workers.map_or_else(processes::default_count, usize::from);
-    let progress = progress(3 * count as u64);
+    let progress = progress((3 + STEADY_ROUNDS as u64) * count as u64);
 
     progress.set_message(format!("starting a coordinator and {workers} workers"));
     let program = std::env::current_exe().context("cannot find this program's own file")?;
@@ -87,6 +90,10 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     };
     let direct = PlanRequest { direct: true, ..PlanRequest::default() };
     let warped = ask("views from samples", PlanRequest::default()).await?;
+    let mut steady = Vec::new();
+    for _ in 0..STEADY_ROUNDS {
+        steady.push(ask("the same views, samples at hand", PlanRequest::default()).await?);
+    }
     let naive = ask("the same views from triangles", direct).await?;
     let truth = PlanRequest { supersampling: Some(TRUTH_SIDE), ..direct };
     let truth = ask("the truth: sixteen samples a pixel", truth).await?;
@@ -95,7 +102,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     progress.set_message("comparing");
     let judged = judge::all(&warped.answers, &naive.answers, &truth.answers)?;
     progress.finish_and_clear();
-    let figures = Figures::of(&args.scene, workers, &warped, &naive, &judged);
+    let figures = Figures::of(&args.scene, workers, &warped, &steady, &naive, &judged);
     let title =
         format!("{}: {count} views of {}x{}, {workers} workers", figures.scene, args.size[0], args.size[1]);
     let sheet = write_pictures(&args.out, &title, &judged)?;
