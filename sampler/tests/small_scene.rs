@@ -206,13 +206,24 @@ fn host_planes_equal_device_planes_read_back() {
     }
 }
 
-/// The scene without anything that depends on the viewer or has an edge within a texel's reach of another.
+/// The scene without anything that depends on the viewer.
 fn matt_scene() -> Scene {
     let mut scene = scene();
     for material in &mut scene.materials {
         (material.metallic, material.roughness, material.metallic_roughness_texture) = (0.0, 1.0, None);
     }
     scene
+}
+
+/// Whether no silhouette is near: ranges around a texel differ by little, or all are infinite.
+fn is_smooth(range: &[f32], at: usize) -> bool {
+    let (x, y) = (at % 120, at / 120);
+    let around =
+        (y.max(1) - 1..=(y + 1).min(89)).flat_map(|y| (x.max(1) - 1..=(x + 1).min(119)).map(move |x| (x, y)));
+    let inverse: Vec<f32> = around.map(|(x, y)| 1.0 / range[y * 120 + x]).collect();
+    let most = inverse.iter().copied().fold(0.0, f32::max);
+    let least = inverse.iter().copied().fold(f32::INFINITY, f32::min);
+    most - least <= 0.02 * most
 }
 
 #[test]
@@ -226,23 +237,27 @@ fn a_sample_holds_what_a_direct_view_from_its_camera_shows() {
         let SampleCamera::Perspective { camera, .. } = sample.camera else { panic!("corners look one way") };
         let frame = direct(&mut sampler, &view_job(camera, [120, 90], spp));
         let shown = image_of(&frame);
-        let (mut apart, mut most) = (0, 0);
-        for (radiance, shown) in radiance_of(&sample).into_iter().zip(shown.pixels()) {
-            let held = argus_scene::tone::display_from_radiance(radiance, scene.lighting.exposure);
-            let difference = (0..3).map(|c| held[c].abs_diff(shown.0[c])).max().unwrap_or(0);
-            most = most.max(difference);
-            apart += usize::from(difference > 1);
-        }
-        // With one sub-sample a texel is a pixel; with more, texels on silhouettes hold one surface of several.
-        let allowed = if spp == 1 { 0 } else { 120 * 90 / 10 };
-        assert!(apart <= allowed, "{spp}: {apart} texels, by up to {most}");
         let truth = reference(&scene, &camera, [120, 90], 1).range;
         let inverse = floats(&host_bytes(&sample, PlaneKind::InverseRange));
-        let off = inverse.iter().zip(&truth).filter(|(i, r)| {
-            (**i * **r - 1.0).abs() > 1e-3 && **i * **r != 0.0 && (**i > 0.0 || r.is_finite())
-        });
-        let off = off.count();
-        assert!(off <= allowed.max(60), "{spp}: {off} ranges");
+        let (mut apart, mut off, mut smooth) = (0, 0, 0);
+        for (at, (radiance, shown)) in radiance_of(&sample).into_iter().zip(shown.pixels()).enumerate() {
+            if spp > 1 && !is_smooth(&truth, at) {
+                // A texel on a silhouette holds one surface, a pixel the mean of several.
+                continue;
+            }
+            smooth += 1;
+            let held = argus_scene::tone::display_from_radiance(radiance, scene.lighting.exposure);
+            apart += usize::from((0..3).any(|c| held[c].abs_diff(shown.0[c]) > 1));
+            let expected = if truth[at].is_finite() { 1.0 / truth[at] } else { 0.0 };
+            // A texel of a ball lies on triangles that its central ray does not meet.
+            off += usize::from(!((inverse[at] - expected).abs() <= 2e-4 * expected));
+        }
+        println!("{spp}: of {smooth} texels {apart} are shown otherwise, {off} have other ranges");
+        assert!(smooth > 120 * 90 / 2);
+        // What is thinner than the reference's rays are apart escapes its ranges.
+        let allowed = if spp == 1 { 0 } else { smooth / 200 };
+        assert!(apart <= allowed, "{spp}: {apart} texels");
+        assert!(off <= smooth / 100, "{spp}: {off} ranges");
     }
 }
 
