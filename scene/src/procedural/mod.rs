@@ -110,7 +110,7 @@ fn cameras() -> Vec<NamedCamera> {
     let lake = ground::LAKE.0;
     vec![
         camera("valley", DVec3::new(-14.0, 72.0, 112.0), DVec3::new(4.0, 12.0, 0.0), 45.0),
-        camera("overview", DVec3::new(95.0, 105.0, 150.0), DVec3::new(0.0, 5.0, -5.0), 45.0),
+        camera("overview", DVec3::new(72.0, 98.0, 104.0), DVec3::new(0.0, 8.0, -8.0), 45.0),
         camera("west", DVec3::new(-125.0, 88.0, 62.0), DVec3::new(0.0, 10.0, 0.0), 45.0),
         camera("east", DVec3::new(118.0, 80.0, 48.0), DVec3::new(6.0, 14.0, -4.0), 45.0),
         camera("glitter", DVec3::new(-58.0, 62.0, -30.0), DVec3::new(lake.x + 4.0, 0.0, lake.y + 6.0), 55.0),
