@@ -77,15 +77,21 @@ pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<
                 match next {
                     Err(status) => break Broken::Failed(status),
                     Ok((_, None)) => {
-                        if relayed.header.is_none() {
-                            break Broken::Failed(Status::data_loss("the worker sent no frame"));
-                        }
-                        asked.answered(order.attempt);
-                        return;
+                        break Broken::Failed(Status::data_loss("the worker ended a frame before its end"));
                     }
                     Ok((opened, Some(chunk))) => {
                         chunks = opened.or(chunks);
                         match relayed.pass(chunk, wanted.arrived) {
+                            Ok(Some(chunk)) if relayed.is_whole() => {
+                                // Said before the client has it, who may go as soon as it does.
+                                asked.answered(order.attempt);
+                                yield chunk;
+                                // Reading to the end lets the worker's stream close in order.
+                                if let Some(chunks) = &mut chunks {
+                                    let _ = chunks.message().await;
+                                }
+                                return;
+                            }
                             Ok(Some(chunk)) => yield chunk,
                             Ok(None) => {}
                             Err(status) => break Broken::Failed(status),
@@ -143,6 +149,13 @@ async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1:
 }
 
 impl Relayed {
+    /// Whether the client has, with the chunk passed last, all of the frame.
+    fn is_whole(&self) -> bool {
+        let due =
+            |header: &v1::FrameHeader| header.images.iter().map(|image| image.packed_bytes).sum::<u64>();
+        self.header.as_ref().is_some_and(|header| self.bytes == due(header))
+    }
+
     /// What to send on of a chunk; `None` if the client has it already.
     fn pass(&mut self, chunk: v1::FrameChunk, arrived: Instant) -> Result<Option<v1::FrameChunk>, Status> {
         match chunk.body {

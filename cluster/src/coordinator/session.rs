@@ -32,7 +32,8 @@ struct Inbox {
     newest: Option<(u64, v1::SessionView, Instant)>,
     last_seq: Option<u64>,
     superseded: u64,
-    /// Frames sent and not acknowledged.
+    /// Frames in work or sent, and not acknowledged. From the moment that work on one begins: its
+    /// acknowledgement may arrive before the end of its stream was seen here.
     on_their_way: BTreeSet<u64>,
     closed: bool,
 }
@@ -94,8 +95,8 @@ pub(super) fn run(
                 let superseded = shared.inbox.lock().superseded;
                 yield v1::SessionResponse { camera_seq, superseded, body: Some(body) };
             }
-            if !failed {
-                shared.inbox.lock().on_their_way.insert(camera_seq);
+            if failed {
+                shared.inbox.lock().on_their_way.remove(&camera_seq);
             }
         }
     }
@@ -143,6 +144,7 @@ async fn take(shared: &Shared) -> Option<(u64, v1::SessionView, Instant)> {
             if (inbox.closed || inbox.on_their_way.len() < WINDOW)
                 && let Some(newest) = inbox.newest.take()
             {
+                inbox.on_their_way.insert(newest.0);
                 return Some(newest);
             }
             if inbox.closed {
