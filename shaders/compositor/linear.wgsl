@@ -20,7 +20,9 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
 // All samples' opinion of a point: seen by any, clear if any looks past it.
 fn opinion_at(d: vec3f, t: f32, omni: bool) -> Opinion {
     var all = Opinion(false, false);
-    for (var i = 0u; i < view.sample_count; i++) {
+    // Not the bare uniform, see `with_specular`; t is never negative.
+    let count = view.sample_count + u32(t < 0.0);
+    for (var i = 0u; i < count; i++) {
         let one = opinion_of(view.samples[i], d, t, omni);
         all = Opinion(all.seen || one.seen, all.clear || one.clear);
     }
@@ -36,7 +38,10 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
     var inside = 0.0;
     // The sky is seen unless the ray passes a place that no sample looks at.
     var clear = true;
-    for (var k = 1u; k <= view.steps && inside == 0.0 && span.x < span.y; k++) {
+    // Not the bare uniforms, see `with_specular`; there is no pixel left of the first.
+    let steps = view.steps + u32(at.x < 0.0);
+    let count = view.sample_count + u32(at.x < 0.0);
+    for (var k = 1u; k <= steps && inside == 0.0 && span.x < span.y; k++) {
         let t = span.x + step * f32(k);
         let opinion = opinion_at(d, t, omni);
         clear = clear && opinion.seen;
@@ -60,7 +65,7 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
     let q = 1.0 / max(outside, 1e-20);
     var best = Fetch(vec2f(0.0), 0u, 0.0, 0.0, false);
     var source = 0u;
-    for (var i = 0u; i < view.sample_count; i++) {
+    for (var i = 0u; i < count; i++) {
         let next = fetch_from(view.samples[i], d, q, omni);
         if is_better(next, best) {
             best = next;

@@ -1,8 +1,7 @@
 // Program of compositor/src/passes/resolve.rs: pixels of a supersampled view are averaged in linear radiance, then
 // shown. What cannot be averaged (range, source) is the middle one's.
 
-import package::shared::encode::srgb_from_linear;
-import package::shared::pixel::{Shown, corner_of_target};
+import package::shared::pixel::{Shown, corner_of_target, encoded};
 
 struct Resolve {
     // Where the piece lies in the supersampled target and in the final one.
@@ -26,15 +25,17 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
 @fragment
 fn average(@builtin(position) at: vec4f) -> Shown {
     let first = (vec2u(at.xy) - resolve.target_origin) * resolve.side + resolve.source_origin;
+    // Not the bare immediate, see `with_specular` in shared/pixel.wgsl; there is no pixel left of the first.
+    let side = resolve.side + u32(at.x < 0.0);
     var sum = vec3f(0.0);
-    for (var y = 0u; y < resolve.side; y++) {
-        for (var x = 0u; x < resolve.side; x++) {
+    for (var y = 0u; y < side; y++) {
+        for (var x = 0u; x < side; x++) {
             sum += textureLoad(radiance_target, first + vec2u(x, y), 0).rgb;
         }
     }
     let mean = sum / f32(resolve.side * resolve.side);
     let middle = first + resolve.side / 2u;
     let source = textureLoad(radiance_target, middle, 0).a;
-    let color = floor(srgb_from_linear(mean * resolve.exposure) * 255.0 + 0.5);
+    let color = floor(encoded(mean * resolve.exposure) * 255.0 + 0.5);
     return Shown(vec4u(vec3u(color), u32(source)), textureLoad(range_target, middle, 0).x);
 }

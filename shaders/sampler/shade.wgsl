@@ -237,7 +237,8 @@ fn radiance(surface: Surface, seen: bool) -> vec3f {
             reflected += specular_light(surface, to_eye, light);
         }
         i += 1u;
-        if i >= lighting.light_count {
+        // Not the bare uniform, see resolve_view.wgsl.
+        if i >= min(lighting.light_count, arrayLength(&lights)) {
             break;
         }
     }
