@@ -52,10 +52,11 @@ async fn roles_follow_demand_and_every_frame_is_answered() {
         "{status:#}"
     );
 
-    // Views from triangles are samplers' work: with much of it, two of the three must sample.
+    // Views from triangles are samplers' work: with nothing else to do, more than one must sample.
     let direct = [(); 2]
         .map(|()| load(&coordinator.url, &["--clients", "2", "--seconds", "12", "--rate", "10", "--direct"]));
-    coordinator.wait_until("two samplers under direct views", |status| status["samplers"] == 2);
+    let several = |status: &Value| status["samplers"].as_u64() >= Some(2);
+    coordinator.wait_until("several samplers under direct views", several);
     direct.into_iter().for_each(all_answered);
 
     // Views from samples are compositors' work; the samples are there, so one sampler is enough.
@@ -66,7 +67,7 @@ async fn roles_follow_demand_and_every_frame_is_answered() {
 
     // And back, once the views from samples fall away.
     let direct = load(&coordinator.url, &["--clients", "4", "--seconds", "12", "--rate", "10", "--direct"]);
-    let status = coordinator.wait_until("two samplers again", |status| status["samplers"] == 2);
+    let status = coordinator.wait_until("several samplers again", several);
     all_answered(direct);
 
     for key in [
@@ -280,5 +281,8 @@ async fn a_worker_without_the_scene_takes_it_from_the_coordinator_and_keeps_it()
     let (again, _) = wire.render(view).await.unwrap();
     same_pixels(&again, &frame, "from the kept scene");
     let color = frame.color.unwrap();
-    assert!(color.chunks(3).any(|pixel| pixel[0] > 2 * pixel[2].max(1)), "the quad is red somewhere");
+    assert!(
+        color.chunks(3).any(|pixel| u32::from(pixel[0]) > 2 * u32::from(pixel[2])),
+        "the quad is red somewhere"
+    );
 }
