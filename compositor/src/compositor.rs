@@ -25,7 +25,7 @@ use crate::passes::resolve::ResolvePass;
 use crate::passes::splat::{SplatCall, SplatPass};
 use crate::passes::warp::WarpPass;
 use crate::plan::{PassPlan, plan};
-use crate::prepare::PreparedView;
+use crate::prepare::{First, PreparedView};
 use crate::targets::{Target, Targets};
 
 /// Reconstructs views from samples on a GPU.
@@ -206,7 +206,7 @@ impl GpuCompositor {
         if !data.fills.is_empty() {
             // Cells that no texel reaches stay 0: infinitely far.
             commands.encoder().clear_buffer(&data.cells, 0, Some(data.cell_bytes));
-            commands.encoder().clear_buffer(&data.unsettled, 0, Some(4));
+            commands.encoder().clear_buffer(&data.unsettled, 0, Some(4 * chunk.pieces.len() as u64));
             let inverse_range = pool.view(PlaneKind::InverseRange)?;
             self.splat.record(&mut commands, &data.splats, inverse_range, &data.blocks, &data.cells);
             self.fill.record(&mut commands, &data.fills, &data.cells, &data.depths);
@@ -218,7 +218,7 @@ impl GpuCompositor {
             lights: &data.lights,
             splatted: None,
         };
-        for (&(splat, variant), pieces) in &data.draws {
+        for (&(splat, variant), pieces) in data.draws.iter() {
             let draws: Vec<Draw<'_>> = pieces
                 .iter()
                 .map(|&i| Draw { piece: chunk.pieces[i], view: part(&data.views, i, VIEW_STRIDE) })
@@ -230,12 +230,12 @@ impl GpuCompositor {
                 self.linear.record(&self.gpu, &mut commands, variant, &shared, &draws, drawn)?;
             }
         }
-        // Views with and without range share one list; what is written to a range that is not there is dropped.
-        if let Some((&(_, variant), _)) = data.draws.iter().find(|((splat, _), _)| *splat) {
-            let variant = Variant { range: true, ..variant };
+        for (&(_, variant), pieces) in data.draws.iter().filter(|((splat, _), _)| *splat) {
             shared.splatted = Some([&data.depths, &data.unsettled]);
-            let buffers = [&data.views, &data.cells];
-            self.mend.record(&self.gpu, &mut commands, variant, &shared, buffers, drawn)?;
+            let views: Vec<_> = pieces.iter().map(|&i| part(&data.views, i, VIEW_STRIDE)).collect();
+            // What is written to a range that is not there is dropped: one pipeline does.
+            let variant = Variant { range: true, ..variant };
+            self.mend.record(&self.gpu, &mut commands, variant, &shared, &data.cells, &views, drawn)?;
         }
         if let Some([color, depth]) = &fine {
             let exposure = |p: &Piece| views[p.view].samples.first().map_or(1.0, |s| s.info.lighting.exposure);
@@ -268,21 +268,23 @@ impl GpuCompositor {
         let (mut lights, mut blocks) = (Vec::new(), Vec::new());
         let (mut splats, mut fills) = (Vec::new(), Vec::new());
         let mut draws: BTreeMap<(bool, Variant), Vec<usize>> = BTreeMap::new();
-        let (mut cell_count, mut pixels) = (0, 0);
+        // The list of unsettled pixels begins with their number for each piece.
+        let mut first = First { unsettled: chunk.pieces.len() as u32, ..First::default() };
         for (i, piece) in chunk.pieces.iter().enumerate() {
             let view = &views[piece.view];
             let job = &jobs[view.job];
-            uniforms.push(view.uniform(piece, i as u32, cell_count, lights.len() as u32));
+            (first.piece, first.light) = (i as u32, lights.len() as u32);
+            uniforms.push(view.uniform(piece, &first));
             if let Some(held) = view.samples.first().filter(|_| view.glossy) {
                 let about = |light| light_about(light, job.camera.eye);
                 lights.extend(held.info.lighting.lights.iter().map(about));
             }
             let splat = view.search == Search::Splat;
             if splat {
-                splats.append(&mut view.splats(piece, cell_count, &mut blocks));
-                fills.push(view.fill(piece, cell_count));
-                cell_count += view.cell_count(piece);
-                pixels += u64::from(piece.part.width * piece.part.height * piece.side * piece.side);
+                splats.append(&mut view.splats(piece, first.cell, &mut blocks));
+                fills.push(view.fill(piece, first.cell));
+                first.cell += view.cell_count(piece);
+                first.unsettled += piece.part.width * piece.part.height * piece.side * piece.side;
             }
             let fine = view.side > 1;
             let range = fine || job.outputs.range;
@@ -294,16 +296,14 @@ impl GpuCompositor {
             self.gpu.write(&buffer, bytes);
             buffer
         };
-        let both = BufferUsages::UNIFORM | BufferUsages::STORAGE;
-        let views = upload("views", bytemuck::cast_slice(&uniforms), both);
+        let views = upload("views", bytemuck::cast_slice(&uniforms), BufferUsages::UNIFORM);
         let lights = upload("lights", bytemuck::cast_slice(&lights), BufferUsages::STORAGE);
         let blocks = upload("blocks", bytemuck::cast_slice(&blocks), BufferUsages::STORAGE);
-        let cell_bytes = u64::from(cell_count) * 8;
+        let cell_bytes = u64::from(first.cell) * 8;
         let mut scratch = |label, bytes: u64| self.targets.buffer(&self.gpu, label, bytes, BufferUsages::STORAGE);
         let cells = scratch("cells", cell_bytes);
         let depths = scratch("depths", cell_bytes / 2);
-        // Their number, and two words for each pixel that may be among them.
-        let unsettled = scratch("unsettled", 4 + 8 * pixels);
+        let unsettled = scratch("unsettled", u64::from(first.unsettled) * 4);
         ChunkData { views, lights, blocks, cells, cell_bytes, depths, unsettled, splats, fills, draws }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use argus_scene::camera::Face;
 use argus_scene::{InvalidField, Plan, RenderError, Search, ViewJob};
 use argus_shaders::layout::compositor::{Fill, MAX_SAMPLES, Splat, ViewSample, ViewUniform};
 use bytemuck::Zeroable;
@@ -117,12 +118,11 @@ impl PreparedView {
         Cells { first_column, first_row, columns, rows }
     }
 
-    /// What the searches are told of piece number `index` of a chunk; its cells begin at `first_cell`, its lights at
-    /// `first_light`.
-    pub(crate) fn uniform(&self, piece: &Piece, index: u32, first_cell: u32, first_light: u32) -> ViewUniform {
+    /// What the searches are told of a piece.
+    pub(crate) fn uniform(&self, piece: &Piece, first: &First) -> ViewUniform {
         let [corner, right, down] = self.geometry.directions().map(|d| d.as_vec3().to_array());
-        let first = self.samples.first();
-        let bounds = first.map(|held| bounds_about(&held.info.bounds, self.geometry.eye)).unwrap_or_default();
+        let held = self.samples.first();
+        let bounds = held.map(|held| bounds_about(&held.info.bounds, self.geometry.eye)).unwrap_or_default();
         let cells = self.cells_of(piece.part);
         let mut samples = [ViewSample::zeroed(); MAX_SAMPLES];
         for (slot, held) in samples.iter_mut().zip(&self.samples) {
@@ -135,22 +135,35 @@ impl PreparedView {
             right,
             steps: self.steps,
             down,
-            first_light,
+            first_light: first.light,
             bounds_min: bounds[0],
             cell: self.cell as f32,
             bounds_max: bounds[1],
-            first_cell,
+            first_cell: first.cell,
             forward: self.geometry.forward().as_vec3().to_array(),
-            piece: index,
+            tolerance: self.tolerance(),
             piece_origin: [(piece.part.x * side) as f32, (piece.part.y * side) as f32],
             target_origin: piece.fine_target().map(|at| at as f32),
             cell_origin: [cells.first_column, cells.first_row],
             cell_columns: cells.columns,
-            _pad_lighting: 0,
-            lighting: first.map_or(Zeroable::zeroed(), |held| lighting_uniform(&held.info.lighting)),
+            first_unsettled: first.unsettled,
+            piece: first.piece,
+            _pad_lighting: [0; 3],
+            lighting: held.map_or(Zeroable::zeroed(), |held| lighting_uniform(&held.info.lighting)),
             samples,
-            _pad: [0.0; 20],
+            _pad: [0.0; 16],
         }
+    }
+
+    /// Relative difference of range within which a texel is of the surface that is looked for: as much as a surface
+    /// at 45° to the ray changes over a cell of the view and a texel of the sample, and a per cent.
+    fn tolerance(&self) -> f32 {
+        let cell = f64::from(self.cell) * self.geometry.pixel_at_unit_depth().max_element();
+        let texel = |face: &Face| {
+            2.0 * (face.tan_half_fov.x / f64::from(face.size[0])).max(face.tan_half_fov.y / f64::from(face.size[1]))
+        };
+        let texel = self.samples.first().and_then(|held| held.faces.first()).map_or(0.0, texel);
+        (0.01 + cell + texel).min(0.1) as f32
     }
 
     /// Number of cells of a piece; none for a search that needs none.
@@ -206,6 +219,16 @@ impl PreparedView {
         }
         calls
     }
+}
+
+/// Where a piece's part of a chunk's buffers begins.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct First {
+    /// Its own index.
+    pub(crate) piece: u32,
+    pub(crate) cell: u32,
+    pub(crate) light: u32,
+    pub(crate) unsettled: u32,
 }
 
 /// A rectangle of a view's cells.

@@ -2,12 +2,11 @@
 // in equal steps through the scene's bounds until it is behind the surface of every camera that looks there;
 // bisection then finds where it went in.
 
-import package::shared::fetch::{Fetch, TRACE, Opinion, ViewUniform, crossing_of_bounds, fetch_from, is_better, opinion_of};
+import package::shared::fetch::{Fetch, TRACE, Opinion, crossing_of_bounds, fetch_from, is_better, not_baked, opinion_of, view};
 import package::shared::pixel::{
     Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel, with_specular,
 };
 
-@group(0) @binding(0) var<uniform> view: ViewUniform;
 
 // Halvings of the last step: 64 steps and 8 halvings place a surface to within 1/16384 of the bounds.
 const HALVINGS: u32 = 8u;
@@ -63,7 +62,7 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
     }
     // The side on which all cameras are: the most conservative surface.
     let q = 1.0 / max(outside, 1e-20);
-    var best = Fetch(vec2f(0.0), 0u, 0.0, 0.0, false);
+    var best = Fetch(vec2f(0.0), 0u, 0.0, 0.0, 0.0, false);
     var source = 0u;
     for (var i = 0u; i < count; i++) {
         let next = fetch_from(view.samples[i], d, q, omni);
@@ -73,32 +72,32 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
         }
     }
     if found && best.agreement > TRACE {
-        return surface_pixel(best, source, d, q);
+        return surface_pixel(best, source, d);
     }
     if clear && !found {
-        return sky_pixel(view.lighting, d);
+        return sky_pixel(d);
     }
-    return unresolved_pixel(view.lighting, best, d);
+    return unresolved_pixel(best, d);
 }
 
 @fragment
 fn show_pinhole(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, false), view.lighting.exposure);
+    return shown(pixel(at, false));
 }
 
 @fragment
 fn show_pinhole_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, false), view.lighting, view.first_light), view.lighting.exposure);
+    return shown(with_specular(pixel(at, false)));
 }
 
 @fragment
 fn show_omni(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, true), view.lighting.exposure);
+    return shown(pixel(at, true));
 }
 
 @fragment
 fn show_omni_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, true), view.lighting, view.first_light), view.lighting.exposure);
+    return shown(with_specular(pixel(at, true)));
 }
 
 @fragment
@@ -108,7 +107,7 @@ fn keep_pinhole(@builtin(position) at: vec4f) -> Linear {
 
 @fragment
 fn keep_pinhole_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, false), view.lighting, view.first_light));
+    return linear_of(with_specular(pixel(at, false)));
 }
 
 @fragment
@@ -118,5 +117,5 @@ fn keep_omni(@builtin(position) at: vec4f) -> Linear {
 
 @fragment
 fn keep_omni_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, true), view.lighting, view.first_light));
+    return linear_of(with_specular(pixel(at, true)));
 }

@@ -7,14 +7,14 @@
 // nearly every pixel.
 
 import package::shared::cells::{Depth, depth_of};
-import package::shared::fetch::{SETTLED, ViewUniform, crossing_of_bounds, fetch_from, refined};
+import package::shared::fetch::{SETTLED, crossing_of_bounds, fetch_from, view};
 import package::shared::pixel::{
     Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, with_specular,
 };
 
-@group(0) @binding(0) var<uniform> view: ViewUniform;
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
-// Pixels that are left over: their number, then the piece and the place in the target, 16 bits each of x and y.
+// Pixels that are left over: their number for each piece of the chunk, then their places in the target, 16 bits each of
+// x and y.
 @group(0) @binding(10) var<storage, read_write> unsettled: array<atomic<u32>>;
 
 @vertex
@@ -27,42 +27,37 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
     let d = view.corner + view.right * position.x + view.down * position.y;
     let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
     let depth = depth_of(depths[view.first_cell + u32(cell.y * view.cell_columns + cell.x)]);
-    let s = view.samples[depth.source];
-    let q = refined(s, view.forward, d, depth.q, omni);
-    let fetched = fetch_from(s, d, q, omni);
+    let fetched = fetch_from(view.samples[depth.source], d, depth.q, omni);
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
     if depth.q > 0.0 && fetched.agreement >= SETTLED {
-        return surface_pixel(fetched, depth.source, d, q);
+        return surface_pixel(fetched, depth.source, d);
     }
     // Nothing is outside of the scene's bounds.
     if span.x < span.y {
-        let slot = atomicAdd(&unsettled[0], 1u);
-        if 2u * slot + 2u < arrayLength(&unsettled) {
-            atomicStore(&unsettled[2u * slot + 1u], view.piece);
-            atomicStore(&unsettled[2u * slot + 2u], u32(at.x) | (u32(at.y) << 16u));
-        }
+        let slot = view.first_unsettled + atomicAdd(&unsettled[view.piece], 1u);
+        atomicStore(&unsettled[slot], u32(at.x) | (u32(at.y) << 16u));
     }
-    return sky_pixel(view.lighting, d);
+    return sky_pixel(d);
 }
 
 @fragment
 fn show_pinhole(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, false), view.lighting.exposure);
+    return shown(pixel(at, false));
 }
 
 @fragment
 fn show_pinhole_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, false), view.lighting, view.first_light), view.lighting.exposure);
+    return shown(with_specular(pixel(at, false)));
 }
 
 @fragment
 fn show_omni(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, true), view.lighting.exposure);
+    return shown(pixel(at, true));
 }
 
 @fragment
 fn show_omni_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, true), view.lighting, view.first_light), view.lighting.exposure);
+    return shown(with_specular(pixel(at, true)));
 }
 
 @fragment
@@ -72,7 +67,7 @@ fn keep_pinhole(@builtin(position) at: vec4f) -> Linear {
 
 @fragment
 fn keep_pinhole_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, false), view.lighting, view.first_light));
+    return linear_of(with_specular(pixel(at, false)));
 }
 
 @fragment
@@ -82,5 +77,5 @@ fn keep_omni(@builtin(position) at: vec4f) -> Linear {
 
 @fragment
 fn keep_omni_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, true), view.lighting, view.first_light));
+    return linear_of(with_specular(pixel(at, true)));
 }

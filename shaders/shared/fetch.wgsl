@@ -35,8 +35,8 @@ struct ViewUniform {
     first_cell: u32,
     // The view's axis, unit.
     forward: vec3f,
-    // Index of this piece among the chunk's.
-    piece: u32,
+    // Relative difference of range up to which a texel is taken for the surface that is looked for.
+    tolerance: f32,
     // Image position of the piece's first pixel, in pixels.
     piece_origin: vec2f,
     // Where the piece lies in the target.
@@ -45,18 +45,26 @@ struct ViewUniform {
     cell_origin: vec2i,
     // Columns of this piece's cells.
     cell_columns: i32,
+    // First of this piece's places in the list of pixels that are not settled.
+    first_unsettled: u32,
+    // Index of this piece among the chunk's.
+    piece: u32,
     lighting: Lighting,
     // So much that an array's elements lie at multiples of 256 bytes, as uniforms must.
-    @size(592) samples: array<ViewSample, 8>,
+    @size(576) samples: array<ViewSample, 8>,
 }
 
+@group(0) @binding(0) var<uniform> view: ViewUniform;
 @group(0) @binding(1) var inverse_range: texture_2d_array<f32>;
 @group(0) @binding(2) var radiance: texture_2d_array<f32>;
 @group(0) @binding(3) var nearest: sampler;
 @group(0) @binding(4) var bilinear: sampler;
 
-// Relative difference of range up to which a texel is taken for the surface that is looked for.
-const AGREEMENT: f32 = 0.03;
+// A loop's bound, unchanged. Mesa's software driver bakes a uniform that bounds a loop into the machine code, and compiles
+// the shader again, tens of milliseconds, for each draw that comes with another; what depends on a texture, it does not.
+fn not_baked(bound: u32) -> u32 {
+    return min(bound, textureNumLayers(inverse_range) * 0x10000u);
+}
 
 // Share of the bilinear weights that decides: with less, the nearest texel is of another surface.
 const SETTLED: f32 = 0.5;
@@ -69,6 +77,8 @@ struct Fetch {
     // Texture coordinates that fetch bilinearly from agreeing texels only.
     uv: vec2f,
     layer: u32,
+    // The inverse depth that was looked up, brought closer to the sample's surface.
+    q: f32,
     // Shares of the bilinear weights. That agrees; 0 if the sample does not have the point.
     agreement: f32,
     // Share that looks past the point.
@@ -85,29 +95,17 @@ fn seen_by_sample(s: ViewSample, d: vec3f, omni: bool) -> Seen {
     return seen_by_pinhole(Pinhole(s.u_from_world, s.v_from_world, s.w_from_world), d);
 }
 
-// Relative difference of range beyond which a sample is taken to see another surface than a depth is of.
-const SAME: f32 = 0.1;
-
-// A depth of the right surface, but of a place beside the pixel, brought closer: that of the point where the sample
-// sees the surface, along its own ray through the place (one step of the fixed-point iteration).
-fn refined(s: ViewSample, forward: vec3f, d: vec3f, q: f32, omni: bool) -> f32 {
-    let ray = d + s.eye_from_center * q;
-    let seen = seen_by_sample(s, ray, omni);
-    let stored = textureSampleLevel(inverse_range, bilinear, seen.uv, s.layer, 0.0).x;
-    let unit = inverseSqrt(max(dot(ray, ray), 1e-30));
-    let same = seen.inside && abs(stored - q * unit) <= SAME * q * unit;
-    let depth = dot(forward, ray * (unit / max(stored, 1e-30)) - s.eye_from_center);
-    // A depth that is not near the first one is of a ray that grazes.
-    let next = 1.0 / max(depth, 1e-30);
-    return select(q, next, same && abs(next - q) <= SAME * q);
-}
-
 // Looks the point at inverse depth q (1/metres, along the view's axis) in direction d up in a sample.
+//
+// Where all four texels agree, the depth is brought closer to the surface that they are of, by one step of the
+// fixed-point iteration: to that of the point where the sample's ray meets it. A splatted depth is of a place up to half
+// a cell beside the pixel.
 fn fetch_from(s: ViewSample, d: vec3f, q: f32, omni: bool) -> Fetch {
     let ray = d + s.eye_from_center * q;
     let seen = seen_by_sample(s, ray, omni);
+    let unit = inverseSqrt(max(dot(ray, ray), 1e-30));
     // Inverse range that the sample has if it sees the point.
-    let expected = q * inverseSqrt(max(dot(ray, ray), 1e-30));
+    let expected = q * unit;
     let size = vec2f(textureDimensions(inverse_range));
     let position = seen.uv * size - 0.5;
     let base = floor(position);
@@ -115,12 +113,20 @@ fn fetch_from(s: ViewSample, d: vec3f, q: f32, omni: bool) -> Fetch {
     // In the middle of the four texels, so that no device's rounding of coordinates picks others.
     let four = textureGather(0, inverse_range, nearest, (base + 1.0) / size, s.layer);
     let shares = vec4f((1.0 - f.x) * f.y, f.x * f.y, f.x * (1.0 - f.y), (1.0 - f.x) * (1.0 - f.y));
-    let weights = select(vec4f(0.0), shares, abs(four - expected) <= vec4f(AGREEMENT * expected));
+    let tolerance = view.tolerance * expected;
+    let weights = select(vec4f(0.0), shares, abs(four - expected) <= vec4f(tolerance));
+    let beyond = select(vec4f(0.0), shares, four < vec4f(expected - tolerance));
     let agreement = select(0.0, dot(weights, vec4f(1.0)), seen.inside);
-    let offset = select(farthest_offset(four), agreeing_offset(weights, agreement), agreement > 0.0);
-    let beyond = select(vec4f(0.0), shares, four < vec4f((1.0 - AGREEMENT) * expected));
     let past = select(0.0, dot(beyond, vec4f(1.0)), seen.inside);
-    return Fetch((base + 0.5 + offset) / size, s.layer, agreement, past, seen.inside);
+    if agreement > 0.999 {
+        let depth = dot(view.forward, ray * (unit / dot(shares, four)) - s.eye_from_center);
+        // Where the ray grazes, the step may lead anywhere.
+        let closer = clamp(1.0 / max(depth, 1e-30), 0.9 * q, 1.1 * q);
+        let again = seen_by_sample(s, d + s.eye_from_center * closer, omni);
+        return Fetch(again.uv, s.layer, closer, agreement, past, true);
+    }
+    let offset = select(farthest_offset(four), agreeing_offset(weights, agreement), agreement > 0.0);
+    return Fetch((base + 0.5 + offset) / size, s.layer, q, agreement, past, seen.inside);
 }
 
 // Offset, in texels from the first of four, at which a bilinear fetch takes from those that have a weight

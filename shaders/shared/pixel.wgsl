@@ -1,9 +1,9 @@
 // What a view's pixel shows once its surface is found: shared by both searches.
 
 import package::shared::encode::unit_from_octahedral;
-import package::shared::fetch::{Fetch, bilinear, nearest, radiance};
+import package::shared::fetch::{Fetch, bilinear, nearest, radiance, view};
 import package::shared::finite::finite_or_zero;
-import package::shared::shading::{Light, Lighting, Surface, sky_radiance, specular_light, specular_sky};
+import package::shared::shading::{Light, Surface, sky_radiance, specular_light, specular_sky};
 
 @group(0) @binding(6) var normal_plane: texture_2d_array<f32>;
 @group(0) @binding(7) var specular_plane: texture_2d_array<f32>;
@@ -28,21 +28,21 @@ struct Pixel {
 
 const UNRESOLVED: u32 = 255u;
 
-fn sky_pixel(lighting: Lighting, d: vec3f) -> Pixel {
-    return Pixel(sky_radiance(lighting, normalize(d)), 0u, 0.0, vec3f(0.0), vec2f(0.0), 0u);
+fn sky_pixel(d: vec3f) -> Pixel {
+    return Pixel(sky_radiance(view.lighting, normalize(d)), 0u, 0.0, vec3f(0.0), vec2f(0.0), 0u);
 }
 
-// The pixel in direction d (depth 1) whose surface lies at inverse depth q, where sample number `index` has it.
-fn surface_pixel(fetched: Fetch, index: u32, d: vec3f, q: f32) -> Pixel {
+// The pixel in direction d (depth 1) whose surface was found in sample number `index`.
+fn surface_pixel(fetched: Fetch, index: u32, d: vec3f) -> Pixel {
     let texel = textureSampleLevel(radiance, bilinear, fetched.uv, fetched.layer, 0.0).rgb;
-    let position = d / q;
+    let position = d / fetched.q;
     return Pixel(finite_or_zero(texel), index + 1u, length(position), position, fetched.uv, fetched.layer);
 }
 
 // A pixel that no sample saw shows what lies farthest where the first sample looks: background goes on behind
 // the edge that hid it, so the guess is seldom the wrong side's. It is marked, and has no range.
-fn unresolved_pixel(lighting: Lighting, fetched: Fetch, d: vec3f) -> Pixel {
-    var pixel = sky_pixel(lighting, d);
+fn unresolved_pixel(fetched: Fetch, d: vec3f) -> Pixel {
+    var pixel = sky_pixel(d);
     pixel.source = UNRESOLVED;
     if fetched.inside {
         let texel = textureSampleLevel(radiance, bilinear, fetched.uv, fetched.layer, 0.0).rgb;
@@ -52,7 +52,7 @@ fn unresolved_pixel(lighting: Lighting, fetched: Fetch, d: vec3f) -> Pixel {
 }
 
 // The pixel with the highlight that its viewer, and not the sample, sees.
-fn with_specular(pixel: Pixel, lighting: Lighting, first_light: u32) -> Pixel {
+fn with_specular(pixel: Pixel) -> Pixel {
     let stored = textureSampleLevel(specular_plane, bilinear, pixel.uv, pixel.layer, 0.0);
     let encoded = textureSampleLevel(normal_plane, nearest, pixel.uv, pixel.layer, 0.0).xy;
     var result = pixel;
@@ -61,12 +61,12 @@ fn with_specular(pixel: Pixel, lighting: Lighting, first_light: u32) -> Pixel {
         let surface = Surface(
             pixel.position, unit_from_octahedral(encoded), vec3f(0.0), vec3f(0.0), stored.rgb, stored.a,
         );
-        var sum = specular_sky(surface, to_eye, lighting);
+        var sum = specular_sky(surface, to_eye, view.lighting);
         // Not the bare uniform: Mesa's software driver bakes a uniform that bounds a loop into the machine code, and
         // compiles the shader again (45 ms and more) for each draw that comes with another uniform buffer.
-        let count = min(lighting.light_count, arrayLength(&lights));
+        let count = min(view.lighting.light_count, arrayLength(&lights));
         for (var i = 0u; i < count; i++) {
-            sum += specular_light(surface, to_eye, lights[first_light + i]);
+            sum += specular_light(surface, to_eye, lights[view.first_light + i]);
         }
         result.radiance += finite_or_zero(sum);
     }
@@ -90,8 +90,8 @@ struct Shown {
     @location(1) range: f32,
 }
 
-fn shown(pixel: Pixel, exposure: f32) -> Shown {
-    let color = floor(encoded(pixel.radiance * exposure) * 255.0 + 0.5);
+fn shown(pixel: Pixel) -> Shown {
+    let color = floor(encoded(pixel.radiance * view.lighting.exposure) * 255.0 + 0.5);
     return Shown(vec4u(vec3u(color), pixel.source), pixel.range);
 }
 

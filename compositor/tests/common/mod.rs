@@ -254,6 +254,12 @@ pub(crate) fn rgb9e5(linear: Vec3) -> u32 {
     q.x as u32 | (q.y as u32) << 9 | (q.z as u32) << 18 | (exponent as u32) << 27
 }
 
+/// What such a texel says.
+pub(crate) fn radiance_of_rgb9e5(bits: u32) -> Vec3 {
+    let scale = 2f32.powi((bits >> 27) as i32 - 24);
+    Vec3::new((bits & 511) as f32, ((bits >> 9) & 511) as f32, ((bits >> 18) & 511) as f32) * scale
+}
+
 fn octahedral(n: Vec3) -> Vec2 {
     let p = n.truncate() / (n.x.abs() + n.y.abs() + n.z.abs());
     let sign = |v: f32| if v >= 0.0 { 1.0 } else { -1.0 };
@@ -353,7 +359,7 @@ pub(crate) fn judge(subject: &dyn Subject, job: &ViewJob, frame: &Frame, toleran
             continue;
         }
         assert_eq!(mask[i], 0);
-        assert_eq!(source[i] == 0, got == f32::INFINITY, "a resolved pixel is sky or has a source");
+        assert_eq!(source[i] == 0, got == f32::INFINITY, "a resolved pixel is sky or has a source: {i} {} {got}", source[i]);
         sky += f64::from(u8::from(source[i] == 0));
         let truth = subject.see(job.camera.eye, direction).map(|(range, _)| range);
         let good = match truth {

@@ -63,8 +63,8 @@ mirror! {
         pub first_cell: u32,
         /// The view's axis, unit.
         pub forward: [f32; 3],
-        /// Index of this piece among the chunk's.
-        pub piece: u32,
+        /// Relative difference of range up to which a texel is taken for the surface that is looked for.
+        pub tolerance: f32,
         /// Image position of the piece's first pixel, in pixels.
         pub piece_origin: [f32; 2],
         /// Where the piece lies in the target.
@@ -73,14 +73,18 @@ mirror! {
         pub cell_origin: [i32; 2],
         /// Columns of this piece's cells.
         pub cell_columns: i32,
+        /// First of this piece's places in the list of pixels that are not settled.
+        pub first_unsettled: u32,
+        /// Index of this piece among the chunk's.
+        pub piece: u32,
         /// WGSL aligns the lighting to 16 bytes.
-        pub _pad_lighting: u32,
+        pub _pad_lighting: [u32; 3],
         /// Sky, exposure and number of lights.
         pub lighting: Lighting,
         /// The plan's samples, in its order.
         pub samples: [ViewSample; MAX_SAMPLES],
         /// As many as make 768 bytes, so that an array's elements lie where uniforms may.
-        pub _pad: [f32; 20],
+        pub _pad: [f32; 16],
     }
 }
 
