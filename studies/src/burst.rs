@@ -45,7 +45,7 @@ impl Options {
 }
 
 /// Views in flight at once: enough for full batches on every worker, few enough that none is turned away.
-pub const IN_FLIGHT: usize = 256;
+pub const IN_FLIGHT: usize = 128;
 
 /// Runs the study with clusters of the program `argus`; `progress` counts rounds × ways.
 ///

@@ -18,6 +18,19 @@ struct Work {
 impl Work {
     fn add(&mut self, count: usize, ms: f64) {
         self.total += count as u64;
+        self.add_cost(count, ms);
+    }
+
+    /// Leaves the first batch out of the cost: drivers compile a program where it is first used, which the
+    /// software one takes seconds for, and a view that waits must not be turned away for what is over.
+    fn add_warm(&mut self, count: usize, ms: f64) {
+        if self.total > 0 {
+            self.add_cost(count, ms);
+        }
+        self.total += count as u64;
+    }
+
+    fn add_cost(&mut self, count: usize, ms: f64) {
         self.recent += count as u64;
         self.recent_ms += ms;
     }
@@ -58,9 +71,10 @@ impl Meter {
         let mut sums = self.0.lock();
         let (ms, busy_ms) = (rendering.as_secs_f64() * 1e3, busy.as_secs_f64() * 1e3);
         match kind {
+            // In a static scene a sampler's first samples may be its only ones: their cost must do.
             Kind::Sample => sums.samples.add(count, ms),
-            Kind::Direct => sums.direct.add(count, ms),
-            Kind::View => sums.views.add(count, ms),
+            Kind::Direct => sums.direct.add_warm(count, ms),
+            Kind::View => sums.views.add_warm(count, ms),
         }
         match kind {
             Kind::Sample | Kind::Direct => sums.sampling_busy_ms += busy_ms,
@@ -79,5 +93,26 @@ impl Meter {
         report.views_composed = sums.views.total;
         report.sampling_busy_ms = sums.sampling_busy_ms;
         report.compositing_busy_ms = sums.compositing_busy_ms;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_batch_of_views_counts_without_being_taken_for_their_cost() {
+        let ms = Duration::from_millis;
+        let meter = Meter::default();
+        let mut report = Report::default();
+        meter.add(Kind::View, 4, ms(2000), ms(2100));
+        meter.add(Kind::Sample, 2, ms(80), ms(80));
+        meter.fill(&mut report);
+        assert_eq!((report.views_composed, report.view_ms), (4, None));
+        assert_eq!(report.compositing_busy_ms, 2100.0);
+        assert_eq!(report.sample_ms, Some(40.0));
+        meter.add(Kind::View, 4, ms(20), ms(24));
+        meter.fill(&mut report);
+        assert_eq!((report.views_composed, report.view_ms), (8, Some(5.0)));
     }
 }
