@@ -8,10 +8,13 @@ mod common;
 use std::sync::Arc;
 use std::time::Instant;
 
+use argus_compositor::CompositorKnobs;
 use argus_scene::metrics::compare;
 use argus_scene::reference::Tracer;
-use argus_scene::{Camera, Cancel, Compositor as _, Outputs, Plan, Rig, RigKnobs, Search, ViewJob, procedural};
-use common::{compositor, id, sample_set};
+use argus_scene::{
+    Camera, Cancel, Compositor as _, Outputs, Plan, Rig, RigKnobs, Search, ViewJob, procedural,
+};
+use common::{compositor_with, id, sample_set};
 use glam::DVec3;
 use image::RgbImage;
 
@@ -31,7 +34,11 @@ fn main() {
     let tracer = Tracer::new(Arc::clone(&scene));
     let cameras: Vec<_> = (0..4).map(|i| rig.camera(i).expect("a camera")).collect();
     let set = sample_set(&tracer, &cameras, glossy, if quick { 1 } else { 3 });
-    let mut compositor = compositor(&set);
+    let mut knobs = CompositorKnobs::default();
+    if let Ok(n) = std::env::var("SPLATTING") {
+        knobs.splatting = n.parse().expect("SPLATTING");
+    }
+    let mut compositor = compositor_with(&set, knobs);
 
     let center = scene.bounds().center();
     let extent = scene.bounds().size().max_element();
@@ -59,9 +66,7 @@ fn main() {
         })
         .collect();
     let only = std::env::var("ONLY").unwrap_or_default();
-    for (name, search, steps) in
-        [("splat", Search::Splat, 64), ("linear 64", Search::Linear, 64)]
-    {
+    for (name, search, steps) in [("splat", Search::Splat, 64), ("linear 64", Search::Linear, 64)] {
         if !name.contains(&only) {
             continue;
         }
@@ -77,7 +82,8 @@ fn main() {
                 frames = batch.into_iter().map(|f| f.expect("a frame")).collect();
             }
         }
-        let stages: Vec<String> = frames[0].stages.iter().map(|s| format!("{} {:.3}", s.name, s.ms)).collect();
+        let stages: Vec<String> =
+            frames[0].stages.iter().map(|s| format!("{} {:.3}", s.name, s.ms)).collect();
         let unresolved = frames.iter().map(|f| f.unresolved_fraction).sum::<f64>() / count as f64;
         let (mut psnr, mut flip, mut judged) = (0.0, 0.0, 0.0);
         for (i, (frame, reference)) in frames.iter().zip(&references).enumerate() {

@@ -7,7 +7,8 @@ use std::time::Instant;
 use argus_gpu::wgpu::BufferUsages;
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{
-    Cancel, Compositor, Frame, PlaneKind, Provenance, RenderError, SampleId, SampleSet, Search, Stage, ViewJob,
+    Cancel, Compositor, Frame, PlaneKind, Provenance, RenderError, SampleId, SampleSet, Search, Stage,
+    ViewJob,
 };
 use argus_shaders::layout::compositor::{Fill, ViewUniform};
 
@@ -140,8 +141,10 @@ impl GpuCompositor {
             Extent { width, height, side: v.side, pool: v.pool }
         };
         let extents: Vec<Extent> = views.iter().map(extent).collect();
-        let mut assemblies: Vec<Assembly> =
-            views.iter().map(|v| Assembly::new(jobs[v.job].width, jobs[v.job].height, jobs[v.job].outputs)).collect();
+        let mut assemblies: Vec<Assembly> = views
+            .iter()
+            .map(|v| Assembly::new(jobs[v.job].width, jobs[v.job].height, jobs[v.job].outputs))
+            .collect();
         for chunk in chunks(&extents, &self.knobs) {
             let outcome = if cancel.is_cancelled() {
                 Err(RenderError::Cancelled)
@@ -238,7 +241,8 @@ impl GpuCompositor {
             self.mend.record(&self.gpu, &mut commands, variant, &shared, &data.cells, &views, drawn)?;
         }
         if let Some([color, depth]) = &fine {
-            let exposure = |p: &Piece| views[p.view].samples.first().map_or(1.0, |s| s.info.lighting.exposure);
+            let exposure =
+                |p: &Piece| views[p.view].samples.first().map_or(1.0, |s| s.info.lighting.exposure);
             let pieces: Vec<(Piece, f32)> = chunk.pieces.iter().map(|p| (*p, exposure(p))).collect();
             self.resolve.record(&mut commands, &pieces, [color, depth], [&shown, &range]);
         }
@@ -300,7 +304,8 @@ impl GpuCompositor {
         let lights = upload("lights", bytemuck::cast_slice(&lights), BufferUsages::STORAGE);
         let blocks = upload("blocks", bytemuck::cast_slice(&blocks), BufferUsages::STORAGE);
         let cell_bytes = u64::from(first.cell) * 8;
-        let mut scratch = |label, bytes: u64| self.targets.buffer(&self.gpu, label, bytes, BufferUsages::STORAGE);
+        let mut scratch =
+            |label, bytes: u64| self.targets.buffer(&self.gpu, label, bytes, BufferUsages::STORAGE);
         let cells = scratch("cells", cell_bytes);
         let depths = scratch("depths", cell_bytes / 2);
         let unsettled = scratch("unsettled", u64::from(first.unsettled) * 4);

@@ -121,7 +121,7 @@ fn footprint(
 }
 
 /// Share of the image that may have sparser texels than its cells hold.
-const SPARSE: f64 = 0.05;
+const SPARSE: f64 = 0.5;
 
 /// Pixels on an edge of the view's cells: so many that most of the image has a texel of some sample in each.
 ///

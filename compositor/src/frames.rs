@@ -48,11 +48,15 @@ impl Assembly {
             }
             if let Some(mask) = &mut self.mask {
                 let out = &mut mask[to..to + columns];
-                out.iter_mut().zip(pixels).for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 255 } else { 0 });
+                out.iter_mut()
+                    .zip(pixels)
+                    .for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 255 } else { 0 });
             }
             if let Some(source) = &mut self.source {
                 let out = &mut source[to..to + columns];
-                out.iter_mut().zip(pixels).for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 0 } else { p[3] });
+                out.iter_mut()
+                    .zip(pixels)
+                    .for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 0 } else { p[3] });
             }
             if let Some(out) = &mut self.range {
                 let out = out[4 * to..4 * (to + columns)].as_chunks_mut::<4>().0;

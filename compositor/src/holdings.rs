@@ -46,7 +46,8 @@ impl Holdings {
         let samples = ids.iter().map(find).collect::<Result<Vec<_>, _>>()?;
         if let Some((first, rest)) = samples.split_first() {
             let together = |other: &Arc<Held>| {
-                other.pool == first.pool && (Arc::ptr_eq(&other.info, &first.info) || other.info == first.info)
+                other.pool == first.pool
+                    && (Arc::ptr_eq(&other.info, &first.info) || other.info == first.info)
             };
             if !rest.iter().all(together) {
                 let reason = "samples of one plan must be of one scene, epoch, generation, size and format";

@@ -16,7 +16,8 @@ pub struct PassPlan {
 /// The passes for one view.
 pub(crate) fn plan(plan: &Plan, outputs: Outputs, glossy: bool, splatting: usize) -> Vec<PassPlan> {
     let Plan::Warp { search, supersampling, samples, steps } = plan else {
-        let why = "the plan is direct: it is rendered from triangles, which a compositor never has".to_owned();
+        let why =
+            "the plan is direct: it is rendered from triangles, which a compositor never has".to_owned();
         return vec![PassPlan { name: "warp views", on: false, why }];
     };
     let splat = *search == Search::Splat;
@@ -35,6 +36,10 @@ pub(crate) fn plan(plan: &Plan, outputs: Outputs, glossy: bool, splatting: usize
             if glossy { "the samples carry normals and F0" } else { "nothing in the samples is glossy" },
         ),
         row("average sub-pixels", *supersampling > 1, &format!("{supersampling} sub-pixels a side")),
-        row("range target", outputs.range, if outputs.range { "the view asks for range" } else { "nobody asks" }),
+        row(
+            "range target",
+            outputs.range,
+            if outputs.range { "the view asks for range" } else { "nobody asks" },
+        ),
     ]
 }

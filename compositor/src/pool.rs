@@ -68,7 +68,9 @@ impl Pool {
     /// [`RenderError::Internal`] for one that it has not.
     pub(crate) fn view(&self, kind: PlaneKind) -> Result<&wgpu::TextureView, RenderError> {
         let array = self.arrays.iter().find(|a| a.kind == kind);
-        array.map(|a| &a.view).ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
+        array
+            .map(|a| &a.view)
+            .ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
     }
 
     /// A layer for one more sample, doubling the arrays where all are taken.
@@ -81,7 +83,8 @@ impl Pool {
         }
         let most = gpu.device.limits().max_texture_array_layers;
         if self.capacity >= most {
-            let reason = format!("{most} samples of one size are held, and a texture array has no more layers");
+            let reason =
+                format!("{most} samples of one size are held, and a texture array has no more layers");
             return Err(RenderError::OutOfMemory(reason));
         }
         let capacity = (2 * self.capacity).clamp(FIRST_LAYERS, most);

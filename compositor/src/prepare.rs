@@ -160,7 +160,8 @@ impl PreparedView {
     fn tolerance(&self) -> f32 {
         let cell = f64::from(self.cell) * self.geometry.pixel_at_unit_depth().max_element();
         let texel = |face: &Face| {
-            2.0 * (face.tan_half_fov.x / f64::from(face.size[0])).max(face.tan_half_fov.y / f64::from(face.size[1]))
+            2.0 * (face.tan_half_fov.x / f64::from(face.size[0]))
+                .max(face.tan_half_fov.y / f64::from(face.size[1]))
         };
         let texel = self.samples.first().and_then(|held| held.faces.first()).map_or(0.0, texel);
         (0.01 + cell + texel).min(0.1) as f32

@@ -22,7 +22,8 @@ const KEPT: usize = 8;
 impl Targets {
     /// A target whose content is whatever was there; [`Targets::give_back`] it.
     pub(crate) fn take(&mut self, gpu: &Gpu, size: [u32; 2], format: wgpu::TextureFormat) -> Target {
-        let fits = |t: &Target| [t.texture.width(), t.texture.height()] == size && t.texture.format() == format;
+        let fits =
+            |t: &Target| [t.texture.width(), t.texture.height()] == size && t.texture.format() == format;
         if let Some(index) = self.kept.iter().position(fits) {
             return self.kept.remove(index);
         }

@@ -21,7 +21,9 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
         }
         SampleCamera::Omni { center, .. } => {
             if !center.is_finite() {
-                return Err(InvalidField::new("sample.camera", format!("must be finite, not {center}")).into());
+                return Err(
+                    InvalidField::new("sample.camera", format!("must be finite, not {center}")).into()
+                );
             }
             true
         }
@@ -72,7 +74,9 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
             PlaneData::Device(_) => {
                 let texture = device_texture(plane)?.map(|t| [t.width(), t.height()]);
                 if texture != Some(size) {
-                    return Err(invalid(format!("{kind:?} is {texture:?} texels on the device, not {size:?}")));
+                    return Err(invalid(format!(
+                        "{kind:?} is {texture:?} texels on the device, not {size:?}"
+                    )));
                 }
             }
         }

@@ -2,7 +2,7 @@
 // looks at are tried in all of them; what none has is sky if they see past everything there, else unresolved.
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
-import package::shared::fetch::{Fetch, SETTLED, crossing_of_bounds, fetch_from, is_better, not_baked, opinion_of, view};
+import package::shared::fetch::{Fetch, POINTS, SETTLED, crossing_of_bounds, fetch_from, is_better, not_baked, opinions_of, view};
 import package::shared::pixel::{
     Pixel, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel, with_specular,
 };
@@ -13,9 +13,6 @@ import package::shared::pixel::{
 @group(0) @binding(12) var shown_target: texture_storage_2d<rgba8uint, write>;
 @group(0) @binding(13) var linear_target: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(14) var range_target: texture_storage_2d<r32float, write>;
-
-// Points at which a ray without a surface is checked to be clear.
-const CHECKS: u32 = 8u;
 
 // The best of all samples for one depth.
 struct Found {
@@ -51,18 +48,16 @@ fn farther(a: Depth, at: i32) -> Depth {
     return Depth(select(a.q, b.q, second), select(a.source, b.source, second));
 }
 
-// Whether at every point that is checked some sample looks past it.
+// Whether at every point that is checked, eight of them up to where the ray leaves the scene's bounds, some sample looks
+// past it.
 fn is_clear(d: vec3f, omni: bool) -> bool {
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
-    var clear = true;
-    for (var k = 1u; k <= CHECKS && clear; k++) {
-        clear = false;
-        for (var i = 0u; i < not_baked(view.sample_count) && !clear; i++) {
-            let t = mix(span.x, span.y, f32(k) / f32(CHECKS));
-            clear = opinion_of(view.samples[i], d, t, omni).clear;
-        }
+    let step = (span.y - span.x) / f32(POINTS);
+    var clear = 0u;
+    for (var i = 0u; i < not_baked(view.sample_count) && clear != (1u << POINTS) - 1u; i++) {
+        clear |= opinions_of(view.samples[i], d, span.x, step, omni).clear;
     }
-    return clear;
+    return clear == (1u << POINTS) - 1u;
 }
 
 fn mend(place: vec2u, omni: bool) -> Pixel {

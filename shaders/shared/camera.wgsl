@@ -17,12 +17,16 @@ struct Seen {
     inside: bool,
 }
 
-// Where a pinhole camera has the direction d (world axes).
-fn seen_by_pinhole(camera: Pinhole, d: vec3f) -> Seen {
-    let w = dot(camera.w_from_world, d);
+// A direction (world axes) in the camera's homogeneous texture coordinates; linear in it.
+fn in_pinhole(camera: Pinhole, d: vec3f) -> vec3f {
+    return vec3f(dot(camera.u_from_world, d), dot(camera.v_from_world, d), dot(camera.w_from_world, d));
+}
+
+// Where a pinhole camera has homogeneous texture coordinates.
+fn seen_by_pinhole(h: vec3f) -> Seen {
     // Behind the camera and on its plane: a coordinate that is outside whatever the division gives.
-    let uv = vec2f(dot(camera.u_from_world, d), dot(camera.v_from_world, d)) / max(w, 1e-30);
-    return Seen(uv, w > 0.0 && all(uv >= vec2f(0.0)) && all(uv <= vec2f(1.0)));
+    let uv = h.xy / max(h.z, 1e-30);
+    return Seen(uv, h.z > 0.0 && all(uv >= vec2f(0.0)) && all(uv <= vec2f(1.0)));
 }
 
 // Where a cube of faces of `face` texels a side, ring included, has the direction d (world axes).

@@ -1,7 +1,7 @@
 // The depth-corrected fetch that both searches end in: a view's pixel, at the depth a search found for it, is
 // looked up in a sample, and taken from those of its texels whose range agrees.
 
-import package::shared::camera::{Pinhole, Seen, seen_by_cube, seen_by_pinhole};
+import package::shared::camera::{Pinhole, Seen, in_pinhole, seen_by_cube, seen_by_pinhole};
 import package::shared::shading::Lighting;
 
 // A sample as the pixels of one view look it up.
@@ -87,12 +87,16 @@ struct Fetch {
     inside: bool,
 }
 
+fn pinhole_of(s: ViewSample) -> Pinhole {
+    return Pinhole(s.u_from_world, s.v_from_world, s.w_from_world);
+}
+
 // Where a sample has the direction d.
 fn seen_by_sample(s: ViewSample, d: vec3f, omni: bool) -> Seen {
     if omni {
         return seen_by_cube(f32(textureDimensions(inverse_range).y) * 0.5, d);
     }
-    return seen_by_pinhole(Pinhole(s.u_from_world, s.v_from_world, s.w_from_world), d);
+    return seen_by_pinhole(in_pinhole(pinhole_of(s), d));
 }
 
 // Looks the point at inverse depth q (1/metres, along the view's axis) in direction d up in a sample.
@@ -161,20 +165,36 @@ fn is_better(next: Fetch, so_far: Fetch) -> bool {
     return (next.inside && !so_far.inside) || (next.agreement > so_far.agreement && so_far.agreement < SETTLED);
 }
 
-// What a sample says of a point at depth t in direction d.
-struct Opinion {
+// What a sample says of points on a view ray: a bit for each.
+struct Opinions {
     // It looks there.
-    seen: bool,
+    seen: u32,
     // It looks past it.
-    clear: bool,
+    clear: u32,
 }
 
-fn opinion_of(s: ViewSample, d: vec3f, t: f32, omni: bool) -> Opinion {
-    let ray = d * t + s.eye_from_center;
-    let seen = seen_by_sample(s, ray, omni);
-    let stored = textureSampleLevel(inverse_range, nearest, seen.uv, s.layer, 0.0).x;
-    // In squares: no root. Sky, stored as 0, is beyond every point.
-    return Opinion(seen.inside, seen.inside && stored * stored * dot(ray, ray) < 1.0);
+const POINTS: u32 = 8u;
+
+// A sample's opinions of the POINTS points at depths start + step, start + 2 step, ... in direction d. So many at once that
+// what depends on the sample alone is worked out once for them.
+fn opinions_of(s: ViewSample, d: vec3f, start: f32, step: f32, omni: bool) -> Opinions {
+    let first = in_pinhole(pinhole_of(s), s.eye_from_center);
+    let along = in_pinhole(pinhole_of(s), d);
+    var all = Opinions(0u, 0u);
+    for (var k = 0u; k < POINTS; k++) {
+        let t = start + step * f32(k + 1u);
+        let ray = d * t + s.eye_from_center;
+        var seen = seen_by_pinhole(first + along * t);
+        if omni {
+            seen = seen_by_sample(s, ray, true);
+        }
+        let stored = textureSampleLevel(inverse_range, nearest, seen.uv, s.layer, 0.0).x;
+        // In squares: no root. Sky, stored as 0, is beyond every point.
+        let clear = stored * stored * dot(ray, ray) < 1.0;
+        all.seen |= select(0u, 1u << k, seen.inside);
+        all.clear |= select(0u, 1u << k, seen.inside && clear);
+    }
+    return all;
 }
 
 // Depths at which a direction enters and leaves the scene's bounds, the entry at least 0; entry >= exit where it

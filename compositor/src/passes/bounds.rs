@@ -29,8 +29,11 @@ impl BoundsPass {
         samples: &[(&Pool, u32, Vec<Face>)],
     ) -> Result<Vec<Vec<FaceTiles>>, RenderError> {
         let tiles_of = |face: &Face| face.size.map(|side| side.div_ceil(TILE));
-        let count: u32 =
-            samples.iter().flat_map(|(_, _, faces)| faces).map(|face| tiles_of(face).iter().product::<u32>()).sum();
+        let count: u32 = samples
+            .iter()
+            .flat_map(|(_, _, faces)| faces)
+            .map(|face| tiles_of(face).iter().product::<u32>())
+            .sum();
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let tiles = gpu.buffer("tile bounds", u64::from(count) * 8, usage);
         let mut commands = gpu.commands("hold samples");

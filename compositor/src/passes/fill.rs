@@ -22,11 +22,17 @@ impl FillPass {
         depths: &wgpu::Buffer,
     ) {
         let [x, y, _] = self.pipeline.workgroup_size();
-        commands.compute("fill cells", &self.pipeline).read("cells", cells).write("depths", depths).each(|pass| {
-            for call in calls {
-                pass.set_immediates(0, bytemuck::bytes_of(call));
-                pass.dispatch_workgroups((call.columns as u32).div_ceil(x), (call.rows as u32).div_ceil(y), 1);
-            }
-        });
+        commands.compute("fill cells", &self.pipeline).read("cells", cells).write("depths", depths).each(
+            |pass| {
+                for call in calls {
+                    pass.set_immediates(0, bytemuck::bytes_of(call));
+                    pass.dispatch_workgroups(
+                        (call.columns as u32).div_ceil(x),
+                        (call.rows as u32).div_ceil(y),
+                        1,
+                    );
+                }
+            },
+        );
     }
 }

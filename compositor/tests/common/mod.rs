@@ -281,7 +281,12 @@ pub(crate) fn id(index: u64) -> SampleId {
 }
 
 /// A set of a subject's samples, ids counting from 0.
-pub(crate) fn sample_set(subject: &dyn Subject, cameras: &[SampleCamera], glossy: bool, side: u32) -> SampleSet {
+pub(crate) fn sample_set(
+    subject: &dyn Subject,
+    cameras: &[SampleCamera],
+    glossy: bool,
+    side: u32,
+) -> SampleSet {
     let info = SampleSetInfo {
         scene: SceneHash([7; 32]),
         bounds: subject.bounds(),
@@ -290,8 +295,11 @@ pub(crate) fn sample_set(subject: &dyn Subject, cameras: &[SampleCamera], glossy
         generation: 1,
         lighting: subject.lighting(),
     };
-    let samples =
-        cameras.iter().enumerate().map(|(i, &camera)| take(subject, camera, id(i as u64), glossy, side)).collect();
+    let samples = cameras
+        .iter()
+        .enumerate()
+        .map(|(i, &camera)| take(subject, camera, id(i as u64), glossy, side))
+        .collect();
     SampleSet { info: Arc::new(info), samples }
 }
 
@@ -359,7 +367,12 @@ pub(crate) fn judge(subject: &dyn Subject, job: &ViewJob, frame: &Frame, toleran
             continue;
         }
         assert_eq!(mask[i], 0);
-        assert_eq!(source[i] == 0, got == f32::INFINITY, "a resolved pixel is sky or has a source: {i} {} {got}", source[i]);
+        assert_eq!(
+            source[i] == 0,
+            got == f32::INFINITY,
+            "a resolved pixel is sky or has a source: {i} {} {got}",
+            source[i]
+        );
         sky += f64::from(u8::from(source[i] == 0));
         let truth = subject.see(job.camera.eye, direction).map(|(range, _)| range);
         let good = match truth {
@@ -374,5 +387,10 @@ pub(crate) fn judge(subject: &dyn Subject, job: &ViewJob, frame: &Frame, toleran
     }
     let resolved = (pixels as f64 - unresolved).max(1.0);
     let pixels = pixels as f64;
-    Judged { bad_range: bad / resolved, color: difference / resolved, unresolved: unresolved / pixels, sky: sky / pixels }
+    Judged {
+        bad_range: bad / resolved,
+        color: difference / resolved,
+        unresolved: unresolved / pixels,
+        sky: sky / pixels,
+    }
 }
