@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use anyhow::Context;
 use argus_cluster::coordinator::{Config, serve};
-use argus_cluster::core;
+use argus_cluster::{SceneSource, core};
+use argus_scene::Camera;
 use serde::Serialize;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
@@ -105,7 +106,11 @@ impl Service {
         }
         println!("serving {scene} at {url}");
         println!("try:  argus status --server {url}");
-        println!("      argus view --server {url} --out view.png");
+        let Camera { eye, target, fov_deg, .. } = ready.source.scene().default_camera();
+        println!(
+            "      argus view --server {url} --eye {:.5},{:.5},{:.5} --target {:.5},{:.5},{:.5} --fov-deg {fov_deg:.3} --out view.png",
+            eye.x, eye.y, eye.z, target.x, target.y, target.z
+        );
         Ok(())
     }
 }
