@@ -12,7 +12,7 @@ use argus_scene::{
 };
 use argus_shaders::layout::compositor::{Fill, ViewUniform};
 
-use crate::drawing::{Draw, FINE, RANGE, SHOWN, Shared, Variant};
+use crate::drawing::{Draw, FINE, RANGE, SHOWN, Shared, Splatted, Variant};
 use crate::frames::Assembly;
 use crate::holdings::Holdings;
 use crate::knobs::CompositorKnobs;
@@ -53,10 +53,8 @@ struct ChunkData {
     views: wgpu::Buffer,
     lights: wgpu::Buffer,
     blocks: wgpu::Buffer,
-    cells: wgpu::Buffer,
+    splatted: Splatted,
     cell_bytes: u64,
-    depths: wgpu::Buffer,
-    unsettled: wgpu::Buffer,
     splats: Vec<SplatCall>,
     fills: Vec<Fill>,
     /// By search (whether it is the splat) and pipeline: indices into the chunk's pieces.
@@ -208,11 +206,11 @@ impl GpuCompositor {
         let pool = self.holdings.pool(chunk.pieces.first().map_or(0, |piece| views[piece.view].pool))?;
         if !data.fills.is_empty() {
             // Cells that no texel reaches stay 0: infinitely far.
-            commands.encoder().clear_buffer(&data.cells, 0, Some(data.cell_bytes));
-            commands.encoder().clear_buffer(&data.unsettled, 0, Some(4 * chunk.pieces.len() as u64));
+            commands.encoder().clear_buffer(&data.splatted.cells, 0, Some(data.cell_bytes));
+            commands.encoder().clear_buffer(&data.splatted.unsettled, 0, Some(4 * chunk.pieces.len() as u64));
             let inverse_range = pool.view(PlaneKind::InverseRange)?;
-            self.splat.record(&mut commands, &data.splats, inverse_range, &data.blocks, &data.cells);
-            self.fill.record(&mut commands, &data.fills, &data.cells, &data.depths);
+            self.splat.record(&mut commands, &data.splats, inverse_range, &data.blocks, &data.splatted.cells);
+            self.fill.record(&mut commands, &data.fills, &data.splatted.cells, &data.splatted.depths);
         }
         let mut shared = Shared {
             pool,
@@ -226,7 +224,7 @@ impl GpuCompositor {
                 .iter()
                 .map(|&i| Draw { piece: chunk.pieces[i], view: part(&data.views, i, VIEW_STRIDE) })
                 .collect();
-            shared.splatted = splat.then_some([&data.depths, &data.unsettled]);
+            shared.splatted = splat.then_some(&data.splatted);
             if splat {
                 self.warp.record(&self.gpu, &mut commands, variant, &shared, &draws, drawn)?;
             } else {
@@ -234,11 +232,11 @@ impl GpuCompositor {
             }
         }
         for (&(_, variant), pieces) in data.draws.iter().filter(|((splat, _), _)| *splat) {
-            shared.splatted = Some([&data.depths, &data.unsettled]);
+            shared.splatted = Some(&data.splatted);
             let views: Vec<_> = pieces.iter().map(|&i| part(&data.views, i, VIEW_STRIDE)).collect();
             // What is written to a range that is not there is dropped: one pipeline does.
             let variant = Variant { range: true, ..variant };
-            self.mend.record(&self.gpu, &mut commands, variant, &shared, &data.cells, &views, drawn)?;
+            self.mend.record(&self.gpu, &mut commands, variant, &shared, &views, drawn)?;
         }
         if let Some([color, depth]) = &fine {
             let exposure =
@@ -306,10 +304,12 @@ impl GpuCompositor {
         let cell_bytes = u64::from(first.cell) * 8;
         let mut scratch =
             |label, bytes: u64| self.targets.buffer(&self.gpu, label, bytes, BufferUsages::STORAGE);
-        let cells = scratch("cells", cell_bytes);
-        let depths = scratch("depths", cell_bytes / 2);
-        let unsettled = scratch("unsettled", u64::from(first.unsettled) * 4);
-        ChunkData { views, lights, blocks, cells, cell_bytes, depths, unsettled, splats, fills, draws }
+        let splatted = Splatted {
+            cells: scratch("cells", cell_bytes),
+            depths: scratch("depths", cell_bytes / 2),
+            unsettled: scratch("unsettled", u64::from(first.unsettled) * 4),
+        };
+        ChunkData { views, lights, blocks, splatted, cell_bytes, splats, fills, draws }
     }
 }
 

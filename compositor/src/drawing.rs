@@ -60,8 +60,19 @@ pub(crate) struct Shared<'a> {
     pub(crate) bilinear: &'a wgpu::Sampler,
     /// Lights of every view, relative to its eye.
     pub(crate) lights: &'a wgpu::Buffer,
-    /// Splatted depths, and the list of pixels that they do not settle; the warp's alone.
-    pub(crate) splatted: Option<[&'a wgpu::Buffer; 2]>,
+    /// What the splat left: its search's alone.
+    pub(crate) splatted: Option<&'a Splatted>,
+}
+
+/// Buffers that the passes of the splat hand to each other.
+#[derive(Debug)]
+pub(crate) struct Splatted {
+    /// The nearest texel of each cell.
+    pub(crate) cells: wgpu::Buffer,
+    /// The same with gaps closed.
+    pub(crate) depths: wgpu::Buffer,
+    /// Pixels that one sample at that depth did not settle.
+    pub(crate) unsettled: wgpu::Buffer,
 }
 
 /// One piece and its uniforms.
@@ -122,8 +133,8 @@ pub(crate) fn draw_pieces(
                 .read("specular_plane", shared.pool.view(PlaneKind::Specular)?)
                 .read("lights", shared.lights);
         }
-        if let Some([depths, unsettled]) = shared.splatted {
-            call = call.read("depths", depths).write("unsettled", unsettled);
+        if let Some(splatted) = shared.splatted {
+            call = call.read("depths", &splatted.depths).write("unsettled", &splatted.unsettled);
         }
         call.vertices(0..3, 0..1);
     }

@@ -13,18 +13,18 @@ use crate::targets::Target;
 pub(crate) struct MendPass(BTreeMap<Variant, ComputePipeline>);
 
 impl MendPass {
-    /// `cells` are the cells as they were splatted, `views` the uniforms of each piece.
+    /// `views` are the uniforms of each piece.
+    #[expect(clippy::too_many_arguments, reason = "what a pass reads and writes is named one by one")]
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
         variant: Variant,
         shared: &Shared<'_>,
-        cells: &wgpu::Buffer,
         views: &[wgpu::BufferBinding<'_>],
         [color, range]: [&Target; 2],
     ) -> Result<(), RenderError> {
-        let Some([depths, unsettled]) = shared.splatted else { return Ok(()) };
+        let Some(splatted) = shared.splatted else { return Ok(()) };
         let pipeline = self.0.entry(variant).or_insert_with(|| {
             gpu.compute_pipeline(&argus_shaders::compositor::MEND, &variant.entry_point())
         });
@@ -39,9 +39,9 @@ impl MendPass {
                 .read("radiance", shared.pool.view(PlaneKind::Radiance)?)
                 .read("nearest", shared.nearest)
                 .read("bilinear", shared.bilinear)
-                .read("depths", depths)
-                .read("unsettled", unsettled)
-                .read("cells", cells)
+                .read("depths", &splatted.depths)
+                .read("unsettled", &splatted.unsettled)
+                .read("cells", &splatted.cells)
                 .write(if variant.fine { "linear_target" } else { "shown_target" }, &color.view)
                 .write("range_target", &range.view);
             if variant.glossy {
