@@ -14,7 +14,6 @@ pub(crate) struct MendPass(BTreeMap<Variant, ComputePipeline>);
 
 impl MendPass {
     /// `views` are the uniforms of each piece.
-    #[expect(clippy::too_many_arguments, reason = "what a pass reads and writes is named one by one")]
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
