@@ -96,6 +96,7 @@ impl Plan {
             steps: self.steps,
             supersampling: self.supersampling,
             samples: self.samples,
+            ..PlanRequest::default()
         }
     }
 }
@@ -110,20 +111,14 @@ fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
 }
 
 fn search() -> impl TypedValueParser<Value = Search> {
-    PossibleValuesParser::new(["splat", "linear"]).map(|name| match name.as_str() {
-        "linear" => Search::Linear,
-        _ => Search::Splat,
-    })
+    PossibleValuesParser::new(Search::ALL.map(Search::name))
+        .map(|name| Search::ALL.into_iter().find(|s| s.name() == name).unwrap_or_default())
 }
 
 /// Parses the name of one image of a frame.
 pub(crate) fn output() -> impl TypedValueParser<Value = Output> {
-    PossibleValuesParser::new(["color", "range", "mask", "source"]).map(|name| match name.as_str() {
-        "range" => Output::Range,
-        "mask" => Output::Mask,
-        "source" => Output::Source,
-        _ => Output::Color,
-    })
+    PossibleValuesParser::new(Output::ALL.map(Output::name))
+        .map(|name| Output::ALL.into_iter().find(|o| o.name() == name).unwrap_or(Output::Color))
 }
 
 /// Parses `X,Y,Z`. Numbers that are not finite pass: the service says which field is at fault.

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use argus_client::{Answer, Client, RenderOptions};
-use argus_scene::{Camera, Frame, Output, Outputs, Plan, Search, View};
+use argus_scene::{Camera, Frame, Output, Outputs, Plan, View};
 use glam::DVec3;
 use serde::Serialize;
 
@@ -94,13 +94,7 @@ impl Report {
         let Answer { frame, meta, latency, attempts } = answer;
         let (search, samples) = match &frame.provenance.plan {
             Plan::Direct { .. } => ("direct", Vec::new()),
-            Plan::Warp { search, samples, .. } => {
-                let name = match search {
-                    Search::Splat => "splat",
-                    Search::Linear => "linear",
-                };
-                (name, samples.iter().map(ToString::to_string).collect())
-            }
+            Plan::Warp(warp) => (warp.search.name(), warp.samples.iter().map(ToString::to_string).collect()),
         };
         let mut stages_ms = BTreeMap::new();
         for stage in &frame.stages {
@@ -159,16 +153,12 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
 /// Writes the one image that was asked for.
 fn write(path: &Path, output: Output, frame: &Frame) -> anyhow::Result<()> {
     let (width, height) = (frame.width, frame.height);
-    let image = match output {
-        Output::Color => &frame.color,
-        Output::Range => &frame.range,
-        Output::Mask => &frame.mask,
-        Output::Source => &frame.source,
-    };
-    let image = image.as_ref().context("the frame lacks the image that was asked for")?;
+    let image = frame.image(output).context("the frame lacks the image that was asked for")?;
     match output {
         Output::Color => output::write_rgb_png(path, width, height, image),
         Output::Range => output::write_range_exr(path, width, height, image),
-        Output::Mask | Output::Source => output::write_gray_png(path, width, height, image),
+        Output::Mask | Output::Source | Output::Confidence => {
+            output::write_gray_png(path, width, height, image)
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use argus_proto::WireError;
 use argus_proto::chunks::{FrameAssembler, FrameMeta};
 use argus_proto::v1::{Encoding, RenderRequest};
-use argus_scene::{Frame, InvalidField, Limits, Outputs, View};
+use argus_scene::{Frame, InvalidField, Limits, Output, Outputs, View};
 use tokio::time::{Instant, sleep, timeout_at};
 
 use crate::retry::Backoff;
@@ -117,12 +117,8 @@ impl Client {
 
 /// Whether a frame has the size and the images that a view asked for.
 pub(crate) fn answers(frame: &Frame, view: &View) -> Result<(), WireError> {
-    let came = Outputs {
-        color: frame.color.is_some(),
-        range: frame.range.is_some(),
-        mask: frame.mask.is_some(),
-        source: frame.source.is_some(),
-    };
+    let held = Output::ALL.into_iter().filter(|&output| frame.image(output).is_some());
+    let came = held.fold(Outputs::default(), Outputs::with);
     if (frame.width, frame.height) != (view.width, view.height) {
         let reason = format!("is {} × {} pixels", frame.width, frame.height);
         return Err(InvalidField::new("frame.width", reason).into());

@@ -239,7 +239,9 @@ async fn outputs_and_plans_of_every_kind_are_answered() {
     let plan = PlanRequest { search: Some(argus_scene::Search::Linear), ..plan };
     let (frame, _) = cluster.render(&View { outputs, plan, ..view(1) }).await.unwrap();
     assert!(frame.color.is_some() && frame.range.is_some() && frame.mask.is_none());
-    let argus_scene::Plan::Warp { search, steps, supersampling, samples } = frame.provenance.plan else {
+    let argus_scene::Plan::Warp(argus_scene::Warp { search, steps, supersampling, samples, .. }) =
+        frame.provenance.plan
+    else {
         panic!("a warp")
     };
     assert_eq!((search, steps, supersampling), (argus_scene::Search::Linear, 16, 2));

@@ -1,6 +1,6 @@
 //! Frames in the making: pieces come back from the device and are put together.
 
-use argus_scene::{Frame, Outputs, Provenance, Stage};
+use argus_scene::{Frame, Outputs, Provenance, Served, Stage};
 use bytes::Bytes;
 
 use crate::layout::{Chunk, Piece};
@@ -79,6 +79,9 @@ impl Assembly {
             range: self.range.map(Bytes::from),
             mask: self.mask.map(Bytes::from),
             source: self.source.map(Bytes::from),
+            confidence: None,
+            served: Served::default(),
+            predicted: None,
             unresolved_fraction: self.unresolved as f64 / pixels.max(1) as f64,
             provenance,
             stages,

@@ -1,6 +1,6 @@
 //! Which passes views call for, and why.
 
-use argus_scene::{Outputs, Plan, Search};
+use argus_scene::{Outputs, Plan, Search, Warp};
 
 /// Whether one piece of work runs for a view.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -15,7 +15,7 @@ pub struct PassPlan {
 
 /// The passes for one view.
 pub(crate) fn plan(plan: &Plan, outputs: Outputs, glossy: bool, splatting: usize) -> Vec<PassPlan> {
-    let Plan::Warp { search, supersampling, samples, steps } = plan else {
+    let Plan::Warp(Warp { search, supersampling, samples, steps, .. }) = plan else {
         let why =
             "the plan is direct: it is rendered from triangles, which a compositor never has".to_owned();
         return vec![PassPlan { name: "warp views", on: false, why }];

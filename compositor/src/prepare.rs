@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_scene::camera::Face;
-use argus_scene::{InvalidField, Plan, RenderError, Search, ViewJob};
+use argus_scene::{InvalidField, Plan, RenderError, Search, ViewJob, Warp};
 use argus_shaders::layout::compositor::{Fill, MAX_SAMPLES, Splat, ViewSample, ViewUniform};
 use bytemuck::Zeroable;
 use glam::DVec2;
@@ -53,7 +53,7 @@ impl PreparedView {
         holdings: &Holdings,
         splatting: usize,
     ) -> Result<Self, RenderError> {
-        let Plan::Warp { search, steps, supersampling, samples } = &job.plan else {
+        let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) = &job.plan else {
             return Err(InvalidField::new("plan", "a compositor has no triangles to render directly").into());
         };
         let within = |field, value: usize, most: usize| match (1..=most).contains(&value) {

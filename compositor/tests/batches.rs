@@ -5,7 +5,7 @@ mod common;
 use argus_compositor::{CompositorKnobs, GpuCompositor};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Outputs, Plan, PlaneData, PlaneKind, RenderError, Sample,
-    SampleCamera, SampleSet, Search, ViewJob,
+    SampleCamera, SampleSet, Search, ViewJob, Warp,
 };
 use bytes::Bytes;
 use common::*;
@@ -29,7 +29,7 @@ fn motley(set: &SampleSet) -> Vec<ViewJob> {
             let size = [20 + i * 3 % 61, 10 + i * 7 % 53];
             let search = if i % 5 == 1 { Search::Linear } else { Search::Splat };
             let mut view = job(set, Camera::look_at(eye, DVec3::ZERO), size, search);
-            if let Plan::Warp { steps, supersampling, samples, .. } = &mut view.plan {
+            if let Plan::Warp(Warp { steps, supersampling, samples, .. }) = &mut view.plan {
                 *steps = 16 + i;
                 *supersampling = 1 + u32::from(i % 6 == 2) + u32::from(i % 12 == 2);
                 samples.truncate(1 + i as usize % 4);
@@ -82,8 +82,8 @@ fn a_large_view_in_pieces_is_the_same_as_in_one() {
         for supersampling in [1, 3] {
             let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO);
             let mut view = job(&set, camera, [203, 97], search);
-            if let Plan::Warp { supersampling: side, .. } = &mut view.plan {
-                *side = supersampling;
+            if let Plan::Warp(warp) = &mut view.plan {
+                warp.supersampling = supersampling;
             }
             let (a, b) = (compose_one(&mut whole, &view).unwrap(), compose_one(&mut parts, &view).unwrap());
             assert!(bytes_of(&a) == bytes_of(&b), "{search:?} ×{supersampling} shows its pieces");
@@ -109,7 +109,7 @@ fn a_missing_sample_fails_its_view_alone() {
     let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO);
     let good = job(&set, camera, [30, 20], Search::Splat);
     let mut bad = good.clone();
-    bad.plan = Plan::Warp { search: Search::Splat, steps: 64, supersampling: 1, samples: vec![id(0), id(9)] };
+    bad.plan = Plan::Warp(Warp { samples: vec![id(0), id(9)], ..Warp::default() });
     let frames = compositor.compose(&[good.clone(), bad, good.clone()], &Cancel::new());
     assert!(matches!(frames[1], Err(RenderError::MissingSample(missing)) if missing == id(9)));
     assert_eq!(bytes_of(frames[0].as_ref().unwrap()), bytes_of(frames[2].as_ref().unwrap()));
@@ -130,8 +130,9 @@ fn plans_that_no_compositor_can_follow_are_refused_by_field() {
         Err(RenderError::Invalid(invalid)) => invalid.field,
         other => panic!("{other:?}"),
     };
-    let warp =
-        |steps, supersampling, samples| Plan::Warp { search: Search::Linear, steps, supersampling, samples };
+    let warp = |steps, supersampling, samples| {
+        Plan::Warp(Warp { search: Search::Linear, steps, supersampling, samples, ..Warp::default() })
+    };
     assert_eq!(field(Plan::Direct { samples_per_pixel: 1 }), "plan");
     assert_eq!(field(warp(64, 1, vec![])), "plan.samples");
     assert_eq!(field(warp(64, 1, vec![id(0); 9])), "plan.samples");

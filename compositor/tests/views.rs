@@ -2,7 +2,7 @@
 
 mod common;
 
-use argus_scene::{Camera, Cancel, Compositor as _, Outputs, Plan, SampleCamera, Search, ViewJob};
+use argus_scene::{Camera, Cancel, Compositor as _, Output, Outputs, Plan, SampleCamera, Search, ViewJob};
 use common::*;
 use glam::DVec3;
 
@@ -191,8 +191,8 @@ fn sub_pixels_are_averaged_in_linear_radiance() {
     for search in SEARCHES {
         let mut view = job(&set, camera, [100, 75], search);
         let coarse = compose_one(&mut compositor, &view).unwrap();
-        let Plan::Warp { supersampling, .. } = &mut view.plan else { panic!() };
-        *supersampling = 3;
+        let Plan::Warp(warp) = &mut view.plan else { panic!() };
+        warp.supersampling = 3;
         let fine = compose_one(&mut compositor, &view).unwrap();
         assert_eq!((fine.width, fine.height), (100, 75));
         let (a, b) = (judge(&garden, &view, &coarse, 0.03), judge(&garden, &view, &fine, 0.03));
@@ -210,19 +210,13 @@ fn only_what_is_asked_for_is_answered() {
     let mut compositor = compositor(&set);
     let whole = job(&set, Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO), [50, 40], Search::Splat);
     let all = compose_one(&mut compositor, &whole).unwrap();
-    for output in [
-        argus_scene::Output::Color,
-        argus_scene::Output::Range,
-        argus_scene::Output::Mask,
-        argus_scene::Output::Source,
-    ] {
+    let named = [Output::Color, Output::Range, Output::Mask, Output::Source];
+    for output in named {
         let job = ViewJob { outputs: Outputs::only(output), ..whole.clone() };
         let frame = compose_one(&mut compositor, &job).unwrap();
-        let Outputs { color, range, mask, source } = job.outputs;
-        assert_eq!(frame.color, all.color.clone().filter(|_| color));
-        assert_eq!(frame.range, all.range.clone().filter(|_| range));
-        assert_eq!(frame.mask, all.mask.clone().filter(|_| mask));
-        assert_eq!(frame.source, all.source.clone().filter(|_| source));
+        for other in named {
+            assert_eq!(frame.image(other), all.image(other).filter(|_| other == output));
+        }
         assert_eq!(frame.unresolved_fraction, all.unresolved_fraction);
     }
 }

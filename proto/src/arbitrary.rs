@@ -2,9 +2,9 @@
 
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Effect, Frame, Light, Lighting, Limits, OmniLayout, Output, Outputs, Plan, PlanRequest,
-    Plane, PlaneData, PlaneFormat, PlaneKind, Provenance, Rig, Sample, SampleCamera, SampleId, SampleSetInfo,
-    SceneHash, Search, Sky, Stage, View,
+    Bounds, Camera, Effect, Frame, Holes, Light, Lighting, Limits, OmniLayout, Output, Outputs, Plan,
+    PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, Prediction, Preset, Provenance, Rig, Sample,
+    SampleCamera, SampleId, SampleSetInfo, SceneHash, Search, Served, Sky, Stage, View, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -126,41 +126,65 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
 }
 
 pub(crate) fn outputs() -> impl Strategy<Value = Outputs> {
-    any::<[bool; 4]>().prop_map(|[color, range, mask, source]| Outputs { color, range, mask, source })
+    prop::sample::subsequence(Output::ALL.to_vec(), 0..=Output::ALL.len())
+        .prop_map(|members| members.into_iter().fold(Outputs::default(), Outputs::with))
 }
 
 pub(crate) fn output() -> impl Strategy<Value = Output> {
-    prop::sample::select(vec![Output::Color, Output::Range, Output::Mask, Output::Source])
+    prop::sample::select(Output::ALL.to_vec())
 }
 
 fn search() -> impl Strategy<Value = Search> {
-    prop::sample::select(vec![Search::Splat, Search::Linear])
+    prop::sample::select(Search::ALL.to_vec())
+}
+
+fn holes() -> impl Strategy<Value = Holes> {
+    prop::sample::select(vec![Holes::Mark, Holes::Trace])
+}
+
+fn preset() -> impl Strategy<Value = Preset> {
+    prop::sample::select(vec![Preset::Interactive, Preset::Balanced, Preset::Exact])
 }
 
 pub(crate) fn plan_request() -> impl Strategy<Value = PlanRequest> {
     let number = || option::of(any::<u32>());
-    (any::<bool>(), option::of(search()), number(), number(), number()).prop_map(
-        |(direct, search, steps, supersampling, samples)| PlanRequest {
-            direct,
-            search,
-            steps,
-            supersampling,
-            samples,
-        },
+    let real = || option::of(any::<f64>().prop_filter("comparable", |x| !x.is_nan()));
+    (
+        (any::<bool>(), option::of(search()), number(), number(), number()),
+        (option::of(holes()), option::of(preset()), real(), real(), any::<bool>()),
     )
+        .prop_map(
+            |(
+                (direct, search, steps, supersampling, samples),
+                (holes, preset, max_error, deadline_ms, history),
+            )| PlanRequest {
+                direct,
+                search,
+                steps,
+                supersampling,
+                samples,
+                holes,
+                preset,
+                max_error,
+                deadline_ms,
+                history,
+            },
+        )
 }
 
 pub(crate) fn sample_id() -> impl Strategy<Value = SampleId> {
-    any::<(u64, u64)>().prop_map(|(generation, index)| SampleId { generation, index })
+    any::<(u64, u64, u64)>().prop_map(|(epoch, generation, index)| SampleId { epoch, generation, index })
 }
 
 pub(crate) fn plan() -> impl Strategy<Value = Plan> {
     let samples = prop::collection::vec(sample_id(), 1..=8);
     prop_oneof![
         (1..=16u32).prop_map(|side| Plan::Direct { samples_per_pixel: side * side }),
-        (search(), 1..=4096u32, 1..=8u32, samples).prop_map(|(search, steps, supersampling, samples)| {
-            Plan::Warp { search, steps, supersampling, samples }
-        }),
+        (search(), 1..=4096u32, 1..=8u32, samples, holes(), any::<bool>()).prop_map(
+            |(search, steps, supersampling, samples, holes, history)| {
+                Plan::Warp(Warp { search, steps, supersampling, samples, holes, history })
+            }
+        ),
     ]
 }
 
@@ -230,9 +254,16 @@ fn image(outputs: bool, bytes: usize, seed: u64) -> Option<Bytes> {
 }
 
 pub(crate) fn frame() -> impl Strategy<Value = Frame> {
-    let wanted = outputs().prop_filter("something", |o| o.color || o.range || o.mask || o.source);
-    (1..70u32, 1..50u32, wanted, 0.0..=1.0f64, provenance(), stages(), any::<u64>()).prop_map(
-        |(width, height, outputs, unresolved_fraction, provenance, stages, seed)| {
+    let wanted = outputs().prop_filter("something", |o| *o != Outputs::default());
+    let predicted =
+        option::of((0.0..=1.0f64, 0.0..1e5f64)).prop_map(|p| p.map(|(error, ms)| Prediction { error, ms }));
+    let served = any::<[u32; 4]>().prop_map(|counts| {
+        let [warped, other_sample, traced, unresolved] = counts.map(u64::from);
+        Served { warped, other_sample, traced, unresolved }
+    });
+    let sure = (0.0..=1.0f64, served, predicted);
+    (1..70u32, 1..50u32, wanted, sure, provenance(), stages(), any::<u64>()).prop_map(
+        |(width, height, outputs, (unresolved_fraction, served, predicted), provenance, stages, seed)| {
             let pixels = (width * height) as usize;
             Frame {
                 width,
@@ -241,7 +272,10 @@ pub(crate) fn frame() -> impl Strategy<Value = Frame> {
                 range: image(outputs.range, 4 * pixels, seed),
                 mask: image(outputs.mask, pixels, seed),
                 source: image(outputs.source, pixels, seed),
+                confidence: image(outputs.confidence, pixels, seed),
                 unresolved_fraction,
+                served,
+                predicted,
                 provenance,
                 stages,
             }
@@ -279,7 +313,7 @@ pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
                 planes.push(plane(PlaneKind::Normal, PlaneFormat::Rg16Snorm));
                 planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
             }
-            let id = SampleId { generation: info.generation, index };
+            let id = SampleId { epoch: info.epoch, generation: info.generation, index };
             (info, Sample { id, camera, planes, stages })
         },
     )

@@ -62,7 +62,7 @@ impl From<Output> for Layout {
         match output {
             Output::Color => Self::Rgb8,
             Output::Range => Self::R32,
-            Output::Mask | Output::Source => Self::R8,
+            Output::Mask | Output::Source | Output::Confidence => Self::R8,
         }
     }
 }

@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn what_a_repetition_may_cure_is_unavailable_and_nothing_else_is() {
-        let id = argus_scene::SampleId { generation: 1, index: 2 };
+        let id = argus_scene::SampleId { epoch: 0, generation: 1, index: 2 };
         for fault in [
             Fault::from(RenderError::MissingSample(id)),
             Fault::from(RenderError::DeviceLost("reset".to_owned())),

@@ -1,7 +1,7 @@
 //! Frames of direct views, put together from tiles.
 
 use argus_gpu::{Commands, GpuError, Ticket};
-use argus_scene::{Frame, InvalidField, Outputs, Plan, Provenance, Scene, Stage, ViewJob};
+use argus_scene::{Frame, InvalidField, Outputs, Plan, Provenance, Scene, Served, Stage, ViewJob};
 use bytes::Bytes;
 
 use crate::tile::Tile;
@@ -92,19 +92,20 @@ pub(crate) fn frame(
     parts: ViewParts,
     stages: Vec<Stage>,
 ) -> Frame {
-    let Outputs { mask, source, .. } = view.outputs;
-    let none = |wanted: bool| {
-        let pixels = view.width as usize * view.height as usize;
-        wanted.then(|| Bytes::from(vec![0; pixels]))
-    };
+    let Outputs { mask, source, confidence, .. } = view.outputs;
+    let pixels = view.width as usize * view.height as usize;
+    let all = |wanted: bool, value: u8| wanted.then(|| Bytes::from(vec![value; pixels]));
     Frame {
         width: view.width,
         height: view.height,
         color: parts.color,
         range: parts.range,
-        mask: none(mask),
-        source: none(source),
+        mask: all(mask, 0),
+        source: all(source, 0),
+        confidence: all(confidence, 255),
         unresolved_fraction: 0.0,
+        served: Served::default(),
+        predicted: None,
         provenance: Provenance {
             scene: scene.hash,
             epoch: view.epoch,

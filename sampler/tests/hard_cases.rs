@@ -9,8 +9,8 @@ use argus_scene::material::Wrap;
 use argus_scene::shading::sky_radiance;
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
-    Camera, Cancel, Light, Material, Mesh, Plan, PlaneKind, RenderError, Sampler, Scene, SceneHash, Search,
-    Texture, TextureRef,
+    Camera, Cancel, Light, Material, Mesh, Plan, PlaneKind, RenderError, Sampler, Scene, SceneHash, Texture,
+    TextureRef, Warp,
 };
 use common::*;
 use glam::{DAffine3, DVec2, DVec3, Vec2, Vec3, Vec4};
@@ -261,7 +261,7 @@ fn orders_that_cannot_be_honoured_say_which_field_is_at_fault() {
     let scene = Arc::new(empty_scene());
     let mut sampler = sampler(&scene);
     let camera = look(DVec3::ZERO, DVec3::X);
-    let warp = Plan::Warp { search: Search::Splat, steps: 0, supersampling: 1, samples: Vec::new() };
+    let warp = Plan::Warp(Warp::default());
     for (plan, field) in [
         (warp, "plan"),
         (Plan::Direct { samples_per_pixel: 2 }, "plan.samples_per_pixel"),

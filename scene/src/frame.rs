@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Plan, SceneHash};
+use crate::{Output, Plan, SceneHash};
 
 /// One timed step of the work.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,6 +36,28 @@ pub struct Provenance {
     pub device: String,
 }
 
+/// How many of a frame's pixels were served in which way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Served {
+    /// By the sample whose texel gave the pixel its depth, or by seeing past everything.
+    pub warped: u64,
+    /// By another of the plan's samples, after that one had not seen the pixel.
+    pub other_sample: u64,
+    /// By a sampler that traced the pixel's rays.
+    pub traced: u64,
+    /// By a guess.
+    pub unresolved: u64,
+}
+
+/// What is expected of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Prediction {
+    /// Mean FLIP against the reference, at 67 pixels a degree.
+    pub error: f64,
+    /// Milliseconds of rendering.
+    pub ms: f64,
+}
+
 /// The reply to a view. Images are tightly packed, row 0 at the top.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
@@ -47,14 +69,44 @@ pub struct Frame {
     pub color: Option<Bytes>,
     /// f32 little-endian, metres from the eye, +inf where there is nothing.
     pub range: Option<Bytes>,
-    /// A byte a pixel: 255 where no sample saw it.
+    /// A byte a pixel: 255 where no sample saw it and it is a guess, 128 where no sample saw it and it was traced.
     pub mask: Option<Bytes>,
     /// A byte a pixel: 1 + position of the sample in the plan's list, 0 for none.
     pub source: Option<Bytes>,
-    /// Fraction of pixels that no sample saw; 0 for a direct view.
+    /// A byte a pixel, see [`crate::Output::Confidence`].
+    pub confidence: Option<Bytes>,
+    /// Fraction of pixels that no sample saw and nothing else served: guesses. 0 for a direct view.
     pub unresolved_fraction: f64,
+    /// How many pixels were served in which way; all zero for a direct view.
+    pub served: Served,
+    /// What the service expected of this frame before it was rendered, where it had a model.
+    pub predicted: Option<Prediction>,
     /// What it was made of.
     pub provenance: Provenance,
     /// What it cost. A batch's cost is shared out evenly among its views.
     pub stages: Vec<Stage>,
+}
+
+impl Frame {
+    /// One of its images, if it holds it.
+    pub fn image(&self, output: Output) -> Option<&Bytes> {
+        match output {
+            Output::Color => self.color.as_ref(),
+            Output::Range => self.range.as_ref(),
+            Output::Mask => self.mask.as_ref(),
+            Output::Source => self.source.as_ref(),
+            Output::Confidence => self.confidence.as_ref(),
+        }
+    }
+
+    /// Where one of its images is kept.
+    pub fn image_mut(&mut self, output: Output) -> &mut Option<Bytes> {
+        match output {
+            Output::Color => &mut self.color,
+            Output::Range => &mut self.range,
+            Output::Mask => &mut self.mask,
+            Output::Source => &mut self.source,
+            Output::Confidence => &mut self.confidence,
+        }
+    }
 }

@@ -38,7 +38,7 @@ pub mod reference;
 
 pub use camera::{Camera, OmniLayout, SampleCamera};
 pub use error::{InvalidField, RenderError};
-pub use frame::{Frame, Provenance, Stage};
+pub use frame::{Frame, Prediction, Provenance, Served, Stage};
 pub use light::{Light, Lighting, Sky};
 #[cfg(feature = "loaders")]
 pub use load::LoadError;
@@ -46,7 +46,7 @@ pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
 pub use open::{is_procedural, open};
 pub use rig::{Rig, RigKnobs};
-pub use role::{Cancel, Compositor, SampleJob, Sampler, ViewJob};
+pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
 pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo};
 pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash, SharedScene};
-pub use view::{Limits, Output, Outputs, Plan, PlanRequest, Search, View};
+pub use view::{Holes, Limits, Output, Outputs, Plan, PlanRequest, Preset, Search, View, Warp};

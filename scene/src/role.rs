@@ -4,7 +4,12 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::{Camera, Frame, Outputs, Plan, RenderError, Sample, SampleId, SampleSet, SampleSetInfo};
+use bytes::Bytes;
+
+use crate::{
+    Camera, Frame, InvalidField, Outputs, Plan, RenderError, Sample, SampleId, SampleSet, SampleSetInfo,
+    Stage,
+};
 
 /// A flag that whoever waits for a result raises when it no longer does. Renders look at it between
 /// submissions, so a batch ends early rather than at once.
@@ -56,7 +61,35 @@ pub struct ViewJob {
     pub epoch: u64,
 }
 
-/// Renders from triangles: samples for others, and direct views.
+/// An order for some pixels of a view: those that no sample saw.
+#[derive(Debug, Clone)]
+pub struct PixelJob {
+    /// Viewpoint.
+    pub camera: Camera,
+    /// Pixels in a row of the whole view.
+    pub width: u32,
+    /// Rows of the whole view.
+    pub height: u32,
+    /// Which: row × width + column, ascending.
+    pub pixels: Vec<u32>,
+    /// Samples a pixel on a regular grid, a square number.
+    pub samples_per_pixel: u32,
+    /// Scene time.
+    pub epoch: u64,
+}
+
+/// Some pixels of a view, in the order that they were asked for in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pixels {
+    /// sRGB, 3 bytes a pixel.
+    pub color: Bytes,
+    /// f32 little-endian, metres from the eye along the pixel's central ray, +inf where there is nothing.
+    pub range: Bytes,
+    /// What it cost.
+    pub stages: Vec<Stage>,
+}
+
+/// Renders from triangles: samples for others, direct views, and pixels that no sample saw.
 pub trait Sampler: Send {
     /// Kind of device, as [`crate::Provenance::device`] has it.
     fn device(&self) -> &str;
@@ -66,6 +99,41 @@ pub trait Sampler: Send {
 
     /// Renders views whose plan is [`Plan::Direct`], one result each, in order.
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>>;
+
+    /// Renders some pixels of views, one result each, in order; byte for byte what [`Sampler::render_views`] has
+    /// there. A sampler that cannot follow single rays renders the whole view, as this does.
+    fn render_pixels(&mut self, jobs: &[PixelJob], cancel: &Cancel) -> Vec<Result<Pixels, RenderError>> {
+        let views: Vec<ViewJob> = jobs
+            .iter()
+            .map(|job| ViewJob {
+                camera: job.camera,
+                width: job.width,
+                height: job.height,
+                outputs: Outputs { range: true, ..Outputs::COLOR },
+                plan: Plan::Direct { samples_per_pixel: job.samples_per_pixel },
+                epoch: job.epoch,
+            })
+            .collect();
+        let frames = self.render_views(&views, cancel);
+        jobs.iter().zip(frames).map(|(job, frame)| pick_pixels(&job.pixels, &frame?)).collect()
+    }
+}
+
+/// Some pixels of a frame that holds colour and range.
+fn pick_pixels(pixels: &[u32], frame: &Frame) -> Result<Pixels, RenderError> {
+    let pick = |image: &Option<Bytes>, bytes: usize| -> Result<Bytes, RenderError> {
+        let image = image.as_deref().unwrap_or_default();
+        let mut picked = Vec::with_capacity(pixels.len() * bytes);
+        for &pixel in pixels {
+            let at = pixel as usize * bytes;
+            let texel = image
+                .get(at..at + bytes)
+                .ok_or_else(|| InvalidField::new("pixels", format!("the view has no pixel {pixel}")))?;
+            picked.extend_from_slice(texel);
+        }
+        Ok(picked.into())
+    };
+    Ok(Pixels { color: pick(&frame.color, 3)?, range: pick(&frame.range, 4)?, stages: frame.stages.clone() })
 }
 
 /// Reconstructs views from samples; never sees a triangle.

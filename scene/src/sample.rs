@@ -9,9 +9,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Bounds, Lighting, Rig, SampleCamera, SceneHash, Stage};
 
-/// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig.
+/// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig, `epoch` when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct SampleId {
+    /// Scene time that it shows.
+    pub epoch: u64,
     /// Placement that the rig belongs to; a new rig is a new generation.
     pub generation: u64,
     /// Argument of [`Rig::camera`].
@@ -20,7 +22,7 @@ pub struct SampleId {
 
 impl fmt::Display for SampleId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}/{}", self.generation, self.index)
+        write!(f, "{}/{}/{}", self.epoch, self.generation, self.index)
     }
 }
 

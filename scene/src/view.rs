@@ -14,6 +14,34 @@ pub enum Search {
     /// The cluster paper's (section 4.2): linear steps along the view ray until it is inside every
     /// camera's surface, then binary refinement; the most conservative surface wins.
     Linear,
+    /// Fixed-point iteration from the middle of the scene's bounds, each step to where the sample's ray ends;
+    /// linear steps where it does not settle.
+    FixedPoint,
+    /// A coarse splat gives the start, fixed-point steps refine it, a short linear search is the tail.
+    Seeded,
+    /// Exact: the ray is followed through a min/max pyramid of each sample's inverse range.
+    Pyramid,
+}
+
+impl Search {
+    /// All of them, in the order in which tables show them.
+    pub const ALL: [Self; 5] = [Self::Splat, Self::Linear, Self::FixedPoint, Self::Seeded, Self::Pyramid];
+
+    /// Its name on the command line and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Splat => "splat",
+            Self::Linear => "linear",
+            Self::FixedPoint => "fixed-point",
+            Self::Seeded => "seeded",
+            Self::Pyramid => "pyramid",
+        }
+    }
+
+    /// Whether [`Warp::steps`] means something to it.
+    pub fn takes_steps(self) -> bool {
+        matches!(self, Self::Linear | Self::FixedPoint | Self::Seeded)
+    }
 }
 
 /// One image a frame may hold.
@@ -28,10 +56,39 @@ pub enum Output {
     Mask,
     /// Which sample served the pixel: 1 + its position in the plan's list; 0 for none.
     Source,
+    /// How sure the pixel is. 0 where no sample saw it; else the low seven bits are 127 × (1 − residual), the
+    /// residual being the difference between the depth that was looked for and the sample's own, as a share of
+    /// the tolerance; the highest bit is set where a second sample has the same surface there.
+    Confidence,
+}
+
+impl Output {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Color, Self::Range, Self::Mask, Self::Source, Self::Confidence];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Color => "color",
+            Self::Range => "range",
+            Self::Mask => "mask",
+            Self::Source => "source",
+            Self::Confidence => "confidence",
+        }
+    }
+
+    /// Bytes of a pixel.
+    pub fn pixel_bytes(self) -> usize {
+        match self {
+            Self::Color => 3,
+            Self::Range => 4,
+            Self::Mask | Self::Source | Self::Confidence => 1,
+        }
+    }
 }
 
 /// A set of [`Output`]s.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 pub struct Outputs {
     /// sRGB colour.
     pub color: bool,
@@ -41,20 +98,39 @@ pub struct Outputs {
     pub mask: bool,
     /// Index of the sample that served each pixel.
     pub source: bool,
+    /// How sure each pixel is.
+    pub confidence: bool,
 }
 
 impl Outputs {
     /// Colour alone.
-    pub const COLOR: Self = Self { color: true, range: false, mask: false, source: false };
+    pub const COLOR: Self = Self { color: true, range: false, mask: false, source: false, confidence: false };
 
     /// The given output alone.
     pub fn only(output: Output) -> Self {
-        let none = Self { color: false, range: false, mask: false, source: false };
+        Self::default().with(output)
+    }
+
+    /// With one more.
+    pub fn with(mut self, output: Output) -> Self {
         match output {
-            Output::Color => Self { color: true, ..none },
-            Output::Range => Self { range: true, ..none },
-            Output::Mask => Self { mask: true, ..none },
-            Output::Source => Self { source: true, ..none },
+            Output::Color => self.color = true,
+            Output::Range => self.range = true,
+            Output::Mask => self.mask = true,
+            Output::Source => self.source = true,
+            Output::Confidence => self.confidence = true,
+        }
+        self
+    }
+
+    /// Whether it is among them.
+    pub fn has(self, output: Output) -> bool {
+        match output {
+            Output::Color => self.color,
+            Output::Range => self.range,
+            Output::Mask => self.mask,
+            Output::Source => self.source,
+            Output::Confidence => self.confidence,
         }
     }
 }
@@ -68,20 +144,66 @@ pub enum Plan {
         samples_per_pixel: u32,
     },
     /// Reconstructed from samples.
-    Warp {
-        /// How depth is found.
-        search: Search,
-        /// Linear steps of [`Search::Linear`]; ignored by the splat.
-        steps: u32,
-        /// View pixels are averaged from this many a side.
-        supersampling: u32,
-        /// The samples, best first. Their order is part of the plan.
-        samples: Vec<SampleId>,
-    },
+    Warp(Warp),
+}
+
+/// How a view is reconstructed from samples.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Warp {
+    /// How depth is found.
+    pub search: Search,
+    /// Linear or fixed-point steps of the searches that [take them](Search::takes_steps).
+    pub steps: u32,
+    /// View pixels are averaged from this many a side.
+    pub supersampling: u32,
+    /// The samples, best first. Their order is part of the plan.
+    pub samples: Vec<SampleId>,
+    /// What becomes of pixels that none of the samples saw.
+    pub holes: Holes,
+    /// The search may start from the depth of the session's previous frame. Bytes then depend on more than the
+    /// provenance says, which is why it says so.
+    pub history: bool,
+}
+
+impl Default for Warp {
+    /// The splat of no samples: for `..Warp::default()`.
+    fn default() -> Self {
+        Self {
+            search: Search::Splat,
+            steps: 64,
+            supersampling: 1,
+            samples: Vec::new(),
+            holes: Holes::Mark,
+            history: false,
+        }
+    }
+}
+
+/// What becomes of pixels that no sample saw.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Holes {
+    /// They show what is behind around them, are marked in the mask and counted.
+    #[default]
+    Mark,
+    /// A sampler traces their rays.
+    Trace,
+}
+
+/// A named wish about quality; what [`PlanRequest`] says beside it goes before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// As soon as possible: the cheapest plan.
+    Interactive,
+    /// The best error for a time of about twice the cheapest.
+    Balanced,
+    /// No pixel is guessed: what no sample saw is traced, edges are supersampled.
+    Exact,
 }
 
 /// What a client may say of the plan; what it leaves open the service chooses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct PlanRequest {
     /// Render from the triangles.
     pub direct: bool,
@@ -93,6 +215,16 @@ pub struct PlanRequest {
     pub supersampling: Option<u32>,
     /// At most this many samples, 1 to 8.
     pub samples: Option<u32>,
+    /// What becomes of pixels that no sample saw.
+    pub holes: Option<Holes>,
+    /// A named wish about quality.
+    pub preset: Option<Preset>,
+    /// The greatest mean FLIP against the reference that is accepted, above 0 and up to 1.
+    pub max_error: Option<f64>,
+    /// Milliseconds that rendering may take, above 0.
+    pub deadline_ms: Option<f64>,
+    /// A session's frames may start their search from the depth of the frame before.
+    pub history: bool,
 }
 
 /// What a client asks for.
@@ -142,8 +274,7 @@ impl View {
             let reason = format!("width × height must be at most {} pixels, not {pixels}", limits.max_pixels);
             return Err(InvalidField::new("width", reason));
         }
-        let Outputs { color, range, mask, source } = self.outputs;
-        if !(color || range || mask || source) {
+        if self.outputs == Outputs::default() {
             return Err(InvalidField::new("outputs", "at least one output must be asked for"));
         }
         let within = |field, value: Option<u32>, most| match value {
@@ -155,9 +286,16 @@ impl View {
         within("plan.steps", self.plan.steps, 4096)?;
         within("plan.supersampling", self.plan.supersampling, 8)?;
         within("plan.samples", self.plan.samples, 8)?;
+        // Written so that NaN is refused.
+        if self.plan.max_error.is_some_and(|e| !(e > 0.0 && e <= 1.0)) {
+            return Err(InvalidField::new("plan.max_error", "must be a mean FLIP above 0 and up to 1"));
+        }
+        if self.plan.deadline_ms.is_some_and(|ms| !(ms > 0.0 && ms <= 3.6e6)) {
+            return Err(InvalidField::new("plan.deadline_ms", "must be above 0 and at most an hour"));
+        }
         let (field, per_pixel) = match self.pin.as_ref().map(|pin| &pin.plan) {
             Some(Plan::Direct { samples_per_pixel }) => ("pin.plan", u64::from(*samples_per_pixel)),
-            Some(Plan::Warp { supersampling, .. }) => ("pin.plan", u64::from(*supersampling).pow(2)),
+            Some(Plan::Warp(warp)) => ("pin.plan", u64::from(warp.supersampling).pow(2)),
             None => ("plan.supersampling", u64::from(self.plan.supersampling.unwrap_or(1)).pow(2)),
         };
         if pixels.saturating_mul(per_pixel) > limits.max_pixels.saturating_mul(16) {
@@ -201,6 +339,16 @@ mod tests {
         assert_eq!(field(|v| v.plan.steps = Some(0)), "plan.steps");
         assert_eq!(field(|v| v.plan.supersampling = Some(9)), "plan.supersampling");
         assert_eq!(field(|v| v.plan.samples = Some(0)), "plan.samples");
+        for wrong in [0.0, -1.0, 1.5, f64::NAN] {
+            let wish = PlanRequest { max_error: Some(wrong), ..PlanRequest::default() };
+            let rejected = View { plan: wish, ..view() }.validate(&limits).unwrap_err();
+            assert_eq!(rejected.field, "plan.max_error", "{wrong}");
+        }
+        for wrong in [0.0, -1.0, f64::INFINITY, f64::NAN] {
+            let wish = PlanRequest { deadline_ms: Some(wrong), ..PlanRequest::default() };
+            let rejected = View { plan: wish, ..view() }.validate(&limits).unwrap_err();
+            assert_eq!(rejected.field, "plan.deadline_ms", "{wrong}");
+        }
         assert_eq!(field(|v| v.camera.eye.x = f64::NAN), "camera.eye");
         let large = |v: &mut View| (v.width, v.height, v.plan.supersampling) = (4096, 4096, Some(8));
         assert_eq!(field(large), "plan.supersampling");

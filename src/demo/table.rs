@@ -80,7 +80,7 @@ impl Figures {
             .answers
             .iter()
             .flat_map(|answer| match &answer.frame.provenance.plan {
-                Plan::Warp { samples, .. } => samples.clone(),
+                Plan::Warp(warp) => warp.samples.clone(),
                 Plan::Direct { .. } => Vec::new(),
             })
             .collect();

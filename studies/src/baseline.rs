@@ -17,7 +17,7 @@ use argus_scene::reference::{ReferenceImage, Tracer, cache};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob, Sampler, Scene,
-    Search, ViewJob, path,
+    Search, ViewJob, Warp, path,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -90,7 +90,7 @@ struct Method {
 }
 
 fn warp(search: Search, steps: u32, samples: Vec<SampleId>) -> Plan {
-    Plan::Warp { search, steps, supersampling: 1, samples }
+    Plan::Warp(Warp { search, steps, samples, ..Warp::default() })
 }
 
 /// Runs the study; `progress` counts scenes × sizes × methods.
@@ -191,7 +191,7 @@ impl Bench {
         for round in 0..=options.rounds {
             for (method, jobs) in jobs.iter().enumerate() {
                 // Only the splat gains from a batch worth the wait; a linear step costs the same in any.
-                let batched = matches!(jobs[0].plan, Plan::Warp { search: Search::Splat, .. });
+                let batched = matches!(&jobs[0].plan, Plan::Warp(warp) if warp.search == Search::Splat);
                 let many = if batched { jobs.len() } else { options.judged.min(jobs.len()) };
                 let (ms, answered) = self.time(&jobs[..many])?;
                 let (one_ms, _) = self.time(&jobs[..1])?;
@@ -238,7 +238,7 @@ impl Bench {
         let begin = Instant::now();
         let frames = match jobs[0].plan {
             Plan::Direct { .. } => self.sampler.render_views(jobs, &cancel),
-            Plan::Warp { .. } => self.compositor.compose(jobs, &cancel),
+            Plan::Warp(_) => self.compositor.compose(jobs, &cancel),
         };
         let ms = begin.elapsed().as_secs_f64() * 1e3;
         Ok((ms, frames.into_iter().collect::<Result<_, RenderError>>()?))
@@ -256,7 +256,7 @@ impl Bench {
 }
 
 fn sample_ids(info: &SampleSetInfo, camera: &Camera, count: usize) -> Vec<SampleId> {
-    let id = |index| SampleId { generation: info.generation, index };
+    let id = |index| SampleId { epoch: info.epoch, generation: info.generation, index };
     info.rig.nearest(camera, count).into_iter().map(id).collect()
 }
 

@@ -44,7 +44,7 @@ pub(crate) fn small_view(camera: Camera) -> View {
         camera,
         width: 96,
         height: 72,
-        outputs: Outputs { color: true, range: true, mask: true, source: true },
+        outputs: Outputs { range: true, mask: true, source: true, ..Outputs::COLOR },
         plan: PlanRequest::default(),
         pin: None,
     }

@@ -16,8 +16,8 @@ use argus_proto::v1::{self, Encoding};
 use argus_proto::{Description, Fault, status};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Frame, Limits, Outputs, Plan, PlanRequest, Provenance, Rig, SampleId, SceneHash, Search,
-    View,
+    Bounds, Camera, Frame, Limits, Outputs, Plan, PlanRequest, Provenance, Rig, SampleId, SceneHash, Served,
+    View, Warp,
 };
 use futures::{Stream, StreamExt};
 use glam::DVec3;
@@ -147,12 +147,11 @@ pub(crate) fn view(x: f64) -> View {
 pub(crate) fn frame(view: &View) -> Frame {
     let pixels = (view.width * view.height) as usize;
     let shade = (view.camera.eye.x * 16.0) as u8;
-    let plan = Plan::Warp {
-        search: Search::Splat,
+    let plan = Plan::Warp(Warp {
         steps: 16,
-        supersampling: 1,
-        samples: vec![SampleId { generation: 1, index: 2 }],
-    };
+        samples: vec![SampleId { epoch: 0, generation: 1, index: 2 }],
+        ..Warp::default()
+    });
     let provenance =
         Provenance { scene: SceneHash([7; 32]), epoch: 0, generation: 1, plan, device: "none".to_owned() };
     Frame {
@@ -162,7 +161,10 @@ pub(crate) fn frame(view: &View) -> Frame {
         range: view.outputs.range.then(|| 2.5f32.to_le_bytes().repeat(pixels).into()),
         mask: None,
         source: None,
+        confidence: None,
         unresolved_fraction: 0.0,
+        served: Served::default(),
+        predicted: None,
         provenance,
         stages: Vec::new(),
     }

@@ -52,6 +52,7 @@ impl ViewsService {
                 steps: Some(config.linear_steps),
                 supersampling: Some(1),
                 samples: Some(config.samples_per_view),
+                ..PlanRequest::default()
             },
         };
         Self { hub, description }

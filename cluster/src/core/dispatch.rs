@@ -34,7 +34,7 @@ impl Pending {
     fn samples(&self) -> &[SampleId] {
         match &self.plan {
             Plan::Direct { .. } => &[],
-            Plan::Warp { samples, .. } => samples,
+            Plan::Warp(warp) => &warp.samples,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! How a view shall be answered: the plan that follows from what its request leaves open, or the pinned one.
 
 use argus_proto::Fault;
-use argus_scene::{InvalidField, Plan, Provenance, Rig, SampleId, SampleSetInfo, Search, View};
+use argus_scene::{InvalidField, Plan, Provenance, Rig, SampleId, SampleSetInfo, Search, View, Warp};
 
 use super::config::Config;
 
@@ -21,13 +21,14 @@ pub fn plan(view: &View, set: &SampleSetInfo, config: &Config) -> Result<Plan, F
     }
     let count = view.plan.samples.unwrap_or(config.samples_per_view) as usize;
     let indices = set.rig.nearest(&view.camera, count);
-    let generation = set.generation;
-    Ok(Plan::Warp {
+    let (epoch, generation) = (set.epoch, set.generation);
+    Ok(Plan::Warp(Warp {
         search: view.plan.search.unwrap_or(Search::Splat),
         steps: view.plan.steps.unwrap_or(config.linear_steps),
         supersampling,
-        samples: indices.into_iter().map(|index| SampleId { generation, index }).collect(),
-    })
+        samples: indices.into_iter().map(|index| SampleId { epoch, generation, index }).collect(),
+        ..Warp::default()
+    }))
 }
 
 /// Whether a pinned provenance is one that this cluster can repeat. The device is not looked at here: it
@@ -43,7 +44,7 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
         return differs("epoch", pin.epoch.to_string(), set.epoch.to_string());
     }
     // Views from triangles use no samples, so their bytes do not depend on where samples are taken.
-    let sampled = matches!(pin.plan, Plan::Warp { .. });
+    let sampled = matches!(pin.plan, Plan::Warp(_));
     if sampled && pin.generation != set.generation {
         return differs("generation", pin.generation.to_string(), set.generation.to_string());
     }
@@ -68,8 +69,8 @@ fn check_plan(plan: &Plan, rig: &Rig, generation: u64) -> Result<(), InvalidFiel
                 }
             }
         }
-        Plan::Warp { search, steps, supersampling, samples } => {
-            if *search == Search::Linear {
+        Plan::Warp(Warp { search, steps, supersampling, samples, .. }) => {
+            if search.takes_steps() {
                 within("pin.plan.warp.steps", *steps, 4096)?;
             }
             within("pin.plan.warp.supersampling", *supersampling, 8)?;
@@ -131,7 +132,7 @@ mod tests {
     #[test]
     fn what_a_request_leaves_open_is_the_splat_of_the_four_nearest_samples() {
         let set = set_info();
-        let Plan::Warp { search, steps, supersampling, samples } =
+        let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) =
             plan(&view(), &set, &Config::default()).unwrap()
         else {
             panic!("a warp")
@@ -174,11 +175,11 @@ mod tests {
             let field = reject(Plan::Direct { samples_per_pixel: n });
             assert_eq!(field, "pin.plan.direct.samples_per_pixel", "{n}");
         }
-        let warp = |ids: &[(u64, u64)], steps, supersampling| Plan::Warp {
-            search: Search::Linear,
-            steps,
-            supersampling,
-            samples: ids.iter().map(|&(generation, index)| SampleId { generation, index }).collect(),
+        let warp = |ids: &[(u64, u64)], steps, supersampling| {
+            let id =
+                |&(generation, index): &(u64, u64)| SampleId { epoch: set_info().epoch, generation, index };
+            let samples = ids.iter().map(id).collect();
+            Plan::Warp(Warp { search: Search::Linear, steps, supersampling, samples, ..Warp::default() })
         };
         assert_eq!(reject(warp(&[(1, 0)], 0, 1)), "pin.plan.warp.steps");
         assert_eq!(reject(warp(&[(1, 0)], 64, 9)), "pin.plan.warp.supersampling");

@@ -116,7 +116,7 @@ impl Queue {
         }
         match task.job.plan {
             Plan::Direct { .. } => state.direct.push_back(task),
-            Plan::Warp { .. } => state.views.push_back(task),
+            Plan::Warp(_) => state.views.push_back(task),
         }
         self.filled.notify_one();
         Ok(())

@@ -80,7 +80,7 @@ async fn packed(
     index: u64,
     have: Option<Bytes>,
 ) -> Result<Vec<v1::SampleChunk>, Fault> {
-    let id = SampleId { generation: info.generation, index };
+    let id = SampleId { epoch: info.epoch, generation: info.generation, index };
     let sample = fetch::on_host(node, info, id).await?;
     let pack = move || {
         if let Some(have) = have {

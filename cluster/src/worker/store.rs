@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     fn id(index: u64) -> SampleId {
-        SampleId { generation: 1, index }
+        SampleId { epoch: 0, generation: 1, index }
     }
 
     /// 400 bytes.

@@ -107,7 +107,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         .collect();
     let ids: &[SampleId] = match &plan {
         Plan::Direct { .. } => &[],
-        Plan::Warp { samples, .. } => samples,
+        Plan::Warp(warp) => &warp.samples,
     };
     let mut samples = Vec::with_capacity(ids.len());
     for id in ids {

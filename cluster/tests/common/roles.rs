@@ -9,7 +9,7 @@ use std::time::Duration;
 use argus_cluster::RoleFactory;
 use argus_scene::{
     Cancel, Compositor, Frame, Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Provenance, RenderError,
-    Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Stage, ViewJob,
+    Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Served, Stage, ViewJob, Warp,
 };
 use bytes::Bytes;
 
@@ -118,7 +118,10 @@ fn frame(job: &ViewJob, scene: &Scene, generation: u64, seed: u64) -> Frame {
         range: job.outputs.range.then(|| noise(seed ^ 1, pixels * 4)),
         mask: job.outputs.mask.then(|| noise(seed ^ 2, pixels)),
         source: job.outputs.source.then(|| noise(seed ^ 3, pixels)),
+        confidence: job.outputs.confidence.then(|| noise(seed ^ 4, pixels)),
         unresolved_fraction: 0.0,
+        served: Served::default(),
+        predicted: None,
         provenance: Provenance {
             scene: scene.hash,
             epoch: job.epoch,
@@ -222,7 +225,7 @@ impl Compositor for FakeCompositor {
     fn compose(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
         self.knobs.largest_batch.fetch_max(views.len(), Ordering::SeqCst);
         let one = |job: &ViewJob| {
-            let Plan::Warp { samples, .. } = &job.plan else { panic!("a direct view") };
+            let Plan::Warp(Warp { samples, .. }) = &job.plan else { panic!("a direct view") };
             self.knobs.misfortune()?;
             if u64::from(job.width) == self.knobs.poisoned_width.load(Ordering::SeqCst) {
                 return Err(RenderError::Internal("poisoned".to_owned()));

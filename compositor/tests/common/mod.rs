@@ -13,7 +13,7 @@ use argus_scene::tone::display_from_radiance;
 use argus_scene::{
     Bounds, Camera, Cancel, Compositor as _, Frame, Light, Lighting, OmniLayout, Outputs, Plan, Plane,
     PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
-    SampleSetInfo, SceneHash, Search, Sky, ViewJob,
+    SampleSetInfo, SceneHash, Search, Sky, ViewJob, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -277,7 +277,7 @@ pub(crate) fn cube(center: DVec3, face: u32) -> SampleCamera {
 }
 
 pub(crate) fn id(index: u64) -> SampleId {
-    SampleId { generation: 1, index }
+    SampleId { epoch: 0, generation: 1, index }
 }
 
 /// A set of a subject's samples, ids counting from 0.
@@ -317,7 +317,8 @@ pub(crate) fn compositor_with(set: &SampleSet, knobs: CompositorKnobs) -> GpuCom
     compositor
 }
 
-pub(crate) const EVERYTHING: Outputs = Outputs { color: true, range: true, mask: true, source: true };
+pub(crate) const EVERYTHING: Outputs =
+    Outputs { color: true, range: true, mask: true, source: true, confidence: false };
 
 /// A view of everything, from all samples of a set, nearest first.
 pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], search: Search) -> ViewJob {
@@ -327,7 +328,7 @@ pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], se
         distance(a).total_cmp(&distance(b))
     });
     let samples = samples.iter().map(|sample| sample.id).collect();
-    let plan = Plan::Warp { search, steps: 64, supersampling: 1, samples };
+    let plan = Plan::Warp(Warp { search, samples, ..Warp::default() });
     ViewJob { camera, width, height, outputs: EVERYTHING, plan, epoch: 3 }
 }
 

@@ -32,7 +32,7 @@ pub fn frame_chunks(
 ) -> Result<Vec<v1::FrameChunk>, WireError> {
     let mut images = Vec::new();
     let mut packed = Vec::new();
-    for (output, bytes) in images_of(frame) {
+    for (output, bytes) in Output::ALL.into_iter().filter_map(|o| frame.image(o).map(|bytes| (o, bytes))) {
         if Some(bytes.len()) != raw_bytes(frame.width, frame.height, output) {
             let reason = format!("{} bytes are not {} × {} pixels", bytes.len(), frame.width, frame.height);
             return Err(WireError::field("images.output", reason));
@@ -55,6 +55,8 @@ pub fn frame_chunks(
         height: frame.height,
         images,
         unresolved_fraction: frame.unresolved_fraction,
+        served: Some(frame.served.into()),
+        predicted: frame.predicted.map(Into::into),
         provenance: Some((&frame.provenance).into()),
         stages: frame.stages.iter().map(Into::into).collect(),
         view_id: meta.view_id.clone(),
@@ -187,7 +189,10 @@ impl Header {
             range: None,
             mask: None,
             source: None,
+            confidence: None,
             unresolved_fraction: header.unresolved_fraction,
+            served: header.served.unwrap_or_default().into(),
+            predicted: header.predicted.map(TryInto::try_into).transpose()?,
             provenance: required(header.provenance, "frame.provenance")?.try_into()?,
             stages: header.stages.into_iter().map(Stage::try_from).collect::<Result<_, _>>()?,
         };
@@ -207,26 +212,10 @@ impl Header {
                 Encoding::Zstd => codec::unpack(Layout::from(output), &part, raw)?,
                 Encoding::Raw | Encoding::Unspecified => part,
             };
-            let slot = match output {
-                Output::Color => &mut frame.color,
-                Output::Range => &mut frame.range,
-                Output::Mask => &mut frame.mask,
-                Output::Source => &mut frame.source,
-            };
-            *slot = Some(image);
+            *frame.image_mut(output) = Some(image);
         }
         Ok((frame, self.meta))
     }
-}
-
-fn images_of(frame: &Frame) -> impl Iterator<Item = (Output, &Bytes)> {
-    let images = [
-        (Output::Color, &frame.color),
-        (Output::Range, &frame.range),
-        (Output::Mask, &frame.mask),
-        (Output::Source, &frame.source),
-    ];
-    images.into_iter().filter_map(|(output, bytes)| bytes.as_ref().map(|bytes| (output, bytes)))
 }
 
 /// Size of an image in memory; `None` where it exceeds the address space.

@@ -1,4 +1,4 @@
-use argus_scene::{Frame, Limits, PlaneData, Sample, SampleId, SceneHash};
+use argus_scene::{Frame, Limits, PlaneData, Sample, SampleId, SceneHash, Served};
 use bytes::Bytes;
 use proptest::prelude::*;
 
@@ -96,7 +96,10 @@ fn frame() -> Frame {
         range: None,
         mask: Some(vec![0; 700_000].into()),
         source: None,
+        confidence: None,
         unresolved_fraction: 0.25,
+        served: Served::default(),
+        predicted: None,
         provenance: argus_scene::Provenance { scene: hash, epoch: 1, generation: 2, plan, device },
         stages: Vec::new(),
     }

@@ -232,13 +232,13 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
 
 impl From<SampleId> for v1::SampleId {
     fn from(id: SampleId) -> Self {
-        Self { generation: id.generation, index: id.index }
+        Self { generation: id.generation, index: id.index, epoch: id.epoch }
     }
 }
 
 impl From<v1::SampleId> for SampleId {
     fn from(wire: v1::SampleId) -> Self {
-        Self { generation: wire.generation, index: wire.index }
+        Self { epoch: wire.epoch, generation: wire.generation, index: wire.index }
     }
 }
 

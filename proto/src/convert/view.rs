@@ -1,8 +1,11 @@
 //! Views, plans and provenance.
 
-use argus_scene::{InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Provenance, Search, View};
+use argus_scene::{
+    Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset, Provenance, Search,
+    Served, View, Warp,
+};
 
-use super::{known, required, scene_hash, scene_hash_bytes, unspecified};
+use super::{duration_ms, known, required, scene_hash, scene_hash_bytes, unspecified};
 use crate::v1;
 
 /// More samples than this never serve one view: [`PlanRequest::samples`].
@@ -17,6 +20,7 @@ impl From<Output> for v1::Output {
             Output::Range => Self::Range,
             Output::Mask => Self::Mask,
             Output::Source => Self::Source,
+            Output::Confidence => Self::Confidence,
         }
     }
 }
@@ -31,32 +35,21 @@ impl TryFrom<v1::Output> for Output {
             v1::Output::Range => Ok(Self::Range),
             v1::Output::Mask => Ok(Self::Mask),
             v1::Output::Source => Ok(Self::Source),
+            v1::Output::Confidence => Ok(Self::Confidence),
         }
     }
 }
 
 /// The members of a set of outputs, for the wire.
 pub(crate) fn wire_outputs(outputs: Outputs) -> Vec<i32> {
-    let members = [
-        (outputs.color, v1::Output::Color),
-        (outputs.range, v1::Output::Range),
-        (outputs.mask, v1::Output::Mask),
-        (outputs.source, v1::Output::Source),
-    ];
-    members.into_iter().filter_map(|(present, output)| present.then_some(output as i32)).collect()
+    let present = Output::ALL.into_iter().filter(|&output| outputs.has(output));
+    present.map(|output| v1::Output::from(output) as i32).collect()
 }
 
 fn outputs(wire: &[i32]) -> Result<Outputs, InvalidField> {
-    let mut set = Outputs { color: false, range: false, mask: false, source: false };
-    for number in wire {
-        match known::<v1::Output>(*number, "outputs")?.try_into()? {
-            Output::Color => set.color = true,
-            Output::Range => set.range = true,
-            Output::Mask => set.mask = true,
-            Output::Source => set.source = true,
-        }
-    }
-    Ok(set)
+    wire.iter().try_fold(Outputs::default(), |set, number| {
+        Ok(set.with(known::<v1::Output>(*number, "outputs")?.try_into()?))
+    })
 }
 
 impl From<Search> for v1::Search {
@@ -64,6 +57,9 @@ impl From<Search> for v1::Search {
         match search {
             Search::Splat => Self::Splat,
             Search::Linear => Self::Linear,
+            Search::FixedPoint => Self::FixedPoint,
+            Search::Seeded => Self::Seeded,
+            Search::Pyramid => Self::Pyramid,
         }
     }
 }
@@ -74,7 +70,81 @@ fn search(number: i32) -> Result<Option<Search>, InvalidField> {
         v1::Search::Unspecified => None,
         v1::Search::Splat => Some(Search::Splat),
         v1::Search::Linear => Some(Search::Linear),
+        v1::Search::FixedPoint => Some(Search::FixedPoint),
+        v1::Search::Seeded => Some(Search::Seeded),
+        v1::Search::Pyramid => Some(Search::Pyramid),
     })
+}
+
+impl From<Holes> for v1::Holes {
+    fn from(holes: Holes) -> Self {
+        match holes {
+            Holes::Mark => Self::Mark,
+            Holes::Trace => Self::Trace,
+        }
+    }
+}
+
+/// The treatment of holes of a wire number; `None` where the client left the choice open.
+fn holes(number: i32, field: &'static str) -> Result<Option<Holes>, InvalidField> {
+    Ok(match known(number, field)? {
+        v1::Holes::Unspecified => None,
+        v1::Holes::Mark => Some(Holes::Mark),
+        v1::Holes::Trace => Some(Holes::Trace),
+    })
+}
+
+impl From<Preset> for v1::Preset {
+    fn from(preset: Preset) -> Self {
+        match preset {
+            Preset::Interactive => Self::Interactive,
+            Preset::Balanced => Self::Balanced,
+            Preset::Exact => Self::Exact,
+        }
+    }
+}
+
+/// The preset of a wire number; `None` where the client left the choice open.
+fn preset(number: i32) -> Result<Option<Preset>, InvalidField> {
+    Ok(match known(number, "plan.preset")? {
+        v1::Preset::Unspecified => None,
+        v1::Preset::Interactive => Some(Preset::Interactive),
+        v1::Preset::Balanced => Some(Preset::Balanced),
+        v1::Preset::Exact => Some(Preset::Exact),
+    })
+}
+
+impl From<Served> for v1::Served {
+    fn from(served: Served) -> Self {
+        let Served { warped, other_sample, traced, unresolved } = served;
+        Self { warped, other_sample, traced, unresolved }
+    }
+}
+
+impl From<v1::Served> for Served {
+    fn from(wire: v1::Served) -> Self {
+        let v1::Served { warped, other_sample, traced, unresolved } = wire;
+        Self { warped, other_sample, traced, unresolved }
+    }
+}
+
+impl From<Prediction> for v1::Prediction {
+    fn from(prediction: Prediction) -> Self {
+        Self { error: prediction.error, ms: prediction.ms }
+    }
+}
+
+impl TryFrom<v1::Prediction> for Prediction {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Prediction) -> Result<Self, InvalidField> {
+        // Written so that NaN is refused.
+        if !(wire.error >= 0.0 && wire.error <= 1.0) {
+            let reason = format!("must lie between 0 and 1, not {}", wire.error);
+            return Err(InvalidField::new("predicted.error", reason));
+        }
+        Ok(Self { error: wire.error, ms: duration_ms(wire.ms, "predicted.ms")? })
+    }
 }
 
 impl From<&PlanRequest> for v1::PlanRequest {
@@ -85,6 +155,11 @@ impl From<&PlanRequest> for v1::PlanRequest {
             steps: plan.steps,
             supersampling: plan.supersampling,
             samples: plan.samples,
+            holes: plan.holes.map(|holes| v1::Holes::from(holes) as i32),
+            preset: plan.preset.map(|preset| v1::Preset::from(preset) as i32),
+            max_error: plan.max_error,
+            deadline_ms: plan.deadline_ms,
+            history: plan.history,
         }
     }
 }
@@ -99,6 +174,11 @@ impl TryFrom<v1::PlanRequest> for PlanRequest {
             steps: wire.steps,
             supersampling: wire.supersampling,
             samples: wire.samples,
+            holes: wire.holes.map(|number| holes(number, "plan.holes")).transpose()?.flatten(),
+            preset: wire.preset.map(preset).transpose()?.flatten(),
+            max_error: wire.max_error,
+            deadline_ms: wire.deadline_ms,
+            history: wire.history,
         })
     }
 }
@@ -110,11 +190,13 @@ impl From<&Plan> for v1::Plan {
             Plan::Direct { samples_per_pixel } => {
                 Kind::Direct(v1::DirectPlan { samples_per_pixel: *samples_per_pixel })
             }
-            Plan::Warp { search, steps, supersampling, samples } => Kind::Warp(v1::WarpPlan {
-                search: v1::Search::from(*search) as i32,
-                steps: *steps,
-                supersampling: *supersampling,
-                samples: samples.iter().map(|id| (*id).into()).collect(),
+            Plan::Warp(warp) => Kind::Warp(v1::WarpPlan {
+                search: v1::Search::from(warp.search) as i32,
+                steps: warp.steps,
+                supersampling: warp.supersampling,
+                samples: warp.samples.iter().map(|id| (*id).into()).collect(),
+                holes: v1::Holes::from(warp.holes) as i32,
+                history: warp.history,
             }),
         };
         Self { kind: Some(kind) }
@@ -149,14 +231,16 @@ impl TryFrom<v1::Plan> for Plan {
                     return Err(InvalidField::new("plan.warp.samples", reason));
                 }
                 let search = search(plan.search)?.ok_or_else(|| unspecified("plan.warp.search"))?;
-                // The splat takes no steps, whatever number stands there.
-                let least = if search == Search::Linear { 1 } else { 0 };
-                Self::Warp {
+                // Some searches take no steps, whatever number stands there.
+                let least = u32::from(search.takes_steps());
+                Self::Warp(Warp {
                     search,
                     steps: within("plan.warp.steps", plan.steps, least, 4096)?,
                     supersampling: within("plan.warp.supersampling", plan.supersampling, 1, 8)?,
                     samples: plan.samples.into_iter().map(Into::into).collect(),
-                }
+                    holes: holes(plan.holes, "plan.warp.holes")?.unwrap_or_default(),
+                    history: plan.history,
+                })
             }
         })
     }

@@ -36,7 +36,7 @@ pub(crate) fn view_job(camera: Camera, size: [u32; 2], samples_per_pixel: u32) -
         camera,
         width: size[0],
         height: size[1],
-        outputs: Outputs { color: true, range: true, mask: false, source: false },
+        outputs: Outputs { range: true, ..Outputs::COLOR },
         plan: Plan::Direct { samples_per_pixel },
         epoch: 0,
     }
@@ -73,7 +73,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         generation: 7,
         lighting: scene.lighting.clone(),
     };
-    SampleJob { info: Arc::new(info), ids: vec![SampleId { generation: 7, index }], to_host }
+    SampleJob { info: Arc::new(info), ids: vec![SampleId { epoch: 0, generation: 7, index }], to_host }
 }
 
 pub(crate) fn sample(sampler: &mut GpuSampler, job: &SampleJob) -> Sample {

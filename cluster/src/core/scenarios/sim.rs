@@ -157,7 +157,7 @@ impl Sim {
                     worker.report.views_direct += 1;
                     worker.report.sampling_busy_ms += self.direct_ms;
                 }
-                argus_scene::Plan::Warp { samples, .. } => {
+                argus_scene::Plan::Warp(argus_scene::Warp { samples, .. }) => {
                     worker.report.views_composed += 1;
                     worker.report.compositing_busy_ms += self.view_ms;
                     let held: BTreeSet<SampleId> =
