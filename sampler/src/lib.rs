@@ -7,6 +7,8 @@
 //! a pixel (direct views). What the two kinds of image have in common is the same code, so a
 //! sample holds what a direct view from its camera shows.
 
+#[allow(dead_code, reason = "the tracers that use it follow")]
+mod bvh;
 mod draws;
 mod eye;
 mod knobs;
