@@ -1,6 +1,6 @@
 //! A batch of views, from top to bottom.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -11,11 +11,13 @@ use argus_scene::{
     ViewJob,
 };
 use argus_shaders::layout::compositor::{Fill, ViewUniform};
+use argus_shaders::layout::shared::Light;
+use bytemuck::Zeroable as _;
 
-use crate::drawing::{Draw, FINE, RANGE, SHOWN, Shared, Splatted, Variant};
+use crate::drawing::{Canvas, Draw, FINE, RANGE, SHOWN, Shared, Splatted, Variant};
 use crate::frames::Assembly;
 use crate::holdings::Holdings;
-use crate::knobs::CompositorKnobs;
+use crate::knobs::{CompositorKnobs, Twin};
 use crate::layout::{Chunk, Extent, Piece, chunks};
 use crate::lights::light_about;
 use crate::passes::bounds::BoundsPass;
@@ -28,6 +30,7 @@ use crate::passes::warp::WarpPass;
 use crate::plan::{PassPlan, plan};
 use crate::prepare::{First, PreparedView};
 use crate::targets::{Target, Targets};
+use crate::trial::Trial;
 
 /// Reconstructs views from samples on a GPU.
 #[derive(Debug)]
@@ -45,6 +48,7 @@ pub struct GpuCompositor {
     mend: MendPass,
     linear: LinearPass,
     resolve: ResolvePass,
+    trials: BTreeMap<Search, Trial>,
 }
 
 /// Everything that the passes of a chunk read, and which of them run.
@@ -57,8 +61,8 @@ struct ChunkData {
     cell_bytes: u64,
     splats: Vec<SplatCall>,
     fills: Vec<Fill>,
-    /// By search (whether it is the splat) and pipeline: indices into the chunk's pieces.
-    draws: BTreeMap<(bool, Variant), Vec<usize>>,
+    /// By search and pipeline: indices into the chunk's pieces.
+    draws: BTreeMap<(Search, Variant), Vec<usize>>,
 }
 
 /// Distance of pieces' uniforms in their buffer.
@@ -104,6 +108,7 @@ impl GpuCompositor {
             mend: MendPass::default(),
             linear: LinearPass::new(),
             resolve: ResolvePass::new(&gpu),
+            trials: BTreeMap::new(),
             gpu,
         })
     }
@@ -115,6 +120,15 @@ impl GpuCompositor {
     pub fn plan(&self, job: &ViewJob) -> Result<Vec<PassPlan>, RenderError> {
         let view = PreparedView::new(0, job, &self.holdings, self.knobs.splatting)?;
         Ok(plan(&job.plan, job.outputs, view.glossy, self.knobs.splatting))
+    }
+
+    /// Which of a search's two programs draws: what the knob says, or what was found to be the faster on this device;
+    /// `None` while that is being tried.
+    pub fn twin(&self, search: Search) -> Option<Twin> {
+        match self.knobs.twin {
+            Twin::Auto => self.trials.get(&search).and_then(Trial::decided),
+            fixed => Some(fixed),
+        }
     }
 
     /// Number of samples that are held.
@@ -212,31 +226,20 @@ impl GpuCompositor {
             self.splat.record(&mut commands, &data.splats, inverse_range, &data.blocks, &data.splatted.cells);
             self.fill.record(&mut commands, &data.fills, &data.splatted.cells, &data.splatted.depths);
         }
-        let mut shared = Shared {
-            pool,
-            nearest: &self.nearest,
-            bilinear: &self.bilinear,
-            lights: &data.lights,
-            splatted: None,
-        };
-        for (&(splat, variant), pieces) in data.draws.iter() {
+        let shared = Shared { pool, nearest: &self.nearest, bilinear: &self.bilinear, lights: &data.lights };
+        for (&(search, variant), pieces) in &data.draws {
             let draws: Vec<Draw<'_>> = pieces
                 .iter()
                 .map(|&i| Draw { piece: chunk.pieces[i], view: part(&data.views, i, VIEW_STRIDE) })
                 .collect();
-            shared.splatted = splat.then_some(&data.splatted);
-            if splat {
-                self.warp.record(&self.gpu, &mut commands, variant, &shared, &draws, drawn)?;
+            let twin = self.trials.entry(search).or_default().next(self.knobs.twin);
+            let canvas = Canvas { variant, twin, shared: &shared, draws: &draws, targets: drawn };
+            if search == Search::Splat {
+                self.warp.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
+                self.mend.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
             } else {
-                self.linear.record(&self.gpu, &mut commands, variant, &shared, &draws, drawn)?;
+                self.linear.record(&self.gpu, &mut commands, &canvas)?;
             }
-        }
-        for (&(_, variant), pieces) in data.draws.iter().filter(|((splat, _), _)| *splat) {
-            shared.splatted = Some(&data.splatted);
-            let views: Vec<_> = pieces.iter().map(|&i| part(&data.views, i, VIEW_STRIDE)).collect();
-            // What is written to a range that is not there is dropped: one pipeline does.
-            let variant = Variant { range: true, ..variant };
-            self.mend.record(&self.gpu, &mut commands, variant, &shared, &views, drawn)?;
         }
         if let Some([color, depth]) = &fine {
             let exposure =
@@ -248,6 +251,7 @@ impl GpuCompositor {
         let range_ticket = any_range.then(|| commands.read_texture(&range.texture));
         let uploaded = milliseconds(began);
         let mut finished = commands.submit().wait()?;
+        self.note_times(chunk, &data, &finished.stages);
 
         let unpacking = Instant::now();
         let shown_bytes = finished.take(shown_ticket);
@@ -264,12 +268,29 @@ impl GpuCompositor {
         Ok(stages)
     }
 
+    /// Tells the trials of the chunk's searches what drawing took.
+    fn note_times(&mut self, chunk: &Chunk, data: &ChunkData, stages: &[Stage]) {
+        let searches: BTreeSet<Search> = data.draws.keys().map(|(search, _)| *search).collect();
+        for search in searches {
+            let name = if search == Search::Splat { WarpPass::NAME } else { LinearPass::NAME };
+            let pieces = data.draws.iter().filter(|((s, _), _)| *s == search).flat_map(|(_, pieces)| pieces);
+            let area = |piece: &Piece| piece.fine_size().iter().map(|&side| u64::from(side)).product::<u64>();
+            let sub_pixels = pieces.map(|&i| area(&chunk.pieces[i])).sum();
+            let Some(stage) = stages.iter().find(|stage| stage.name == name) else { continue };
+            let trial = self.trials.entry(search).or_default();
+            let twin = trial.next(self.knobs.twin);
+            if let Some(twin) = trial.note(twin, stage.ms, sub_pixels) {
+                tracing::info!(search = search.name(), ?twin, "the faster program on this device");
+            }
+        }
+    }
+
     /// Uploads what the passes of a chunk read.
     fn upload(&mut self, chunk: &Chunk, views: &[PreparedView], jobs: &[ViewJob]) -> ChunkData {
         let mut uniforms: Vec<ViewUniform> = Vec::with_capacity(chunk.pieces.len());
         let (mut lights, mut blocks) = (Vec::new(), Vec::new());
         let (mut splats, mut fills) = (Vec::new(), Vec::new());
-        let mut draws: BTreeMap<(bool, Variant), Vec<usize>> = BTreeMap::new();
+        let mut draws: BTreeMap<(Search, Variant), Vec<usize>> = BTreeMap::new();
         // The list of unsettled pixels begins with their number for each piece.
         let mut first = First { unsettled: chunk.pieces.len() as u32, ..First::default() };
         for (i, piece) in chunk.pieces.iter().enumerate() {
@@ -281,8 +302,7 @@ impl GpuCompositor {
                 let about = |light| light_about(light, job.camera.eye);
                 lights.extend(held.info.lighting.lights.iter().map(about));
             }
-            let splat = view.search == Search::Splat;
-            if splat {
+            if view.search == Search::Splat {
                 splats.append(&mut view.splats(piece, first.cell, &mut blocks));
                 fills.push(view.fill(piece, first.cell));
                 first.cell += view.cell_count(piece);
@@ -291,7 +311,7 @@ impl GpuCompositor {
             let fine = view.side > 1;
             let range = fine || job.outputs.range;
             let variant = Variant { omni: view.omni, glossy: view.glossy, fine, range };
-            draws.entry((splat, variant)).or_default().push(i);
+            draws.entry((view.search, variant)).or_default().push(i);
         }
         let mut upload = |label, bytes: &[u8], usage| {
             let buffer = self.targets.buffer(&self.gpu, label, bytes.len() as u64, usage);
@@ -299,6 +319,10 @@ impl GpuCompositor {
             buffer
         };
         let views = upload("views", bytemuck::cast_slice(&uniforms), BufferUsages::UNIFORM);
+        if lights.is_empty() {
+            // Bound by all programs, read by those for glossy samples: an array of none cannot be bound.
+            lights.push(Light::zeroed());
+        }
         let lights = upload("lights", bytemuck::cast_slice(&lights), BufferUsages::STORAGE);
         let blocks = upload("blocks", bytemuck::cast_slice(&blocks), BufferUsages::STORAGE);
         let cell_bytes = u64::from(first.cell) * 8;

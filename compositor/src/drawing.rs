@@ -1,11 +1,14 @@
-//! Drawing pieces: what the passes of both searches have in common.
+//! Drawing pieces: what the passes of all searches have in common.
 
 use std::collections::BTreeMap;
 
-use argus_gpu::{ColorTarget, Commands, Gpu, RenderPipeline, RenderPipelineDesc, wgpu};
+use argus_gpu::{
+    Bindable, ColorTarget, Commands, ComputePipeline, Gpu, RenderPipeline, RenderPipelineDesc, wgpu,
+};
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::Program;
 
+use crate::knobs::Twin;
 use crate::layout::Piece;
 use crate::pool::Pool;
 use crate::targets::Target;
@@ -31,24 +34,19 @@ pub(crate) struct Variant {
 }
 
 impl Variant {
-    /// Programs of both searches, and the mending of one, name their entry points alike.
-    pub(crate) fn entry_point(self) -> String {
-        let kind = if self.omni { "omni" } else { "pinhole" };
-        let to = if self.fine { "keep" } else { "show" };
-        format!("{to}_{kind}{}", if self.glossy { "_glossy" } else { "" })
+    /// Programs of all searches, and the mending of one, name their entry points alike.
+    pub(crate) fn entry_point(self) -> &'static str {
+        if self.fine { "keep" } else { "show" }
     }
 
-    fn pipeline(self, gpu: &Gpu, program: &'static Program) -> RenderPipeline {
-        let targets = [if self.fine { FINE } else { SHOWN }, RANGE];
-        gpu.render_pipeline(&RenderPipelineDesc {
-            program,
-            vertex: "vertex",
-            fragment: Some(&self.entry_point()),
-            buffers: &[],
-            targets: if self.range { &targets } else { &targets[..1] },
-            depth: None,
-            primitive: wgpu::PrimitiveState::default(),
-        })
+    /// The name in compute programs of the target that [`Variant::entry_point`] writes.
+    pub(crate) fn target(self) -> &'static str {
+        if self.fine { "linear_target" } else { "shown_target" }
+    }
+
+    /// Values of the programs' `override`s.
+    pub(crate) fn constants(self) -> [(&'static str, f64); 2] {
+        [("omni", f64::from(u8::from(self.omni))), ("glossy", f64::from(u8::from(self.glossy)))]
     }
 }
 
@@ -60,8 +58,39 @@ pub(crate) struct Shared<'a> {
     pub(crate) bilinear: &'a wgpu::Sampler,
     /// Lights of every view, relative to its eye.
     pub(crate) lights: &'a wgpu::Buffer,
-    /// What the splat left: its search's alone.
-    pub(crate) splatted: Option<&'a Splatted>,
+}
+
+impl<'a> Shared<'a> {
+    /// All of it under the names that the programs have for it.
+    pub(crate) fn bindings(&self) -> Result<Vec<Extra<'a>>, RenderError> {
+        Ok(vec![
+            Extra::read("inverse_range", self.pool.view(PlaneKind::InverseRange)?),
+            Extra::read("radiance", self.pool.view(PlaneKind::Radiance)?),
+            Extra::read("nearest", self.nearest),
+            Extra::read("bilinear", self.bilinear),
+            Extra::read("normal_plane", self.pool.view_or_radiance(PlaneKind::Normal)?),
+            Extra::read("specular_plane", self.pool.view_or_radiance(PlaneKind::Specular)?),
+            Extra::read("lights", self.lights),
+        ])
+    }
+}
+
+/// A resource under the name that a program has for it.
+#[derive(Clone, Copy)]
+pub(crate) struct Extra<'a> {
+    pub(crate) name: &'static str,
+    pub(crate) writes: bool,
+    pub(crate) resource: &'a dyn Bindable,
+}
+
+impl<'a> Extra<'a> {
+    pub(crate) fn read(name: &'static str, resource: &'a dyn Bindable) -> Self {
+        Self { name, writes: false, resource }
+    }
+
+    pub(crate) fn write(name: &'static str, resource: &'a dyn Bindable) -> Self {
+        Self { name, writes: true, resource }
+    }
 }
 
 /// Buffers that the passes of the splat hand to each other.
@@ -82,61 +111,121 @@ pub(crate) struct Draw<'a> {
     pub(crate) view: wgpu::BufferBinding<'a>,
 }
 
-/// One search's pipelines, made when they are first needed: a scene calls for one or two of them.
+/// Pieces of one variant, and where they are drawn.
 #[derive(Debug)]
-pub(crate) struct Pipelines {
+pub(crate) struct Canvas<'a> {
+    pub(crate) variant: Variant,
+    /// Which of the search's two programs draws.
+    pub(crate) twin: Twin,
+    pub(crate) shared: &'a Shared<'a>,
+    pub(crate) draws: &'a [Draw<'a>],
+    /// Colour and range.
+    pub(crate) targets: [&'a Target; 2],
+}
+
+/// One search's programs: the fragment program and its compute twin, by variant. Made when they are first needed: a
+/// scene calls for one or two of them.
+#[derive(Debug)]
+pub(crate) struct Drawing {
     program: &'static Program,
-    made: BTreeMap<Variant, RenderPipeline>,
+    /// Its row in the timing table.
+    name: &'static str,
+    fragment: BTreeMap<Variant, RenderPipeline>,
+    compute: BTreeMap<Variant, ComputePipeline>,
 }
 
-impl Pipelines {
-    pub(crate) fn new(program: &'static Program) -> Self {
-        Self { program, made: BTreeMap::new() }
+impl Drawing {
+    pub(crate) fn new(program: &'static Program, name: &'static str) -> Self {
+        Self { program, name, fragment: BTreeMap::new(), compute: BTreeMap::new() }
     }
 
-    pub(crate) fn get(&mut self, gpu: &Gpu, variant: Variant) -> &RenderPipeline {
-        self.made.entry(variant).or_insert_with(|| variant.pipeline(gpu, self.program))
+    /// Draws pieces; `extras` is what this search reads and writes beside what all do.
+    pub(crate) fn record(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        canvas: &Canvas<'_>,
+        extras: &[Extra<'_>],
+    ) -> Result<(), RenderError> {
+        let mut bindings = canvas.shared.bindings()?;
+        bindings.extend_from_slice(extras);
+        match canvas.twin {
+            Twin::Compute => self.record_compute(gpu, commands, canvas, &bindings),
+            _ => self.record_fragment(gpu, commands, canvas, &bindings),
+        }
+        Ok(())
     }
-}
 
-/// Draws pieces of one variant into the targets: the body of both searches' passes.
-pub(crate) fn draw_pieces(
-    commands: &mut Commands,
-    name: &str,
-    pipeline: &RenderPipeline,
-    variant: Variant,
-    shared: &Shared<'_>,
-    draws: &[Draw<'_>],
-    [color, range]: [&Target; 2],
-) -> Result<(), RenderError> {
-    let mut targets = vec![ColorTarget { view: &color.view, clear: None }];
-    if variant.range {
-        targets.push(ColorTarget { view: &range.view, clear: None });
-    }
-    let radiance = shared.pool.view(PlaneKind::Radiance)?;
-    let inverse_range = shared.pool.view(PlaneKind::InverseRange)?;
-    let mut pass = commands.render(name, &targets, None);
-    for draw in draws {
-        let [x, y] = draw.piece.fine_target();
-        let side = draw.piece.side;
-        pass.viewport(x, y, draw.piece.part.width * side, draw.piece.part.height * side);
-        let mut call = pass
-            .draw(pipeline)
-            .read("view", &draw.view)
-            .read("inverse_range", inverse_range)
-            .read("radiance", radiance)
-            .read("nearest", shared.nearest)
-            .read("bilinear", shared.bilinear);
-        if variant.glossy {
-            call = call
-                .read("normal_plane", shared.pool.view(PlaneKind::Normal)?)
-                .read("specular_plane", shared.pool.view(PlaneKind::Specular)?)
-                .read("lights", shared.lights);
+    fn record_fragment(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        canvas: &Canvas<'_>,
+        bindings: &[Extra<'_>],
+    ) {
+        let Canvas { variant, targets: [color, range], .. } = *canvas;
+        let program = self.program;
+        let pipeline = self.fragment.entry(variant).or_insert_with(|| {
+            let formats = [if variant.fine { FINE } else { SHOWN }, RANGE];
+            gpu.render_pipeline(&RenderPipelineDesc {
+                program,
+                vertex: "vertex",
+                fragment: Some(variant.entry_point()),
+                buffers: &[],
+                targets: if variant.range { &formats } else { &formats[..1] },
+                depth: None,
+                primitive: wgpu::PrimitiveState::default(),
+                constants: &variant.constants(),
+            })
+        });
+        let mut targets = vec![ColorTarget { view: &color.view, clear: None }];
+        if variant.range {
+            targets.push(ColorTarget { view: &range.view, clear: None });
         }
-        if let Some(splatted) = shared.splatted {
-            call = call.read("depths", &splatted.depths).write("unsettled", &splatted.unsettled);
+        let mut pass = commands.render(self.name, &targets, None);
+        for draw in canvas.draws {
+            let [x, y] = draw.piece.fine_target();
+            let [width, height] = draw.piece.fine_size();
+            pass.viewport(x, y, width, height);
+            let mut call = pass.draw(pipeline).read("view", &draw.view);
+            for extra in bindings {
+                call = match extra.writes {
+                    true => call.write(extra.name, extra.resource),
+                    false => call.read(extra.name, extra.resource),
+                };
+            }
+            call.vertices(0..3, 0..1);
         }
-        call.vertices(0..3, 0..1);
     }
-    Ok(())
+
+    fn record_compute(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        canvas: &Canvas<'_>,
+        bindings: &[Extra<'_>],
+    ) {
+        let Canvas { targets: [color, range], .. } = *canvas;
+        // What is written to a range that is not there is dropped: one pipeline does.
+        let variant = Variant { range: true, ..canvas.variant };
+        let program = self.program;
+        let pipeline = self.compute.entry(variant).or_insert_with(|| {
+            let entry = format!("{}_twin", variant.entry_point());
+            gpu.compute_pipeline_with(program, &entry, &variant.constants())
+        });
+        let mut pass = commands.compute_pass(self.name);
+        for draw in canvas.draws {
+            let mut call = pass.call(pipeline).read("view", &draw.view);
+            for extra in bindings {
+                call = match extra.writes {
+                    true => call.write(extra.name, extra.resource),
+                    false => call.read(extra.name, extra.resource),
+                };
+            }
+            let [width, height] = draw.piece.fine_size();
+            call.write(variant.target(), &color.view)
+                .write("range_target", &range.view)
+                .dispatch_threads([width, height, 1]);
+        }
+    }
 }

@@ -11,10 +11,30 @@ pub struct CompositorKnobs {
     pub chunk_pixels: u64,
     /// Bytes of device memory that samples may fill.
     pub max_sample_bytes: u64,
+    /// Which of the two programs of a search draws.
+    pub twin: Twin,
+}
+
+/// Which of the two programs of a search draws: they share the function that finds a pixel, and write equal bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Twin {
+    /// Both in turn until it is known which is the faster on this device, then that one.
+    #[default]
+    Auto,
+    /// The fragment program.
+    Fragment,
+    /// The compute program: on data-centre GPUs only a few multiprocessors run graphics work.
+    Compute,
 }
 
 impl Default for CompositorKnobs {
     fn default() -> Self {
-        Self { splatting: 2, piece_side: 2048, chunk_pixels: 4 << 20, max_sample_bytes: 4 << 30 }
+        Self {
+            splatting: 2,
+            piece_side: 2048,
+            chunk_pixels: 4 << 20,
+            max_sample_bytes: 4 << 30,
+            twin: Twin::Auto,
+        }
     }
 }

@@ -32,6 +32,11 @@ impl Piece {
     pub(crate) fn fine_target(&self) -> [u32; 2] {
         self.target.map(|at| at * self.side)
     }
+
+    /// Columns and rows of its sub-pixels.
+    pub(crate) fn fine_size(&self) -> [u32; 2] {
+        [self.part.width * self.side, self.part.height * self.side]
+    }
 }
 
 /// What cutting a batch up needs to know of a view.

@@ -35,8 +35,9 @@ mod plan;
 mod pool;
 mod prepare;
 mod targets;
+mod trial;
 mod validate;
 
 pub use compositor::GpuCompositor;
-pub use knobs::CompositorKnobs;
+pub use knobs::{CompositorKnobs, Twin};
 pub use plan::PassPlan;

@@ -73,6 +73,15 @@ impl Pool {
             .ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
     }
 
+    /// The array of a plane, or that of radiance where the class has none: programs name what only glossy samples have, and
+    /// look at it only there.
+    ///
+    /// # Errors
+    /// As [`Pool::view`].
+    pub(crate) fn view_or_radiance(&self, kind: PlaneKind) -> Result<&wgpu::TextureView, RenderError> {
+        self.view(kind).or_else(|_| self.view(PlaneKind::Radiance))
+    }
+
     /// A layer for one more sample, doubling the arrays where all are taken.
     ///
     /// # Errors

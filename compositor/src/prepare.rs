@@ -60,6 +60,10 @@ impl PreparedView {
             true => Ok(()),
             false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {value}"))),
         };
+        if !matches!(search, Search::Splat | Search::Linear) {
+            let reason = format!("this compositor does not search by {}", search.name());
+            return Err(InvalidField::new("plan.search", reason).into());
+        }
         within("plan.samples", samples.len(), MAX_SAMPLES)?;
         within("plan.supersampling", *supersampling as usize, 8)?;
         if *search == Search::Linear {
@@ -148,7 +152,8 @@ impl PreparedView {
             cell_columns: cells.columns,
             first_unsettled: first.unsettled,
             piece: first.piece,
-            _pad_lighting: [0; 3],
+            _pad_size: 0,
+            piece_size: piece.fine_size(),
             lighting: held.map_or(Zeroable::zeroed(), |held| lighting_uniform(&held.info.lighting)),
             samples,
             _pad: [0.0; 16],

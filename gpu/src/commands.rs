@@ -75,7 +75,26 @@ impl Commands {
     /// A compute pass of one dispatch; `name` is its row in the timing table.
     pub fn compute<'a>(&'a mut self, name: &'a str, pipeline: &'a ComputePipeline) -> ComputeCall<'a> {
         let bound = Bound::new(&pipeline.label, pipeline.entry.bindings);
-        ComputeCall { commands: self, name, pipeline, bound, immediates: &[] }
+        ComputeCall { to: To::PassOfItsOwn { commands: self, name }, pipeline, bound, immediates: &[] }
+    }
+
+    /// A compute pass of several dispatches, each with its own bindings; `name` is its row in the timing table.
+    pub fn compute_pass(&mut self, name: &str) -> ComputePass<'_> {
+        let pass = self.begin_compute(name);
+        ComputePass { gpu: &self.gpu, pass }
+    }
+
+    fn begin_compute(&mut self, name: &str) -> wgpu::ComputePass<'static> {
+        let pair = self.timings.pass(&self.gpu, name);
+        let pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(name),
+            timestamp_writes: pair.map(|pair| wgpu::ComputePassTimestampWrites {
+                query_set: pair.queries,
+                beginning_of_pass_write_index: Some(pair.begin),
+                end_of_pass_write_index: Some(pair.begin + 1),
+            }),
+        });
+        pass.forget_lifetime()
     }
 
     /// A render pass; `name` is its row in the timing table.
@@ -316,11 +335,31 @@ impl<'a> Bound<'a> {
     }
 }
 
-/// A compute pass being described; nothing is recorded before its extent is given.
+/// A compute pass that dispatches are recorded into.
+pub struct ComputePass<'a> {
+    gpu: &'a Gpu,
+    pass: wgpu::ComputePass<'static>,
+}
+
+impl ComputePass<'_> {
+    /// A dispatch with its own bindings.
+    pub fn call<'b>(&'b mut self, pipeline: &'b ComputePipeline) -> ComputeCall<'b> {
+        let bound = Bound::new(&pipeline.label, pipeline.entry.bindings);
+        let to = To::Pass { gpu: self.gpu, pass: &mut self.pass };
+        ComputeCall { to, pipeline, bound, immediates: &[] }
+    }
+}
+
+/// Where a dispatch is recorded.
+enum To<'a> {
+    PassOfItsOwn { commands: &'a mut Commands, name: &'a str },
+    Pass { gpu: &'a Gpu, pass: &'a mut wgpu::ComputePass<'static> },
+}
+
+/// A dispatch being described; nothing is recorded before its extent is given.
 #[must_use = "a compute call is recorded by its dispatch"]
 pub struct ComputeCall<'a> {
-    commands: &'a mut Commands,
-    name: &'a str,
+    to: To<'a>,
     pipeline: &'a ComputePipeline,
     bound: Bound<'a>,
     immediates: &'a [u8],
@@ -328,13 +367,13 @@ pub struct ComputeCall<'a> {
 
 impl<'a> ComputeCall<'a> {
     /// Binds what the pass reads.
-    pub fn read(mut self, name: &str, resource: &'a impl Bindable) -> Self {
+    pub fn read(mut self, name: &str, resource: &'a (impl Bindable + ?Sized)) -> Self {
         self.bound.bind(name, false, resource.resource());
         self
     }
 
     /// Binds what the pass writes, or reads and writes.
-    pub fn write(mut self, name: &str, resource: &'a impl Bindable) -> Self {
+    pub fn write(mut self, name: &str, resource: &'a (impl Bindable + ?Sized)) -> Self {
         self.bound.bind(name, true, resource.resource());
         self
     }
@@ -371,17 +410,16 @@ impl<'a> ComputeCall<'a> {
     }
 
     fn record(self, dispatch: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
-        let Self { commands, name, pipeline, bound, immediates } = self;
-        let groups = bound.groups(&commands.gpu, &pipeline.layouts);
-        let pair = commands.timings.pass(&commands.gpu, name);
-        let mut pass = commands.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(name),
-            timestamp_writes: pair.map(|pair| wgpu::ComputePassTimestampWrites {
-                query_set: pair.queries,
-                beginning_of_pass_write_index: Some(pair.begin),
-                end_of_pass_write_index: Some(pair.begin + 1),
-            }),
-        });
+        let Self { to, pipeline, bound, immediates } = self;
+        let mut own;
+        let (gpu, pass) = match to {
+            To::PassOfItsOwn { commands, name } => {
+                own = commands.begin_compute(name);
+                (&*commands.gpu, &mut own)
+            }
+            To::Pass { gpu, pass } => (gpu, pass),
+        };
+        let groups = bound.groups(gpu, &pipeline.layouts);
         pass.set_pipeline(&pipeline.raw);
         for (group, bind_group) in &groups {
             pass.set_bind_group(*group, bind_group, &[]);
@@ -389,7 +427,7 @@ impl<'a> ComputeCall<'a> {
         if !immediates.is_empty() {
             pass.set_immediates(0, immediates);
         }
-        dispatch(&mut pass);
+        dispatch(pass);
     }
 }
 
@@ -429,13 +467,13 @@ pub struct DrawCall<'b, 'a> {
 
 impl<'b, 'a> DrawCall<'b, 'a> {
     /// Binds what the draw reads.
-    pub fn read(mut self, name: &str, resource: &'b impl Bindable) -> Self {
+    pub fn read(mut self, name: &str, resource: &'b (impl Bindable + ?Sized)) -> Self {
         self.bound.bind(name, false, resource.resource());
         self
     }
 
     /// Binds what the draw's programs write beside the targets.
-    pub fn write(mut self, name: &str, resource: &'b impl Bindable) -> Self {
+    pub fn write(mut self, name: &str, resource: &'b (impl Bindable + ?Sized)) -> Self {
         self.bound.bind(name, true, resource.resource());
         self
     }

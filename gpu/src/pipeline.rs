@@ -33,6 +33,8 @@ pub struct RenderPipelineDesc<'a> {
     pub depth: Option<wgpu::TextureFormat>,
     /// Winding of front faces and which face is culled.
     pub primitive: wgpu::PrimitiveState,
+    /// Values for the `override`s of the fragment's program; see [`Gpu::compute_pipeline_with`].
+    pub constants: &'a [(&'a str, f64)],
 }
 
 /// A render pipeline with the reflection of its entry points.
@@ -124,7 +126,10 @@ impl Gpu {
             fragment: fragment.map(|fragment| wgpu::FragmentState {
                 module: &module,
                 entry_point: Some(fragment.name),
-                compilation_options: Default::default(),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants: desc.constants,
+                    ..Default::default()
+                },
                 targets: &targets,
             }),
             multiview_mask: None,

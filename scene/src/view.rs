@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::{Camera, InvalidField, Provenance, SampleId};
 
 /// How a compositor finds the depth of a view's pixel before it fetches by depth-corrected inverse warping.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Search {
     /// Forward splat of the samples' texels into the view, then one filtered fetch per sample.

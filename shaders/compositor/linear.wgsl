@@ -6,8 +6,9 @@ import package::shared::fetch::{
     Fetch, Opinions, POINTS, TRACE, crossing_of_bounds, fetch_from, is_better, not_baked, opinions_of, view,
 };
 import package::shared::pixel::{
-    Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel, with_specular,
+    Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel,
 };
+import package::shared::targets::{place_of_twin, store_linear, store_shown};
 
 // Parts that the last step is divided into: 64 steps place a surface to within 1/512 of the bounds, and the fetch brings it
 // closer yet.
@@ -19,17 +20,17 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
 }
 
 // Whether any sample looks at, or past, each of POINTS points.
-fn opinions_at(d: vec3f, start: f32, step: f32, omni: bool) -> Opinions {
+fn opinions_at(d: vec3f, start: f32, step: f32) -> Opinions {
     var all = Opinions(0u, 0u);
     for (var i = 0u; i < not_baked(view.sample_count); i++) {
-        let one = opinions_of(view.samples[i], d, start, step, omni);
+        let one = opinions_of(view.samples[i], d, start, step);
         all = Opinions(all.seen | one.seen, all.clear | one.clear);
     }
     return all;
 }
 
-fn pixel(at: vec4f, omni: bool) -> Pixel {
-    let position = at.xy - view.target_origin + view.piece_origin;
+fn pixel(at: vec2f) -> Pixel {
+    let position = at - view.target_origin + view.piece_origin;
     let d = view.corner + view.right * position.x + view.down * position.y;
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
     let step = (span.y - span.x) / f32(view.steps);
@@ -38,7 +39,7 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
     // The sky is seen unless the ray passes a place that no sample looks at.
     var clear = true;
     for (var k = 0u; k < not_baked(view.steps) && !found && span.x < span.y; k += POINTS) {
-        let all = opinions_at(d, span.x + step * f32(k), step, omni);
+        let all = opinions_at(d, span.x + step * f32(k), step);
         // Steps beyond the last are not taken.
         let taken = (1u << min(POINTS, view.steps - k)) - 1u;
         let inside = all.seen & ~all.clear & taken;
@@ -49,7 +50,7 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
     }
     // The paper halves; eight points at once find the same eighth as three halvings, at the price of two.
     if found {
-        let all = opinions_at(d, outside, step / PARTS, omni);
+        let all = opinions_at(d, outside, step / PARTS);
         outside += step / PARTS * f32(min(firstTrailingBit(all.seen & ~all.clear), POINTS - 1u));
     }
     // The side on which all cameras are: the most conservative surface.
@@ -57,7 +58,7 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
     var best = Fetch(vec2f(0.0), 0u, 0.0, 0.0, 0.0, false);
     var source = 0u;
     for (var i = 0u; i < not_baked(view.sample_count); i++) {
-        let next = fetch_from(view.samples[i], d, q, omni);
+        let next = fetch_from(view.samples[i], d, q);
         if is_better(next, best) {
             best = next;
             source = i;
@@ -73,41 +74,27 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
 }
 
 @fragment
-fn show_pinhole(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, false));
+fn show(@builtin(position) at: vec4f) -> Shown {
+    return shown(pixel(at.xy));
 }
 
 @fragment
-fn show_pinhole_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, false)));
+fn keep(@builtin(position) at: vec4f) -> Linear {
+    return linear_of(pixel(at.xy));
 }
 
-@fragment
-fn show_omni(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, true));
+@compute @workgroup_size(8, 8)
+fn show_twin(@builtin(global_invocation_id) id: vec3u) {
+    let place = place_of_twin(id.xy);
+    if place.inside {
+        store_shown(place.texel, pixel(place.at));
+    }
 }
 
-@fragment
-fn show_omni_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, true)));
-}
-
-@fragment
-fn keep_pinhole(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, false));
-}
-
-@fragment
-fn keep_pinhole_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, false)));
-}
-
-@fragment
-fn keep_omni(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, true));
-}
-
-@fragment
-fn keep_omni_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, true)));
+@compute @workgroup_size(8, 8)
+fn keep_twin(@builtin(global_invocation_id) id: vec3u) {
+    let place = place_of_twin(id.xy);
+    if place.inside {
+        store_linear(place.texel, pixel(place.at));
+    }
 }

@@ -3,16 +3,12 @@
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
 import package::shared::fetch::{Fetch, POINTS, SETTLED, crossing_of_bounds, fetch_from, is_better, not_baked, opinions_of, view};
-import package::shared::pixel::{
-    Pixel, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel, with_specular,
-};
+import package::shared::pixel::{Pixel, sky_pixel, surface_pixel, unresolved_pixel};
+import package::shared::targets::{store_linear, store_shown};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 @group(0) @binding(10) var<storage, read> unsettled: array<u32>;
 @group(0) @binding(11) var<storage, read> cells: array<vec2u>;
-@group(0) @binding(12) var shown_target: texture_storage_2d<rgba8uint, write>;
-@group(0) @binding(13) var linear_target: texture_storage_2d<rgba16float, write>;
-@group(0) @binding(14) var range_target: texture_storage_2d<r32float, write>;
 
 // The best of all samples for one depth.
 struct Found {
@@ -25,12 +21,12 @@ struct Found {
 // Looks a depth up in all samples. One that sees past the point refutes the others, however well they agree: near the
 // edge of a surface the point may be beside it, in empty space, and yet within tolerance of what another camera sees
 // behind.
-fn look_up(d: vec3f, depth: Depth, omni: bool) -> Found {
+fn look_up(d: vec3f, depth: Depth) -> Found {
     var best = Fetch(vec2f(0.0), 0u, depth.q, 0.0, 0.0, false);
     var source = 0u;
     var refuted = false;
     for (var i = 0u; i < not_baked(view.sample_count) && !refuted; i++) {
-        let next = fetch_from(view.samples[i], d, depth.q, omni);
+        let next = fetch_from(view.samples[i], d, depth.q);
         refuted = next.past >= SETTLED;
         if is_better(next, best) {
             best = next;
@@ -50,17 +46,17 @@ fn farther(a: Depth, at: i32) -> Depth {
 
 // Whether at every point that is checked, eight of them up to where the ray leaves the scene's bounds, some sample looks
 // past it.
-fn is_clear(d: vec3f, omni: bool) -> bool {
+fn is_clear(d: vec3f) -> bool {
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
     let step = (span.y - span.x) / f32(POINTS);
     var clear = 0u;
     for (var i = 0u; i < not_baked(view.sample_count) && clear != (1u << POINTS) - 1u; i++) {
-        clear |= opinions_of(view.samples[i], d, span.x, step, omni).clear;
+        clear |= opinions_of(view.samples[i], d, span.x, step).clear;
     }
     return clear == (1u << POINTS) - 1u;
 }
 
-fn mend(place: vec2u, omni: bool) -> Pixel {
+fn mend(place: vec2u) -> Pixel {
     let position = vec2f(place) + 0.5 - view.target_origin + view.piece_origin;
     let d = view.corner + view.right * position.x + view.down * position.y;
     let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
@@ -76,29 +72,17 @@ fn mend(place: vec2u, omni: bool) -> Pixel {
     // neighbours' surface was drawn over it.
     let became = depth_of(depths[at]);
     let trial = became.q < 0.0;
-    var found = look_up(d, Depth(select(behind.q, -became.q, trial), select(behind.source, became.source, trial)), omni);
+    var found = look_up(d, Depth(select(behind.q, -became.q, trial), select(behind.source, became.source, trial)));
     for (var k = 0u; k < 1u && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
-        found = look_up(d, was, omni);
+        found = look_up(d, was);
     }
     if found.settled {
         return surface_pixel(found.fetch, found.source, d);
     }
-    if is_clear(d, omni) {
+    if is_clear(d) {
         return sky_pixel(d);
     }
     return unresolved_pixel(found.fetch, d);
-}
-
-fn show(place: vec2u, pixel: Pixel) {
-    let result = shown(pixel);
-    textureStore(shown_target, place, result.color);
-    textureStore(range_target, place, vec4f(result.range, 0.0, 0.0, 0.0));
-}
-
-fn keep(place: vec2u, pixel: Pixel) {
-    let result = linear_of(pixel);
-    textureStore(linear_target, place, result.radiance);
-    textureStore(range_target, place, vec4f(result.range, 0.0, 0.0, 0.0));
 }
 
 // Place number `slot` of this piece's list.
@@ -108,65 +92,17 @@ fn place_of(slot: u32) -> vec2u {
 }
 
 @compute @workgroup_size(64)
-fn show_pinhole(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+fn show(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
         let place = place_of(slot);
-        show(place, mend(place, false));
+        store_shown(place, mend(place));
     }
 }
 
 @compute @workgroup_size(64)
-fn show_pinhole_glossy(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+fn keep(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
         let place = place_of(slot);
-        show(place, with_specular(mend(place, false)));
-    }
-}
-
-@compute @workgroup_size(64)
-fn show_omni(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
-        let place = place_of(slot);
-        show(place, mend(place, true));
-    }
-}
-
-@compute @workgroup_size(64)
-fn show_omni_glossy(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
-        let place = place_of(slot);
-        show(place, with_specular(mend(place, true)));
-    }
-}
-
-@compute @workgroup_size(64)
-fn keep_pinhole(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
-        let place = place_of(slot);
-        keep(place, mend(place, false));
-    }
-}
-
-@compute @workgroup_size(64)
-fn keep_pinhole_glossy(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
-        let place = place_of(slot);
-        keep(place, with_specular(mend(place, false)));
-    }
-}
-
-@compute @workgroup_size(64)
-fn keep_omni(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
-        let place = place_of(slot);
-        keep(place, mend(place, true));
-    }
-}
-
-@compute @workgroup_size(64)
-fn keep_omni_glossy(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
-        let place = place_of(slot);
-        keep(place, with_specular(mend(place, true)));
+        store_linear(place, mend(place));
     }
 }

@@ -9,8 +9,9 @@
 import package::shared::cells::{Depth, depth_of};
 import package::shared::fetch::{SETTLED, crossing_of_bounds, fetch_from, view};
 import package::shared::pixel::{
-    Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, with_specular,
+    Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel,
 };
+import package::shared::targets::{place_of_twin, store_linear, store_shown};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 // Pixels that are left over: their number for each piece of the chunk, then their places in the target, 16 bits each of
@@ -22,12 +23,12 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     return corner_of_target(index);
 }
 
-fn pixel(at: vec4f, omni: bool) -> Pixel {
-    let position = at.xy - view.target_origin + view.piece_origin;
+fn pixel(at: vec2f) -> Pixel {
+    let position = at - view.target_origin + view.piece_origin;
     let d = view.corner + view.right * position.x + view.down * position.y;
     let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
     let depth = depth_of(depths[view.first_cell + u32(cell.y * view.cell_columns + cell.x)]);
-    let fetched = fetch_from(view.samples[depth.source], d, depth.q, omni);
+    let fetched = fetch_from(view.samples[depth.source], d, depth.q);
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
     if depth.q > 0.0 && fetched.agreement >= SETTLED {
         return surface_pixel(fetched, depth.source, d);
@@ -41,41 +42,27 @@ fn pixel(at: vec4f, omni: bool) -> Pixel {
 }
 
 @fragment
-fn show_pinhole(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, false));
+fn show(@builtin(position) at: vec4f) -> Shown {
+    return shown(pixel(at.xy));
 }
 
 @fragment
-fn show_pinhole_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, false)));
+fn keep(@builtin(position) at: vec4f) -> Linear {
+    return linear_of(pixel(at.xy));
 }
 
-@fragment
-fn show_omni(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at, true));
+@compute @workgroup_size(8, 8)
+fn show_twin(@builtin(global_invocation_id) id: vec3u) {
+    let place = place_of_twin(id.xy);
+    if place.inside {
+        store_shown(place.texel, pixel(place.at));
+    }
 }
 
-@fragment
-fn show_omni_glossy(@builtin(position) at: vec4f) -> Shown {
-    return shown(with_specular(pixel(at, true)));
-}
-
-@fragment
-fn keep_pinhole(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, false));
-}
-
-@fragment
-fn keep_pinhole_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, false)));
-}
-
-@fragment
-fn keep_omni(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at, true));
-}
-
-@fragment
-fn keep_omni_glossy(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(with_specular(pixel(at, true)));
+@compute @workgroup_size(8, 8)
+fn keep_twin(@builtin(global_invocation_id) id: vec3u) {
+    let place = place_of_twin(id.xy);
+    if place.inside {
+        store_linear(place.texel, pixel(place.at));
+    }
 }

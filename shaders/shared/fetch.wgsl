@@ -1,4 +1,4 @@
-// The depth-corrected fetch that both searches end in: a view's pixel, at the depth a search found for it, is
+// The depth-corrected fetch that all searches end in: a view's pixel, at the depth a search found for it, is
 // looked up in a sample, and taken from those of its texels whose range agrees.
 
 import package::shared::camera::{Pinhole, Seen, in_pinhole, seen_by_cube, seen_by_pinhole};
@@ -49,10 +49,16 @@ struct ViewUniform {
     first_unsettled: u32,
     // Index of this piece among the chunk's.
     piece: u32,
+    // Columns and rows of the piece's pixels.
+    piece_size: vec2u,
     lighting: Lighting,
     // So much that an array's elements lie at multiples of 256 bytes, as uniforms must.
     @size(576) samples: array<ViewSample, 8>,
 }
+
+// The samples are cubes rather than pinhole images. An override, not a uniform: the software driver runs both sides
+// of a branch on a uniform.
+override omni: bool = false;
 
 @group(0) @binding(0) var<uniform> view: ViewUniform;
 @group(0) @binding(1) var inverse_range: texture_2d_array<f32>;
@@ -92,7 +98,7 @@ fn pinhole_of(s: ViewSample) -> Pinhole {
 }
 
 // Where a sample has the direction d.
-fn seen_by_sample(s: ViewSample, d: vec3f, omni: bool) -> Seen {
+fn seen_by_sample(s: ViewSample, d: vec3f) -> Seen {
     if omni {
         return seen_by_cube(f32(textureDimensions(inverse_range).y) * 0.5, d);
     }
@@ -104,9 +110,9 @@ fn seen_by_sample(s: ViewSample, d: vec3f, omni: bool) -> Seen {
 // Where all four texels agree, the depth is brought closer to the surface that they are of, by one step of the
 // fixed-point iteration: to that of the point where the sample's ray meets it. A splatted depth is of a place up to half
 // a cell beside the pixel.
-fn fetch_from(s: ViewSample, d: vec3f, q: f32, omni: bool) -> Fetch {
+fn fetch_from(s: ViewSample, d: vec3f, q: f32) -> Fetch {
     let ray = d + s.eye_from_center * q;
-    let seen = seen_by_sample(s, ray, omni);
+    let seen = seen_by_sample(s, ray);
     let unit = inverseSqrt(max(dot(ray, ray), 1e-30));
     // Inverse range that the sample has if it sees the point.
     let expected = q * unit;
@@ -126,7 +132,7 @@ fn fetch_from(s: ViewSample, d: vec3f, q: f32, omni: bool) -> Fetch {
         let depth = dot(view.forward, ray * (unit / dot(shares, four)) - s.eye_from_center);
         // Where the ray grazes, the step may lead anywhere.
         let closer = clamp(1.0 / max(depth, 1e-30), 0.9 * q, 1.1 * q);
-        let again = seen_by_sample(s, d + s.eye_from_center * closer, omni);
+        let again = seen_by_sample(s, d + s.eye_from_center * closer);
         return Fetch(again.uv, s.layer, closer, agreement, past, true);
     }
     let offset = select(farthest_offset(four), agreeing_offset(weights, agreement), agreement > 0.0);
@@ -177,7 +183,7 @@ const POINTS: u32 = 8u;
 
 // A sample's opinions of the POINTS points at depths start + step, start + 2 step, ... in direction d. So many at once that
 // what depends on the sample alone is worked out once for them.
-fn opinions_of(s: ViewSample, d: vec3f, start: f32, step: f32, omni: bool) -> Opinions {
+fn opinions_of(s: ViewSample, d: vec3f, start: f32, step: f32) -> Opinions {
     let first = in_pinhole(pinhole_of(s), s.eye_from_center);
     let along = in_pinhole(pinhole_of(s), d);
     var all = Opinions(0u, 0u);
@@ -186,7 +192,7 @@ fn opinions_of(s: ViewSample, d: vec3f, start: f32, step: f32, omni: bool) -> Op
         let ray = d * t + s.eye_from_center;
         var seen = seen_by_pinhole(first + along * t);
         if omni {
-            seen = seen_by_sample(s, ray, true);
+            seen = seen_by_sample(s, ray);
         }
         let stored = textureSampleLevel(inverse_range, nearest, seen.uv, s.layer, 0.0).x;
         // In squares: no root. Sky, stored as 0, is beyond every point.

@@ -1,9 +1,12 @@
-// What a view's pixel shows once its surface is found: shared by both searches.
+// What a view's pixel shows once its surface is found: shared by all searches.
 
 import package::shared::encode::unit_from_octahedral;
 import package::shared::fetch::{Fetch, bilinear, nearest, radiance, view};
 import package::shared::finite::finite_or_zero;
 import package::shared::shading::{Light, Surface, sky_radiance, specular_light, specular_sky};
+
+// The samples carry what specular needs. Where they do not, these two planes are any others, and not looked at.
+override glossy: bool = false;
 
 @group(0) @binding(6) var normal_plane: texture_2d_array<f32>;
 @group(0) @binding(7) var specular_plane: texture_2d_array<f32>;
@@ -84,13 +87,22 @@ fn encoded(linear: vec3f) -> vec3f {
     return select(curve, 12.92 * x, x <= vec3f(0.0031308));
 }
 
+// The pixel as its viewer sees it.
+fn lit(pixel: Pixel) -> Pixel {
+    if glossy {
+        return with_specular(pixel);
+    }
+    return pixel;
+}
+
 // A pixel as it is shown: sRGB and the source, each a byte.
 struct Shown {
     @location(0) color: vec4u,
     @location(1) range: f32,
 }
 
-fn shown(pixel: Pixel) -> Shown {
+fn shown(found: Pixel) -> Shown {
+    let pixel = lit(found);
     let color = floor(encoded(pixel.radiance * view.lighting.exposure) * 255.0 + 0.5);
     return Shown(vec4u(vec3u(color), pixel.source), pixel.range);
 }
@@ -101,7 +113,8 @@ struct Linear {
     @location(1) range: f32,
 }
 
-fn linear_of(pixel: Pixel) -> Linear {
+fn linear_of(found: Pixel) -> Linear {
+    let pixel = lit(found);
     // The target holds halves: beyond their largest a highlight would turn into an infinity.
     return Linear(vec4f(min(pixel.radiance, vec3f(65504.0)), f32(pixel.source)), pixel.range);
 }

@@ -2,54 +2,48 @@
 
 use std::collections::BTreeMap;
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
-use argus_scene::{PlaneKind, RenderError};
+use argus_gpu::{Commands, ComputePipeline, Gpu};
+use argus_scene::RenderError;
 
-use crate::drawing::{Shared, Variant};
-use crate::targets::Target;
+use crate::drawing::{Canvas, Extra, Splatted, Variant};
 
 /// The pass: one dispatch a piece.
 #[derive(Debug, Default)]
 pub(crate) struct MendPass(BTreeMap<Variant, ComputePipeline>);
 
 impl MendPass {
-    /// `views` are the uniforms of each piece.
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        variant: Variant,
-        shared: &Shared<'_>,
-        views: &[wgpu::BufferBinding<'_>],
-        [color, range]: [&Target; 2],
+        canvas: &Canvas<'_>,
+        splatted: &Splatted,
     ) -> Result<(), RenderError> {
-        let Some(splatted) = shared.splatted else { return Ok(()) };
+        let [color, range] = canvas.targets;
+        // What is written to a range that is not there is dropped: one pipeline does.
+        let variant = Variant { range: true, ..canvas.variant };
         let pipeline = self.0.entry(variant).or_insert_with(|| {
-            gpu.compute_pipeline(&argus_shaders::compositor::MEND, &variant.entry_point())
+            let program = &argus_shaders::compositor::MEND;
+            gpu.compute_pipeline_with(program, variant.entry_point(), &variant.constants())
         });
+        let mut bindings = canvas.shared.bindings()?;
+        bindings.extend([
+            Extra::read("depths", &splatted.depths),
+            Extra::read("unsettled", &splatted.unsettled),
+            Extra::read("cells", &splatted.cells),
+        ]);
         // Workgroups that share a piece's list. Its length is only known on the device, and an indirect dispatch costs
         // more than workgroups that find nothing to do; on a software driver even those are not free.
         let groups = if gpu.is_software() { 1 } else { 16 };
-        for view in views {
-            let mut call = commands
-                .compute("mend pixels", pipeline)
-                .read("view", view)
-                .read("inverse_range", shared.pool.view(PlaneKind::InverseRange)?)
-                .read("radiance", shared.pool.view(PlaneKind::Radiance)?)
-                .read("nearest", shared.nearest)
-                .read("bilinear", shared.bilinear)
-                .read("depths", &splatted.depths)
-                .read("unsettled", &splatted.unsettled)
-                .read("cells", &splatted.cells)
-                .write(if variant.fine { "linear_target" } else { "shown_target" }, &color.view)
-                .write("range_target", &range.view);
-            if variant.glossy {
-                call = call
-                    .read("normal_plane", shared.pool.view(PlaneKind::Normal)?)
-                    .read("specular_plane", shared.pool.view(PlaneKind::Specular)?)
-                    .read("lights", shared.lights);
+        let mut pass = commands.compute_pass("mend pixels");
+        for draw in canvas.draws {
+            let mut call = pass.call(pipeline).read("view", &draw.view);
+            for extra in &bindings {
+                call = call.read(extra.name, extra.resource);
             }
-            call.dispatch([groups, 1, 1]);
+            call.write(variant.target(), &color.view)
+                .write("range_target", &range.view)
+                .dispatch([groups, 1, 1]);
         }
         Ok(())
     }

@@ -23,6 +23,7 @@ impl ResolvePass {
             targets: &[SHOWN, RANGE],
             depth: None,
             primitive: wgpu::PrimitiveState::default(),
+            constants: &[],
         });
         Self { pipeline }
     }

@@ -1,31 +1,31 @@
-//! Program: `shaders/compositor/warp.wgsl`. Fetches each pixel's colour at the depth that was
-//! splatted for it.
+//! Program: `shaders/compositor/warp.wgsl`. Fetches each pixel's colour at the depth that was splatted for it.
 
 use argus_gpu::{Commands, Gpu};
 use argus_scene::RenderError;
 
-use crate::drawing::{Draw, Pipelines, Shared, Variant, draw_pieces};
-use crate::targets::Target;
+use crate::drawing::{Canvas, Drawing, Extra, Splatted};
 
 /// The pass: one draw a piece.
 #[derive(Debug)]
-pub(crate) struct WarpPass(Pipelines);
+pub(crate) struct WarpPass(Drawing);
 
 impl WarpPass {
+    /// Its row in the timing table.
+    pub(crate) const NAME: &str = "warp views";
+
     pub(crate) fn new() -> Self {
-        Self(Pipelines::new(&argus_shaders::compositor::WARP))
+        Self(Drawing::new(&argus_shaders::compositor::WARP, Self::NAME))
     }
 
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        variant: Variant,
-        shared: &Shared<'_>,
-        draws: &[Draw<'_>],
-        targets: [&Target; 2],
+        canvas: &Canvas<'_>,
+        splatted: &Splatted,
     ) -> Result<(), RenderError> {
-        let pipeline = self.0.get(gpu, variant);
-        draw_pieces(commands, "warp views", pipeline, variant, shared, draws, targets)
+        let extras =
+            [Extra::read("depths", &splatted.depths), Extra::write("unsettled", &splatted.unsettled)];
+        self.0.record(gpu, commands, canvas, &extras)
     }
 }

@@ -84,5 +84,6 @@ fn pipeline(gpu: &Gpu, class: DrawClass) -> RenderPipeline {
         targets: &[scratch::VISIBILITY],
         depth: Some(scratch::DEPTH),
         primitive: wgpu::PrimitiveState { front_face, cull_mode, ..Default::default() },
+        constants: &[],
     })
 }

@@ -77,8 +77,10 @@ mirror! {
         pub first_unsettled: u32,
         /// Index of this piece among the chunk's.
         pub piece: u32,
-        /// WGSL aligns the lighting to 16 bytes.
-        pub _pad_lighting: [u32; 3],
+        /// WGSL aligns vectors of two to 8 bytes.
+        pub _pad_size: u32,
+        /// Columns and rows of the piece's pixels.
+        pub piece_size: [u32; 2],
         /// Sky, exposure and number of lights.
         pub lighting: Lighting,
         /// The plan's samples, in its order.

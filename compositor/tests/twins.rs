@@ -1,0 +1,91 @@
+//! The compute twin of each search writes the bytes that its fragment program does, and the faster is found.
+
+mod common;
+
+use argus_compositor::{CompositorKnobs, Twin};
+use argus_scene::{Camera, Cancel, Compositor as _, Plan, SampleSet, Search, ViewJob, Warp};
+use common::*;
+use glam::DVec3;
+
+const SEARCHES: [Search; 2] = [Search::Splat, Search::Linear];
+
+fn pinholes(glossy: bool) -> SampleSet {
+    let mut garden = Analytic::garden();
+    garden.f0 = if glossy { 0.5 } else { 0.0 };
+    let cameras = [(-8.0, -8.0), (8.0, -8.0), (-8.0, 8.0), (8.0, 8.0)]
+        .map(|(x, z)| perspective(DVec3::new(x, 9.0, z), DVec3::ZERO, 75.0, 100, 75));
+    sample_set(&garden, &cameras, glossy, 1)
+}
+
+fn cubes(glossy: bool) -> SampleSet {
+    let mut garden = Analytic::garden();
+    garden.f0 = if glossy { 0.5 } else { 0.0 };
+    let cameras = [DVec3::new(-6.0, 6.5, -8.0), DVec3::new(-5.0, 7.5, -10.0)].map(|center| cube(center, 64));
+    sample_set(&garden, &cameras, glossy, 1)
+}
+
+/// Views of odd sizes, alone and with sub-pixels, from a place that does not see everything.
+fn views(set: &SampleSet, search: Search) -> Vec<ViewJob> {
+    let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO);
+    let sizes = [([1, 1], 1), ([97, 61], 1), ([33, 7], 2), ([20, 31], 3), ([129, 1], 1)];
+    sizes
+        .map(|(size, supersampling)| {
+            let mut view = job(set, camera, size, search);
+            let Plan::Warp(warp) = &mut view.plan else { panic!("a warp") };
+            *warp = Warp { supersampling, ..warp.clone() };
+            view
+        })
+        .to_vec()
+}
+
+#[test]
+fn the_twins_of_every_search_write_equal_bytes() {
+    for set in [pinholes(false), pinholes(true), cubes(false), cubes(true)] {
+        let knobs = |twin| CompositorKnobs { twin, ..CompositorKnobs::default() };
+        let mut fragment = compositor_with(&set, knobs(Twin::Fragment));
+        let mut compute = compositor_with(&set, knobs(Twin::Compute));
+        for search in SEARCHES {
+            let views = views(&set, search);
+            let a = fragment.compose(&views, &Cancel::new());
+            let b = compute.compose(&views, &Cancel::new());
+            for ((a, b), view) in a.iter().zip(&b).zip(&views) {
+                let (a, b) = (a.as_ref().unwrap(), b.as_ref().unwrap());
+                let what = format!("{search:?} {}×{}", view.width, view.height);
+                assert!(a.color == b.color, "{what}: colour differs");
+                assert!(a.range == b.range, "{what}: range differs");
+                assert!(a.mask == b.mask, "{what}: mask differs");
+                assert!(a.source == b.source, "{what}: source differs");
+            }
+        }
+    }
+}
+
+#[test]
+fn which_twin_is_the_faster_is_found_on_real_batches_and_never_shows() {
+    let set = pinholes(false);
+    let mut compositor = compositor(&set);
+    let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO);
+    let view = job(&set, camera, [200, 150], Search::Splat);
+    let mut colors = Vec::new();
+    for _ in 0..8 {
+        assert_eq!(compositor.twin(Search::Splat), None);
+        colors.push(compose_one(&mut compositor, &view).unwrap().color);
+    }
+    assert!(colors.iter().all(|color| *color == colors[0]));
+    assert!(matches!(compositor.twin(Search::Splat), Some(Twin::Fragment | Twin::Compute)));
+    assert_eq!(compositor.twin(Search::Linear), None, "each search is tried for itself");
+}
+
+#[test]
+fn a_search_that_is_not_there_is_refused_by_field() {
+    let set = pinholes(false);
+    let mut compositor = compositor(&set);
+    let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO);
+    for search in Search::ALL.into_iter().filter(|search| !SEARCHES.contains(search)) {
+        let refused = compose_one(&mut compositor, &job(&set, camera, [20, 20], search));
+        assert!(
+            matches!(&refused, Err(argus_scene::RenderError::Invalid(field)) if field.field == "plan.search"),
+            "{search:?}: {refused:?}"
+        );
+    }
+}

@@ -1,0 +1,34 @@
+// The images of a chunk as compute programs write them: what a fragment program returns, a compute program stores.
+
+import package::shared::fetch::view;
+import package::shared::pixel::{Pixel, linear_of, shown};
+
+@group(0) @binding(12) var shown_target: texture_storage_2d<rgba8uint, write>;
+@group(0) @binding(13) var linear_target: texture_storage_2d<rgba16float, write>;
+// What is written to a range that nobody asked for lies outside of its one texel, and is dropped.
+@group(0) @binding(14) var range_target: texture_storage_2d<r32float, write>;
+
+// The pixel of the targets that an invocation of a twin computes, and whether it lies in the piece.
+struct Place {
+    texel: vec2u,
+    // Its centre, as the fragment program's position has it.
+    at: vec2f,
+    inside: bool,
+}
+
+fn place_of_twin(id: vec2u) -> Place {
+    let texel = vec2u(view.target_origin) + id;
+    return Place(texel, vec2f(texel) + 0.5, all(id < view.piece_size));
+}
+
+fn store_shown(texel: vec2u, pixel: Pixel) {
+    let result = shown(pixel);
+    textureStore(shown_target, texel, result.color);
+    textureStore(range_target, texel, vec4f(result.range, 0.0, 0.0, 0.0));
+}
+
+fn store_linear(texel: vec2u, pixel: Pixel) {
+    let result = linear_of(pixel);
+    textureStore(linear_target, texel, result.radiance);
+    textureStore(range_target, texel, vec4f(result.range, 0.0, 0.0, 0.0));
+}
