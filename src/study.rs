@@ -106,8 +106,9 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
 
 fn publish(name: &str, form: &Form, report: &Report) -> anyhow::Result<()> {
     if let Some(folder) = &form.out {
-        report.write(folder, name)?;
-        eprintln!("written: {}", folder.join(name).with_extension("{md,csv,json}").display());
+        for path in report.write(folder, name)? {
+            eprintln!("written: {}", path.display());
+        }
     }
     if form.json {
         return output::json(report);

@@ -24,7 +24,7 @@ use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
 use crate::median::{mean, median};
-use crate::{Machine, Report};
+use crate::{Machine, Report, report};
 
 /// What is measured, and how long.
 #[derive(Debug, Clone)]
@@ -109,7 +109,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
             rows.extend(bench.rows(size, options, progress).with_context(|| spec.clone())?);
         }
     }
-    Ok(Report { scene: options.scenes.join(" "), machine: Machine::here(gpu.kind()), rows })
+    Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))
 }
 
 /// One scene, sampled and held.
@@ -225,8 +225,7 @@ impl Bench {
                 "ssim": mean(judged.iter().map(|c| c.ssim)),
                 "unresolved_fraction": unresolved,
             });
-            let Value::Object(row) = row else { unreachable!("an object literal is an object") };
-            rows.push(row);
+            rows.push(report::row(row));
             progress.inc(1);
         }
         Ok(rows)

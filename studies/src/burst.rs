@@ -9,11 +9,11 @@ use argus_client::load::{burst, path_views};
 use argus_client::{Answer, Client, ClientError, ConnectOptions, RenderOptions};
 use argus_scene::PlanRequest;
 use indicatif::ProgressBar;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::local_cluster::LocalCluster;
 use crate::median::{mean, median};
-use crate::{Machine, Report};
+use crate::{Machine, Report, report};
 
 /// What is measured, and how often.
 #[derive(Debug, Clone)]
@@ -91,10 +91,9 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
             "per_direct": total_secs / direct_secs,
             "unresolved_fraction": unresolved[i],
         });
-        let Value::Object(row) = row else { unreachable!("an object literal is an object") };
-        row
+        report::row(row)
     });
-    Ok(Report { scene: options.scene.clone(), rows: rows.collect(), machine: Machine::here(&device) })
+    Ok(Report::new(options.scene.clone(), Machine::here(&device), rows.collect()))
 }
 
 /// For views that are worth waiting for: in a burst, the last one waits for all others.

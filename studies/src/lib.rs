@@ -9,7 +9,9 @@ pub mod baseline;
 pub mod burst;
 mod local_cluster;
 mod median;
+mod plot;
 mod report;
 
 pub use local_cluster::LocalCluster;
+pub use plot::Plot;
 pub use report::{Machine, Report};

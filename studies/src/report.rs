@@ -1,11 +1,14 @@
 //! What an experiment found, in the three forms that people and scripts read.
 
 use std::fmt::Write as _;
-use std::path::Path;
-use std::{fs, io};
+use std::fs;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context as _;
 use serde::Serialize;
 use serde_json::{Map, Value};
+
+use crate::plot::Plot;
 
 /// Where the figures were taken: they mean little without it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -46,9 +49,20 @@ pub struct Report {
     pub machine: Machine,
     /// One object a table row, all with the same keys in the same order.
     pub rows: Vec<Map<String, Value>>,
+    /// What the table does not say: what was left out, and why. A sentence each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
+    /// Plots of the rows, written beside them.
+    #[serde(skip)]
+    pub plots: Vec<Plot>,
 }
 
 impl Report {
+    /// Rows without notes or plots.
+    pub fn new(scene: impl Into<String>, machine: Machine, rows: Vec<Map<String, Value>>) -> Self {
+        Self { scene: scene.into(), machine, rows, notes: Vec::new(), plots: Vec::new() }
+    }
+
     /// The rows as a Markdown table.
     pub fn markdown(&self) -> String {
         let Some(first) = self.rows.first() else { return String::new() };
@@ -58,6 +72,9 @@ impl Report {
         table += &line(first.keys().map(|_| "---".to_owned()).collect());
         for row in &self.rows {
             table += &line(row.values().map(shown).collect());
+        }
+        for note in &self.notes {
+            let _ = write!(table, "\n{note}\n");
         }
         table
     }
@@ -73,16 +90,35 @@ impl Report {
         csv
     }
 
-    /// Writes `NAME.md`, `NAME.csv` and `NAME.json` into a folder, which is made if need be.
+    /// Writes `NAME.md`, `NAME.csv`, `NAME.json` and each plot as `NAME-PLOT.svg` into a folder, which is made if
+    /// need be. Returns the files.
     ///
     /// # Errors
     /// The folder cannot be written to.
-    pub fn write(&self, folder: &Path, name: &str) -> io::Result<()> {
+    pub fn write(&self, folder: &Path, name: &str) -> anyhow::Result<Vec<PathBuf>> {
         fs::create_dir_all(folder)?;
-        let path = |extension| folder.join(format!("{name}.{extension}"));
-        fs::write(path("md"), self.markdown())?;
-        fs::write(path("csv"), self.csv())?;
-        fs::write(path("json"), serde_json::to_string_pretty(self)?)
+        let mut files = vec![
+            (format!("{name}.md"), self.markdown()),
+            (format!("{name}.csv"), self.csv()),
+            (format!("{name}.json"), serde_json::to_string_pretty(self)?),
+        ];
+        for plot in &self.plots {
+            files.push((format!("{name}-{}.svg", plot.name), plot.svg()?));
+        }
+        let write = |(file, content): (String, String)| -> anyhow::Result<PathBuf> {
+            let path = folder.join(file);
+            fs::write(&path, content).with_context(|| format!("cannot write {}", path.display()))?;
+            Ok(path)
+        };
+        files.into_iter().map(write).collect()
+    }
+}
+
+/// The row that an object literal (`json!({..})`) describes; empty for any other value.
+pub(crate) fn row(value: Value) -> Map<String, Value> {
+    match value {
+        Value::Object(row) => row,
+        _ => Map::new(),
     }
 }
 
@@ -120,8 +156,10 @@ mod tests {
             pairs.into_iter().collect::<Map<String, Value>>()
         };
         let rows = vec![row("a,b", 1.25), row("c", f64::NAN)];
-        let report = Report { scene: "s".to_owned(), machine: Machine::here("none"), rows };
+        let mut report = Report::new("s", Machine::here("none"), rows);
         assert_eq!(report.markdown().lines().count(), 4);
+        report.notes.push("One was left out.".to_owned());
+        assert!(report.markdown().ends_with("|\n\nOne was left out.\n"));
         assert_eq!(report.csv(), "name,ms\n\"a,b\",1.25\nc,\n");
     }
 }

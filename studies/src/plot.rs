@@ -1,0 +1,332 @@
+//! Plots for people who read them at the width of a README: few, large marks, told apart by shape as well as by
+//! colour.
+//!
+//! Colours are those of Okabe and Ito ("Color Universal Design", 2008), which stay apart for every common kind
+//! of colour blindness; shapes say the same in print.
+
+use std::ops::Range;
+
+use anyhow::{Result, anyhow};
+use plotters::coord::Shift;
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+/// One diagram, with a name for its file.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Plot {
+    /// What its file is called, after the study.
+    pub name: String,
+    /// One line above it.
+    pub title: String,
+    /// Across.
+    pub x: Axis,
+    /// Upwards.
+    pub y: Axis,
+    /// What is told apart, in the order of the legend.
+    pub series: Vec<Series>,
+    /// A line through the points that nothing beats, with a word on each.
+    pub front: Vec<Mark>,
+    /// Vertical lines, each with a word.
+    pub guides: Vec<(f64, String)>,
+}
+
+/// An axis.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Axis {
+    /// Quantity and unit.
+    pub label: String,
+    /// Equal ratios are equally far apart; values that are not above 0 are left out.
+    pub log: bool,
+}
+
+impl Axis {
+    /// Equal differences are equally far apart.
+    pub fn linear(label: &str) -> Self {
+        Self { label: label.to_owned(), log: false }
+    }
+
+    /// Equal ratios are equally far apart.
+    pub fn log(label: &str) -> Self {
+        Self { label: label.to_owned(), log: true }
+    }
+}
+
+/// Points of one kind.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Series {
+    /// As the legend has it.
+    pub name: String,
+    /// Its points.
+    pub points: Vec<(f64, f64)>,
+    /// Whether a line joins them.
+    pub line: bool,
+}
+
+/// A point with a word beside it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mark {
+    /// Where.
+    pub at: (f64, f64),
+    /// The word.
+    pub label: String,
+}
+
+const SIZE: (u32, u32) = (900, 560);
+const COLORS: [RGBColor; 7] = [
+    RGBColor(0, 0, 0),
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+];
+
+/// An axis on which everything is linear: values are put through `at` first.
+#[derive(Clone)]
+struct Scale {
+    log: bool,
+    least: f64,
+    most: f64,
+}
+
+impl Scale {
+    fn over(axis: &Axis, values: impl Iterator<Item = f64>) -> Self {
+        let log = axis.log;
+        let usable = |v: &f64| v.is_finite() && (!log || *v > 0.0);
+        let mapped = values.filter(usable).map(|v| if log { v.log10() } else { v });
+        let (least, most) = mapped.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        if !(least <= most) {
+            return Self { log, least: 0.0, most: 1.0 };
+        }
+        // Room for marks and their words; a linear axis begins at 0, so that heights compare.
+        let least = if log { least } else { least.min(0.0) };
+        let room = (most - least).max(if log { 0.2 } else { 1e-9 * most.abs().max(1e-9) }) * 0.08;
+        Self { log, least: if log { least - room } else { least }, most: most + room }
+    }
+
+    fn at(&self, value: f64) -> Option<f64> {
+        let mapped = if self.log { value.log10() } else { value };
+        mapped.is_finite().then_some(mapped)
+    }
+
+    /// Round values within the axis, as positions on it.
+    fn ticks(&self) -> Vec<f64> {
+        let inside = |at: &f64| (self.least..=self.most).contains(at);
+        if !self.log {
+            let step = round_step((self.most - self.least) / 6.0);
+            let first = (self.least / step).ceil() as i64;
+            return (first..).map(|i| i as f64 * step).take_while(|at| *at <= self.most).collect();
+        }
+        let decades = self.least.floor() as i32..=self.most.ceil() as i32;
+        let digits: &[f64] = if self.most - self.least > 2.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
+        decades.flat_map(|d| digits.iter().map(move |m| f64::from(d) + m.log10())).filter(inside).collect()
+    }
+
+    fn label(&self, at: f64) -> String {
+        let value = if self.log { 10f64.powf(at) } else { at };
+        let rounded = (value * 1e6).round() / 1e6;
+        format!("{rounded}")
+    }
+}
+
+impl Ranged for Scale {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, at: &f64, (first, last): (i32, i32)) -> i32 {
+        first + ((at - self.least) / (self.most - self.least) * f64::from(last - first)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if hint.weight().allow_light_points() { Vec::new() } else { self.ticks() }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.least..self.most
+    }
+}
+
+/// 1, 2 or 5 times a power of ten, at least `step`.
+fn round_step(step: f64) -> f64 {
+    if !(step > 0.0) {
+        return 1.0;
+    }
+    let decade = 10f64.powf(step.log10().floor());
+    [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * decade).find(|s| *s >= step * 0.999).unwrap_or(step)
+}
+
+impl Plot {
+    /// The diagram as SVG text.
+    ///
+    /// # Errors
+    /// What the drawing library says.
+    pub fn svg(&self) -> Result<String> {
+        let mut text = String::new();
+        {
+            let area = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+            self.draw(&area).map_err(|error| anyhow!("cannot draw {}: {error}", self.name))?;
+        }
+        Ok(text)
+    }
+
+    fn draw(&self, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), Box<dyn std::error::Error>> {
+        let points = || self.series.iter().flat_map(|series| &series.points);
+        let guides = self.guides.iter().map(|guide| guide.0);
+        let x = Scale::over(&self.x, points().map(|p| p.0).chain(guides));
+        let y = Scale::over(&self.y, points().map(|p| p.1));
+        let place = |&(px, py): &(f64, f64)| Some((x.at(px)?, y.at(py)?));
+        area.fill(&WHITE)?;
+        let mut chart = ChartBuilder::on(area)
+            .caption(&self.title, ("sans-serif", 22))
+            .margin(12)
+            .x_label_area_size(52)
+            .y_label_area_size(72)
+            .build_cartesian_2d(x.clone(), y.clone())?;
+        chart
+            .configure_mesh()
+            .x_desc(self.x.label.as_str())
+            .y_desc(self.y.label.as_str())
+            .axis_desc_style(("sans-serif", 18))
+            .label_style(("sans-serif", 16))
+            .x_label_formatter(&|at| x.label(*at))
+            .y_label_formatter(&|at| y.label(*at))
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(BLACK.mix(0.12))
+            .draw()?;
+        let small = ("sans-serif", 15).into_font();
+        for (at, word) in &self.guides {
+            let Some(at) = x.at(*at) else { continue };
+            chart.draw_series(DashedLineSeries::new(
+                [(at, y.least), (at, y.most)],
+                6,
+                5,
+                BLACK.mix(0.6).into(),
+            ))?;
+            let style = small.clone().color(&BLACK.mix(0.7)).pos(Pos::new(HPos::Left, VPos::Top));
+            let top = EmptyElement::at((at, y.most)) + Text::new(word.clone(), (5, 4), style);
+            chart.draw_series([top])?;
+        }
+        let front: Vec<(f64, f64)> = self.front.iter().filter_map(|mark| place(&mark.at)).collect();
+        if !front.is_empty() {
+            let style = BLACK.mix(0.45).stroke_width(2);
+            chart
+                .draw_series(LineSeries::new(front.iter().copied(), style))?
+                .label("Pareto front")
+                .legend(move |(x, y)| PathElement::new([(x - 9, y), (x + 9, y)], style));
+        }
+        for (i, series) in self.series.iter().enumerate() {
+            let color = COLORS[i % COLORS.len()];
+            let placed: Vec<(f64, f64)> = series.points.iter().filter_map(place).collect();
+            if series.line {
+                chart.draw_series(LineSeries::new(placed.iter().copied(), color.stroke_width(2)))?;
+            }
+            let marks = placed.iter().map(|&at| EmptyElement::at(at) + mark(i, (0, 0), 5, color.mix(0.8)));
+            chart.draw_series(marks)?.label(&series.name).legend(move |at| mark(i, at, 6, color.mix(0.9)));
+        }
+        for (i, Mark { at, label }) in self.front.iter().enumerate() {
+            let Some(at) = place(at) else { continue };
+            // Words of neighbours in turn below and above, so that they do not cover each other.
+            let (offset, anchor) = if i % 2 == 0 { ((6, 6), VPos::Top) } else { ((6, -8), VPos::Bottom) };
+            let style = small.clone().color(&BLACK).pos(Pos::new(HPos::Left, anchor));
+            chart.draw_series([EmptyElement::at(at) + Text::new(label.clone(), offset, style)])?;
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .background_style(WHITE.mix(0.85))
+            .border_style(BLACK.mix(0.3))
+            .label_font(("sans-serif", 16))
+            .draw()?;
+        area.present()?;
+        Ok(())
+    }
+}
+
+/// The shape of the `index`-th series.
+fn mark(index: usize, (x, y): (i32, i32), size: i32, color: RGBAColor) -> Polygon<(i32, i32)> {
+    let ring = |corners: u32, turn: f64, size: f64| -> Vec<(i32, i32)> {
+        (0..corners)
+            .map(|k| {
+                let angle = (f64::from(k) / f64::from(corners) + turn) * std::f64::consts::TAU;
+                (x + (size * angle.sin()).round() as i32, y - (size * angle.cos()).round() as i32)
+            })
+            .collect()
+    };
+    let size = f64::from(size);
+    let corners = match index % 7 {
+        0 => ring(4, 0.125, size * 1.3),
+        1 => ring(16, 0.0, size),
+        2 => ring(3, 0.0, size * 1.4),
+        3 => ring(4, 0.0, size * 1.4),
+        4 => ring(3, 0.5, size * 1.4),
+        5 => ring(5, 0.0, size * 1.2),
+        _ => ring(6, 0.0, size),
+    };
+    Polygon::new(corners, color.filled())
+}
+
+/// The points that no other one beats in both coordinates, by ascending x: lower is better. Points with a NaN
+/// are beaten by all.
+pub(crate) fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
+    let mut order: Vec<usize> =
+        (0..points.len()).filter(|&i| points[i].0.is_finite() && points[i].1.is_finite()).collect();
+    order.sort_by(|&a, &b| points[a].0.total_cmp(&points[b].0).then(points[a].1.total_cmp(&points[b].1)));
+    let mut best = f64::INFINITY;
+    order.retain(|&i| {
+        let better = points[i].1 < best;
+        best = best.min(points[i].1);
+        better
+    });
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_front_is_what_nothing_beats() {
+        let points = [(2.0, 2.0), (1.0, 3.0), (3.0, 2.0), (4.0, 1.0), (0.5, f64::NAN), (1.0, 2.9)];
+        assert_eq!(pareto_front(&points), vec![5, 0, 3]);
+        assert!(pareto_front(&[]).is_empty());
+    }
+
+    #[test]
+    fn plots_of_anything_are_drawn() {
+        let series =
+            |points: &[(f64, f64)]| Series { name: "a<b".to_owned(), points: points.to_vec(), line: true };
+        for points in [
+            &[][..],
+            &[(1.0, 1.0)],
+            &[(0.0, 0.0), (f64::NAN, 1.0), (f64::INFINITY, 2.0)],
+            &[(1.0, 0.03), (2000.0, 0.07)],
+        ] {
+            for log in [false, true] {
+                let axis = Axis { label: "ms".to_owned(), log };
+                let front = points.iter().map(|&at| Mark { at, label: "x".to_owned() }).collect();
+                let plot = Plot {
+                    x: axis.clone(),
+                    y: axis,
+                    series: vec![series(points)],
+                    front,
+                    guides: vec![(0.5, "floor".to_owned())],
+                    ..Plot::default()
+                };
+                let svg = plot.svg().unwrap();
+                assert!(svg.starts_with("<svg") && svg.contains("a&lt;b") && !svg.contains("NaN"), "{svg}");
+            }
+        }
+    }
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        let scale = Scale { log: true, least: 0.1, most: 1.9 };
+        let shown: Vec<String> = scale.ticks().iter().map(|&at| scale.label(at)).collect();
+        assert_eq!(shown, ["2", "5", "10", "20", "50"]);
+        let scale = Scale { log: false, least: 0.0, most: 0.11 };
+        let shown: Vec<String> = scale.ticks().iter().map(|&at| scale.label(at)).collect();
+        assert_eq!(shown, ["0", "0.02", "0.04", "0.06", "0.08", "0.1"]);
+    }
+}
