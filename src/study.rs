@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use argus_studies::{Report, baseline, burst};
+use argus_studies::{Report, baseline, burst, warp};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{args, output};
@@ -16,6 +16,7 @@ use crate::{args, output};
 Examples:
   LP_NUM_THREADS=1 argus study baseline --out figures
   argus study baseline --scene model.glb --quick
+  LP_NUM_THREADS=1 argus study warp --scene terrain:500000 --out figures
   argus study burst --scene terrain:500000 --views 290")]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -26,6 +27,7 @@ pub(crate) struct Args {
 enum Study {
     Baseline(Baseline),
     Burst(Burst),
+    Warp(Warp),
 }
 
 /// What direct views, samples and both searches cost, and how close they come to the reference
@@ -54,6 +56,25 @@ struct Burst {
     /// Worker processes [default: 2]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
+    #[command(flatten)]
+    form: Form,
+}
+
+/// What accuracy costs in time: every search × its steps × samples × supersampling, over a walk past what hides
+/// other things
+#[derive(clap::Args)]
+struct Warp {
+    /// A file or `terrain[:TRIANGLES]` [default: terrain:500000]
+    #[arg(long, value_name = "S")]
+    scene: Option<String>,
+    /// Pixels of a view [default: 200x150]
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Option<[u32; 2]>,
+    /// Views of the walk [default: 12]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    views: Option<u16>,
+    #[command(flatten)]
+    rig: args::Rig,
     #[command(flatten)]
     form: Form,
 }
@@ -98,6 +119,19 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
             options.workers = workers.map_or(options.workers, usize::from);
             let report = burst::run(&std::env::current_exe()?, &options, &progress).await?;
             ("burst", form, report)
+        }
+        Study::Warp(Warp { scene, size, views, rig, form }) => {
+            let mut options = if form.quick { warp::Options::quick() } else { warp::Options::default() };
+            options.scene = scene.unwrap_or(options.scene);
+            options.size = size.unwrap_or(options.size);
+            options.views = views.map_or(options.views, usize::from);
+            options.rig = rig.knobs();
+            if let Some(samples) = rig.samples {
+                options.samples = vec![samples as usize];
+            }
+            let bar = progress.clone();
+            let report = tokio::task::spawn_blocking(move || warp::run(&options, &bar)).await??;
+            ("warp", form, report)
         }
     };
     progress.finish_and_clear();

@@ -6,23 +6,18 @@
 //! network hides in them.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_compositor::GpuCompositor;
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::GpuSampler;
-use argus_scene::metrics::{self, Comparison};
-use argus_scene::reference::{ReferenceImage, Tracer, cache};
-use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
-use argus_scene::{
-    Camera, Cancel, Compositor, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob, Sampler, Scene,
-    Search, ViewJob, Warp, path,
-};
+use argus_sampler::SamplerKnobs;
+use argus_scene::metrics::Comparison;
+use argus_scene::sample::SampleId;
+use argus_scene::{Camera, Frame, Outputs, Plan, RigKnobs, Search, ViewJob, Warp, path};
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::bench::{Bench, Taken, compare};
 use crate::median::{mean, median};
 use crate::{Machine, Report, report};
 
@@ -104,84 +99,41 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut rows = Vec::new();
     for spec in &options.scenes {
         progress.set_message(spec.clone());
-        let mut bench = Bench::new(&gpu, spec, options)?;
+        let mut subject = Subject::new(&gpu, spec, options)?;
         for &size in &options.sizes {
-            rows.extend(bench.rows(size, options, progress).with_context(|| spec.clone())?);
+            rows.extend(subject.rows(size, options, progress).with_context(|| spec.clone())?);
         }
     }
     Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))
 }
 
 /// One scene, sampled and held.
-struct Bench {
-    scene: Arc<Scene>,
-    info: Arc<SampleSetInfo>,
-    sampler: GpuSampler,
-    compositor: GpuCompositor,
-    tracer: Tracer,
+struct Subject {
+    bench: Bench,
     cameras: Vec<Camera>,
-    samples_ms: f64,
-    sample_count: usize,
+    taken: Taken,
 }
 
-impl Bench {
+impl Subject {
     fn new(gpu: &Arc<Gpu>, spec: &str, options: &Options) -> Result<Self> {
-        let scene = Arc::new(argus_scene::open(spec)?);
-        let suggested: Vec<Camera> = match scene.cameras.as_slice() {
-            [] => vec![scene.default_camera()],
-            cameras => cameras.iter().map(|named| named.camera).collect(),
-        };
-        let info = Arc::new(SampleSetInfo {
-            scene: scene.hash,
-            bounds: scene.bounds(),
-            rig: Rig::for_scene(&scene, &RigKnobs::default())?,
-            epoch: 0,
-            generation: 1,
-            lighting: scene.lighting.clone(),
-        });
-        let cameras = path::viewpoints(&suggested, options.batch);
-        let mut sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?;
-        let mut compositor = GpuCompositor::new(Arc::clone(gpu))?;
-        let mut ids: Vec<SampleId> =
-            cameras.iter().flat_map(|camera| sample_ids(&info, camera, options.samples)).collect();
-        ids.sort();
-        ids.dedup();
-        let job = SampleJob { info: Arc::clone(&info), ids, to_host: false };
-        let mut times = Vec::new();
-        let mut samples = Vec::new();
-        // The first round also makes the pipelines' machine code.
-        for round in 0..=options.rounds.min(3) {
-            let begin = Instant::now();
-            let rendered = sampler.render_samples(&job, &Cancel::new());
-            let ms = begin.elapsed().as_secs_f64() * 1e3;
-            samples = rendered.into_iter().collect::<Result<Vec<_>, RenderError>>()?;
-            if round > 0 {
-                times.push(ms);
-            }
-        }
-        let sample_count = samples.len();
-        let samples = samples.into_iter().map(Arc::new).collect();
-        compositor.hold(&SampleSet { info: Arc::clone(&info), samples })?;
-        let tracer = Tracer::new(Arc::clone(&scene));
-        let samples_ms = median(&times);
-        Ok(Self { scene, info, sampler, compositor, tracer, cameras, samples_ms, sample_count })
+        let mut bench = Bench::new(gpu, spec, &RigKnobs::default(), SamplerKnobs::default())?;
+        let cameras = path::viewpoints(&bench.suggested(), options.batch);
+        let ids = bench.all_ids(&cameras, options.samples);
+        let taken = bench.take(ids, options.rounds.min(3))?;
+        Ok(Self { bench, cameras, taken })
     }
 
     /// A row for each method at one size of view.
     fn rows(
         &mut self,
-        [width, height]: [u32; 2],
+        size: [u32; 2],
         options: &Options,
         progress: &ProgressBar,
     ) -> Result<Vec<Map<String, Value>>> {
         let jobs = METHODS.map(|method| -> Vec<ViewJob> {
-            let job = |&camera: &Camera| ViewJob {
-                camera,
-                width,
-                height,
-                outputs: Outputs::COLOR,
-                plan: (method.plan)(sample_ids(&self.info, &camera, options.samples)),
-                epoch: 0,
+            let job = |&camera: &Camera| {
+                let plan = (method.plan)(self.bench.sample_ids(&camera, options.samples));
+                self.bench.job(camera, size, Outputs::COLOR, plan)
             };
             self.cameras.iter().map(job).collect()
         });
@@ -193,8 +145,8 @@ impl Bench {
                 // Only the splat gains from a batch worth the wait; a linear step costs the same in any.
                 let batched = matches!(&jobs[0].plan, Plan::Warp(warp) if warp.search == Search::Splat);
                 let many = if batched { jobs.len() } else { options.judged.min(jobs.len()) };
-                let (ms, answered) = self.time(&jobs[..many])?;
-                let (one_ms, _) = self.time(&jobs[..1])?;
+                let (ms, answered) = self.bench.time(&jobs[..many])?;
+                let (one_ms, _) = self.bench.time(&jobs[..1])?;
                 if round > 0 {
                     batch_ms[method].push(ms / many as f64);
                     alone_ms[method].push(one_ms);
@@ -202,24 +154,25 @@ impl Bench {
                 frames[method] = answered;
             }
         }
-        let references = self.references([width, height], options);
+        let references = self.references(size, options);
         let g = median(&batch_ms[0]);
         let mut rows = Vec::new();
         for (i, method) in METHODS.iter().enumerate() {
-            let judged = frames[i].iter().zip(&references).map(|(frame, reference)| judge(frame, reference));
+            let judged =
+                frames[i].iter().zip(&references).map(|(frame, reference)| compare(frame, reference));
             let judged = judged.collect::<Result<Vec<Comparison>>>()?;
             let view_ms = median(&batch_ms[i]);
             let unresolved = mean(frames[i].iter().map(|frame| frame.unresolved_fraction));
             let row = json!({
-                "scene": self.scene.name,
-                "triangles": self.scene.triangles(),
-                "size": format!("{width}x{height}"),
+                "scene": self.bench.scene.name,
+                "triangles": self.bench.scene.triangles(),
+                "size": format!("{}x{}", size[0], size[1]),
                 "method": method.name,
                 "view_ms": view_ms,
                 "view_alone_ms": median(&alone_ms[i]),
                 "per_direct": view_ms / g,
-                "samples": self.sample_count,
-                "samples_ms": self.samples_ms,
+                "samples": self.taken.count,
+                "samples_ms": self.taken.ms,
                 "flip": mean(judged.iter().map(|c| c.flip_mean)),
                 "psnr_db": mean(judged.iter().map(|c| c.psnr_db)),
                 "ssim": mean(judged.iter().map(|c| c.ssim)),
@@ -231,36 +184,9 @@ impl Bench {
         Ok(rows)
     }
 
-    /// Milliseconds that a batch takes, and its frames.
-    fn time(&mut self, jobs: &[ViewJob]) -> Result<(f64, Vec<Frame>)> {
-        let cancel = Cancel::new();
-        let begin = Instant::now();
-        let frames = match jobs[0].plan {
-            Plan::Direct { .. } => self.sampler.render_views(jobs, &cancel),
-            Plan::Warp(_) => self.compositor.compose(jobs, &cancel),
-        };
-        let ms = begin.elapsed().as_secs_f64() * 1e3;
-        Ok((ms, frames.into_iter().collect::<Result<_, RenderError>>()?))
-    }
-
     /// The truth for the judged views.
     fn references(&self, size: [u32; 2], options: &Options) -> Vec<RgbImage> {
-        let exposure = self.scene.lighting.exposure;
-        let folder = cache::directory();
-        let render = |camera| -> ReferenceImage {
-            cache::render(folder.as_deref(), &self.tracer, camera, size, options.reference_samples, |_| ())
-        };
-        self.cameras.iter().take(options.judged).map(|camera| render(camera).display(exposure)).collect()
+        let truth = |camera| self.bench.truth(camera, size, options.reference_samples, &[]).image;
+        self.cameras.iter().take(options.judged).map(truth).collect()
     }
-}
-
-fn sample_ids(info: &SampleSetInfo, camera: &Camera, count: usize) -> Vec<SampleId> {
-    let id = |index| SampleId { epoch: info.epoch, generation: info.generation, index };
-    info.rig.nearest(camera, count).into_iter().map(id).collect()
-}
-
-fn judge(frame: &Frame, reference: &RgbImage) -> Result<Comparison> {
-    let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
-    let image = RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;
-    Ok(metrics::compare(reference, &image)?)
 }

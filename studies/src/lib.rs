@@ -6,11 +6,13 @@
 //! that a noisy machine disturbs all of them alike.
 
 pub mod baseline;
+mod bench;
 pub mod burst;
 mod local_cluster;
 mod median;
 mod plot;
 mod report;
+pub mod warp;
 
 pub use local_cluster::LocalCluster;
 pub use plot::Plot;

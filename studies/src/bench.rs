@@ -1,0 +1,240 @@
+//! One scene, its sampler, its compositor and the truth about it: what the studies that need no network share.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use argus_compositor::GpuCompositor;
+use argus_gpu::Gpu;
+use argus_sampler::{GpuSampler, SamplerKnobs};
+use argus_scene::metrics::{self, Comparison};
+use argus_scene::reference::{Tracer, cache};
+use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
+use argus_scene::{
+    Camera, Cancel, Compositor as _, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
+    Sampler as _, Scene, ViewJob,
+};
+use glam::{DVec2, DVec3};
+use image::RgbImage;
+use rayon::prelude::*;
+
+use crate::median::median;
+
+/// Both roles about one scene, in one process and on one device, so that no network hides in a figure.
+pub(crate) struct Bench {
+    pub(crate) scene: Arc<Scene>,
+    pub(crate) info: Arc<SampleSetInfo>,
+    pub(crate) sampler: GpuSampler,
+    pub(crate) compositor: GpuCompositor,
+    pub(crate) tracer: Tracer,
+}
+
+/// What taking samples cost.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Taken {
+    pub(crate) count: usize,
+    /// Milliseconds for all of them, the median of the rounds.
+    pub(crate) ms: f64,
+}
+
+/// A frame beside the truth.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Judged {
+    pub(crate) image: Comparison,
+    pub(crate) unresolved: f64,
+    /// Share of pixels that show a surface at another range than the truth has.
+    pub(crate) wrong_surface: f64,
+}
+
+/// The truth about a view.
+pub(crate) struct Truth {
+    pub(crate) image: RgbImage,
+    /// Ranges through the places that frames of 1, 2, 3, … sub-pixels a side say theirs of.
+    ranges: Vec<(u32, Vec<f64>)>,
+}
+
+/// Relative difference of range from which a pixel counts as another surface.
+pub(crate) const WRONG_SURFACE: f64 = 0.05;
+
+impl Bench {
+    /// Opens a scene and places a rig; holds no samples yet.
+    pub(crate) fn new(gpu: &Arc<Gpu>, spec: &str, rig: &RigKnobs, sampler: SamplerKnobs) -> Result<Self> {
+        let scene = Arc::new(argus_scene::open(spec)?);
+        Self::of(gpu, scene, rig, sampler)
+    }
+
+    /// Of a scene that is open already.
+    pub(crate) fn of(
+        gpu: &Arc<Gpu>,
+        scene: Arc<Scene>,
+        rig: &RigKnobs,
+        sampler: SamplerKnobs,
+    ) -> Result<Self> {
+        let info = Arc::new(SampleSetInfo {
+            scene: scene.hash,
+            bounds: scene.bounds(),
+            rig: Rig::for_scene(&scene, rig)?,
+            epoch: 0,
+            generation: 1,
+            lighting: scene.lighting.clone(),
+        });
+        let sampler = GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), sampler)?;
+        let compositor = GpuCompositor::new(Arc::clone(gpu))?;
+        let tracer = Tracer::new(Arc::clone(&scene));
+        Ok(Self { scene, info, sampler, compositor, tracer })
+    }
+
+    /// Forgets all samples and places them by another rig, as a new generation.
+    pub(crate) fn replace_rig(&mut self, rig: &RigKnobs, held: &[SampleId]) -> Result<()> {
+        self.compositor.release(held);
+        let rig = Rig::for_scene(&self.scene, rig)?;
+        self.info =
+            Arc::new(SampleSetInfo { rig, generation: self.info.generation + 1, ..(*self.info).clone() });
+        Ok(())
+    }
+
+    /// The cameras that the scene suggests, or one that shows it.
+    pub(crate) fn suggested(&self) -> Vec<Camera> {
+        match self.scene.cameras.as_slice() {
+            [] => vec![self.scene.default_camera()],
+            cameras => cameras.iter().map(|named| named.camera).collect(),
+        }
+    }
+
+    /// The `count` samples that serve a viewpoint best; fewer where the rig has fewer.
+    pub(crate) fn sample_ids(&self, camera: &Camera, count: usize) -> Vec<SampleId> {
+        let id = |index| SampleId { epoch: self.info.epoch, generation: self.info.generation, index };
+        self.info.rig.nearest(camera, count).into_iter().map(id).collect()
+    }
+
+    /// All samples that the viewpoints are served from, each once.
+    pub(crate) fn all_ids(&self, cameras: &[Camera], count: usize) -> Vec<SampleId> {
+        let mut ids: Vec<SampleId> =
+            cameras.iter().flat_map(|camera| self.sample_ids(camera, count)).collect();
+        ids.sort();
+        ids.dedup();
+        ids
+    }
+
+    /// Takes samples, `rounds` times and once to warm up, and hands them to the compositor.
+    pub(crate) fn take(&mut self, ids: Vec<SampleId>, rounds: usize) -> Result<Taken> {
+        let count = ids.len();
+        let job = SampleJob { info: Arc::clone(&self.info), ids, to_host: false };
+        let (mut times, mut samples) = (Vec::new(), Vec::new());
+        // The first round also makes the pipelines' machine code.
+        for round in 0..=rounds {
+            let begin = Instant::now();
+            let rendered = self.sampler.render_samples(&job, &Cancel::new());
+            let ms = begin.elapsed().as_secs_f64() * 1e3;
+            samples = rendered.into_iter().collect::<Result<Vec<_>, RenderError>>()?;
+            if round > 0 || rounds == 0 {
+                times.push(ms);
+            }
+        }
+        let samples = samples.into_iter().map(Arc::new).collect();
+        self.compositor.hold(&SampleSet { info: Arc::clone(&self.info), samples })?;
+        Ok(Taken { count, ms: median(&times) })
+    }
+
+    /// An order for a view.
+    pub(crate) fn job(
+        &self,
+        camera: Camera,
+        [width, height]: [u32; 2],
+        outputs: Outputs,
+        plan: Plan,
+    ) -> ViewJob {
+        ViewJob { camera, width, height, outputs, plan, epoch: self.info.epoch }
+    }
+
+    /// Milliseconds that a batch takes, and its frames. All jobs are direct, or none is.
+    pub(crate) fn time(&mut self, jobs: &[ViewJob]) -> Result<(f64, Vec<Frame>), RenderError> {
+        let cancel = Cancel::new();
+        let direct = matches!(jobs.first().map(|job| &job.plan), Some(Plan::Direct { .. }));
+        let begin = Instant::now();
+        let frames = match direct {
+            true => self.sampler.render_views(jobs, &cancel),
+            false => self.compositor.compose(jobs, &cancel),
+        };
+        let ms = begin.elapsed().as_secs_f64() * 1e3;
+        Ok((ms, frames.into_iter().collect::<Result<_, RenderError>>()?))
+    }
+
+    /// The truth about a view, its colour averaged over `samples` rays a pixel; ranges for frames of the given
+    /// numbers of sub-pixels a side. Images are kept between runs.
+    pub(crate) fn truth(&self, camera: &Camera, size: [u32; 2], samples: u32, sides: &[u32]) -> Truth {
+        let exposure = self.scene.lighting.exposure;
+        let folder = cache::directory();
+        let image = cache::render(folder.as_deref(), &self.tracer, camera, size, samples, |_| ());
+        let ranges = sides.iter().map(|&side| (side, self.ranges(camera, size, side))).collect();
+        Truth { image: image.display(exposure), ranges }
+    }
+
+    /// The true ranges of what a frame of `side` sub-pixels a side says the range of: the middle sub-pixel, of
+    /// an even number the one below and right of the middle.
+    fn ranges(&self, camera: &Camera, [width, height]: [u32; 2], side: u32) -> Vec<f64> {
+        let middle = DVec2::splat((f64::from(side / 2) + 0.5) / f64::from(side));
+        (0..width * height)
+            .into_par_iter()
+            .map(|i| {
+                let at = DVec2::new(f64::from(i % width), f64::from(i / width)) + middle;
+                let direction = camera.direction(at, width, height);
+                self.tracer.trace(camera.eye, direction).map_or(f64::INFINITY, |hit| hit.range)
+            })
+            .collect()
+    }
+
+    /// How far a frame of colour and range is from the truth. `side`: its sub-pixels a side; a direct view
+    /// says the range of its pixels' middles, as one sub-pixel does.
+    pub(crate) fn judge(frame: &Frame, truth: &Truth, side: u32) -> Result<Judged> {
+        let range = frame.range.as_ref().context("the frame has no range")?;
+        let (_, ranges) =
+            truth.ranges.iter().find(|(s, _)| *s == side).context("no true ranges for these sub-pixels")?;
+        let (values, _) = range.as_chunks::<4>();
+        let wrong = values.iter().zip(ranges).filter(|(got, truth)| {
+            let got = f64::from(f32::from_le_bytes(**got));
+            // Equal infinities are the same sky; a NaN is always wrong.
+            !(got == **truth || (got / **truth - 1.0).abs() <= WRONG_SURFACE)
+        });
+        Ok(Judged {
+            image: compare(frame, &truth.image)?,
+            unresolved: frame.unresolved_fraction,
+            wrong_surface: wrong.count() as f64 / ranges.len().max(1) as f64,
+        })
+    }
+
+    /// A walk of `count` views past what hides other things: it begins at the suggested cameras in turn, goes
+    /// up to half of the way to what they look at, and swings aside, but never through a surface.
+    pub(crate) fn walk(&self, count: usize) -> Vec<Camera> {
+        let suggested = self.suggested();
+        (0..count)
+            .map(|i| {
+                let camera = suggested[i % suggested.len()];
+                let turns = count.div_ceil(suggested.len()).max(2) - 1;
+                let done = (i / suggested.len()) as f64 / turns as f64;
+                let forward = camera.target - camera.eye;
+                let aside = forward.cross(camera.up).normalize_or_zero() * forward.length();
+                let swing = (done * std::f64::consts::TAU * 1.25).sin() * 0.22;
+                let step = forward * (0.5 * done) + aside * swing;
+                Camera { eye: self.advance(camera.eye, step), ..camera }
+            })
+            .collect()
+    }
+
+    /// Where somebody who goes `step` from `from` ends up: at most three quarters of the way to a surface.
+    fn advance(&self, from: DVec3, step: DVec3) -> DVec3 {
+        let length = step.length();
+        if !(length > 0.0) {
+            return from;
+        }
+        let free = self.tracer.trace(from, step).map_or(f64::INFINITY, |hit| hit.range * 0.75);
+        from + step / length * length.min(free)
+    }
+}
+
+/// FLIP, PSNR and SSIM of a frame.
+pub(crate) fn compare(frame: &Frame, reference: &RgbImage) -> Result<Comparison> {
+    let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+    let image = RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;
+    Ok(metrics::compare(reference, &image)?)
+}

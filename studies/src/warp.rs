@@ -1,0 +1,413 @@
+//! What accuracy costs in time: every search, with its knobs, over a walk past what hides other things.
+//!
+//! A view is judged against the reference tracer's: its colour by FLIP, PSNR and SSIM against a supersampled
+//! image, its range pixel by pixel (a pixel shows the *wrong surface* where its range differs by more than
+//! [`WRONG_SURFACE`] of the truth, or one of them is sky). The direct render's own error stands beside, since no
+//! warp can be asked to be better than what it replaces, and so does the time of a pass that makes one colour
+//! fetch a pixel, since none can be cheaper.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::SamplerKnobs;
+use argus_scene::{Camera, Outputs, Plan, RenderError, Rig, RigKnobs, Search, ViewJob, Warp};
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use crate::bench::{Bench, Judged, Truth, WRONG_SURFACE};
+use crate::median::{mean, median};
+use crate::plot::{Axis, Mark, Plot, Series, pareto_front};
+use crate::{Machine, Report, report};
+
+/// What is measured, and how long.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// A scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// Views of the walk.
+    pub views: usize,
+    /// How sample cameras are placed.
+    pub rig: RigKnobs,
+    /// Numbers of samples that a view is reconstructed from.
+    pub samples: Vec<usize>,
+    /// Sub-pixels a side.
+    pub supersampling: Vec<u32>,
+    /// Steps of each search that takes them.
+    pub steps: fn(Search) -> &'static [u32],
+    /// Resolutions of the samples, as factors of the rig's, that the default search is measured with besides.
+    pub resolutions: Vec<f64>,
+    /// Rounds that medians are taken over.
+    pub rounds: usize,
+    /// Milliseconds that a setting may take in a round; slow ones are timed over fewer views.
+    pub round_ms: f64,
+    /// Samples a pixel of the reference, a square number.
+    pub reference_samples: u32,
+}
+
+impl Default for Options {
+    /// Some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scene: "terrain:500000".to_owned(),
+            size: [200, 150],
+            views: 12,
+            rig: RigKnobs::default(),
+            samples: vec![1, 2, 4, 8],
+            supersampling: vec![1, 2],
+            steps: |search| match search {
+                Search::Linear => &[16, 64, 200],
+                Search::FixedPoint => &[2, 4, 8],
+                Search::Seeded => &[2, 4],
+                Search::Splat | Search::Pyramid => &[],
+            },
+            resolutions: vec![0.5, 1.5],
+            rounds: 3,
+            round_ms: 600.0,
+            reference_samples: 16,
+        }
+    }
+}
+
+impl Options {
+    /// A few seconds, to see that everything works; its figures are noise.
+    pub fn quick() -> Self {
+        Self {
+            scene: "terrain:20000".to_owned(),
+            size: [96, 72],
+            views: 3,
+            samples: vec![2],
+            supersampling: vec![1, 2],
+            steps: |search| if search.takes_steps() { &[8] } else { &[] },
+            resolutions: Vec::new(),
+            rounds: 1,
+            round_ms: 200.0,
+            ..Self::default()
+        }
+    }
+}
+
+/// One way to answer views: a row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Way {
+    Direct { samples_per_pixel: u32 },
+    Warp { search: Search, steps: Option<u32>, samples: usize, side: u32 },
+}
+
+impl Way {
+    fn plan(self, bench: &Bench, camera: &Camera) -> Plan {
+        match self {
+            Self::Direct { samples_per_pixel } => Plan::Direct { samples_per_pixel },
+            Self::Warp { search, steps, samples, side } => Plan::Warp(Warp {
+                search,
+                steps: steps.unwrap_or(Warp::default().steps),
+                supersampling: side,
+                samples: bench.sample_ids(camera, samples),
+                ..Warp::default()
+            }),
+        }
+    }
+
+    /// Sub-pixels a side whose range the frame has.
+    fn side(self) -> u32 {
+        match self {
+            Self::Direct { .. } => 1,
+            Self::Warp { side, .. } => side,
+        }
+    }
+
+    fn search(self) -> &'static str {
+        match self {
+            Self::Direct { .. } => "direct",
+            Self::Warp { search, .. } => search.name(),
+        }
+    }
+
+    /// A few words for a plot.
+    fn label(self) -> String {
+        match self {
+            Self::Direct { samples_per_pixel } => format!("direct ×{samples_per_pixel}"),
+            Self::Warp { search, steps, samples, side } => {
+                let steps = steps.map_or(String::new(), |n| format!(" {n}"));
+                let fine = if side > 1 { format!(", {side}×{side}") } else { String::new() };
+                format!("{}{steps}, {samples} samples{fine}", search.name())
+            }
+        }
+    }
+}
+
+/// A way, what it took and what it is worth.
+struct Measured {
+    way: Way,
+    rig: Rig,
+    ms: Vec<f64>,
+    judged: Vec<Judged>,
+    /// Views that it is timed over.
+    timed: usize,
+}
+
+impl Measured {
+    fn view_ms(&self) -> f64 {
+        median(&self.ms)
+    }
+
+    fn flip(&self) -> f64 {
+        mean(self.judged.iter().map(|j| j.image.flip_mean))
+    }
+}
+
+/// Runs the study; `progress` counts ways × rounds.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails for another reason than a search that the
+/// compositor does not have.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    progress.set_message(options.scene.clone());
+    let mut bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
+    let mut study = Study::new(&bench, options);
+    let directs = [1, 4, 16].map(|samples_per_pixel| Way::Direct { samples_per_pixel });
+    let ways: Vec<Way> = directs.into_iter().chain(study.grid(&bench)).collect();
+    let rigs = options.resolutions.iter().map(|&factor| finer(&bench.info.rig, factor)).collect::<Vec<_>>();
+    progress.set_length(((ways.len() + 2 * rigs.len()) * (options.rounds + 1)) as u64);
+    let fetch_ms = study.measure(&mut bench, &ways, progress)?;
+    for rig in rigs {
+        let few = |samples| Way::Warp { search: Search::default(), steps: None, samples, side: 1 };
+        bench.replace_rig(&rig, &study.held)?;
+        study.measure(&mut bench, &[few(2), few(4)], progress)?;
+    }
+    Ok(study.report(&bench, &gpu, fetch_ms))
+}
+
+/// Knobs for the same cameras with `factor` times the texels a side.
+fn finer(rig: &Rig, factor: f64) -> RigKnobs {
+    let scaled = |n: u32| ((f64::from(n) * factor).round() as u32).max(8);
+    match *rig {
+        Rig::TileCorners { tiles, size, .. } => {
+            RigKnobs { tiles: Some(tiles), size: Some(size.map(scaled)), ..RigKnobs::default() }
+        }
+        Rig::Cell { spacing, face, .. } => {
+            RigKnobs { spacing: Some(spacing), face: Some(scaled(face)), ..RigKnobs::default() }
+        }
+    }
+}
+
+struct Study<'a> {
+    options: &'a Options,
+    cameras: Vec<Camera>,
+    truths: Vec<Truth>,
+    measured: Vec<Measured>,
+    held: Vec<argus_scene::SampleId>,
+    /// Searches that the compositor refused, and its reason.
+    refused: BTreeMap<&'static str, String>,
+}
+
+impl<'a> Study<'a> {
+    fn new(bench: &Bench, options: &'a Options) -> Self {
+        let cameras = bench.walk(options.views);
+        let mut sides = options.supersampling.clone();
+        sides.push(1);
+        let truth = |camera| bench.truth(camera, options.size, options.reference_samples, &sides);
+        let truths = cameras.iter().map(truth).collect();
+        Self { options, cameras, truths, measured: Vec::new(), held: Vec::new(), refused: BTreeMap::new() }
+    }
+
+    /// Every search × its steps × samples × supersampling; no product twice where a rig has fewer samples.
+    fn grid(&self, bench: &Bench) -> Vec<Way> {
+        let most = self.cameras.iter().map(|camera| bench.sample_ids(camera, usize::MAX).len()).max();
+        let mut counts: Vec<usize> = self.options.samples.iter().map(|&n| n.min(most.unwrap_or(n))).collect();
+        counts.dedup();
+        let mut ways = Vec::new();
+        for search in Search::ALL {
+            let steps = (self.options.steps)(search);
+            let steps: Vec<Option<u32>> =
+                if steps.is_empty() { vec![None] } else { steps.iter().copied().map(Some).collect() };
+            for steps in steps {
+                for &samples in &counts {
+                    for &side in &self.options.supersampling {
+                        ways.push(Way::Warp { search, steps, samples, side });
+                    }
+                }
+            }
+        }
+        ways
+    }
+
+    fn jobs(&self, bench: &Bench, way: Way, outputs: Outputs) -> Vec<ViewJob> {
+        let job = |camera: &Camera| bench.job(*camera, self.options.size, outputs, way.plan(bench, camera));
+        self.cameras.iter().map(job).collect()
+    }
+
+    /// Judges each way in a first round, then times them in turns. Returns the median time of a view with one
+    /// fetch a pixel.
+    fn measure(&mut self, bench: &mut Bench, ways: &[Way], progress: &ProgressBar) -> Result<Option<f64>> {
+        let most = self.options.samples.iter().copied().max().unwrap_or(1);
+        self.held = bench.all_ids(&self.cameras, most);
+        bench.take(self.held.clone(), 0)?;
+        let first = self.measured.len();
+        for &way in ways {
+            progress.inc(1);
+            progress.set_message(way.label());
+            if self.refused.contains_key(way.search()) {
+                continue;
+            }
+            match self.judge(bench, way) {
+                Ok(measured) => self.measured.push(measured),
+                Err(error) => self.leave_out(way, error)?,
+            }
+        }
+        let mut fetch_ms = Vec::new();
+        for _ in 0..self.options.rounds {
+            if let Some(ms) = self.one_fetch(bench)? {
+                fetch_ms.push(ms);
+            }
+            for at in first..self.measured.len() {
+                let Measured { way, timed, .. } = self.measured[at];
+                progress.inc(1);
+                progress.set_message(way.label());
+                let jobs = every(self.jobs(bench, way, Outputs::COLOR), timed);
+                let (ms, _) = bench.time(&jobs)?;
+                self.measured[at].ms.push(ms / jobs.len() as f64);
+            }
+        }
+        Ok((!fetch_ms.is_empty()).then(|| median(&fetch_ms)))
+    }
+
+    /// One round for quality, which also makes the pipelines' machine code.
+    fn judge(&self, bench: &mut Bench, way: Way) -> Result<Measured> {
+        let jobs = self.jobs(bench, way, Outputs { range: true, ..Outputs::COLOR });
+        let (_, frames) = bench.time(&jobs)?;
+        let judged =
+            frames.iter().zip(&self.truths).map(|(frame, truth)| Bench::judge(frame, truth, way.side()));
+        let judged = judged.collect::<Result<_>>()?;
+        let jobs = self.jobs(bench, way, Outputs::COLOR);
+        bench.time(&jobs[..1])?;
+        let (ms, _) = bench.time(&jobs[..1])?;
+        let timed = ((self.options.round_ms / ms) as usize).clamp(2, jobs.len().max(2));
+        Ok(Measured { way, rig: bench.info.rig, ms: Vec::new(), judged, timed })
+    }
+
+    /// A search that the compositor does not have is left out, with its reason; anything else is an error.
+    fn leave_out(&mut self, way: Way, error: anyhow::Error) -> Result<()> {
+        match error.downcast_ref::<RenderError>() {
+            Some(RenderError::Invalid(invalid)) if invalid.field == "plan.search" => {
+                self.refused.insert(way.search(), invalid.reason.clone());
+                Ok(())
+            }
+            _ => Err(error).with_context(|| way.label()),
+        }
+    }
+
+    /// Milliseconds a view of the pass that makes one colour fetch a pixel.
+    fn one_fetch(&self, _bench: &mut Bench) -> Result<Option<f64>> {
+        Ok(None)
+    }
+
+    fn report(&self, bench: &Bench, gpu: &Arc<Gpu>, fetch_ms: Option<f64>) -> Report {
+        let direct = self.measured.iter().find(|m| m.way == Way::Direct { samples_per_pixel: 1 });
+        let direct_ms = direct.map_or(f64::NAN, Measured::view_ms);
+        let rows = self.measured.iter().map(|m| {
+            let (steps, samples, side) = match m.way {
+                Way::Direct { samples_per_pixel } => (None, None, samples_per_pixel.isqrt()),
+                Way::Warp { steps, samples, side, .. } => (steps, Some(samples), side),
+            };
+            report::row(json!({
+                "search": m.way.search(),
+                "steps": steps,
+                "samples": samples,
+                "supersampling": side,
+                "texels": samples.map(|_| texels(&m.rig)),
+                "view_ms": m.view_ms(),
+                "per_direct": m.view_ms() / direct_ms,
+                "per_fetch": fetch_ms.map(|fetch| m.view_ms() / fetch),
+                "flip": m.flip(),
+                "psnr_db": mean(m.judged.iter().map(|j| j.image.psnr_db)),
+                "ssim": mean(m.judged.iter().map(|j| j.image.ssim)),
+                "unresolved_fraction": mean(m.judged.iter().map(|j| j.unresolved)),
+                "wrong_surface_fraction": mean(m.judged.iter().map(|j| j.wrong_surface)),
+            }))
+        });
+        let mut report = Report::new(&bench.scene.name, Machine::here(gpu.kind()), rows.collect());
+        report.notes = self.notes(fetch_ms);
+        report.plots = vec![self.plot(bench, fetch_ms)];
+        report
+    }
+
+    fn notes(&self, fetch_ms: Option<f64>) -> Vec<String> {
+        let Options { size: [width, height], views, reference_samples, .. } = self.options;
+        let mut notes = vec![format!(
+            "{views} views of {width}×{height} pixels, in one batch; reference of {reference_samples} samples a \
+             pixel; wrong surface: range off by more than {}%.",
+            WRONG_SURFACE * 100.0
+        )];
+        notes.extend(fetch_ms.map(|ms| format!("One fetch a pixel: {ms:.3} ms a view.")));
+        notes.extend(self.refused.iter().map(|(search, reason)| format!("Left out: {search} ({reason}).")));
+        notes
+    }
+
+    fn plot(&self, bench: &Bench, fetch_ms: Option<f64>) -> Plot {
+        let point = |m: &Measured| (m.view_ms(), m.flip());
+        let names = ["direct"].into_iter().chain(Search::ALL.map(Search::name));
+        let series = names.map(|name| Series {
+            name: name.to_owned(),
+            points: self.measured.iter().filter(|m| m.way.search() == name).map(point).collect(),
+            line: false,
+        });
+        let points: Vec<(f64, f64)> = self.measured.iter().map(point).collect();
+        let mark = |i: usize| Mark { at: points[i], label: self.measured[i].way.label() };
+        let [width, height] = self.options.size;
+        Plot {
+            name: "pareto".to_owned(),
+            title: format!("{}, {width}×{height}: error against time", bench.scene.name),
+            x: Axis::log("milliseconds a view"),
+            y: Axis::linear("mean FLIP against the reference"),
+            series: series.filter(|series| !series.points.is_empty()).collect(),
+            front: pareto_front(&points).into_iter().map(mark).collect(),
+            guides: fetch_ms.map(|ms| (ms, "one fetch a pixel".to_owned())).into_iter().collect(),
+        }
+    }
+}
+
+/// `count` of them, evenly spaced.
+fn every(jobs: Vec<ViewJob>, count: usize) -> Vec<ViewJob> {
+    let (all, count) = (jobs.len(), count.min(jobs.len()));
+    let taken = |i: &usize| (i * count) / all != ((i + 1) * count) / all;
+    jobs.into_iter().enumerate().filter(|(i, _)| taken(i)).map(|(_, job)| job).collect()
+}
+
+/// Texels of a rig's sample: `400x300`, or `6x512x512`.
+fn texels(rig: &Rig) -> String {
+    match rig {
+        Rig::TileCorners { size: [width, height], .. } => format!("{width}x{height}"),
+        Rig::Cell { face, .. } => format!("6x{face}x{face}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn views_that_are_timed_are_spread_over_the_walk() {
+        let job = |i: u32| ViewJob {
+            camera: Camera::look_at(DVec3::ZERO, DVec3::X),
+            width: i,
+            height: 1,
+            outputs: Outputs::COLOR,
+            plan: Plan::Direct { samples_per_pixel: 1 },
+            epoch: 0,
+        };
+        let taken = |count| -> Vec<u32> {
+            every((0..12).map(job).collect(), count).iter().map(|j| j.width).collect()
+        };
+        assert_eq!(taken(3), [3, 7, 11]);
+        assert_eq!(taken(12).len(), 12);
+        assert_eq!(taken(99).len(), 12);
+        assert!(every(Vec::new(), 3).is_empty());
+    }
+}
