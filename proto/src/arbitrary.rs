@@ -113,12 +113,13 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
 }
 
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
-    (scene_hash(), bounds(), rig(), any::<u64>(), any::<u64>(), lighting()).prop_map(
-        |(scene, bounds, rig, epoch, generation, lighting)| SampleSetInfo {
+    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting()).prop_map(
+        |(scene, bounds, rig, (epoch, generation), epoch_secs, lighting)| SampleSetInfo {
             scene,
             bounds,
             rig,
             epoch,
+            epoch_secs,
             generation,
             lighting,
         },

@@ -68,9 +68,9 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
             "direct views that ask for range, along rays through pixel centres".to_owned(),
         ),
         row(
-            "animate",
-            false,
-            said(has(Effect::Animation), "samplers show scenes as they are at time zero", "nothing moves"),
+            "pose",
+            has(Effect::Animation),
+            said(has(Effect::Animation), "where an epoch is another than the last", "nothing moves"),
         ),
     ]
 }

@@ -22,14 +22,18 @@ use crate::{SamplerKnobs, timing};
 
 /// Renders a scene from its triangles, on one device.
 ///
-/// The scene is uploaded when this is made and never changes; samples and views need only what depends on
-/// their cameras. After a loss of the device every render fails with [`RenderError::DeviceLost`]; make another
+/// The scene is uploaded when this is made. Samples and views need only what depends on their cameras, and the
+/// places of instances where their epoch is another than the last one's. After a loss of the device every render fails with [`RenderError::DeviceLost`]; make another
 /// one, on another [`Gpu`].
 pub struct GpuSampler {
     gpu: Arc<Gpu>,
     scene: Arc<Scene>,
     knobs: SamplerKnobs,
     glossy: bool,
+    animated: bool,
+    /// What depends on time, as it is at `posed_secs`.
+    lighting: Lighting,
+    posed_secs: f64,
     resident: Resident,
     visibility: Visibility,
     shade: Shade,
@@ -66,6 +70,9 @@ impl GpuSampler {
             resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
+            animated: scene.is_animated(),
+            lighting: scene.at(0.0).lighting,
+            posed_secs: 0.0,
             gpu,
             scene,
             knobs,
@@ -94,10 +101,10 @@ impl GpuSampler {
         }
         let camera = job.info.rig.camera(id.index)?;
         let tiles = sample_tiles(&camera, self.knobs.side())?;
+        let mut stages = self.pose(job.info.time_secs());
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let planes = self.resolve_sample.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
 
-        let mut stages = Vec::new();
         let mut under_way: Vec<Submitted> = Vec::new();
         for tile in &tiles {
             check_wanted(cancel)?;
@@ -142,10 +149,10 @@ impl GpuSampler {
         }
         let (width, height) = (view.width, view.height);
         let faces = SampleCamera::Perspective { camera: view.camera, width, height }.faces();
-        let lighting = self.scene.lighting.clone();
+        let mut stages = self.pose(view.time_secs);
+        let lighting = self.lighting.clone();
         let eye = self.eye(view.camera.eye, &lighting)?;
 
-        let mut stages = Vec::new();
         let mut parts = ViewParts::default();
         if view.outputs.color {
             let mut image = Image::new([width, height], 3);
@@ -176,6 +183,20 @@ impl GpuSampler {
         }
         timing::add_rest(&mut stages, begin);
         Ok(frame(view, &self.scene, self.gpu.kind(), parts, stages))
+    }
+
+    /// Puts everything where it is at a time; what that cost, if it was elsewhere. A scene that stands still is never
+    /// posed again.
+    fn pose(&mut self, time_secs: f64) -> Vec<Stage> {
+        if !self.animated || time_secs == self.posed_secs {
+            return Vec::new();
+        }
+        let begin = Instant::now();
+        let pose = self.scene.at(time_secs);
+        self.resident.place(&self.scene, &pose.instances);
+        self.lighting = pose.lighting;
+        self.posed_secs = time_secs;
+        vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
     }
 
     fn context<'a>(&'a self, eye: &'a Eye, tile: &'a Tile, targets: Targets) -> TileContext<'a> {

@@ -10,6 +10,7 @@
 //! both ends, `b_from_a`, and columns are applied to column vectors. Pixel centres lie at half integers, row
 //! 0 is the top. Range is the Euclidean distance from the eye; samples store its inverse, 0 for sky.
 
+pub mod animation;
 pub mod camera;
 pub mod error;
 pub mod frame;
@@ -36,6 +37,7 @@ pub mod procedural;
 #[cfg(feature = "reference")]
 pub mod reference;
 
+pub use animation::Pose;
 pub use camera::{Camera, OmniLayout, SampleCamera};
 pub use error::{InvalidField, RenderError};
 pub use frame::{Frame, Prediction, Provenance, Served, Stage};

@@ -57,8 +57,10 @@ pub struct ViewJob {
     pub outputs: Outputs,
     /// How.
     pub plan: Plan,
-    /// Scene time.
+    /// Which moment of the scene.
     pub epoch: u64,
+    /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
+    pub time_secs: f64,
 }
 
 /// An order for some pixels of a view: those that no sample saw.
@@ -74,8 +76,10 @@ pub struct PixelJob {
     pub pixels: Vec<u32>,
     /// Samples a pixel on a regular grid, a square number.
     pub samples_per_pixel: u32,
-    /// Scene time.
+    /// Which moment of the scene.
     pub epoch: u64,
+    /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
+    pub time_secs: f64,
 }
 
 /// Some pixels of a view, in the order that they were asked for in.
@@ -112,6 +116,7 @@ pub trait Sampler: Send {
                 outputs: Outputs { range: true, ..Outputs::COLOR },
                 plan: Plan::Direct { samples_per_pixel: job.samples_per_pixel },
                 epoch: job.epoch,
+                time_secs: job.time_secs,
             })
             .collect();
         let frames = self.render_views(&views, cancel);

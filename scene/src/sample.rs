@@ -7,7 +7,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Bounds, Lighting, Rig, SampleCamera, SceneHash, Stage};
+use crate::{Bounds, Lighting, Rig, SampleCamera, Scene, SceneHash, Stage};
 
 /// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig, `epoch` when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -125,12 +125,28 @@ pub struct SampleSetInfo {
     pub bounds: Bounds,
     /// The placement rule.
     pub rig: Rig,
-    /// Scene time.
+    /// Which moment of the scene.
     pub epoch: u64,
+    /// Seconds of scene time from one epoch to the next; 0 where the scene is held still.
+    pub epoch_secs: f64,
     /// Placement.
     pub generation: u64,
     /// Lights, sky and exposure that the samples were shaded with.
     pub lighting: Lighting,
+}
+
+impl SampleSetInfo {
+    /// Scene time, seconds: epoch·Δt.
+    pub fn time_secs(&self) -> f64 {
+        self.epoch as f64 * self.epoch_secs
+    }
+
+    /// The set of the same rig at another epoch, which may be lit otherwise.
+    pub fn at_epoch(&self, scene: &Scene, epoch: u64) -> Self {
+        let mut info = Self { epoch, ..self.clone() };
+        info.lighting = scene.at(info.time_secs()).lighting;
+        info
+    }
 }
 
 /// Samples of one rig at one epoch and generation.

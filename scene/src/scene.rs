@@ -3,9 +3,10 @@
 use std::fmt;
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec3, Quat, Vec2, Vec3, Vec4};
+use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
+use crate::animation::{Animation, Node};
 use crate::{Camera, Lighting, Material, Texture};
 
 /// BLAKE3 over the scene's whole bundle of files (or, for a generated scene, its name and version).
@@ -103,65 +104,11 @@ impl Mesh {
 pub struct Instance {
     /// Index into [`Scene::meshes`].
     pub mesh: u32,
-    /// Index into [`Scene::nodes`], whose animation moves it; `None` for what no node places.
+    /// Index into [`Scene::nodes`]: the node whose space is mesh space, so that animations move it;
+    /// `None` for what no node places.
     pub node: Option<u32>,
-    /// Where mesh space lies in the world at time zero.
+    /// Where mesh space lies in the world at time zero; [`Scene::at`] says where at other times.
     pub world_from_mesh: DAffine3,
-}
-
-/// A node of the file's hierarchy, kept so that animations can move what hangs from it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Node {
-    /// As the file names it, or empty.
-    pub name: String,
-    /// Index of its parent in [`Scene::nodes`], always smaller than its own.
-    pub parent: Option<u32>,
-    /// Rest pose: scale, rotation, translation relative to the parent.
-    pub parent_from_node: DAffine3,
-}
-
-/// Values of one animated property over time.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Track {
-    /// Metres.
-    Translation(Vec<Vec3>),
-    /// Unit quaternions.
-    Rotation(Vec<Quat>),
-    /// Factors.
-    Scale(Vec<Vec3>),
-}
-
-/// How values between two keys are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Interpolation {
-    /// The earlier key's.
-    Step,
-    /// On the line (translation, scale) or the arc (rotation) between them.
-    Linear,
-    /// Cubic Hermite; the track holds in-tangent, value, out-tangent for each key.
-    CubicSpline,
-}
-
-/// One animated property of one node.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Channel {
-    /// Index into [`Scene::nodes`].
-    pub node: u32,
-    /// Key times, seconds, ascending.
-    pub times_secs: Vec<f32>,
-    /// Values at the keys.
-    pub track: Track,
-    /// Between the keys.
-    pub interpolation: Interpolation,
-}
-
-/// A named set of channels that play together.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Animation {
-    /// As the file names it, or empty.
-    pub name: String,
-    /// What it moves.
-    pub channels: Vec<Channel>,
 }
 
 /// A viewpoint that the scene's author, or its generator, recommends.
@@ -191,7 +138,7 @@ pub enum Effect {
     PunctualLights,
     /// A sky that is not black.
     Sky,
-    /// Node animation.
+    /// Animation that moves what is seen.
     Animation,
 }
 
@@ -214,7 +161,7 @@ pub struct Scene {
     pub hash: SceneHash,
     /// Triangles by material.
     pub meshes: Vec<Mesh>,
-    /// Placed meshes.
+    /// Placed meshes, at time zero.
     pub instances: Vec<Instance>,
     /// At least one.
     pub materials: Vec<Material>,
@@ -224,7 +171,7 @@ pub struct Scene {
     pub nodes: Vec<Node>,
     /// What moves.
     pub animations: Vec<Animation>,
-    /// Lights, sky and exposure.
+    /// Lights, sky and exposure, at time zero.
     pub lighting: Lighting,
     /// Recommended viewpoints; may be empty.
     pub cameras: Vec<NamedCamera>,
@@ -238,18 +185,6 @@ impl Scene {
     /// Triangles drawn: instances counted.
     pub fn triangles(&self) -> usize {
         self.instances.iter().map(|i| self.meshes[i.mesh as usize].triangles()).sum()
-    }
-
-    /// The box around every placed triangle's vertices.
-    pub fn bounds(&self) -> Bounds {
-        let mut bounds = Bounds::EMPTY;
-        for instance in &self.instances {
-            let mesh = &self.meshes[instance.mesh as usize];
-            for position in &mesh.positions {
-                bounds.extend(instance.world_from_mesh.transform_point3(mesh.origin + position.as_dvec3()));
-            }
-        }
-        bounds
     }
 
     /// The effects that this scene calls for, in the order of [`Effect`].
@@ -269,7 +204,7 @@ impl Scene {
             (Effect::NormalMap, used(|m| m.normal_texture.is_some())),
             (Effect::PunctualLights, !self.lighting.lights.is_empty()),
             (Effect::Sky, (sky.zenith + sky.horizon + sky.ground).max_element() > 0.0),
-            (Effect::Animation, !self.animations.is_empty()),
+            (Effect::Animation, self.is_animated()),
         ];
         present.into_iter().filter_map(|(effect, present)| present.then_some(effect)).collect()
     }

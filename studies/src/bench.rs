@@ -75,6 +75,7 @@ impl Bench {
             bounds: scene.bounds(),
             rig: Rig::for_scene(&scene, rig)?,
             epoch: 0,
+            epoch_secs: 0.0,
             generation: 1,
             lighting: scene.lighting.clone(),
         });
@@ -144,7 +145,8 @@ impl Bench {
         outputs: Outputs,
         plan: Plan,
     ) -> ViewJob {
-        ViewJob { camera, width, height, outputs, plan, epoch: self.info.epoch }
+        let (epoch, time_secs) = (self.info.epoch, self.info.time_secs());
+        ViewJob { camera, width, height, outputs, plan, epoch, time_secs }
     }
 
     /// Milliseconds that a batch takes, and its frames. All jobs are direct, or none is.

@@ -401,6 +401,7 @@ mod tests {
             outputs: Outputs::COLOR,
             plan: Plan::Direct { samples_per_pixel: 1 },
             epoch: 0,
+            time_secs: 0.0,
         };
         let taken = |count| -> Vec<u32> {
             every((0..12).map(job).collect(), count).iter().map(|j| j.width).collect()

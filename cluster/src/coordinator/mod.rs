@@ -49,6 +49,7 @@ pub async fn serve(
         bounds: scene.bounds(),
         rig: Rig::for_scene(scene, &config.rig)?,
         epoch: 0,
+        epoch_secs: 0.0,
         generation: FIRST_GENERATION,
         lighting: scene.lighting.clone(),
     });

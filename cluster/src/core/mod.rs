@@ -41,6 +41,7 @@ mod tests {
             bounds,
             rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [40, 30] },
             epoch: 0,
+            epoch_secs: 0.0,
             generation: 1,
             lighting: Lighting::default(),
         }

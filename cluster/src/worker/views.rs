@@ -119,7 +119,8 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         samples.push((*id, addresses.remove(id).unwrap_or_default()));
     }
     let View { camera, width, height, outputs, .. } = view;
-    let job = ViewJob { camera, width, height, outputs, plan, epoch: order.epoch };
+    let time_secs = info.time_secs();
+    let job = ViewJob { camera, width, height, outputs, plan, epoch: order.epoch, time_secs };
     Ok(Ordered { job, info, samples })
 }
 

@@ -292,6 +292,7 @@ pub(crate) fn sample_set(
         bounds: subject.bounds(),
         rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
         epoch: 3,
+        epoch_secs: 0.1,
         generation: 1,
         lighting: subject.lighting(),
     };
@@ -329,7 +330,7 @@ pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], se
     });
     let samples = samples.iter().map(|sample| sample.id).collect();
     let plan = Plan::Warp(Warp { search, samples, ..Warp::default() });
-    ViewJob { camera, width, height, outputs: EVERYTHING, plan, epoch: 3 }
+    ViewJob { camera, width, height, outputs: EVERYTHING, plan, epoch: 3, time_secs: 0.3 }
 }
 
 pub(crate) fn compose_one(compositor: &mut GpuCompositor, job: &ViewJob) -> Result<Frame, RenderError> {

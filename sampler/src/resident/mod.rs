@@ -1,4 +1,4 @@
-//! The scene as it lies on the device, uploaded once.
+//! The scene as it lies on the device, uploaded once; instances that move are placed anew for each epoch.
 
 mod geometry;
 mod materials;
@@ -7,7 +7,7 @@ mod texels;
 use std::sync::Arc;
 
 use argus_gpu::{Gpu, wgpu};
-use argus_scene::{Bounds, Effect, RenderError, Scene};
+use argus_scene::{Bounds, Effect, Instance, RenderError, Scene};
 use bytemuck::{NoUninit, Zeroable};
 use glam::{DMat3, DVec3};
 
@@ -27,11 +27,12 @@ pub(crate) struct Resident {
     pub(crate) texels_srgb: wgpu::TextureView,
     /// One a mesh of the scene.
     pub(crate) runs: Vec<MeshRun>,
-    /// Those that can be seen, in the order they are drawn: by class, then by mesh.
+    /// Those that can be seen at the time that the scene was last posed at, in the order they are drawn: by class,
+    /// then by mesh.
     pub(crate) instances: Vec<Placement>,
     /// One more than the largest index of an instance.
     pub(crate) instance_count: usize,
-    /// Box around the scene.
+    /// Box around the scene at all times.
     pub(crate) bounds: Bounds,
     pub(crate) features: Features,
 }
@@ -116,11 +117,16 @@ impl Resident {
             texel_levels: upload(gpu, "texture levels", &texels.levels, storage)?,
             texels: texels.linear,
             texels_srgb: texels.srgb,
-            instances: placements(scene, &runs),
+            instances: placements(scene, &scene.at(0.0).instances, &runs),
             runs,
             instance_count: scene.instances.len(),
             bounds: scene.bounds(),
         })
+    }
+
+    /// Places the scene's instances anew, which move; triangles, materials and textures stay as they lie.
+    pub(crate) fn place(&mut self, scene: &Scene, instances: &[Instance]) {
+        self.instances = placements(scene, instances, &self.runs);
     }
 }
 
@@ -151,9 +157,9 @@ pub(crate) fn upload<T: NoUninit + Zeroable>(
 }
 
 /// Instances with triangles and a transform that can be inverted, in the order they are drawn.
-fn placements(scene: &Scene, runs: &[MeshRun]) -> Vec<Placement> {
+fn placements(scene: &Scene, instances: &[Instance], runs: &[MeshRun]) -> Vec<Placement> {
     let mut placements: Vec<Placement> = (0u32..)
-        .zip(&scene.instances)
+        .zip(instances)
         .filter_map(|(index, instance)| {
             let mesh = &scene.meshes[instance.mesh as usize];
             let material = &scene.materials[mesh.material as usize];

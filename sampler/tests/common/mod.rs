@@ -39,6 +39,7 @@ pub(crate) fn view_job(camera: Camera, size: [u32; 2], samples_per_pixel: u32) -
         outputs: Outputs { range: true, ..Outputs::COLOR },
         plan: Plan::Direct { samples_per_pixel },
         epoch: 0,
+        time_secs: 0.0,
     }
 }
 
@@ -70,6 +71,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         bounds: scene.bounds(),
         rig,
         epoch: 0,
+        epoch_secs: 0.0,
         generation: 7,
         lighting: scene.lighting.clone(),
     };

@@ -20,7 +20,8 @@ use std::path::Path;
 
 use bytes::Bytes;
 
-use crate::scene::{Animation, Instance, NamedCamera, Node, RigKind};
+use crate::animation::{Animation, Node, Pose};
+use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Light, Lighting, Material, Mesh, Scene, Sky, Texture};
 
 pub use bundle::bundle_files;
@@ -152,6 +153,9 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
         rig: RigKind::Cell,
         warnings: Vec::new(),
     };
+    // The file's own transforms are those at rest, which need not be any moment of an animation.
+    let Pose { instances, lighting } = scene.at(0.0);
+    (scene.instances, scene.lighting) = (instances, lighting);
     scene.rig = rig_of(&scene);
     scene.warnings = warnings.into_lines();
     Ok(scene)

@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 
 use super::image::grid_side;
 use super::{REFERENCE_VERSION, ReferenceImage, Tracer};
-use crate::{Camera, Scene};
+use crate::{Camera, Pose, Scene};
 
 /// First bytes of every file.
 const MAGIC: &[u8; 8] = b"argusref";
@@ -71,11 +71,11 @@ pub fn name(tracer: &Tracer, camera: &Camera, size: [u32; 2], samples_per_pixel:
 impl Tracer {
     /// Hash over all of the scene that an image depends on; taken when it is first asked for.
     pub fn content_hash(&self) -> blake3::Hash {
-        *self.content_hash.get_or_init(|| content_hash(&self.scene))
+        *self.content_hash.get_or_init(|| content_hash(&self.scene, &self.pose))
     }
 }
 
-fn content_hash(scene: &Scene) -> blake3::Hash {
+fn content_hash(scene: &Scene, pose: &Pose) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
     // Lengths separate what follows one another, so that no two scenes feed the same bytes.
     let mut part = |bytes: &[u8]| {
@@ -93,7 +93,7 @@ fn content_hash(scene: &Scene) -> blake3::Hash {
         part(bytemuck::cast_slice(&mesh.indices));
         part(&mesh.material.to_le_bytes());
     }
-    for instance in &scene.instances {
+    for instance in &pose.instances {
         part(&instance.mesh.to_le_bytes());
         part(bytemuck::cast_slice(&instance.world_from_mesh.to_cols_array()));
     }
@@ -105,7 +105,7 @@ fn content_hash(scene: &Scene) -> blake3::Hash {
     // Debug prints every field, and each float so that it reads back as the same one: a struct that gains a
     // field changes the hash by itself.
     part(format!("{:?}", scene.materials).as_bytes());
-    part(format!("{:?}", scene.lighting).as_bytes());
+    part(format!("{:?}", pose.lighting).as_bytes());
     hasher.finalize()
 }
 

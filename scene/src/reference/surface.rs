@@ -25,7 +25,7 @@ impl Tracer {
     /// texture coordinates. The shading normal is interpolated and perturbed in mesh space and then goes to the
     /// world by the inverse transpose, so that a mirrored instance shows mirrored bumps.
     pub fn surface(&self, hit: &Hit, direction: DVec3, dx: DVec3, dy: DVec3) -> Surface {
-        let instance = &self.scene.instances[hit.instance as usize];
+        let instance = &self.pose.instances[hit.instance as usize];
         let mesh = &self.scene.meshes[instance.mesh as usize];
         let material = &self.scene.materials[mesh.material as usize];
         let corners = Corners::new(mesh, hit.triangle, hit.barycentric);

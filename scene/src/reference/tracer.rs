@@ -9,7 +9,7 @@ use super::boxes::BoxTree;
 use super::triangle::{Crossing, ShearedRay};
 use crate::shading::{diffuse_radiance, sky_radiance, specular_radiance};
 use crate::texture::{MipChain, mip_chains, transform_uv};
-use crate::{Bounds, Instance, Material, Mesh, Scene};
+use crate::{Bounds, Instance, Material, Mesh, Pose, Scene};
 
 /// The nearest surface along a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,9 +34,12 @@ pub struct Hit {
 /// Building takes about a second for two million triangles; rays may then come from any number of threads.
 pub struct Tracer {
     pub(super) scene: Arc<Scene>,
-    pub(super) textures: Vec<MipChain>,
+    pub(super) pose: Pose,
+    pub(super) textures: Arc<Vec<MipChain>>,
     /// One a mesh; those that no instance places have no triangles.
-    meshes: Vec<MeshTree>,
+    meshes: Arc<Vec<MeshTree>>,
+    /// Around each mesh's triangles, mesh space relative to its origin.
+    boxes: Arc<Vec<Bounds>>,
     /// In the order of `top`.
     placed: Vec<Placed>,
     top: BoxTree,
@@ -63,25 +66,39 @@ struct Placed {
 }
 
 impl Tracer {
-    /// Builds the hierarchies and the textures' mip chains, on all of rayon's threads.
+    /// Builds the hierarchies and the textures' mip chains, on all of rayon's threads; the scene is as at time
+    /// zero.
     pub fn new(scene: Arc<Scene>) -> Self {
         let mut used = vec![false; scene.meshes.len()];
         scene.instances.iter().for_each(|i| used[i.mesh as usize] = true);
         let built = scene.meshes.par_iter().zip(&used).map(|(mesh, &used)| MeshTree::new(mesh, used));
-        let (meshes, bounds): (Vec<MeshTree>, Vec<Bounds>) = built.unzip();
-        let (boxes, unordered): (Vec<Bounds>, Vec<Placed>) = (0u32..)
-            .zip(&scene.instances)
-            .filter_map(|(index, instance)| {
-                let placed = Placed::new(&scene, index, instance)?;
-                let bounds = placed_bounds(&scene, instance, bounds[instance.mesh as usize])?;
-                Some((bounds, placed))
-            })
-            .unzip();
-        let top = BoxTree::new(&boxes, 1);
-        let mut unordered: Vec<_> = unordered.into_iter().map(Some).collect();
-        let placed = top.order().iter().filter_map(|&i| unordered[i as usize].take()).collect();
-        let textures = mip_chains(&scene);
-        Self { scene, textures, meshes, placed, top, content_hash: OnceLock::new() }
+        let (meshes, boxes): (Vec<MeshTree>, Vec<Bounds>) = built.unzip();
+        let pose = scene.at(0.0);
+        let (placed, top) = place(&scene, &pose, &boxes);
+        let textures = Arc::new(mip_chains(&scene));
+        let (meshes, boxes) = (Arc::new(meshes), Arc::new(boxes));
+        Self { scene, pose, textures, meshes, boxes, placed, top, content_hash: OnceLock::new() }
+    }
+
+    /// The same scene at another time, seconds. What does not move is shared, so that this takes as long as there
+    /// are instances.
+    pub fn at(&self, time_secs: f64) -> Self {
+        let pose = self.scene.at(time_secs);
+        let (placed, top) = place(&self.scene, &pose, &self.boxes);
+        let content_hash = match pose == self.pose {
+            true => self.content_hash.clone(),
+            false => OnceLock::new(),
+        };
+        Self {
+            scene: self.scene.clone(),
+            pose,
+            textures: self.textures.clone(),
+            meshes: self.meshes.clone(),
+            boxes: self.boxes.clone(),
+            placed,
+            top,
+            content_hash,
+        }
     }
 
     /// The scene that it traces.
@@ -166,11 +183,27 @@ impl Tracer {
     /// Linear radiance that comes from what a ray met: a surface, or the sky; arguments as in
     /// [`Self::radiance_along`].
     pub fn radiance_of(&self, hit: Option<&Hit>, direction: DVec3, dx: DVec3, dy: DVec3) -> Vec3 {
-        let lighting = &self.scene.lighting;
+        let lighting = &self.pose.lighting;
         let Some(hit) = hit else { return sky_radiance(&lighting.sky, direction.as_vec3()) };
         let surface = self.surface(hit, direction, dx, dy);
         diffuse_radiance(&surface, lighting) + specular_radiance(&surface, -direction.as_vec3(), lighting)
     }
+}
+
+/// The instances that can be seen, in the order of the hierarchy over them.
+fn place(scene: &Scene, pose: &Pose, boxes: &[Bounds]) -> (Vec<Placed>, BoxTree) {
+    let (boxes, unordered): (Vec<Bounds>, Vec<Placed>) = (0u32..)
+        .zip(&pose.instances)
+        .filter_map(|(index, instance)| {
+            let placed = Placed::new(scene, index, instance)?;
+            let bounds = placed_bounds(scene, instance, boxes[instance.mesh as usize])?;
+            Some((bounds, placed))
+        })
+        .unzip();
+    let top = BoxTree::new(&boxes, 1);
+    let mut unordered: Vec<_> = unordered.into_iter().map(Some).collect();
+    let placed = top.order().iter().filter_map(|&i| unordered[i as usize].take()).collect();
+    (placed, top)
 }
 
 /// The nearer one; of equally near ones the lower (instance, triangle).

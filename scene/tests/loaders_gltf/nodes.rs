@@ -1,6 +1,6 @@
 //! The hierarchy and what hangs from it: instances, lights, cameras, animations.
 
-use argus_scene::scene::Track;
+use argus_scene::animation::Track;
 use argus_scene::{Effect, Light, RigKind};
 use glam::{DVec3, Vec3};
 use serde_json::{Value, json};

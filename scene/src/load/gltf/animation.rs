@@ -9,8 +9,8 @@ use json::validation::Checked;
 use super::accessor::Reader;
 use super::nodes::Hierarchy;
 use super::{Budget, get, name};
+use crate::animation::{Animation, Channel, Interpolation, Rest, Track};
 use crate::load::Warnings;
-use crate::scene::{Animation, Channel, Interpolation, Track};
 
 /// All animations; a channel that cannot be read costs that channel and a warning.
 ///
@@ -52,6 +52,9 @@ fn channel(
 ) -> Result<Option<Channel>, String> {
     get(&reader.root.nodes, json.target.node, "node")?;
     let Some(node) = hierarchy.index_of[json.target.node.value()] else { return Ok(None) };
+    if matches!(hierarchy.nodes[node as usize].rest, Rest::Matrix(_)) {
+        return Err("its node is placed by a matrix, which no channel may move".to_owned());
+    }
     let sampler = get(&animation.samplers, json.sampler, "sampler")?;
     let interpolation = match sampler.interpolation {
         Checked::Valid(JsonInterpolation::Linear) => Interpolation::Linear,

@@ -89,14 +89,14 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
     let mut budget = Budget::for_bundle(bundle);
     let reader = accessor::Reader::new(&document, bundle, budget.left);
 
-    let hierarchy = nodes::Hierarchy::new(root, &mut budget, warnings)?;
+    let mut hierarchy = nodes::Hierarchy::new(root, &mut budget, warnings)?;
     let (materials, textures) = material::read(&reader, bundle, warnings);
     let mut parts = Parts { materials, ..Parts::default() };
     primitive::place(&reader, &hierarchy, &mut parts, &mut budget, warnings)?;
     parts.textures = textures.decode(&mut parts.materials, warnings);
     parts.animations = animation::read(&reader, &hierarchy, &mut budget, warnings)?;
-    parts.lights = nodes::lights(root, &hierarchy, warnings);
-    parts.cameras = nodes::cameras(root, &hierarchy, warnings);
+    parts.lights = nodes::lights(root, &mut hierarchy, warnings);
+    parts.cameras = nodes::cameras(root, &hierarchy, &parts.animations, warnings);
     parts.nodes = hierarchy.nodes;
     Ok(parts)
 }

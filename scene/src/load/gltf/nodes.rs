@@ -5,8 +5,9 @@ use gltf::json;
 use json::validation::Checked;
 
 use super::{Budget, get, name};
+use crate::animation::{Animation, Node, Parts, Rest};
 use crate::load::Warnings;
-use crate::scene::{NamedCamera, Node};
+use crate::scene::NamedCamera;
 use crate::{Camera, Light};
 
 /// The nodes of the default scene.
@@ -48,13 +49,13 @@ impl Hierarchy {
             }
             let node = &root.nodes[at];
             let parent = parents[at].and_then(|parent| hierarchy.index_of[parent]);
-            let parent_from_node = local(node).map_err(|reason| format!("node {at}: {reason}"))?;
+            let rest = local(node).map_err(|reason| format!("node {at}: {reason}"))?;
             let world_from_parent =
                 parent.map_or(DAffine3::IDENTITY, |p| hierarchy.world_from_node[p as usize]);
             hierarchy.index_of[at] = Some(hierarchy.nodes.len() as u32);
-            hierarchy.nodes.push(Node { name: name(&node.name), parent, parent_from_node });
+            hierarchy.nodes.push(Node { name: name(&node.name), parent, rest, lights: Vec::new() });
             hierarchy.in_document.push(at);
-            hierarchy.world_from_node.push(world_from_parent * parent_from_node);
+            hierarchy.world_from_node.push(world_from_parent * rest.parent_from_node());
             let children = node.children.iter().flatten().map(json::Index::value);
             // A child is walked from the one parent it was given to.
             open.extend(children.filter(|&child| parents[child] == Some(at)).rev());
@@ -138,29 +139,34 @@ fn roots(
 }
 
 /// A node's own transform.
-fn local(node: &json::Node) -> Result<DAffine3, String> {
-    let affine = match node.matrix {
-        Some(matrix) => DAffine3::from_mat4(DMat4::from_cols_array(&matrix.map(f64::from))),
+fn local(node: &json::Node) -> Result<Rest, String> {
+    let rest = match node.matrix {
+        Some(matrix) => Rest::Matrix(DAffine3::from_mat4(DMat4::from_cols_array(&matrix.map(f64::from)))),
         None => {
             let vector = |v: Option<[f32; 3]>, default| v.map_or(default, |v| Vec3::from(v).as_dvec3());
             let rotation = node.rotation.map_or(DQuat::IDENTITY, |q| DQuat::from_array(q.0.map(f64::from)));
             let length = rotation.length();
             let rotation = if length > 0.0 { rotation / length } else { DQuat::IDENTITY };
             let translation = vector(node.translation, DVec3::ZERO);
-            DAffine3::from_scale_rotation_translation(vector(node.scale, DVec3::ONE), rotation, translation)
+            Rest::Parts(Parts { translation, rotation, scale: vector(node.scale, DVec3::ONE) })
         }
     };
-    if affine.is_finite() { Ok(affine) } else { Err("its transform is not finite".to_owned()) }
+    let finite = rest.parent_from_node().is_finite();
+    if finite { Ok(rest) } else { Err("its transform is not finite".to_owned()) }
 }
 
-/// The lights of the scene (KHR_lights_punctual).
-pub(super) fn lights(root: &json::Root, hierarchy: &Hierarchy, warnings: &mut Warnings) -> Vec<Light> {
+/// The lights of the scene (KHR_lights_punctual), which their nodes are told of.
+pub(super) fn lights(root: &json::Root, hierarchy: &mut Hierarchy, warnings: &mut Warnings) -> Vec<Light> {
     let mut lights = Vec::new();
-    for (at, world_from_node) in hierarchy.in_document.iter().zip(&hierarchy.world_from_node) {
+    let Hierarchy { nodes, in_document, world_from_node, .. } = hierarchy;
+    for ((at, world_from_node), node) in in_document.iter().zip(world_from_node).zip(nodes) {
         let extension = root.nodes[*at].extensions.as_ref();
         let Some(reference) = extension.and_then(|e| e.khr_lights_punctual.as_ref()) else { continue };
         match root.get(reference.light).and_then(|light| read_light(light, world_from_node)) {
-            Some(light) => lights.push(light),
+            Some(light) => {
+                node.lights.push(lights.len() as u32);
+                lights.push(light);
+            }
             None => warnings.add(format!("node {at}: its light cannot be read: left out")),
         }
     }
@@ -192,10 +198,22 @@ fn read_light(
     }
 }
 
-/// The perspective cameras of the scene, at rest.
-pub(super) fn cameras(root: &json::Root, hierarchy: &Hierarchy, warnings: &mut Warnings) -> Vec<NamedCamera> {
+/// The perspective cameras of the scene, at rest: recommended viewpoints do not move.
+pub(super) fn cameras(
+    root: &json::Root,
+    hierarchy: &Hierarchy,
+    animations: &[Animation],
+    warnings: &mut Warnings,
+) -> Vec<NamedCamera> {
     let mut cameras = Vec::new();
-    for (at, world_from_node) in hierarchy.in_document.iter().zip(&hierarchy.world_from_node) {
+    let mut moved = vec![false; hierarchy.nodes.len()];
+    animations.iter().flat_map(|a| &a.channels).for_each(|channel| moved[channel.node as usize] = true);
+    for index in 0..moved.len() {
+        moved[index] |= hierarchy.nodes[index].parent.is_some_and(|parent| moved[parent as usize]);
+    }
+    for ((at, world_from_node), moved) in
+        hierarchy.in_document.iter().zip(&hierarchy.world_from_node).zip(moved)
+    {
         let node = &root.nodes[*at];
         let Some(index) = node.camera else { continue };
         let Some(camera) = root.cameras.get(index.value()) else {
@@ -213,6 +231,9 @@ pub(super) fn cameras(root: &json::Root, hierarchy: &Hierarchy, warnings: &mut W
             Camera { eye, target: eye + forward, up, fov_deg: f64::from(perspective.yfov).to_degrees() };
         match read.validate() {
             Ok(()) => {
+                if moved {
+                    warnings.add(format!("node {at}: its camera is recommended at rest, not in motion"));
+                }
                 let named = node.name.as_ref().or(camera.name.as_ref());
                 cameras.push(NamedCamera { name: named.cloned().unwrap_or_default(), camera: read });
             }

@@ -1,0 +1,165 @@
+//! The box around everything that a scene shows at any time.
+//!
+//! Each animated node is asked for the box that it sweeps in its parent, whatever the phases of the other
+//! animations are: animations of different lengths meet in every combination sooner or later. So the box is never
+//! too small, and it is as tight as boxes in the nodes' own axes are.
+
+use glam::{DAffine3, DQuat, DVec3};
+
+use super::track::{arc, slerp, unit};
+use super::{Animation, Channel, Interpolation, Parts, Rest, Track};
+use crate::{Bounds, Scene};
+
+/// Rotations are looked at in steps of at most this angle, radians: between two steps a point leaves the hull of both
+/// by half a per cent of its distance.
+const STEP: f64 = std::f64::consts::PI / 16.0;
+
+/// What lies still about a node: the nearest node above it, or itself, that moves, or the world.
+#[derive(Clone, Copy)]
+struct Anchor {
+    node: Option<u32>,
+    anchor_from_node: DAffine3,
+}
+
+impl Scene {
+    /// The box around every placed triangle's vertices, at all times of an animated scene.
+    pub fn bounds(&self) -> Bounds {
+        let drivers = self.drivers();
+        let mut anchors: Vec<Anchor> = Vec::with_capacity(self.nodes.len());
+        for (index, node) in (0u32..).zip(&self.nodes) {
+            let parent = node.parent.and_then(|parent| anchors.get(parent as usize).copied());
+            let above = parent.unwrap_or(Anchor { node: None, anchor_from_node: DAffine3::IDENTITY });
+            anchors.push(match drivers.contains_key(&index) {
+                true => Anchor { node: Some(index), anchor_from_node: DAffine3::IDENTITY },
+                false => {
+                    let anchor_from_node = above.anchor_from_node * node.rest.parent_from_node();
+                    Anchor { anchor_from_node, ..above }
+                }
+            });
+        }
+
+        let mut world = Bounds::EMPTY;
+        let mut about: Vec<Bounds> = vec![Bounds::EMPTY; self.nodes.len()];
+        for instance in &self.instances {
+            let anchor = instance.node.and_then(|node| anchors.get(node as usize));
+            let (bounds, transform) = match anchor {
+                Some(Anchor { node: Some(node), anchor_from_node }) => {
+                    (&mut about[*node as usize], *anchor_from_node)
+                }
+                _ => (&mut world, instance.world_from_mesh),
+            };
+            let mesh = &self.meshes[instance.mesh as usize];
+            for position in &mesh.positions {
+                bounds.extend(transform.transform_point3(mesh.origin + position.as_dvec3()));
+            }
+        }
+        // Children come after their parents, so what a node holds is complete when it is swept.
+        for (&node, driven) in drivers.iter().rev() {
+            let Rest::Parts(rest) = self.nodes[node as usize].rest else { continue };
+            let swept = sweep(about[node as usize], rest, driven);
+            let parent = self.nodes[node as usize].parent.and_then(|p| anchors.get(p as usize).copied());
+            let above = parent.unwrap_or(Anchor { node: None, anchor_from_node: DAffine3::IDENTITY });
+            let bounds = match above.node {
+                Some(anchor) => &mut about[anchor as usize],
+                None => &mut world,
+            };
+            for corner in corners(swept) {
+                bounds.extend(above.anchor_from_node.transform_point3(corner));
+            }
+        }
+        world
+    }
+}
+
+/// The box that a box in a node sweeps in the node's parent.
+fn sweep(of: Bounds, rest: Parts, driven: &[Option<(&Animation, &Channel)>; 3]) -> Bounds {
+    let channel = |property: usize| driven[property].map(|(_, channel)| channel);
+    let at = |point: DVec3| Bounds { min: point, max: point };
+    let scale = channel(2).and_then(hull).unwrap_or_else(|| at(rest.scale));
+    let moved = channel(0).and_then(hull).unwrap_or_else(|| at(rest.translation));
+    let mut scaled = Bounds::EMPTY;
+    for corner in corners(of) {
+        scaled.extend(corner * scale.min);
+        scaled.extend(corner * scale.max);
+    }
+    let turned = match channel(1) {
+        Some(channel) => turned(scaled, channel),
+        None => rotated(scaled, [rest.rotation], 0.0),
+    };
+    if turned.is_empty() {
+        return turned;
+    }
+    Bounds { min: turned.min + moved.min, max: turned.max + moved.max }
+}
+
+/// The box around all values of a translation or scale: a line lies between its ends, a Hermite curve within its
+/// Bézier points.
+fn hull(channel: &Channel) -> Option<Bounds> {
+    let (Track::Translation(values) | Track::Scale(values)) = &channel.track else { return None };
+    let mut hull = Bounds::EMPTY;
+    if channel.interpolation != Interpolation::CubicSpline {
+        values.iter().for_each(|value| hull.extend(value.as_dvec3()));
+        return (!hull.is_empty()).then_some(hull);
+    }
+    let keys = values.as_chunks::<3>().0;
+    keys.iter().for_each(|[_, value, _]| hull.extend(value.as_dvec3()));
+    for (times, keys) in channel.times_secs.windows(2).zip(keys.windows(2)) {
+        let third = (f64::from(times[1]) - f64::from(times[0])) / 3.0;
+        hull.extend(keys[0][1].as_dvec3() + keys[0][2].as_dvec3() * third);
+        hull.extend(keys[1][1].as_dvec3() - keys[1][0].as_dvec3() * third);
+    }
+    (!hull.is_empty()).then_some(hull)
+}
+
+/// The box around a box in all orientations of a channel.
+fn turned(of: Bounds, channel: &Channel) -> Bounds {
+    let Track::Rotation(values) = &channel.track else { return of };
+    let keys = || values.iter().map(|q| unit(q.as_dquat()));
+    match channel.interpolation {
+        Interpolation::Step => rotated(of, keys(), 0.0),
+        Interpolation::Linear => {
+            let mut all = rotated(of, keys().take(1), 0.0);
+            for (a, b) in keys().zip(keys().skip(1)) {
+                // A quaternion turns by twice its angle.
+                let angle = 2.0 * arc(a, b).0;
+                let steps = (angle / STEP).ceil().max(1.0);
+                let sagitta = 1.0 - (angle / steps * 0.5).cos();
+                let along = (0..=steps as u32).map(|i| slerp(a, b, f64::from(i) / steps));
+                all = union(all, rotated(of, along, sagitta));
+            }
+            all
+        }
+        // Between its keys a spline may turn any way.
+        Interpolation::CubicSpline => {
+            let radius = reach(of);
+            if of.is_empty() { of } else { Bounds { min: DVec3::splat(-radius), max: DVec3::splat(radius) } }
+        }
+    }
+}
+
+/// The box around a box in some orientations, grown by a share of its reach.
+fn rotated(of: Bounds, orientations: impl IntoIterator<Item = DQuat>, share: f64) -> Bounds {
+    let mut all = Bounds::EMPTY;
+    for orientation in orientations {
+        for corner in corners(of) {
+            all.extend(orientation * corner);
+        }
+    }
+    let margin = reach(of) * share;
+    if all.is_empty() { all } else { Bounds { min: all.min - margin, max: all.max + margin } }
+}
+
+/// Distance of the farthest corner from the origin.
+fn reach(of: Bounds) -> f64 {
+    corners(of).map(DVec3::length).fold(0.0, f64::max)
+}
+
+fn union(a: Bounds, b: Bounds) -> Bounds {
+    Bounds { min: a.min.min(b.min), max: a.max.max(b.max) }
+}
+
+/// The corners of a box; none of an empty one.
+fn corners(of: Bounds) -> impl Iterator<Item = DVec3> {
+    let pick = move |bit: usize, axis: usize| if bit >> axis & 1 == 0 { of.min[axis] } else { of.max[axis] };
+    (0..if of.is_empty() { 0 } else { 8 }).map(move |i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2)))
+}

@@ -1,0 +1,125 @@
+//! The value of a channel at a time (glTF 2.0, section 3.11 and appendix C).
+
+use std::ops::{Add, Mul};
+
+use glam::{DQuat, DVec3, DVec4};
+
+use super::{Channel, Interpolation, Track};
+
+/// Where a time lies among keys.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Place {
+    /// At or held from a key.
+    At(usize),
+    /// Between a key and the next: what share of the way, and how long all of it is, seconds.
+    After(usize, f64, f64),
+}
+
+impl Channel {
+    /// Which of translation, rotation and scale it drives: 0, 1 or 2.
+    pub(super) fn property(&self) -> usize {
+        match self.track {
+            Track::Translation(_) => 0,
+            Track::Rotation(_) => 1,
+            Track::Scale(_) => 2,
+        }
+    }
+
+    /// Whether it has keys, and a value for each.
+    pub(super) fn is_whole(&self) -> bool {
+        let values = match &self.track {
+            Track::Translation(values) | Track::Scale(values) => values.len(),
+            Track::Rotation(values) => values.len(),
+        };
+        !self.times_secs.is_empty() && values == self.times_secs.len() * self.values_a_key()
+    }
+
+    fn values_a_key(&self) -> usize {
+        if self.interpolation == Interpolation::CubicSpline { 3 } else { 1 }
+    }
+
+    /// Translation or scale at a time, seconds from the animation's beginning; `None` for a rotation's channel and
+    /// where what the keys say is not finite.
+    pub fn vector_at(&self, time_secs: f64) -> Option<DVec3> {
+        let (Track::Translation(values) | Track::Scale(values)) = &self.track else { return None };
+        let value = |at: usize| values.get(at).map(|v| v.as_dvec3());
+        let found = match (self.place(time_secs), self.interpolation) {
+            (Place::At(key), Interpolation::CubicSpline) => value(3 * key + 1),
+            (Place::At(key) | Place::After(key, ..), Interpolation::Step) | (Place::At(key), _) => value(key),
+            (Place::After(key, share, _), Interpolation::Linear) => {
+                Some(value(key)?.lerp(value(key + 1)?, share))
+            }
+            (Place::After(key, share, secs), Interpolation::CubicSpline) => {
+                let [from, out, into, to] = [1, 2, 3, 4].map(|i| value(3 * key + i));
+                Some(hermite([from?, out? * secs, into? * secs, to?], share))
+            }
+        };
+        found.filter(|vector| vector.is_finite())
+    }
+
+    /// Rotation at a time, likewise, of unit length; no rotation where keys say zero.
+    pub fn rotation_at(&self, time_secs: f64) -> Option<DQuat> {
+        let Track::Rotation(values) = &self.track else { return None };
+        let value = |at: usize| values.get(at).map(|q| q.as_dquat());
+        let found = match (self.place(time_secs), self.interpolation) {
+            (Place::At(key), Interpolation::CubicSpline) => value(3 * key + 1)?,
+            (Place::At(key) | Place::After(key, ..), Interpolation::Step) | (Place::At(key), _) => {
+                value(key)?
+            }
+            (Place::After(key, share, _), Interpolation::Linear) => {
+                slerp(unit(value(key)?), unit(value(key + 1)?), share)
+            }
+            (Place::After(key, share, secs), Interpolation::CubicSpline) => {
+                let [from, out, into, to] = [1, 2, 3, 4].map(|i| value(3 * key + i).map(DVec4::from));
+                DQuat::from_vec4(hermite([from?, out? * secs, into? * secs, to?], share))
+            }
+        };
+        found.is_finite().then(|| unit(found))
+    }
+
+    /// The first key's before it, the last one's after it. Of equal times the last counts, so that no span of
+    /// zero seconds is ever divided by.
+    fn place(&self, time_secs: f64) -> Place {
+        let times = &self.times_secs;
+        let later = times.partition_point(|&t| f64::from(t) <= time_secs);
+        if later == 0 || later == times.len() {
+            return Place::At(later.saturating_sub(1));
+        }
+        let (from, to) = (f64::from(times[later - 1]), f64::from(times[later]));
+        Place::After(later - 1, (time_secs - from) / (to - from), to - from)
+    }
+}
+
+/// Scaled to unit length; no rotation where there is nothing to scale.
+pub(super) fn unit(q: DQuat) -> DQuat {
+    let most = q.x.abs().max(q.y.abs()).max(q.z.abs()).max(q.w.abs());
+    // Scaled first, since squares of what is very small are zero. Written so that NaN fails.
+    if most > 0.0 && most.is_finite() { (q / most).normalize() } else { DQuat::IDENTITY }
+}
+
+/// The angle between two unit quaternions on the shorter arc, radians, and the second one's representative there.
+/// By the tangent, which is exact where the cosine of the textbook's formula is flat.
+pub(super) fn arc(a: DQuat, b: DQuat) -> (f64, DQuat) {
+    let b = if a.dot(b) < 0.0 { -b } else { b };
+    (2.0 * (a - b).length().atan2((a + b).length()), b)
+}
+
+/// Along the shorter arc between two unit quaternions (Shoemake, "Animating rotation with quaternion curves", 1985).
+pub(super) fn slerp(a: DQuat, b: DQuat, share: f64) -> DQuat {
+    let (angle, b) = arc(a, b);
+    let sine = angle.sin();
+    if sine < 1e-9 {
+        return unit(a * (1.0 - share) + b * share);
+    }
+    unit(a * (((1.0 - share) * angle).sin() / sine) + b * ((share * angle).sin() / sine))
+}
+
+/// The cubic through a value and another, given the tangents there times the span's length, in the order value,
+/// tangent, tangent, value.
+fn hermite<V: Copy + Mul<f64, Output = V> + Add<Output = V>>([from, out, into, to]: [V; 4], t: f64) -> V {
+    let (t2, t3) = (t * t, t * t * t);
+    from * (2.0 * t3 - 3.0 * t2 + 1.0)
+        + out * (t3 - 2.0 * t2 + t)
+        + to * (3.0 * t2 - 2.0 * t3)
+        + into * (t3 - t2)
+}
