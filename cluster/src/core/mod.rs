@@ -4,7 +4,8 @@
 //! opens no socket and throws no dice: the same events at the same times give the same actions, which is what
 //! the tests here rely on. The parts: [`balance`] says how many sample, [`hysteresis`] when that is worth a
 //! change, `roles` who changes; `dispatch` admits views and gives them to workers, `directory` knows who
-//! renders and who holds which sample, [`plan`] how a view is answered, `status` tells it all.
+//! renders and who holds which sample, [`plan`] how a view is answered, with what error and
+//! cost [`quality`], `status` tells it all.
 
 pub mod balance;
 mod config;
@@ -14,6 +15,7 @@ mod event;
 pub mod hysteresis;
 mod machine;
 pub mod plan;
+pub mod quality;
 mod roles;
 pub mod smooth;
 mod status;

@@ -1,0 +1,150 @@
+//! What a frame's own pixels say about how good it is.
+
+use argus_scene::Frame;
+use serde::{Deserialize, Serialize};
+
+/// Brightness differs by more than this across a pixel of an edge, of 255.
+const EDGE: u32 = 26;
+/// Pixels across which the coarse detail is taken.
+const COARSE: usize = 4;
+
+/// Statistics of a frame, each a mean over its pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Observed {
+    /// Difference of brightness (0 to 1) to the pixels right and below: what a sampling of one ray a pixel
+    /// gets wrong.
+    pub detail: f64,
+    /// The same to the pixels four columns and rows away: how much of the detail is of that scale.
+    pub coarse_detail: f64,
+    /// Share of pixels on an edge.
+    pub edges: f64,
+    /// Share of pixels that no sample saw and nothing else served.
+    pub unresolved: f64,
+    /// Share of pixels where a second sample has the same surface; 0 where that is not known.
+    pub agreeing: f64,
+    /// Mean residual of the pixels that a sample saw, as a share of the tolerance; 0 where that is not known.
+    pub residual: f64,
+}
+
+impl Observed {
+    /// How many features there are.
+    pub const FEATURES: usize = 6;
+
+    /// Looks at a frame with colour and, if it was reconstructed, confidence. `None` without colour.
+    pub fn of(frame: &Frame) -> Option<Self> {
+        let columns = frame.width as usize;
+        let pixels = columns * frame.height as usize;
+        let color = frame.color.as_ref().filter(|color| color.len() == pixels * 3 && pixels > 0)?;
+        // Rec. 601 luma in 8 bits: FLIP's own weights differ by less than its errors vary.
+        let luma = |p: &[u8]| (77 * u32::from(p[0]) + 150 * u32::from(p[1]) + 29 * u32::from(p[2])) >> 8;
+        let luma: Vec<u8> = color.chunks_exact(3).map(|p| luma(p) as u8).collect();
+        let (fine, edges) = differences(&luma, columns, 1);
+        let (coarse, _) = differences(&luma, columns, COARSE);
+        let share = |count: usize| count as f64 / pixels as f64;
+        let (mut agreeing, mut residual) = (0.0, 0.0);
+        if let Some(confidence) = frame.confidence.as_ref().filter(|c| c.len() == pixels) {
+            let seen = confidence.iter().filter(|&&c| c != 0).count();
+            let low: u64 = confidence.iter().filter(|&&c| c != 0).map(|c| u64::from(127 - (c & 127))).sum();
+            agreeing = share(confidence.iter().filter(|&&c| c & 128 != 0).count());
+            residual = low as f64 / 127.0 / seen.max(1) as f64;
+        }
+        Some(Self {
+            detail: fine,
+            coarse_detail: coarse,
+            edges,
+            unresolved: frame.unresolved_fraction,
+            agreeing,
+            residual,
+        })
+    }
+
+    /// As numbers that errors' logarithms depend on about linearly.
+    pub fn features(&self) -> [f64; Self::FEATURES] {
+        let least = 1e-4;
+        [
+            (self.detail + least).ln(),
+            ((self.coarse_detail + least) / (self.detail + least)).ln(),
+            self.edges.sqrt(),
+            self.unresolved.sqrt(),
+            self.agreeing,
+            self.residual,
+        ]
+    }
+}
+
+/// Mean absolute difference, 0 to 1, to the values `step` columns and `step` rows on, and the share of values
+/// that differ from either by more than [`EDGE`].
+fn differences(luma: &[u8], columns: usize, step: usize) -> (f64, f64) {
+    let (mut sum, mut count, mut edges) = (0_u64, 0_u64, 0_u64);
+    for (y, row) in luma.chunks_exact(columns).enumerate() {
+        let below = luma.get((y + step) * columns..).unwrap_or_default();
+        let right = row.get(step..).unwrap_or_default();
+        let mut across = |others: &[u8]| {
+            for (a, b) in row.iter().zip(others) {
+                let difference = u32::from(a.abs_diff(*b));
+                sum += u64::from(difference);
+                edges += u64::from(difference > EDGE);
+            }
+            count += row.len().min(others.len()) as u64;
+        };
+        across(right);
+        across(&below[..below.len().min(columns)]);
+    }
+    let mean = |total: u64| total as f64 / count.max(1) as f64;
+    (mean(sum) / 255.0, mean(edges))
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Plan, Provenance, SceneHash, Served};
+
+    use super::*;
+
+    fn frame(width: u32, height: u32, color: Vec<u8>, confidence: Option<Vec<u8>>) -> Frame {
+        Frame {
+            width,
+            height,
+            color: Some(color.into()),
+            range: None,
+            mask: None,
+            source: None,
+            confidence: confidence.map(Into::into),
+            unresolved_fraction: 0.25,
+            served: Served::default(),
+            predicted: None,
+            provenance: Provenance {
+                scene: SceneHash([0; 32]),
+                epoch: 0,
+                generation: 0,
+                plan: Plan::Direct { samples_per_pixel: 1 },
+                device: String::new(),
+            },
+            stages: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_flat_frame_has_no_detail_and_a_checkerboard_the_most() {
+        let flat = Observed::of(&frame(8, 8, vec![90; 192], None)).unwrap();
+        assert_eq!((flat.detail, flat.coarse_detail, flat.edges), (0.0, 0.0, 0.0));
+        let board = (0..64).flat_map(|i| [if (i % 8 + i / 8) % 2 == 0 { 0 } else { 255 }; 3]);
+        let board = Observed::of(&frame(8, 8, board.collect(), None)).unwrap();
+        assert!(board.detail > 0.99 && board.edges == 1.0, "{board:?}");
+        assert_eq!(board.coarse_detail, 0.0, "its period is two pixels");
+    }
+
+    #[test]
+    fn confidence_is_told_apart_by_its_bits() {
+        let seen = Observed::of(&frame(2, 2, vec![0; 12], Some(vec![0, 127, 255, 128]))).unwrap();
+        assert_eq!((seen.agreeing, seen.unresolved), (0.5, 0.25));
+        assert!((seen.residual - 1.0 / 3.0).abs() < 1e-12, "{seen:?}");
+    }
+
+    #[test]
+    fn frames_of_one_pixel_and_without_colour_are_no_trouble() {
+        let one = Observed::of(&frame(1, 1, vec![7; 3], Some(vec![0]))).unwrap();
+        assert!(one.features().iter().all(|f| f.is_finite()), "{one:?}");
+        assert!(Observed::of(&Frame { color: None, ..frame(1, 1, vec![7; 3], None) }).is_none());
+        assert!(Observed::of(&frame(2, 1, vec![7; 3], None)).is_none(), "short");
+    }
+}

@@ -1,0 +1,104 @@
+//! The ways to answer a view that are chosen among: a plan without its samples' names.
+
+use argus_scene::{Holes, Plan, PlanRequest, SampleId, Search, Warp};
+use serde::{Deserialize, Serialize};
+
+/// One way to answer a view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Setting {
+    /// [`Plan::Direct`].
+    Direct {
+        /// A square number.
+        samples_per_pixel: u32,
+    },
+    /// [`Plan::Warp`].
+    Warp {
+        /// How depth is found.
+        search: Search,
+        /// Of the searches that take steps; 0 for the others.
+        steps: u32,
+        /// A side.
+        supersampling: u32,
+        /// How many.
+        samples: u32,
+        /// What becomes of pixels that no sample saw.
+        holes: Holes,
+    },
+}
+
+impl Setting {
+    /// The setting that a plan follows.
+    pub fn of(plan: &Plan) -> Self {
+        match plan {
+            Plan::Direct { samples_per_pixel } => Self::Direct { samples_per_pixel: *samples_per_pixel },
+            Plan::Warp(warp) => Self::Warp {
+                search: warp.search,
+                steps: if warp.search.takes_steps() { warp.steps } else { 0 },
+                supersampling: warp.supersampling,
+                samples: u32::try_from(warp.samples.len()).unwrap_or(u32::MAX),
+                holes: warp.holes,
+            },
+        }
+    }
+
+    /// The plan that follows this setting with the given samples, which are at most [`Setting::samples`].
+    pub fn plan(self, samples: Vec<SampleId>) -> Plan {
+        match self {
+            Self::Direct { samples_per_pixel } => Plan::Direct { samples_per_pixel },
+            Self::Warp { search, steps, supersampling, holes, .. } => {
+                Plan::Warp(Warp { search, steps, supersampling, samples, holes, history: false })
+            }
+        }
+    }
+
+    /// How many samples it reconstructs from.
+    pub fn samples(self) -> usize {
+        match self {
+            Self::Direct { .. } => 0,
+            Self::Warp { samples, .. } => samples as usize,
+        }
+    }
+
+    /// Whether the view is rendered from the triangles.
+    pub fn is_direct(self) -> bool {
+        matches!(self, Self::Direct { .. })
+    }
+
+    /// Whether pixels that no sample saw are traced.
+    pub fn traces(self) -> bool {
+        matches!(self, Self::Warp { holes: Holes::Trace, .. })
+    }
+
+    /// Whether it does what a request says beside its wish: searches, knobs, treatment of holes. A request's
+    /// number of samples is the most that may be used.
+    pub fn is_allowed_by(self, request: &PlanRequest) -> bool {
+        match self {
+            Self::Direct { samples_per_pixel } => {
+                let warped = request.search.is_some() || request.steps.is_some() || request.samples.is_some();
+                let side_fits = request.supersampling.is_none_or(|side| side * side == samples_per_pixel);
+                (request.direct || !warped) && side_fits
+            }
+            Self::Warp { search, steps, supersampling, samples, holes } => {
+                !request.direct
+                    && request.search.is_none_or(|asked| asked == search)
+                    && request.steps.is_none_or(|asked| asked == steps || !search.takes_steps())
+                    && request.supersampling.is_none_or(|asked| asked == supersampling)
+                    && request.samples.is_none_or(|most| samples <= most)
+                    && request.holes.is_none_or(|asked| asked == holes)
+            }
+        }
+    }
+
+    /// A short name for tables: `direct 4`, `splat 4×2² traced`.
+    pub fn name(self) -> String {
+        match self {
+            Self::Direct { samples_per_pixel } => format!("direct {samples_per_pixel}"),
+            Self::Warp { search, steps, supersampling, samples, holes } => {
+                let steps = if search.takes_steps() { format!(" {steps}") } else { String::new() };
+                let traced = if holes == Holes::Trace { " traced" } else { "" };
+                format!("{}{steps} of {samples}, {supersampling}²{traced}", search.name())
+            }
+        }
+    }
+}
