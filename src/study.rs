@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use argus_studies::{Report, baseline, burst, warp};
+use argus_studies::{Report, baseline, bounds, burst, warp};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{args, output};
@@ -28,6 +28,7 @@ enum Study {
     Baseline(Baseline),
     Burst(Burst),
     Warp(Warp),
+    Bounds(Bounds),
 }
 
 /// What direct views, samples and both searches cost, and how close they come to the reference
@@ -75,6 +76,26 @@ struct Warp {
     views: Option<u16>,
     #[command(flatten)]
     rig: args::Rig,
+    #[command(flatten)]
+    form: Form,
+}
+
+/// Bounds on the error: how often they hold in random views, and what they cost against the cheapest setting
+/// that keeps them. The model that it calibrates is kept, and services choose by it from then on.
+#[derive(clap::Args)]
+struct Bounds {
+    /// A file or `terrain[:TRIANGLES]`; may be given more than once [default: terrain:500000]
+    #[arg(long, value_name = "S")]
+    scene: Vec<String>,
+    /// Random views that bounds are tried on [default: 100]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    views: Option<u16>,
+    /// Other random views that the model is calibrated on [default: 100]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=10_000))]
+    calibration: Option<u16>,
+    /// Pixels of a view [default: 200x150]
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Option<[u32; 2]>,
     #[command(flatten)]
     form: Form,
 }
@@ -132,6 +153,18 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
             let bar = progress.clone();
             let report = tokio::task::spawn_blocking(move || warp::run(&options, &bar)).await??;
             ("warp", form, report)
+        }
+        Study::Bounds(Bounds { scene, views, calibration, size, form }) => {
+            let mut options = if form.quick { bounds::Options::quick() } else { bounds::Options::default() };
+            if !scene.is_empty() {
+                options.scenes = scene;
+            }
+            options.views = views.map_or(options.views, usize::from);
+            options.calibration = calibration.map_or(options.calibration, usize::from);
+            options.size = size.unwrap_or(options.size);
+            let bar = progress.clone();
+            let report = tokio::task::spawn_blocking(move || bounds::run(&options, &bar)).await??;
+            ("bounds", form, report)
         }
     };
     progress.finish_and_clear();

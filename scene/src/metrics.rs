@@ -42,12 +42,20 @@ pub enum CompareError {
 /// # Errors
 /// Images of different sizes, or without pixels.
 pub fn compare(reference: &RgbImage, test: &RgbImage) -> Result<Comparison, CompareError> {
-    let flip = flip_errors(reference, test)?.to_vec();
     Ok(Comparison {
-        flip_mean: flip.iter().map(|&e| f64::from(e)).sum::<f64>() / flip.len() as f64,
+        flip_mean: flip_mean(reference, test)?,
         psnr_db: psnr_db(reference, test),
         ssim: ssim(reference, test),
     })
+}
+
+/// The mean FLIP error alone.
+///
+/// # Errors
+/// Images of different sizes, or without pixels.
+pub fn flip_mean(reference: &RgbImage, test: &RgbImage) -> Result<f64, CompareError> {
+    let flip = flip_errors(reference, test)?.to_vec();
+    Ok(flip.iter().map(|&e| f64::from(e)).sum::<f64>() / flip.len() as f64)
 }
 
 /// The FLIP error of every pixel in its authors' colours (magma: black is none, pale yellow is most).

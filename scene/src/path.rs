@@ -1,9 +1,12 @@
 //! Many viewpoints of one scene, the same on every machine: what load tests, the demo and the studies look
 //! through.
 
+use std::f64::consts::PI;
+
 use glam::{DQuat, DVec3};
 
-use crate::Camera;
+use crate::scene::RigKind;
+use crate::{Bounds, Camera};
 
 /// How far, as seen from the target, a viewpoint strays from the camera it is made from: degrees around it,
 /// degrees up or down, and a share of the distance.
@@ -47,9 +50,75 @@ fn stray(camera: Camera, turn: f64) -> Camera {
     Camera { eye: camera.target + turned * (1.0 + DOLLY * dolly), ..camera }
 }
 
+/// Endless viewpoints drawn at random from where people look at such a scene, the same for the same seed: from
+/// among its walls at any height below three quarters of its own, looking about level, where samples surround
+/// the viewer; from above its ground up to half its width higher than its top, looking at a place in its
+/// middle, where they look down at it. Some stand inside of something: whoever knows the triangles leaves
+/// those out.
+pub fn wandering(bounds: Bounds, kind: RigKind, seed: u64) -> impl Iterator<Item = Camera> {
+    let mut next = uniform(seed);
+    std::iter::repeat_with(move || {
+        let (center, size) = (bounds.center(), bounds.size());
+        let mut between = |low: f64, high: f64| low + (high - low) * next();
+        let mut place = |share: f64, low: f64, high: f64| {
+            let across = |center: f64, size: f64, x: f64| center + share * size * x;
+            let (x, z) = (between(-0.5, 0.5), between(-0.5, 0.5));
+            let y = bounds.min.y + size.y * between(low, high);
+            DVec3::new(across(center.x, size.x, x), y, across(center.z, size.z, z))
+        };
+        match kind {
+            RigKind::Cell => {
+                let eye = place(0.8, 0.05, 0.75);
+                let (yaw, pitch) = (between(0.0, 2.0 * PI), between(-0.5, 0.5));
+                let ahead = DVec3::new(pitch.cos() * yaw.cos(), pitch.sin(), pitch.cos() * yaw.sin());
+                Camera {
+                    fov_deg: between(45.0, 75.0),
+                    ..Camera::look_at(eye, eye + ahead * size.max_element())
+                }
+            }
+            RigKind::TileCorners => {
+                let eye = place(1.0, 0.1, 1.0);
+                let target = place(0.6, 0.0, 0.3);
+                let above = 0.5 * size.x.max(size.z) * between(0.0, 1.0).powi(2);
+                let eye = eye + DVec3::Y * above;
+                Camera { fov_deg: between(35.0, 65.0), ..Camera::look_at(eye, target) }
+            }
+        }
+    })
+    .filter(|camera| camera.validate().is_ok())
+}
+
+/// Numbers from 0 up to 1, each about as likely as any other: Steele, Lea and Flood's SplitMix64 (*Fast
+/// splittable pseudorandom number generators*, OOPSLA 2014).
+fn uniform(seed: u64) -> impl FnMut() -> f64 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn wandering_viewpoints_are_valid_repeatable_and_spread_over_the_scene() {
+        let bounds = Bounds { min: DVec3::new(-20.0, 0.0, -10.0), max: DVec3::new(20.0, 15.0, 10.0) };
+        for kind in [RigKind::Cell, RigKind::TileCorners] {
+            let cameras: Vec<Camera> = wandering(bounds, kind, 7).take(500).collect();
+            assert_eq!(cameras, wandering(bounds, kind, 7).take(500).collect::<Vec<_>>());
+            assert_ne!(cameras[0], wandering(bounds, kind, 8).next().unwrap());
+            for quadrant in 0..4 {
+                let (x, z) = (quadrant & 1 == 0, quadrant & 2 == 0);
+                let there = cameras.iter().filter(|c| (c.eye.x > 0.0) == x && (c.eye.z > 0.0) == z).count();
+                assert!(there > 80, "{there} of 500 in quadrant {quadrant}");
+            }
+            cameras.iter().for_each(|camera| camera.validate().unwrap());
+        }
+    }
 
     #[test]
     fn viewpoints_are_valid_distinct_and_begin_with_the_suggested_ones() {

@@ -7,7 +7,9 @@
 
 pub mod baseline;
 mod bench;
+pub mod bounds;
 pub mod burst;
+pub mod calibration;
 mod local_cluster;
 mod median;
 mod plot;

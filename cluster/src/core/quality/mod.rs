@@ -33,7 +33,7 @@ mod regression;
 mod setting;
 mod situation;
 
-pub use model::{After, Calibrated, Cost, MODEL_VERSION, Model, Trial};
+pub use model::{After, Answer, Calibrated, Cost, MODEL_VERSION, Model, Trial};
 pub use observed::Observed;
 pub use pace::Pace;
 pub use regression::Regression;

@@ -1,0 +1,195 @@
+//! Bounds on the error: how often they hold, and what they cost.
+//!
+//! Random views are answered with every setting; some calibrate a model, and on the others the very choice that
+//! the coordinator makes is played: try, look at the frame, deliver it or go on. What was thrown away is paid
+//! for. The yardstick is whoever knows all errors beforehand: the cheapest setting that keeps the bound.
+
+use anyhow::Result;
+use argus_cluster::core::quality::choose::{self, Step, Wish};
+use argus_cluster::core::quality::{Answer, Model, Pace, Setting, Trial};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_scene::{Holes, PlanRequest, RigKnobs, Search};
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use crate::calibration::{self, Bench, share, tally};
+use crate::median::{mean, median};
+use crate::{Machine, Report};
+
+/// What is measured.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scenes, as [`argus_scene::open`] takes them.
+    pub scenes: Vec<String>,
+    /// Views that the model is fitted to.
+    pub calibration: usize,
+    /// Views, none of them among those, that the bounds are tried on.
+    pub views: usize,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// Samples a pixel of the reference, a square number.
+    pub reference_samples: u32,
+    /// Cells of an omni rig that views are drawn from.
+    pub cells: usize,
+    /// Bounds, as multiples of the median error of calibration views in the default setting.
+    pub bounds: Vec<f64>,
+    /// Whether the models are kept for coordinators to choose by.
+    pub keep: bool,
+}
+
+impl Default for Options {
+    /// The figures of the README: minutes.
+    fn default() -> Self {
+        Self {
+            scenes: vec!["terrain:500000".to_owned()],
+            calibration: 100,
+            views: 100,
+            size: [200, 150],
+            reference_samples: 16,
+            cells: 12,
+            bounds: vec![0.5, 1.0, 2.0],
+            keep: true,
+        }
+    }
+}
+
+impl Options {
+    /// Seconds, to see that everything works; its figures are noise.
+    pub fn quick() -> Self {
+        Self {
+            scenes: vec!["terrain:20000".to_owned()],
+            calibration: 12,
+            views: 6,
+            size: [64, 48],
+            reference_samples: 4,
+            keep: false,
+            ..Self::default()
+        }
+    }
+}
+
+/// The seeds of the two sets of views; what is drawn from different ones has no view in common.
+const CALIBRATION_SEED: u64 = 11;
+const TEST_SEED: u64 = 12;
+
+/// Runs the study; `progress` counts views.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    progress.set_length((options.scenes.len() * (options.calibration + options.views)) as u64);
+    let mut rows = Vec::new();
+    for spec in &options.scenes {
+        progress.set_message(spec.clone());
+        let mut bench = Bench::open(&gpu, spec, &RigKnobs::default())?;
+        let calibrating = bench.views(options.calibration, options.cells, CALIBRATION_SEED);
+        let testing = bench.views(options.views, options.cells, TEST_SEED);
+        // All references first: they need the cores that times are taken on.
+        for camera in calibrating.iter().chain(&testing) {
+            bench.reference(camera, options.size, options.reference_samples);
+        }
+        bench.hold(&calibrating)?;
+        bench.hold(&testing)?;
+        let settings = calibration::settings(&bench.info.rig);
+        let settings = bench.supported(&testing[0], &settings)?;
+        let mut measure = |bench: &mut Bench, cameras| {
+            bench.trials(cameras, options.size, &settings, options.reference_samples, progress)
+        };
+        let trials = measure(&mut bench, &calibrating)?;
+        let tests = measure(&mut bench, &testing)?;
+        let other_sizes = [options.size.map(|side| side / 2)];
+        let timings = bench.timings(&calibrating[..calibrating.len().min(4)], &other_sizes, &settings)?;
+        let model = bench.fit(&trials, &timings);
+        if options.keep {
+            let path = calibration::keep(&model)?;
+            progress.suspend(|| eprintln!("model: {}", path.display()));
+        }
+        if let Some(folder) = std::env::var_os("ARGUS_TRIALS") {
+            let path = std::path::Path::new(&folder).join(format!("{}.json", spec.replace(['/', ':'], "_")));
+            std::fs::write(path, serde_json::to_vec(&json!({"calibration": trials, "tests": tests}))?)?;
+        }
+        rows.extend(options.bounds.iter().map(|factor| row(spec, &model, &tests, *factor)));
+    }
+    Ok(Report { scene: options.scenes.join(" "), machine: Machine::here(gpu.kind()), rows })
+}
+
+/// What a view with a bound came to.
+struct Outcome<'a> {
+    /// The frame that was delivered.
+    delivered: &'a Answer,
+    /// Milliseconds of all tries.
+    ms: f64,
+    tries: usize,
+    /// The error that was foretold.
+    predicted: f64,
+    /// The answer of whoever knows all errors.
+    cheapest: &'a Answer,
+}
+
+/// Plays the coordinator: what is tried, and in the end delivered, of a view's answers.
+fn play<'a>(model: &Model, trial: &'a Trial, request: &PlanRequest) -> Option<Outcome<'a>> {
+    let (wish, pace) = (Wish::of(request)?, Pace::new(1.0));
+    let bound = wish.max_error?;
+    let candidates = model.candidates(request, &trial.situation, trial.pixels, &pace);
+    let answer = |setting: Setting| trial.answers.iter().find(|answer| answer.setting == setting);
+    let (mut ms, mut tried) = (0.0, Vec::new());
+    let mut step = choose::first(&candidates, &wish, |_| 0.0)?;
+    let (delivered, predicted) = loop {
+        match step {
+            Step::Deliver { expected } => break (answer(*tried.last()?)?, expected.error),
+            Step::Try { setting, expected, judged } => {
+                let seen = answer(setting)?;
+                ms += seen.ms;
+                tried.push(setting);
+                if !judged {
+                    break (seen, expected.error);
+                }
+                let light = model.enlightened(&candidates, &trial.situation, setting, &seen.observed);
+                step = choose::next(&light, &wish, &tried, ms, |_| 0.0);
+            }
+        }
+    };
+    let keeps = |answer: &&Answer| answer.error <= bound;
+    let by_ms = |a: &&Answer, b: &&Answer| a.ms.total_cmp(&b.ms);
+    let by_error = |a: &&Answer, b: &&Answer| a.error.total_cmp(&b.error);
+    let all = || trial.answers.iter();
+    let cheapest = all().filter(keeps).min_by(by_ms).or_else(|| all().min_by(by_error))?;
+    Some(Outcome { delivered, ms, tries: tried.len(), predicted, cheapest })
+}
+
+/// The row of one bound.
+fn row(scene: &str, model: &Model, tests: &[Trial], factor: f64) -> Map<String, Value> {
+    let default =
+        Setting::Warp { search: Search::Splat, steps: 0, supersampling: 1, samples: 4, holes: Holes::Mark };
+    let bound = factor * model.of(default).map_or(f64::NAN, |calibrated| calibrated.median_error);
+    let request = PlanRequest { max_error: Some(bound), ..PlanRequest::default() };
+    let outcomes: Vec<Outcome<'_>> = tests.iter().filter_map(|trial| play(model, trial, &request)).collect();
+    let of = |value: fn(&Outcome<'_>) -> f64| outcomes.iter().map(value).collect::<Vec<f64>>();
+    let (ours, best) = (of(|o| o.ms), of(|o| o.cheapest.ms));
+    let row = json!({
+        "scene": scene,
+        "bound_factor": factor,
+        "bound": bound,
+        "calibration": model.views,
+        "views": outcomes.len(),
+        "within_share": share(&outcomes, |o| o.delivered.error <= bound),
+        "unreachable_share": share(&outcomes, |o| o.cheapest.error > bound),
+        "median_ms": median(&ours),
+        "cheapest_ms": median(&best),
+        "ratio": median(&ours) / median(&best),
+        "ratio_of_view": median(&of(|o| o.ms / o.cheapest.ms)),
+        "mean_ms": mean(ours),
+        "cheapest_mean_ms": mean(best),
+        "direct_share": share(&outcomes, |o| o.delivered.setting.is_direct()),
+        "traced_share": share(&outcomes, |o| o.delivered.setting.traces()),
+        "cheapest_direct_share": share(&outcomes, |o| o.cheapest.setting.is_direct()),
+        "tries": mean(of(|o| o.tries as f64)),
+        "predicted": median(&of(|o| o.predicted)),
+        "true": median(&of(|o| o.delivered.error)),
+        "chosen": tally(outcomes.iter().map(|o| o.delivered.setting)),
+        "cheapest": tally(outcomes.iter().map(|o| o.cheapest.setting)),
+    });
+    let Value::Object(row) = row else { unreachable!("an object literal is an object") };
+    row
+}

@@ -1,0 +1,375 @@
+//! Calibration: what each way to answer a view costs and how far it is from the reference, for views all over
+//! a scene, and the [`Model`] that a coordinator chooses by afterwards.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use argus_cluster::core::quality::{Answer, Model, Observed, Setting, Situation, Trial};
+use argus_compositor::GpuCompositor;
+use argus_gpu::Gpu;
+use argus_sampler::GpuSampler;
+use argus_scene::reference::{Tracer, cache};
+use argus_scene::{
+    Camera, Cancel, Compositor, Frame, Holes, Outputs, PixelJob, RenderError, Rig, RigKind, RigKnobs,
+    SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, SceneHash, Search, ViewJob, metrics, path,
+};
+use glam::DVec2;
+use image::RgbImage;
+use indicatif::ProgressBar;
+
+/// At most this many samples serve a view of a study.
+const MOST_SAMPLES: usize = 8;
+/// Rays a side by which a random view is judged to show anything.
+const PROBES: u32 = 7;
+
+/// Where models are kept: beside the reference images.
+pub fn directory() -> Option<PathBuf> {
+    cache::directory().map(|cache| cache.join("models"))
+}
+
+/// The models that were kept for a scene and rig, of whatever device. Files that cannot be read as one are
+/// passed over.
+pub fn kept(scene: SceneHash, rig: &Rig) -> Vec<Model> {
+    let entries = directory().and_then(|folder| std::fs::read_dir(folder).ok()).into_iter().flatten();
+    let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    paths.retain(|path| {
+        path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&scene.to_string()))
+    });
+    paths.sort();
+    let read = |path: PathBuf| serde_json::from_slice::<Model>(&std::fs::read(path).ok()?).ok();
+    paths.into_iter().filter_map(read).filter(|model| model.fits(scene, rig)).collect()
+}
+
+/// Keeps a model; where.
+///
+/// # Errors
+/// No cache folder, or one that cannot be written to.
+pub fn keep(model: &Model) -> Result<PathBuf> {
+    let folder = directory().context("there is no cache folder: set ARGUS_CACHE")?;
+    std::fs::create_dir_all(&folder)?;
+    let path = folder.join(model.file_name());
+    // Written beside its place and renamed, so that nobody reads half a model.
+    let partial = folder.join(format!("{}.{}", model.file_name(), std::process::id()));
+    std::fs::write(&partial, serde_json::to_vec(model)?)?;
+    std::fs::rename(&partial, &path)?;
+    Ok(path)
+}
+
+/// The settings that are worth choosing among: the best search of each kind at a few prices, and direct views.
+/// Those that the compositor refuses are left out when they are tried.
+pub fn settings(rig: &Rig) -> Vec<Setting> {
+    let counts: &[u32] = match rig {
+        Rig::TileCorners { .. } => &[2, 4],
+        Rig::Cell { .. } => &[4, 8],
+    };
+    let warp = |search, steps, supersampling, samples, holes| Setting::Warp {
+        search,
+        steps,
+        supersampling,
+        samples,
+        holes,
+    };
+    let mut settings = Vec::new();
+    for &samples in counts {
+        for supersampling in [1, 2, 3] {
+            settings.push(warp(Search::Splat, 0, supersampling, samples, Holes::Mark));
+        }
+    }
+    let most = counts[counts.len() - 1];
+    settings.push(warp(Search::Pyramid, 0, 2, most, Holes::Mark));
+    settings.push(warp(Search::Seeded, 4, 2, most, Holes::Mark));
+    settings.push(warp(Search::Splat, 0, 2, most, Holes::Trace));
+    settings.extend([1, 4, 16].map(|samples_per_pixel| Setting::Direct { samples_per_pixel }));
+    settings
+}
+
+/// One scene on one device, ready to answer views in any setting.
+pub struct Bench {
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// Rig and lighting of its samples.
+    pub info: Arc<SampleSetInfo>,
+    /// Answers what the truth is.
+    pub tracer: Tracer,
+    gpu: Arc<Gpu>,
+    sampler: GpuSampler,
+    compositor: GpuCompositor,
+    held: BTreeSet<SampleId>,
+}
+
+impl Bench {
+    /// Opens a scene, as [`argus_scene::open`] takes it.
+    ///
+    /// # Errors
+    /// A scene that cannot be opened or sampled.
+    pub fn open(gpu: &Arc<Gpu>, spec: &str, rig: &RigKnobs) -> Result<Self> {
+        let scene = Arc::new(argus_scene::open(spec)?);
+        let info = Arc::new(SampleSetInfo {
+            scene: scene.hash,
+            bounds: scene.bounds(),
+            rig: Rig::for_scene(&scene, rig)?,
+            epoch: 0,
+            generation: 1,
+            lighting: scene.lighting.clone(),
+        });
+        Ok(Self {
+            sampler: GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?,
+            compositor: GpuCompositor::new(Arc::clone(gpu))?,
+            tracer: Tracer::new(Arc::clone(&scene)),
+            gpu: Arc::clone(gpu),
+            held: BTreeSet::new(),
+            scene,
+            info,
+        })
+    }
+
+    /// `count` random views that stand in the open and show something. Where samples surround the viewer, they
+    /// are drawn from `places` cells of the rig, since every cell costs as many samples as it has corners.
+    pub fn views(&self, count: usize, places: usize, seed: u64) -> Vec<Camera> {
+        let (bounds, rig) = (self.info.bounds, self.info.rig);
+        let kind = match rig {
+            Rig::TileCorners { .. } => RigKind::TileCorners,
+            Rig::Cell { .. } => RigKind::Cell,
+        };
+        let open = || path::wandering(bounds, kind, seed).take(10_000).filter(|c| self.shows_something(c));
+        let Rig::Cell { origin, spacing, .. } = rig else { return open().take(count).collect() };
+        // Each cell gets views that stand where random ones stood, moved within the cell they stood in.
+        let cell_of = |camera: &Camera| ((camera.eye - origin) / spacing).floor();
+        let mut cells = Vec::new();
+        for camera in path::wandering(bounds, kind, 1).take(10_000).filter(|c| self.shows_something(c)) {
+            let cell = cell_of(&camera);
+            if !cells.contains(&cell) {
+                cells.push(cell);
+            }
+            if cells.len() == places {
+                break;
+            }
+        }
+        let moved = |(i, camera): (usize, Camera)| {
+            let cell = cells.get(i % cells.len().max(1)).copied().unwrap_or(cell_of(&camera));
+            let by = (cell - cell_of(&camera)) * spacing;
+            Camera { eye: camera.eye + by, target: camera.target + by, ..camera }
+        };
+        let all = path::wandering(bounds, kind, seed).take(100_000).enumerate().map(moved);
+        all.filter(|c| self.shows_something(c)).take(count).collect()
+    }
+
+    /// Whether a view shows surfaces, most of them from their front, none of them in its face.
+    fn shows_something(&self, camera: &Camera) -> bool {
+        let extent = self.info.bounds.size().max_element();
+        let mut seen = 0;
+        for i in 0..PROBES * PROBES {
+            let pixel = DVec2::new(f64::from(i % PROBES), f64::from(i / PROBES)) + 0.5;
+            let Some(hit) = self.tracer.trace(camera.eye, camera.direction(pixel, PROBES, PROBES)) else {
+                continue;
+            };
+            if hit.range < 0.01 * extent {
+                return false;
+            }
+            let material = &self.scene.materials[self.material_of(hit.instance)];
+            if !hit.front && !material.double_sided {
+                return false;
+            }
+            seen += 1;
+        }
+        seen * 2 > PROBES * PROBES
+    }
+
+    fn material_of(&self, instance: u32) -> usize {
+        let mesh = self.scene.instances[instance as usize].mesh;
+        self.scene.meshes[mesh as usize].material as usize
+    }
+
+    /// What a view should look like, from the cache or traced.
+    pub fn reference(&self, camera: &Camera, size: [u32; 2], samples_per_pixel: u32) -> RgbImage {
+        let folder = cache::directory();
+        let image = cache::render(folder.as_deref(), &self.tracer, camera, size, samples_per_pixel, |_| ());
+        image.display(self.scene.lighting.exposure)
+    }
+
+    /// The samples that serve a viewpoint, best first.
+    pub fn samples(&self, camera: &Camera, count: usize) -> Vec<SampleId> {
+        let id = |index| SampleId { epoch: self.info.epoch, generation: self.info.generation, index };
+        self.info.rig.nearest(camera, count).into_iter().map(id).collect()
+    }
+
+    /// Renders the samples that any of the views may use and that are not held; milliseconds it took.
+    ///
+    /// # Errors
+    /// As the sampler or the compositor has them.
+    pub fn hold(&mut self, cameras: &[Camera]) -> Result<f64> {
+        let wanted: BTreeSet<SampleId> =
+            cameras.iter().flat_map(|camera| self.samples(camera, MOST_SAMPLES)).collect();
+        let ids: Vec<SampleId> = wanted.difference(&self.held).copied().collect();
+        let began = Instant::now();
+        // A few at a time: the readbacks of many large ones would need as much memory again.
+        for ids in ids.chunks(8) {
+            let job = SampleJob { info: Arc::clone(&self.info), ids: ids.to_vec(), to_host: false };
+            let samples = self.sampler.render_samples(&job, &Cancel::new());
+            let samples = samples.into_iter().map(|sample| Ok(Arc::new(sample?)));
+            let samples = samples.collect::<Result<Vec<_>, RenderError>>()?;
+            self.compositor.hold(&SampleSet { info: Arc::clone(&self.info), samples })?;
+            self.held.extend(ids);
+        }
+        Ok(began.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// Renders a view, its samples being held; the frame, and the milliseconds it took.
+    ///
+    /// # Errors
+    /// As the role has them; `plan.search` for one that the compositor does not know.
+    pub fn answer(
+        &mut self,
+        camera: &Camera,
+        [width, height]: [u32; 2],
+        setting: Setting,
+    ) -> Result<(Frame, f64)> {
+        let plan = setting.plan(self.samples(camera, setting.samples()));
+        let outputs = Outputs { mask: setting.traces(), confidence: !setting.is_direct(), ..Outputs::COLOR };
+        let job = ViewJob { camera: *camera, width, height, outputs, plan, epoch: self.info.epoch };
+        let cancel = Cancel::new();
+        let began = Instant::now();
+        let frames = match setting {
+            Setting::Direct { .. } => self.sampler.render_views(std::slice::from_ref(&job), &cancel),
+            Setting::Warp { .. } => self.compositor.compose(std::slice::from_ref(&job), &cancel),
+        };
+        let mut frame = frames.into_iter().next().context("the role returned no frame")??;
+        if let Setting::Warp { holes: Holes::Trace, supersampling, .. } = setting {
+            self.trace_holes(&job, supersampling, &mut frame)?;
+        }
+        Ok((frame, began.elapsed().as_secs_f64() * 1e3))
+    }
+
+    /// What a worker does about holes: the sampler traces their rays.
+    fn trace_holes(&mut self, job: &ViewJob, supersampling: u32, frame: &mut Frame) -> Result<()> {
+        let mask = frame.mask.as_ref().context("the frame has no mask")?;
+        let holes = mask.iter().enumerate().filter(|(_, m)| **m == 255).map(|(i, _)| i as u32);
+        let pixels: Vec<u32> = holes.collect();
+        if pixels.is_empty() {
+            return Ok(());
+        }
+        let ViewJob { camera, width, height, epoch, .. } = *job;
+        let samples_per_pixel = supersampling * supersampling;
+        let wanted = PixelJob { camera, width, height, pixels, samples_per_pixel, epoch };
+        let traced = self.sampler.render_pixels(std::slice::from_ref(&wanted), &Cancel::new());
+        let traced = traced.into_iter().next().context("the sampler traced nothing")??;
+        let mut color = frame.color.take().context("the frame has no colour")?.to_vec();
+        for (&pixel, texel) in wanted.pixels.iter().zip(traced.color.chunks_exact(3)) {
+            let at = pixel as usize * 3;
+            color[at..at + 3].copy_from_slice(texel);
+        }
+        frame.color = Some(color.into());
+        frame.served.traced += wanted.pixels.len() as u64;
+        frame.served.unresolved = frame.served.unresolved.saturating_sub(wanted.pixels.len() as u64);
+        frame.unresolved_fraction = 0.0;
+        Ok(())
+    }
+
+    /// Which of the settings this build can answer with, found out on one view, whose samples must be held.
+    ///
+    /// # Errors
+    /// A refusal for any reason but the plan's.
+    pub fn supported(&mut self, camera: &Camera, settings: &[Setting]) -> Result<Vec<Setting>> {
+        let mut supported = Vec::new();
+        for &setting in settings {
+            match self.answer(camera, [16, 12], setting) {
+                Ok(_) => supported.push(setting),
+                Err(error) => match error.downcast_ref::<RenderError>() {
+                    Some(RenderError::Invalid(_)) => {}
+                    _ => return Err(error),
+                },
+            }
+        }
+        Ok(supported)
+    }
+
+    /// Answers views with every setting, one after the other and each alone, as an interactive request would
+    /// be, and compares with the references. `progress` counts views.
+    ///
+    /// # Errors
+    /// As [`Bench::answer`].
+    pub fn trials(
+        &mut self,
+        cameras: &[Camera],
+        size: [u32; 2],
+        settings: &[Setting],
+        reference_samples: u32,
+        progress: &ProgressBar,
+    ) -> Result<Vec<Trial>> {
+        // The first frames of a setting make the machine code of its pipelines.
+        if let Some(camera) = cameras.first() {
+            for &setting in settings {
+                self.answer(camera, size, setting)?;
+            }
+        }
+        let mut trials = Vec::new();
+        for camera in cameras {
+            let reference = self.reference(camera, size, reference_samples);
+            let mut answers = Vec::new();
+            for &setting in settings {
+                let (frame, ms) = self.answer(camera, size, setting)?;
+                let observed = Observed::of(&frame).context("the frame has no colour")?;
+                answers.push(Answer { setting, error: error(&frame, &reference)?, ms, observed });
+            }
+            let situation = Situation::new(camera, size[1], &self.info.rig, &self.info.bounds);
+            trials.push(Trial { situation, pixels: u64::from(size[0]) * u64::from(size[1]), answers });
+            progress.inc(1);
+        }
+        Ok(trials)
+    }
+
+    /// What settings cost at other sizes: (setting, pixels, milliseconds), each the least of two.
+    ///
+    /// # Errors
+    /// As [`Bench::answer`].
+    pub fn timings(
+        &mut self,
+        cameras: &[Camera],
+        sizes: &[[u32; 2]],
+        settings: &[Setting],
+    ) -> Result<Vec<(Setting, u64, f64)>> {
+        let mut timings = Vec::new();
+        for &size in sizes {
+            for &setting in settings {
+                for camera in cameras {
+                    let (_, first) = self.answer(camera, size, setting)?;
+                    let (_, second) = self.answer(camera, size, setting)?;
+                    timings.push((setting, u64::from(size[0]) * u64::from(size[1]), first.min(second)));
+                }
+            }
+        }
+        Ok(timings)
+    }
+
+    /// The model that follows from calibration.
+    pub fn fit(&self, trials: &[Trial], timings: &[(Setting, u64, f64)]) -> Model {
+        Model::fit(self.info.scene, self.info.rig, self.gpu.kind().to_owned(), trials, timings)
+    }
+}
+
+/// Mean FLIP of a frame, at 67 pixels a degree.
+///
+/// # Errors
+/// A frame without colour or of another size.
+pub fn error(frame: &Frame, reference: &RgbImage) -> Result<f64> {
+    let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+    let image = RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;
+    Ok(metrics::flip_mean(reference, &image)?)
+}
+
+/// Counts of things by name, for the shares of a table.
+pub(crate) fn share<T>(items: &[T], of: impl Fn(&T) -> bool) -> f64 {
+    items.iter().filter(|item| of(item)).count() as f64 / items.len().max(1) as f64
+}
+
+/// How often each setting was the answer, as `name ×count` by falling count.
+pub(crate) fn tally(settings: impl Iterator<Item = Setting>) -> String {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    settings.for_each(|setting| *counts.entry(setting.name()).or_default() += 1);
+    let mut counts: Vec<(String, usize)> = counts.into_iter().collect();
+    counts.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
+    counts.into_iter().map(|(name, n)| format!("{name} ×{n}")).collect::<Vec<_>>().join(", ")
+}
