@@ -12,9 +12,9 @@ use argus_scene::{Holes, PlanRequest, RigKnobs, Search};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-use crate::calibration::{self, Bench, share, tally};
+use crate::calibration::{self, Answers, share, tally};
 use crate::median::{mean, median};
-use crate::{Machine, Report};
+use crate::{Machine, Report, report};
 
 /// What is measured.
 #[derive(Debug, Clone)]
@@ -82,7 +82,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut rows = Vec::new();
     for spec in &options.scenes {
         progress.set_message(spec.clone());
-        let mut bench = Bench::open(&gpu, spec, &RigKnobs::default())?;
+        let mut bench = Answers::open(&gpu, spec, &RigKnobs::default())?;
         let calibrating = bench.views(options.calibration, options.cells, CALIBRATION_SEED);
         let testing = bench.views(options.views, options.cells, TEST_SEED);
         // All references first: they need the cores that times are taken on.
@@ -91,9 +91,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         }
         bench.hold(&calibrating)?;
         bench.hold(&testing)?;
-        let settings = calibration::settings(&bench.info.rig);
+        let settings = calibration::settings(&bench.rig());
         let settings = bench.supported(&testing[0], &settings)?;
-        let mut measure = |bench: &mut Bench, cameras| {
+        let measure = |bench: &mut Answers, cameras| {
             bench.trials(cameras, options.size, &settings, options.reference_samples, progress)
         };
         let trials = measure(&mut bench, &calibrating)?;
@@ -111,7 +111,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         }
         rows.extend(options.bounds.iter().map(|factor| row(spec, &model, &tests, *factor)));
     }
-    Ok(Report { scene: options.scenes.join(" "), machine: Machine::here(gpu.kind()), rows })
+    Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))
 }
 
 /// What a view with a bound came to.
@@ -190,6 +190,5 @@ fn row(scene: &str, model: &Model, tests: &[Trial], factor: f64) -> Map<String, 
         "chosen": tally(outcomes.iter().map(|o| o.delivered.setting)),
         "cheapest": tally(outcomes.iter().map(|o| o.cheapest.setting)),
     });
-    let Value::Object(row) = row else { unreachable!("an object literal is an object") };
-    row
+    report::row(row)
 }

@@ -8,17 +8,18 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_cluster::core::quality::{Answer, Model, Observed, Setting, Situation, Trial};
-use argus_compositor::GpuCompositor;
 use argus_gpu::Gpu;
-use argus_sampler::GpuSampler;
-use argus_scene::reference::{Tracer, cache};
+use argus_sampler::SamplerKnobs;
+use argus_scene::reference::cache;
 use argus_scene::{
     Camera, Cancel, Compositor, Frame, Holes, Outputs, PixelJob, RenderError, Rig, RigKind, RigKnobs,
-    SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, SceneHash, Search, ViewJob, metrics, path,
+    SampleId, SampleJob, SampleSet, Sampler, SceneHash, Search, ViewJob, metrics, path,
 };
 use glam::DVec2;
 use image::RgbImage;
 use indicatif::ProgressBar;
+
+use crate::bench::Bench;
 
 /// At most this many samples serve a view of a study.
 const MOST_SAMPLES: usize = 8;
@@ -87,49 +88,31 @@ pub fn settings(rig: &Rig) -> Vec<Setting> {
 }
 
 /// One scene on one device, ready to answer views in any setting.
-pub struct Bench {
-    /// The scene.
-    pub scene: Arc<Scene>,
-    /// Rig and lighting of its samples.
-    pub info: Arc<SampleSetInfo>,
-    /// Answers what the truth is.
-    pub tracer: Tracer,
-    gpu: Arc<Gpu>,
-    sampler: GpuSampler,
-    compositor: GpuCompositor,
+pub struct Answers {
+    bench: Bench,
+    device: String,
     held: BTreeSet<SampleId>,
 }
 
-impl Bench {
+impl Answers {
     /// Opens a scene, as [`argus_scene::open`] takes it.
     ///
     /// # Errors
     /// A scene that cannot be opened or sampled.
     pub fn open(gpu: &Arc<Gpu>, spec: &str, rig: &RigKnobs) -> Result<Self> {
-        let scene = Arc::new(argus_scene::open(spec)?);
-        let info = Arc::new(SampleSetInfo {
-            scene: scene.hash,
-            bounds: scene.bounds(),
-            rig: Rig::for_scene(&scene, rig)?,
-            epoch: 0,
-            generation: 1,
-            lighting: scene.lighting.clone(),
-        });
-        Ok(Self {
-            sampler: GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?,
-            compositor: GpuCompositor::new(Arc::clone(gpu))?,
-            tracer: Tracer::new(Arc::clone(&scene)),
-            gpu: Arc::clone(gpu),
-            held: BTreeSet::new(),
-            scene,
-            info,
-        })
+        let bench = Bench::new(gpu, spec, rig, SamplerKnobs::default())?;
+        Ok(Self { bench, device: gpu.kind().to_owned(), held: BTreeSet::new() })
+    }
+
+    /// Where its sample cameras stand.
+    pub fn rig(&self) -> Rig {
+        self.bench.info.rig
     }
 
     /// `count` random views that stand in the open and show something. Where samples surround the viewer, they
     /// are drawn from `places` cells of the rig, since every cell costs as many samples as it has corners.
     pub fn views(&self, count: usize, places: usize, seed: u64) -> Vec<Camera> {
-        let (bounds, rig) = (self.info.bounds, self.info.rig);
+        let (bounds, rig) = (self.bench.info.bounds, self.bench.info.rig);
         let kind = match rig {
             Rig::TileCorners { .. } => RigKind::TileCorners,
             Rig::Cell { .. } => RigKind::Cell,
@@ -159,17 +142,18 @@ impl Bench {
 
     /// Whether a view shows surfaces, most of them from their front, none of them in its face.
     fn shows_something(&self, camera: &Camera) -> bool {
-        let extent = self.info.bounds.size().max_element();
+        let extent = self.bench.info.bounds.size().max_element();
         let mut seen = 0;
         for i in 0..PROBES * PROBES {
             let pixel = DVec2::new(f64::from(i % PROBES), f64::from(i / PROBES)) + 0.5;
-            let Some(hit) = self.tracer.trace(camera.eye, camera.direction(pixel, PROBES, PROBES)) else {
+            let Some(hit) = self.bench.tracer.trace(camera.eye, camera.direction(pixel, PROBES, PROBES))
+            else {
                 continue;
             };
             if hit.range < 0.01 * extent {
                 return false;
             }
-            let material = &self.scene.materials[self.material_of(hit.instance)];
+            let material = &self.bench.scene.materials[self.material_of(hit.instance)];
             if !hit.front && !material.double_sided {
                 return false;
             }
@@ -179,21 +163,16 @@ impl Bench {
     }
 
     fn material_of(&self, instance: u32) -> usize {
-        let mesh = self.scene.instances[instance as usize].mesh;
-        self.scene.meshes[mesh as usize].material as usize
+        let mesh = self.bench.scene.instances[instance as usize].mesh;
+        self.bench.scene.meshes[mesh as usize].material as usize
     }
 
     /// What a view should look like, from the cache or traced.
     pub fn reference(&self, camera: &Camera, size: [u32; 2], samples_per_pixel: u32) -> RgbImage {
         let folder = cache::directory();
-        let image = cache::render(folder.as_deref(), &self.tracer, camera, size, samples_per_pixel, |_| ());
-        image.display(self.scene.lighting.exposure)
-    }
-
-    /// The samples that serve a viewpoint, best first.
-    pub fn samples(&self, camera: &Camera, count: usize) -> Vec<SampleId> {
-        let id = |index| SampleId { epoch: self.info.epoch, generation: self.info.generation, index };
-        self.info.rig.nearest(camera, count).into_iter().map(id).collect()
+        let image =
+            cache::render(folder.as_deref(), &self.bench.tracer, camera, size, samples_per_pixel, |_| ());
+        image.display(self.bench.scene.lighting.exposure)
     }
 
     /// Renders the samples that any of the views may use and that are not held; milliseconds it took.
@@ -202,16 +181,16 @@ impl Bench {
     /// As the sampler or the compositor has them.
     pub fn hold(&mut self, cameras: &[Camera]) -> Result<f64> {
         let wanted: BTreeSet<SampleId> =
-            cameras.iter().flat_map(|camera| self.samples(camera, MOST_SAMPLES)).collect();
+            cameras.iter().flat_map(|camera| self.bench.sample_ids(camera, MOST_SAMPLES)).collect();
         let ids: Vec<SampleId> = wanted.difference(&self.held).copied().collect();
         let began = Instant::now();
         // A few at a time: the readbacks of many large ones would need as much memory again.
         for ids in ids.chunks(8) {
-            let job = SampleJob { info: Arc::clone(&self.info), ids: ids.to_vec(), to_host: false };
-            let samples = self.sampler.render_samples(&job, &Cancel::new());
+            let job = SampleJob { info: Arc::clone(&self.bench.info), ids: ids.to_vec(), to_host: false };
+            let samples = self.bench.sampler.render_samples(&job, &Cancel::new());
             let samples = samples.into_iter().map(|sample| Ok(Arc::new(sample?)));
             let samples = samples.collect::<Result<Vec<_>, RenderError>>()?;
-            self.compositor.hold(&SampleSet { info: Arc::clone(&self.info), samples })?;
+            self.bench.compositor.hold(&SampleSet { info: Arc::clone(&self.bench.info), samples })?;
             self.held.extend(ids);
         }
         Ok(began.elapsed().as_secs_f64() * 1e3)
@@ -227,14 +206,14 @@ impl Bench {
         [width, height]: [u32; 2],
         setting: Setting,
     ) -> Result<(Frame, f64)> {
-        let plan = setting.plan(self.samples(camera, setting.samples()));
+        let plan = setting.plan(self.bench.sample_ids(camera, setting.samples()));
         let outputs = Outputs { mask: setting.traces(), confidence: !setting.is_direct(), ..Outputs::COLOR };
-        let job = ViewJob { camera: *camera, width, height, outputs, plan, epoch: self.info.epoch };
+        let job = ViewJob { camera: *camera, width, height, outputs, plan, epoch: self.bench.info.epoch };
         let cancel = Cancel::new();
         let began = Instant::now();
         let frames = match setting {
-            Setting::Direct { .. } => self.sampler.render_views(std::slice::from_ref(&job), &cancel),
-            Setting::Warp { .. } => self.compositor.compose(std::slice::from_ref(&job), &cancel),
+            Setting::Direct { .. } => self.bench.sampler.render_views(std::slice::from_ref(&job), &cancel),
+            Setting::Warp { .. } => self.bench.compositor.compose(std::slice::from_ref(&job), &cancel),
         };
         let mut frame = frames.into_iter().next().context("the role returned no frame")??;
         if let Setting::Warp { holes: Holes::Trace, supersampling, .. } = setting {
@@ -254,7 +233,7 @@ impl Bench {
         let ViewJob { camera, width, height, epoch, .. } = *job;
         let samples_per_pixel = supersampling * supersampling;
         let wanted = PixelJob { camera, width, height, pixels, samples_per_pixel, epoch };
-        let traced = self.sampler.render_pixels(std::slice::from_ref(&wanted), &Cancel::new());
+        let traced = self.bench.sampler.render_pixels(std::slice::from_ref(&wanted), &Cancel::new());
         let traced = traced.into_iter().next().context("the sampler traced nothing")??;
         let mut color = frame.color.take().context("the frame has no colour")?.to_vec();
         for (&pixel, texel) in wanted.pixels.iter().zip(traced.color.chunks_exact(3)) {
@@ -290,7 +269,7 @@ impl Bench {
     /// be, and compares with the references. `progress` counts views.
     ///
     /// # Errors
-    /// As [`Bench::answer`].
+    /// As [`Answers::answer`].
     pub fn trials(
         &mut self,
         cameras: &[Camera],
@@ -314,7 +293,7 @@ impl Bench {
                 let observed = Observed::of(&frame).context("the frame has no colour")?;
                 answers.push(Answer { setting, error: error(&frame, &reference)?, ms, observed });
             }
-            let situation = Situation::new(camera, size[1], &self.info.rig, &self.info.bounds);
+            let situation = Situation::new(camera, size[1], &self.bench.info.rig, &self.bench.info.bounds);
             trials.push(Trial { situation, pixels: u64::from(size[0]) * u64::from(size[1]), answers });
             progress.inc(1);
         }
@@ -324,7 +303,7 @@ impl Bench {
     /// What settings cost at other sizes: (setting, pixels, milliseconds), each the least of two.
     ///
     /// # Errors
-    /// As [`Bench::answer`].
+    /// As [`Answers::answer`].
     pub fn timings(
         &mut self,
         cameras: &[Camera],
@@ -346,7 +325,7 @@ impl Bench {
 
     /// The model that follows from calibration.
     pub fn fit(&self, trials: &[Trial], timings: &[(Setting, u64, f64)]) -> Model {
-        Model::fit(self.info.scene, self.info.rig, self.gpu.kind().to_owned(), trials, timings)
+        Model::fit(self.bench.info.scene, self.bench.info.rig, self.device.clone(), trials, timings)
     }
 }
 
