@@ -200,15 +200,10 @@ impl Answers {
     ///
     /// # Errors
     /// As the role has them; `plan.search` for one that the compositor does not know.
-    pub fn answer(
-        &mut self,
-        camera: &Camera,
-        [width, height]: [u32; 2],
-        setting: Setting,
-    ) -> Result<(Frame, f64)> {
+    pub fn answer(&mut self, camera: &Camera, size: [u32; 2], setting: Setting) -> Result<(Frame, f64)> {
         let plan = setting.plan(self.bench.sample_ids(camera, setting.samples()));
         let outputs = Outputs { mask: setting.traces(), confidence: !setting.is_direct(), ..Outputs::COLOR };
-        let job = ViewJob { camera: *camera, width, height, outputs, plan, epoch: self.bench.info.epoch };
+        let job = self.bench.job(*camera, size, outputs, plan);
         let cancel = Cancel::new();
         let began = Instant::now();
         let frames = match setting {
@@ -230,9 +225,9 @@ impl Answers {
         if pixels.is_empty() {
             return Ok(());
         }
-        let ViewJob { camera, width, height, epoch, .. } = *job;
+        let ViewJob { camera, width, height, epoch, time_secs, .. } = *job;
         let samples_per_pixel = supersampling * supersampling;
-        let wanted = PixelJob { camera, width, height, pixels, samples_per_pixel, epoch };
+        let wanted = PixelJob { camera, width, height, pixels, samples_per_pixel, epoch, time_secs };
         let traced = self.bench.sampler.render_pixels(std::slice::from_ref(&wanted), &Cancel::new());
         let traced = traced.into_iter().next().context("the sampler traced nothing")??;
         let mut color = frame.color.take().context("the frame has no colour")?.to_vec();
