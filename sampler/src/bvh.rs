@@ -9,6 +9,8 @@
 //! corners are in them as they are. Boxes of placed objects are f64 in the world and are made f32 about an eye
 //! ([`Hierarchy::top_about`]), outwards, so that an eye or a scene far from the world's zero loses nothing.
 
+use std::collections::BTreeMap;
+
 use argus_scene::Scene;
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3, Vec3, Vec3A};
@@ -80,6 +82,7 @@ pub(crate) struct Object {
     pub(crate) root: u32,
     /// Edges from the root to the deepest leaf: a traversal that pushes both children of a node and pops one
     /// holds at most one more than that.
+    #[allow(dead_code, reason = "bounds the stack of the tracer on the device")]
     pub(crate) depth: u32,
     /// Box around its triangles.
     min: DVec3,
@@ -118,8 +121,14 @@ pub(crate) struct Hierarchy {
     /// In the order of the top tree's leaves, one to a leaf.
     pub(crate) placed: Vec<PlacedObject>,
     /// As [`Object::depth`].
+    #[allow(dead_code, reason = "bounds the stack of the tracer on the device")]
     pub(crate) top_depth: u32,
     top: Vec<TopNode>,
+    /// Which instances are part of the merged object, which never moves.
+    merged: Vec<bool>,
+    merged_object: Option<PlacedObject>,
+    /// The object of each mesh that has one of its own.
+    object_of_mesh: BTreeMap<u32, Option<u32>>,
 }
 
 impl Hierarchy {
@@ -134,25 +143,9 @@ impl Hierarchy {
             let added = (copies[p.mesh as usize] - 1) * scene.meshes[p.mesh as usize].triangles();
             !moves && added <= MOST_COPIES
         };
-        let (merged, single): (Vec<Placement>, Vec<Placement>) = placements.iter().partition(|p| merges(p));
-        let mut kept: Vec<u32> = single.iter().map(|p| p.mesh).collect();
-        kept.sort_unstable();
-        kept.dedup();
-
+        let merged: Vec<Placement> = placements.iter().copied().filter(|p| merges(p)).collect();
         let origin = middle(scene, &merged);
-        let mut parts: Vec<Vec<Triangle>> = kept
-            .par_iter()
-            .map(|&mesh| {
-                // Where copies differ in what they cull, they do not: that is the material's.
-                let placement = single.iter().find(|p| p.mesh == mesh);
-                placement.map(|p| own_triangles(scene, p)).unwrap_or_default()
-            })
-            .collect();
-        let at_merged = parts.len();
         let all: Vec<Vec<Triangle>> = merged.par_iter().map(|p| world_triangles(scene, p, origin)).collect();
-        parts.push(all.concat());
-        let trees: Vec<Tree> = parts.into_par_iter().map(Tree::new).collect();
-
         let mut hierarchy = Self {
             nodes: Vec::new(),
             triangles: Vec::new(),
@@ -160,16 +153,38 @@ impl Hierarchy {
             placed: Vec::new(),
             top_depth: 0,
             top: Vec::new(),
+            merged: vec![false; scene.instances.len()],
+            merged_object: None,
+            object_of_mesh: BTreeMap::new(),
         };
-        // An object without triangles is nowhere.
-        let objects: Vec<Option<u32>> = trees.into_iter().map(|tree| hierarchy.push(tree)).collect();
-        let mut placed = Vec::new();
-        if let Some(object) = objects[at_merged] {
-            let identity = DMat3::IDENTITY;
-            placed.push(PlacedObject { object, instance: OF_OBJECT, object_from_world: identity, origin });
+        merged.iter().for_each(|p| hierarchy.merged[p.instance as usize] = true);
+        hierarchy.merged_object = hierarchy.push(Tree::new(all.concat())).map(|object| PlacedObject {
+            object,
+            instance: OF_OBJECT,
+            object_from_world: DMat3::IDENTITY,
+            origin,
+        });
+        hierarchy.pose(scene, placements);
+        hierarchy
+    }
+
+    /// Puts what has an object of its own where it is now; `placements` are those of all that can be seen.
+    pub(crate) fn pose(&mut self, scene: &Scene, placements: &[Placement]) {
+        let apart = || placements.iter().filter(|p| !self.merged[p.instance as usize]);
+        // Meshes that were never seen before: all of them at first, later those that a scale of zero hid.
+        let mut missing: BTreeMap<u32, &Placement> = apart().map(|p| (p.mesh, p)).collect();
+        missing.retain(|mesh, _| !self.object_of_mesh.contains_key(mesh));
+        let missing: Vec<(u32, &Placement)> = missing.into_iter().collect();
+        let trees: Vec<(u32, Tree)> =
+            missing.par_iter().map(|&(mesh, p)| (mesh, Tree::new(own_triangles(scene, p)))).collect();
+        for (mesh, tree) in trees {
+            // A mesh without triangles is nowhere.
+            let object = self.push(tree);
+            self.object_of_mesh.insert(mesh, object);
         }
-        for p in &single {
-            if let Some(object) = kept.binary_search(&p.mesh).ok().and_then(|at| objects[at]) {
+        let mut placed: Vec<PlacedObject> = self.merged_object.into_iter().collect();
+        for p in placements.iter().filter(|p| !self.merged[p.instance as usize]) {
+            if let Some(&Some(object)) = self.object_of_mesh.get(&p.mesh) {
                 let object_from_world = p.mesh_from_world;
                 placed.push(PlacedObject {
                     object,
@@ -179,8 +194,7 @@ impl Hierarchy {
                 });
             }
         }
-        hierarchy.place(placed);
-        hierarchy
+        self.place(placed);
     }
 
     /// Builds the top tree over placed objects.

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use argus_scene::Bounds;
 use argus_shaders::layout::sampler::Draw;
 use glam::{DVec3, DVec4};
 
@@ -11,6 +12,11 @@ use crate::tile::{Frustum, Tile};
 /// Distance of the near plane as a share of the scene's diagonal, and at most in metres. Depth is near / distance
 /// in f32, whose steps are relative, so a near plane this close costs no precision farther away.
 const NEAR: (f64, f64) = (1.0 / 65536.0, 1e-3);
+
+/// Distance of the near plane, metres: nothing is seen before it, whichever way.
+pub(crate) fn near(bounds: &Bounds) -> f32 {
+    (bounds.size().length() * NEAR.0).clamp(f64::from(f32::MIN_POSITIVE), NEAR.1) as f32
+}
 
 /// One draw call.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,7 +41,7 @@ impl DrawList {
     /// What `tile` may show of the scene from `eye`.
     pub(crate) fn new(resident: &Resident, eye: DVec3, tile: &Tile) -> Self {
         let clip_from_eye = tile.clip_from_eye();
-        let near = (resident.bounds.size().length() * NEAR.0).clamp(f64::from(f32::MIN_POSITIVE), NEAR.1);
+        let near = near(&resident.bounds);
         let mut list = Self::default();
         for placement in &resident.instances {
             let from_eye = placement.origin - eye;
@@ -46,7 +52,7 @@ impl DrawList {
             if !frustum.may_show(run.whole.middle, run.whole.half) {
                 continue;
             }
-            let placed = Placed { placement, run, clip_from_mesh, near: near as f32 };
+            let placed = Placed { placement, run, clip_from_mesh, near };
             if let [_] = run.chunks[..] {
                 list.push(&placed, run.whole.first_triangle..run.whole.triangles);
                 continue;

@@ -7,12 +7,13 @@
 //! a pixel (direct views). What the two kinds of image have in common is the same code, so a
 //! sample holds what a direct view from its camera shows.
 
-#[allow(dead_code, reason = "the tracers that use it follow")]
 mod bvh;
 mod draws;
 mod eye;
 mod knobs;
+mod packets;
 mod passes;
+mod pixels;
 mod plan;
 mod resident;
 mod sampler;
@@ -20,7 +21,8 @@ mod scratch;
 mod tile;
 mod timing;
 mod view;
+mod ways;
 
-pub use knobs::{RadianceFormat, SamplerKnobs};
+pub use knobs::{RadianceFormat, SamplerKnobs, Visibility};
 pub use plan::PassPlan;
 pub use sampler::GpuSampler;

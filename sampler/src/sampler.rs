@@ -1,24 +1,31 @@
 //! The frame, top to bottom.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
 use argus_scene::{
-    Cancel, Frame, InvalidField, Lighting, Plane, PlaneData, RenderError, Sample, SampleCamera, SampleId,
-    SampleJob, Sampler, Scene, Stage, ViewJob,
+    Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
+    Sample, SampleCamera, SampleId, SampleJob, Sampler, Scene, Stage, ViewJob,
 };
+use argus_shaders::layout::sampler::Rays;
 use glam::DVec3;
 
 use crate::draws::DrawList;
 use crate::eye::Eye;
-use crate::passes::{ResolveSample, ResolveView, Shade, Shading, TileContext, Visibility};
+use crate::packets::PacketTracer;
+use crate::passes::{Rasteriser, ResolveSample, ResolveView, Shade, Shading, TileContext};
+use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
 use crate::resident::{Resident, upload};
 use crate::scratch::{Scratch, Targets};
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
-use crate::{SamplerKnobs, timing};
+use crate::ways::{self, Building, Choice, Choices, Way};
+use crate::{SamplerKnobs, Visibility, draws, timing};
+
+/// Stands between the kind of device and the way of seeing triangles in the provenance of a direct view.
+const DEVICE_WAY: &str = "; triangles by ";
 
 /// Renders a scene from its triangles, on one device.
 ///
@@ -35,11 +42,14 @@ pub struct GpuSampler {
     lighting: Lighting,
     posed_secs: f64,
     resident: Resident,
-    visibility: Visibility,
+    rasteriser: Rasteriser,
     shade: Shade,
     resolve_sample: ResolveSample,
     resolve_view: ResolveView,
     scratch: Scratch,
+    choices: Choices,
+    packets: Option<PacketTracer>,
+    building: Option<Building>,
 }
 
 impl GpuSampler {
@@ -65,7 +75,12 @@ impl GpuSampler {
         let resident = Resident::new(&gpu, &scene)?;
         let glossy = resident.features.specular;
         Ok(Self {
-            visibility: Visibility::new(&gpu, &resident),
+            // What may be needed at first use is built while the scene's first order is on its way.
+            building: (knobs.visibility != Visibility::Raster)
+                .then(|| Building::start(&scene, &resident.instances, draws::near(&resident.bounds))),
+            packets: None,
+            choices: Choices::default(),
+            rasteriser: Rasteriser::new(&gpu, &resident),
             shade: Shade::new(&gpu, resident.features),
             resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
@@ -83,7 +98,7 @@ impl GpuSampler {
 
     /// Which passes this scene calls for, and why.
     pub fn plan(&self) -> Vec<PassPlan> {
-        plan(&self.scene, &self.resident, &self.knobs)
+        plan(&self.scene, &self.resident, &self.knobs, &self.choices)
     }
 
     /// One sample: per tile, find what is visible, shade it, choose a surface for each texel.
@@ -104,6 +119,7 @@ impl GpuSampler {
         let mut stages = self.pose(job.info.time_secs());
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let planes = self.resolve_sample.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
+        let way = self.way_of_samples(&eye, &tiles)?;
 
         let mut under_way: Vec<Submitted> = Vec::new();
         for tile in &tiles {
@@ -111,7 +127,7 @@ impl GpuSampler {
             let mut commands = self.gpu.commands("render sample");
             let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), self.glossy);
             let context = self.context(&eye, tile, targets);
-            self.rasterise(&mut commands, &context, &mut stages)?;
+            self.see(&mut commands, &context, way, &mut stages)?;
             self.shade.record(&mut commands, &context, Shading::Sample);
             self.resolve_sample.record(&mut commands, &context, &self.knobs, &planes);
             under_way.push(commands.submit());
@@ -153,15 +169,17 @@ impl GpuSampler {
         let lighting = self.lighting.clone();
         let eye = self.eye(view.camera.eye, &lighting)?;
 
+        let color_tiles = tiles(&faces, side);
+        let way = self.way_of_views(&eye, &color_tiles)?;
         let mut parts = ViewParts::default();
         if view.outputs.color {
             let mut image = Image::new([width, height], 3);
-            for tile in tiles(&faces, side) {
+            for tile in color_tiles {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render view");
                 let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
                 let context = self.context(&eye, &tile, targets);
-                self.rasterise(&mut commands, &context, &mut stages)?;
+                self.see(&mut commands, &context, way, &mut stages)?;
                 self.shade.record(&mut commands, &context, Shading::View);
                 let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                 image.finish(&tile, commands, ticket, &mut stages)?;
@@ -175,14 +193,15 @@ impl GpuSampler {
                 let mut commands = self.gpu.commands("render range");
                 let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
                 let context = self.context(&eye, &tile, targets);
-                self.rasterise(&mut commands, &context, &mut stages)?;
+                self.see(&mut commands, &context, way, &mut stages)?;
                 let ticket = self.resolve_view.record_range(&mut commands, &context);
                 image.finish(&tile, commands, ticket, &mut stages)?;
             }
             parts.range = Some(image.into_bytes());
         }
         timing::add_rest(&mut stages, begin);
-        Ok(frame(view, &self.scene, self.gpu.kind(), parts, stages))
+        let device = self.device_seeing_by(way);
+        Ok(frame(view, &self.scene, &device, parts, stages))
     }
 
     /// Puts everything where it is at a time; what that cost, if it was elsewhere. A scene that stands still is never
@@ -194,6 +213,9 @@ impl GpuSampler {
         let begin = Instant::now();
         let pose = self.scene.at(time_secs);
         self.resident.place(&self.scene, &pose.instances);
+        if let Some(packets) = &mut self.packets {
+            packets.pose(&self.scene, &self.resident.instances);
+        }
         self.lighting = pose.lighting;
         self.posed_secs = time_secs;
         vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
@@ -201,7 +223,213 @@ impl GpuSampler {
 
     fn context<'a>(&'a self, eye: &'a Eye, tile: &'a Tile, targets: Targets) -> TileContext<'a> {
         let rays = self.gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
-        TileContext { gpu: &self.gpu, resident: &self.resident, eye, tile, rays, targets }
+        TileContext { gpu: &self.gpu, resident: &self.resident, eye, tile, rays, places: None, targets }
+    }
+
+    /// Finds what a tile sees.
+    fn see(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        way: Way,
+        stages: &mut Vec<Stage>,
+    ) -> Result<(), RenderError> {
+        match way {
+            Way::Raster => self.rasterise(commands, context, stages),
+            Way::Cpu => {
+                let begin = Instant::now();
+                let ids = self.packets()?.trace(context.eye.position, &context.tile.rays());
+                self.write_ids(&context.targets, context.tile.sub_samples(), &ids);
+                timing::add(stages, vec![Stage::new("trace on the CPU", elapsed_ms(begin))]);
+                Ok(())
+            }
+        }
+    }
+
+    /// Hands what was found on the CPU to the device, before its next submission.
+    fn write_ids(&self, targets: &Targets, size: [u32; 2], ids: &[[u32; 2]]) {
+        let [width, height] = size;
+        let layout =
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * 8), rows_per_image: None };
+        let extent = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+        let to = targets.visibility.texture().as_image_copy();
+        self.gpu.queue.write_texture(to, bytemuck::cast_slice(ids), layout, extent);
+    }
+
+    /// The tracer of packets; [`Self::ready_packets`] comes first.
+    fn packets(&self) -> Result<&PacketTracer, RenderError> {
+        self.packets.as_ref().ok_or_else(|| RenderError::Internal("the tracer was not built".to_owned()))
+    }
+
+    /// Waits for the tracer of packets, or builds it.
+    fn ready_packets(&mut self) {
+        if self.packets.is_none() {
+            let near = draws::near(&self.resident.bounds);
+            let build = || ways::build(&self.scene, &self.resident.instances, near);
+            let mut packets = self.building.take().map_or_else(build, Building::finish);
+            if self.animated {
+                packets.pose(&self.scene, &self.resident.instances);
+            }
+            self.packets = Some(packets);
+        }
+    }
+
+    /// How samples see triangles; measured on the first tile of the first one if the user leaves it open.
+    fn way_of_samples(&mut self, eye: &Eye, tiles: &[Tile]) -> Result<Way, RenderError> {
+        if self.choices.samples.is_none() {
+            self.choices.samples = Some(self.choose("samples", eye, tiles)?);
+        }
+        Ok(self.choices.samples.as_ref().map_or(Way::Raster, |choice| choice.way))
+    }
+
+    /// The same of direct views.
+    fn way_of_views(&mut self, eye: &Eye, tiles: &[Tile]) -> Result<Way, RenderError> {
+        if self.choices.views.is_none() {
+            self.choices.views = Some(self.choose("direct views", eye, tiles)?);
+        }
+        Ok(self.choices.views.as_ref().map_or(Way::Raster, |choice| choice.way))
+    }
+
+    fn choose(&mut self, what: &str, eye: &Eye, tiles: &[Tile]) -> Result<Choice, RenderError> {
+        if let Some(way) = Way::wished(self.knobs.visibility) {
+            if way == Way::Cpu {
+                self.ready_packets();
+            }
+            return Ok(Choice { way, why: "asked for".to_owned() });
+        }
+        let Some(tile) = tiles.first() else {
+            return Ok(Choice { way: Way::Raster, why: "there is nothing to measure".to_owned() });
+        };
+        self.ready_packets();
+        let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
+        ways::choose(what, |way| {
+            let mut commands = self.gpu.commands("measure");
+            let context = self.context(eye, tile, targets.clone());
+            self.see(&mut commands, &context, way, &mut Vec::new())?;
+            commands.submit().wait()?;
+            Ok(())
+        })
+    }
+
+    /// Kind of device as the provenance of direct views has it: with the way, unless it is the rasteriser, since ids
+    /// may differ along edges.
+    fn device_seeing_by(&self, way: Way) -> String {
+        match way {
+            Way::Raster => self.gpu.kind().to_owned(),
+            _ => format!("{}{DEVICE_WAY}{}", self.gpu.kind(), way.name()),
+        }
+    }
+
+    /// What each sub-sample of a view sees, row by row, found in a given way: instance + 1 and triangle of its mesh, 0
+    /// for the sky; and how long it took, with the tracer built and what the device needs compiled.
+    ///
+    /// # Errors
+    /// [`RenderError::Invalid`] for [`Visibility::Auto`] and for a view larger than a tile; a lost device.
+    pub fn identify(
+        &mut self,
+        camera: &Camera,
+        size: [u32; 2],
+        side: u32,
+        visibility: Visibility,
+    ) -> Result<(Vec<[u32; 2]>, Duration), RenderError> {
+        self.check_alive()?;
+        let way = Way::wished(visibility)
+            .ok_or_else(|| InvalidField::new("visibility", "one way must be named"))?;
+        let [width, height] = size;
+        let faces = SampleCamera::Perspective { camera: *camera, width, height }.faces();
+        let [tile] = tiles(&faces, side)[..] else {
+            return Err(InvalidField::new("width", "the view must fit a tile").into());
+        };
+        if way == Way::Cpu {
+            self.ready_packets();
+        }
+        let eye = self.eye(camera.eye, &self.lighting)?;
+        let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
+        let context = self.context(&eye, &tile, targets);
+        let begin = Instant::now();
+        let mut commands = self.gpu.commands("identify");
+        self.see(&mut commands, &context, way, &mut Vec::new())?;
+        commands.submit().wait()?;
+        let took = begin.elapsed();
+        let mut commands = self.gpu.commands("read ids");
+        let ticket = commands.read_texture(context.targets.visibility.texture());
+        let bytes = commands.submit().wait()?.take(ticket);
+        let ids = bytes.as_chunks::<8>().0.iter().map(|b| bytemuck::pod_read_unaligned(b)).collect();
+        Ok((ids, took))
+    }
+
+    /// Some pixels of a direct view: traced, and shaded as a list, so that they cost as many as they are.
+    fn render_list(&mut self, job: &PixelJob, cancel: &Cancel) -> Result<Pixels, RenderError> {
+        let begin = Instant::now();
+        self.check_alive()?;
+        let side = grid_side(&Plan::Direct { samples_per_pixel: job.samples_per_pixel })?;
+        let (width, height) = (job.width, job.height);
+        if width == 0 || height == 0 {
+            return Err(InvalidField::new("width", "width and height must be at least 1").into());
+        }
+        let mut stages = self.pose(job.time_secs);
+        self.ready_packets();
+        let faces = SampleCamera::Perspective { camera: job.camera, width, height }.faces();
+        let lighting = self.lighting.clone();
+        let eye = self.eye(job.camera.eye, &lighting)?;
+        let mut color = vec![0; job.pixels.len() * 3];
+        let mut range = vec![0; job.pixels.len() * 4];
+        for (side, images) in [(side, true), (1, false)] {
+            for listing in faces
+                .iter()
+                .map(|face| listings(face, side, &job.pixels))
+                .collect::<Result<Vec<_>, _>>()?
+                .iter()
+                .flatten()
+            {
+                check_wanted(cancel)?;
+                let mut commands = self.gpu.commands("render pixels");
+                let targets = self.scratch.targets(&self.gpu, listing.compact.sub_samples(), false);
+                let context = self.list_context(&eye, listing, targets);
+                self.trace_list(&context, listing, &mut stages)?;
+                let (ticket, out, bytes) = if images {
+                    self.shade.record(&mut commands, &context, Shading::View);
+                    let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
+                    (ticket, &mut color, 3)
+                } else {
+                    (self.resolve_view.record_range(&mut commands, &context), &mut range, 4)
+                };
+                let mut finished = commands.submit().wait()?;
+                timing::add(&mut stages, std::mem::take(&mut finished.stages));
+                let found = finished.take(ticket);
+                for (&asked, texel) in listing.asked.iter().zip(found.chunks_exact(bytes)) {
+                    let at = asked as usize * bytes;
+                    out[at..at + bytes].copy_from_slice(texel);
+                }
+            }
+        }
+        timing::add_rest(&mut stages, begin);
+        Ok(Pixels { color: color.into(), range: range.into(), stages })
+    }
+
+    fn list_context<'a>(&'a self, eye: &'a Eye, listing: &'a Listing, targets: Targets) -> TileContext<'a> {
+        // The tile's rays, for an image of the list's size.
+        let [width, height] = listing.compact.sub_samples();
+        let rays = Rays { width, height, ..listing.tile.rays() };
+        let rays = self.gpu.upload("rays", &[rays], wgpu::BufferUsages::UNIFORM);
+        let places = self.gpu.upload("places", &listing.words(), wgpu::BufferUsages::STORAGE);
+        let (gpu, resident, tile) = (&self.gpu, &self.resident, &listing.compact);
+        TileContext { gpu, resident, eye, tile, rays, places: Some(places), targets }
+    }
+
+    /// Finds what the pixels of a list see.
+    fn trace_list(
+        &self,
+        context: &TileContext<'_>,
+        listing: &Listing,
+        stages: &mut Vec<Stage>,
+    ) -> Result<(), RenderError> {
+        let begin = Instant::now();
+        let rays = listing.tile.rays();
+        let found = self.packets()?.trace_some(context.eye.position, &rays, &listing.sub_samples());
+        self.write_ids(&context.targets, context.tile.sub_samples(), &listing.image(&found));
+        timing::add(stages, vec![Stage::new("trace rays", elapsed_ms(begin))]);
+        Ok(())
     }
 
     /// Finds what a tile sees: culls, uploads what is left, draws it.
@@ -214,8 +442,8 @@ impl GpuSampler {
         let begin = Instant::now();
         let list = DrawList::new(&self.resident, context.eye.position, context.tile);
         let draws = upload(&self.gpu, "draws", &list.draws, wgpu::BufferUsages::STORAGE)?;
-        timing::add(stages, vec![Stage::new("cull", begin.elapsed().as_secs_f64() * 1e3)]);
-        self.visibility.record(commands, context, &list, &draws);
+        timing::add(stages, vec![Stage::new("cull", elapsed_ms(begin))]);
+        self.rasteriser.record(commands, context, &list, &draws);
         Ok(())
     }
 
@@ -240,6 +468,14 @@ impl Sampler for GpuSampler {
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
         views.iter().map(|view| self.render_view(view, cancel)).collect()
     }
+
+    fn render_pixels(&mut self, jobs: &[PixelJob], cancel: &Cancel) -> Vec<Result<Pixels, RenderError>> {
+        jobs.iter().map(|job| self.render_list(job, cancel)).collect()
+    }
+}
+
+fn elapsed_ms(begin: Instant) -> f64 {
+    begin.elapsed().as_secs_f64() * 1e3
 }
 
 fn check_wanted(cancel: &Cancel) -> Result<(), RenderError> {

@@ -57,7 +57,15 @@ impl Targets {
         let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
         Self {
             size,
-            visibility: view("visibility", VISIBILITY, attachment | wgpu::TextureUsages::TEXTURE_BINDING),
+            // Rasterised, or written from the CPU; read by shading, and by who wants to know what was found.
+            visibility: view(
+                "visibility",
+                VISIBILITY,
+                attachment
+                    | wgpu::TextureUsages::TEXTURE_BINDING
+                    | wgpu::TextureUsages::COPY_DST
+                    | wgpu::TextureUsages::COPY_SRC,
+            ),
             depth: view("depth", DEPTH, attachment),
             shaded: gpu.buffer("shaded sub-samples", bytes, wgpu::BufferUsages::STORAGE),
             gloss: None,

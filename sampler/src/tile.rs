@@ -6,12 +6,12 @@ use glam::{DVec2, DVec3, DVec4};
 
 /// Sub-samples on a side of a tile. 2048² of them take 64 MiB shaded, half of the smallest binding that a
 /// driver we know offers, and 48 MiB as visibility and depth.
-const MAX_SIDE: u32 = 2048;
+pub(crate) const MAX_SIDE: u32 = 2048;
 
 /// A rectangle of a face's texels, with a number of sub-samples in each.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Tile {
-    face: Face,
+    pub(crate) face: Face,
     /// First texel: column, row of the face.
     pub(crate) begin: [u32; 2],
     /// Texels: columns, rows.

@@ -105,7 +105,8 @@ pub trait Sampler: Send {
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>>;
 
     /// Renders some pixels of views, one result each, in order; byte for byte what [`Sampler::render_views`] has
-    /// there. A sampler that cannot follow single rays renders the whole view, as this does.
+    /// there, but that a sampler which rasterises its views and traces single rays may find another triangle
+    /// along edges. A sampler that cannot follow single rays renders the whole view, as this does.
     fn render_pixels(&mut self, jobs: &[PixelJob], cancel: &Cancel) -> Vec<Result<Pixels, RenderError>> {
         let views: Vec<ViewJob> = jobs
             .iter()

@@ -108,14 +108,8 @@ impl MipChain {
     /// Filters `texture` down to one texel. A texture without texels, or whose bytes do not match its size,
     /// becomes one white texel.
     pub fn new(texture: &Texture, alpha: AlphaUse) -> Self {
-        let size = [texture.width, texture.height];
-        let bytes = u128::from(size[0]) * u128::from(size[1]) * 4;
-        let (size, rgba) = if bytes == 0 || texture.rgba.len() as u128 != bytes {
-            ([1, 1], Arc::from([255u8; 4]))
-        } else {
-            (size, Arc::clone(&texture.rgba))
-        };
-        let mut levels = vec![Level { width: size[0], height: size[1], rgba }];
+        let mut levels = Self::first_level(texture).levels;
+        let size = [levels[0].width, levels[0].height];
         let mut image = Linear::decode(&levels[0], texture.srgb);
         for l in 1..level_count(size) {
             image = image.halved(level_size(size, l), alpha);
@@ -125,6 +119,17 @@ impl MipChain {
             fill_transparent(&mut levels);
         }
         Self { levels, srgb: texture.srgb, wrap: texture.wrap }
+    }
+
+    /// The texture unfiltered: all that an alpha test needs.
+    pub fn first_level(texture: &Texture) -> Self {
+        let bytes = u128::from(texture.width) * u128::from(texture.height) * 4;
+        let level = if bytes == 0 || texture.rgba.len() as u128 != bytes {
+            Level { width: 1, height: 1, rgba: Arc::from([255u8; 4]) }
+        } else {
+            Level { width: texture.width, height: texture.height, rgba: Arc::clone(&texture.rgba) }
+        };
+        Self { levels: vec![level], srgb: texture.srgb, wrap: texture.wrap }
     }
 
     /// Texels of level 0.

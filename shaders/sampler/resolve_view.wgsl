@@ -3,7 +3,7 @@
 import package::shared::encode::{display_from_radiance};
 import package::shared::geometry::{instances, mesh_from_world, meshes, triangle_about_eye};
 import package::shared::ray_triangle::{cross_triangle};
-import package::shared::rays::{Rays, ray_through};
+import package::shared::rays::{Rays, list_index, ray_through};
 
 struct ResolveView {
     // Pixels of the tile.
@@ -57,7 +57,23 @@ fn resolve_color(@builtin(global_invocation_id) id: vec3u) {
 // f32 bits, metres; infinity where there is nothing.
 @group(0) @binding(5) var<storage, read_write> range: array<u32>;
 
+// Of a list of pixels, where each lies in the tile: column and, in the upper half, row.
+@group(0) @binding(6) var<storage, read> places: array<u32>;
+
 const INFINITY_BITS: u32 = 0x7f800000u;
+
+// Bits of the distance along the ray through a pixel's middle.
+fn range_along(ids: vec2u, pixel: vec2u) -> u32 {
+    if ids.x == 0u {
+        return INFINITY_BITS;
+    }
+    let instance = instances[ids.x - 1u];
+    let triangle = triangle_about_eye(instance, meshes[instance.mesh], ids.y);
+    let direction = normalize(ray_through(rays, vec2f(pixel) + 0.5));
+    let in_mesh = mesh_from_world(instance, direction);
+    let crossing = cross_triangle(in_mesh, triangle.a, triangle.e1, triangle.e2);
+    return bitcast<u32>(clamp(crossing.t, 0.0, 3.4e38));
+}
 
 // Of a visibility buffer with one sub-sample a pixel, in its middle.
 @compute @workgroup_size(8, 8)
@@ -65,16 +81,16 @@ fn resolve_range(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {
         return;
     }
-    let at = id.y * rays.width + id.x;
-    let ids = textureLoad(visibility, id.xy, 0).xy;
-    if ids.x == 0u {
-        range[at] = INFINITY_BITS;
+    range[id.y * rays.width + id.x] = range_along(textureLoad(visibility, id.xy, 0).xy, id.xy);
+}
+
+// Of a list of a view's pixels.
+@compute @workgroup_size(8, 8)
+fn resolve_pixel_range(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= rays.width || id.y >= rays.height {
         return;
     }
-    let instance = instances[ids.x - 1u];
-    let triangle = triangle_about_eye(instance, meshes[instance.mesh], ids.y);
-    let direction = normalize(ray_through(rays, vec2f(id.xy) + 0.5));
-    let in_mesh = mesh_from_world(instance, direction);
-    let crossing = cross_triangle(in_mesh, triangle.a, triangle.e1, triangle.e2);
-    range[at] = bitcast<u32>(clamp(crossing.t, 0.0, 3.4e38));
+    let place = places[min(list_index(rays, id.xy), arrayLength(&places) - 1u)];
+    let pixel = vec2u(place & 0xffffu, place >> 16u);
+    range[id.y * rays.width + id.x] = range_along(textureLoad(visibility, id.xy, 0).xy, pixel);
 }

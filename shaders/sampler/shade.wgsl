@@ -7,7 +7,7 @@ import package::shared::geometry::{
     mesh_from_world, meshes, normal_from_mesh, normal_from_word, triangle_about_eye, uv_of,
 };
 import package::shared::ray_triangle::{cross_triangle};
-import package::shared::rays::{Rays, central_ray, ray_through};
+import package::shared::rays::{Rays, central_ray, list_index, listed_sub_sample, ray_through};
 import package::shared::shading::{
     Light, Lighting, Surface, diffuse_light, sky_ambient, sky_radiance, specular_light, specular_sky,
 };
@@ -23,6 +23,8 @@ import package::shared::texture::{
 @group(0) @binding(4) var<storage, read_write> shaded: array<vec4f>;
 // Octahedral normal (2x16snorm), F0 and roughness (4x8unorm).
 @group(0) @binding(5) var<storage, read_write> gloss: array<vec2u>;
+// Of a list of pixels, where each lies in the tile.
+@group(0) @binding(6) var<storage, read> places: array<u32>;
 
 // What the scene has of each, so that what it lacks costs nothing: the software driver executes both sides of
 // every branch under a mask, and folds away only what is constant.
@@ -250,20 +252,33 @@ fn sky_along(sub_sample: vec2u) -> vec3f {
     return finite_or_zero(sky_radiance(lighting, normalize(ray_through(rays, vec2f(sub_sample) + 0.5))));
 }
 
+// Everything that reaches the eye along a sub-sample's ray.
+fn seen_along(ids: vec2u, sub_sample: vec2u) -> vec4f {
+    if ids.x == 0u {
+        return vec4f(sky_along(sub_sample), 0.0);
+    }
+    let hit = hit_at(ids, sub_sample);
+    return vec4f(finite_or_zero(radiance(surface_at(hit), true)), 1.0 / hit.range);
+}
+
 // For a direct view: everything that reaches its eye.
 @compute @workgroup_size(8, 8)
 fn shade_view(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {
         return;
     }
-    let at = id.y * rays.width + id.x;
-    let ids = textureLoad(visibility, id.xy, 0).xy;
-    if ids.x == 0u {
-        shaded[at] = vec4f(sky_along(id.xy), 0.0);
+    shaded[id.y * rays.width + id.x] = seen_along(textureLoad(visibility, id.xy, 0).xy, id.xy);
+}
+
+// For a list of a direct view's pixels: the same, elsewhere.
+@compute @workgroup_size(8, 8)
+fn shade_pixels(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= rays.width || id.y >= rays.height {
         return;
     }
-    let hit = hit_at(ids, id.xy);
-    shaded[at] = vec4f(finite_or_zero(radiance(surface_at(hit), true)), 1.0 / hit.range);
+    let place = places[min(list_index(rays, id.xy), arrayLength(&places) - 1u)];
+    let sub_sample = listed_sub_sample(rays, place, id.xy);
+    shaded[id.y * rays.width + id.x] = seen_along(textureLoad(visibility, id.xy, 0).xy, sub_sample);
 }
 
 // For a sample: what does not depend on the viewer.

@@ -15,7 +15,7 @@ use crate::tile::Tile;
 pub(crate) use resolve_sample::ResolveSample;
 pub(crate) use resolve_view::ResolveView;
 pub(crate) use shade::{Shade, Shading};
-pub(crate) use visibility::Visibility;
+pub(crate) use visibility::Rasteriser;
 
 /// A tile about to be rendered: all that its passes have in common.
 pub(crate) struct TileContext<'a> {
@@ -25,5 +25,7 @@ pub(crate) struct TileContext<'a> {
     pub(crate) tile: &'a Tile,
     /// The tile's rays, a uniform.
     pub(crate) rays: wgpu::Buffer,
+    /// Of a tile whose pixels are a list: where each lies in the tile that the rays are of.
+    pub(crate) places: Option<wgpu::Buffer>,
     pub(crate) targets: Targets,
 }

@@ -10,6 +10,7 @@ use super::TileContext;
 pub(crate) struct ResolveView {
     color: ComputePipeline,
     range: ComputePipeline,
+    pixel_range: ComputePipeline,
 }
 
 impl ResolveView {
@@ -18,6 +19,7 @@ impl ResolveView {
         Self {
             color: gpu.compute_pipeline(&RESOLVE_VIEW, "resolve_color"),
             range: gpu.compute_pipeline(&RESOLVE_VIEW, "resolve_range"),
+            pixel_range: gpu.compute_pipeline(&RESOLVE_VIEW, "resolve_pixel_range"),
         }
     }
 
@@ -47,20 +49,24 @@ impl ResolveView {
     /// Intersects the central ray of each pixel with the triangle that a tile with one sub-sample a pixel sees
     /// there; what comes back is an f32 a pixel.
     pub(crate) fn record_range(&self, commands: &mut Commands, context: &TileContext<'_>) -> Ticket {
-        let TileContext { gpu, resident, eye, tile, rays, targets } = context;
+        let TileContext { gpu, resident, eye, tile, rays, places, targets } = context;
         let bytes = u64::from(tile.size[0]) * u64::from(tile.size[1]) * 4;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let range = gpu.buffer("range", bytes, usage);
-        commands
-            .compute("resolve range", &self.range)
+        let pipeline = if places.is_some() { &self.pixel_range } else { &self.range };
+        let mut call = commands
+            .compute("resolve range", pipeline)
             .read("rays", rays)
             .read("visibility", &targets.visibility)
             .read("vertices", &resident.vertices)
             .read("indices", &resident.indices)
             .read("meshes", &resident.meshes)
             .read("instances", &eye.instances)
-            .write("range", &range)
-            .dispatch_threads([tile.size[0], tile.size[1], 1]);
+            .write("range", &range);
+        if let Some(places) = places {
+            call = call.read("places", places);
+        }
+        call.dispatch_threads([tile.size[0], tile.size[1], 1]);
         commands.read_buffer(&range, 0..bytes)
     }
 }

@@ -18,6 +18,7 @@ pub(crate) enum Shading {
 /// Shades visible surfaces.
 pub(crate) struct Shade {
     view: ComputePipeline,
+    pixels: ComputePipeline,
     sample: ComputePipeline,
     glossy: bool,
 }
@@ -35,13 +36,19 @@ impl Shade {
         .map(|(name, has)| (name, f64::from(u8::from(has))));
         let pipeline = |entry| gpu.compute_pipeline_with(&SHADE, entry, &constants);
         let sample = if features.specular { "shade_glossy_sample" } else { "shade_sample" };
-        Self { view: pipeline("shade_view"), sample: pipeline(sample), glossy: features.specular }
+        Self {
+            view: pipeline("shade_view"),
+            pixels: pipeline("shade_pixels"),
+            sample: pipeline(sample),
+            glossy: features.specular,
+        }
     }
 
     /// Shades a tile's visibility buffer.
     pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
         let TileContext { resident, eye, targets, tile, rays, .. } = context;
         let (name, pipeline) = match (shading, self.glossy) {
+            (Shading::View, _) if context.places.is_some() => ("shade pixels", &self.pixels),
             (Shading::View, _) => ("shade view", &self.view),
             (Shading::Sample, false) => ("shade sample", &self.sample),
             (Shading::Sample, true) => ("shade glossy sample", &self.sample),
@@ -65,6 +72,9 @@ impl Shade {
             .write("shaded", &targets.shaded);
         if let (Shading::Sample, true, Some(gloss)) = (shading, self.glossy, &targets.gloss) {
             call = call.write("gloss", gloss);
+        }
+        if let Some(places) = &context.places {
+            call = call.read("places", places);
         }
         let [width, height] = tile.sub_samples();
         call.dispatch_threads([width, height, 1]);

@@ -11,11 +11,11 @@ use crate::resident::{Cull, DrawClass, Resident};
 use crate::scratch;
 
 /// Rasterises triangles with a pipeline for each class that the scene has.
-pub(crate) struct Visibility {
+pub(crate) struct Rasteriser {
     pipelines: BTreeMap<DrawClass, RenderPipeline>,
 }
 
-impl Visibility {
+impl Rasteriser {
     /// Pipelines for the classes of `resident`, and no others.
     pub(crate) fn new(gpu: &Gpu, resident: &Resident) -> Self {
         let mut pipelines = BTreeMap::new();

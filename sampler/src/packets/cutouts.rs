@@ -1,0 +1,58 @@
+//! Alpha tests on the CPU, by the rule of `scene/src/texture.rs`: level 0, bilinear.
+
+use std::sync::Arc;
+
+use argus_scene::texture::{MipChain, transform_uv};
+use argus_scene::{Scene, TextureRef};
+use glam::{Vec2, Vec4};
+
+/// What it takes to test the alpha of any cut-out triangle.
+pub(super) struct Cutouts {
+    scene: Arc<Scene>,
+    /// One a texture of the scene that is a cut-out's base colour.
+    textures: Vec<Option<MipChain>>,
+}
+
+impl Cutouts {
+    pub(super) fn new(scene: &Arc<Scene>) -> Self {
+        let mut textures: Vec<Option<MipChain>> = scene.textures.iter().map(|_| None).collect();
+        for material in scene.materials.iter().filter(|m| m.alpha_cutoff().is_some()) {
+            let Some(index) = material.base_color_texture.map(|r| r.texture as usize) else { continue };
+            if let (Some(slot @ None), Some(texture)) = (textures.get_mut(index), scene.textures.get(index)) {
+                *slot = Some(MipChain::first_level(texture));
+            }
+        }
+        Self { scene: Arc::clone(scene), textures }
+    }
+
+    /// Whether a ray passes through a triangle, by its instance and number and the weights of its second and third
+    /// corner.
+    pub(super) fn let_through(&self, [instance, primitive]: [u32; 2], beta: f32, gamma: f32) -> bool {
+        let mesh = &self.scene.meshes[self.scene.instances[instance as usize].mesh as usize];
+        let material = &self.scene.materials[mesh.material as usize];
+        let Some(cutoff) = material.alpha_cutoff() else { return false };
+        let first = 3 * primitive as usize;
+        let corners = [0, 1, 2].map(|i| mesh.indices[first + i] as usize);
+        let weights = [1.0 - beta - gamma, beta, gamma];
+        let mut alpha = material.base_color.w;
+        if mesh.colors.len() >= mesh.positions.len() {
+            let blended: Vec4 = (0..3).map(|i| mesh.colors[corners[i]] * weights[i]).sum();
+            alpha *= blended.w;
+        }
+        if let Some((reference, texture)) = self.texture(material.base_color_texture) {
+            let uv = if mesh.uvs.len() >= mesh.positions.len() {
+                (0..3).map(|i| mesh.uvs[corners[i]] * weights[i]).sum()
+            } else {
+                Vec2::ZERO
+            };
+            alpha *= texture.alpha(transform_uv(&reference, uv));
+        }
+        // NaN lets through, as in visibility.wgsl.
+        !(alpha >= cutoff)
+    }
+
+    fn texture(&self, reference: Option<TextureRef>) -> Option<(TextureRef, &MipChain)> {
+        let reference = reference?;
+        Some((reference, self.textures.get(reference.texture as usize)?.as_ref()?))
+    }
+}

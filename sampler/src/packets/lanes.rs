@@ -1,0 +1,353 @@
+//! Eight floats at a time: by AVX2 where the processor has it, as plain arrays elsewhere, with the same bits.
+//!
+//! No multiplication is fused with an addition, since not every processor can. Everything is inlined into the
+//! functions of `mod.rs` that are compiled for AVX2: an instruction of it in a function that is not would be a
+//! call.
+
+use std::ops::{Add, Mul, Sub};
+
+/// Floats of a vector.
+pub(super) const LANES: usize = 8;
+
+/// One float a ray.
+pub(super) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+    /// A truth a ray.
+    type Mask: Mask;
+
+    fn from_array(lanes: [f32; LANES]) -> Self;
+    fn to_array(self) -> [f32; LANES];
+    fn splat(x: f32) -> Self;
+    /// The smaller; the second where one is not a number.
+    fn min(self, other: Self) -> Self;
+    /// The larger; the second where one is not a number.
+    fn max(self, other: Self) -> Self;
+    fn div(self, other: Self) -> Self;
+    /// Where it is at most the other, and neither is not a number.
+    fn le(self, other: Self) -> Self::Mask;
+    fn lt(self, other: Self) -> Self::Mask;
+    fn eq(self, other: Self) -> Self::Mask;
+    /// The other where the mask is set.
+    fn replaced(self, mask: Self::Mask, other: Self) -> Self;
+}
+
+/// One truth a ray.
+pub(super) trait Mask: Copy {
+    fn none() -> Self;
+    fn and(self, other: Self) -> Self;
+    fn or(self, other: Self) -> Self;
+    /// Without the other's.
+    fn without(self, other: Self) -> Self;
+    /// One bit a lane, the first lane's the lowest.
+    fn bits(self) -> u32;
+    fn from_bits(bits: u32) -> Self;
+
+    #[inline(always)]
+    fn any(self) -> bool {
+        self.bits() != 0
+    }
+}
+
+/// Any processor's.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Plain([f32; LANES]);
+
+/// A truth a lane, as bits.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bits(u32);
+
+impl Plain {
+    #[inline(always)]
+    fn each(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        let mut lanes = self.0;
+        for (lane, other) in lanes.iter_mut().zip(other.0) {
+            *lane = f(*lane, other);
+        }
+        Self(lanes)
+    }
+
+    #[inline(always)]
+    fn compare(self, other: Self, f: impl Fn(f32, f32) -> bool) -> Bits {
+        let lanes = (0..LANES).map(|i| u32::from(f(self.0[i], other.0[i])) << i);
+        Bits(lanes.sum())
+    }
+}
+
+impl Add for Plain {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        self.each(other, |a, b| a + b)
+    }
+}
+
+impl Sub for Plain {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        self.each(other, |a, b| a - b)
+    }
+}
+
+impl Mul for Plain {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        self.each(other, |a, b| a * b)
+    }
+}
+
+impl Lanes for Plain {
+    type Mask = Bits;
+
+    #[inline(always)]
+    fn from_array(lanes: [f32; LANES]) -> Self {
+        Self(lanes)
+    }
+
+    #[inline(always)]
+    fn to_array(self) -> [f32; LANES] {
+        self.0
+    }
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self([x; LANES])
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        self.each(other, |a, b| if a < b { a } else { b })
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        self.each(other, |a, b| if a > b { a } else { b })
+    }
+
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        self.each(other, |a, b| a / b)
+    }
+
+    #[inline(always)]
+    fn le(self, other: Self) -> Bits {
+        self.compare(other, |a, b| a <= b)
+    }
+
+    #[inline(always)]
+    fn lt(self, other: Self) -> Bits {
+        self.compare(other, |a, b| a < b)
+    }
+
+    #[inline(always)]
+    #[allow(clippy::float_cmp, reason = "ties are exact")]
+    fn eq(self, other: Self) -> Bits {
+        self.compare(other, |a, b| a == b)
+    }
+
+    #[inline(always)]
+    fn replaced(self, mask: Bits, other: Self) -> Self {
+        let mut lanes = self.0;
+        for (i, lane) in lanes.iter_mut().enumerate() {
+            *lane = if mask.0 >> i & 1 == 1 { other.0[i] } else { *lane };
+        }
+        Self(lanes)
+    }
+}
+
+impl Mask for Bits {
+    #[inline(always)]
+    fn none() -> Self {
+        Self(0)
+    }
+
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    #[inline(always)]
+    fn or(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    #[inline(always)]
+    fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        self.0
+    }
+
+    #[inline(always)]
+    fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+pub(super) mod avx2 {
+    //! Only to be used in functions that run where AVX2 was found: that is what makes the calls sound.
+
+    use std::arch::x86_64::*;
+
+    use super::{Add, LANES, Lanes, Mask, Mul, Sub};
+
+    #[derive(Debug, Clone, Copy)]
+    pub(in super::super) struct Avx2(__m256);
+
+    /// All bits of a lane, or none.
+    #[derive(Debug, Clone, Copy)]
+    pub(in super::super) struct Wide(__m256);
+
+    /// Calls an instruction.
+    macro_rules! call {
+        ($($instruction:tt)*) => {
+            // SAFETY: the processor has AVX2, see the module's first line.
+            unsafe { $($instruction)* }
+        };
+    }
+
+    impl Add for Avx2 {
+        type Output = Self;
+        #[inline(always)]
+        fn add(self, other: Self) -> Self {
+            Self(call!(_mm256_add_ps(self.0, other.0)))
+        }
+    }
+
+    impl Sub for Avx2 {
+        type Output = Self;
+        #[inline(always)]
+        fn sub(self, other: Self) -> Self {
+            Self(call!(_mm256_sub_ps(self.0, other.0)))
+        }
+    }
+
+    impl Mul for Avx2 {
+        type Output = Self;
+        #[inline(always)]
+        fn mul(self, other: Self) -> Self {
+            Self(call!(_mm256_mul_ps(self.0, other.0)))
+        }
+    }
+
+    impl Lanes for Avx2 {
+        type Mask = Wide;
+
+        #[inline(always)]
+        fn from_array(lanes: [f32; LANES]) -> Self {
+            Self(call!(_mm256_loadu_ps(lanes.as_ptr())))
+        }
+
+        #[inline(always)]
+        fn to_array(self) -> [f32; LANES] {
+            let mut lanes = [0.0; LANES];
+            call!(_mm256_storeu_ps(lanes.as_mut_ptr(), self.0));
+            lanes
+        }
+
+        #[inline(always)]
+        fn splat(x: f32) -> Self {
+            Self(call!(_mm256_set1_ps(x)))
+        }
+
+        #[inline(always)]
+        fn min(self, other: Self) -> Self {
+            Self(call!(_mm256_min_ps(self.0, other.0)))
+        }
+
+        #[inline(always)]
+        fn max(self, other: Self) -> Self {
+            Self(call!(_mm256_max_ps(self.0, other.0)))
+        }
+
+        #[inline(always)]
+        fn div(self, other: Self) -> Self {
+            Self(call!(_mm256_div_ps(self.0, other.0)))
+        }
+
+        #[inline(always)]
+        fn le(self, other: Self) -> Wide {
+            Wide(call!(_mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0)))
+        }
+
+        #[inline(always)]
+        fn lt(self, other: Self) -> Wide {
+            Wide(call!(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0)))
+        }
+
+        #[inline(always)]
+        fn eq(self, other: Self) -> Wide {
+            Wide(call!(_mm256_cmp_ps::<_CMP_EQ_OQ>(self.0, other.0)))
+        }
+
+        #[inline(always)]
+        fn replaced(self, mask: Wide, other: Self) -> Self {
+            Self(call!(_mm256_blendv_ps(self.0, other.0, mask.0)))
+        }
+    }
+
+    impl Mask for Wide {
+        #[inline(always)]
+        fn none() -> Self {
+            Self(call!(_mm256_setzero_ps()))
+        }
+
+        #[inline(always)]
+        fn and(self, other: Self) -> Self {
+            Self(call!(_mm256_and_ps(self.0, other.0)))
+        }
+
+        #[inline(always)]
+        fn or(self, other: Self) -> Self {
+            Self(call!(_mm256_or_ps(self.0, other.0)))
+        }
+
+        #[inline(always)]
+        fn without(self, other: Self) -> Self {
+            Self(call!(_mm256_andnot_ps(other.0, self.0)))
+        }
+
+        #[inline(always)]
+        fn bits(self) -> u32 {
+            call!(_mm256_movemask_ps(self.0)) as u32
+        }
+
+        #[inline(always)]
+        fn from_bits(bits: u32) -> Self {
+            let one = call!(_mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128));
+            let masked = call!(_mm256_and_si256(_mm256_set1_epi32(bits as i32), one));
+            Self(call!(_mm256_castsi256_ps(_mm256_cmpeq_epi32(masked, one))))
+        }
+    }
+}
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    use super::avx2::Avx2;
+    use super::*;
+
+    /// Bits of what each operation makes of some numbers, odd ones among them.
+    fn results<L: Lanes>() -> Vec<u32> {
+        let a = L::from_array([1.5, -2.0, 0.0, -0.0, f32::NAN, f32::INFINITY, 3e38, 1e-40]);
+        let b = L::from_array([0.1, -2.0, -0.0, 0.0, 1.0, f32::NEG_INFINITY, 2.5, f32::NAN]);
+        let values = [a + b, a - b, a * b, a.div(b), a.min(b), a.max(b), L::splat(7.0)];
+        let masks =
+            [a.le(b), a.lt(b), a.eq(b), a.le(b).and(a.lt(b)), a.le(b).or(b.le(a)), a.le(b).without(a.eq(b))];
+        let replaced = masks.map(|mask| a.replaced(L::Mask::from_bits(mask.bits()), b));
+        // Which NaN comes out is nobody's concern.
+        let bits = |x: f32| if x.is_nan() { u32::MAX } else { x.to_bits() };
+        let lanes = values.into_iter().chain(replaced).flat_map(|v| v.to_array().map(bits));
+        lanes.chain(masks.map(Mask::bits)).chain([L::Mask::none().bits()]).collect()
+    }
+
+    #[test]
+    fn both_kinds_of_lanes_find_the_same_bits() {
+        if is_x86_feature_detected!("avx2") {
+            assert_eq!(results::<Avx2>(), results::<Plain>());
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Lists of pixels: what of a view is traced and shaded where only some of it is wanted.
+
+use argus_scene::InvalidField;
+use argus_scene::camera::Face;
+
+use crate::tile::{Tile, tiles};
+
+/// Pixels in a row of the image that a list is shaded in.
+const ROW: u32 = 256;
+/// Pixels on a side of the squares by which a list is sorted, so that neighbours share packets of rays.
+const SQUARE: u32 = 16;
+
+/// The pixels of a list that lie in one tile of the view.
+#[derive(Debug)]
+pub(crate) struct Listing {
+    /// Of the view: its rays are those of the pixels.
+    pub(crate) tile: Tile,
+    /// The list as an image, row by row.
+    pub(crate) compact: Tile,
+    /// Position in the list that was asked for.
+    pub(crate) asked: Vec<u32>,
+    /// Column and row within the tile, in the same order.
+    pub(crate) places: Vec<[u32; 2]>,
+}
+
+impl Listing {
+    /// Sub-samples of the tile, pixel by pixel.
+    pub(crate) fn sub_samples(&self) -> Vec<[u32; 2]> {
+        let side = self.tile.side;
+        let of_pixel =
+            |[x, y]: [u32; 2]| (0..side * side).map(move |i| [x * side + i % side, y * side + i / side]);
+        self.places.iter().copied().flat_map(of_pixel).collect()
+    }
+
+    /// What was found for [`Self::sub_samples`], as the compact image has it; what no pixel needs is 0.
+    pub(crate) fn image(&self, found: &[[u32; 2]]) -> Vec<[u32; 2]> {
+        let side = self.tile.side as usize;
+        let [width, height] = self.compact.sub_samples().map(|n| n as usize);
+        let mut image = vec![[0; 2]; width * height];
+        for (pixel, ids) in found.chunks_exact(side * side).enumerate() {
+            let (column, row) = (pixel % ROW as usize, pixel / ROW as usize);
+            for (i, id) in ids.iter().enumerate() {
+                image[(row * side + i / side) * width + column * side + i % side] = *id;
+            }
+        }
+        image
+    }
+
+    /// The places as the device reads them.
+    pub(crate) fn words(&self) -> Vec<u32> {
+        self.places.iter().map(|[x, y]| x | y << 16).collect()
+    }
+}
+
+/// Sorts the pixels of a view (row × width + column) into its tiles.
+///
+/// # Errors
+/// A pixel that the view does not have.
+pub(crate) fn listings(face: &Face, side: u32, pixels: &[u32]) -> Result<Vec<Listing>, InvalidField> {
+    let [width, height] = face.size;
+    if let Some(pixel) = pixels.iter().find(|&&p| u64::from(p) >= u64::from(width) * u64::from(height)) {
+        return Err(InvalidField::new("pixels", format!("the view has no pixel {pixel}")));
+    }
+    let mut listings = Vec::new();
+    for tile in tiles(std::slice::from_ref(face), side) {
+        let within = |pixel: u32| {
+            let (x, y) = (pixel % width, pixel / width);
+            let (x, y) = (x.checked_sub(tile.begin[0])?, y.checked_sub(tile.begin[1])?);
+            (x < tile.size[0] && y < tile.size[1]).then_some([x, y])
+        };
+        let mut inside: Vec<(u32, [u32; 2])> =
+            (0u32..).zip(pixels).filter_map(|(at, &pixel)| Some((at, within(pixel)?))).collect();
+        inside.sort_by_key(|&(_, [x, y])| (y / SQUARE, x / SQUARE, y, x));
+        // As large a part at a time as a tile may be.
+        for part in inside.chunks((tiles_most(side) * ROW) as usize) {
+            let (asked, places): (Vec<u32>, Vec<[u32; 2]>) = part.iter().copied().unzip();
+            let columns = (places.len() as u32).min(ROW);
+            let compact = Tile { size: [columns, (places.len() as u32).div_ceil(ROW)], ..tile };
+            listings.push(Listing { tile, compact, asked, places });
+        }
+    }
+    Ok(listings)
+}
+
+/// Rows of pixels of a compact image, at most.
+fn tiles_most(side: u32) -> u32 {
+    (crate::tile::MAX_SIDE / side).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Camera, SampleCamera};
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn every_pixel_is_listed_once_where_it_lies_whatever_the_order() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
+        let face = SampleCamera::Perspective { camera, width: 1500, height: 40 }.faces()[0];
+        let pixels: Vec<u32> = (0..60_000).step_by(7).rev().collect();
+        let mut seen = vec![0u8; pixels.len()];
+        let listings = listings(&face, 2, &pixels).unwrap();
+        assert!(listings.len() > 1, "more than one tile");
+        for listing in &listings {
+            for (&asked, &[x, y]) in listing.asked.iter().zip(&listing.places) {
+                let [left, top] = listing.tile.begin;
+                assert_eq!((top + y) * 1500 + left + x, pixels[asked as usize]);
+                seen[asked as usize] += 1;
+            }
+            let found: Vec<[u32; 2]> = (1..=listing.places.len() as u32 * 4).map(|i| [i, 0]).collect();
+            let image = listing.image(&found);
+            assert_eq!(image.iter().filter(|ids| ids[0] != 0).count(), found.len());
+        }
+        assert!(seen.iter().all(|&n| n == 1));
+        assert_eq!(super::listings(&face, 1, &[60_000]).unwrap_err().field, "pixels");
+        assert!(super::listings(&face, 1, &[]).unwrap().is_empty());
+    }
+}
