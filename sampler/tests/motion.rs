@@ -4,6 +4,7 @@ mod common;
 
 use std::sync::Arc;
 
+use argus_sampler::SamplerKnobs;
 use argus_scene::animation::{Animation, Channel, Interpolation, Node, Parts, Rest, Track};
 use argus_scene::reference::Tracer;
 use argus_scene::{
@@ -81,12 +82,19 @@ fn at_epoch(job: &ViewJob, epoch: u64) -> ViewJob {
 fn every_epoch_shows_the_scene_as_the_reference_has_it_at_that_time() {
     let scene = Arc::new(scene());
     let mut sampler = sampler(&scene);
+    let mut traced = sampler_with(
+        &scene,
+        SamplerKnobs { visibility: argus_sampler::Visibility::Cpu, ..SamplerKnobs::default() },
+    );
     let tracer = Tracer::new(scene.clone());
     let job = view_job(camera(), SIZE, 4);
     let mut seen = Vec::new();
     for epoch in [0, 3, 6, 11] {
         let frame = direct(&mut sampler, &at_epoch(&job, epoch));
         assert_eq!(frame.provenance.epoch, epoch);
+        let by_rays = image_of(&direct(&mut traced, &at_epoch(&job, epoch)));
+        let difference = flip(&format!("epoch-{epoch}-traced"), &by_rays, &image_of(&frame));
+        assert!(difference < 0.001, "epoch {epoch}: traced and rasterised differ by FLIP {difference}");
         let truth = tracer.at(epoch as f64 * EPOCH_SECS).render(&camera(), SIZE[0], SIZE[1], 4, |_| {});
         let image = image_of(&frame);
         let error = flip(&format!("epoch-{epoch}"), &image, &truth.display(scene.lighting.exposure));
