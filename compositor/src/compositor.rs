@@ -7,8 +7,8 @@ use std::time::Instant;
 use argus_gpu::wgpu::BufferUsages;
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{
-    Cancel, Compositor, Frame, PlaneKind, Provenance, RenderError, SampleId, SampleSet, Search, Stage,
-    ViewJob,
+    Cancel, Compositor, Frame, Plan, PlaneKind, Provenance, RenderError, SampleId, SampleSet, Search, Stage,
+    ViewJob, Warp,
 };
 use argus_shaders::layout::compositor::{Fill, ViewUniform};
 use argus_shaders::layout::shared::Light;
@@ -22,6 +22,7 @@ use crate::layout::{Chunk, Extent, Piece, chunks};
 use crate::lights::light_about;
 use crate::passes::bounds::BoundsPass;
 use crate::passes::fill::FillPass;
+use crate::passes::floor::FloorPass;
 use crate::passes::linear::LinearPass;
 use crate::passes::mend::MendPass;
 use crate::passes::resolve::ResolvePass;
@@ -48,7 +49,17 @@ pub struct GpuCompositor {
     mend: MendPass,
     linear: LinearPass,
     resolve: ResolvePass,
+    floor: FloorPass,
     trials: BTreeMap<Search, Trial>,
+}
+
+/// What becomes of a batch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Work {
+    /// Its views are reconstructed.
+    Views,
+    /// One colour is fetched a pixel: what they are measured by.
+    Floor,
 }
 
 /// Everything that the passes of a chunk read, and which of them run.
@@ -108,6 +119,7 @@ impl GpuCompositor {
             mend: MendPass::default(),
             linear: LinearPass::new(),
             resolve: ResolvePass::new(&gpu),
+            floor: FloorPass::default(),
             trials: BTreeMap::new(),
             gpu,
         })
@@ -131,13 +143,37 @@ impl GpuCompositor {
         }
     }
 
+    /// The floor of what a batch can cost: the same preparation, targets, resolve and readback as
+    /// [`argus_scene::Compositor::compose`], and one nearest colour fetch a pixel in place of any reconstruction. For
+    /// studies: the frames show nothing of use.
+    ///
+    /// # Errors
+    /// As the views themselves would fail.
+    pub fn compose_floor(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
+        let unsearched = |job: &ViewJob| match &job.plan {
+            // The linear search prepares nothing but the view.
+            Plan::Warp(warp) => {
+                let warp = Warp { search: Search::Linear, steps: 1, ..warp.clone() };
+                ViewJob { plan: Plan::Warp(warp), ..job.clone() }
+            }
+            Plan::Direct { .. } => job.clone(),
+        };
+        let views: Vec<ViewJob> = views.iter().map(unsearched).collect();
+        self.compose_batch(&views, Work::Floor, cancel)
+    }
+
     /// Number of samples that are held.
     pub fn held(&self) -> usize {
         self.holdings.len()
     }
 
     /// The views that can be composed, cut into chunks, each drawn and read back in one submission.
-    fn compose_batch(&mut self, jobs: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
+    fn compose_batch(
+        &mut self,
+        jobs: &[ViewJob],
+        work: Work,
+        cancel: &Cancel,
+    ) -> Vec<Result<Frame, RenderError>> {
         let began = Instant::now();
         let mut results: Vec<Option<RenderError>> = vec![None; jobs.len()];
         let mut views = Vec::with_capacity(jobs.len());
@@ -161,7 +197,7 @@ impl GpuCompositor {
             let outcome = if cancel.is_cancelled() {
                 Err(RenderError::Cancelled)
             } else {
-                self.compose_chunk(&chunk, &views, jobs, &mut assemblies)
+                self.compose_chunk(&chunk, &views, jobs, work, &mut assemblies)
             };
             match outcome {
                 Ok(passes) => passes.into_iter().for_each(|stage| add_stage(&mut stages, stage)),
@@ -200,6 +236,7 @@ impl GpuCompositor {
         chunk: &Chunk,
         views: &[PreparedView],
         jobs: &[ViewJob],
+        work: Work,
         assemblies: &mut [Assembly],
     ) -> Result<Vec<Stage>, RenderError> {
         let began = Instant::now();
@@ -234,7 +271,9 @@ impl GpuCompositor {
                 .collect();
             let twin = self.trials.entry(search).or_default().next(self.knobs.twin);
             let canvas = Canvas { variant, twin, shared: &shared, draws: &draws, targets: drawn };
-            if search == Search::Splat {
+            if work == Work::Floor {
+                self.floor.record(&self.gpu, &mut commands, &canvas)?;
+            } else if search == Search::Splat {
                 self.warp.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
                 self.mend.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
             } else {
@@ -352,7 +391,7 @@ impl Compositor for GpuCompositor {
     }
 
     fn compose(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
-        self.compose_batch(views, cancel)
+        self.compose_batch(views, Work::Views, cancel)
     }
 }
 

@@ -92,6 +92,24 @@ fn a_large_view_in_pieces_is_the_same_as_in_one() {
 }
 
 #[test]
+fn the_floor_answers_every_view_with_one_fetch_a_pixel() {
+    let set = garden_set(false);
+    let mut compositor = compositor(&set);
+    let jobs = motley(&set);
+    let frames = compositor.compose_floor(&jobs, &Cancel::new());
+    for (job, frame) in jobs.iter().zip(&frames) {
+        let frame = frame.as_ref().unwrap();
+        assert_eq!((frame.width, frame.height), (job.width, job.height));
+        if let Some(color) = &frame.color {
+            // The garden fills half of each sample: the fetch is of a picture, not of one colour.
+            assert!(color.chunks_exact(3).any(|pixel| pixel != &color[..3]));
+        }
+    }
+    let refused = ViewJob { plan: Plan::Direct { samples_per_pixel: 1 }, ..jobs[0].clone() };
+    assert!(compositor.compose_floor(&[refused], &Cancel::new())[0].is_err());
+}
+
+#[test]
 fn the_largest_view_is_answered_in_bounded_memory() {
     let set = garden_set(false);
     let mut compositor = compositor(&set);

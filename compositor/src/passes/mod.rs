@@ -2,6 +2,7 @@
 
 pub(crate) mod bounds;
 pub(crate) mod fill;
+pub(crate) mod floor;
 pub(crate) mod linear;
 pub(crate) mod mend;
 pub(crate) mod resolve;

@@ -1,0 +1,26 @@
+// Program of compositor/src/passes/floor.rs: one nearest colour fetch a pixel, shown as the searches show theirs, of
+// the texel that lies where the pixel does. No reconstruction can be cheaper.
+
+import package::shared::fetch::{nearest, radiance, view};
+import package::shared::pixel::{Linear, Shown, corner_of_target, encoded};
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
+    return corner_of_target(index);
+}
+
+fn texel(at: vec2f) -> vec3f {
+    let uv = (at - view.target_origin) / vec2f(view.piece_size);
+    return textureSampleLevel(radiance, nearest, uv, view.samples[0].layer, 0.0).rgb;
+}
+
+@fragment
+fn show(@builtin(position) at: vec4f) -> Shown {
+    let color = floor(encoded(texel(at.xy) * view.lighting.exposure) * 255.0 + 0.5);
+    return Shown(vec4u(vec3u(color), 1u), 0.0);
+}
+
+@fragment
+fn keep(@builtin(position) at: vec4f) -> Linear {
+    return Linear(vec4f(texel(at.xy), 1.0), 0.0);
+}
