@@ -14,8 +14,8 @@ use argus_shaders::layout::compositor::{Fill, ViewUniform};
 use argus_shaders::layout::shared::Light;
 use bytemuck::Zeroable as _;
 
-use crate::drawing::{Canvas, Draw, FINE, RANGE, SHOWN, Shared, Splatted, Variant};
-use crate::frames::Assembly;
+use crate::drawing::{CONFIDENCE, Canvas, Draw, Drawn, FINE, RANGE, SHOWN, Shared, Splatted, Variant};
+use crate::frames::{Assembly, Images};
 use crate::holdings::Holdings;
 use crate::knobs::{CompositorKnobs, Twin};
 use crate::layout::{Chunk, Extent, Piece, chunks};
@@ -30,7 +30,7 @@ use crate::passes::splat::{SplatCall, SplatPass};
 use crate::passes::warp::WarpPass;
 use crate::plan::{PassPlan, plan};
 use crate::prepare::{First, PreparedView};
-use crate::targets::{Target, Targets};
+use crate::targets::Targets;
 use crate::trial::Trial;
 
 /// Reconstructs views from samples on a GPU.
@@ -243,15 +243,21 @@ impl GpuCompositor {
         let data = self.upload(chunk, views, jobs);
         let side = chunk.pieces.first().map_or(1, |piece| piece.side);
         let any_range = chunk.pieces.iter().any(|piece| jobs[views[piece.view].job].outputs.range);
+        let any_confidence = chunk.pieces.iter().any(|piece| jobs[views[piece.view].job].outputs.confidence);
         let fine = (side > 1).then(|| chunk.size.map(|pixels| pixels * side));
         let shown = self.targets.take(&self.gpu, chunk.size, SHOWN);
         // Attached only where range is asked for or averaged; else of a size that costs nothing.
-        let range_size = if any_range || side > 1 { chunk.size } else { [1, 1] };
+        let range_size = if any_range || any_confidence || side > 1 { chunk.size } else { [1, 1] };
         let range = self.targets.take(&self.gpu, range_size, RANGE);
+        let confidence_size = |size| if any_confidence { size } else { [1, 1] };
+        let confidence = self.targets.take(&self.gpu, confidence_size(chunk.size), CONFIDENCE);
         let fine = fine.map(|size| {
-            [self.targets.take(&self.gpu, size, FINE), self.targets.take(&self.gpu, size, RANGE)]
+            [(size, FINE), (size, RANGE), (confidence_size(size), CONFIDENCE)]
+                .map(|(size, format)| self.targets.take(&self.gpu, size, format))
         });
-        let drawn: [&Target; 2] = fine.as_ref().map_or([&shown, &range], |[color, range]| [color, range]);
+        let final_targets = Drawn { color: &shown, range: &range, confidence: &confidence };
+        let fine_targets = fine.as_ref().map(|[color, range, confidence]| Drawn { color, range, confidence });
+        let drawn = fine_targets.unwrap_or(final_targets);
 
         let mut commands = self.gpu.commands("compose views");
         let pool = self.holdings.pool(chunk.pieces.first().map_or(0, |piece| views[piece.view].pool))?;
@@ -280,14 +286,15 @@ impl GpuCompositor {
                 self.linear.record(&self.gpu, &mut commands, &canvas)?;
             }
         }
-        if let Some([color, depth]) = &fine {
+        if let Some(fine_targets) = fine_targets {
             let exposure =
                 |p: &Piece| views[p.view].samples.first().map_or(1.0, |s| s.info.lighting.exposure);
             let pieces: Vec<(Piece, f32)> = chunk.pieces.iter().map(|p| (*p, exposure(p))).collect();
-            self.resolve.record(&mut commands, &pieces, [color, depth], [&shown, &range]);
+            self.resolve.record(&mut commands, &pieces, any_confidence, fine_targets, final_targets);
         }
         let shown_ticket = commands.read_texture(&shown.texture);
         let range_ticket = any_range.then(|| commands.read_texture(&range.texture));
+        let confidence_ticket = any_confidence.then(|| commands.read_texture(&confidence.texture));
         let uploaded = milliseconds(began);
         let mut finished = commands.submit().wait()?;
         self.note_times(chunk, &data, &finished.stages);
@@ -295,10 +302,12 @@ impl GpuCompositor {
         let unpacking = Instant::now();
         let shown_bytes = finished.take(shown_ticket);
         let range_bytes = range_ticket.map(|ticket| finished.take(ticket)).unwrap_or_default();
+        let confidence_bytes = confidence_ticket.map(|ticket| finished.take(ticket)).unwrap_or_default();
+        let images = Images { shown: &shown_bytes, range: &range_bytes, confidence: &confidence_bytes };
         for piece in &chunk.pieces {
-            assemblies[piece.view].add(chunk, piece, &shown_bytes, &range_bytes);
+            assemblies[piece.view].add(chunk, piece, &images);
         }
-        for target in [shown, range].into_iter().chain(fine.into_iter().flatten()) {
+        for target in [shown, range, confidence].into_iter().chain(fine.into_iter().flatten()) {
             self.targets.give_back(target);
         }
         let mut stages = vec![Stage::new("record passes", uploaded)];
@@ -348,8 +357,9 @@ impl GpuCompositor {
                 first.unsettled += piece.part.width * piece.part.height * piece.side * piece.side;
             }
             let fine = view.side > 1;
-            let range = fine || job.outputs.range;
-            let variant = Variant { omni: view.omni, glossy: view.glossy, fine, range };
+            let confident = job.outputs.confidence;
+            let range = fine || confident || job.outputs.range;
+            let variant = Variant { omni: view.omni, glossy: view.glossy, fine, range, confident };
             draws.entry((view.search, variant)).or_default().push(i);
         }
         let mut upload = |label, bytes: &[u8], usage| {

@@ -17,6 +17,8 @@ use crate::targets::Target;
 pub(crate) const SHOWN: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Uint;
 /// Metres, 0 for nothing.
 pub(crate) const RANGE: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
+/// How sure a pixel is, in the low byte. So wide since every device lets compute programs write it.
+pub(crate) const CONFIDENCE: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 /// Linear radiance and the source a sub-pixel. Halves: 11 bits of a value that is shown in 8.
 pub(crate) const FINE: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
@@ -31,6 +33,8 @@ pub(crate) struct Variant {
     pub(crate) fine: bool,
     /// Range is written.
     pub(crate) range: bool,
+    /// Confidence is found and written; range is, too.
+    pub(crate) confident: bool,
 }
 
 impl Variant {
@@ -45,8 +49,18 @@ impl Variant {
     }
 
     /// Values of the programs' `override`s.
-    pub(crate) fn constants(self) -> [(&'static str, f64); 2] {
-        [("omni", f64::from(u8::from(self.omni))), ("glossy", f64::from(u8::from(self.glossy)))]
+    pub(crate) fn constants(self) -> [(&'static str, f64); 3] {
+        [("omni", self.omni), ("glossy", self.glossy), ("confident", self.confident)]
+            .map(|(name, on)| (name, f64::from(u8::from(on))))
+    }
+
+    /// Formats of the targets that fragment programs draw to.
+    pub(crate) fn formats(self) -> Vec<wgpu::TextureFormat> {
+        let color = if self.fine { FINE } else { SHOWN };
+        [(true, color), (self.range, RANGE), (self.confident, CONFIDENCE)]
+            .into_iter()
+            .filter_map(|(on, format)| on.then_some(format))
+            .collect()
     }
 }
 
@@ -119,8 +133,32 @@ pub(crate) struct Canvas<'a> {
     pub(crate) twin: Twin,
     pub(crate) shared: &'a Shared<'a>,
     pub(crate) draws: &'a [Draw<'a>],
-    /// Colour and range.
-    pub(crate) targets: [&'a Target; 2],
+    pub(crate) targets: Drawn<'a>,
+}
+
+/// Targets that pieces are drawn to; those that no piece asks for have one texel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Drawn<'a> {
+    pub(crate) color: &'a Target,
+    pub(crate) range: &'a Target,
+    pub(crate) confidence: &'a Target,
+}
+
+impl<'a> Drawn<'a> {
+    /// Attachments of the fragment programs of a variant.
+    pub(crate) fn attachments(&self, variant: Variant) -> Vec<ColorTarget<'a>> {
+        let all = [self.color, self.range, self.confidence];
+        all.iter().take(variant.formats().len()).map(|t| ColorTarget { view: &t.view, clear: None }).collect()
+    }
+
+    /// The same under the names that compute programs have for them.
+    pub(crate) fn storage(&self, variant: Variant) -> [Extra<'a>; 3] {
+        [
+            Extra::write(variant.target(), &self.color.view),
+            Extra::write("range_target", &self.range.view),
+            Extra::write("confidence_target", &self.confidence.view),
+        ]
+    }
 }
 
 /// One search's programs: the fragment program and its compute twin, by variant. Made when they are first needed: a
@@ -163,25 +201,21 @@ impl Drawing {
         canvas: &Canvas<'_>,
         bindings: &[Extra<'_>],
     ) {
-        let Canvas { variant, targets: [color, range], .. } = *canvas;
+        let variant = canvas.variant;
         let program = self.program;
         let pipeline = self.fragment.entry(variant).or_insert_with(|| {
-            let formats = [if variant.fine { FINE } else { SHOWN }, RANGE];
             gpu.render_pipeline(&RenderPipelineDesc {
                 program,
                 vertex: "vertex",
                 fragment: Some(variant.entry_point()),
                 buffers: &[],
-                targets: if variant.range { &formats } else { &formats[..1] },
+                targets: &variant.formats(),
                 depth: None,
                 primitive: wgpu::PrimitiveState::default(),
                 constants: &variant.constants(),
             })
         });
-        let mut targets = vec![ColorTarget { view: &color.view, clear: None }];
-        if variant.range {
-            targets.push(ColorTarget { view: &range.view, clear: None });
-        }
+        let targets = canvas.targets.attachments(variant);
         let mut pass = commands.render(self.name, &targets, None);
         for draw in canvas.draws {
             let [x, y] = draw.piece.fine_target();
@@ -205,7 +239,6 @@ impl Drawing {
         canvas: &Canvas<'_>,
         bindings: &[Extra<'_>],
     ) {
-        let Canvas { targets: [color, range], .. } = *canvas;
         // What is written to a range that is not there is dropped: one pipeline does.
         let variant = Variant { range: true, ..canvas.variant };
         let program = self.program;
@@ -213,19 +246,18 @@ impl Drawing {
             let entry = format!("{}_twin", variant.entry_point());
             gpu.compute_pipeline_with(program, &entry, &variant.constants())
         });
+        let storage = canvas.targets.storage(variant);
         let mut pass = commands.compute_pass(self.name);
         for draw in canvas.draws {
             let mut call = pass.call(pipeline).read("view", &draw.view);
-            for extra in bindings {
+            for extra in bindings.iter().chain(&storage) {
                 call = match extra.writes {
                     true => call.write(extra.name, extra.resource),
                     false => call.read(extra.name, extra.resource),
                 };
             }
             let [width, height] = draw.piece.fine_size();
-            call.write(variant.target(), &color.view)
-                .write("range_target", &range.view)
-                .dispatch_threads([width, height, 1]);
+            call.dispatch_threads([width, height, 1]);
         }
     }
 }

@@ -14,11 +14,26 @@ pub(crate) struct Assembly {
     range: Option<Vec<u8>>,
     mask: Option<Vec<u8>>,
     source: Option<Vec<u8>>,
-    unresolved: u64,
+    confidence: Option<Vec<u8>>,
+    served: Served,
+}
+
+/// A chunk's targets as they came back, those that nobody asked for empty.
+#[derive(Debug)]
+pub(crate) struct Images<'a> {
+    /// sRGB and the source.
+    pub(crate) shown: &'a [u8],
+    /// Metres.
+    pub(crate) range: &'a [u8],
+    /// Four bytes a pixel, the first of them the confidence.
+    pub(crate) confidence: &'a [u8],
 }
 
 /// What the programs write for a pixel that no sample saw, in place of a source.
 const UNRESOLVED: u8 = 255;
+
+/// What they add to the source of a pixel that another sample serves than gave it its depth; `shared/pixel.wgsl`.
+const OTHER: u8 = 64;
 
 impl Assembly {
     pub(crate) fn new(width: u32, height: u32, outputs: Outputs) -> Self {
@@ -30,18 +45,25 @@ impl Assembly {
             range: plane(outputs.range, 4),
             mask: plane(outputs.mask, 1),
             source: plane(outputs.source, 1),
-            unresolved: 0,
+            confidence: plane(outputs.confidence, 1),
+            served: Served::default(),
         }
     }
 
-    /// Takes a piece out of a chunk's targets: rgb and source a pixel, and range where any view asked for it.
-    pub(crate) fn add(&mut self, chunk: &Chunk, piece: &Piece, shown: &[u8], range: &[u8]) {
+    /// Takes a piece out of a chunk's targets.
+    pub(crate) fn add(&mut self, chunk: &Chunk, piece: &Piece, images: &Images<'_>) {
+        let Images { shown, range, confidence } = *images;
         let (columns, row_pixels) = (piece.part.width as usize, chunk.size[0] as usize);
         for row in 0..piece.part.height as usize {
             let from = (piece.target[1] as usize + row) * row_pixels + piece.target[0] as usize;
             let to = (piece.part.y as usize + row) * self.width as usize + piece.part.x as usize;
             let pixels = shown[4 * from..4 * (from + columns)].as_chunks::<4>().0;
-            self.unresolved += pixels.iter().filter(|p| p[3] == UNRESOLVED).count() as u64;
+            let unresolved = pixels.iter().filter(|p| p[3] == UNRESOLVED).count() as u64;
+            let guided = pixels.iter().filter(|p| p[3] & OTHER != 0).count() as u64;
+            self.served.unresolved += unresolved;
+            // Unresolved has that bit too.
+            self.served.other_sample += guided - unresolved;
+            self.served.warped += pixels.len() as u64 - guided;
             if let Some(color) = &mut self.color {
                 let out = color[3 * to..3 * (to + columns)].as_chunks_mut::<3>().0;
                 out.iter_mut().zip(pixels).for_each(|(out, p)| out.copy_from_slice(&p[..3]));
@@ -56,7 +78,11 @@ impl Assembly {
                 let out = &mut source[to..to + columns];
                 out.iter_mut()
                     .zip(pixels)
-                    .for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 0 } else { p[3] });
+                    .for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 0 } else { p[3] & !OTHER });
+            }
+            if let Some(out) = &mut self.confidence {
+                let bytes = confidence[4 * from..4 * (from + columns)].as_chunks::<4>().0;
+                out[to..to + columns].iter_mut().zip(bytes).for_each(|(out, b)| *out = b[0]);
             }
             if let Some(out) = &mut self.range {
                 let out = out[4 * to..4 * (to + columns)].as_chunks_mut::<4>().0;
@@ -79,10 +105,10 @@ impl Assembly {
             range: self.range.map(Bytes::from),
             mask: self.mask.map(Bytes::from),
             source: self.source.map(Bytes::from),
-            confidence: None,
-            served: Served::default(),
+            confidence: self.confidence.map(Bytes::from),
+            served: self.served,
             predicted: None,
-            unresolved_fraction: self.unresolved as f64 / pixels.max(1) as f64,
+            unresolved_fraction: self.served.unresolved as f64 / pixels.max(1) as f64,
             provenance,
             stages,
         }

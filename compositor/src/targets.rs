@@ -16,8 +16,8 @@ pub(crate) struct Targets {
     buffers: Vec<(&'static str, wgpu::Buffer)>,
 }
 
-/// Targets that are kept: the four kinds of two sizes, a batch's chunks and its last.
-const KEPT: usize = 8;
+/// Targets that are kept: the six kinds of two sizes, a batch's chunks and its last.
+const KEPT: usize = 12;
 
 impl Targets {
     /// A target whose content is whatever was there; [`Targets::give_back`] it.

@@ -3,7 +3,7 @@
 mod common;
 
 use argus_compositor::{CompositorKnobs, Twin};
-use argus_scene::{Camera, Cancel, Compositor as _, Plan, SampleSet, Search, ViewJob, Warp};
+use argus_scene::{Camera, Cancel, Compositor as _, Output, Plan, SampleSet, Search, ViewJob, Warp};
 use common::*;
 use glam::DVec3;
 
@@ -33,7 +33,9 @@ fn views(set: &SampleSet, search: Search) -> Vec<ViewJob> {
             let mut view = job(set, camera, size, search);
             let Plan::Warp(warp) = &mut view.plan else { panic!("a warp") };
             *warp = Warp { supersampling, ..warp.clone() };
-            view
+            // Every other with confidence, so that targets of both kinds are written.
+            let outputs = if size[0] % 3 == 1 { EVERYTHING.with(Output::Confidence) } else { EVERYTHING };
+            ViewJob { outputs, ..view }
         })
         .to_vec()
 }
@@ -55,6 +57,8 @@ fn the_twins_of_every_search_write_equal_bytes() {
                 assert!(a.range == b.range, "{what}: range differs");
                 assert!(a.mask == b.mask, "{what}: mask differs");
                 assert!(a.source == b.source, "{what}: source differs");
+                assert!(a.confidence == b.confidence, "{what}: confidence differs");
+                assert_eq!(a.served, b.served, "{what}");
             }
         }
     }

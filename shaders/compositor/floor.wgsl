@@ -17,10 +17,10 @@ fn texel(at: vec2f) -> vec3f {
 @fragment
 fn show(@builtin(position) at: vec4f) -> Shown {
     let color = floor(encoded(texel(at.xy) * view.lighting.exposure) * 255.0 + 0.5);
-    return Shown(vec4u(vec3u(color), 1u), 0.0);
+    return Shown(vec4u(vec3u(color), 1u), 0.0, 0u);
 }
 
 @fragment
 fn keep(@builtin(position) at: vec4f) -> Linear {
-    return Linear(vec4f(texel(at.xy), 1.0), 0.0);
+    return Linear(vec4f(texel(at.xy), 1.0), 0.0, 0u);
 }

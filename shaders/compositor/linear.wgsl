@@ -6,7 +6,7 @@ import package::shared::fetch::{
     Fetch, Opinions, POINTS, TRACE, crossing_of_bounds, fetch_from, is_better, not_baked, opinions_of, view,
 };
 import package::shared::pixel::{
-    Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel,
+    CERTAIN, Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel, unresolved_pixel,
 };
 import package::shared::targets::{place_of_twin, store_linear, store_shown};
 
@@ -55,7 +55,7 @@ fn pixel(at: vec2f) -> Pixel {
     }
     // The side on which all cameras are: the most conservative surface.
     let q = 1.0 / max(outside, 1e-20);
-    var best = Fetch(vec2f(0.0), 0u, 0.0, 0.0, 0.0, false);
+    var best = Fetch(vec2f(0.0), 0u, 0.0, 0.0, 0.0, 1.0, false);
     var source = 0u;
     for (var i = 0u; i < not_baked(view.sample_count); i++) {
         let next = fetch_from(view.samples[i], d, q);
@@ -68,7 +68,9 @@ fn pixel(at: vec2f) -> Pixel {
         return surface_pixel(best, source, d);
     }
     if clear && !found {
-        return sky_pixel(d);
+        var pixel = sky_pixel(d);
+        pixel.confidence = select(CERTAIN, CERTAIN >> 1u, span.x < span.y);
+        return pixel;
     }
     return unresolved_pixel(best, d);
 }

@@ -3,7 +3,7 @@
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
 import package::shared::fetch::{Fetch, POINTS, SETTLED, crossing_of_bounds, fetch_from, is_better, not_baked, opinions_of, view};
-import package::shared::pixel::{Pixel, sky_pixel, surface_pixel, unresolved_pixel};
+import package::shared::pixel::{CERTAIN, OTHER, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
 import package::shared::targets::{store_linear, store_shown};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
@@ -22,7 +22,7 @@ struct Found {
 // edge of a surface the point may be beside it, in empty space, and yet within tolerance of what another camera sees
 // behind.
 fn look_up(d: vec3f, depth: Depth) -> Found {
-    var best = Fetch(vec2f(0.0), 0u, depth.q, 0.0, 0.0, false);
+    var best = Fetch(vec2f(0.0), 0u, depth.q, 0.0, 0.0, 1.0, false);
     var source = 0u;
     var refuted = false;
     for (var i = 0u; i < not_baked(view.sample_count) && !refuted; i++) {
@@ -77,10 +77,15 @@ fn mend(place: vec2u) -> Pixel {
         found = look_up(d, was);
     }
     if found.settled {
-        return surface_pixel(found.fetch, found.source, d);
+        var pixel = surface_pixel(found.fetch, found.source, d);
+        pixel.source += select(0u, OTHER, found.source != became.source);
+        return pixel;
     }
     if is_clear(d) {
-        return sky_pixel(d);
+        // Each point is seen past by some sample, not by two.
+        var pixel = sky_pixel(d);
+        pixel.confidence = CERTAIN >> 1u;
+        return pixel;
     }
     return unresolved_pixel(found.fetch, d);
 }

@@ -1,5 +1,5 @@
 // Program of compositor/src/passes/resolve.rs: pixels of a supersampled view are averaged in linear radiance, then
-// shown. What cannot be averaged (range, source) is the middle one's.
+// shown. What cannot be averaged (range, source, confidence) is the middle one's.
 
 import package::shared::pixel::{Shown, corner_of_target, encoded};
 
@@ -16,6 +16,7 @@ var<immediate> resolve: Resolve;
 
 @group(0) @binding(0) var radiance_target: texture_2d<f32>;
 @group(0) @binding(1) var range_target: texture_2d<f32>;
+@group(0) @binding(2) var confidence_target: texture_2d<u32>;
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
@@ -37,5 +38,6 @@ fn average(@builtin(position) at: vec4f) -> Shown {
     let middle = first + resolve.side / 2u;
     let source = textureLoad(radiance_target, middle, 0).a;
     let color = floor(encoded(mean * resolve.exposure) * 255.0 + 0.5);
-    return Shown(vec4u(vec3u(color), u32(source)), textureLoad(range_target, middle, 0).x);
+    let confidence = textureLoad(confidence_target, middle, 0).x;
+    return Shown(vec4u(vec3u(color), u32(source)), textureLoad(range_target, middle, 0).x, confidence);
 }

@@ -89,6 +89,8 @@ struct Fetch {
     agreement: f32,
     // Share that looks past the point.
     past: f32,
+    // Difference between the range that was looked for and that of the agreeing texels, as a share of the tolerance.
+    residual: f32,
     // Whether it looks there at all; without agreement, uv is the farthest texel around the place.
     inside: bool,
 }
@@ -128,15 +130,17 @@ fn fetch_from(s: ViewSample, d: vec3f, q: f32) -> Fetch {
     let beyond = select(vec4f(0.0), shares, four < vec4f(expected - tolerance));
     let agreement = select(0.0, dot(weights, vec4f(1.0)), seen.inside);
     let past = select(0.0, dot(beyond, vec4f(1.0)), seen.inside);
+    let stored = dot(weights, four) / max(dot(weights, vec4f(1.0)), 1e-30);
+    let residual = min(abs(stored - expected) / max(tolerance, 1e-30), 1.0);
     if agreement > 0.999 {
         let depth = dot(view.forward, ray * (unit / dot(shares, four)) - s.eye_from_center);
         // Where the ray grazes, the step may lead anywhere.
         let closer = clamp(1.0 / max(depth, 1e-30), 0.9 * q, 1.1 * q);
         let again = seen_by_sample(s, d + s.eye_from_center * closer);
-        return Fetch(again.uv, s.layer, closer, agreement, past, true);
+        return Fetch(again.uv, s.layer, closer, agreement, past, residual, true);
     }
     let offset = select(farthest_offset(four), agreeing_offset(weights, agreement), agreement > 0.0);
-    return Fetch((base + 0.5 + offset) / size, s.layer, q, agreement, past, seen.inside);
+    return Fetch((base + 0.5 + offset) / size, s.layer, q, agreement, past, residual, seen.inside);
 }
 
 // Offset, in texels from the first of four, at which a bilinear fetch takes from those that have a weight

@@ -1,12 +1,15 @@
 // What a view's pixel shows once its surface is found: shared by all searches.
 
 import package::shared::encode::unit_from_octahedral;
-import package::shared::fetch::{Fetch, bilinear, nearest, radiance, view};
+import package::shared::fetch::{Fetch, SETTLED, bilinear, fetch_from, nearest, not_baked, radiance, view};
 import package::shared::finite::finite_or_zero;
 import package::shared::shading::{Light, Surface, sky_radiance, specular_light, specular_sky};
 
 // The samples carry what specular needs. Where they do not, these two planes are any others, and not looked at.
 override glossy: bool = false;
+
+// The view asks for how sure its pixels are. Else no sample is looked up for it.
+override confident: bool = false;
 
 @group(0) @binding(6) var normal_plane: texture_2d_array<f32>;
 @group(0) @binding(7) var specular_plane: texture_2d_array<f32>;
@@ -19,8 +22,10 @@ fn corner_of_target(index: u32) -> vec4f {
 
 struct Pixel {
     radiance: vec3f,
-    // 1 + position of the sample in the plan's list, 0 for the sky, 255 where no sample saw the pixel.
+    // 1 + position of the sample in the plan's list, 0 for the sky, UNRESOLVED where no sample saw the pixel.
     source: u32,
+    // As `Output::Confidence` defines it.
+    confidence: u32,
     // Metres from the eye; 0 where there is nothing.
     range: f32,
     // Where the surface is, relative to the eye, and where its sample has it.
@@ -31,15 +36,37 @@ struct Pixel {
 
 const UNRESOLVED: u32 = 255u;
 
+// Added to the source where another sample serves the pixel than the one whose texel gave it its depth.
+const OTHER: u32 = 64u;
+
+// Of a pixel that is certain: no residual, and a second sample (or the bounds of the scene) says so too.
+const CERTAIN: u32 = 255u;
+
+// How sure it is that sample number `index` has the surface of the pixel in direction d.
+fn confidence_of(fetched: Fetch, index: u32, d: vec3f) -> u32 {
+    // 0 is kept for what no sample saw.
+    let match_of_depth = max(u32(127.0 * (1.0 - fetched.residual) + 0.5), 1u);
+    var seconded = false;
+    for (var i = 0u; i < not_baked(view.sample_count) && !seconded; i++) {
+        let other = fetch_from(view.samples[i], d, fetched.q);
+        seconded = i != index && other.agreement >= SETTLED;
+    }
+    return match_of_depth | select(0u, 128u, seconded);
+}
+
 fn sky_pixel(d: vec3f) -> Pixel {
-    return Pixel(sky_radiance(view.lighting, normalize(d)), 0u, 0.0, vec3f(0.0), vec2f(0.0), 0u);
+    return Pixel(sky_radiance(view.lighting, normalize(d)), 0u, CERTAIN, 0.0, vec3f(0.0), vec2f(0.0), 0u);
 }
 
 // The pixel in direction d (depth 1) whose surface was found in sample number `index`.
 fn surface_pixel(fetched: Fetch, index: u32, d: vec3f) -> Pixel {
     let texel = textureSampleLevel(radiance, bilinear, fetched.uv, fetched.layer, 0.0).rgb;
     let position = d / fetched.q;
-    return Pixel(finite_or_zero(texel), index + 1u, length(position), position, fetched.uv, fetched.layer);
+    var confidence = 0u;
+    if confident {
+        confidence = confidence_of(fetched, index, d);
+    }
+    return Pixel(finite_or_zero(texel), index + 1u, confidence, length(position), position, fetched.uv, fetched.layer);
 }
 
 // A pixel that no sample saw shows what lies farthest where the first sample looks: background goes on behind
@@ -47,6 +74,7 @@ fn surface_pixel(fetched: Fetch, index: u32, d: vec3f) -> Pixel {
 fn unresolved_pixel(fetched: Fetch, d: vec3f) -> Pixel {
     var pixel = sky_pixel(d);
     pixel.source = UNRESOLVED;
+    pixel.confidence = 0u;
     if fetched.inside {
         let texel = textureSampleLevel(radiance, bilinear, fetched.uv, fetched.layer, 0.0).rgb;
         pixel.radiance = finite_or_zero(texel);
@@ -99,22 +127,24 @@ fn lit(pixel: Pixel) -> Pixel {
 struct Shown {
     @location(0) color: vec4u,
     @location(1) range: f32,
+    @location(2) confidence: u32,
 }
 
 fn shown(found: Pixel) -> Shown {
     let pixel = lit(found);
     let color = floor(encoded(pixel.radiance * view.lighting.exposure) * 255.0 + 0.5);
-    return Shown(vec4u(vec3u(color), pixel.source), pixel.range);
+    return Shown(vec4u(vec3u(color), pixel.source), pixel.range, pixel.confidence);
 }
 
 // A pixel that is still to be averaged with others: linear radiance and the source.
 struct Linear {
     @location(0) radiance: vec4f,
     @location(1) range: f32,
+    @location(2) confidence: u32,
 }
 
 fn linear_of(found: Pixel) -> Linear {
     let pixel = lit(found);
     // The target holds halves: beyond their largest a highlight would turn into an infinity.
-    return Linear(vec4f(min(pixel.radiance, vec3f(65504.0)), f32(pixel.source)), pixel.range);
+    return Linear(vec4f(min(pixel.radiance, vec3f(65504.0)), f32(pixel.source)), pixel.range, pixel.confidence);
 }

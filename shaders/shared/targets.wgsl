@@ -5,8 +5,9 @@ import package::shared::pixel::{Pixel, linear_of, shown};
 
 @group(0) @binding(12) var shown_target: texture_storage_2d<rgba8uint, write>;
 @group(0) @binding(13) var linear_target: texture_storage_2d<rgba16float, write>;
-// What is written to a range that nobody asked for lies outside of its one texel, and is dropped.
+// What is written to a range or a confidence that nobody asked for lies outside of its one texel, and is dropped.
 @group(0) @binding(14) var range_target: texture_storage_2d<r32float, write>;
+@group(0) @binding(15) var confidence_target: texture_storage_2d<r32uint, write>;
 
 // The pixel of the targets that an invocation of a twin computes, and whether it lies in the piece.
 struct Place {
@@ -25,10 +26,12 @@ fn store_shown(texel: vec2u, pixel: Pixel) {
     let result = shown(pixel);
     textureStore(shown_target, texel, result.color);
     textureStore(range_target, texel, vec4f(result.range, 0.0, 0.0, 0.0));
+    textureStore(confidence_target, texel, vec4u(result.confidence, 0u, 0u, 0u));
 }
 
 fn store_linear(texel: vec2u, pixel: Pixel) {
     let result = linear_of(pixel);
     textureStore(linear_target, texel, result.radiance);
     textureStore(range_target, texel, vec4f(result.range, 0.0, 0.0, 0.0));
+    textureStore(confidence_target, texel, vec4u(result.confidence, 0u, 0u, 0u));
 }

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use argus_gpu::{ColorTarget, Commands, Gpu, RenderPipeline, RenderPipelineDesc, wgpu};
+use argus_gpu::{Commands, Gpu, RenderPipeline, RenderPipelineDesc, wgpu};
 use argus_scene::{PlaneKind, RenderError};
 
-use crate::drawing::{Canvas, FINE, RANGE, SHOWN};
+use crate::drawing::{Canvas, Variant};
 
 /// The pass: one draw a piece.
 #[derive(Debug, Default)]
@@ -18,24 +18,20 @@ impl FloorPass {
         commands: &mut Commands,
         canvas: &Canvas<'_>,
     ) -> Result<(), RenderError> {
-        let Canvas { variant, targets: [color, range], .. } = *canvas;
+        let variant = Variant { confident: false, ..canvas.variant };
         let pipeline = self.0.entry((variant.fine, variant.range)).or_insert_with(|| {
-            let formats = [if variant.fine { FINE } else { SHOWN }, RANGE];
             gpu.render_pipeline(&RenderPipelineDesc {
                 program: &argus_shaders::compositor::FLOOR,
                 vertex: "vertex",
                 fragment: Some(variant.entry_point()),
                 buffers: &[],
-                targets: if variant.range { &formats } else { &formats[..1] },
+                targets: &variant.formats(),
                 depth: None,
                 primitive: wgpu::PrimitiveState::default(),
                 constants: &[],
             })
         });
-        let mut targets = vec![ColorTarget { view: &color.view, clear: None }];
-        if variant.range {
-            targets.push(ColorTarget { view: &range.view, clear: None });
-        }
+        let targets = canvas.targets.attachments(variant);
         let radiance = canvas.shared.pool.view(PlaneKind::Radiance)?;
         let mut pass = commands.render("fetch colours", &targets, None);
         for draw in canvas.draws {

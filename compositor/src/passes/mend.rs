@@ -19,7 +19,6 @@ impl MendPass {
         canvas: &Canvas<'_>,
         splatted: &Splatted,
     ) -> Result<(), RenderError> {
-        let [color, range] = canvas.targets;
         // What is written to a range that is not there is dropped: one pipeline does.
         let variant = Variant { range: true, ..canvas.variant };
         let pipeline = self.0.entry(variant).or_insert_with(|| {
@@ -35,15 +34,17 @@ impl MendPass {
         // Workgroups that share a piece's list. Its length is only known on the device, and an indirect dispatch costs
         // more than workgroups that find nothing to do; on a software driver even those are not free.
         let groups = if gpu.is_software() { 1 } else { 16 };
+        let storage = canvas.targets.storage(variant);
         let mut pass = commands.compute_pass("mend pixels");
         for draw in canvas.draws {
             let mut call = pass.call(pipeline).read("view", &draw.view);
             for extra in &bindings {
                 call = call.read(extra.name, extra.resource);
             }
-            call.write(variant.target(), &color.view)
-                .write("range_target", &range.view)
-                .dispatch([groups, 1, 1]);
+            for extra in &storage {
+                call = call.write(extra.name, extra.resource);
+            }
+            call.dispatch([groups, 1, 1]);
         }
         Ok(())
     }

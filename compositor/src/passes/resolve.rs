@@ -3,29 +3,31 @@
 use argus_gpu::{ColorTarget, Commands, Gpu, RenderPipeline, RenderPipelineDesc, wgpu};
 use argus_shaders::layout::compositor::Resolve;
 
-use crate::drawing::{RANGE, SHOWN};
+use crate::drawing::{CONFIDENCE, Drawn, RANGE, SHOWN};
 use crate::layout::Piece;
-use crate::targets::Target;
 
 /// The pass: one draw a piece.
 #[derive(Debug)]
 pub(crate) struct ResolvePass {
-    pipeline: RenderPipeline,
+    /// Without confidence, and with it.
+    pipelines: [RenderPipeline; 2],
 }
 
 impl ResolvePass {
     pub(crate) fn new(gpu: &Gpu) -> Self {
-        let pipeline = gpu.render_pipeline(&RenderPipelineDesc {
-            program: &argus_shaders::compositor::RESOLVE,
-            vertex: "vertex",
-            fragment: Some("average"),
-            buffers: &[],
-            targets: &[SHOWN, RANGE],
-            depth: None,
-            primitive: wgpu::PrimitiveState::default(),
-            constants: &[],
-        });
-        Self { pipeline }
+        let pipeline = |targets| {
+            gpu.render_pipeline(&RenderPipelineDesc {
+                program: &argus_shaders::compositor::RESOLVE,
+                vertex: "vertex",
+                fragment: Some("average"),
+                buffers: &[],
+                targets,
+                depth: None,
+                primitive: wgpu::PrimitiveState::default(),
+                constants: &[],
+            })
+        };
+        Self { pipelines: [pipeline(&[SHOWN, RANGE][..]), pipeline(&[SHOWN, RANGE, CONFIDENCE])] }
     }
 
     /// Averages pieces of the fine targets into the final ones; each comes with its exposure.
@@ -33,11 +35,15 @@ impl ResolvePass {
         &self,
         commands: &mut Commands,
         pieces: &[(Piece, f32)],
-        fine: [&Target; 2],
-        shown: [&Target; 2],
+        confident: bool,
+        fine: Drawn<'_>,
+        shown: Drawn<'_>,
     ) {
-        let colors = shown.map(|target| ColorTarget { view: &target.view, clear: None });
-        let mut pass = commands.render("average sub-pixels", &colors, None);
+        let pipeline = &self.pipelines[usize::from(confident)];
+        let colors =
+            [shown.color, shown.range, shown.confidence].map(|t| ColorTarget { view: &t.view, clear: None });
+        let colors = if confident { &colors[..] } else { &colors[..2] };
+        let mut pass = commands.render("average sub-pixels", colors, None);
         for (piece, exposure) in pieces {
             let resolve = Resolve {
                 source_origin: piece.fine_target(),
@@ -47,9 +53,10 @@ impl ResolvePass {
             };
             pass.viewport(piece.target[0], piece.target[1], piece.part.width, piece.part.height);
             let raw = pass
-                .draw(&self.pipeline)
-                .read("radiance_target", &fine[0].view)
-                .read("range_target", &fine[1].view)
+                .draw(pipeline)
+                .read("radiance_target", &fine.color.view)
+                .read("range_target", &fine.range.view)
+                .read("confidence_target", &fine.confidence.view)
                 .begin();
             raw.set_immediates(0, bytemuck::bytes_of(&resolve));
             raw.draw(0..3, 0..1);
