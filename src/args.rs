@@ -1,6 +1,6 @@
 //! What several subcommands take: points, sizes, servers, rigs and plans.
 
-use argus_scene::{Output, PlanRequest, RigKind, RigKnobs, Search};
+use argus_scene::{Holes, Output, PlanRequest, RigKind, RigKnobs, Search};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
@@ -85,6 +85,9 @@ pub(crate) struct Plan {
     /// Reconstruct from at most this many samples, 1 to 8
     #[arg(long, value_name = "N")]
     pub(crate) samples: Option<u32>,
+    /// What becomes of pixels that no sample saw: a guess that the mask marks, or their rays traced
+    #[arg(long, value_name = "WAY", value_parser = holes())]
+    pub(crate) holes: Option<Holes>,
 }
 
 impl Plan {
@@ -96,6 +99,7 @@ impl Plan {
             steps: self.steps,
             supersampling: self.supersampling,
             samples: self.samples,
+            holes: self.holes,
             ..PlanRequest::default()
         }
     }
@@ -113,6 +117,13 @@ fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
 fn search() -> impl TypedValueParser<Value = Search> {
     PossibleValuesParser::new(Search::ALL.map(Search::name))
         .map(|name| Search::ALL.into_iter().find(|s| s.name() == name).unwrap_or_default())
+}
+
+fn holes() -> impl TypedValueParser<Value = Holes> {
+    PossibleValuesParser::new(["mark", "trace"]).map(|name| match name.as_str() {
+        "trace" => Holes::Trace,
+        _ => Holes::Mark,
+    })
 }
 
 /// Parses the name of one image of a frame.

@@ -40,6 +40,7 @@ fn print(status: &ClusterStatus) {
         "  direct views D {:8.1} a tick,    {:8.2} ms each",
         status.direct_views_per_tick, status.direct_ms
     );
+    println!("  single rays  R {:8.1} a tick,    {:8.2} µs each", status.rays_per_tick, status.ray_ms * 1e3);
     println!(
         "  tick           {:8.1} ms predicted, {:.1} ms measured",
         status.tick_predicted_ms, status.tick_measured_ms

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use argus_client::{Answer, Client, RenderOptions};
-use argus_scene::{Camera, Frame, Output, Outputs, Plan, View};
+use argus_scene::{Camera, Frame, Holes, Output, Outputs, Plan, Served, View};
 use glam::DVec3;
 use serde::Serialize;
 
@@ -45,6 +45,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = args::positive)]
     timeout: f64,
     /// Print one JSON object: width, height, epoch, search, samples, unresolved_fraction, worker,
+    /// served: {warped, other_sample, traced, unresolved},
     /// stages_ms: {name: ms}, total_ms, …
     #[arg(long)]
     json: bool,
@@ -79,6 +80,10 @@ struct Report {
     /// Ids, best first; none for a direct view.
     samples: Vec<String>,
     unresolved_fraction: f64,
+    /// Pixels served in each way; all 0 for a direct view.
+    served: Served,
+    /// `mark` or `trace`; absent for a direct view.
+    holes: Option<Holes>,
     worker: String,
     device: String,
     stages_ms: BTreeMap<String, f64>,
@@ -96,6 +101,10 @@ impl Report {
             Plan::Direct { .. } => ("direct", Vec::new()),
             Plan::Warp(warp) => (warp.search.name(), warp.samples.iter().map(ToString::to_string).collect()),
         };
+        let holes = match &frame.provenance.plan {
+            Plan::Direct { .. } => None,
+            Plan::Warp(warp) => Some(warp.holes),
+        };
         let mut stages_ms = BTreeMap::new();
         for stage in &frame.stages {
             // A pass that ran more than once is one row.
@@ -109,6 +118,8 @@ impl Report {
             search,
             samples,
             unresolved_fraction: frame.unresolved_fraction,
+            served: frame.served,
+            holes,
             worker: meta.worker.clone(),
             device: frame.provenance.device.clone(),
             stages_ms,

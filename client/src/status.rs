@@ -33,6 +33,10 @@ pub struct ClusterStatus {
     pub direct_views_per_tick: f64,
     /// Cost of a direct view, milliseconds.
     pub direct_ms: f64,
+    /// R: rays of pixels that no sample saw, traced a tick.
+    pub rays_per_tick: f64,
+    /// g_ray: cost of a single ray, milliseconds.
+    pub ray_ms: f64,
     /// What the balance formula says a tick takes, milliseconds.
     pub tick_predicted_ms: f64,
     /// What it took, milliseconds.
@@ -64,6 +68,8 @@ pub struct WorkerStatus {
     pub direct_ms: Option<f64>,
     /// Measured cost of a reconstructed view, milliseconds.
     pub view_ms: Option<f64>,
+    /// Measured cost of a single ray, milliseconds.
+    pub ray_ms: Option<f64>,
     /// Samples waiting or in work.
     pub queued_samples: u32,
     /// Views waiting or in work.
@@ -74,6 +80,8 @@ pub struct WorkerStatus {
     pub views_composed: u64,
     /// Views rendered from triangles since it started.
     pub views_direct: u64,
+    /// Rays of pixels that no sample saw, since it started.
+    pub rays_traced: u64,
     /// Samples it could serve now.
     pub samples_held: u64,
 }
@@ -117,6 +125,8 @@ impl From<v1::StatusResponse> for ClusterStatus {
             view_ms: number(wire.view_ms),
             direct_views_per_tick: number(wire.direct_views_per_tick),
             direct_ms: number(wire.direct_ms),
+            rays_per_tick: number(wire.rays_per_tick),
+            ray_ms: number(wire.ray_ms),
             tick_predicted_ms: number(wire.tick_predicted_ms),
             tick_measured_ms: number(wire.tick_measured_ms),
             workers: wire.workers.into_iter().map(Into::into).collect(),
@@ -150,11 +160,13 @@ impl From<v1::WorkerStatus> for WorkerStatus {
             sample_ms: wire.sample_ms,
             direct_ms: wire.direct_ms,
             view_ms: wire.view_ms,
+            ray_ms: wire.ray_ms,
             queued_samples: wire.queued_samples,
             queued_views: wire.queued_views,
             samples_rendered: wire.samples_rendered,
             views_composed: wire.views_composed,
             views_direct: wire.views_direct,
+            rays_traced: wire.rays_traced,
             samples_held: wire.samples_held,
         }
     }

@@ -142,6 +142,7 @@ async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1:
             plan: Some((&order.plan).into()),
             sources: wire::sources(order.sources.clone()),
             age_ms: age.as_secs_f64() * 1e3,
+            tracers: order.tracers.clone(),
         }),
     };
     let mut client = ViewsClient::new(hub.channels.to(&order.address)?);

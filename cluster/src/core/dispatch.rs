@@ -4,13 +4,16 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Plan, SampleId, View};
+use argus_scene::{Holes, Plan, SampleId, View};
 
 use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
 use super::machine::Core;
 use super::plan::plan;
 use super::time::Uptime;
 use super::worker::Worker;
+
+/// Samplers that are named in an order as those who can trace: a second and a third chance.
+const MOST_TRACERS: usize = 3;
 
 /// An admitted view.
 #[derive(Debug, Clone)]
@@ -29,6 +32,10 @@ pub(super) struct Pending {
 impl Pending {
     fn is_direct(&self) -> bool {
         matches!(self.plan, Plan::Direct { .. })
+    }
+
+    fn traces_holes(&self) -> bool {
+        matches!(&self.plan, Plan::Warp(warp) if warp.holes == Holes::Trace)
     }
 
     fn samples(&self) -> &[SampleId] {
@@ -163,6 +170,8 @@ impl Core {
         sources: Vec<Source>,
         actions: &mut Vec<Action>,
     ) {
+        let traces = self.views.get(&ticket).is_some_and(Pending::traces_holes);
+        let tracers = if traces { self.tracers(id) } else { Vec::new() };
         let (Some(view), Some(worker)) = (self.views.get_mut(&ticket), self.workers.get_mut(&id)) else {
             return;
         };
@@ -176,8 +185,20 @@ impl Core {
             address: worker.hello.address.clone(),
             plan: view.plan.clone(),
             sources,
+            tracers,
         };
         actions.push(Action::Dispatch { ticket, order: Box::new(order) });
+    }
+
+    /// Who traces pixels for a view that `reader` composes: itself if it samples, since that needs no transfer,
+    /// then samplers of the same kind of device, whose bytes are the same, then others; those with least to do
+    /// first. None where nobody samples.
+    fn tracers(&self, reader: WorkerId) -> Vec<String> {
+        let device = self.workers.get(&reader).map(|w| &w.hello.device);
+        let rank = |w: &&Worker| (w.id != reader, Some(&w.hello.device) != device, w.views.len(), w.id);
+        let mut samplers: Vec<&Worker> = self.workers.values().filter(|w| w.takes_samples()).collect();
+        samplers.sort_by_key(rank);
+        samplers.into_iter().take(MOST_TRACERS).map(|w| w.hello.address.clone()).collect()
     }
 
     /// The worker that will probably answer first: fewest views in its queue, each missing sample counted as

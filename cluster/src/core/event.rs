@@ -70,6 +70,8 @@ pub struct Report {
     pub direct_ms: Option<f64>,
     /// … for a reconstructed view.
     pub view_ms: Option<f64>,
+    /// … for a single ray of a pixel that no sample saw.
+    pub ray_ms: Option<f64>,
     /// Samples that wait or are in work.
     pub queued_samples: u32,
     /// Views that wait or are in work.
@@ -80,7 +82,9 @@ pub struct Report {
     pub views_composed: u64,
     /// Views rendered directly.
     pub views_direct: u64,
-    /// Milliseconds spent on samples and direct views.
+    /// Rays of pixels that no sample saw.
+    pub rays_traced: u64,
+    /// Milliseconds spent on samples, direct views and single rays.
     pub sampling_busy_ms: f64,
     /// Milliseconds spent on reconstructing.
     pub compositing_busy_ms: f64,
@@ -194,6 +198,9 @@ pub struct Order {
     pub plan: Plan,
     /// Where the plan's samples are, for those the worker may lack.
     pub sources: Vec<Source>,
+    /// Addresses of those who can trace the pixels that no sample saw, best first; none where the plan does not
+    /// want that, or where the worker is the only one who can.
+    pub tracers: Vec<String>,
 }
 
 /// What the shell must do.

@@ -45,6 +45,7 @@ pub(super) struct Rates {
     pub(super) samples: Rate,
     pub(super) direct: Rate,
     pub(super) views: Rate,
+    pub(super) rays: Rate,
 }
 
 /// What things cost, as the workers measured it, seconds.
@@ -53,6 +54,7 @@ pub(super) struct MeasuredCosts {
     pub(super) sample: Smoothed,
     pub(super) direct: Smoothed,
     pub(super) view: Smoothed,
+    pub(super) ray: Smoothed,
     /// Busy seconds of the busiest worker in a tick.
     pub(super) tick_secs: f64,
 }
@@ -84,8 +86,14 @@ impl Core {
         let idle_secs = config.tick.as_secs_f64() * config.idle_fraction;
         Self {
             hysteresis: Hysteresis::new(config.margin, config.dwell, idle_secs),
-            rates: Rates { samples: rate(), direct: rate(), views: rate() },
-            costs: MeasuredCosts { sample: cost(), direct: cost(), view: cost(), tick_secs: 0.0 },
+            rates: Rates { samples: rate(), direct: rate(), views: rate(), rays: rate() },
+            costs: MeasuredCosts {
+                sample: cost(),
+                direct: cost(),
+                view: cost(),
+                ray: cost(),
+                tick_secs: 0.0,
+            },
             config,
             set,
             workers: BTreeMap::new(),
@@ -171,6 +179,11 @@ impl Core {
         observe(&mut costs.sample, report.samples_rendered, before.samples_rendered, report.sample_ms);
         observe(&mut costs.direct, report.views_direct, before.views_direct, report.direct_ms);
         observe(&mut costs.view, report.views_composed, before.views_composed, report.view_ms);
+        observe(&mut costs.ray, report.rays_traced, before.rays_traced, report.ray_ms);
+        // How many rays a view needs is known once they are traced.
+        if before.applied > 0 {
+            self.rates.rays.count(report.rays_traced.saturating_sub(before.rays_traced));
+        }
         let was_ready = worker.is_ready();
         if before.applied == 0 {
             // Joined again after a coordinator's restart: what it was busy with before is not this tick's.
@@ -214,7 +227,8 @@ impl Core {
         if elapsed >= self.config.tick {
             // A shell that was held up for several ticks closes one: what came meanwhile is counted in it.
             self.tick_began = now;
-            for rate in [&mut self.rates.samples, &mut self.rates.direct, &mut self.rates.views] {
+            let Rates { samples, direct, views, rays } = &mut self.rates;
+            for rate in [samples, direct, views, rays] {
                 rate.roll();
             }
             self.measure_tick(elapsed.as_secs_f64());
@@ -235,12 +249,12 @@ impl Core {
         *tick_secs += self.config.smoothing * (busiest * 1e-3 / ticks - *tick_secs);
     }
 
-    /// S, D, V per tick.
+    /// S, D, R, V per tick.
     pub(super) fn demand(&self) -> Demand {
         Demand {
             samples: self.rates.samples.per_tick(),
             direct: self.rates.direct.per_tick(),
-            rays: 0.0,
+            rays: self.rates.rays.per_tick(),
             views: self.rates.views.per_tick(),
         }
     }
@@ -252,7 +266,7 @@ impl Core {
         Costs {
             sample_secs: sample.or(direct).unwrap_or(0.0),
             direct_secs: direct.or(sample).unwrap_or(0.0),
-            ray_secs: 0.0,
+            ray_secs: self.costs.ray.value().unwrap_or(0.0),
             view_secs: self.costs.view.value().unwrap_or(0.0),
         }
     }

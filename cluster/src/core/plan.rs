@@ -26,6 +26,7 @@ pub fn plan(view: &View, set: &SampleSetInfo, config: &Config) -> Result<Plan, F
         search: view.plan.search.unwrap_or(Search::Splat),
         steps: view.plan.steps.unwrap_or(config.linear_steps),
         supersampling,
+        holes: view.plan.holes.unwrap_or_default(),
         samples: indices.into_iter().map(|index| SampleId { epoch, generation, index }).collect(),
         ..Warp::default()
     }))

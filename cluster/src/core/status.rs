@@ -27,6 +27,10 @@ pub struct Status {
     pub direct_views_per_tick: f64,
     /// g_direct; 0 until measured.
     pub direct_ms: f64,
+    /// R.
+    pub rays_per_tick: f64,
+    /// g_ray; 0 until measured.
+    pub ray_ms: f64,
     /// max(a/K, b/(P−K)): what the work demanded per tick takes the slower stage. More than a tick means that
     /// demand exceeds what the cluster can do. With work and nobody to do it, what one worker would take.
     pub tick_predicted_ms: f64,
@@ -70,6 +74,8 @@ impl Core {
             view_ms: costs.view_secs * 1e3,
             direct_views_per_tick: demand.direct,
             direct_ms: self.costs.direct.value().unwrap_or(0.0) * 1e3,
+            rays_per_tick: demand.rays,
+            ray_ms: costs.ray_secs * 1e3,
             tick_predicted_ms: if predicted.is_finite() { predicted } else { alone } * 1e3,
             tick_measured_ms: self.costs.tick_secs * 1e3,
             workers: self

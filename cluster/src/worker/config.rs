@@ -34,6 +34,9 @@ pub struct Config {
     pub connect_timeout: Duration,
     /// How long another worker may be silent while it sends a sample.
     pub fetch_timeout: Duration,
+    /// How long another worker may take to trace the pixels of a view that no sample saw; then the next one is
+    /// asked.
+    pub trace_timeout: Duration,
     /// The largest scene bundle that is fetched, bytes.
     pub max_bundle_bytes: u64,
     /// How long views in work may take to finish after a shutdown began.
@@ -56,6 +59,7 @@ impl Config {
             held_bytes: 2 << 30,
             connect_timeout: Duration::from_secs(2),
             fetch_timeout: Duration::from_secs(60),
+            trace_timeout: Duration::from_secs(20),
             max_bundle_bytes: 8 << 30,
             grace: Duration::from_secs(5),
         }

@@ -226,8 +226,9 @@ async fn take_up(
     if let Some(before) = node.acting() {
         loop {
             let backlog = node.backlog();
-            let samples_due =
-                before.samples() && !duty.role.samples() && backlog.direct + backlog.samples > 0;
+            let samples_due = before.samples()
+                && !duty.role.samples()
+                && backlog.direct + backlog.samples + backlog.pixels > 0;
             let views_due = before.composites() && !duty.role.composites() && backlog.views > 0;
             if !(samples_due || views_due) {
                 break;

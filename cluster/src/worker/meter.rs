@@ -49,6 +49,7 @@ struct Sums {
     samples: Work,
     direct: Work,
     views: Work,
+    rays: Work,
     sampling_busy_ms: f64,
     compositing_busy_ms: f64,
 }
@@ -59,6 +60,8 @@ pub(super) enum Kind {
     Sample,
     Direct,
     View,
+    /// Single rays, each counted.
+    Ray,
 }
 
 /// Filled by the render thread, read by the reports.
@@ -75,9 +78,10 @@ impl Meter {
             Kind::Sample => sums.samples.add(count, ms),
             Kind::Direct => sums.direct.add_warm(count, ms),
             Kind::View => sums.views.add_warm(count, ms),
+            Kind::Ray => sums.rays.add_warm(count, ms),
         }
         match kind {
-            Kind::Sample | Kind::Direct => sums.sampling_busy_ms += busy_ms,
+            Kind::Sample | Kind::Direct | Kind::Ray => sums.sampling_busy_ms += busy_ms,
             Kind::View => sums.compositing_busy_ms += busy_ms,
         }
     }
@@ -88,9 +92,11 @@ impl Meter {
         report.sample_ms = sums.samples.mean_ms();
         report.direct_ms = sums.direct.mean_ms();
         report.view_ms = sums.views.mean_ms();
+        report.ray_ms = sums.rays.mean_ms();
         report.samples_rendered = sums.samples.total;
         report.views_direct = sums.direct.total;
         report.views_composed = sums.views.total;
+        report.rays_traced = sums.rays.total;
         report.sampling_busy_ms = sums.sampling_busy_ms;
         report.compositing_busy_ms = sums.compositing_busy_ms;
     }

@@ -1,7 +1,7 @@
 //! The worker: joins a coordinator and renders what it is told to.
 //!
 //! `join` is its life with the coordinator, `views` and `samples` are the services it offers, `fetch` brings
-//! the samples together that a view needs, and `render` is the one thread that touches the two roles, fed by
+//! the samples together that a view needs, `trace` the pixels that none of them saw, and `render` is the one thread that touches the two roles, fed by
 //! `queue`. `store` holds the samples, `node` is what all of them share.
 
 mod claim;
@@ -15,6 +15,7 @@ mod render;
 mod samples;
 mod scene;
 mod store;
+mod trace;
 mod views;
 
 use std::net::SocketAddr;

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use argus_proto::Fault;
-use argus_scene::{Limits, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob};
+use argus_scene::{Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob};
 use parking_lot::Mutex;
 use tokio::sync::{Notify, oneshot};
 
@@ -13,7 +13,7 @@ use super::Config;
 use super::claim::claim;
 use super::fetch::Fetches;
 use super::meter::Meter;
-use super::queue::{Backlog, Queue, Rendered, SampleTask, ViewTask, Work};
+use super::queue::{Backlog, PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
@@ -145,7 +145,7 @@ impl Node {
         let mut report = Report {
             applied: told.applied,
             queued_samples: backlog.samples as u32,
-            queued_views: (backlog.views + backlog.direct) as u32,
+            queued_views: (backlog.views + backlog.direct + backlog.pixels) as u32,
             held: self.store.ids(),
             leaving: told.leaving,
             ..Report::default()
@@ -216,8 +216,25 @@ impl Node {
         }
     }
 
+    /// Renders some pixels of a view; after a lost device, once more. Dropping the future takes it back.
+    pub(super) async fn render_pixels(&self, job: &PixelJob) -> Result<Pixels, Fault> {
+        let mut again = true;
+        loop {
+            let (reply, done) = oneshot::channel();
+            let (waiting, claimed) = claim();
+            let task = PixelTask { job: job.clone(), claimed, reply };
+            self.queue.push_pixels(task).map_err(|_| self.overloaded("pixels"))?;
+            let rendered = done.await.unwrap_or_else(|_| Err(stopped()));
+            drop(waiting);
+            match rendered {
+                Err(RenderError::DeviceLost(_)) if again => again = false,
+                rendered => return Ok(rendered?),
+            }
+        }
+    }
+
     fn overloaded(&self, what: &str) -> Fault {
-        let Backlog { samples, views, direct } = self.queue.backlog();
+        let Backlog { samples, views, direct, .. } = self.queue.backlog();
         let what = format!("{samples} samples and {} views wait here, no more {what} fit", views + direct);
         Fault::Overloaded { what, retry_after: Duration::from_millis(250) }
     }

@@ -1,14 +1,17 @@
 //! What waits for the render thread.
 //!
-//! Samples go first, since views of this and of other processes wait for them; then batches of reconstructed
-//! and of direct views take turns, so that neither starves the other. The queues are bounded: what does not
+//! Samples go first, since views of this and of other processes wait for them; then pixels that no sample saw,
+//! since all else of their views is done; then batches of reconstructed and of direct views take turns, so that
+//! neither starves the other. The queues are bounded: what does not
 //! fit is turned away at once.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_scene::{Frame, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob};
+use argus_scene::{
+    Frame, PixelJob, Pixels, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob,
+};
 use parking_lot::{Condvar, Mutex};
 use tokio::sync::oneshot;
 
@@ -44,6 +47,13 @@ pub(super) struct SampleTask {
     pub(super) reply: oneshot::Sender<Result<Sample, RenderError>>,
 }
 
+/// Pixels that no sample saw, for the render thread.
+pub(super) struct PixelTask {
+    pub(super) job: PixelJob,
+    pub(super) claimed: Claimed,
+    pub(super) reply: oneshot::Sender<Result<Pixels, RenderError>>,
+}
+
 /// What the render thread does next.
 pub(super) enum Work {
     /// This is the scene from now on.
@@ -51,6 +61,7 @@ pub(super) enum Work {
     /// Make the sampler, so that the first sample does not wait for it.
     Prepare(oneshot::Sender<Result<(), RenderError>>),
     Samples(Vec<SampleTask>),
+    Pixels(Vec<PixelTask>),
     Views(Vec<ViewTask>),
     Direct(Vec<ViewTask>),
     Stop,
@@ -62,12 +73,14 @@ pub(super) struct Backlog {
     pub(super) samples: usize,
     pub(super) views: usize,
     pub(super) direct: usize,
+    pub(super) pixels: usize,
 }
 
 #[derive(Default)]
 struct State {
     orders: VecDeque<Work>,
     samples: VecDeque<SampleTask>,
+    pixels: VecDeque<PixelTask>,
     views: VecDeque<ViewTask>,
     direct: VecDeque<ViewTask>,
     in_work: Backlog,
@@ -132,6 +145,17 @@ impl Queue {
         Ok(())
     }
 
+    pub(super) fn push_pixels(&self, task: PixelTask) -> Result<(), Full> {
+        let mut state = self.state.lock();
+        state.forget_the_gone();
+        if state.stopped || state.pixels.len() >= self.max_views {
+            return Err(Full);
+        }
+        state.pixels.push_back(task);
+        self.filled.notify_one();
+        Ok(())
+    }
+
     /// Waits for work. What came before is done, whatever became of it.
     pub(super) fn next(&self) -> Work {
         let mut state = self.state.lock();
@@ -151,6 +175,7 @@ impl Queue {
             samples: state.samples.len() + state.in_work.samples,
             views: state.views.len() + state.in_work.views,
             direct: state.direct.len() + state.in_work.direct,
+            pixels: state.pixels.len() + state.in_work.pixels,
         }
     }
 }
@@ -159,6 +184,7 @@ impl State {
     /// Views that nobody waits for any more make room for others.
     fn forget_the_gone(&mut self) {
         self.samples.retain(|task| !task.claimed.is_gone());
+        self.pixels.retain(|task| !task.claimed.is_gone());
         self.views.retain(|task| !task.claimed.is_gone());
         self.direct.retain(|task| !task.claimed.is_gone());
     }
@@ -171,6 +197,12 @@ impl State {
             let batch: Vec<SampleTask> = self.samples.drain(..).collect();
             self.in_work.samples = batch.len();
             return Some(Work::Samples(batch));
+        }
+        if !self.pixels.is_empty() {
+            let count = self.pixels.len().min(max_direct_batch);
+            let batch: Vec<PixelTask> = self.pixels.drain(..count).collect();
+            self.in_work.pixels = batch.len();
+            return Some(Work::Pixels(batch));
         }
         let direct_turn = self.views.is_empty() || !self.direct_had_its_turn;
         if direct_turn && !self.direct.is_empty() {

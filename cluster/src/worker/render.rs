@@ -10,13 +10,14 @@ use std::sync::{Arc, Weak};
 use std::time::Instant;
 
 use argus_scene::{
-    Compositor, Frame, RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene,
+    Compositor, Frame, PixelJob, RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler,
+    Scene,
 };
 use tracing::{info, warn};
 
 use super::claim::Batch;
 use super::meter::{Kind, Meter};
-use super::queue::{Queue, Rendered, SampleTask, ViewTask, Work};
+use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::store::Store;
 use crate::RoleFactory;
 
@@ -73,6 +74,7 @@ impl Renderer {
                     let _ = reply.send(self.sampler().map(|_| ()));
                 }
                 Work::Samples(tasks) => self.samples(tasks),
+                Work::Pixels(tasks) => self.pixels(tasks),
                 Work::Views(tasks) => self.views(tasks),
                 Work::Direct(tasks) => self.direct(tasks),
             }
@@ -157,6 +159,26 @@ impl Renderer {
         let began = Instant::now();
         let results = self.guarded(|own| Ok(own.sampler()?.render_samples(&job, &batch.cancel)));
         self.record(Kind::Sample, &results, began, began);
+        deliver(tasks.into_iter().map(|task| task.reply), results);
+    }
+
+    fn pixels(&mut self, tasks: Vec<PixelTask>) {
+        let batch = Arc::new(Batch::default());
+        let tasks: Vec<PixelTask> = tasks.into_iter().filter(|task| task.claimed.join(&batch)).collect();
+        if tasks.is_empty() {
+            return;
+        }
+        let rays = |job: &PixelJob| job.pixels.len() * job.samples_per_pixel as usize;
+        let jobs: Vec<PixelJob> = tasks.iter().map(|task| task.job.clone()).collect();
+        let began = Instant::now();
+        let results = self.guarded(|own| Ok(own.sampler()?.render_pixels(&jobs, &batch.cancel)));
+        if let Ok(results) = &results {
+            let done = results.iter().zip(&jobs).filter(|(result, _)| result.is_ok());
+            let (rays, took) = (done.map(|(_, job)| rays(job)).sum(), began.elapsed());
+            if rays > 0 {
+                self.meter.add(Kind::Ray, rays, took, took);
+            }
+        }
         deliver(tasks.into_iter().map(|task| task.reply), results);
     }
 

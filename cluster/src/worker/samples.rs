@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::pin::Pin;
 use std::sync::Arc;
 
-use argus_proto::chunks::{sample_chunks, sample_hash, unchanged_chunk};
+use argus_proto::chunks::{pixel_chunks, sample_chunks, sample_hash, unchanged_chunk};
 use argus_proto::convert::scene_hash;
 use argus_proto::v1::samples_server::Samples;
 use argus_proto::{Fault, v1};
@@ -13,8 +13,8 @@ use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
 use tonic::{Request, Response, Status};
 
-use super::fetch;
 use super::node::Node;
+use super::{fetch, trace};
 
 /// Most samples of one subscription.
 const MAX_INDICES: usize = 1024;
@@ -27,7 +27,8 @@ pub(super) struct SamplesService {
     pub(super) node: Arc<Node>,
 }
 
-type Chunks = Pin<Box<dyn Stream<Item = Result<v1::SampleChunk, Status>> + Send>>;
+type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+type Chunks = Streamed<v1::SampleChunk>;
 
 #[tonic::async_trait]
 impl Samples for SamplesService {
@@ -53,6 +54,19 @@ impl Samples for SamplesService {
             let _in_work_until_sent = &active;
         });
         Ok(Response::new(Box::pin(chunks)))
+    }
+
+    type TraceStream = Streamed<v1::TraceChunk>;
+
+    async fn trace(&self, request: Request<v1::TraceRequest>) -> Result<Response<Self::TraceStream>, Status> {
+        let active = self.node.begin();
+        let job = trace::check(&self.node, request.into_inner())?;
+        let pixels = self.node.render_pixels(&job).await?;
+        let chunks = pixel_chunks(&pixels).map_err(Fault::from)?.into_iter().map(move |chunk| {
+            let _in_work_until_sent = &active;
+            Ok(chunk)
+        });
+        Ok(Response::new(Box::pin(futures::stream::iter(chunks))))
     }
 }
 

@@ -10,15 +10,18 @@ use argus_proto::status::invalid;
 use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
-use argus_scene::{Frame, InvalidField, Plan, RenderError, SampleId, SampleSetInfo, Stage, View, ViewJob};
+use argus_scene::{
+    Frame, Holes, InvalidField, Plan, RenderError, SampleId, SampleSetInfo, Stage, View, ViewJob,
+};
 use futures::Stream;
 use futures::future::try_join_all;
 use tokio::time::Instant;
 use tonic::{Request, Response, Status, Streaming};
+use tracing::warn;
 
-use super::fetch;
 use super::node::Node;
 use super::queue::Rendered;
+use super::{fetch, trace};
 
 /// The service.
 pub(super) struct ViewsService {
@@ -33,6 +36,10 @@ struct Ordered {
     info: Arc<SampleSetInfo>,
     /// The plan's samples in its order, with where to fetch each.
     samples: Vec<(SampleId, Vec<String>)>,
+    /// Who traces what no sample saw, where the plan wants that.
+    tracers: Vec<String>,
+    /// Exactly this plan, or no frame.
+    pinned: bool,
 }
 
 #[tonic::async_trait]
@@ -59,7 +66,10 @@ impl Views for ViewsService {
         let age_ms = order.age_ms;
         let ordered = check(&self.node, request.view, order)?;
         let encoding = v1::Encoding::try_from(request.encoding).unwrap_or(v1::Encoding::Unspecified);
-        let answer = render(&self.node, ordered);
+        let deadline = (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into()));
+        // What is left of it is for packing a frame whose holes could not be traced in time.
+        let trace_until = deadline.map(|deadline| arrived + deadline.mul_f64(0.9));
+        let answer = traced(&self.node, &ordered, trace_until);
         let frame = match request.deadline_ms {
             0 => answer.await?,
             ms => {
@@ -118,16 +128,43 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         info.rig.camera(id.index)?;
         samples.push((*id, addresses.remove(id).unwrap_or_default()));
     }
-    let View { camera, width, height, outputs, .. } = view;
+    let View { camera, width, height, outputs, pin, .. } = view;
     let time_secs = info.time_secs();
     let job = ViewJob { camera, width, height, outputs, plan, epoch: order.epoch, time_secs };
-    Ok(Ordered { job, info, samples })
+    Ok(Ordered { job, info, samples, tracers: order.tracers, pinned: pin.is_some() })
 }
 
-/// The frame, with the stages before the role's own. If the device is lost, or the compositor misses what it
-/// was given, everything is done once more, in a batch of its own: a view that takes devices down shall not
-/// take its neighbours down twice.
-async fn render(node: &Arc<Node>, ordered: Ordered) -> Result<Frame, Fault> {
+/// The frame, with what no sample saw traced where the plan wants that. A frame whose holes nobody traces is
+/// delivered with them marked, under a plan that says so; a pinned one is left to another worker.
+async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> Result<Frame, Fault> {
+    let Plan::Warp(warp) = &ordered.job.plan else {
+        return render(node, ordered, &ordered.job).await;
+    };
+    if warp.holes != Holes::Trace {
+        return render(node, ordered, &ordered.job).await;
+    }
+    let mut job = ordered.job.clone();
+    job.outputs.mask = true;
+    let mut frame = render(node, ordered, &job).await?;
+    if let Err(fault) = trace::fill(node, &job, warp, &ordered.tracers, until, &mut frame).await {
+        if ordered.pinned {
+            return Err(fault);
+        }
+        warn!(%fault, "a frame is delivered with its holes marked instead of traced");
+        if let Plan::Warp(done) = &mut frame.provenance.plan {
+            done.holes = Holes::Mark;
+        }
+    }
+    if !ordered.job.outputs.mask {
+        frame.mask = None;
+    }
+    Ok(frame)
+}
+
+/// The frame as composed or rendered, with the stages before the role's own. If the device is lost, or the
+/// compositor misses what it was given, everything is done once more, in a batch of its own: a view that takes
+/// devices down shall not take its neighbours down twice.
+async fn render(node: &Arc<Node>, ordered: &Ordered, job: &ViewJob) -> Result<Frame, Fault> {
     let mut again = false;
     loop {
         let began = Instant::now();
@@ -136,7 +173,7 @@ async fn render(node: &Arc<Node>, ordered: Ordered) -> Result<Frame, Fault> {
         });
         let samples = try_join_all(fetches).await?;
         let samples_ms = began.elapsed().as_secs_f64() * 1e3;
-        let rendered = node.render_view(ordered.job.clone(), ordered.info.clone(), samples, again).await;
+        let rendered = node.render_view(job.clone(), ordered.info.clone(), samples, again).await;
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
                 let mut stages = vec![Stage::new("queue", queue_ms)];

@@ -1,4 +1,4 @@
-//! Frames, samples and scenes in pieces of at most [`MAX_CHUNK_BYTES`].
+//! Frames, samples, traced pixels and scenes in pieces of at most [`MAX_CHUNK_BYTES`].
 //!
 //! Each begins with a header that says how many bytes follow. Bytes carry their offset, so that a repeated or
 //! skipped chunk is noticed; whatever a header claims is compared with what its receiver expects before
@@ -6,10 +6,12 @@
 
 mod bundle;
 mod frame;
+mod pixels;
 mod sample;
 
 pub use bundle::{Bundle, BundleAssembler, BundleSource, bundle_chunks, procedural_chunk};
 pub use frame::{FrameAssembler, FrameMeta, frame_chunks};
+pub use pixels::{MAX_TRACE_PIXELS, PixelAssembler, joined, pixel_chunks, trace_job, trace_requests};
 pub use sample::{Received, SampleAssembler, sample_chunks, sample_hash, unchanged_chunk};
 
 use bytes::{Bytes, BytesMut};

@@ -135,6 +135,14 @@ impl Sim {
     }
 
     pub(super) fn ask_with(&mut self, direct: bool, deadline: Option<Duration>) -> Ticket {
+        self.ask_by(PlanRequest { direct, ..PlanRequest::default() }, deadline)
+    }
+
+    pub(super) fn ask_for(&mut self, plan: PlanRequest) -> Ticket {
+        self.ask_by(plan, None)
+    }
+
+    fn ask_by(&mut self, plan: PlanRequest, deadline: Option<Duration>) -> Ticket {
         let ticket = Ticket(self.next);
         self.next += 1;
         let view = Box::new(View {
@@ -142,7 +150,7 @@ impl Sim {
             width: 200,
             height: 150,
             outputs: Outputs::COLOR,
-            plan: PlanRequest { direct, ..PlanRequest::default() },
+            plan,
             pin: None,
         });
         self.step(Event::Asked { ticket, view, deadline });
@@ -187,6 +195,17 @@ impl Sim {
             self.report_all();
             self.step(Event::Tick);
         }
+    }
+
+    /// The first of those that sample.
+    pub(super) fn sampler(&self) -> WorkerId {
+        let status = self.core.status();
+        let name = status.workers.iter().find(|w| w.role.is_some_and(Role::samples)).map(|w| &w.hello.name);
+        *self.workers.iter().find(|(_, w)| Some(&w.name) == name).map(|(id, _)| id).unwrap()
+    }
+
+    pub(super) fn address(&self, id: WorkerId) -> String {
+        format!("http://{}", self.workers[&id].name)
     }
 
     pub(super) fn roles(&self) -> (u32, u32) {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Camera, Outputs, PlanRequest, View};
+use argus_scene::{Camera, Holes, Outputs, PlanRequest, View};
 use glam::DVec3;
 
 use super::sim::Sim;
@@ -151,6 +151,44 @@ fn views_spread_over_compositors_and_ask_the_same_sampler_for_the_same_sample() 
     }
     assert_eq!(count.len(), 3);
     assert!(count.values().all(|n| (8..=12).contains(n)), "{count:?}");
+}
+
+#[test]
+fn a_view_whose_holes_shall_be_traced_names_the_samplers_that_can() {
+    let mut sim = Sim::with_workers(4);
+    assert!(sim.orders.is_empty());
+    let marked = sim.ask(false);
+    assert!(sim.orders[&marked].tracers.is_empty(), "nothing to trace");
+    let wish = PlanRequest { holes: Some(Holes::Trace), ..PlanRequest::default() };
+    let first = sim.ask_for(wish);
+    let sampler = sim.sampler();
+    assert_eq!(sim.orders[&first].tracers, [sim.address(sampler)]);
+    // Its death leaves the view with its compositor; the next view has another to ask.
+    sim.leave(sampler);
+    let second = sim.ask_for(wish);
+    let successor = sim.sampler();
+    assert_eq!(sim.orders[&second].tracers, [sim.address(successor)]);
+    sim.answer_all();
+    assert!(sim.answered.contains(&first) && sim.answered.contains(&second));
+    // The only worker traces for itself.
+    let mut alone = Sim::with_workers(1);
+    let ticket = alone.ask_for(wish);
+    let worker = alone.orders[&ticket].worker;
+    assert_eq!(alone.orders[&ticket].tracers, [alone.address(worker)]);
+}
+
+#[test]
+fn rays_that_were_traced_count_as_demand_and_cost() {
+    let mut sim = Sim::with_workers(2);
+    let sampler = sim.sampler();
+    for _ in 0..20 {
+        let report = &mut sim.workers.get_mut(&sampler).unwrap().report;
+        (report.rays_traced, report.ray_ms) = (report.rays_traced + 1000, Some(0.01));
+        sim.second(40, 0);
+    }
+    let status = sim.core.status();
+    assert!((status.rays_per_tick - 1000.0).abs() < 10.0, "{}", status.rays_per_tick);
+    assert!((status.ray_ms - 0.01).abs() < 1e-6, "{}", status.ray_ms);
 }
 
 #[test]

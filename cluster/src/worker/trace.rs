@@ -1,0 +1,196 @@
+//! Pixels that no sample saw: found in a composed frame, traced by whoever samples, put in their place.
+//!
+//! The cost follows the holes and not the view. Those who can trace are asked one after the other; where none
+//! of them does, the frame still stands with its holes marked, and its provenance says so.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_proto::chunks::{PixelAssembler, joined, trace_requests};
+use argus_proto::v1::samples_client::SamplesClient;
+use argus_proto::{Fault, v1};
+use argus_scene::{Frame, PixelJob, Pixels, SceneHash, Stage, ViewJob, Warp};
+use bytes::Bytes;
+use tokio::time::Instant;
+use tracing::warn;
+
+use super::node::Node;
+
+/// In the mask: no sample saw the pixel, and it is a guess.
+const GUESSED: u8 = 255;
+/// In the mask: no sample saw the pixel, and it was traced.
+const TRACED: u8 = 128;
+/// In the confidence: as sure as can be.
+const EXACT: u8 = 255;
+
+/// Traces what the frame's mask, which it must hold, marks as guesses. Asks `tracers` in their order, at most
+/// until `until`; this process itself where there are none.
+///
+/// # Errors
+/// What the last of them said; the frame is then as it was.
+pub(super) async fn fill(
+    node: &Arc<Node>,
+    job: &ViewJob,
+    warp: &Warp,
+    tracers: &[String],
+    until: Option<Instant>,
+    frame: &mut Frame,
+) -> Result<(), Fault> {
+    let began = Instant::now();
+    let pixels = guessed(frame);
+    if pixels.is_empty() {
+        return Ok(());
+    }
+    let job = PixelJob {
+        camera: job.camera,
+        width: job.width,
+        height: job.height,
+        pixels,
+        samples_per_pixel: warp.supersampling * warp.supersampling,
+        epoch: job.epoch,
+    };
+    let scene = frame.provenance.scene;
+    let himself = [node.hello.address.clone()];
+    let tracers = if tracers.is_empty() { &himself[..] } else { tracers };
+    let mut last = Fault::Unavailable("nobody traces".to_owned());
+    for address in tracers {
+        let left = until.map_or(Duration::MAX, |until| until.saturating_duration_since(Instant::now()));
+        let attempt = async {
+            match *address == node.hello.address {
+                true => node.render_pixels(&job).await,
+                false => by_other(node, &job, scene, address).await,
+            }
+        };
+        let traced = tokio::time::timeout(left.min(node.config.trace_timeout), attempt)
+            .await
+            .unwrap_or_else(|_| Err(Fault::Unavailable(format!("{address} did not trace in time"))));
+        match traced {
+            Ok(traced) => {
+                patch(frame, &job.pixels, &traced);
+                frame.stages.push(Stage::new("trace holes", began.elapsed().as_secs_f64() * 1e3));
+                return Ok(());
+            }
+            Err(fault) => {
+                warn!(address, %fault, "pixels that no sample saw are not traced there");
+                last = fault;
+            }
+        }
+    }
+    Err(last)
+}
+
+/// The pixels that are guesses, ascending.
+fn guessed(frame: &Frame) -> Vec<u32> {
+    let mask = frame.mask.as_deref().unwrap_or_default();
+    (0..).zip(mask).filter(|(_, value)| **value == GUESSED).map(|(pixel, _)| pixel).collect()
+}
+
+async fn by_other(node: &Node, job: &PixelJob, scene: SceneHash, address: &str) -> Result<Pixels, Fault> {
+    let mut client = SamplesClient::new(node.channels.to(address)?);
+    let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
+    let mut parts = Vec::new();
+    for (request, count) in trace_requests(job, scene) {
+        let mut chunks = client.trace(request).await.map_err(unavailable)?.into_inner();
+        let mut assembler = PixelAssembler::new(count);
+        while let Some(chunk) = chunks.message().await.map_err(unavailable)? {
+            assembler.push(chunk)?;
+        }
+        parts.push(assembler.finish()?);
+    }
+    Ok(joined(parts))
+}
+
+/// The job of a request, as this worker may do it.
+///
+/// # Errors
+/// [`Fault::NotFound`] for another scene or epoch than the one that is served, [`Fault::Invalid`] for what is
+/// malformed.
+pub(super) fn check(node: &Node, request: v1::TraceRequest) -> Result<PixelJob, Fault> {
+    let (info, limits) = node.set()?;
+    let (scene, job) = argus_proto::chunks::trace_job(request, &limits)?;
+    if scene != info.scene || job.epoch != info.epoch {
+        let reason = format!("scene {scene}, epoch {} are not served here", job.epoch);
+        return Err(Fault::NotFound(reason));
+    }
+    Ok(job)
+}
+
+/// Puts traced pixels, which are as many as `pixels`, in their places.
+fn patch(frame: &mut Frame, pixels: &[u32], traced: &Pixels) {
+    let place = |image: &mut Option<Bytes>, bytes: usize, texel: &dyn Fn(usize) -> Option<[u8; 4]>| {
+        let Some(image) = image else { return };
+        let mut patched = Vec::from(std::mem::take(image));
+        for (i, &pixel) in pixels.iter().enumerate() {
+            let at = pixel as usize * bytes;
+            if let (Some(to), Some(from)) = (patched.get_mut(at..at + bytes), texel(i)) {
+                to.copy_from_slice(&from[..bytes]);
+            }
+        }
+        *image = patched.into();
+    };
+    let (colors, ranges) = (traced.color.as_chunks::<3>().0, traced.range.as_chunks::<4>().0);
+    place(&mut frame.color, 3, &|i| colors.get(i).map(|&[r, g, b]| [r, g, b, 0]));
+    place(&mut frame.range, 4, &|i| ranges.get(i).copied());
+    place(&mut frame.mask, 1, &|_| Some([TRACED; 4]));
+    place(&mut frame.source, 1, &|_| Some([0; 4]));
+    place(&mut frame.confidence, 1, &|_| Some([EXACT; 4]));
+    let count = pixels.len() as u64;
+    frame.served.traced += count;
+    frame.served.unresolved = frame.served.unresolved.saturating_sub(count);
+    // All that was guessed is traced now.
+    frame.unresolved_fraction = 0.0;
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Plan, Provenance, Served};
+
+    use super::*;
+
+    #[test]
+    fn traced_pixels_take_the_place_of_guesses_in_every_image() {
+        let bytes = |n: usize, value: u8| Some(Bytes::from(vec![value; n]));
+        let mut frame = Frame {
+            width: 2,
+            height: 2,
+            color: bytes(12, 9),
+            range: bytes(16, 0),
+            mask: Some(Bytes::from_static(&[0, 255, 0, 255])),
+            source: bytes(4, 3),
+            confidence: Some(Bytes::from_static(&[200, 0, 100, 0])),
+            unresolved_fraction: 0.5,
+            served: Served { warped: 2, unresolved: 2, ..Served::default() },
+            predicted: None,
+            provenance: Provenance {
+                scene: SceneHash([0; 32]),
+                epoch: 0,
+                generation: 1,
+                plan: Plan::Warp(Warp::default()),
+                device: String::new(),
+            },
+            stages: Vec::new(),
+        };
+        let pixels = guessed(&frame);
+        assert_eq!(pixels, [1, 3]);
+        let traced = Pixels {
+            color: Bytes::from_static(&[1, 2, 3, 4, 5, 6]),
+            range: [1.5_f32, f32::INFINITY].iter().flat_map(|r| r.to_le_bytes()).collect(),
+            stages: Vec::new(),
+        };
+        patch(&mut frame, &pixels, &traced);
+        assert_eq!(frame.color.as_deref(), Some(&[9, 9, 9, 1, 2, 3, 9, 9, 9, 4, 5, 6][..]));
+        let ranges: Vec<f32> = frame
+            .range
+            .iter()
+            .flat_map(|r| r.as_chunks::<4>().0)
+            .map(|bytes| f32::from_le_bytes(*bytes))
+            .collect();
+        assert_eq!(ranges, [0.0, 1.5, 0.0, f32::INFINITY]);
+        assert_eq!(frame.mask.as_deref(), Some(&[0, TRACED, 0, TRACED][..]));
+        assert_eq!(frame.source.as_deref(), Some(&[3, 0, 3, 0][..]));
+        assert_eq!(frame.confidence.as_deref(), Some(&[200, EXACT, 100, EXACT][..]));
+        assert_eq!(frame.served, Served { warped: 2, traced: 2, ..Served::default() });
+        assert_eq!(frame.unresolved_fraction, 0.0);
+        assert!(guessed(&frame).is_empty());
+    }
+}
