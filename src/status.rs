@@ -41,6 +41,11 @@ fn print(status: &ClusterStatus) {
         status.direct_views_per_tick, status.direct_ms
     );
     println!("  single rays  R {:8.1} a tick,    {:8.2} µs each", status.rays_per_tick, status.ray_ms * 1e3);
+    let refinements = status.refinements;
+    println!(
+        "  refinements    {} of {} samples at hand where views have holes, {} more wanted",
+        refinements.usable, refinements.placed, refinements.wanted
+    );
     println!(
         "  tick           {:8.1} ms predicted, {:.1} ms measured",
         status.tick_predicted_ms, status.tick_measured_ms

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use argus_studies::{Report, baseline, bounds, burst, warp};
+use argus_studies::{Report, baseline, bounds, burst, walk, warp};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{args, output};
@@ -17,7 +17,8 @@ Examples:
   LP_NUM_THREADS=1 argus study baseline --out figures
   argus study baseline --scene model.glb --quick
   LP_NUM_THREADS=1 argus study warp --scene terrain:500000 --out figures
-  argus study burst --scene terrain:500000 --views 290")]
+  argus study burst --scene terrain:500000 --views 290
+  argus study walk --scene sponza.glb --laps 8")]
 pub(crate) struct Args {
     #[command(subcommand)]
     study: Study,
@@ -29,6 +30,7 @@ enum Study {
     Burst(Burst),
     Warp(Warp),
     Bounds(Bounds),
+    Walk(Walk),
 }
 
 /// What direct views, samples and both searches cost, and how close they come to the reference
@@ -100,6 +102,34 @@ struct Bounds {
     form: Form,
 }
 
+/// A walk through a scene, lap after lap: pixels that no sample saw, and how they vanish as samples are placed
+/// where views have holes
+#[derive(clap::Args)]
+struct Walk {
+    /// A file or `terrain[:TRIANGLES]` [default: terrain:50000]
+    #[arg(long, value_name = "S")]
+    scene: Option<String>,
+    /// Viewpoints of a lap [default: 48]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    views: Option<u16>,
+    /// Laps [default: 6]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    laps: Option<u16>,
+    /// At most so many seconds between two laps, for samples to be placed [default: 60]
+    #[arg(long, value_name = "SECONDS", value_parser = args::positive)]
+    pause: Option<f64>,
+    /// Pixels of a view [default: 200x150]
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Option<[u32; 2]>,
+    /// Worker processes [default: 2]
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
+    workers: Option<u16>,
+    #[command(flatten)]
+    rig: args::Rig,
+    #[command(flatten)]
+    form: Form,
+}
+
 /// How long a study may take, and what becomes of its figures.
 #[derive(clap::Args)]
 struct Form {
@@ -165,6 +195,18 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
             let bar = progress.clone();
             let report = tokio::task::spawn_blocking(move || bounds::run(&options, &bar)).await??;
             ("bounds", form, report)
+        }
+        Study::Walk(Walk { scene, views, laps, pause, size, workers, rig, form }) => {
+            let mut options = if form.quick { walk::Options::quick() } else { walk::Options::default() };
+            options.scene = scene.unwrap_or(options.scene);
+            options.views = views.map_or(options.views, usize::from);
+            options.laps = laps.map_or(options.laps, usize::from);
+            options.pause_secs = pause.unwrap_or(options.pause_secs);
+            options.size = size.unwrap_or(options.size);
+            options.workers = workers.map_or(options.workers, usize::from);
+            options.serve = rig.to_arguments();
+            let report = walk::run(&std::env::current_exe()?, &options, &progress).await?;
+            ("walk", form, report)
         }
     };
     progress.finish_and_clear();

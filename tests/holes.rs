@@ -6,7 +6,7 @@ mod support;
 use std::process::Stdio;
 use std::time::Duration;
 
-use argus_scene::{Camera, Frame, Holes, Output, Plan, PlanRequest, View};
+use argus_scene::{Camera, Frame, Holes, Output, Outputs, Plan, PlanRequest, View};
 use glam::DVec3;
 use serde_json::Value;
 use support::wire::{Wire, small_view};
@@ -40,7 +40,7 @@ async fn traced_holes_are_the_direct_views_pixels_and_nothing_else_changes() {
         let (marked, _) = wire.render((&low_view(marked)).into()).await.unwrap();
         let (traced, meta) = wire.render((&low_view(trace)).into()).await.unwrap();
         let direct = PlanRequest { direct: true, ..plan };
-        let direct = View { outputs: small_view(Camera::default()).outputs, ..low_view(direct) };
+        let direct = View { outputs: Outputs { range: true, ..Outputs::COLOR }, ..low_view(direct) };
         let (direct, _) = wire.render((&direct).into()).await.unwrap();
 
         let holes = bytes(&marked, Output::Mask).iter().filter(|value| **value == GUESSED).count();

@@ -33,4 +33,4 @@ pub use connect::{Client, ConnectOptions};
 pub use error::ClientError;
 pub use render::{Answer, RenderOptions};
 pub use session::{Session, SessionEvent, SessionOptions};
-pub use status::{ClusterStatus, CounterStatus, WorkerStatus};
+pub use status::{ClusterStatus, CounterStatus, Refinements, WorkerStatus};

@@ -37,6 +37,8 @@ pub struct ClusterStatus {
     pub rays_per_tick: f64,
     /// g_ray: cost of a single ray, milliseconds.
     pub ray_ms: f64,
+    /// Samples beside the rig's own cameras, taken where views have holes.
+    pub refinements: Refinements,
     /// What the balance formula says a tick takes, milliseconds.
     pub tick_predicted_ms: f64,
     /// What it took, milliseconds.
@@ -125,6 +127,7 @@ impl From<v1::StatusResponse> for ClusterStatus {
             view_ms: number(wire.view_ms),
             direct_views_per_tick: number(wire.direct_views_per_tick),
             direct_ms: number(wire.direct_ms),
+            refinements: wire.refinements.map(Into::into).unwrap_or_default(),
             rays_per_tick: number(wire.rays_per_tick),
             ray_ms: number(wire.ray_ms),
             tick_predicted_ms: number(wire.tick_predicted_ms),
@@ -185,5 +188,22 @@ impl From<v1::Counters> for CounterStatus {
             workers_lost: wire.workers_lost,
             sessions_open: wire.sessions_open,
         }
+    }
+}
+/// How far refining has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Refinements {
+    /// Places that views would gain from and that have no sample yet.
+    pub wanted: u32,
+    /// Samples that workers were told to have at hand.
+    pub placed: u32,
+    /// Those that are where views are composed, so that plans name them.
+    pub usable: u32,
+}
+
+impl From<v1::Refinements> for Refinements {
+    fn from(wire: v1::Refinements) -> Self {
+        let v1::Refinements { wanted, placed, usable } = wire;
+        Self { wanted, placed, usable }
     }
 }

@@ -116,14 +116,17 @@ pub(crate) fn scene_ref(scene: &SceneRef) -> v1::SceneRef {
 }
 
 pub(crate) fn assignment(assignment: Assignment, standing: &Standing, set: &SampleSetInfo) -> v1::Assignment {
+    let (render, fetch): (Vec<Source>, Vec<Source>) =
+        assignment.ahead.into_iter().partition(|source| source.addresses.is_empty());
+    let render_ahead = render.into_iter().map(|source| source.id.index).collect();
     v1::Assignment {
         term: standing.term,
         sequence: assignment.sequence,
         role: role(assignment.role) as i32,
         scene: Some(scene_ref(&standing.scene)),
         set: Some(set.into()),
-        render_ahead: Vec::new(),
-        sources: Vec::new(),
+        render_ahead,
+        sources: sources(fetch),
         limits: Some(standing.limits.into()),
         report_interval_ms: u32::try_from(standing.report_interval.as_millis()).unwrap_or(u32::MAX),
     }
@@ -167,6 +170,11 @@ pub(crate) fn status(status: Status, standing: &Standing, set: &SampleSetInfo) -
         }),
         direct_views_per_tick: status.direct_views_per_tick,
         direct_ms: status.direct_ms,
+        refinements: Some(v1::Refinements {
+            wanted: status.refinements.wanted,
+            placed: status.refinements.placed,
+            usable: status.refinements.usable,
+        }),
         rays_per_tick: status.rays_per_tick,
         ray_ms: status.ray_ms,
     }

@@ -2,10 +2,18 @@
 //!
 //! A rig is a pure function from an index to a camera, known to every process, so that an order for a
 //! sample is two numbers and no process needs another's word for where a sample was taken.
+//!
+//! Beside its own cameras a rig has *refinements*: cameras of the same kind, level by level denser, that are
+//! taken where the own ones leave pixels that none of them saw.
+
+mod lattice;
+mod tile;
 
 use glam::{DVec3, IVec3};
 use serde::{Deserialize, Serialize};
 
+use self::lattice::Point;
+use self::tile::Tile;
 use crate::scene::RigKind;
 use crate::{Bounds, Camera, InvalidField, OmniLayout, SampleCamera, Scene};
 
@@ -24,8 +32,9 @@ pub enum Rig {
         /// Texels of a sample: width, height.
         size: [u32; 2],
     },
-    /// Omni cameras on a lattice; a viewpoint is served by the corners of the cell it is in. The index packs
-    /// the corner's three lattice coordinates, 21 bits each.
+    /// Omni cameras on a lattice; a viewpoint is served by the corners of the cell it is in. Refinements are the
+    /// points of lattices with half the spacing, a quarter, and so on. The index packs a point's three
+    /// coordinates, 20 bits each, and its level.
     Cell {
         /// Where lattice coordinate (0, 0, 0) lies.
         origin: DVec3,
@@ -51,8 +60,8 @@ pub struct RigKnobs {
     pub face: Option<u32>,
 }
 
-/// Lattice coordinates are stored with this offset, in 21 bits.
-const LATTICE_BIAS: i32 = 1 << 20;
+/// Refinements have levels 1 to this: a lattice's spacing falls to a sixteenth.
+pub const MAX_LEVEL: u32 = 4;
 
 impl Rig {
     /// The rig for a scene: the paper's 400×300 cameras over one tile, or cells a sixteenth as long as the
@@ -105,72 +114,149 @@ impl Rig {
     pub fn camera(&self, index: u64) -> Result<SampleCamera, InvalidField> {
         let unknown = || InvalidField::new("sample.index", format!("this rig has no camera {index}"));
         match *self {
-            Self::TileCorners { tiles, size: [width, height_px], .. } => {
-                if index >= 4 * u64::from(tiles[0]) * u64::from(tiles[1]) {
-                    return Err(unknown());
-                }
-                let (tile, corner) = (index / 4, index % 4);
-                let bounds = self.tile_bounds(tile);
-                let eye = self.tile_corner(bounds, corner);
-                let mut camera = Camera::look_at(eye, bounds.center());
-                camera.fov_deg = fov_around(&camera, bounds, width, height_px);
-                Ok(SampleCamera::Perspective { camera, width, height: height_px })
+            Self::TileCorners { size: [width, height], .. } => {
+                let (tile, eye) = self.tile_camera(index).ok_or_else(unknown)?;
+                let mut camera = Camera::look_at(eye, tile.bounds.center());
+                camera.fov_deg = tile.fov_around(&camera, width, height);
+                Ok(SampleCamera::Perspective { camera, width, height })
             }
-            Self::Cell { origin, spacing, face } => {
-                let c = lattice_from_index(index).ok_or_else(unknown)?;
-                let center = origin + c.as_dvec3() * spacing;
+            Self::Cell { face, .. } => {
+                let center = self.lattice_point(index).ok_or_else(unknown)?;
                 Ok(SampleCamera::Omni { center, layout: OmniLayout::CubeFaces { face } })
             }
         }
     }
 
-    /// The `count` cameras that serve a viewpoint best, best first; fewer where the rig has fewer. Always the
-    /// same for the same camera.
+    /// How fine the refinement is that an index stands for; 0 for one of the rig's own cameras, `None` for none.
+    pub fn level(&self, index: u64) -> Option<u32> {
+        match *self {
+            Self::Cell { .. } => Point::from_index(index).map(|point| point.level),
+            Self::TileCorners { .. } => {
+                let own = 4 * self.tile_count();
+                self.tile_camera(index)?;
+                let slot = index.checked_sub(own).map(|refined| refined % tile::REFINED);
+                Some(slot.map_or(0, tile::level_of))
+            }
+        }
+    }
+
+    /// The rig's own `count` cameras that serve a viewpoint best, best first; fewer where the rig has fewer.
+    /// Always the same for the same camera.
     pub fn nearest(&self, camera: &Camera, count: usize) -> Vec<u64> {
+        self.nearest_among(camera, count, &[])
+    }
+
+    /// The `count` cameras that serve a viewpoint best, best first, of the rig's own and of those `refined` ones.
+    /// A function of its arguments alone, whatever their order.
+    pub fn nearest_among(&self, camera: &Camera, count: usize, refined: &[u64]) -> Vec<u64> {
         let mut ranked: Vec<(f64, u64)> = match *self {
-            Self::TileCorners { tiles, .. } => {
-                let tile = self.tile_looked_at(camera);
-                let bounds = self.tile_bounds(tile);
+            Self::TileCorners { .. } => {
+                let number = self.tile_looked_at(camera);
+                let tile = self.tile(number);
                 // The smaller the angle at the tile's centre between eye and sample camera, the more of the
                 // same surfaces both see.
-                let to_eye = (camera.eye - bounds.center()).normalize_or(DVec3::Y);
-                let angle = |eye: DVec3| -to_eye.dot((eye - bounds.center()).normalize_or(DVec3::Y));
-                debug_assert!(tile < u64::from(tiles[0]) * u64::from(tiles[1]));
-                (0..4).map(|corner| (angle(self.tile_corner(bounds, corner)), 4 * tile + corner)).collect()
+                let center = tile.bounds.center();
+                let to_eye = (camera.eye - center).normalize_or(DVec3::Y);
+                let angle = |eye: DVec3| -to_eye.dot((eye - center).normalize_or(DVec3::Y));
+                let own = (0..4).map(|corner| 4 * number + corner);
+                let first = 4 * self.tile_count() + number * tile::REFINED;
+                let of_tile = refined.iter().copied().filter(|i| (first..first + tile::REFINED).contains(i));
+                let eye_of = |index| self.tile_camera(index).map(|(_, eye)| (angle(eye), index));
+                own.chain(of_tile).filter_map(eye_of).collect()
             }
-            Self::Cell { origin, spacing, .. } => {
-                let limit = f64::from(LATTICE_BIAS - 2);
-                let at = ((camera.eye - origin) / spacing).clamp(DVec3::splat(-limit), DVec3::splat(limit));
-                let base = at.floor().as_ivec3();
-                (0..8)
-                    .map(|i| {
-                        let corner = base + IVec3::new(i & 1, (i >> 1) & 1, i >> 2);
-                        ((corner.as_dvec3() - at).length_squared(), index_from_lattice(corner))
-                    })
-                    .collect()
+            Self::Cell { .. } => {
+                let base = self.lattice_coordinates(camera.eye, 0).floor().as_ivec3();
+                let corners = (0..8).map(|i| {
+                    let at = base + IVec3::new(i & 1, (i >> 1) & 1, i >> 2);
+                    Point { level: 0, at }.index()
+                });
+                let distance = |index| {
+                    self.lattice_point(index).map(|center| ((center - camera.eye).length_squared(), index))
+                };
+                corners.chain(refined.iter().copied()).filter_map(distance).collect()
             }
         };
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        ranked.dedup();
         ranked.into_iter().take(count).map(|(_, index)| index).collect()
     }
 
-    /// Box of one tile, the scene's full height.
-    fn tile_bounds(&self, tile: u64) -> Bounds {
-        let Self::TileCorners { bounds, tiles, .. } = *self else { return Bounds::EMPTY };
-        let size = bounds.size() / DVec3::new(f64::from(tiles[0]), 1.0, f64::from(tiles[1]));
-        let columns = u64::from(tiles[0]);
-        let min = bounds.min + size * DVec3::new((tile % columns) as f64, 0.0, (tile / columns) as f64);
-        Bounds { min, max: min + size }
+    /// The camera of a level, 1 to [`MAX_LEVEL`], that is closest to a viewpoint: where a further sample saves it
+    /// the most holes. It may be one of a coarser level or the rig's own, where those have it; `None` where there
+    /// is none that could be outside of the scene's surfaces.
+    pub fn refinement(&self, camera: &Camera, level: u32) -> Option<u64> {
+        let level = level.clamp(1, MAX_LEVEL);
+        match *self {
+            Self::TileCorners { bounds, .. } => {
+                let number = self.tile_looked_at(camera);
+                let tile = self.tile(number);
+                let slot = tile.nearest_slot(camera.eye, level);
+                // Another tile's surfaces may be anywhere within the scene's box.
+                let outside = tile.refined(slot).is_some_and(|eye| !bounds.contains(eye));
+                outside.then_some(4 * self.tile_count() + number * tile::REFINED + slot)
+            }
+            Self::Cell { .. } => {
+                let at = self.lattice_coordinates(camera.eye, level).round().as_ivec3();
+                Some(Point { level, at }.coarsest().index())
+            }
+        }
     }
 
-    /// Where the camera above one corner of a tile stands.
-    fn tile_corner(&self, tile: Bounds, corner: u64) -> DVec3 {
-        let Self::TileCorners { height, .. } = *self else { return DVec3::ZERO };
-        let size = tile.size();
+    /// Texels of one sample.
+    pub fn sample_texels(&self) -> u64 {
+        match *self {
+            Self::TileCorners { size: [width, height], .. } => u64::from(width) * u64::from(height),
+            Self::Cell { face, .. } => 6 * u64::from(face) * u64::from(face),
+        }
+    }
+
+    /// A viewpoint in units of a level's spacing, kept where indices reach.
+    fn lattice_coordinates(&self, eye: DVec3, level: u32) -> DVec3 {
+        let Self::Cell { origin, spacing, .. } = *self else { return DVec3::ZERO };
+        let limit = DVec3::splat(lattice::LIMIT);
+        ((eye - origin) / spacing * f64::from(1_u32 << level)).clamp(-limit, limit)
+    }
+
+    /// Where the point of an index lies, metres.
+    fn lattice_point(&self, index: u64) -> Option<DVec3> {
+        let Self::Cell { origin, spacing, .. } = *self else { return None };
+        let point = Point::from_index(index)?;
+        Some(origin + point.at.as_dvec3() * (spacing / f64::from(1_u32 << point.level)))
+    }
+
+    fn tile_count(&self) -> u64 {
+        let Self::TileCorners { tiles: [x, z], .. } = *self else { return 0 };
+        u64::from(x) * u64::from(z)
+    }
+
+    /// The tile that a camera belongs to, and where the camera stands.
+    fn tile_camera(&self, index: u64) -> Option<(Tile, DVec3)> {
+        let own = 4 * self.tile_count();
+        let (number, refined) = match index.checked_sub(own) {
+            None => (index / 4, None),
+            Some(beyond) => (beyond / tile::REFINED, Some(beyond % tile::REFINED)),
+        };
+        if number >= self.tile_count() {
+            return None;
+        }
+        let tile = self.tile(number);
+        let eye = match refined {
+            None => tile.corner(index % 4),
+            Some(slot) => tile.refined(slot)?,
+        };
+        Some((tile, eye))
+    }
+
+    /// A tile by its number.
+    fn tile(&self, number: u64) -> Tile {
+        let Self::TileCorners { bounds, tiles, height, .. } = *self else {
+            return Tile { bounds: Bounds::EMPTY, above: 0.0 };
+        };
+        let size = bounds.size() / DVec3::new(f64::from(tiles[0]), 1.0, f64::from(tiles[1]));
+        let columns = u64::from(tiles[0]);
+        let min = bounds.min + size * DVec3::new((number % columns) as f64, 0.0, (number / columns) as f64);
         let above = 0.5 * height * size.x.max(size.z).max(size.y * 0.5).max(1e-6);
-        let x = if corner & 1 == 0 { tile.min.x } else { tile.max.x };
-        let z = if corner & 2 == 0 { tile.min.z } else { tile.max.z };
-        DVec3::new(x, tile.max.y + above, z)
+        Tile { bounds: Bounds { min, max: min + size }, above }
     }
 
     /// The tile that a camera's optical axis meets at half the scene's height, or the one closest to that.
@@ -195,39 +281,6 @@ impl Rig {
     }
 }
 
-/// The smallest vertical field of view, degrees, within which an image of `width` × `height` pixels shows
-/// the whole box; at most 150° where the camera is too close.
-fn fov_around(camera: &Camera, bounds: Bounds, width: u32, height: u32) -> f64 {
-    let view_from_world = camera.view_from_world();
-    let aspect = f64::from(width) / f64::from(height);
-    let mut tangent: f64 = 1e-3;
-    for i in 0..8 {
-        let pick = |bit: i32, min: f64, max: f64| if i & bit == 0 { min } else { max };
-        let corner = DVec3::new(
-            pick(1, bounds.min.x, bounds.max.x),
-            pick(2, bounds.min.y, bounds.max.y),
-            pick(4, bounds.min.z, bounds.max.z),
-        );
-        let p = view_from_world * (corner - camera.eye);
-        let depth = (-p.z).max(1e-9);
-        tangent = tangent.max((p.y / depth).abs()).max((p.x / depth).abs() / aspect);
-    }
-    // A margin of 1%, so that the border's texels are inside the image.
-    (2.0 * (tangent * 1.01).atan()).to_degrees().min(150.0)
-}
-
-/// Packs lattice coordinates, each within ±(2²⁰ − 1), into an index.
-fn index_from_lattice(c: IVec3) -> u64 {
-    let pack = |v: i32| (v + LATTICE_BIAS) as u64 & 0x1f_ffff;
-    pack(c.x) | pack(c.y) << 21 | pack(c.z) << 42
-}
-
-/// Inverse of [`index_from_lattice`]; `None` for what it never makes.
-fn lattice_from_index(index: u64) -> Option<IVec3> {
-    let unpack = |shift: u32| ((index >> shift) & 0x1f_ffff) as i32 - LATTICE_BIAS;
-    (index >> 63 == 0).then(|| IVec3::new(unpack(0), unpack(21), unpack(42)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -244,25 +297,27 @@ mod tests {
     #[test]
     fn a_tiles_cameras_see_all_of_its_box() {
         let rig = tile();
-        for index in 0..24 {
+        for index in (0..24).chain((24..24 + 6 * tile::REFINED).step_by(37)) {
             let SampleCamera::Perspective { camera, width, height } = rig.camera(index).unwrap() else {
                 panic!("tile cameras are perspective")
             };
             camera.validate().unwrap();
-            let bounds = rig.tile_bounds(index / 4);
+            let bounds = rig.tile_camera(index).unwrap().0.bounds;
             let half = camera.tan_half_fov(width, height);
             for corner in [bounds.min, bounds.max] {
                 let p = camera.view_from_world() * (corner - camera.eye);
                 assert!(p.z < 0.0 && (p.truncate() / -p.z).abs().cmple(half).all(), "camera {index}");
             }
         }
-        assert_eq!(rig.camera(24).unwrap_err().field, "sample.index");
+        let beyond = 24 + 6 * tile::REFINED;
+        assert_eq!(rig.camera(beyond).unwrap_err().field, "sample.index");
+        assert_eq!(rig.level(beyond), None);
     }
 
     #[test]
     fn the_corner_above_the_eye_is_the_best_one() {
         let rig = tile();
-        let bounds = rig.tile_bounds(5);
+        let bounds = rig.tile(5).bounds;
         let SampleCamera::Perspective { camera, .. } = rig.camera(4 * 5 + 3).unwrap() else { panic!() };
         let view = Camera::look_at(camera.eye + DVec3::splat(0.1), bounds.center());
         let nearest = rig.nearest(&view, 4);
@@ -280,10 +335,6 @@ mod tests {
             let center = rig.camera(index).unwrap().center();
             assert!((center - view.eye).abs().max_element() <= 2.0, "{center}");
         }
-        for c in [IVec3::ZERO, IVec3::splat(-LATTICE_BIAS), IVec3::new(LATTICE_BIAS - 1, -5, 7)] {
-            assert_eq!(lattice_from_index(index_from_lattice(c)), Some(c));
-        }
-        assert_eq!(lattice_from_index(u64::MAX), None);
     }
 
     #[test]
@@ -294,5 +345,42 @@ mod tests {
             let view = Camera::look_at(eye, eye + DVec3::X);
             assert_eq!(rig.nearest(&view, 4).len(), 4);
         }
+    }
+
+    #[test]
+    fn each_level_of_refinement_is_nearer_and_nearer_to_the_eye() {
+        let far = |rig: &Rig, view: &Camera, index: u64| match rig.camera(index).unwrap() {
+            SampleCamera::Omni { center, .. } => (center - view.eye).length(),
+            SampleCamera::Perspective { camera, .. } => {
+                let center = rig.tile(rig.tile_looked_at(view)).bounds.center();
+                (camera.eye - center).angle_between(view.eye - center)
+            }
+        };
+        for i in 0..200 {
+            let turn = f64::from(i) * 2.399_963;
+            let eye = DVec3::new(turn.cos() * 90.0, 30.0 + f64::from(i % 60), turn.sin() * 90.0);
+            let view = Camera::look_at(eye, DVec3::ZERO);
+            for (rig, reach) in [(tile(), 1.2), (cell(), 2.0)] {
+                for level in 1..=MAX_LEVEL {
+                    let index = rig.refinement(&view, level).unwrap();
+                    assert!(rig.level(index).unwrap() <= level);
+                    let limit = reach / f64::from(1 << level);
+                    assert!(far(&rig, &view, index) <= limit, "view {i}, level {level}");
+                    let among = rig.nearest_among(&view, 4, &[index, index]);
+                    assert!(among.contains(&index), "view {i}, level {level}");
+                    assert!(among.windows(2).all(|w| w[0] != w[1]));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn refinements_of_other_tiles_and_malformed_indices_serve_nobody() {
+        let rig = tile();
+        let view = Camera::look_at(DVec3::new(60.0, 60.0, 60.0), DVec3::new(40.0, 10.0, 40.0));
+        let own = rig.nearest(&view, 8);
+        let elsewhere = 24 + 5 * tile::REFINED - 1;
+        assert_eq!(rig.nearest_among(&view, 8, &[elsewhere, u64::MAX]), own);
+        assert_eq!(cell().nearest_among(&view, 8, &[u64::MAX]), cell().nearest(&view, 8));
     }
 }

@@ -11,7 +11,7 @@ use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
-use tracing::{info, warn};
+use tracing::{debug, info, warn};
 
 use super::Config;
 use crate::SceneSource;
@@ -72,7 +72,8 @@ impl Hub {
             match action {
                 Action::Assign { worker, assignment } => {
                     let Some(seat) = state.seats.get(&worker) else { continue };
-                    info!(worker = seat.hello.name, role = ?assignment.role, "role assigned");
+                    let ahead = assignment.ahead.len();
+                    debug!(worker = seat.hello.name, role = ?assignment.role, ahead, "assigned");
                     let message = wire::assignment(assignment, &self.standing, state.core.set());
                     // A stream that just ended: its end is the next event.
                     let _ = seat.assignments.send(Ok(message));
@@ -169,9 +170,9 @@ impl Asked {
         }
     }
 
-    /// The frame of that attempt was relayed whole.
-    pub(super) fn answered(mut self, attempt: u32) {
-        self.end(Event::Answered { ticket: self.ticket, attempt });
+    /// The frame of that attempt was relayed whole; `uncovered` of its pixels no sample saw.
+    pub(super) fn answered(mut self, attempt: u32, uncovered: u64) {
+        self.end(Event::Answered { ticket: self.ticket, attempt, uncovered });
     }
 
     /// The view failed for good.

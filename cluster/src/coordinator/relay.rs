@@ -3,7 +3,7 @@
 //! Chunks are relayed as they come. A worker that fails before its first chunk costs nothing but time. One
 //! that fails in the middle of a frame is replaced as well: a frame's bytes are a function of its provenance,
 //! so another worker's are the same, and what the client already has is skipped. Only the frame's header is
-//! looked at, to make sure of that and to add the relay's own time.
+//! looked at, to make sure of that, to add the relay's own time, and to learn how many pixels no sample saw.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -84,7 +84,7 @@ pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<
                         match relayed.pass(chunk, wanted.arrived) {
                             Ok(Some(chunk)) if relayed.is_whole() => {
                                 // Said before the client has it, who may go as soon as it does.
-                                asked.answered(order.attempt);
+                                asked.answered(order.attempt, relayed.uncovered());
                                 yield chunk;
                                 // Reading to the end lets the worker's stream close in order.
                                 if let Some(chunks) = &mut chunks {
@@ -155,6 +155,15 @@ impl Relayed {
         let due =
             |header: &v1::FrameHeader| header.images.iter().map(|image| image.packed_bytes).sum::<u64>();
         self.header.as_ref().is_some_and(|header| self.bytes == due(header))
+    }
+
+    /// Pixels of the frame that none of its samples saw.
+    fn uncovered(&self) -> u64 {
+        let Some(header) = &self.header else { return 0 };
+        let pixels = f64::from(header.width) * f64::from(header.height);
+        // What was traced is no longer unresolved. A number that is none counts as nothing.
+        let guessed = (header.unresolved_fraction * pixels).round() as u64;
+        guessed.saturating_add(header.served.map_or(0, |served| served.traced))
     }
 
     /// What to send on of a chunk; `None` if the client has it already.

@@ -39,6 +39,12 @@ pub struct Config {
     pub patience: Duration,
     /// A sample that a compositor lacks weighs as much as this many views in its queue: what a transfer costs.
     pub missing_sample_views: f64,
+    /// The share of the samplers' time that may go into samples at refinements of the rig, where views have holes:
+    /// what a adds to K_fd is at most this share of K ticks. They are rendered when nothing else waits, so that
+    /// even a half takes little from others. 0: the rig's own cameras alone.
+    pub refining_share: f64,
+    /// Bytes of samples at refinements that may exist in a worker at the same time; the least useful give way.
+    pub refining_bytes: u64,
     /// Samples of a plan that a request leaves open.
     pub samples_per_view: u32,
     /// Linear steps where a request leaves them open: beyond 64 the cluster paper's search gains little.
@@ -63,6 +69,8 @@ impl Default for Config {
             max_attempts: 4,
             patience: Duration::from_secs(30),
             missing_sample_views: 2.0,
+            refining_share: 0.5,
+            refining_bytes: 1 << 30,
             samples_per_view: 4,
             linear_steps: 64,
             limits: Limits::default(),

@@ -46,6 +46,26 @@ fn weight(name: &str, id: SampleId) -> u64 {
 }
 
 impl Directory {
+    /// Who renders a sample, chosen now if nobody was; `None` where nobody samples.
+    pub(super) fn owner(
+        &mut self,
+        id: SampleId,
+        workers: &BTreeMap<WorkerId, Worker>,
+        now: Uptime,
+    ) -> Option<WorkerId> {
+        let held_by = |w: &Worker| w.held.contains(&id);
+        let known = self.owners.get(&id).and_then(|entry| workers.get(&entry.owner));
+        let owner = match known.filter(|w| w.takes_samples()) {
+            Some(owner) => owner.id,
+            None => {
+                let best = |w: &&Worker| (held_by(w), weight(&w.hello.name, id), w.id);
+                workers.values().filter(|w| w.takes_samples()).max_by_key(best)?.id
+            }
+        };
+        self.owners.insert(id, Entry { owner, used: now });
+        Some(owner)
+    }
+
     /// Where worker `reader` finds sample `id`, and whether it has to be rendered for this (then S counts it).
     ///
     /// Best first: the owner if it holds the sample or nobody does; others that hold it; then an owner that

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Holes, Plan, SampleId, View};
+use argus_scene::{Camera, Holes, Plan, SampleId, View};
 
 use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
 use super::machine::Core;
@@ -18,7 +18,12 @@ const MOST_TRACERS: usize = 3;
 /// An admitted view.
 #[derive(Debug, Clone)]
 pub(super) struct Pending {
+    camera: Camera,
+    /// How many the frame has.
+    pixels: u64,
     plan: Plan,
+    /// Its plan was pinned: what it lacks says nothing of the plans made here.
+    pinned: bool,
     /// Pinned kind of device; empty: any.
     device: String,
     /// When its answer is worthless, and how long that was when it was asked.
@@ -65,7 +70,10 @@ impl Core {
             }
             Ok(plan) => {
                 let pending = Pending {
+                    camera: view.camera,
+                    pixels: u64::from(view.width) * u64::from(view.height),
                     plan,
+                    pinned: view.pin.is_some(),
                     device: view.pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default(),
                     deadline: deadline.map(|d| (now.after(d), d)),
                     asked: now,
@@ -87,7 +95,7 @@ impl Core {
         if self.draining {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
-        let plan = plan(view, &self.set, &self.config)?;
+        let plan = plan(view, &self.set, self.placement.usable(), &self.config)?;
         let direct = matches!(plan, Plan::Direct { .. });
         let expected = self.expected_wait(direct);
         let bearable = deadline.unwrap_or(Duration::MAX).min(self.config.max_wait);
@@ -229,10 +237,17 @@ impl Core {
             .map(|w| w.id)
     }
 
-    pub(super) fn answered(&mut self, ticket: Ticket, attempt: u32) {
+    pub(super) fn answered(&mut self, ticket: Ticket, attempt: u32, uncovered: u64) {
         if self.is_current(ticket, attempt) {
             self.take_back(ticket, true);
-            self.views.remove(&ticket);
+            if let Some(view) = self.views.remove(&ticket)
+                && !view.is_direct()
+                && !view.pinned
+            {
+                let used: Vec<u64> = view.samples().iter().map(|id| id.index).collect();
+                let uncovered = uncovered.min(view.pixels);
+                self.placement.learn(&self.set.rig, &view.camera, &used, uncovered, view.pixels);
+            }
             self.counters.views_answered += 1;
         }
     }

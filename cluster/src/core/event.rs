@@ -140,6 +140,8 @@ pub enum Event {
         ticket: Ticket,
         /// Of [`Order::attempt`].
         attempt: u32,
+        /// Pixels that none of the plan's samples saw, whatever became of them.
+        uncovered: u64,
     },
     /// An attempt failed.
     Failed {
@@ -168,12 +170,15 @@ pub enum Event {
 }
 
 /// What a worker is told to do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Assignment {
     /// Ascending for a worker, from 1.
     pub sequence: u64,
     /// What it shall do once what it then no longer does is finished.
     pub role: Role,
+    /// Samples at refinements that it shall have at hand ahead of demand, in place of those it was told before;
+    /// without an address, it renders them itself when nothing else waits.
+    pub ahead: Vec<Source>,
 }
 
 /// Who holds or can render a sample, best first. Empty: the worker renders it itself.

@@ -12,6 +12,7 @@ use super::directory::Directory;
 use super::dispatch::Pending;
 use super::event::{Action, Event, Hello, Report, Ticket, WorkerId};
 use super::hysteresis::Hysteresis;
+use super::placement::Placement;
 use super::smooth::{Rate, Smoothed};
 use super::time::Uptime;
 use super::worker::Worker;
@@ -69,6 +70,7 @@ pub struct Core {
     /// Views that no worker has room for yet, oldest first.
     pub(super) waiting: VecDeque<Ticket>,
     pub(super) directory: Directory,
+    pub(super) placement: Placement,
     pub(super) rates: Rates,
     pub(super) costs: MeasuredCosts,
     pub(super) hysteresis: Hysteresis,
@@ -100,6 +102,7 @@ impl Core {
             views: BTreeMap::new(),
             waiting: VecDeque::new(),
             directory: Directory::default(),
+            placement: Placement::default(),
             split: Split::Nobody,
             counters: Counters::default(),
             draining: false,
@@ -130,7 +133,7 @@ impl Core {
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.leave(worker, now, &mut actions),
             Event::Asked { ticket, view, deadline } => self.ask(ticket, &view, deadline, now, &mut actions),
-            Event::Answered { ticket, attempt } => self.answered(ticket, attempt),
+            Event::Answered { ticket, attempt, uncovered } => self.answered(ticket, attempt, uncovered),
             Event::Failed { ticket, attempt, failure } => {
                 self.failed(ticket, attempt, failure, now, &mut actions);
             }
@@ -159,7 +162,7 @@ impl Core {
         }
         self.counters.workers_joined += 1;
         let worker = Worker::new(id, hello, self.role_of_newcomer(), now);
-        actions.push(Action::Assign { worker: id, assignment: worker.assigned() });
+        actions.push(Action::Assign { worker: id, assignment: worker.assigned().clone() });
         self.workers.insert(id, worker);
     }
 
@@ -227,6 +230,8 @@ impl Core {
         if elapsed >= self.config.tick {
             // A shell that was held up for several ticks closes one: what came meanwhile is counted in it.
             self.tick_began = now;
+            let ticks = elapsed.as_secs_f64() / self.config.tick.as_secs_f64();
+            self.place_samples(ticks);
             let Rates { samples, direct, views, rays } = &mut self.rates;
             for rate in [samples, direct, views, rays] {
                 rate.roll();
@@ -235,6 +240,7 @@ impl Core {
             self.directory.prune(&self.workers, now);
         }
         self.rebalance(now, actions);
+        self.refine(now, actions);
     }
 
     /// The busiest worker's time in the tick that ends: what the formula's tick predicts.

@@ -4,8 +4,8 @@
 //! opens no socket and throws no dice: the same events at the same times give the same actions, which is what
 //! the tests here rely on. The parts: [`balance`] says how many sample, [`hysteresis`] when that is worth a
 //! change, `roles` who changes; `dispatch` admits views and gives them to workers, `directory` knows who
-//! renders and who holds which sample, [`plan`] how a view is answered, with what error and
-//! cost [`quality`], `status` tells it all.
+//! renders and who holds which sample, `placement` where more samples are needed and `refine` who gets them,
+//! [`plan`] how a view is answered, with what error and cost [`quality`], `status` tells it all.
 
 pub mod balance;
 mod config;
@@ -14,8 +14,10 @@ mod dispatch;
 mod event;
 pub mod hysteresis;
 mod machine;
+mod placement;
 pub mod plan;
 pub mod quality;
+mod refine;
 mod roles;
 pub mod smooth;
 mod status;
@@ -25,6 +27,7 @@ mod worker;
 pub use config::Config;
 pub use event::{Action, Assignment, Event, Failure, Hello, Order, Report, Role, Source, Ticket, WorkerId};
 pub use machine::{Core, Counters};
+pub use placement::Refinements;
 pub use status::{Status, WorkerStatus};
 pub use time::Uptime;
 

@@ -5,12 +5,12 @@ use argus_scene::{InvalidField, Plan, Provenance, Rig, SampleId, SampleSetInfo, 
 
 use super::config::Config;
 
-/// The plan of a validated view.
+/// The plan of a validated view; `refined` are the refinements of the rig whose samples are at hand.
 ///
 /// # Errors
 /// [`Fault::Pin`] for a pinned scene, epoch or generation that is not the one served, [`Fault::Invalid`] for
 /// a pinned plan that nobody could follow.
-pub fn plan(view: &View, set: &SampleSetInfo, config: &Config) -> Result<Plan, Fault> {
+pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) -> Result<Plan, Fault> {
     if let Some(pin) = &view.pin {
         check_pin(pin, set)?;
         return Ok(pin.plan.clone());
@@ -20,7 +20,7 @@ pub fn plan(view: &View, set: &SampleSetInfo, config: &Config) -> Result<Plan, F
         return Ok(Plan::Direct { samples_per_pixel: supersampling * supersampling });
     }
     let count = view.plan.samples.unwrap_or(config.samples_per_view) as usize;
-    let indices = set.rig.nearest(&view.camera, count);
+    let indices = set.rig.nearest_among(&view.camera, count, refined);
     let (epoch, generation) = (set.epoch, set.generation);
     Ok(Plan::Warp(Warp {
         search: view.plan.search.unwrap_or(Search::Splat),
@@ -118,7 +118,7 @@ mod tests {
 
     fn pinned(change: impl FnOnce(&mut Provenance)) -> Result<Plan, Fault> {
         let set = set_info();
-        let free = plan(&view(), &set, &Config::default()).unwrap();
+        let free = plan(&view(), &set, &[], &Config::default()).unwrap();
         let mut pin = Provenance {
             scene: set.scene,
             epoch: set.epoch,
@@ -127,14 +127,14 @@ mod tests {
             device: String::new(),
         };
         change(&mut pin);
-        plan(&View { pin: Some(pin), ..view() }, &set, &Config::default())
+        plan(&View { pin: Some(pin), ..view() }, &set, &[], &Config::default())
     }
 
     #[test]
     fn what_a_request_leaves_open_is_the_splat_of_the_four_nearest_samples() {
         let set = set_info();
         let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) =
-            plan(&view(), &set, &Config::default()).unwrap()
+            plan(&view(), &set, &[], &Config::default()).unwrap()
         else {
             panic!("a warp")
         };
@@ -147,13 +147,13 @@ mod tests {
     #[test]
     fn a_direct_view_takes_the_square_of_its_supersampling() {
         let wish = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
-        let plan = plan(&View { plan: wish, ..view() }, &set_info(), &Config::default()).unwrap();
+        let plan = plan(&View { plan: wish, ..view() }, &set_info(), &[], &Config::default()).unwrap();
         assert_eq!(plan, Plan::Direct { samples_per_pixel: 16 });
     }
 
     #[test]
     fn a_pin_is_repeated_as_it_is() {
-        let free = plan(&view(), &set_info(), &Config::default()).unwrap();
+        let free = plan(&view(), &set_info(), &[], &Config::default()).unwrap();
         assert_eq!(pinned(|_| ()).unwrap(), free);
         let direct = Plan::Direct { samples_per_pixel: 9 };
         assert_eq!(pinned(|p| p.plan = direct.clone()).unwrap(), direct);

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::balance::{Load, tick_secs};
 use super::event::{Hello, Report, Role};
 use super::machine::{Core, Counters};
+use super::placement::Refinements;
 
 /// The cluster at a glance.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -36,6 +37,8 @@ pub struct Status {
     pub tick_predicted_ms: f64,
     /// How long the busiest worker really worked per tick; never more than a tick.
     pub tick_measured_ms: f64,
+    /// Samples beside the rig's own cameras.
+    pub refinements: Refinements,
     /// Every worker, ready or not, oldest first.
     pub workers: Vec<WorkerStatus>,
     /// Since the start.
@@ -78,6 +81,7 @@ impl Core {
             ray_ms: costs.ray_secs * 1e3,
             tick_predicted_ms: if predicted.is_finite() { predicted } else { alone } * 1e3,
             tick_measured_ms: self.costs.tick_secs * 1e3,
+            refinements: self.placement.counts(),
             workers: self
                 .workers
                 .values()

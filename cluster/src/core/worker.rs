@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use argus_scene::SampleId;
 
-use super::event::{Assignment, Hello, Report, Role, Ticket, WorkerId};
+use super::event::{Assignment, Hello, Report, Role, Source, Ticket, WorkerId};
 use super::time::Uptime;
 
 /// A worker that joined and was not lost.
@@ -40,7 +40,7 @@ impl Worker {
             last_report: now,
             report: Report::default(),
             acting: None,
-            assigned: Assignment { sequence: 1, role },
+            assigned: Assignment { sequence: 1, role, ahead: Vec::new() },
             views: BTreeSet::new(),
             dispatched: 0,
             held: BTreeSet::new(),
@@ -55,8 +55,8 @@ impl Worker {
     }
 
     /// What it was told last.
-    pub(super) fn assigned(&self) -> Assignment {
-        self.assigned
+    pub(super) fn assigned(&self) -> &Assignment {
+        &self.assigned
     }
 
     /// Whether it is still on its way to the role it was told.
@@ -81,13 +81,24 @@ impl Worker {
 
     /// Tells it another role; what to send it. A role that gives nothing up counts at once.
     pub(super) fn assign(&mut self, role: Role) -> Assignment {
-        self.assigned = Assignment { sequence: self.assigned.sequence + 1, role };
+        self.assigned.sequence += 1;
+        self.assigned.role = role;
         if let Some(acting) = self.acting
             && !role.gives_up_something_of(acting)
         {
             self.acting = Some(role);
         }
-        self.assigned
+        self.assigned.clone()
+    }
+
+    /// Tells it what to have at hand; what to send it, if that is news.
+    pub(super) fn order_ahead(&mut self, ahead: Vec<Source>) -> Option<Assignment> {
+        if self.assigned.ahead == ahead {
+            return None;
+        }
+        self.assigned.sequence += 1;
+        self.assigned.ahead = ahead;
+        Some(self.assigned.clone())
     }
 
     /// Takes a report in. Whether it acknowledged its newest role with it.

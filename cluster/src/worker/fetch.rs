@@ -97,7 +97,13 @@ pub(super) async fn on_host(
     fetch.await
 }
 
-async fn from_other(node: &Node, info: &SampleSetInfo, id: SampleId, address: &str) -> Result<Sample, Fault> {
+/// The sample as another worker has it, or renders it.
+pub(super) async fn from_other(
+    node: &Node,
+    info: &SampleSetInfo,
+    id: SampleId,
+    address: &str,
+) -> Result<Sample, Fault> {
     let mut client = SamplesClient::new(node.channels.to(address)?);
     let request = v1::SubscribeRequest {
         scene_hash: scene_hash_bytes(info.scene),

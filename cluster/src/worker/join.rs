@@ -6,7 +6,7 @@ use std::time::Duration;
 use argus_proto::convert::scene_hash;
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
-use argus_scene::{InvalidField, Limits, SampleSetInfo};
+use argus_scene::{InvalidField, Limits, SampleId, SampleSetInfo};
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
@@ -16,7 +16,7 @@ use tonic::{Code, Status};
 use tracing::{info, warn};
 
 use super::node::Node;
-use super::{RunError, scene};
+use super::{RunError, ahead, scene};
 use crate::core::Role;
 use crate::{SceneOpener, SceneRef, net, wire};
 
@@ -37,6 +37,8 @@ struct Duty {
     scene: SceneRef,
     set: SampleSetInfo,
     limits: Limits,
+    /// Samples to have at hand, with where to fetch each; without an address, rendered here.
+    ahead: Vec<(SampleId, Vec<String>)>,
 }
 
 /// Stays with the coordinator until `shutdown`.
@@ -159,11 +161,22 @@ fn turned_away(node: &Node, status: &Status) -> Ended {
 fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
     let missing = |field| InvalidField::new(field, "must be given");
     let scene = wire.scene.ok_or_else(|| missing("scene"))?;
+    let set: SampleSetInfo = wire.set.ok_or_else(|| missing("set"))?.try_into()?;
+    let own = |index| SampleId { epoch: set.epoch, generation: set.generation, index };
+    let mut ahead: Vec<(SampleId, Vec<String>)> =
+        wire.render_ahead.iter().map(|&index| (own(index), Vec::new())).collect();
+    for source in wire.sources {
+        ahead.push((source.id.ok_or_else(|| missing("sources.id"))?.into(), source.addresses));
+    }
+    for (id, _) in &ahead {
+        set.rig.camera(id.index)?;
+    }
     Ok(Duty {
         sequence: wire.sequence,
         role: wire::role_from(wire.role)?,
         scene: SceneRef { hash: scene_hash(&scene.hash, "scene.hash")?, name: scene.name },
-        set: wire.set.ok_or_else(|| missing("set"))?.try_into()?,
+        set,
+        ahead,
         limits: wire.limits.ok_or_else(|| missing("limits"))?.try_into()?,
     })
 }
@@ -240,5 +253,6 @@ async fn take_up(
         info!(role = ?duty.role, "role taken up");
     }
     node.act(Some(duty.role), duty.sequence);
+    ahead::want(node, duty.ahead, duty.role == Role::Sampler);
     Ok(())
 }

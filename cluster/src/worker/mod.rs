@@ -4,6 +4,7 @@
 //! the samples together that a view needs, `trace` the pixels that none of them saw, and `render` is the one thread that touches the two roles, fed by
 //! `queue`. `store` holds the samples, `node` is what all of them share.
 
+mod ahead;
 mod claim;
 mod config;
 mod fetch;

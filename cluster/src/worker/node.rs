@@ -10,6 +10,7 @@ use parking_lot::Mutex;
 use tokio::sync::{Notify, oneshot};
 
 use super::Config;
+use super::ahead::Ahead;
 use super::claim::claim;
 use super::fetch::Fetches;
 use super::meter::Meter;
@@ -36,6 +37,7 @@ pub(super) struct Node {
     pub(super) channels: Channels,
     pub(super) store: Arc<Store>,
     pub(super) fetches: Fetches,
+    pub(super) ahead: Ahead,
     /// Rings when a report is due before its time.
     pub(super) news: Notify,
     queue: Arc<Queue>,
@@ -70,6 +72,7 @@ impl Node {
             hello,
             store,
             fetches: Fetches::default(),
+            ahead: Ahead::default(),
             news: Notify::new(),
             queue,
             meter,
@@ -201,11 +204,31 @@ impl Node {
         info: Arc<SampleSetInfo>,
         to_host: bool,
     ) -> Result<Arc<Sample>, Fault> {
+        self.render_sample_in(id, info, to_host, false).await
+    }
+
+    /// Renders a sample that nobody waits for, when nothing else is left to do, and keeps it.
+    pub(super) async fn render_sample_ahead(
+        &self,
+        id: SampleId,
+        info: Arc<SampleSetInfo>,
+        to_host: bool,
+    ) -> Result<(), Fault> {
+        self.render_sample_in(id, info, to_host, true).await.map(|_| ())
+    }
+
+    async fn render_sample_in(
+        &self,
+        id: SampleId,
+        info: Arc<SampleSetInfo>,
+        to_host: bool,
+        ahead: bool,
+    ) -> Result<Arc<Sample>, Fault> {
         let mut again = true;
         loop {
             let (reply, done) = oneshot::channel();
             let (waiting, claimed) = claim();
-            let task = SampleTask { id, info: info.clone(), to_host, claimed, reply };
+            let task = SampleTask { id, info: info.clone(), to_host, ahead, claimed, reply };
             self.queue.push_sample(task).map_err(|_| self.overloaded("samples"))?;
             let rendered = done.await.unwrap_or_else(|_| Err(stopped()));
             drop(waiting);

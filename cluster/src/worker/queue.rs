@@ -2,7 +2,7 @@
 //!
 //! Samples go first, since views of this and of other processes wait for them; then pixels that no sample saw,
 //! since all else of their views is done; then batches of reconstructed and of direct views take turns, so that
-//! neither starves the other. The queues are bounded: what does not
+//! neither starves the other; last, samples ahead of demand. The queues are bounded: what does not
 //! fit is turned away at once.
 
 use std::collections::VecDeque;
@@ -43,6 +43,8 @@ pub(super) struct SampleTask {
     pub(super) info: Arc<SampleSetInfo>,
     /// Another process needs it.
     pub(super) to_host: bool,
+    /// Nobody waits for it yet: it may wait for everything else.
+    pub(super) ahead: bool,
     pub(super) claimed: Claimed,
     pub(super) reply: oneshot::Sender<Result<Sample, RenderError>>,
 }
@@ -83,6 +85,7 @@ struct State {
     pixels: VecDeque<PixelTask>,
     views: VecDeque<ViewTask>,
     direct: VecDeque<ViewTask>,
+    ahead: VecDeque<SampleTask>,
     in_work: Backlog,
     direct_had_its_turn: bool,
     stopped: bool,
@@ -137,10 +140,14 @@ impl Queue {
 
     pub(super) fn push_sample(&self, task: SampleTask) -> Result<(), Full> {
         let mut state = self.state.lock();
-        if state.stopped || state.samples.len() >= self.max_samples {
+        let queue = if task.ahead { &state.ahead } else { &state.samples };
+        if state.stopped || queue.len() >= self.max_samples {
             return Err(Full);
         }
-        state.samples.push_back(task);
+        match task.ahead {
+            true => state.ahead.push_back(task),
+            false => state.samples.push_back(task),
+        }
         self.filled.notify_one();
         Ok(())
     }
@@ -187,6 +194,7 @@ impl State {
         self.pixels.retain(|task| !task.claimed.is_gone());
         self.views.retain(|task| !task.claimed.is_gone());
         self.direct.retain(|task| !task.claimed.is_gone());
+        self.ahead.retain(|task| !task.claimed.is_gone());
     }
 
     fn take(&mut self, max_batch: usize, max_direct_batch: usize) -> Option<Work> {
@@ -213,7 +221,10 @@ impl State {
         }
         self.direct_had_its_turn = false;
         if self.views.is_empty() {
-            return None;
+            // One at a time: whoever comes next waits for no more than that one.
+            let batch = vec![self.ahead.pop_front()?];
+            self.in_work.samples = batch.len();
+            return Some(Work::Samples(batch));
         }
         let batch = take_batch(&mut self.views, max_batch);
         self.in_work.views = batch.len();

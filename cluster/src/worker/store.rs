@@ -60,6 +60,11 @@ impl Store {
         Some(entry.sample.clone())
     }
 
+    /// Whether it is held; being asked is no use of it.
+    pub(super) fn has(&self, id: SampleId) -> bool {
+        self.state.lock().entries.contains_key(&id)
+    }
+
     /// The sample, if it is held in host memory.
     pub(super) fn get_on_host(&self, id: SampleId) -> Option<Arc<Sample>> {
         self.get(id).filter(|sample| is_on_host(sample))

@@ -48,6 +48,7 @@ pub(super) async fn fill(
         pixels,
         samples_per_pixel: warp.supersampling * warp.supersampling,
         epoch: job.epoch,
+        time_secs: job.time_secs,
     };
     let scene = frame.provenance.scene;
     let himself = [node.hello.address.clone()];
@@ -107,7 +108,7 @@ async fn by_other(node: &Node, job: &PixelJob, scene: SceneHash, address: &str) 
 /// malformed.
 pub(super) fn check(node: &Node, request: v1::TraceRequest) -> Result<PixelJob, Fault> {
     let (info, limits) = node.set()?;
-    let (scene, job) = argus_proto::chunks::trace_job(request, &limits)?;
+    let (scene, job) = argus_proto::chunks::trace_job(request, info.time_secs(), &limits)?;
     if scene != info.scene || job.epoch != info.epoch {
         let reason = format!("scene {scene}, epoch {} are not served here", job.epoch);
         return Err(Fault::NotFound(reason));

@@ -46,12 +46,17 @@ fn runs(ascending: &[u32]) -> Vec<u32> {
     runs
 }
 
-/// The scene and the job of a request, which came from outside.
+/// The scene and the job of a request, which came from outside; `time_secs` is when its epoch is, as the receiver
+/// knows.
 ///
 /// # Errors
 /// The field that is at fault: what [`View::validate`] refuses of a direct view, or runs that do not name 1 to
 /// [`MAX_TRACE_PIXELS`] pixels of that view in ascending order.
-pub fn trace_job(wire: v1::TraceRequest, limits: &Limits) -> Result<(SceneHash, PixelJob), InvalidField> {
+pub fn trace_job(
+    wire: v1::TraceRequest,
+    time_secs: f64,
+    limits: &Limits,
+) -> Result<(SceneHash, PixelJob), InvalidField> {
     let scene = scene_hash(&wire.scene_hash, "scene_hash")?;
     let side = wire.samples_per_pixel.isqrt();
     if side == 0 || side * side != wire.samples_per_pixel {
@@ -69,8 +74,8 @@ pub fn trace_job(wire: v1::TraceRequest, limits: &Limits) -> Result<(SceneHash, 
     view.validate(limits)?;
     let pixels = taken(&wire.runs, u64::from(wire.width) * u64::from(wire.height))?;
     let View { camera, width, height, .. } = view;
-    let samples_per_pixel = wire.samples_per_pixel;
-    Ok((scene, PixelJob { camera, width, height, pixels, samples_per_pixel, epoch: wire.epoch }))
+    let v1::TraceRequest { samples_per_pixel, epoch, .. } = wire;
+    Ok((scene, PixelJob { camera, width, height, pixels, samples_per_pixel, epoch, time_secs }))
 }
 
 /// Inverse of [`runs`] for a view of `count` pixels.
@@ -203,7 +208,7 @@ mod tests {
 
     fn job(width: u32, height: u32, pixels: Vec<u32>) -> PixelJob {
         let camera = argus_scene::Camera::look_at(glam::DVec3::ONE, glam::DVec3::ZERO);
-        PixelJob { camera, width, height, pixels, samples_per_pixel: 4, epoch: 3 }
+        PixelJob { camera, width, height, pixels, samples_per_pixel: 4, epoch: 3, time_secs: 0.5 }
     }
 
     fn pixels(count: usize) -> Pixels {
@@ -230,10 +235,10 @@ mod tests {
             let scene = SceneHash([7; 32]);
             let [(request, count)] = &trace_requests(&asked, scene)[..] else { panic!("one request") };
             prop_assert_eq!(*count, asked.pixels.len());
-            let (of, arrived) = trace_job(request.clone(), &Limits::default()).unwrap();
+            let (of, arrived) = trace_job(request.clone(), 0.5, &Limits::default()).unwrap();
             prop_assert_eq!(of, scene);
             prop_assert_eq!(arrived.camera, asked.camera);
-            prop_assert_eq!((arrived.width, arrived.height, arrived.epoch), (640, 480, 3));
+            prop_assert_eq!((arrived.width, arrived.height, arrived.epoch, arrived.time_secs), (640, 480, 3, 0.5));
             prop_assert_eq!((arrived.pixels, arrived.samples_per_pixel), (asked.pixels, side * side));
         }
 
@@ -266,11 +271,11 @@ mod tests {
     fn a_malformed_request_is_refused_by_field() {
         let good = trace_requests(&job(10, 10, vec![0, 1, 99]), SceneHash([0; 32])).remove(0).0;
         assert_eq!(good.runs, [0, 2, 97, 1]);
-        assert_eq!(trace_job(good.clone(), &Limits::default()).unwrap().1.pixels, [0, 1, 99]);
+        assert_eq!(trace_job(good.clone(), 0.5, &Limits::default()).unwrap().1.pixels, [0, 1, 99]);
         let refused = |spoil: &dyn Fn(&mut v1::TraceRequest)| {
             let mut request = good.clone();
             spoil(&mut request);
-            trace_job(request, &Limits::default()).unwrap_err().field
+            trace_job(request, 0.5, &Limits::default()).unwrap_err().field
         };
         let wrong: [&[u32]; 7] =
             [&[], &[0], &[0, 0], &[0, 2, 0, 1], &[0, 101], &[u32::MAX, u32::MAX], &[99, 2]];

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Camera, Outputs, PlanRequest, SampleId, View};
+use argus_scene::{Camera, Outputs, PlanRequest, SampleId, SampleSetInfo, View};
 use glam::DVec3;
 
 use crate::core::tests::set_info;
@@ -32,14 +32,20 @@ pub(super) struct SimWorker {
     pub(super) name: String,
     pub(super) report: Report,
     pub(super) told: Vec<Assignment>,
+    /// What it has because it was told to.
+    pub(super) ahead: BTreeSet<SampleId>,
     /// Whether it acknowledges at its next report.
     pub(super) obedient: bool,
 }
 
 impl Sim {
     pub(super) fn new(config: Config) -> Self {
+        Self::with_set(config, set_info())
+    }
+
+    pub(super) fn with_set(config: Config, set: SampleSetInfo) -> Self {
         Self {
-            core: Core::new(config, Arc::new(set_info())),
+            core: Core::new(config, Arc::new(set)),
             now: Uptime::default(),
             next: 1,
             workers: BTreeMap::new(),
@@ -117,6 +123,16 @@ impl Sim {
         if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
             worker.report.applied = told.sequence;
         }
+        // What it shall have at hand it has at once, and forgets what it no longer shall.
+        if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
+            let ahead: BTreeSet<SampleId> = told.ahead.iter().map(|source| source.id).collect();
+            let rendered = told.ahead.iter().filter(|source| source.addresses.is_empty());
+            let rendered = rendered.filter(|source| !worker.report.held.contains(&source.id)).count();
+            worker.report.samples_rendered += rendered as u64;
+            worker.report.held.retain(|id| ahead.contains(id) || !worker.ahead.contains(id));
+            worker.report.held.extend(ahead.difference(&worker.ahead));
+            worker.ahead = ahead;
+        }
         worker.report.sample_ms = Some(self.direct_ms);
         worker.report.direct_ms = Some(self.direct_ms);
         worker.report.view_ms = Some(self.view_ms);
@@ -143,21 +159,30 @@ impl Sim {
     }
 
     fn ask_by(&mut self, plan: PlanRequest, deadline: Option<Duration>) -> Ticket {
+        let camera = Camera::look_at(DVec3::new(3.0, 30.0, 4.0), DVec3::new(2.0, 0.0, 2.0));
+        self.ask_from(camera, plan, deadline)
+    }
+
+    pub(super) fn ask_from(
+        &mut self,
+        camera: Camera,
+        plan: PlanRequest,
+        deadline: Option<Duration>,
+    ) -> Ticket {
         let ticket = Ticket(self.next);
         self.next += 1;
-        let view = Box::new(View {
-            camera: Camera::look_at(DVec3::new(3.0, 30.0, 4.0), DVec3::new(2.0, 0.0, 2.0)),
-            width: 200,
-            height: 150,
-            outputs: Outputs::COLOR,
-            plan,
-            pin: None,
-        });
+        let view =
+            Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
         self.step(Event::Asked { ticket, view, deadline });
         ticket
     }
 
     pub(super) fn answer(&mut self, ticket: Ticket) {
+        self.answer_with(ticket, 0);
+    }
+
+    /// Its frame comes with so many pixels that no sample saw.
+    pub(super) fn answer_with(&mut self, ticket: Ticket, uncovered: u64) {
         let Some(order) = self.orders.remove(&ticket) else { return };
         if let Some(worker) = self.workers.get_mut(&order.worker) {
             match &order.plan {
@@ -175,7 +200,7 @@ impl Sim {
             }
         }
         self.answered.insert(ticket);
-        self.step(Event::Answered { ticket, attempt: order.attempt });
+        self.step(Event::Answered { ticket, attempt: order.attempt, uncovered });
     }
 
     pub(super) fn answer_all(&mut self) {

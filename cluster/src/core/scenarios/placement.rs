@@ -1,0 +1,217 @@
+//! Samples at refinements of the rig: holes vanish, the budget holds, and nothing flaps.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use argus_scene::{Camera, Plan, PlanRequest, Rig, SampleSetInfo};
+use glam::DVec3;
+
+use super::sim::Sim;
+use crate::core::tests::set_info;
+use crate::core::*;
+
+const PIXELS: f64 = 200.0 * 150.0;
+
+/// Cells of 2 m; a sample has 6 · 64² texels of 8 bytes.
+fn interior() -> SampleSetInfo {
+    SampleSetInfo { rig: Rig::Cell { origin: DVec3::ZERO, spacing: 2.0, face: 64 }, ..set_info() }
+}
+
+const SAMPLE_BYTES: u64 = 6 * 64 * 64 * 8;
+
+/// A lap of viewpoints along a line, half a metre apart.
+fn walk(count: usize) -> Vec<Camera> {
+    (0..count)
+        .map(|i| {
+            let eye = DVec3::new(0.5 * i as f64 + 0.13, 1.7, 0.3);
+            Camera::look_at(eye, eye + DVec3::new(1.0, 0.1, 0.2))
+        })
+        .collect()
+}
+
+/// A tenth of the pixels for each metre to the nearest sample: what an interior is like, made simple.
+fn uncovered(set: &SampleSetInfo, camera: &Camera, plan: &Plan) -> u64 {
+    let Plan::Warp(warp) = plan else { return 0 };
+    let far = |index| (set.rig.camera(index).unwrap().center() - camera.eye).length();
+    let nearest = warp.samples.iter().map(|id| far(id.index)).fold(f64::INFINITY, f64::min);
+    // The last decimetre is free.
+    (PIXELS * (0.02 * (nearest - 0.1)).clamp(0.0, 1.0)) as u64
+}
+
+/// What came of a lap.
+#[derive(Debug, Clone, PartialEq)]
+struct Lap {
+    plans: Vec<Plan>,
+    uncovered: u64,
+    refined: usize,
+}
+
+/// Looks from each viewpoint once, four a second.
+fn lap(sim: &mut Sim, views: &[Camera]) -> Lap {
+    let set = sim.core.set().clone();
+    let (mut plans, mut sum) = (Vec::new(), 0);
+    for camera in views {
+        let ticket = sim.ask_from(*camera, PlanRequest::default(), None);
+        let plan = sim.orders[&ticket].plan.clone();
+        let missing = uncovered(&set, camera, &plan);
+        sum += missing;
+        sim.answer_with(ticket, missing);
+        plans.push(plan);
+        sim.now = sim.now.after(Duration::from_millis(250));
+        sim.report_all();
+        sim.step(Event::Tick);
+    }
+    Lap { plans, uncovered: sum, refined: refined(sim).len() }
+}
+
+/// Refinements that anybody was told to have at hand.
+fn refined(sim: &Sim) -> BTreeSet<u64> {
+    let told = sim.workers.values().filter_map(|worker| worker.told.last());
+    told.flat_map(|told| told.ahead.iter().map(|source| source.id.index)).collect()
+}
+
+fn rendered(sim: &Sim) -> u64 {
+    sim.workers.values().map(|worker| worker.report.samples_rendered).sum()
+}
+
+fn cluster(config: Config, workers: usize) -> Sim {
+    let mut sim = Sim::with_set(config, interior());
+    for i in 0..workers {
+        sim.join(&format!("w{i}"));
+        sim.report_all();
+    }
+    sim
+}
+
+fn share(lap: &Lap) -> f64 {
+    lap.uncovered as f64 / PIXELS / lap.plans.len() as f64
+}
+
+#[test]
+fn holes_vanish_lap_by_lap_and_then_nothing_moves() {
+    for workers in [1, 2, 4] {
+        let views = walk(40);
+        let mut sim = cluster(Config::default(), workers);
+        let first = lap(&mut sim, &views);
+        assert!(share(&first) > 0.01, "{}", share(&first));
+        let laps: Vec<Lap> = (0..30).map(|_| lap(&mut sim, &views)).collect();
+        let settled = laps.last().unwrap();
+        assert!(share(settled) < 0.0025, "{workers} workers: {}", share(settled));
+        let (told, roles) = (refined(&sim), sim.roles_changed());
+        for _ in 0..10 {
+            assert_eq!(&lap(&mut sim, &views), settled, "{workers} workers: nothing moves any more");
+        }
+        assert_eq!(refined(&sim), told);
+        assert_eq!(sim.roles_changed(), roles);
+        assert_eq!(rendered(&sim), told.len() as u64, "each is rendered once");
+    }
+}
+
+#[test]
+fn the_same_views_place_the_same_samples() {
+    let run = || {
+        let mut sim = cluster(Config::default(), 3);
+        (0..10).map(|_| lap(&mut sim, &walk(30))).collect::<Vec<_>>()
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn samplers_spend_no_more_than_their_share() {
+    let config = Config { refining_share: 0.25, ..Config::default() };
+    let mut sim = cluster(config, 2);
+    sim.direct_ms = 500.0;
+    let views = walk(40);
+    let began = sim.now;
+    for _ in 0..6 {
+        lap(&mut sim, &views);
+        // A quarter of one sampler's time, at half a second each: one in two seconds, and four to begin with.
+        let secs = sim.now.since(began).as_secs_f64();
+        let most = 4.0 + 0.5 * secs;
+        assert!(rendered(&sim) as f64 <= most + 1.0, "{} in {secs} s", rendered(&sim));
+    }
+    assert!(rendered(&sim) > 10);
+    // S knows of them, as of every sample.
+    assert!(sim.core.status().samples_per_tick > 0.1);
+}
+
+#[test]
+fn without_a_share_the_rig_stays_as_it_is() {
+    let mut sim = cluster(Config { refining_share: 0.0, ..Config::default() }, 2);
+    (0..5).for_each(|_| drop(lap(&mut sim, &walk(20))));
+    assert!(refined(&sim).is_empty());
+}
+
+#[test]
+fn a_full_memory_keeps_the_most_useful_and_does_not_churn() {
+    let config = Config { refining_bytes: 10 * SAMPLE_BYTES, ..Config::default() };
+    let mut sim = cluster(config, 2);
+    let views = walk(60);
+    let laps: Vec<Lap> = (0..20).map(|_| lap(&mut sim, &views)).collect();
+    assert!(laps.iter().all(|lap| lap.refined <= 10));
+    let before = rendered(&sim);
+    for _ in 0..10 {
+        assert_eq!(lap(&mut sim, &views).refined, 10);
+    }
+    assert_eq!(rendered(&sim), before, "what serves as many as any other stays");
+
+    // Viewers move elsewhere: what nobody uses gives way.
+    let elsewhere: Vec<Camera> =
+        walk(12).into_iter().map(|c| Camera::look_at(c.eye + DVec3::Z * 9.0, c.target)).collect();
+    let there = lap(&mut sim, &elsewhere);
+    let later: Vec<Lap> = (0..120).map(|_| lap(&mut sim, &elsewhere)).collect();
+    let settled = later.last().unwrap();
+    assert!(settled.refined <= 10 && settled.uncovered * 2 < there.uncovered, "{}", share(settled));
+}
+
+#[test]
+fn plans_name_only_what_is_where_views_are_composed() {
+    let mut sim = cluster(Config::default(), 4);
+    let views = walk(20);
+    for round in 0..12 {
+        for camera in &views {
+            let ticket = sim.ask_from(*camera, PlanRequest::default(), None);
+            let order = sim.orders[&ticket].clone();
+            let Plan::Warp(warp) = &order.plan else { panic!("a warp") };
+            for id in warp.samples.iter().filter(|id| interior().rig.level(id.index) != Some(0)) {
+                let holders = sim.workers.values().filter(|w| w.report.held.contains(id)).count();
+                assert!(holders > 0, "round {round}: {id} is nowhere");
+            }
+            sim.answer_with(ticket, uncovered(&interior(), camera, &order.plan));
+        }
+        sim.second(0, 0);
+        if round == 6 {
+            // A compositor that joins has none of them yet, which takes none away from the others.
+            let usable = sim.core.placement.usable().to_vec();
+            let newcomer = sim.join("late");
+            sim.report(newcomer);
+            assert!(!usable.is_empty());
+            assert_eq!(sim.core.placement.usable(), usable);
+        }
+    }
+    // When nobody is left who has them, plans go back to the rig's own cameras at once.
+    for id in sim.workers.keys().copied().collect::<Vec<_>>() {
+        sim.leave(id);
+    }
+    let id = sim.join("fresh");
+    sim.report(id);
+    sim.step(Event::Tick);
+    let ticket = sim.ask_from(views[0], PlanRequest::default(), None);
+    let Plan::Warp(warp) = &sim.orders[&ticket].plan else { panic!("a warp") };
+    assert!(warp.samples.iter().all(|id| interior().rig.level(id.index) == Some(0)));
+}
+
+#[test]
+fn tiles_are_refined_from_where_they_are_looked_at() {
+    let mut sim = Sim::with_workers(2);
+    let rig = sim.core.set().rig;
+    let camera = Camera::look_at(DVec3::new(40.0, 16.0, 9.0), DVec3::new(5.0, 0.0, 5.0));
+    for _ in 0..12 {
+        let ticket = sim.ask_from(camera, PlanRequest::default(), None);
+        sim.answer_with(ticket, 600);
+        sim.second(0, 0);
+    }
+    let ticket = sim.ask_from(camera, PlanRequest::default(), None);
+    let Plan::Warp(warp) = &sim.orders[&ticket].plan else { panic!("a warp") };
+    assert!(rig.level(warp.samples[0].index) > Some(0), "{warp:?}");
+}

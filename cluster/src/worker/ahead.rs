@@ -1,0 +1,96 @@
+//! Samples that are at hand before a view asks for them: rendered when nothing else waits, or fetched.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use argus_proto::Fault;
+use argus_scene::{SampleId, SampleSetInfo};
+use parking_lot::Mutex;
+use tokio::sync::Semaphore;
+use tokio::task::AbortHandle;
+use tracing::debug;
+
+use super::fetch;
+use super::node::Node;
+
+/// Samples that are fetched at the same time: the others' views come first.
+const FETCHES: usize = 2;
+
+/// What the newest assignment wants at hand.
+pub(super) struct Ahead {
+    /// By sample: what ends its rendering or fetching, which may be over.
+    wanted: Mutex<BTreeMap<SampleId, AbortHandle>>,
+    turns: Semaphore,
+}
+
+impl Default for Ahead {
+    fn default() -> Self {
+        Self { wanted: Mutex::default(), turns: Semaphore::new(FETCHES) }
+    }
+}
+
+/// Has these samples at hand, each fetched from the first of its addresses that has it, or rendered here where
+/// it has none; forgets those that an earlier call wanted and this one does not.
+pub(super) fn want(node: &Arc<Node>, samples: Vec<(SampleId, Vec<String>)>, to_host: bool) {
+    let Ok((info, _)) = node.set() else { return };
+    let mut wanted = node.ahead.wanted.lock();
+    let mut before = std::mem::take(&mut *wanted);
+    for (id, addresses) in samples {
+        let task = before.remove(&id).filter(|task| !task.is_finished() || node.store.has(id));
+        let start = || {
+            let work = bring(node.clone(), info.clone(), id, addresses, to_host);
+            tokio::spawn(work).abort_handle()
+        };
+        wanted.insert(id, task.unwrap_or_else(start));
+    }
+    drop(wanted);
+    let gone: Vec<SampleId> = before.keys().copied().collect();
+    before.values().for_each(AbortHandle::abort);
+    node.store.forget(&gone);
+}
+
+async fn bring(
+    node: Arc<Node>,
+    info: Arc<SampleSetInfo>,
+    id: SampleId,
+    addresses: Vec<String>,
+    to_host: bool,
+) {
+    match at_hand(&node, &info, id, &addresses, to_host).await {
+        // The coordinator lets views use it as soon as it knows.
+        Ok(()) => node.news.notify_one(),
+        Err(fault) => debug!(%id, %fault, "not at hand ahead of demand"),
+    }
+}
+
+async fn at_hand(
+    node: &Arc<Node>,
+    info: &Arc<SampleSetInfo>,
+    id: SampleId,
+    addresses: &[String],
+    to_host: bool,
+) -> Result<(), Fault> {
+    let held = || if to_host { node.store.get_on_host(id) } else { node.store.get(id) };
+    if held().is_some() {
+        return Ok(());
+    }
+    if addresses.is_empty() {
+        return node.render_sample_ahead(id, info.clone(), to_host).await;
+    }
+    let closed = |_| Fault::Unavailable("the worker is shutting down".to_owned());
+    let _turn = node.ahead.turns.acquire().await.map_err(closed)?;
+    let mut last = Fault::NotFound("nobody is said to have it".to_owned());
+    for address in addresses {
+        if held().is_some() {
+            return Ok(());
+        }
+        match fetch::from_other(node, info, id, address).await {
+            Ok(sample) => {
+                node.store.insert(sample);
+                return Ok(());
+            }
+            Err(fault) => last = fault,
+        }
+    }
+    Err(last)
+}

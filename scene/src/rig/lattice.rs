@@ -1,0 +1,82 @@
+//! Points of nested lattices, packed into an index: level 0 is the rig's own, each further one half as wide.
+
+use glam::IVec3;
+
+use super::MAX_LEVEL;
+
+/// Coordinates are stored with this offset, in 20 bits each; the level follows them.
+const BIAS: i32 = 1 << 19;
+const MASK: u64 = (1 << 20) - 1;
+
+/// Coordinates stay within this, so that a neighbour's still fit.
+pub(super) const LIMIT: f64 = (BIAS - 2) as f64;
+
+/// A point of a lattice. A point that a coarser level has as well belongs to that one, so that every point has
+/// one index.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Point {
+    /// 0 to [`MAX_LEVEL`].
+    pub(super) level: u32,
+    /// In units of the level's own spacing, each within ±2¹⁹.
+    pub(super) at: IVec3,
+}
+
+impl Point {
+    /// The point as the coarsest level that has it names it.
+    pub(super) fn coarsest(mut self) -> Self {
+        while self.level > 0 && (self.at & IVec3::ONE) == IVec3::ZERO {
+            // Halves exactly, being even.
+            self = Self { level: self.level - 1, at: self.at / 2 };
+        }
+        self
+    }
+
+    /// Packs it.
+    pub(super) fn index(self) -> u64 {
+        let pack = |v: i32| (v + BIAS) as u64 & MASK;
+        let Self { level, at } = self;
+        pack(at.x) | pack(at.y) << 20 | pack(at.z) << 40 | u64::from(level) << 60
+    }
+
+    /// Inverse of [`Point::index`]; `None` for what it never makes of a coarsest point.
+    pub(super) fn from_index(index: u64) -> Option<Self> {
+        let unpack = |shift: u32| ((index >> shift) & MASK) as i32 - BIAS;
+        let point = Self { level: (index >> 60) as u32, at: IVec3::new(unpack(0), unpack(20), unpack(40)) };
+        (point.level <= MAX_LEVEL && point.coarsest() == point).then_some(point)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn points_survive_and_have_one_index_each(
+            level in 0..=MAX_LEVEL,
+            at in prop::array::uniform3(-BIAS..BIAS),
+        ) {
+            let point = Point { level, at: IVec3::from(at) }.coarsest();
+            prop_assert_eq!(Point::from_index(point.index()), Some(point));
+            let place = |p: Point| p.at.as_dvec3() / f64::from(1 << p.level);
+            prop_assert_eq!(place(point), place(Point { level, at: IVec3::from(at) }));
+        }
+
+        #[test]
+        fn any_index_is_a_point_or_refused(index: u64) {
+            if let Some(point) = Point::from_index(index) {
+                prop_assert_eq!(point.index(), index);
+            }
+        }
+    }
+
+    #[test]
+    fn a_point_of_two_levels_belongs_to_the_coarser() {
+        let fine = Point { level: 2, at: IVec3::new(4, -8, 0) };
+        assert_eq!(fine.coarsest(), Point { level: 0, at: IVec3::new(1, -2, 0) });
+        assert_eq!(Point::from_index(fine.index()), None);
+        assert_eq!(Point::from_index(u64::MAX), None);
+    }
+}

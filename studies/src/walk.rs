@@ -1,0 +1,191 @@
+//! A walk through a scene, lap after lap, by gRPC: how many pixels no sample saw, and how they vanish while the
+//! cluster places samples where views have holes.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Context as _, Result};
+use argus_client::{Answer, Client};
+use argus_scene::metrics;
+use argus_scene::{Bounds, Camera, Outputs, PlanRequest, View};
+use glam::DVec3;
+use image::RgbImage;
+use indicatif::ProgressBar;
+use serde_json::{Value, json};
+
+use crate::burst::{connect, patient};
+use crate::local_cluster::LocalCluster;
+use crate::median::{mean, median};
+use crate::{Machine, Report};
+
+/// What is measured, and for how long.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Viewpoints of a lap.
+    pub views: usize,
+    /// Laps; between two of them the cluster may place samples.
+    pub laps: usize,
+    /// How long it may, seconds; less where it has placed all it wants.
+    pub pause_secs: f64,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// Views of a lap whose FLIP is measured.
+    pub judged: usize,
+    /// Worker processes.
+    pub workers: usize,
+    /// Further arguments of `argus serve`, such as the rig's.
+    pub serve: Vec<String>,
+    /// Wishes about the plan.
+    pub plan: PlanRequest,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            scene: "terrain:50000".to_owned(),
+            views: 48,
+            laps: 6,
+            pause_secs: 60.0,
+            size: [200, 150],
+            judged: 4,
+            workers: 2,
+            serve: Vec::new(),
+            plan: PlanRequest::default(),
+        }
+    }
+}
+
+impl Options {
+    /// A few seconds, to see that everything works; its figures are noise.
+    pub fn quick() -> Self {
+        Self {
+            scene: "terrain:20000".to_owned(),
+            views: 8,
+            laps: 2,
+            pause_secs: 3.0,
+            size: [96, 72],
+            judged: 1,
+            ..Self::default()
+        }
+    }
+}
+
+/// Samples a pixel, a side, of the direct views that FLIP is measured against.
+const REFERENCE_SIDE: u32 = 4;
+
+/// Runs the study with a cluster of the program `argus`; `progress` counts laps.
+///
+/// # Errors
+/// A cluster that does not come up, or a view that is not answered.
+pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
+    progress.set_length(options.laps as u64);
+    let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
+    let client = connect(&cluster, options.workers).await?;
+    let device = client.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
+    let cameras = walk(&client.description().bounds, options.views);
+    let step = (options.views / options.judged.max(1)).max(1);
+    let mut references: Vec<Option<RgbImage>> = vec![None; cameras.len()];
+    let mut rows = Vec::new();
+    for lap in 0..options.laps {
+        if lap > 0 {
+            progress.set_message("samples are placed");
+            settle(&client, options.pause_secs).await?;
+        }
+        progress.set_message("a lap");
+        let (mut unresolved, mut flips, mut view_ms, mut samples_ms) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for (i, camera) in cameras.iter().enumerate() {
+            let answer = look(&client, options, *camera, options.plan).await?;
+            unresolved.push(answer.frame.unresolved_fraction);
+            let stage = |of: fn(&str) -> bool| {
+                answer.frame.stages.iter().filter(|s| of(&s.name)).map(|s| s.ms).sum::<f64>()
+            };
+            view_ms.push(stage(|name| !["samples", "queue", "relay", "encode"].contains(&name)));
+            samples_ms.push(stage(|name| name == "samples"));
+            if i % step == 0 && flips.len() < options.judged {
+                let shown = image_of(&answer)?;
+                if references[i].is_none() {
+                    let exact = PlanRequest {
+                        direct: true,
+                        supersampling: Some(REFERENCE_SIDE),
+                        ..PlanRequest::default()
+                    };
+                    references[i] = Some(image_of(&look(&client, options, *camera, exact).await?)?);
+                }
+                if let Some(reference) = &references[i] {
+                    flips.push(metrics::compare(reference, &shown)?.flip_mean);
+                }
+            }
+        }
+        let status = client.status().await?;
+        let row = json!({
+            "scene": options.scene,
+            "lap": lap + 1,
+            "views": options.views,
+            "unresolved_fraction": mean(unresolved.iter().copied()),
+            "unresolved_worst": unresolved.iter().copied().fold(0.0, f64::max),
+            "flip": mean(flips),
+            "samples_held": status.workers.iter().map(|w| w.samples_held).max().unwrap_or(0),
+            "refinements": status.refinements.usable,
+            "refinements_wanted": status.refinements.wanted,
+            "samples_rendered": status.workers.iter().map(|w| w.samples_rendered).sum::<u64>(),
+            "sample_ms": status.sample_ms,
+            "view_ms": median(&view_ms),
+            "samples_wait_ms": mean(samples_ms),
+        });
+        let Value::Object(row) = row else { unreachable!("an object literal is an object") };
+        rows.push(row);
+        progress.inc(1);
+    }
+    cluster.stop()?;
+    Ok(Report::new(options.scene.clone(), Machine::here(&device), rows))
+}
+
+async fn look(client: &Client, options: &Options, camera: Camera, plan: PlanRequest) -> Result<Answer> {
+    let [width, height] = options.size;
+    let view = View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None };
+    Ok(client.render(&view, &patient()).await?)
+}
+
+fn image_of(answer: &Answer) -> Result<RgbImage> {
+    let frame = &answer.frame;
+    let color = frame.color.as_ref().context("the frame has no colour")?;
+    RgbImage::from_raw(frame.width, frame.height, color.to_vec()).context("the frame is not of its size")
+}
+
+/// Waits until the cluster has placed all it wants, at most so long.
+async fn settle(client: &Client, secs: f64) -> Result<()> {
+    let until = tokio::time::Instant::now() + Duration::from_secs_f64(secs);
+    let mut calm = 0;
+    while calm < 4 && tokio::time::Instant::now() < until {
+        tokio::time::sleep(Duration::from_millis(500)).await;
+        let refinements = client.status().await?.refinements;
+        let done = refinements.wanted == 0 && refinements.usable == refinements.placed;
+        calm = if done { calm + 1 } else { 0 };
+    }
+    Ok(())
+}
+
+/// Viewpoints along a closed way at the height of eyes: an oval of two fifths of the scene's extent in x and a
+/// tenth of it in z, so that in Sponza it goes up the nave and comes back in it, past columns, curtains and plants.
+/// Looking ahead, and now and then aside.
+fn walk(bounds: &Bounds, count: usize) -> Vec<Camera> {
+    let (center, size) = (bounds.center(), bounds.size());
+    let height = bounds.min.y + 0.21 * size.y;
+    let at = |turn: f64| {
+        let (sin, cos) = (turn * std::f64::consts::TAU).sin_cos();
+        DVec3::new(center.x + 0.28 * size.x * cos, height, center.z + 0.06 * size.z * sin)
+    };
+    (0..count)
+        .map(|i| {
+            let turn = i as f64 / count as f64;
+            let (eye, ahead) = (at(turn), at(turn + 0.05) - at(turn));
+            // 50° to either side, slower than a step, so that a lap sees the walls as well as the way.
+            let aside = 50.0_f64.to_radians() * (turn * 7.0 * std::f64::consts::TAU).sin();
+            let look = glam::DQuat::from_rotation_y(aside) * ahead.normalize_or(DVec3::X);
+            Camera { fov_deg: 60.0, ..Camera::look_at(eye, eye + look + DVec3::Y * 0.1) }
+        })
+        .collect()
+}
