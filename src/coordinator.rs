@@ -44,6 +44,12 @@ pub(crate) struct Service {
     /// Also stop when standard input ends
     #[arg(long, hide = true)]
     exit_with_stdin: bool,
+    /// Whether samplers that have nothing to sample also compose views
+    #[arg(long, value_name = "BOOL", default_value_t = true, action = clap::ArgAction::Set)]
+    samplers_composite: bool,
+    /// Share of the samplers' time that may go into samples where views have holes; 0: none are placed
+    #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = args::share)]
+    refining_share: f64,
     #[command(flatten)]
     rig: args::Rig,
 }
@@ -92,6 +98,8 @@ impl Service {
         source.report();
         let mut config = Config { rig: self.rig.knobs(), ..Config::default() };
         config.core = core::Config {
+            samplers_composite: self.samplers_composite,
+            refining_share: self.refining_share,
             samples_per_view: self.rig.samples.unwrap_or(config.core.samples_per_view),
             ..config.core
         };

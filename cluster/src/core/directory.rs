@@ -102,6 +102,11 @@ impl Directory {
         (Source { id, addresses }, !anyone_holds && !on_its_way)
     }
 
+    /// Whether that worker is the one who renders the sample.
+    pub(super) fn is_owner(&self, worker: WorkerId, id: SampleId) -> bool {
+        self.owners.get(&id).is_some_and(|entry| entry.owner == worker)
+    }
+
     /// How many samples that worker owns: what would have to be rendered again without it, at most.
     pub(super) fn owned_by(&self, worker: WorkerId) -> usize {
         self.owners.values().filter(|entry| entry.owner == worker).count()

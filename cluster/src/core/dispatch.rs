@@ -15,6 +15,9 @@ use super::worker::Worker;
 /// Samplers that are named in an order as those who can trace: a second and a third chance.
 const MOST_TRACERS: usize = 3;
 
+/// Views that a sampler with time to spare has at the same time: a small batch.
+const MOST_SPARE_VIEWS: usize = 16;
+
 /// An admitted view.
 #[derive(Debug, Clone)]
 pub(super) struct Pending {
@@ -200,11 +203,12 @@ impl Core {
 
     /// Who traces pixels for a view that `reader` composes: itself if it samples, since that needs no transfer,
     /// then samplers of the same kind of device, whose bytes are the same, then others; those with least to do
-    /// first. None where nobody samples.
+    /// first; also those on their way to that role. None where nobody samples.
     fn tracers(&self, reader: WorkerId) -> Vec<String> {
         let device = self.workers.get(&reader).map(|w| &w.hello.device);
         let rank = |w: &&Worker| (w.id != reader, Some(&w.hello.device) != device, w.views.len(), w.id);
-        let mut samplers: Vec<&Worker> = self.workers.values().filter(|w| w.takes_samples()).collect();
+        let mut samplers: Vec<&Worker> =
+            self.workers.values().filter(|w| w.is_ready() && w.assigned().role.samples()).collect();
         samplers.sort_by_key(rank);
         samplers.into_iter().take(MOST_TRACERS).map(|w| w.hello.address.clone()).collect()
     }
@@ -215,7 +219,10 @@ impl Core {
     /// Roles decide who is asked. Where nobody plays the role (the moment before roles change), or everybody
     /// who does has failed at this view, anybody is: a worker can do both, it is only slower to start.
     fn choose(&self, view: &Pending) -> Option<WorkerId> {
-        let takes = |w: &&Worker| if view.is_direct() { w.takes_samples() } else { w.takes_views() };
+        let takes = |w: &&Worker| match view.is_direct() {
+            true => w.takes_samples(),
+            false => w.takes_views() || self.may_help_out(w, view.samples()),
+        };
         let able: Vec<&Worker> = self
             .workers
             .values()
@@ -235,6 +242,19 @@ impl Core {
                 cost(a).total_cmp(&cost(b)).then(a.dispatched.cmp(&b.dispatched)).then(a.id.cmp(&b.id))
             })
             .map(|w| w.id)
+    }
+
+    /// Whether a sampler has time to compose a view: it holds the view's samples, nobody waits for one that it has
+    /// yet to render, and it has few views, so that the next sample does not wait for long.
+    fn may_help_out(&self, sampler: &Worker, samples: &[SampleId]) -> bool {
+        let is_due = |id: SampleId| {
+            self.directory.is_owner(sampler.id, id) && !self.workers.values().any(|w| w.held.contains(&id))
+        };
+        self.config.samplers_composite
+            && sampler.takes_samples()
+            && sampler.views.len() < MOST_SPARE_VIEWS
+            && samples.iter().all(|id| sampler.held.contains(id))
+            && !self.workers.values().flat_map(Worker::fetching).any(is_due)
     }
 
     pub(super) fn answered(&mut self, ticket: Ticket, attempt: u32, uncovered: u64) {

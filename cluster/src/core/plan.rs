@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(reject(warp(&[(1, 0)], 0, 1)), "pin.plan.warp.steps");
         assert_eq!(reject(warp(&[(1, 0)], 64, 9)), "pin.plan.warp.supersampling");
         assert_eq!(reject(warp(&[], 64, 1)), "pin.plan.warp.samples");
-        assert_eq!(reject(warp(&[(1, 99)], 64, 1)), "pin.plan.warp.samples");
+        assert_eq!(reject(warp(&[(1, u64::MAX)], 64, 1)), "pin.plan.warp.samples");
         assert_eq!(reject(warp(&[(2, 0)], 64, 1)), "pin.plan.warp.samples");
         assert_eq!(reject(warp(&[(1, 0), (1, 0)], 64, 1)), "pin.plan.warp.samples");
     }

@@ -124,6 +124,11 @@ impl Worker {
         self.fetching.contains_key(&id)
     }
 
+    /// Samples that views in its queue need.
+    pub(super) fn fetching(&self) -> impl Iterator<Item = SampleId> {
+        self.fetching.keys().copied()
+    }
+
     /// How many of `samples` it neither holds nor is about to.
     pub(super) fn missing(&self, samples: &[SampleId]) -> usize {
         samples.iter().filter(|id| !self.held.contains(id) && !self.fetching.contains_key(id)).count()

@@ -234,7 +234,12 @@ impl Node {
             drop(waiting);
             match rendered {
                 Err(RenderError::DeviceLost(_)) if again => again = false,
-                rendered => return Ok(self.store.insert(rendered?)),
+                rendered => {
+                    let sample = self.store.insert(rendered?);
+                    // Views may be planned with it, and given to this worker, from now on.
+                    self.news.notify_one();
+                    return Ok(sample);
+                }
             }
         }
     }

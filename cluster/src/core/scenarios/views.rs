@@ -192,6 +192,39 @@ fn rays_that_were_traced_count_as_demand_and_cost() {
 }
 
 #[test]
+fn a_sampler_that_has_nothing_to_sample_composes_as_well() {
+    for helps in [true, false] {
+        let config = Config { samplers_composite: helps, ..Config::default() };
+        let mut sim = Sim::new(config);
+        for name in ["a", "b"] {
+            sim.join(name);
+            sim.report_all();
+        }
+        let sampler = sim.sampler();
+        let to_it = |sim: &Sim, tickets: &[Ticket]| {
+            tickets.iter().filter(|ticket| sim.orders[ticket].worker == sampler).count()
+        };
+        let first: Vec<Ticket> = (0..20).map(|_| sim.ask(false)).collect();
+        assert_eq!(to_it(&sim, &first), 0, "it has samples to render");
+        let needed: Vec<_> = sim.orders[&first[0]].sources.iter().map(|source| source.id).collect();
+        sim.workers.get_mut(&sampler).unwrap().report.held = needed;
+        sim.report(sampler);
+        let second: Vec<Ticket> = (0..60).map(|_| sim.ask(false)).collect();
+        // Few at a time.
+        assert_eq!(to_it(&sim, &second), if helps { 16 } else { 0 });
+        // What is due to be sampled goes first.
+        sim.answer_all();
+        let elsewhere = Camera::look_at(DVec3::new(-9.0, 30.0, -9.0), DVec3::new(-8.0, 0.0, -8.0));
+        let due = sim.ask_from(elsewhere, PlanRequest::default(), None);
+        assert_ne!(sim.orders[&due].worker, sampler);
+        let third: Vec<Ticket> = (0..20).map(|_| sim.ask(false)).collect();
+        assert_eq!(to_it(&sim, &third), 0);
+        sim.answer_all();
+        assert!(sim.refused.is_empty());
+    }
+}
+
+#[test]
 fn a_draining_coordinator_turns_new_views_away_and_answers_the_old() {
     let mut sim = Sim::with_workers(2);
     let old = sim.ask(false);
