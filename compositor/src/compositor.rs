@@ -22,10 +22,14 @@ use crate::layout::{Chunk, Extent, Piece, chunks};
 use crate::lights::light_about;
 use crate::passes::bounds::BoundsPass;
 use crate::passes::fill::FillPass;
+use crate::passes::fixed_point::FixedPointPass;
 use crate::passes::floor::FloorPass;
+use crate::passes::halve::HalvePass;
 use crate::passes::linear::LinearPass;
 use crate::passes::mend::MendPass;
+use crate::passes::pyramid::PyramidPass;
 use crate::passes::resolve::ResolvePass;
+use crate::passes::seeded::SeededPass;
 use crate::passes::splat::{SplatCall, SplatPass};
 use crate::passes::warp::WarpPass;
 use crate::plan::{PassPlan, plan};
@@ -48,6 +52,10 @@ pub struct GpuCompositor {
     warp: WarpPass,
     mend: MendPass,
     linear: LinearPass,
+    fixed_point: FixedPointPass,
+    seeded: SeededPass,
+    halve: HalvePass,
+    pyramid: PyramidPass,
     resolve: ResolvePass,
     floor: FloorPass,
     trials: BTreeMap<Search, Trial>,
@@ -118,6 +126,10 @@ impl GpuCompositor {
             warp: WarpPass::new(),
             mend: MendPass::default(),
             linear: LinearPass::new(),
+            fixed_point: FixedPointPass::new(),
+            seeded: SeededPass::new(),
+            halve: HalvePass::new(&gpu),
+            pyramid: PyramidPass::new(),
             resolve: ResolvePass::new(&gpu),
             floor: FloorPass::default(),
             trials: BTreeMap::new(),
@@ -178,7 +190,8 @@ impl GpuCompositor {
         let mut results: Vec<Option<RenderError>> = vec![None; jobs.len()];
         let mut views = Vec::with_capacity(jobs.len());
         for (index, job) in jobs.iter().enumerate() {
-            match PreparedView::new(index, job, &self.holdings, self.knobs.splatting) {
+            let prepared = PreparedView::new(index, job, &self.holdings, self.knobs.splatting);
+            match prepared.and_then(|view| self.with_pyramids(view)) {
                 Ok(view) => views.push(view),
                 Err(error) => results[index] = Some(error),
             }
@@ -230,6 +243,14 @@ impl GpuCompositor {
         results.into_iter().enumerate().map(result).collect()
     }
 
+    /// The view, with pyramids of its samples if its search needs them.
+    fn with_pyramids(&mut self, view: PreparedView) -> Result<PreparedView, RenderError> {
+        if view.search == Search::Pyramid {
+            self.holdings.make_pyramids(&self.gpu, &self.halve, &self.knobs, &view.samples)?;
+        }
+        Ok(view)
+    }
+
     /// Draws the pieces of a chunk, brings them back and adds them to their frames.
     fn compose_chunk(
         &mut self,
@@ -277,13 +298,16 @@ impl GpuCompositor {
                 .collect();
             let twin = self.trials.entry(search).or_default().next(self.knobs.twin);
             let canvas = Canvas { variant, twin, shared: &shared, draws: &draws, targets: drawn };
-            if work == Work::Floor {
-                self.floor.record(&self.gpu, &mut commands, &canvas)?;
-            } else if search == Search::Splat {
-                self.warp.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
-                self.mend.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
-            } else {
-                self.linear.record(&self.gpu, &mut commands, &canvas)?;
+            match search {
+                _ if work == Work::Floor => self.floor.record(&self.gpu, &mut commands, &canvas)?,
+                Search::Splat => {
+                    self.warp.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
+                    self.mend.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
+                }
+                Search::Linear => self.linear.record(&self.gpu, &mut commands, &canvas)?,
+                Search::FixedPoint => self.fixed_point.record(&self.gpu, &mut commands, &canvas)?,
+                Search::Seeded => self.seeded.record(&self.gpu, &mut commands, &canvas, &data.splatted)?,
+                Search::Pyramid => self.pyramid.record(&self.gpu, &mut commands, &canvas)?,
             }
         }
         if let Some(fine_targets) = fine_targets {
@@ -320,7 +344,13 @@ impl GpuCompositor {
     fn note_times(&mut self, chunk: &Chunk, data: &ChunkData, stages: &[Stage]) {
         let searches: BTreeSet<Search> = data.draws.keys().map(|(search, _)| *search).collect();
         for search in searches {
-            let name = if search == Search::Splat { WarpPass::NAME } else { LinearPass::NAME };
+            let name = match search {
+                Search::Splat => WarpPass::NAME,
+                Search::Linear => LinearPass::NAME,
+                Search::FixedPoint => FixedPointPass::NAME,
+                Search::Seeded => SeededPass::NAME,
+                Search::Pyramid => PyramidPass::NAME,
+            };
             let pieces = data.draws.iter().filter(|((s, _), _)| *s == search).flat_map(|(_, pieces)| pieces);
             let area = |piece: &Piece| piece.fine_size().iter().map(|&side| u64::from(side)).product::<u64>();
             let sub_pixels = pieces.map(|&i| area(&chunk.pieces[i])).sum();
@@ -350,7 +380,7 @@ impl GpuCompositor {
                 let about = |light| light_about(light, job.camera.eye);
                 lights.extend(held.info.lighting.lights.iter().map(about));
             }
-            if view.search == Search::Splat {
+            if view.splats_first() {
                 splats.append(&mut view.splats(piece, first.cell, &mut blocks));
                 fills.push(view.fill(piece, first.cell));
                 first.cell += view.cell_count(piece);

@@ -10,6 +10,7 @@ use argus_scene::{InvalidField, RenderError, Sample, SampleCamera, SampleId, Sam
 use crate::cull::FaceTiles;
 use crate::knobs::CompositorKnobs;
 use crate::passes::bounds::BoundsPass;
+use crate::passes::halve::HalvePass;
 use crate::pool::Pool;
 use crate::validate::class_of;
 
@@ -24,6 +25,15 @@ pub(crate) struct Held {
     /// Index of its pool.
     pub(crate) pool: usize,
     pub(crate) layer: u32,
+}
+
+fn within_memory(bytes: u64, knobs: &CompositorKnobs) -> Result<(), RenderError> {
+    if bytes <= knobs.max_sample_bytes {
+        return Ok(());
+    }
+    let (mib, most) = (bytes >> 20, knobs.max_sample_bytes >> 20);
+    let reason = format!("samples would fill {mib} MiB of the device, {most} are allowed");
+    Err(RenderError::OutOfMemory(reason))
 }
 
 /// Samples by id, and the texture arrays that they lie in.
@@ -77,12 +87,8 @@ impl Holdings {
         let classes = set.samples.iter().map(|s| class_of(s)).collect::<Result<Vec<_>, _>>()?;
         let replaced: u64 = set.samples.iter().map(|s| self.bytes_of(s.id)).sum();
         let added: u64 = classes.iter().map(|class| class.layer_bytes()).sum();
-        let total = (self.bytes + added).saturating_sub(replaced);
-        if total > knobs.max_sample_bytes {
-            let (mib, most) = (total >> 20, knobs.max_sample_bytes >> 20);
-            let reason = format!("samples would fill {mib} MiB of the device, {most} are allowed");
-            return Err(RenderError::OutOfMemory(reason));
-        }
+        let pyramids: u64 = self.pools.iter().flatten().map(|pool| pool.pyramid_bytes(false)).sum();
+        within_memory((self.bytes + added + pyramids).saturating_sub(replaced), knobs)?;
         let mut placed: Vec<(&Sample, usize, u32)> = Vec::with_capacity(set.samples.len());
         for (sample, class) in set.samples.iter().zip(classes) {
             let index = self.pools.iter().position(|p| p.as_ref().is_some_and(|p| p.class == class));
@@ -116,6 +122,30 @@ impl Holdings {
                 self.free(placed.into_iter().map(|(_, pool, layer)| (pool, layer)));
                 Err(error)
             }
+        }
+    }
+
+    /// Makes the pyramids of samples of one plan that have none yet.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] if the pyramids of all samples of their pool would not fit.
+    pub(crate) fn make_pyramids(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        pass: &HalvePass,
+        knobs: &CompositorKnobs,
+        samples: &[Arc<Held>],
+    ) -> Result<(), RenderError> {
+        let Some(first) = samples.first() else { return Ok(()) };
+        let pools = self.pools.iter().enumerate();
+        let bytes = |(i, pool): (usize, &Option<Pool>)| {
+            pool.as_ref().map_or(0, |pool| pool.pyramid_bytes(i == first.pool))
+        };
+        within_memory(self.bytes + pools.map(bytes).sum::<u64>(), knobs)?;
+        let layers = samples.iter().map(|held| held.layer);
+        match self.pools.get_mut(first.pool) {
+            Some(Some(pool)) => pool.make_pyramids(gpu, pass, layers),
+            _ => Err(RenderError::Internal("a held sample has no pool".to_owned())),
         }
     }
 

@@ -2,12 +2,17 @@
 //!
 //! A compositor never sees a triangle. It holds samples (images of radiance and range, taken elsewhere) as
 //! layers of texture arrays, and answers views from them: a *search* finds the depth of each pixel, and the
-//! colour is fetched where the samples have that point, from texels whose range agrees with it. Two searches
-//! end in the same fetch:
+//! colour is fetched where the samples have that point, from texels whose range agrees with it. All searches end in
+//! the same fetch:
 //!
 //! - [`argus_scene::Search::Splat`]: samples' texels are projected forward into cells of the view, the nearest
 //!   stays, gaps between cells of one surface are closed;
-//! - [`argus_scene::Search::Linear`]: the cluster paper's (section 4.2), linear steps and bisection.
+//! - [`argus_scene::Search::Linear`]: the cluster paper's (section 4.2), linear steps and bisection;
+//! - [`argus_scene::Search::FixedPoint`]: from the middle of the scene's bounds to the surface that a sample has there, back to
+//!   the ray, and again; a linear search where that does not settle;
+//! - [`argus_scene::Search::Seeded`]: the same, begun at what a coarse splat left;
+//! - [`argus_scene::Search::Pyramid`]: the ray is followed texel by texel through all samples, in large steps where a pyramid of
+//!   their nearest surfaces has nothing.
 //!
 //! What a frame's pixels mean, beside [`argus_scene::Output`]:
 //! - a pixel is *sky* (source 0, mask 0, no range) where its ray misses the scene's bounds or samples see past
@@ -34,6 +39,7 @@ mod passes;
 mod plan;
 mod pool;
 mod prepare;
+mod pyramid;
 mod targets;
 mod trial;
 mod validate;

@@ -2,6 +2,12 @@
 
 use argus_scene::{Outputs, Plan, Search, Warp};
 
+use crate::passes::fixed_point::FixedPointPass;
+use crate::passes::linear::LinearPass;
+use crate::passes::pyramid::PyramidPass;
+use crate::passes::seeded::SeededPass;
+use crate::passes::warp::WarpPass;
+
 /// Whether one piece of work runs for a view.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PassPlan {
@@ -20,16 +26,22 @@ pub(crate) fn plan(plan: &Plan, outputs: Outputs, glossy: bool, splatting: usize
             "the plan is direct: it is rendered from triangles, which a compositor never has".to_owned();
         return vec![PassPlan { name: "warp views", on: false, why }];
     };
-    let splat = *search == Search::Splat;
     let row = |name, on, why: &str| PassPlan { name, on, why: why.to_owned() };
-    let searched = if splat { "the plan's search is the splat" } else { "the plan's search is linear" };
+    let searched = format!("the plan's search is `{}`", search.name());
+    let stepped = format!("{searched}; at most {steps} steps");
     let count = splatting.min(samples.len());
+    let splats = matches!(search, Search::Splat | Search::Seeded);
+    let is = |one| *search == one;
     vec![
-        row("splat samples", splat, &format!("{searched}; the first {count} samples leave their depth")),
-        row("fill cells", splat, searched),
-        row("warp views", splat, searched),
-        row("mend pixels", splat, "pixels that one sample did not settle are tried in all"),
-        row("search views", !splat, &format!("{searched}; at most {steps} steps")),
+        row("splat samples", splats, &format!("{searched}; the first {count} samples leave their depth")),
+        row("fill cells", splats, &searched),
+        row(WarpPass::NAME, is(Search::Splat), &searched),
+        row("mend pixels", is(Search::Splat), "pixels that one sample did not settle are tried in all"),
+        row(LinearPass::NAME, is(Search::Linear), &stepped),
+        row(FixedPointPass::NAME, is(Search::FixedPoint), &stepped),
+        row(SeededPass::NAME, is(Search::Seeded), &stepped),
+        row("make pyramid", is(Search::Pyramid), "of samples that have none yet, for searches that read it"),
+        row(PyramidPass::NAME, is(Search::Pyramid), &searched),
         row(
             "specular",
             glossy,

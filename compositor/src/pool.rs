@@ -3,10 +3,15 @@
 //! Binding arrays are not available everywhere, so all samples that a view may be made of must lie in one
 //! array per plane. Samples of a rig share a size, so in practice there is one pool.
 
+use std::sync::Arc;
+
 use argus_gpu::Gpu;
 use argus_gpu::plane::{self, texture_format};
 use argus_gpu::wgpu;
 use argus_scene::{PlaneFormat, PlaneKind, RenderError, Sample};
+
+use crate::passes::halve::HalvePass;
+use crate::pyramid::{self, Pyramids};
 
 /// What samples must have in common to share texture arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,6 +56,7 @@ pub(crate) struct Pool {
     arrays: Vec<Array>,
     capacity: u32,
     free: Vec<u32>,
+    pyramids: Option<Pyramids>,
 }
 
 /// Layers that a pool begins with: the samples of one tile or the nearest of one cell.
@@ -59,7 +65,7 @@ const FIRST_LAYERS: u32 = 4;
 impl Pool {
     /// An empty pool; memory is taken with the first sample.
     pub(crate) fn new(class: PoolClass) -> Self {
-        Self { class, arrays: Vec::new(), capacity: 0, free: Vec::new() }
+        Self { class, arrays: Vec::new(), capacity: 0, free: Vec::new(), pyramids: None }
     }
 
     /// The array of a plane that the class has.
@@ -98,6 +104,8 @@ impl Pool {
         }
         let capacity = (2 * self.capacity).clamp(FIRST_LAYERS, most);
         self.grow(gpu, capacity);
+        // Made again, in a larger array, by the next search that asks.
+        self.pyramids = None;
         self.free.extend((self.capacity..capacity).rev());
         self.capacity = capacity;
         self.free.pop().ok_or_else(|| RenderError::Internal("a grown pool has no free layer".to_owned()))
@@ -106,6 +114,43 @@ impl Pool {
     /// Gives a layer back.
     pub(crate) fn free_layer(&mut self, layer: u32) {
         self.free.push(layer);
+        if let Some(pyramids) = &mut self.pyramids {
+            pyramids.forget(layer);
+        }
+    }
+
+    /// Makes the pyramids of samples that have none yet.
+    ///
+    /// # Errors
+    /// Whatever the device fails with.
+    pub(crate) fn make_pyramids(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        pass: &HalvePass,
+        layers: impl Iterator<Item = u32>,
+    ) -> Result<(), RenderError> {
+        let mut pyramids = match self.pyramids.take() {
+            Some(pyramids) => pyramids,
+            None => Pyramids::new(gpu, self.class.size, self.capacity)?,
+        };
+        let made =
+            self.view(PlaneKind::InverseRange).and_then(|plane| pyramids.make(gpu, pass, plane, layers));
+        self.pyramids = Some(pyramids);
+        made
+    }
+
+    /// What a pyramid search reads, once [`Pool::make_pyramids`] made it.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] before.
+    pub(crate) fn pyramids(&self) -> Result<&wgpu::TextureView, RenderError> {
+        let missing = || RenderError::Internal("pyramids are searched that were never made".to_owned());
+        self.pyramids.as_ref().map(|pyramids| &pyramids.view).ok_or_else(missing)
+    }
+
+    /// Device memory that pyramids take, or would take if `wanted`.
+    pub(crate) fn pyramid_bytes(&self, wanted: bool) -> u64 {
+        if wanted || self.pyramids.is_some() { pyramid::bytes(self.class.size, self.capacity) } else { 0 }
     }
 
     /// Whether no sample is in it.

@@ -33,6 +33,9 @@ pub(crate) struct PreparedView {
     sources: Vec<SplatSource>,
 }
 
+/// Cells of a splat that is only a search's beginning: so many times as large as those of one that is the search.
+const SEED: u32 = 4;
+
 /// A face that a view is splatted from.
 #[derive(Debug)]
 struct SplatSource {
@@ -60,13 +63,9 @@ impl PreparedView {
             true => Ok(()),
             false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {value}"))),
         };
-        if !matches!(search, Search::Splat | Search::Linear) {
-            let reason = format!("this compositor does not search by {}", search.name());
-            return Err(InvalidField::new("plan.search", reason).into());
-        }
         within("plan.samples", samples.len(), MAX_SAMPLES)?;
         within("plan.supersampling", *supersampling as usize, 8)?;
-        if *search == Search::Linear {
+        if search.takes_steps() {
             within("plan.steps", *steps as usize, 4096)?;
         }
         job.camera.validate()?;
@@ -89,7 +88,7 @@ impl PreparedView {
             cell: 1,
             sources: Vec::new(),
         };
-        if *search == Search::Splat {
+        if view.splats_first() {
             view.find_sources(splatting);
         }
         Ok(view)
@@ -105,7 +104,14 @@ impl PreparedView {
                 }
             }
         }
-        self.cell = cell_size(self.sources.iter().flat_map(|source| &source.tiles), self.geometry.size);
+        let tiles = self.sources.iter().flat_map(|source| &source.tiles);
+        let coarser = if self.search == Search::Seeded { SEED } else { 1 };
+        self.cell = cell_size(tiles, self.geometry.size).saturating_mul(coarser);
+    }
+
+    /// Whether its search begins with a splat.
+    pub(crate) fn splats_first(&self) -> bool {
+        matches!(self.search, Search::Splat | Search::Seeded)
     }
 
     /// Columns and rows of the view's cells that a part of it needs, as first and number: those its sub-pixels
@@ -174,7 +180,7 @@ impl PreparedView {
 
     /// Number of cells of a piece; none for a search that needs none.
     pub(crate) fn cell_count(&self, piece: &Piece) -> u32 {
-        if self.search != Search::Splat {
+        if !self.splats_first() {
             return 0;
         }
         let cells = self.cells_of(piece.part);

@@ -27,7 +27,7 @@ fn motley(set: &SampleSet) -> Vec<ViewJob> {
             let angle = f64::from(i) * 0.7;
             let eye = DVec3::new(angle.cos() * 9.0, 3.0 + f64::from(i % 7), angle.sin() * 9.0);
             let size = [20 + i * 3 % 61, 10 + i * 7 % 53];
-            let search = if i % 5 == 1 { Search::Linear } else { Search::Splat };
+            let search = Search::ALL[i as usize % Search::ALL.len()];
             let mut view = job(set, Camera::look_at(eye, DVec3::ZERO), size, search);
             if let Plan::Warp(Warp { steps, supersampling, samples, .. }) = &mut view.plan {
                 *steps = 16 + i;
@@ -78,7 +78,7 @@ fn a_large_view_in_pieces_is_the_same_as_in_one() {
     let mut whole = compositor(&set);
     let pieces = CompositorKnobs { piece_side: 40, chunk_pixels: 5000, ..CompositorKnobs::default() };
     let mut parts = compositor_with(&set, pieces);
-    for search in [Search::Splat, Search::Linear] {
+    for search in Search::ALL {
         for supersampling in [1, 3] {
             let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO);
             let mut view = job(&set, camera, [203, 97], search);
@@ -204,7 +204,7 @@ fn ranges_that_are_no_numbers_leave_holes_and_nothing_else() {
         });
     }
     let mut compositor = compositor(&set);
-    for search in [Search::Splat, Search::Linear] {
+    for search in Search::ALL {
         let view = job(&set, Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO), [100, 75], search);
         let frame = compose_one(&mut compositor, &view).unwrap();
         let judged = judge(&Analytic::garden(), &view, &frame, 0.05);
@@ -288,4 +288,7 @@ fn the_plan_of_passes_says_what_is_on_and_why() {
     assert!(!on(false, Search::Splat).contains(&"specular"));
     assert!(on(false, Search::Linear).contains(&"search views"));
     assert!(!on(false, Search::Linear).contains(&"splat samples"));
+    assert!(on(false, Search::Seeded).contains(&"splat samples"));
+    assert!(on(false, Search::Pyramid).contains(&"make pyramid"));
+    assert!(!on(false, Search::FixedPoint).contains(&"make pyramid"));
 }

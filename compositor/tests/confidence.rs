@@ -8,8 +8,6 @@ use argus_scene::{
 use common::*;
 use glam::DVec3;
 
-const SEARCHES: [Search; 2] = [Search::Splat, Search::Linear];
-
 fn corners() -> Vec<SampleCamera> {
     [(-8.0, -8.0), (8.0, -8.0), (-8.0, 8.0), (8.0, 8.0)]
         .map(|(x, z)| perspective(DVec3::new(x, 9.0, z), DVec3::ZERO, 75.0, 200, 150))
@@ -34,7 +32,7 @@ fn confidence_is_zero_where_no_sample_saw_a_pixel_and_nowhere_else() {
     let garden = Analytic::garden();
     let set = sample_set(&garden, &corners(), false, 1);
     let mut compositor = compositor(&set);
-    for search in SEARCHES {
+    for search in Search::ALL {
         for supersampling in [1, 2] {
             // Two samples, so that something is hidden.
             let view = with(&sure(&set, search), |warp| {
@@ -63,7 +61,7 @@ fn a_second_sample_with_the_same_surface_sets_the_highest_bit() {
     let garden = Analytic::garden();
     let set = sample_set(&garden, &corners(), false, 1);
     let mut compositor = compositor(&set);
-    for search in SEARCHES {
+    for search in Search::ALL {
         let surfaces = |frame: &argus_scene::Frame| -> Vec<u8> {
             let pixels = frame.confidence.as_ref().unwrap().iter().zip(frame.source.as_ref().unwrap());
             pixels.filter(|(_, source)| **source > 0).map(|(confidence, _)| *confidence).collect()
@@ -109,7 +107,7 @@ fn the_ways_in_which_pixels_were_served_add_up_to_all_of_them() {
     let set = sample_set(&garden, &corners(), false, 1);
     let mut compositor = compositor(&set);
     let mut views = Vec::new();
-    for search in SEARCHES {
+    for search in Search::ALL {
         for (supersampling, samples) in [(1, 4), (3, 4), (1, 1), (1, 2)] {
             views.push(with(&sure(&set, search), |warp| {
                 warp.supersampling = supersampling;

@@ -7,8 +7,6 @@ use argus_scene::{Camera, Cancel, Compositor as _, Output, Plan, SampleSet, Sear
 use common::*;
 use glam::DVec3;
 
-const SEARCHES: [Search; 2] = [Search::Splat, Search::Linear];
-
 fn pinholes(glossy: bool) -> SampleSet {
     let mut garden = Analytic::garden();
     garden.f0 = if glossy { 0.5 } else { 0.0 };
@@ -46,7 +44,7 @@ fn the_twins_of_every_search_write_equal_bytes() {
         let knobs = |twin| CompositorKnobs { twin, ..CompositorKnobs::default() };
         let mut fragment = compositor_with(&set, knobs(Twin::Fragment));
         let mut compute = compositor_with(&set, knobs(Twin::Compute));
-        for search in SEARCHES {
+        for search in Search::ALL {
             let views = views(&set, search);
             let a = fragment.compose(&views, &Cancel::new());
             let b = compute.compose(&views, &Cancel::new());
@@ -78,18 +76,4 @@ fn which_twin_is_the_faster_is_found_on_real_batches_and_never_shows() {
     assert!(colors.iter().all(|color| *color == colors[0]));
     assert!(matches!(compositor.twin(Search::Splat), Some(Twin::Fragment | Twin::Compute)));
     assert_eq!(compositor.twin(Search::Linear), None, "each search is tried for itself");
-}
-
-#[test]
-fn a_search_that_is_not_there_is_refused_by_field() {
-    let set = pinholes(false);
-    let mut compositor = compositor(&set);
-    let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO);
-    for search in Search::ALL.into_iter().filter(|search| !SEARCHES.contains(search)) {
-        let refused = compose_one(&mut compositor, &job(&set, camera, [20, 20], search));
-        assert!(
-            matches!(&refused, Err(argus_scene::RenderError::Invalid(field)) if field.field == "plan.search"),
-            "{search:?}: {refused:?}"
-        );
-    }
 }

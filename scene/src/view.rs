@@ -38,6 +38,15 @@ impl Search {
         }
     }
 
+    /// Steps where nobody says how many: more of them gain little.
+    pub fn usual_steps(self) -> u32 {
+        match self {
+            Self::FixedPoint => 8,
+            Self::Seeded => 4,
+            _ => 64,
+        }
+    }
+
     /// Whether [`Warp::steps`] means something to it.
     pub fn takes_steps(self) -> bool {
         matches!(self, Self::Linear | Self::FixedPoint | Self::Seeded)

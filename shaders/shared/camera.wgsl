@@ -59,6 +59,36 @@ fn seen_by_cube(face: f32, d: vec3f) -> Seen {
     return Seen(uv, max(a.x, max(a.y, a.z)) > 0.0);
 }
 
+// The face of a cube that has the direction d, in the order of `seen_by_cube`.
+fn cube_face_of(d: vec3f) -> u32 {
+    let a = abs(d);
+    if a.x >= a.y && a.x >= a.z {
+        return select(0u, 1u, d.x < 0.0);
+    }
+    if a.z > a.y {
+        return select(4u, 5u, d.z < 0.0);
+    }
+    return select(2u, 3u, d.y < 0.0);
+}
+
+// A direction in the axes of a face of a cube: right, up and forward; linear in it.
+fn in_cube_face(index: u32, d: vec3f) -> vec3f {
+    let sign = select(1.0, -1.0, (index & 1u) == 1u);
+    if index < 2u {
+        return vec3f(d.z * sign, d.y, d.x * sign);
+    }
+    if index < 4u {
+        return vec3f(d.x, d.z * sign, d.y * sign);
+    }
+    return vec3f(-d.x * sign, d.y, d.z * sign);
+}
+
+// What is in the axes of a face of a cube, in texels of the whole image times w, and w; linear in it.
+fn texel_of_cube_face(face: f32, index: u32, p: vec3f) -> vec3f {
+    let tile = vec2f(f32(index % 3u), f32(index / 3u));
+    return vec3f((tile + 0.5) * face * p.z + vec2f(p.x, -p.y) * (0.5 * (face - 2.0)), p.z);
+}
+
 // The direction, in a face's own axes (x right, y up, looking along -z, at depth 1), of a position in texels
 // of that face: `scale` and `bias` are 2 h / size and -h, h the tangents of half the fields of view.
 fn direction_in_face(scale: vec2f, bias: vec2f, texel: vec2f) -> vec3f {

@@ -22,9 +22,11 @@ pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) 
     let count = view.plan.samples.unwrap_or(config.samples_per_view) as usize;
     let indices = set.rig.nearest_among(&view.camera, count, refined);
     let (epoch, generation) = (set.epoch, set.generation);
+    let search = view.plan.search.unwrap_or(Search::Splat);
+    let usual_steps = if search == Search::Linear { config.linear_steps } else { search.usual_steps() };
     Ok(Plan::Warp(Warp {
-        search: view.plan.search.unwrap_or(Search::Splat),
-        steps: view.plan.steps.unwrap_or(config.linear_steps),
+        search,
+        steps: view.plan.steps.unwrap_or(usual_steps),
         supersampling,
         holes: view.plan.holes.unwrap_or_default(),
         samples: indices.into_iter().map(|index| SampleId { epoch, generation, index }).collect(),

@@ -2,9 +2,13 @@
 
 pub(crate) mod bounds;
 pub(crate) mod fill;
+pub(crate) mod fixed_point;
 pub(crate) mod floor;
+pub(crate) mod halve;
 pub(crate) mod linear;
 pub(crate) mod mend;
+pub(crate) mod pyramid;
 pub(crate) mod resolve;
+pub(crate) mod seeded;
 pub(crate) mod splat;
 pub(crate) mod warp;

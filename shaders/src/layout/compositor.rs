@@ -11,6 +11,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     Fill::MIRROR,
     Resolve::MIRROR,
     TileBounds::MIRROR,
+    Halve::MIRROR,
 ];
 
 /// Samples that one view can be made of.
@@ -167,5 +168,17 @@ mirror! {
         pub tile_columns: u32,
         /// Rows of tiles.
         pub tile_rows: u32,
+    }
+}
+
+mirror! {
+    /// One sample whose pyramid is made: `compositor/halve.wgsl`.
+    pub struct Halve {
+        /// Layer of the texture arrays.
+        pub layer: u32,
+        /// Texels of the sample: columns.
+        pub width: u32,
+        /// Rows.
+        pub height: u32,
     }
 }

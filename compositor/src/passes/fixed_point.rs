@@ -1,0 +1,29 @@
+//! Program: `shaders/compositor/fixed_point.wgsl`. Fixed-point iteration for each pixel, a linear search where it does
+//! not settle.
+
+use argus_gpu::{Commands, Gpu};
+use argus_scene::RenderError;
+
+use crate::drawing::{Canvas, Drawing};
+
+/// The pass: one draw a piece.
+#[derive(Debug)]
+pub(crate) struct FixedPointPass(Drawing);
+
+impl FixedPointPass {
+    /// Its row in the timing table.
+    pub(crate) const NAME: &str = "iterate views";
+
+    pub(crate) fn new() -> Self {
+        Self(Drawing::new(&argus_shaders::compositor::FIXED_POINT, Self::NAME))
+    }
+
+    pub(crate) fn record(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        canvas: &Canvas<'_>,
+    ) -> Result<(), RenderError> {
+        self.0.record(gpu, commands, canvas, &[])
+    }
+}

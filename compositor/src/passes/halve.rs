@@ -1,0 +1,37 @@
+//! Program: `shaders/compositor/halve.wgsl`. Makes the pyramid of a sample's nearest surfaces.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::layout::compositor::Halve;
+
+/// The pass: a dispatch a sample, once.
+#[derive(Debug)]
+pub(crate) struct HalvePass {
+    pipeline: ComputePipeline,
+}
+
+/// Texels on a side of what a workgroup halves again and again, to a single cell.
+pub(crate) const TILE: u32 = 64;
+
+impl HalvePass {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::HALVE, "halve_tile") }
+    }
+
+    /// Makes the levels of the sample of `size` texels that is in this layer.
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        inverse_range: &wgpu::TextureView,
+        size: [u32; 2],
+        levels: &wgpu::TextureView,
+        layer: u32,
+    ) {
+        let [width, height] = size;
+        commands
+            .compute("make pyramid", &self.pipeline)
+            .read("inverse_range", inverse_range)
+            .write("levels", levels)
+            .immediates(bytemuck::bytes_of(&Halve { layer, width, height }))
+            .dispatch([width.div_ceil(TILE), height.div_ceil(TILE), 1]);
+    }
+}

@@ -1,0 +1,151 @@
+// Program of compositor/src/passes/pyramid.rs: the view ray is followed exactly, from texel to texel of each sample in turn,
+// to where none of the cameras that look there sees past it (the most conservative surface, as section 4.2 of the cluster
+// paper has it). A pyramid of nearest surfaces lets it pass over what is empty in large steps.
+
+import package::shared::fetch::{ViewSample, crossing_of_bounds, not_baked, omni, view};
+import package::shared::levels::{LEVELS, place_of_level};
+import package::shared::image_line::{AHEAD, leaves_cell, line_in_image, texel_at};
+import package::shared::pixel::{Linear, Pixel, Shown, corner_of_target, linear_of, shown};
+import package::shared::ray_end::{RayEnd, pixel_at_end};
+import package::shared::targets::{place_of_twin, store_linear, store_shown};
+
+// Greatest inverse range of the surfaces in cells of 1, 2, 4, ... texels on a side, 0 where there are none; levels.wgsl says
+// where they lie.
+@group(0) @binding(16) var nearest_surfaces: texture_2d_array<f32>;
+
+// Share of its range by which a camera must see past a point to overrule another one. What two cameras have of one surface
+// differs by up to half a texel's slope: without it a ray would slip between the two.
+const MARGIN: f32 = 0.003;
+
+// A position on a cell's border is rounded to either side: it counts as this far inside, in texels.
+const INSIDE: f32 = 0.015625;
+
+// Cells that one sample is asked about before the next one's turn, and turns. Together they bound the work of a pixel,
+// however it runs; what is not settled by then is left unresolved.
+const CELLS: u32 = 192u;
+const TURNS: u32 = 96u;
+
+const LEVEL_AT_FIRST: u32 = 2u;
+
+// How far a sample lets a ray go.
+struct Stop {
+    // Depth up to which the sample sees past the ray, from where it was asked.
+    t: f32,
+    // It sees a surface there, or before it.
+    behind: bool,
+    // It does not look there; then the depth from which on it does, or one beyond the end.
+    blind: bool,
+    begins: f32,
+}
+
+fn follow(s: ViewSample, d: vec3f, near: f32, far: f32) -> Stop {
+    let size = textureDimensions(nearest_surfaces);
+    let dd = dot(d, d);
+    var t = near;
+    var behind = false;
+    var blind = false;
+    var begins = far * 2.0;
+    // Lines that follow each other: at most the six faces of a cube, and one that rounding makes twice.
+    for (var face = 0u; face < not_baked(select(1u, 8u, omni)) && !behind && !blind && t < far; face++) {
+        let line = line_in_image(s, d, t, far);
+        blind = !(line.begin <= t && t < line.end);
+        begins = select(begins, line.begin, line.begin > t && line.begin < line.end);
+        var level = LEVEL_AT_FIRST;
+        for (var k = 0u; k < not_baked(CELLS) && !blind && !behind && t < line.end; k++) {
+            let side = f32(1u << level);
+            let cell = floor((texel_at(line, t) + line.sense * INSIDE) / side);
+            let exit = leaves_cell(line, cell, side, t);
+            let last = (vec2u(size.x, size.y / 3u * 2u) >> vec2u(level)) - 1u;
+            let place = place_of_level(size, level) + min(vec2u(max(cell, vec2f(0.0))), last);
+            let surface = textureLoad(nearest_surfaces, place, s.layer, 0).x / (1.0 - MARGIN);
+            let here = s.eye_from_center + d * t;
+            let there = s.eye_from_center + d * exit;
+            // Range is convex along a ray: nowhere greater than at one of the ends.
+            let s2 = surface * surface;
+            let hidden = s2 * max(dot(here, here), dot(there, there)) >= 1.0;
+            if !hidden {
+                t = max(exit, t * (1.0 + 1e-6));
+                level = min(level + 1u, LEVELS - 1u);
+            } else if level > 0u {
+                level -= 1u;
+            } else {
+                // At once, or where the range becomes that of the surface: |here + d x| = 1 / surface.
+                behind = true;
+                let left = 1.0 / s2 - dot(here, here);
+                let b = dot(d, here);
+                let root = sqrt(max(b * b + dd * left, 0.0));
+                let x = select((root - b) / dd, left / max(root + b, 1e-30), b > 0.0);
+                t += select(0.0, clamp(x, 0.0, exit - t), left > 0.0);
+            }
+        }
+    }
+    return Stop(min(t, far), behind, blind, begins);
+}
+
+fn follow_in_all(d: vec3f, span: vec2f) -> RayEnd {
+    // A sample at the eye has no image of a ray's very beginning.
+    var t = max(span.x, 1e-6 * span.y);
+    var agreed = 0u;
+    var seen = false;
+    var clear = true;
+    var next = 2.0 * span.y;
+    let count = view.sample_count;
+    var i = 0u;
+    for (var turn = 0u; turn < not_baked(TURNS) && t < span.y && !(agreed == count && seen); turn++) {
+        let stop = follow(view.samples[i], d, t, span.y);
+        // By more than rounding.
+        let moved = stop.t > t * (1.0 + AHEAD);
+        agreed = select(agreed, 0u, moved) + select(0u, 1u, stop.behind || stop.blind);
+        seen = (seen && !moved) || stop.behind;
+        next = min(select(next, 2.0 * span.y, moved), stop.begins);
+        t = stop.t;
+        // Nobody looks here: on to where someone does.
+        if agreed == count && !seen {
+            clear = false;
+            t = next;
+            agreed = 0u;
+            next = 2.0 * span.y;
+        }
+        i = select(i + 1u, 0u, i + 1u == count);
+    }
+    return RayEnd(t, agreed == count && seen, clear && t >= span.y);
+}
+
+fn pixel(at: vec2f) -> Pixel {
+    let position = at - view.target_origin + view.piece_origin;
+    let d = view.corner + view.right * position.x + view.down * position.y;
+    let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
+    let ended = follow_in_all(d, span);
+    return pixel_at_end(d, span, ended);
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
+    return corner_of_target(index);
+}
+
+@fragment
+fn show(@builtin(position) at: vec4f) -> Shown {
+    return shown(pixel(at.xy));
+}
+
+@fragment
+fn keep(@builtin(position) at: vec4f) -> Linear {
+    return linear_of(pixel(at.xy));
+}
+
+@compute @workgroup_size(8, 8)
+fn show_twin(@builtin(global_invocation_id) id: vec3u) {
+    let place = place_of_twin(id.xy);
+    if place.inside {
+        store_shown(place.texel, pixel(place.at));
+    }
+}
+
+@compute @workgroup_size(8, 8)
+fn keep_twin(@builtin(global_invocation_id) id: vec3u) {
+    let place = place_of_twin(id.xy);
+    if place.inside {
+        store_linear(place.texel, pixel(place.at));
+    }
+}

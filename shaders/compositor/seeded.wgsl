@@ -1,0 +1,65 @@
+// Program of compositor/src/passes/seeded.rs: a coarse splat says where to begin, a few fixed-point steps lead to the surface;
+// where they do not, a short linear search.
+
+import package::shared::cells::{Depth, depth_of};
+import package::shared::fetch::{SETTLED, crossing_of_bounds, fetch_from, not_baked, view};
+import package::shared::fixed_point::{limits_of, settle};
+import package::shared::march::march;
+import package::shared::pixel::{Linear, Pixel, Shown, corner_of_target, linear_of, shown, surface_pixel};
+import package::shared::ray_end::{RayEnd, pixel_at_end};
+import package::shared::targets::{place_of_twin, store_linear, store_shown};
+
+@group(0) @binding(9) var<storage, read> depths: array<u32>;
+
+// Steps of the linear search.
+const TAIL: u32 = 8u;
+
+fn pixel(at: vec2f) -> Pixel {
+    let position = at - view.target_origin + view.piece_origin;
+    let d = view.corner + view.right * position.x + view.down * position.y;
+    let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
+    let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
+    let seed = depth_of(depths[view.first_cell + u32(cell.y * view.cell_columns + cell.x)]);
+    let q = settle(view.samples[seed.source], d, abs(seed.q), limits_of(span), view.steps);
+    let fetched = fetch_from(view.samples[seed.source], d, q);
+    let settled = span.x < span.y && fetched.agreement >= SETTLED;
+    var result = surface_pixel(fetched, seed.source, d);
+    // A loop that runs once or not at all: a branch's two sides are both run by the software driver.
+    for (var k = 0u; k < not_baked(1u) && !settled; k++) {
+        var end = march(d, span, TAIL);
+        end.t = 1.0 / settle(view.samples[0], d, 1.0 / max(end.t, 1e-20), limits_of(span), view.steps);
+        result = pixel_at_end(d, span, end);
+    }
+    return result;
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
+    return corner_of_target(index);
+}
+
+@fragment
+fn show(@builtin(position) at: vec4f) -> Shown {
+    return shown(pixel(at.xy));
+}
+
+@fragment
+fn keep(@builtin(position) at: vec4f) -> Linear {
+    return linear_of(pixel(at.xy));
+}
+
+@compute @workgroup_size(8, 8)
+fn show_twin(@builtin(global_invocation_id) id: vec3u) {
+    let place = place_of_twin(id.xy);
+    if place.inside {
+        store_shown(place.texel, pixel(place.at));
+    }
+}
+
+@compute @workgroup_size(8, 8)
+fn keep_twin(@builtin(global_invocation_id) id: vec3u) {
+    let place = place_of_twin(id.xy);
+    if place.inside {
+        store_linear(place.texel, pixel(place.at));
+    }
+}
