@@ -166,6 +166,14 @@ pub(crate) fn share(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Parses a finite number that is not below zero.
+pub(crate) fn zero_or_more(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number >= 0.0 && number.is_finite() => Ok(number),
+        _ => Err("a finite number, 0 or above, is wanted".to_owned()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -194,6 +202,10 @@ mod tests {
         assert_eq!(positive("0.5"), Ok(0.5));
         for wrong in ["0", "-1", "nan", "inf", ""] {
             assert!(positive(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(zero_or_more("0"), Ok(0.0));
+        for wrong in ["-1", "nan", "inf", ""] {
+            assert!(zero_or_more(wrong).is_err(), "{wrong}");
         }
     }
 }

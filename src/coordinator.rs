@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::Context;
 use argus_cluster::coordinator::{Config, serve};
@@ -52,6 +53,12 @@ pub(crate) struct Service {
     refining_share: f64,
     #[command(flatten)]
     rig: args::Rig,
+    /// Milliseconds until the next moment of an animated scene is rendered, at the least
+    #[arg(long, value_name = "MS", default_value = "100", value_parser = args::positive)]
+    epoch_ms: f64,
+    /// Seconds that an animated scene moves on in a second; 0 holds it still
+    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = args::zero_or_more)]
+    time_scale: f64,
 }
 
 /// A coordinator that listens, and has not yet begun to serve.
@@ -96,10 +103,11 @@ impl Service {
             () = shutdown.cancelled() => anyhow::bail!("stopped before the scene was open"),
         };
         source.report();
-        let mut config = Config { rig: self.rig.knobs(), ..Config::default() };
+        let mut config = Config { rig: self.rig.knobs(), time_scale: self.time_scale, ..Config::default() };
         config.core = core::Config {
             samplers_composite: self.samplers_composite,
             refining_share: self.refining_share,
+            epoch: Duration::try_from_secs_f64(self.epoch_ms * 1e-3).context("--epoch-ms")?,
             samples_per_view: self.rig.samples.unwrap_or(config.core.samples_per_view),
             ..config.core
         };

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use anyhow::Context;
 use argus_client::{Answer, Client, RenderOptions};
-use argus_scene::{Camera, Frame, Holes, Output, Outputs, Plan, Served, View};
+use argus_proto::Description;
+use argus_scene::{Camera, Frame, Holes, Output, Outputs, Plan, PlanRequest, Provenance, Served, View};
 use glam::DVec3;
 use serde::Serialize;
 
@@ -41,6 +42,9 @@ pub(crate) struct Args {
     /// File to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Show an animated scene at this time, to the nearest epoch, rather than at the time that is served
+    #[arg(long, value_name = "SECONDS", requires = "direct", value_parser = args::zero_or_more)]
+    time: Option<f64>,
     /// Give up after this many seconds
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = args::positive)]
     timeout: f64,
@@ -133,15 +137,17 @@ impl Report {
 pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     let CameraArgs { eye, target, up, fov_deg } = args.camera;
     let [width, height] = args.size;
+    let client = Client::connect(&args.server.server).await?;
+    let plan = args.plan.request();
+    let pin = args.time.map(|secs| moment(client.description(), &plan, secs)).transpose()?;
     let view = View {
         camera: Camera { eye, target, up, fov_deg },
         width,
         height,
         outputs: Outputs::only(args.output),
-        plan: args.plan.request(),
-        pin: None,
+        plan,
+        pin,
     };
-    let client = Client::connect(&args.server.server).await?;
     let deadline =
         Duration::try_from_secs_f64(args.timeout).unwrap_or(Duration::from_secs(u64::from(u32::MAX)));
     let options = RenderOptions { deadline, ..RenderOptions::default() };
@@ -159,6 +165,20 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
         println!("    {ms:9.3} ms  {name}");
     }
     Ok(())
+}
+
+/// The provenance of a view from triangles at a scene time.
+fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::Result<Provenance> {
+    let epoch_secs = description.epoch_secs;
+    anyhow::ensure!(epoch_secs > 0.0 || secs == 0.0, "nothing moves in this scene, so it has no time but 0");
+    let side = plan.supersampling.unwrap_or(1);
+    Ok(Provenance {
+        scene: description.scene_hash,
+        epoch: if epoch_secs > 0.0 { (secs / epoch_secs).round() as u64 } else { 0 },
+        generation: 0,
+        plan: Plan::Direct { samples_per_pixel: side.saturating_mul(side) },
+        device: String::new(),
+    })
 }
 
 /// Writes the one image that was asked for.

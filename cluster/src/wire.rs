@@ -116,17 +116,14 @@ pub(crate) fn scene_ref(scene: &SceneRef) -> v1::SceneRef {
 }
 
 pub(crate) fn assignment(assignment: Assignment, standing: &Standing, set: &SampleSetInfo) -> v1::Assignment {
-    let (render, fetch): (Vec<Source>, Vec<Source>) =
-        assignment.ahead.into_iter().partition(|source| source.addresses.is_empty());
-    let render_ahead = render.into_iter().map(|source| source.id.index).collect();
     v1::Assignment {
         term: standing.term,
         sequence: assignment.sequence,
         role: role(assignment.role) as i32,
         scene: Some(scene_ref(&standing.scene)),
         set: Some(set.into()),
-        render_ahead,
-        sources: sources(fetch),
+        sources: sources(assignment.ahead),
+        kept_from: assignment.kept_from,
         limits: Some(standing.limits.into()),
         report_interval_ms: u32::try_from(standing.report_interval.as_millis()).unwrap_or(u32::MAX),
     }

@@ -221,7 +221,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
     let limits =
         (1..=u32::MAX, 1..=u64::MAX).prop_map(|(max_side, max_pixels)| Limits { max_side, max_pixels });
     (
-        (".{0,12}", scene_hash(), bounds(), any::<u64>()),
+        (".{0,12}", scene_hash(), bounds(), any::<u64>(), 0.0..=86400.0),
         prop::sample::subsequence(effects, 0..=8),
         prop::collection::vec(cameras, 1..4),
         limits,
@@ -229,8 +229,16 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
         plan_request(),
     )
         .prop_map(
-            |((scene_name, scene_hash, bounds, triangles), effects, cameras, limits, rig, defaults)| {
+            |(
+                (scene_name, scene_hash, bounds, triangles, epoch_secs),
+                effects,
+                cameras,
+                limits,
+                rig,
+                defaults,
+            )| {
                 Description {
+                    epoch_secs,
                     scene_name,
                     scene_hash,
                     bounds,

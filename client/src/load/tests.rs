@@ -21,6 +21,7 @@ fn description(eyes: &[DVec3]) -> Description {
         limits: Limits::default(),
         rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
         defaults: PlanRequest::default(),
+        epoch_secs: 0.0,
     }
 }
 

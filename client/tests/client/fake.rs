@@ -182,6 +182,7 @@ fn description() -> Description {
         limits: Limits::default(),
         rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
         defaults: PlanRequest::default(),
+        epoch_secs: 0.0,
     }
 }
 

@@ -14,6 +14,8 @@ pub struct Config {
     pub core: core::Config,
     /// Where sample cameras stand; what is left open follows from the scene.
     pub rig: RigKnobs,
+    /// Seconds that an animated scene moves on in a second; 0 holds it still.
+    pub time_scale: f64,
     /// Its term of leadership; `None`: milliseconds since 1970, so that a coordinator that is started again
     /// has a higher one.
     pub term: Option<u64>,
@@ -28,6 +30,7 @@ impl Default for Config {
         Self {
             core: core::Config::default(),
             rig: RigKnobs::default(),
+            time_scale: 1.0,
             term: None,
             grace: Duration::from_secs(5),
             connect_timeout: Duration::from_secs(2),
@@ -41,6 +44,9 @@ pub enum ServeError {
     /// No rig can be placed around the scene.
     #[error("no sample camera can be placed: {0}")]
     Rig(#[from] InvalidField),
+    /// Time cannot pass like this.
+    #[error("the scene cannot move: {0}")]
+    Time(InvalidField),
     /// The server failed.
     #[error("the coordinator's server failed: {0}")]
     Server(#[from] tonic::transport::Error),

@@ -15,7 +15,7 @@ use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::cluster_server::ClusterServer;
 use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
-use argus_scene::{Rig, SampleSetInfo};
+use argus_scene::{InvalidField, Rig, SampleSetInfo};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::server::TcpIncoming;
@@ -49,7 +49,7 @@ pub async fn serve(
         bounds: scene.bounds(),
         rig: Rig::for_scene(scene, &config.rig)?,
         epoch: 0,
-        epoch_secs: 0.0,
+        epoch_secs: if scene.is_animated() { epoch_secs(&config).map_err(ServeError::Time)? } else { 0.0 },
         generation: FIRST_GENERATION,
         lighting: scene.lighting.clone(),
     });
@@ -113,12 +113,26 @@ pub async fn serve(
 
 /// Tells the core the time, ten times a tick and at least ten times a second.
 async fn tick(hub: &Hub, config: &Config) {
-    let period = (config.core.tick / 10).clamp(Duration::from_millis(5), Duration::from_millis(100));
+    // An epoch begins when its time has come, give or take a fifth of it.
+    let finest =
+        if hub.look(|core| core.set().epoch_secs > 0.0) { config.core.epoch / 5 } else { Duration::MAX };
+    let period = (config.core.tick / 10).min(finest);
+    let period = period.clamp(Duration::from_millis(5), Duration::from_millis(100));
     let mut interval = tokio::time::interval(period);
     interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         interval.tick().await;
         hub.step(Event::Tick);
+    }
+}
+
+/// Seconds of scene time from one epoch to the next.
+fn epoch_secs(config: &Config) -> Result<f64, InvalidField> {
+    let secs = config.core.epoch.as_secs_f64() * config.time_scale;
+    // Written so that NaN is refused.
+    match (0.0..=86400.0).contains(&secs) {
+        true => Ok(secs),
+        false => Err(InvalidField::new("time_scale", format!("must be 0 to a day an epoch, not {secs} s"))),
     }
 }
 

@@ -138,7 +138,7 @@ async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1:
         encoding: wanted.encoding,
         order: Some(v1::ViewOrder {
             term: hub.standing.term,
-            epoch: hub.look(|core| core.set().epoch),
+            epoch: order.epoch,
             plan: Some((&order.plan).into()),
             sources: wire::sources(order.sources.clone()),
             age_ms: age.as_secs_f64() * 1e3,

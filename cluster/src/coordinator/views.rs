@@ -46,6 +46,7 @@ impl ViewsService {
             cameras,
             limits: config.limits,
             rig: set.rig,
+            epoch_secs: set.epoch_secs,
             defaults: PlanRequest {
                 direct: false,
                 search: Some(Search::Splat),

@@ -48,6 +48,14 @@ pub struct Config {
     pub refining_share: f64,
     /// Bytes of samples at refinements that may exist in a worker at the same time; the least useful give way.
     pub refining_bytes: u64,
+    /// Δt of an animated scene: the next epoch is issued no sooner than this. As short as samples of a small scene
+    /// take on a slow machine; zero holds the scene still.
+    pub epoch: Duration,
+    /// Sample cameras are rendered anew for the next epoch for this long after a view used them.
+    pub epoch_interest: Duration,
+    /// An epoch that is got ready waits this long for its next sample; then it is served, and views wait for what
+    /// it lacks.
+    pub epoch_patience: Duration,
     /// Samples of a plan that a request leaves open.
     pub samples_per_view: u32,
     /// Linear steps where a request leaves them open: beyond 64 the cluster paper's search gains little.
@@ -75,6 +83,9 @@ impl Default for Config {
             samplers_composite: true,
             refining_share: 0.5,
             refining_bytes: 1 << 30,
+            epoch: Duration::from_millis(100),
+            epoch_interest: Duration::from_secs(1),
+            epoch_patience: Duration::from_secs(5),
             samples_per_view: 4,
             linear_steps: 64,
             limits: Limits::default(),

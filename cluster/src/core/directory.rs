@@ -112,6 +112,11 @@ impl Directory {
         self.owners.values().filter(|entry| entry.owner == worker).count()
     }
 
+    /// Forgets samples of epochs before this one.
+    pub(super) fn retire(&mut self, before_epoch: u64) {
+        self.owners.retain(|id, _| id.epoch >= before_epoch);
+    }
+
     /// Forgets what nobody needs.
     pub(super) fn prune(&mut self, workers: &BTreeMap<WorkerId, Worker>, now: Uptime) {
         self.owners.retain(|id, entry| {

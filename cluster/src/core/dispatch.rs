@@ -24,6 +24,7 @@ pub(super) struct Pending {
     camera: Camera,
     /// How many the frame has.
     pixels: u64,
+    epoch: u64,
     plan: Plan,
     /// Its plan was pinned: what it lacks says nothing of the plans made here.
     pinned: bool,
@@ -46,6 +47,11 @@ impl Pending {
         matches!(&self.plan, Plan::Warp(warp) if warp.holes == Holes::Trace)
     }
 
+    /// The epoch whose samples it needs, if it needs any.
+    pub(super) fn sampled_epoch(&self) -> Option<u64> {
+        (!self.is_direct()).then_some(self.epoch)
+    }
+
     fn samples(&self) -> &[SampleId] {
         match &self.plan {
             Plan::Direct { .. } => &[],
@@ -63,6 +69,7 @@ impl Core {
         now: Uptime,
         actions: &mut Vec<Action>,
     ) {
+        self.wake(now);
         match self.admit(view, deadline) {
             Err(fault) => {
                 match fault {
@@ -72,9 +79,11 @@ impl Core {
                 actions.push(Action::Refuse { ticket, fault });
             }
             Ok(plan) => {
+                let epoch = view.pin.as_ref().map_or(self.set.epoch, |pin| pin.epoch);
                 let pending = Pending {
                     camera: view.camera,
                     pixels: u64::from(view.width) * u64::from(view.height),
+                    epoch,
                     plan,
                     pinned: view.pin.is_some(),
                     device: view.pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default(),
@@ -88,6 +97,9 @@ impl Core {
                     true => self.rates.direct.count(1),
                     false => self.rates.views.count(1),
                 }
+                if view.pin.is_none() {
+                    self.epochs.used(pending.samples().iter().map(|id| id.index), now);
+                }
                 self.views.insert(ticket, pending);
                 self.waiting.push_back(ticket);
             }
@@ -98,6 +110,7 @@ impl Core {
         if self.draining {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
+        self.check_epoch(view)?;
         let plan = plan(view, &self.set, self.placement.usable(), &self.config)?;
         let direct = matches!(plan, Plan::Direct { .. });
         let expected = self.expected_wait(direct);
@@ -194,6 +207,7 @@ impl Core {
             attempt: view.attempt,
             worker: id,
             address: worker.hello.address.clone(),
+            epoch: view.epoch,
             plan: view.plan.clone(),
             sources,
             tracers,

@@ -176,9 +176,11 @@ pub struct Assignment {
     pub sequence: u64,
     /// What it shall do once what it then no longer does is finished.
     pub role: Role,
-    /// Samples at refinements that it shall have at hand ahead of demand, in place of those it was told before;
+    /// Samples that it shall have at hand ahead of demand, in place of those it was told before;
     /// without an address, it renders them itself when nothing else waits.
     pub ahead: Vec<Source>,
+    /// Samples of epochs before this one are of no use any more.
+    pub kept_from: u64,
 }
 
 /// Who holds or can render a sample, best first. Empty: the worker renders it itself.
@@ -199,6 +201,8 @@ pub struct Order {
     pub worker: WorkerId,
     /// Where it is.
     pub address: String,
+    /// Which moment of the scene: that of the plan's samples.
+    pub epoch: u64,
     /// How.
     pub plan: Plan,
     /// Where the plan's samples are, for those the worker may lack.

@@ -10,6 +10,7 @@ use super::balance::{Costs, Demand, Split};
 use super::config::Config;
 use super::directory::Directory;
 use super::dispatch::Pending;
+use super::epochs::Epochs;
 use super::event::{Action, Event, Hello, Report, Ticket, WorkerId};
 use super::hysteresis::Hysteresis;
 use super::placement::Placement;
@@ -71,6 +72,7 @@ pub struct Core {
     pub(super) waiting: VecDeque<Ticket>,
     pub(super) directory: Directory,
     pub(super) placement: Placement,
+    pub(super) epochs: Epochs,
     pub(super) rates: Rates,
     pub(super) costs: MeasuredCosts,
     pub(super) hysteresis: Hysteresis,
@@ -85,6 +87,8 @@ impl Core {
     pub fn new(config: Config, set: Arc<SampleSetInfo>) -> Self {
         let rate = || Rate::new(config.smoothing);
         let cost = || Smoothed::new(config.smoothing);
+        let every = (set.epoch_secs > 0.0).then_some(config.epoch);
+        let epochs = Epochs::new(every, config.epoch_interest, config.epoch_patience);
         let idle_secs = config.tick.as_secs_f64() * config.idle_fraction;
         Self {
             hysteresis: Hysteresis::new(config.margin, config.dwell, idle_secs),
@@ -103,6 +107,7 @@ impl Core {
             waiting: VecDeque::new(),
             directory: Directory::default(),
             placement: Placement::default(),
+            epochs,
             split: Split::Nobody,
             counters: Counters::default(),
             draining: false,
@@ -115,7 +120,8 @@ impl Core {
         &self.config
     }
 
-    /// The set that all samples belong to.
+    /// The set that all samples belong to, at the epoch that is served. Its lighting is that of epoch 0: who renders
+    /// asks the scene.
     pub fn set(&self) -> &Arc<SampleSetInfo> {
         &self.set
     }
@@ -196,6 +202,11 @@ impl Core {
         if worker.is_ready() != was_ready {
             self.processes_changed(actions);
         }
+        if self.epochs.moves() {
+            // It may hold what the next epoch waits for.
+            self.advance(now);
+            self.refine(now, actions);
+        }
     }
 
     /// A worker's stream ended: announced if it said that it leaves and has nothing left to do.
@@ -218,6 +229,7 @@ impl Core {
     }
 
     fn tick(&mut self, now: Uptime, actions: &mut Vec<Action>) {
+        self.advance(now);
         let silent = |w: &&Worker| now.since(w.last_report) >= self.config.lease;
         let lost: Vec<WorkerId> = self.workers.values().filter(silent).map(|w| w.id).collect();
         for worker in lost {

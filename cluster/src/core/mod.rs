@@ -5,15 +5,18 @@
 //! the tests here rely on. The parts: [`balance`] says how many sample, [`hysteresis`] when that is worth a
 //! change, `roles` who changes; `dispatch` admits views and gives them to workers, `directory` knows who
 //! renders and who holds which sample, `placement` where more samples are needed and `refine` who gets them,
-//! [`plan`] how a view is answered, with what error and cost [`quality`], `status` tells it all.
+//! `epochs` which moment of an animated scene is served and `moments` what follows from it, [`plan`] how a view is
+//! answered, with what error and cost [`quality`], `status` tells it all.
 
 pub mod balance;
 mod config;
 mod directory;
 mod dispatch;
+mod epochs;
 mod event;
 pub mod hysteresis;
 mod machine;
+mod moments;
 mod placement;
 pub mod plan;
 pub mod quality;

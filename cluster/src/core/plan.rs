@@ -8,7 +8,8 @@ use super::config::Config;
 /// The plan of a validated view; `refined` are the refinements of the rig whose samples are at hand.
 ///
 /// # Errors
-/// [`Fault::Pin`] for a pinned scene, epoch or generation that is not the one served, [`Fault::Invalid`] for
+/// [`Fault::Pin`] for a pinned scene or generation that is not the one served (which epochs are is for
+/// `Core::check_epoch` to say), [`Fault::Invalid`] for
 /// a pinned plan that nobody could follow.
 pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) -> Result<Plan, Fault> {
     if let Some(pin) = &view.pin {
@@ -43,19 +44,16 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     if pin.scene != set.scene {
         return differs("scene", pin.scene.to_string(), set.scene.to_string());
     }
-    if pin.epoch != set.epoch {
-        return differs("epoch", pin.epoch.to_string(), set.epoch.to_string());
-    }
     // Views from triangles use no samples, so their bytes do not depend on where samples are taken.
     let sampled = matches!(pin.plan, Plan::Warp(_));
     if sampled && pin.generation != set.generation {
         return differs("generation", pin.generation.to_string(), set.generation.to_string());
     }
-    Ok(check_plan(&pin.plan, &set.rig, set.generation)?)
+    Ok(check_plan(&pin.plan, &set.rig, (pin.epoch, set.generation))?)
 }
 
 /// Plans come from outside only as pins; what [`View::validate`] checks of a wish is checked here of a plan.
-fn check_plan(plan: &Plan, rig: &Rig, generation: u64) -> Result<(), InvalidField> {
+fn check_plan(plan: &Plan, rig: &Rig, of: (u64, u64)) -> Result<(), InvalidField> {
     let within = |field, n: u32, most: u32| match (1..=most).contains(&n) {
         true => Ok(()),
         false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {n}"))),
@@ -85,8 +83,8 @@ fn check_plan(plan: &Plan, rig: &Rig, generation: u64) -> Result<(), InvalidFiel
                 ));
             }
             for (i, id) in samples.iter().enumerate() {
-                if id.generation != generation {
-                    let reason = format!("sample {id} is not of generation {generation}");
+                if (id.epoch, id.generation) != of {
+                    let reason = format!("sample {id} is not of epoch {}, generation {}", of.0, of.1);
                     return Err(InvalidField::new(field, reason));
                 }
                 rig.camera(id.index).map_err(|e| InvalidField::new(field, e.reason))?;
@@ -163,11 +161,9 @@ mod tests {
 
     #[test]
     fn a_pin_that_cannot_be_repeated_is_rejected_by_field() {
-        for change in [
-            |p: &mut Provenance| p.scene = SceneHash([9; 32]),
-            |p: &mut Provenance| p.epoch += 1,
-            |p: &mut Provenance| p.generation += 1,
-        ] {
+        for change in
+            [|p: &mut Provenance| p.scene = SceneHash([9; 32]), |p: &mut Provenance| p.generation += 1]
+        {
             assert!(matches!(pinned(change), Err(Fault::Pin(_))));
         }
         let reject = |plan: Plan| match pinned(|p| p.plan = plan) {
@@ -189,6 +185,11 @@ mod tests {
         assert_eq!(reject(warp(&[], 64, 1)), "pin.plan.warp.samples");
         assert_eq!(reject(warp(&[(1, u64::MAX)], 64, 1)), "pin.plan.warp.samples");
         assert_eq!(reject(warp(&[(2, 0)], 64, 1)), "pin.plan.warp.samples");
+        let mixed = pinned(|p| p.epoch += 1);
+        assert!(
+            matches!(&mixed, Err(Fault::Invalid(at)) if at.field == "pin.plan.warp.samples"),
+            "{mixed:?}"
+        );
         assert_eq!(reject(warp(&[(1, 0), (1, 0)], 64, 1)), "pin.plan.warp.samples");
     }
 }

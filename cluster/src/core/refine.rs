@@ -31,15 +31,19 @@ impl Core {
         let per_tick = if secs > 0.0 { time / secs } else { 1.0 };
         let bytes = self.set.rig.sample_texels() * TEXEL_BYTES;
         let most = (self.config.refining_bytes / bytes.max(1)).min(MOST_REFINEMENTS) as usize;
+        let most = most.min(self.refinements_an_epoch(self.config.refining_share, samplers, secs));
         let placed = self.placement.tick(Budget { per_tick, most });
         self.rates.samples.count(placed as u64);
     }
 
     /// Tells workers what to have at hand, where that is news, and sees what views may use.
     pub(super) fn refine(&mut self, now: Uptime, actions: &mut Vec<Action>) {
-        let ids: Vec<SampleId> = self.placement.placed().map(|index| self.refined(index)).collect();
+        // Refinements are for all who compose; what the next epoch needs, for those who compose from it.
+        let mut wanted: BTreeMap<SampleId, Option<Vec<WorkerId>>> =
+            self.prepared().into_iter().map(|(id, readers)| (id, Some(readers))).collect();
+        wanted.extend(self.placement.placed().map(|index| (self.refined(index), None)));
         let mut lists: BTreeMap<WorkerId, Vec<Source>> = BTreeMap::new();
-        for &id in &ids {
+        for (id, readers) in wanted {
             let Some(owner) = self.directory.owner(id, &self.workers, now) else { continue };
             // Others fetch what is there: asked for earlier, it would be rendered before what views wait for.
             // A new owner fetches as well, from those who have it from the old one.
@@ -49,14 +53,18 @@ impl Core {
             let source = |reader| Source { id, addresses: from(reader).into_iter().collect() };
             lists.entry(owner).or_default().push(source(owner));
             if holder.is_some() {
-                for reader in self.workers.values().filter(|w| w.id != owner && w.takes_views()) {
+                let reads = |w: &&Worker| {
+                    w.id != owner && w.takes_views() && readers.as_ref().is_none_or(|r| r.contains(&w.id))
+                };
+                for reader in self.workers.values().filter(reads) {
                     lists.entry(reader.id).or_default().push(source(reader.id));
                 }
             }
         }
+        let kept_from = self.kept_from();
         for worker in self.workers.values_mut().filter(|w| w.is_ready()) {
             let list = lists.remove(&worker.id).unwrap_or_default();
-            if let Some(assignment) = worker.order_ahead(list) {
+            if let Some(assignment) = worker.order_ahead(list, kept_from) {
                 actions.push(Action::Assign { worker: worker.id, assignment });
             }
         }

@@ -20,6 +20,8 @@ pub(super) struct Worker {
     acting: Option<Role>,
     /// What it was told last.
     assigned: Assignment,
+    /// Sequence of the first assignment that told it its role.
+    role_told: u64,
     /// Views sent to it and not answered.
     pub(super) views: BTreeSet<Ticket>,
     /// Views ever sent to it: whose turn it is among equals.
@@ -40,7 +42,8 @@ impl Worker {
             last_report: now,
             report: Report::default(),
             acting: None,
-            assigned: Assignment { sequence: 1, role, ahead: Vec::new() },
+            assigned: Assignment { sequence: 1, role, ahead: Vec::new(), kept_from: 0 },
+            role_told: 1,
             views: BTreeSet::new(),
             dispatched: 0,
             held: BTreeSet::new(),
@@ -83,6 +86,7 @@ impl Worker {
     pub(super) fn assign(&mut self, role: Role) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.role = role;
+        self.role_told = self.assigned.sequence;
         if let Some(acting) = self.acting
             && !role.gives_up_something_of(acting)
         {
@@ -91,21 +95,22 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Tells it what to have at hand; what to send it, if that is news.
-    pub(super) fn order_ahead(&mut self, ahead: Vec<Source>) -> Option<Assignment> {
-        if self.assigned.ahead == ahead {
+    /// Tells it what to have at hand, and of which epochs; what to send it, if that is news.
+    pub(super) fn order_ahead(&mut self, ahead: Vec<Source>, kept_from: u64) -> Option<Assignment> {
+        if self.assigned.ahead == ahead && self.assigned.kept_from == kept_from {
             return None;
         }
         self.assigned.sequence += 1;
         self.assigned.ahead = ahead;
+        self.assigned.kept_from = kept_from;
         Some(self.assigned.clone())
     }
 
     /// Takes a report in. Whether it acknowledged its newest role with it.
     pub(super) fn take_report(&mut self, report: Report, now: Uptime) -> bool {
         self.last_report = now;
-        let acknowledged =
-            report.applied == self.assigned.sequence && self.acting != Some(self.assigned.role);
+        // A later assignment of the same role says so too.
+        let acknowledged = report.applied >= self.role_told && self.acting != Some(self.assigned.role);
         if acknowledged {
             self.acting = Some(self.assigned.role);
         }

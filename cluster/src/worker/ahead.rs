@@ -32,13 +32,13 @@ impl Default for Ahead {
 /// Has these samples at hand, each fetched from the first of its addresses that has it, or rendered here where
 /// it has none; forgets those that an earlier call wanted and this one does not.
 pub(super) fn want(node: &Arc<Node>, samples: Vec<(SampleId, Vec<String>)>, to_host: bool) {
-    let Ok((info, _)) = node.set() else { return };
     let mut wanted = node.ahead.wanted.lock();
     let mut before = std::mem::take(&mut *wanted);
     for (id, addresses) in samples {
+        let Ok((info, _)) = node.set_at(id.epoch) else { continue };
         let task = before.remove(&id).filter(|task| !task.is_finished() || node.store.has(id));
         let start = || {
-            let work = bring(node.clone(), info.clone(), id, addresses, to_host);
+            let work = bring(node.clone(), info, id, addresses, to_host);
             tokio::spawn(work).abort_handle()
         };
         wanted.insert(id, task.unwrap_or_else(start));

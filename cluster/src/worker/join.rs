@@ -39,6 +39,8 @@ struct Duty {
     limits: Limits,
     /// Samples to have at hand, with where to fetch each; without an address, rendered here.
     ahead: Vec<(SampleId, Vec<String>)>,
+    /// Samples of earlier epochs are of no use any more.
+    kept_from: u64,
 }
 
 /// Stays with the coordinator until `shutdown`.
@@ -162,14 +164,11 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
     let missing = |field| InvalidField::new(field, "must be given");
     let scene = wire.scene.ok_or_else(|| missing("scene"))?;
     let set: SampleSetInfo = wire.set.ok_or_else(|| missing("set"))?.try_into()?;
-    let own = |index| SampleId { epoch: set.epoch, generation: set.generation, index };
-    let mut ahead: Vec<(SampleId, Vec<String>)> =
-        wire.render_ahead.iter().map(|&index| (own(index), Vec::new())).collect();
+    let mut ahead = Vec::with_capacity(wire.sources.len());
     for source in wire.sources {
-        ahead.push((source.id.ok_or_else(|| missing("sources.id"))?.into(), source.addresses));
-    }
-    for (id, _) in &ahead {
+        let id = SampleId::from(source.id.ok_or_else(|| missing("sources.id"))?);
         set.rig.camera(id.index)?;
+        ahead.push((id, source.addresses));
     }
     Ok(Duty {
         sequence: wire.sequence,
@@ -177,6 +176,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         scene: SceneRef { hash: scene_hash(&scene.hash, "scene.hash")?, name: scene.name },
         set,
         ahead,
+        kept_from: wire.kept_from,
         limits: wire.limits.ok_or_else(|| missing("limits"))?.try_into()?,
     })
 }
@@ -232,8 +232,8 @@ async fn take_up(
     duty: Duty,
 ) -> Result<(), Ended> {
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
-    node.serve_set(&scene, duty.set, duty.limits);
-    if duty.role.samples() {
+    let new_scene = node.serve_set(&scene, duty.set, duty.limits);
+    if duty.role.samples() && (new_scene || !node.acting().is_some_and(Role::samples)) {
         node.prepare_sampler().await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
     }
     if let Some(before) = node.acting() {
@@ -254,5 +254,6 @@ async fn take_up(
     }
     node.act(Some(duty.role), duty.sequence);
     ahead::want(node, duty.ahead, duty.role == Role::Sampler);
+    node.store.retire(duty.kept_from);
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! What the parts of a worker share: what it was told, what it holds, and the way to its render thread.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -19,10 +20,15 @@ use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
 
+/// Epochs whose sets are kept: those of views in work, and the next one.
+const EPOCHS_AT_HAND: usize = 8;
+
 /// What the coordinator told and what has taken effect.
 #[derive(Debug, Default)]
 struct Told {
     set: Option<Arc<SampleSetInfo>>,
+    /// The same set at the epochs that were asked for last, newest first.
+    epochs: VecDeque<Arc<SampleSetInfo>>,
     scene: Option<Arc<Scene>>,
     limits: Limits,
     acting: Option<Role>,
@@ -102,23 +108,55 @@ impl Node {
         Ok((set, told.limits))
     }
 
+    /// The set at an epoch. Samples of one epoch share it, so that what they have in common is compared by address.
+    ///
+    /// # Errors
+    /// [`Fault::Unavailable`] until the scene is there; [`Fault::NotFound`] for another epoch of a set that is held
+    /// still.
+    pub(super) fn set_at(&self, epoch: u64) -> Result<(Arc<SampleSetInfo>, Limits), Fault> {
+        let (set, limits) = self.set()?;
+        if let Some(known) = self.told.lock().epochs.iter().find(|info| info.epoch == epoch) {
+            return Ok((known.clone(), limits));
+        }
+        if set.epoch_secs == 0.0 {
+            return Err(Fault::NotFound(format!("epoch {epoch} is not served here, epoch {} is", set.epoch)));
+        }
+        let scene =
+            self.scene().ok_or_else(|| Fault::Unavailable("the scene is not loaded yet".to_owned()))?;
+        let info = Arc::new(set.at_epoch(&scene, epoch));
+        let mut told = self.told.lock();
+        // Whoever was first meanwhile is whom all share.
+        if let Some(known) = told.epochs.iter().find(|info| info.epoch == epoch) {
+            return Ok((known.clone(), limits));
+        }
+        told.epochs.push_front(info.clone());
+        told.epochs.truncate(EPOCHS_AT_HAND);
+        Ok((info, limits))
+    }
+
     /// The scene that is loaded.
     pub(super) fn scene(&self) -> Option<Arc<Scene>> {
         self.told.lock().scene.clone()
     }
 
-    /// Serves another set from now on; samples of the old one are forgotten.
-    pub(super) fn serve_set(&self, scene: &Arc<Scene>, set: SampleSetInfo, limits: Limits) {
+    /// Serves another set from now on; samples of the old one are forgotten. Whether the scene is another one, too.
+    pub(super) fn serve_set(&self, scene: &Arc<Scene>, set: SampleSetInfo, limits: Limits) -> bool {
         let mut told = self.told.lock();
-        if !told.scene.as_ref().is_some_and(|old| Arc::ptr_eq(old, scene)) {
+        let new_scene = !told.scene.as_ref().is_some_and(|old| Arc::ptr_eq(old, scene));
+        if new_scene {
             told.scene = Some(scene.clone());
             self.queue.order(Work::Scene(scene.clone()));
         }
-        if told.set.as_deref() != Some(&set) {
-            told.set = Some(Arc::new(set));
+        // Another epoch of the same set leaves the samples of this one as they are.
+        let same = |old: &SampleSetInfo| SampleSetInfo { epoch: set.epoch, ..old.clone() } == set;
+        if !told.set.as_deref().is_some_and(same) {
+            let set = Arc::new(set);
+            told.epochs = if set.epoch_secs == 0.0 { VecDeque::from([set.clone()]) } else { VecDeque::new() };
+            told.set = Some(set);
             self.store.clear();
         }
         told.limits = limits;
+        new_scene
     }
 
     /// The role it acts in.

@@ -71,10 +71,10 @@ impl Samples for SamplesService {
 }
 
 fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInfo>, Fault> {
-    let (info, _) = node.set()?;
+    let (info, _) = node.set_at(request.epoch)?;
     let scene = scene_hash(&request.scene_hash, "scene_hash")?;
-    if scene != info.scene || request.epoch != info.epoch || request.generation != info.generation {
-        let asked = format!("scene {scene}, epoch {}, generation {}", request.epoch, request.generation);
+    if scene != info.scene || request.generation != info.generation {
+        let asked = format!("scene {scene}, generation {}", request.generation);
         return Err(Fault::NotFound(format!("samples of {asked} are not served here")));
     }
     if !(1..=MAX_INDICES).contains(&request.indices.len()) {

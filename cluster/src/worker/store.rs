@@ -106,6 +106,20 @@ impl Store {
         }
     }
 
+    /// Forgets what is older than an epoch, but for what is in use, which its last user lets go of.
+    pub(super) fn retire(&self, before_epoch: u64) {
+        let mut state = self.state.lock();
+        let old: Vec<SampleId> = state
+            .entries
+            .iter()
+            .filter(|(id, entry)| id.epoch < before_epoch && Arc::strong_count(&entry.sample) == 1)
+            .map(|(id, _)| *id)
+            .collect();
+        for id in old {
+            state.remove(id);
+        }
+    }
+
     /// Forgets everything.
     pub(super) fn clear(&self) {
         *self.state.lock() = State::default();
@@ -175,6 +189,21 @@ mod tests {
         drop(held);
         store.insert(host(9));
         assert_eq!(store.ids(), [id(9)]);
+    }
+
+    #[test]
+    fn samples_of_past_epochs_go_unless_they_are_in_use() {
+        let store = Store::new(1 << 20);
+        let at = |epoch, index| Sample { id: SampleId { epoch, ..id(index) }, ..host(index) };
+        let in_use = store.insert(at(3, 0));
+        for (epoch, index) in [(3, 1), (4, 0), (5, 0)] {
+            store.insert(at(epoch, index));
+        }
+        store.retire(5);
+        assert_eq!(store.ids(), [in_use.id, SampleId { epoch: 5, ..id(0) }]);
+        drop(in_use);
+        store.retire(5);
+        assert_eq!(store.ids(), [SampleId { epoch: 5, ..id(0) }]);
     }
 
     #[test]

@@ -102,11 +102,7 @@ fn ask_the_coordinator() -> Status {
 }
 
 fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Ordered, Fault> {
-    let (info, limits) = node.set()?;
-    if order.epoch != info.epoch {
-        let reason = format!("epoch {} is ordered, {} is served here", order.epoch, info.epoch);
-        return Err(Fault::Unavailable(reason));
-    }
+    let (info, limits) = node.set_at(order.epoch)?;
     let view = View::try_from(view.ok_or_else(|| InvalidField::new("view", "must be given"))?)?;
     view.validate(&limits)?;
     let plan = Plan::try_from(order.plan.ok_or_else(|| InvalidField::new("order.plan", "must be given"))?)?;
@@ -121,8 +117,9 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     };
     let mut samples = Vec::with_capacity(ids.len());
     for id in ids {
-        if id.generation != info.generation {
-            let reason = format!("sample {id} is ordered, generation {} is served here", info.generation);
+        if (id.epoch, id.generation) != (info.epoch, info.generation) {
+            let at = format!("epoch {}, generation {}", info.epoch, info.generation);
+            let reason = format!("sample {id} is ordered for a view of {at}");
             return Err(Fault::Unavailable(reason));
         }
         info.rig.camera(id.index)?;

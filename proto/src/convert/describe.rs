@@ -3,6 +3,7 @@
 use argus_scene::scene::NamedCamera;
 use argus_scene::{Bounds, Effect, InvalidField, Limits, PlanRequest, Rig, SceneHash};
 
+use super::scene::epoch_secs;
 use super::{known, required, scene_hash, scene_hash_bytes};
 use crate::{PROTOCOL_VERSION, v1};
 
@@ -27,6 +28,8 @@ pub struct Description {
     pub rig: Rig,
     /// What the service chooses where a request leaves the plan open.
     pub defaults: PlanRequest,
+    /// Seconds of scene time from one epoch to the next; 0 where the scene stands still.
+    pub epoch_secs: f64,
 }
 
 impl From<&Description> for v1::DescribeResponse {
@@ -44,6 +47,7 @@ impl From<&Description> for v1::DescribeResponse {
             limits: Some(description.limits.into()),
             rig: Some((&description.rig).into()),
             defaults: Some((&description.defaults).into()),
+            epoch_secs: description.epoch_secs,
         }
     }
 }
@@ -69,6 +73,7 @@ impl TryFrom<v1::DescribeResponse> for Description {
             limits: required(wire.limits, "limits")?.try_into()?,
             rig: required(wire.rig, "rig")?.try_into()?,
             defaults: required(wire.defaults, "defaults")?.try_into()?,
+            epoch_secs: epoch_secs(wire.epoch_secs, "epoch_secs")?,
         })
     }
 }

@@ -225,7 +225,7 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
             bounds: required::<v1::Bounds>(wire.bounds, "set.bounds").and_then(Bounds::try_from)?,
             rig: required(wire.rig, "set.rig")?.try_into()?,
             epoch: wire.epoch,
-            epoch_secs: epoch_secs(wire.epoch_secs)?,
+            epoch_secs: epoch_secs(wire.epoch_secs, "set.epoch_secs")?,
             generation: wire.generation,
             lighting: required(wire.lighting, "set.lighting")?.try_into()?,
         })
@@ -233,10 +233,10 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
 }
 
 /// How long an epoch lasts: up to a day, written so that NaN is refused.
-fn epoch_secs(secs: f64) -> Result<f64, InvalidField> {
+pub(super) fn epoch_secs(secs: f64, field: &'static str) -> Result<f64, InvalidField> {
     match (0.0..=86400.0).contains(&secs) {
         true => Ok(secs),
-        false => Err(InvalidField::new("set.epoch_secs", format!("must be 0 to 86400, not {secs}"))),
+        false => Err(InvalidField::new(field, format!("must be 0 to 86400, not {secs}"))),
     }
 }
 

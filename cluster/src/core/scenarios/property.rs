@@ -3,9 +3,11 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use argus_scene::SampleSetInfo;
 use proptest::prelude::*;
 
 use super::sim::Sim;
+use crate::core::tests::set_info;
 use crate::core::*;
 
 /// What may happen, in any order.
@@ -40,8 +42,13 @@ proptest! {
     /// Whatever happens, every view ends in exactly one of: answered, failed, refused, cancelled, in flight;
     /// and two ready workers or more always cover both roles, unless all render directly.
     #[test]
-    fn no_view_is_lost_or_answered_twice(steps in prop::collection::vec(any_step(), 1..200)) {
-        let mut sim = Sim::new(Config { max_views: 50, max_views_per_worker: 5, ..Config::default() });
+    fn no_view_is_lost_or_answered_twice(
+        moves in any::<bool>(),
+        steps in prop::collection::vec(any_step(), 1..200),
+    ) {
+        let config = Config { max_views: 50, max_views_per_worker: 5, ..Config::default() };
+        let epoch_secs = if moves { 0.1 } else { 0.0 };
+        let mut sim = Sim::with_set(config, SampleSetInfo { epoch_secs, ..set_info() });
         let (mut asked, mut ended) = (0_usize, 0_usize);
         let nth = |orders: &BTreeMap<Ticket, Order>, i: usize| {
             let count = orders.len().max(1);

@@ -83,6 +83,8 @@ impl Sim {
                 Action::Dispatch { ticket, order } => {
                     assert!(!self.answered.contains(&ticket), "an answered view was sent again");
                     assert!(self.workers.contains_key(&order.worker), "sent to a worker that is gone");
+                    let mixed = order.sources.iter().find(|source| source.id.epoch != order.epoch);
+                    assert!(mixed.is_none(), "a frame of epoch {} from {mixed:?}", order.epoch);
                     self.orders.insert(ticket, *order);
                 }
                 Action::Refuse { ticket, fault } => {
@@ -131,6 +133,7 @@ impl Sim {
             worker.report.samples_rendered += rendered as u64;
             worker.report.held.retain(|id| ahead.contains(id) || !worker.ahead.contains(id));
             worker.report.held.extend(ahead.difference(&worker.ahead));
+            worker.report.held.retain(|id| id.epoch >= told.kept_from);
             worker.ahead = ahead;
         }
         worker.report.sample_ms = Some(self.direct_ms);

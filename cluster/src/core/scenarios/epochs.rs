@@ -1,0 +1,224 @@
+//! A scene that moves: epochs follow one another, no frame mixes two, and nobody waits for the next one.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use argus_proto::Fault;
+use argus_scene::{Camera, Outputs, Plan, PlanRequest, Provenance, SampleSetInfo, View};
+use glam::DVec3;
+
+use super::sim::Sim;
+use crate::core::tests::set_info;
+use crate::core::*;
+
+/// Δt of the default configuration is 100 ms.
+fn moving(workers: usize) -> Sim {
+    let mut sim = Sim::with_set(Config::default(), SampleSetInfo { epoch_secs: 0.1, ..set_info() });
+    for i in 0..workers {
+        sim.join(&format!("w{i}"));
+        sim.report_all();
+    }
+    sim
+}
+
+fn pass(sim: &mut Sim, ms: u64) {
+    sim.now = sim.now.after(Duration::from_millis(ms));
+    sim.step(Event::Tick);
+}
+
+/// A view every 10 ms, reports every 20 ms; the epochs of the answers, in order.
+fn watch(sim: &mut Sim, ms: u64) -> Vec<u64> {
+    let mut epochs = Vec::new();
+    for step in 0..ms / 10 {
+        let ticket = sim.ask(false);
+        epochs.push(sim.orders[&ticket].epoch);
+        sim.answer(ticket);
+        pass(sim, 10);
+        if step % 2 == 0 {
+            sim.report_all();
+        }
+    }
+    epochs
+}
+
+fn pinned(sim: &mut Sim, epoch: u64, plan: Plan) -> Ticket {
+    let ticket = Ticket(sim.next);
+    sim.next += 1;
+    let set = set_info();
+    let (scene, generation, device) = (set.scene, set.generation, String::new());
+    let view = Box::new(View {
+        camera: Camera::look_at(DVec3::new(3.0, 30.0, 4.0), DVec3::new(2.0, 0.0, 2.0)),
+        width: 20,
+        height: 15,
+        outputs: Outputs::COLOR,
+        plan: PlanRequest::default(),
+        pin: Some(Provenance { scene, epoch, generation, plan, device }),
+    });
+    sim.step(Event::Asked { ticket, view, deadline: None });
+    ticket
+}
+
+#[test]
+fn epochs_ascend_with_the_clock_and_every_view_has_one() {
+    for workers in [1, 2, 4] {
+        let mut sim = moving(workers);
+        let epochs = watch(&mut sim, 5000);
+        assert!(epochs.is_sorted(), "{epochs:?}");
+        let distinct: BTreeSet<u64> = epochs.iter().copied().collect();
+        assert!(distinct.len() >= 40, "{workers} workers: {distinct:?}");
+        let last = epochs[epochs.len() - 1];
+        assert!((46..=50).contains(&last), "{workers} workers, epoch {last} after 5 s of 100 ms each");
+        assert_eq!(sim.core.status().counters.views_answered, 500);
+    }
+}
+
+#[test]
+fn the_next_epochs_samples_are_where_views_are_composed_before_a_view_asks() {
+    let mut sim = moving(3);
+    watch(&mut sim, 2000);
+    for _ in 0..50 {
+        let ticket = sim.ask(false);
+        let order = sim.orders[&ticket].clone();
+        let held = &sim.workers[&order.worker].report.held;
+        assert!(order.sources.iter().all(|source| held.contains(&source.id)), "epoch {}", order.epoch);
+        sim.answer(ticket);
+        pass(&mut sim, 20);
+        sim.report_all();
+    }
+}
+
+#[test]
+fn a_view_in_work_keeps_its_epoch_and_its_samples() {
+    let mut sim = moving(3);
+    watch(&mut sim, 1000);
+    let slow = sim.ask(false);
+    let order = sim.orders.remove(&slow).unwrap();
+    watch(&mut sim, 2000);
+    let told = |sim: &Sim| sim.workers.values().map(|w| w.told.last().unwrap().kept_from).max().unwrap();
+    assert!(sim.core.set().epoch > order.epoch + 10);
+    assert!(told(&sim) <= order.epoch);
+    let held = &sim.workers[&order.worker].report.held;
+    assert!(order.sources.iter().all(|source| held.contains(&source.id)));
+    // The worker dies: another one is told the very same.
+    sim.leave(order.worker);
+    let again = sim.orders[&slow].clone();
+    assert_eq!((again.epoch, &again.plan, again.attempt), (order.epoch, &order.plan, 2));
+    sim.answer(slow);
+    watch(&mut sim, 500);
+    assert!(told(&sim) > order.epoch + 10, "then they go");
+    let oldest = sim.workers.values().flat_map(|w| &w.report.held).map(|id| id.epoch).min().unwrap();
+    assert!(oldest + 4 >= sim.core.set().epoch, "{oldest} is still held");
+}
+
+#[test]
+fn slow_samplers_make_fewer_epochs_and_no_view_wait() {
+    let mut sim = moving(3);
+    watch(&mut sim, 500);
+    let samplers: Vec<WorkerId> = sim.workers.keys().copied().collect();
+    let mut epochs = BTreeSet::new();
+    for step in 0..1000 {
+        let ticket = sim.ask(false);
+        assert!(sim.orders.contains_key(&ticket), "no view waits for an epoch");
+        epochs.insert(sim.orders[&ticket].epoch);
+        sim.answer(ticket);
+        pass(&mut sim, 10);
+        // Whoever renders needs 800 ms until it can say that it has the next epoch.
+        for &worker in samplers.iter().filter(|_| step % 80 == 0) {
+            sim.report(worker);
+        }
+    }
+    assert!((8..=16).contains(&epochs.len()), "{epochs:?}");
+    assert_eq!(sim.core.status().counters.views_failed, 0);
+}
+
+#[test]
+fn s_counts_the_samples_of_every_epoch_and_falls_to_zero_when_nobody_looks() {
+    let mut sim = moving(3);
+    watch(&mut sim, 12_000);
+    // Four samples, ten times a tick of a second.
+    let per_tick = sim.core.status().samples_per_tick;
+    assert!((30.0..=44.0).contains(&per_tick), "{per_tick}");
+    let epoch = sim.core.set().epoch;
+    for _ in 0..150 {
+        pass(&mut sim, 100);
+        sim.report_all();
+    }
+    assert_eq!(sim.core.status().samples_per_tick, 0.0);
+    assert!(sim.core.set().epoch <= epoch + 12, "nobody looks");
+    let ticket = sim.ask(false);
+    assert!(sim.orders[&ticket].epoch > epoch + 100, "a view after a pause sees the scene as it is now");
+}
+
+#[test]
+fn more_samplers_take_a_moving_scene_over() {
+    let mut sim = moving(6);
+    // A sample costs 80 ms, a view 2: four samples for each of ten epochs a second keep more than three busy.
+    watch(&mut sim, 15_000);
+    let (samplers, compositors) = sim.roles();
+    assert!(samplers >= 3 && compositors >= 1, "{samplers} + {compositors}");
+    let still = {
+        let mut sim = Sim::with_workers(6);
+        watch(&mut sim, 15_000);
+        sim.roles().0
+    };
+    assert_eq!(still, 1);
+}
+
+#[test]
+fn a_sampler_that_dies_in_the_middle_of_an_epoch_is_replaced() {
+    let mut sim = moving(4);
+    watch(&mut sim, 3000);
+    let before = sim.core.set().epoch;
+    let renders = |w: &SimWorkerTold| w.1;
+    let told: Vec<SimWorkerTold> = sim
+        .workers
+        .iter()
+        .map(|(id, w)| (*id, w.told.last().is_some_and(|t| t.ahead.iter().any(|s| s.addresses.is_empty()))))
+        .collect();
+    let victim = told.iter().find(|w| renders(w)).unwrap().0;
+    sim.leave(victim);
+    let epochs = watch(&mut sim, 3000);
+    assert!(epochs.is_sorted() && epochs[epochs.len() - 1] >= before + 25, "{before}, then {epochs:?}");
+}
+
+/// A worker, and whether it was told to render.
+type SimWorkerTold = (WorkerId, bool);
+
+#[test]
+fn pins_of_epochs_that_are_kept_are_repeated_and_others_refused_by_name() {
+    let mut sim = moving(2);
+    watch(&mut sim, 1000);
+    let ticket = sim.ask(false);
+    let order = sim.orders[&ticket].clone();
+    sim.answer(ticket);
+    let same = pinned(&mut sim, order.epoch, order.plan.clone());
+    assert_eq!((sim.orders[&same].epoch, &sim.orders[&same].plan), (order.epoch, &order.plan));
+    watch(&mut sim, 1000);
+    let gone = pinned(&mut sim, order.epoch, order.plan.clone());
+    let Some((_, Fault::Pin(reason))) = sim.refused.iter().find(|(t, _)| *t == gone) else {
+        panic!("{:?}", sim.refused)
+    };
+    assert!(reason.contains(&format!("epoch {} is not served", order.epoch)), "{reason}");
+    // From triangles any moment can be seen.
+    for epoch in [order.epoch, 0, 1 << 40] {
+        let direct = pinned(&mut sim, epoch, Plan::Direct { samples_per_pixel: 1 });
+        assert_eq!(sim.orders[&direct].epoch, epoch);
+    }
+    // A plan whose samples are of another moment than it says is nobody's.
+    let served = sim.core.set().epoch;
+    let mixed = pinned(&mut sim, served, order.plan);
+    assert!(sim.refused.iter().any(|(t, fault)| *t == mixed && matches!(fault, Fault::Invalid(_))));
+}
+
+#[test]
+fn a_scene_that_stands_still_is_told_nothing_more() {
+    let mut sim = Sim::with_workers(3);
+    let told = |sim: &Sim| sim.workers.values().map(|w| w.told.len()).sum::<usize>();
+    watch(&mut sim, 500);
+    let before = told(&sim);
+    let epochs = watch(&mut sim, 1500);
+    assert_eq!(told(&sim), before);
+    assert!(epochs.iter().all(|epoch| *epoch == 0));
+    let direct = pinned(&mut sim, 3, Plan::Direct { samples_per_pixel: 1 });
+    assert!(sim.refused.iter().any(|(t, fault)| *t == direct && matches!(fault, Fault::Pin(_))));
+}
