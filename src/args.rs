@@ -1,5 +1,6 @@
 //! What several subcommands take: points, sizes, servers, rigs and plans.
 
+use argus_sampler::{SamplerKnobs, Visibility};
 use argus_scene::{Holes, Output, PlanRequest, RigKind, RigKnobs, Search};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
@@ -63,6 +64,39 @@ impl Rig {
         ];
         values.into_iter().filter_map(|(name, value)| value.map(|v| format!("{name}={v}"))).collect()
     }
+}
+
+/// How workers render from triangles.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Samplers")]
+pub(crate) struct Sampling {
+    /// How triangles are seen: by the device's rasteriser, by packets of rays on the processor (cpu), or by whichever
+    /// each worker measures to be cheapest for the scene (auto). Ways may differ along edges
+    #[arg(long, value_name = "WAY", default_value = "raster", value_parser = visibility())]
+    pub(crate) visibility: Visibility,
+    /// Sub-samples of a texel of a sample: 1, 4 or 16
+    #[arg(long, value_name = "N", default_value = "4", value_parser = ["1", "4", "16"])]
+    pub(crate) sub_samples: String,
+}
+
+impl Sampling {
+    /// In the sampler's words.
+    pub(crate) fn knobs(&self) -> SamplerKnobs {
+        let default = SamplerKnobs::default();
+        let sub_samples = self.sub_samples.parse().unwrap_or(default.sub_samples);
+        SamplerKnobs { sub_samples, visibility: self.visibility, ..default }
+    }
+
+    /// The same as arguments of a subcommand that runs in a process of its own.
+    pub(crate) fn to_arguments(&self) -> Vec<String> {
+        let visibility = format!("--visibility={}", self.visibility.name());
+        vec![visibility, format!("--sub-samples={}", self.sub_samples)]
+    }
+}
+
+fn visibility() -> impl TypedValueParser<Value = Visibility> {
+    PossibleValuesParser::new(Visibility::ALL.map(Visibility::name))
+        .map(|name| Visibility::ALL.into_iter().find(|v| v.name() == name).unwrap_or_default())
 }
 
 /// How a view is to be answered; what is left out the service chooses.

@@ -27,14 +27,20 @@ fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Keeps `count` workers of the coordinator at `url` running until `shutdown`, then lets them finish.
+/// Keeps `count` workers of the coordinator at `url` running until `shutdown`, then lets them finish; `more` are
+/// further arguments of `argus worker`.
 ///
 /// # Errors
 /// If one of them ends as soon as it starts, time and again.
-pub(crate) async fn keep(count: usize, url: &str, shutdown: CancellationToken) -> anyhow::Result<()> {
+pub(crate) async fn keep(
+    count: usize,
+    url: &str,
+    more: &[String],
+    shutdown: CancellationToken,
+) -> anyhow::Result<()> {
     let mut workers = JoinSet::new();
     for index in 0..count {
-        workers.spawn(keep_one(index, count, url.to_owned(), shutdown.clone()));
+        workers.spawn(keep_one(index, count, url.to_owned(), more.to_vec(), shutdown.clone()));
     }
     let mut result = Ok(());
     while let Some(ended) = workers.join_next().await {
@@ -51,12 +57,13 @@ async fn keep_one(
     index: usize,
     count: usize,
     url: String,
+    more: Vec<String>,
     shutdown: CancellationToken,
 ) -> anyhow::Result<()> {
     let mut early_ends = 0;
     loop {
         let started = Instant::now();
-        let mut child = start(count, &url)?;
+        let mut child = start(count, &url, &more)?;
         // Waiting for a child closes its standard input, and the worker takes that for the end of its parent.
         let input = child.stdin.take();
         let status = tokio::select! {
@@ -82,11 +89,12 @@ async fn keep_one(
     }
 }
 
-fn start(count: usize, url: &str) -> anyhow::Result<Child> {
+fn start(count: usize, url: &str, more: &[String]) -> anyhow::Result<Child> {
     let program = std::env::current_exe().context("cannot find this program's own file")?;
     let mut command = Command::new(&program);
     command
         .args(["worker", "--coordinator", url, "--listen", "127.0.0.1:0", "--exit-with-stdin"])
+        .args(more)
         // Workers die with the end of this pipe, however this process ends.
         .stdin(Stdio::piped())
         .stdout(Stdio::null())

@@ -1,7 +1,7 @@
 //! `argus serve`: a whole cluster on this machine.
 
 use crate::coordinator::Service;
-use crate::processes;
+use crate::{args, processes};
 
 /// Serves a scene from this machine: a coordinator, and worker processes beside it.
 ///
@@ -21,6 +21,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
     #[command(flatten)]
+    sampling: args::Sampling,
+    #[command(flatten)]
     service: Service,
 }
 
@@ -32,13 +34,14 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     // Workers stop first, so that they can still say goodbye; a coordinator that fails takes them with it.
     let shutdown = ready.shutdown.clone();
     let url = ready.url.clone();
+    let sampling = args.sampling.to_arguments();
     let (served, kept) = tokio::join!(
         async {
             let served = ready.serve().await;
             shutdown.cancel();
             served
         },
-        processes::keep(count, &url, shutdown.clone()),
+        processes::keep(count, &url, &sampling, shutdown.clone()),
     );
     served.and(kept)
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use argus_studies::{Report, baseline, bounds, burst, walk, warp};
+use argus_studies::{Report, baseline, bounds, burst, visibility, walk, warp};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{args, output};
@@ -31,6 +31,7 @@ enum Study {
     Warp(Warp),
     Bounds(Bounds),
     Walk(Walk),
+    Visibility(VisibilityArgs),
 }
 
 /// What direct views, samples and both searches cost, and how close they come to the reference
@@ -130,6 +131,21 @@ struct Walk {
     form: Form,
 }
 
+/// What each way of seeing triangles costs, for whole views, for single pixels and for samples, and how far the
+/// ways agree
+#[derive(clap::Args)]
+struct VisibilityArgs {
+    /// A file or `terrain[:TRIANGLES]`; may be given more than once [default: terrain of 500000 and 2000000
+    /// triangles]
+    #[arg(long, value_name = "S")]
+    scene: Vec<String>,
+    /// Pixels of a view; may be given more than once [default: 200x150 and 640x480]
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Vec<[u32; 2]>,
+    #[command(flatten)]
+    form: Form,
+}
+
 /// How long a study may take, and what becomes of its figures.
 #[derive(clap::Args)]
 struct Form {
@@ -207,6 +223,19 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
             options.serve = rig.to_arguments();
             let report = walk::run(&std::env::current_exe()?, &options, &progress).await?;
             ("walk", form, report)
+        }
+        Study::Visibility(VisibilityArgs { scene, size, form }) => {
+            let mut options =
+                if form.quick { visibility::Options::quick() } else { visibility::Options::default() };
+            if !scene.is_empty() {
+                options.scenes = scene;
+            }
+            if !size.is_empty() {
+                options.sizes = size;
+            }
+            let bar = progress.clone();
+            let report = tokio::task::spawn_blocking(move || visibility::run(&options, &bar)).await??;
+            ("visibility", form, report)
         }
     };
     progress.finish_and_clear();

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use argus_cluster::worker::{Config, run as run_worker};
 
 use crate::coordinator::listen;
-use crate::shutdown;
 use crate::wiring::{Device, SceneFolder};
+use crate::{args, shutdown};
 
 /// Joins a coordinator and renders for it: samples, views from samples, or views from triangles, as it says.
 ///
@@ -31,6 +31,8 @@ pub(crate) struct Args {
     /// Folder to look for the scene in, and to keep scenes that were fetched [default: the user's cache]
     #[arg(long, value_name = "DIR")]
     scenes: Option<PathBuf>,
+    #[command(flatten)]
+    sampling: args::Sampling,
     /// Also stop when standard input ends
     #[arg(long, hide = true)]
     exit_with_stdin: bool,
@@ -40,6 +42,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     let shutdown = shutdown::requested(args.exit_with_stdin);
     let listener = listen(&args.listen).await?;
     let config = Config { advertise: args.advertise, ..Config::new(args.coordinator) };
+    let device = Arc::new(Device::new(args.sampling.knobs()));
     let opener = Arc::new(SceneFolder::new(args.scenes));
-    Ok(run_worker(config, listener, Arc::new(Device::default()), opener, shutdown).await?)
+    Ok(run_worker(config, listener, device, opener, shutdown).await?)
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
+use argus_scene::frame::TRIANGLES_BY;
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
     Sample, SampleCamera, SampleId, SampleJob, Sampler, Scene, Stage, ViewJob,
@@ -23,9 +24,6 @@ use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
 use crate::ways::{self, Building, Choice, Choices, Way};
 use crate::{SamplerKnobs, Visibility, draws, timing};
-
-/// Stands between the kind of device and the way of seeing triangles in the provenance of a direct view.
-const DEVICE_WAY: &str = "; triangles by ";
 
 /// Renders a scene from its triangles, on one device.
 ///
@@ -316,7 +314,7 @@ impl GpuSampler {
     fn device_seeing_by(&self, way: Way) -> String {
         match way {
             Way::Raster => self.gpu.kind().to_owned(),
-            _ => format!("{}{DEVICE_WAY}{}", self.gpu.kind(), way.name()),
+            _ => format!("{}{TRIANGLES_BY}{}", self.gpu.kind(), way.name()),
         }
     }
 

@@ -48,6 +48,8 @@ pub(crate) struct Args {
     json: bool,
     #[command(flatten)]
     rig: args::Rig,
+    #[command(flatten)]
+    sampling: args::Sampling,
 }
 
 /// Samples a pixel, a side, of the views that are taken for the truth.
@@ -74,8 +76,9 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
 
     progress.set_message(format!("starting a coordinator and {workers} workers"));
     let program = std::env::current_exe().context("cannot find this program's own file")?;
-    let (scene, rig) = (args.scene.clone(), args.rig.to_arguments());
-    let starting = move || LocalCluster::start(&program, &scene, workers, &rig);
+    let (scene, mut more) = (args.scene.clone(), args.rig.to_arguments());
+    more.extend(args.sampling.to_arguments());
+    let starting = move || LocalCluster::start(&program, &scene, workers, &more);
     let cluster = tokio::task::spawn_blocking(starting).await??;
     let first = connect(&cluster, workers).await?;
     let mut clients = vec![first];

@@ -5,17 +5,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use argus_cluster::RoleFactory;
 use argus_compositor::GpuCompositor;
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::GpuSampler;
+use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::{Compositor, RenderError, Sampler, Scene};
 
 /// This machine's device, opened when the first role asks for it and shared by both, so that in one process
 /// samples stay on it.
-#[derive(Default)]
 pub(crate) struct Device {
     gpu: Mutex<Option<Arc<Gpu>>>,
+    knobs: SamplerKnobs,
 }
 
 impl Device {
+    /// Whose samplers have those knobs.
+    pub(crate) fn new(knobs: SamplerKnobs) -> Self {
+        Self { gpu: Mutex::default(), knobs }
+    }
+
     fn gpu(&self) -> Result<Arc<Gpu>, RenderError> {
         let mut held = self.gpu.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(gpu) = held.as_ref().filter(|gpu| gpu.lost().is_none()) {
@@ -32,7 +37,7 @@ impl Device {
 
 impl RoleFactory for Device {
     fn sampler(&self, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError> {
-        Ok(Box::new(GpuSampler::new(self.gpu()?, scene)?))
+        Ok(Box::new(GpuSampler::with_knobs(self.gpu()?, scene, self.knobs)?))
     }
 
     fn compositor(&self) -> Result<Box<dyn Compositor>, RenderError> {

@@ -14,6 +14,7 @@ mod local_cluster;
 mod median;
 mod plot;
 mod report;
+pub mod visibility;
 pub mod walk;
 pub mod warp;
 

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
+use argus_scene::frame::device_kind;
 use argus_scene::{Camera, Holes, Plan, SampleId, View};
 
 use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
@@ -125,7 +126,7 @@ impl Core {
         }
         if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
             let mut ready = self.workers.values().filter(|w| w.is_ready()).peekable();
-            if ready.peek().is_some() && !ready.any(|w| w.hello.device == *device) {
+            if ready.peek().is_some() && !ready.any(|w| w.hello.device == device_kind(device)) {
                 return Err(Fault::Pin(format!("no worker has the device {device:?}")));
             }
         }
@@ -240,7 +241,9 @@ impl Core {
         let able: Vec<&Worker> = self
             .workers
             .values()
-            .filter(|w| w.is_ready() && (view.device.is_empty() || w.hello.device == view.device))
+            .filter(|w| {
+                w.is_ready() && (view.device.is_empty() || w.hello.device == device_kind(&view.device))
+            })
             .collect();
         let untried: Vec<&Worker> = able.iter().filter(|w| !view.tried.contains(&w.id)).copied().collect();
         let open = if untried.is_empty() { able } else { untried };

@@ -40,6 +40,8 @@ struct Ordered {
     tracers: Vec<String>,
     /// Exactly this plan, or no frame.
     pinned: bool,
+    /// The device that the frame must be of; any if empty.
+    device: String,
 }
 
 #[tonic::async_trait]
@@ -126,9 +128,10 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         samples.push((*id, addresses.remove(id).unwrap_or_default()));
     }
     let View { camera, width, height, outputs, pin, .. } = view;
+    let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
     let time_secs = info.time_secs();
     let job = ViewJob { camera, width, height, outputs, plan, epoch: order.epoch, time_secs };
-    Ok(Ordered { job, info, samples, tracers: order.tracers, pinned: pin.is_some() })
+    Ok(Ordered { job, info, samples, tracers: order.tracers, pinned: pin.is_some(), device })
 }
 
 /// The frame, with what no sample saw traced where the plan wants that. A frame whose holes nobody traces is
@@ -173,6 +176,12 @@ async fn render(node: &Arc<Node>, ordered: &Ordered, job: &ViewJob) -> Result<Fr
         let rendered = node.render_view(job.clone(), ordered.info.clone(), samples, again).await;
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
+                // The coordinator knows the kind of device alone; how triangles are seen, the sampler decides.
+                let device = &frame.provenance.device;
+                if !(ordered.device.is_empty() || ordered.device == *device) {
+                    let reason = format!("{device:?} answered, not the device {:?}", ordered.device);
+                    return Err(Fault::Pin(reason));
+                }
                 let mut stages = vec![Stage::new("queue", queue_ms)];
                 if !ordered.samples.is_empty() {
                     stages.insert(0, Stage::new("samples", samples_ms));

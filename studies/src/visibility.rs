@@ -1,0 +1,277 @@
+//! What each way of seeing triangles costs, and how far the ways agree.
+//!
+//! For each scene, size of view and number of sub-samples: the time to fill a visibility buffer by the rasteriser
+//! and by packets on the CPU, and the share of sub-samples whose ids differ; the time of a whole direct view
+//! each way; what 1% and 5% of its pixels cost as single rays; and what a sample of the scene's rig costs.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::{GpuSampler, SamplerKnobs, Visibility};
+use argus_scene::{
+    Camera, Cancel, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob, SampleSetInfo,
+    Sampler as _, Scene, ViewJob, path,
+};
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use crate::median::{mean, median};
+use crate::{Machine, Report};
+
+/// What is measured, and how long.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scenes, as [`argus_scene::open`] takes them.
+    pub scenes: Vec<String>,
+    /// Sizes of view, pixels.
+    pub sizes: Vec<[u32; 2]>,
+    /// Samples a pixel: square numbers.
+    pub sub_samples: Vec<u32>,
+    /// Viewpoints that times are the mean of.
+    pub views: usize,
+    /// Rounds that medians are taken over.
+    pub rounds: usize,
+}
+
+impl Default for Options {
+    /// The figures of the README: a minute a scene.
+    fn default() -> Self {
+        Self {
+            scenes: ["terrain:500000", "terrain:2000000"].map(str::to_owned).to_vec(),
+            sizes: vec![[200, 150], [640, 480]],
+            sub_samples: vec![1, 4],
+            views: 3,
+            rounds: 3,
+        }
+    }
+}
+
+impl Options {
+    /// A few seconds, to see that everything works; its figures are noise.
+    pub fn quick() -> Self {
+        Self {
+            scenes: vec!["terrain:20000".to_owned()],
+            sizes: vec![[96, 72]],
+            sub_samples: vec![1],
+            views: 1,
+            rounds: 1,
+        }
+    }
+}
+
+/// The ways that are compared; a row names the cheapest.
+const WAYS: [Visibility; 2] = [Visibility::Raster, Visibility::Cpu];
+
+/// Runs the study; `progress` counts rows.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    progress.set_length((options.scenes.len() * options.sizes.len() * options.sub_samples.len()) as u64);
+    let mut rows = Vec::new();
+    for spec in &options.scenes {
+        progress.set_message(spec.clone());
+        let scene = Arc::new(argus_scene::open(spec)?);
+        let mut bench = Bench::new(&gpu, &scene)?;
+        let sample_ms =
+            WAYS.iter().map(|&way| bench.sample_ms(way, options.rounds)).collect::<Result<Vec<_>>>()?;
+        let suggested: Vec<Camera> = match scene.cameras.as_slice() {
+            [] => vec![scene.default_camera()],
+            cameras => cameras.iter().map(|named| named.camera).collect(),
+        };
+        let cameras = path::viewpoints(&suggested, options.views);
+        for &size in &options.sizes {
+            for &samples in &options.sub_samples {
+                rows.push(bench.row(spec, &cameras, size, samples, &sample_ms, options.rounds)?);
+                progress.inc(1);
+            }
+        }
+    }
+    Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))
+}
+
+/// One scene, and a sampler for each way, so that each measures what it would do alone.
+struct Bench {
+    scene: Arc<Scene>,
+    samplers: Vec<GpuSampler>,
+    build_ms: f64,
+}
+
+impl Bench {
+    fn new(gpu: &Arc<Gpu>, scene: &Arc<Scene>) -> Result<Self> {
+        let sampler = |&visibility: &Visibility| {
+            let knobs = SamplerKnobs { visibility, ..SamplerKnobs::default() };
+            GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(scene), knobs)
+        };
+        let mut samplers = WAYS.iter().map(sampler).collect::<Result<Vec<_>, RenderError>>()?;
+        // Afresh, so that nothing of the other's work is beside it.
+        let begin = Instant::now();
+        samplers[0].identify(&scene.default_camera(), [8, 8], 1, Visibility::Cpu)?;
+        let build_ms = ms(begin.elapsed());
+        Ok(Self { scene: Arc::clone(scene), samplers, build_ms })
+    }
+
+    /// Time of one sample, in the middle of the scene's rig.
+    fn sample_ms(&mut self, way: Visibility, rounds: usize) -> Result<f64> {
+        let scene = &self.scene;
+        let rig = Rig::for_scene(scene, &RigKnobs::default())?;
+        let camera = scene.cameras.first().map_or_else(|| scene.default_camera(), |named| named.camera);
+        let index = rig.nearest(&camera, 1).first().copied().unwrap_or(0);
+        let info = SampleSetInfo {
+            scene: scene.hash,
+            bounds: scene.bounds(),
+            rig,
+            epoch: 0,
+            epoch_secs: 0.0,
+            generation: 1,
+            lighting: scene.lighting.clone(),
+        };
+        let ids = vec![SampleId { epoch: 0, generation: 1, index }];
+        let job = SampleJob { info: Arc::new(info), ids, to_host: false };
+        let sampler = &mut self.samplers[position(way)];
+        timed(rounds, || {
+            sampler.render_samples(&job, &Cancel::new()).into_iter().collect::<Result<Vec<_>, _>>()
+        })
+    }
+
+    fn row(
+        &mut self,
+        spec: &str,
+        cameras: &[Camera],
+        size: [u32; 2],
+        samples: u32,
+        sample_ms: &[f64],
+        rounds: usize,
+    ) -> Result<Map<String, Value>> {
+        let mut see = vec![Vec::new(); WAYS.len()];
+        let mut direct = vec![Vec::new(); WAYS.len()];
+        let (mut few, mut some, mut differing) = (Vec::new(), Vec::new(), Vec::new());
+        for camera in cameras {
+            let mut found = Vec::new();
+            for (i, &way) in WAYS.iter().enumerate() {
+                let sampler = &mut self.samplers[0];
+                let mut times = Vec::new();
+                let mut ids = Vec::new();
+                // Once more than is counted, for what the driver compiles.
+                for round in 0..=rounds {
+                    let (seen, took) = sampler.identify(camera, size, samples.isqrt(), way)?;
+                    ids = seen;
+                    if round > 0 {
+                        times.push(ms(took));
+                    }
+                }
+                see[i].push(median(&times));
+                found.push(ids);
+                let job = ViewJob {
+                    camera: *camera,
+                    width: size[0],
+                    height: size[1],
+                    outputs: Outputs::COLOR,
+                    plan: Plan::Direct { samples_per_pixel: samples },
+                    epoch: 0,
+                    time_secs: 0.0,
+                };
+                let sampler = &mut self.samplers[i];
+                let cancel = Cancel::new();
+                direct[i].push(timed(rounds, || {
+                    sampler
+                        .render_views(std::slice::from_ref(&job), &cancel)
+                        .into_iter()
+                        .collect::<Result<Vec<_>, _>>()
+                })?);
+            }
+            let apart = found[0].iter().zip(&found[1]).filter(|(a, b)| a != b).count();
+            differing.push(apart as f64 / found[0].len().max(1) as f64);
+            for (percent, times) in [(1, &mut few), (5, &mut some)] {
+                let job = pixels(camera, size, samples, percent);
+                let sampler = &mut self.samplers[position(Visibility::Cpu)];
+                let cancel = Cancel::new();
+                times.push(timed(rounds, || {
+                    sampler
+                        .render_pixels(std::slice::from_ref(&job), &cancel)
+                        .into_iter()
+                        .collect::<Result<Vec<_>, _>>()
+                })?);
+            }
+        }
+        let cheapest = (0..WAYS.len()).min_by(|&a, &b| mean_of(&direct[a]).total_cmp(&mean_of(&direct[b])));
+        let name = |i: usize| WAYS[i].name();
+        let mut row = Map::new();
+        row.insert("scene".to_owned(), json!(spec));
+        row.insert("size".to_owned(), json!(format!("{}x{}", size[0], size[1])));
+        row.insert("sub_samples".to_owned(), json!(samples));
+        for (i, times) in see.iter().enumerate() {
+            row.insert(format!("see_{}_ms", name(i)), json!(mean_of(times)));
+        }
+        row.insert("differing_fraction".to_owned(), json!(mean_of(&differing)));
+        for (i, times) in direct.iter().enumerate() {
+            row.insert(format!("direct_{}_ms", name(i)), json!(mean_of(times)));
+        }
+        row.insert("cheapest".to_owned(), json!(cheapest.map(name)));
+        row.insert("pixels_1_percent_ms".to_owned(), json!(mean_of(&few)));
+        row.insert("pixels_5_percent_ms".to_owned(), json!(mean_of(&some)));
+        for (i, time) in sample_ms.iter().enumerate() {
+            row.insert(format!("sample_{}_ms", name(i)), json!(time));
+        }
+        row.insert("build_ms".to_owned(), json!(self.build_ms));
+        Ok(row)
+    }
+}
+
+fn position(way: Visibility) -> usize {
+    WAYS.iter().position(|&w| w == way).unwrap_or(0)
+}
+
+/// Some of a view's pixels, scattered in runs as holes are: where the hash of a square of 4 × 4 says so.
+fn pixels(camera: &Camera, [width, height]: [u32; 2], samples_per_pixel: u32, percent: u32) -> PixelJob {
+    let holed = |pixel: &u32| {
+        let square =
+            (pixel / width / 4).wrapping_mul(0x9e37_79b1) ^ (pixel % width / 4).wrapping_mul(0x85eb_ca77);
+        let mixed = (square ^ square >> 15).wrapping_mul(0x2c1b_3c6d);
+        (mixed >> 12) % 100 < percent
+    };
+    let pixels = (0..width * height).filter(holed).collect();
+    PixelJob { camera: *camera, width, height, pixels, samples_per_pixel, epoch: 0, time_secs: 0.0 }
+}
+
+/// Milliseconds of one call, the median of the rounds after the first.
+fn timed<T>(rounds: usize, mut call: impl FnMut() -> Result<T, RenderError>) -> Result<f64> {
+    let mut times = Vec::new();
+    for round in 0..=rounds {
+        let begin = Instant::now();
+        call()?;
+        if round > 0 {
+            times.push(ms(begin.elapsed()));
+        }
+    }
+    Ok(median(&times))
+}
+
+fn mean_of(values: &[f64]) -> f64 {
+    mean(values.iter().copied())
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn the_holes_are_about_as_many_as_said_and_ascend() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
+        for percent in [1, 5] {
+            let job = pixels(&camera, [640, 480], 1, percent);
+            let share = job.pixels.len() as f64 / (640.0 * 480.0) * 100.0;
+            assert!((share - f64::from(percent)).abs() < 0.4 * f64::from(percent), "{share}");
+            assert!(job.pixels.is_sorted());
+        }
+    }
+}
