@@ -84,6 +84,8 @@ pub(crate) struct Object {
     /// holds at most one more than that.
     #[allow(dead_code, reason = "bounds the stack of the tracer on the device")]
     pub(crate) depth: u32,
+    /// How many triangles it has.
+    pub(crate) triangles: u32,
     /// Box around its triangles.
     min: DVec3,
     max: DVec3,
@@ -259,7 +261,8 @@ impl Hierarchy {
         let vector = |v: [f32; 3]| Vec3::from_array(v).as_dvec3();
         let (min, max) = (vector(root.min), vector(root.max));
         let (first_node, first_triangle) = (self.nodes.len() as u32, self.triangles.len() as u32);
-        self.objects.push(Object { root: first_node, depth: tree.depth, min, max });
+        let triangles = tree.triangles.len() as u32;
+        self.objects.push(Object { root: first_node, depth: tree.depth, triangles, min, max });
         self.nodes.extend(tree.nodes.into_iter().map(|node| {
             let first = node.first + if node.count == 0 { first_node } else { first_triangle };
             Node { first, ..node }

@@ -21,19 +21,22 @@ pub enum Visibility {
     /// By the device's rasteriser.
     #[default]
     Raster,
+    /// By packets of rays in compute, where the device's subgroups have 8 lanes or more; elsewhere by the rasteriser.
+    Trace,
     /// By packets of rays on the processor.
     Cpu,
 }
 
 impl Visibility {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Auto, Self::Raster, Self::Cpu];
+    pub const ALL: [Self; 4] = [Self::Auto, Self::Raster, Self::Trace, Self::Cpu];
 
     /// As users write it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Auto => "auto",
             Self::Raster => "raster",
+            Self::Trace => "trace",
             Self::Cpu => "cpu",
         }
     }

@@ -22,6 +22,7 @@ mod tile;
 mod timing;
 mod view;
 mod ways;
+mod wide;
 
 pub use knobs::{RadianceFormat, SamplerKnobs, Visibility};
 pub use plan::PassPlan;

@@ -53,6 +53,7 @@ pub(crate) fn plan(
             opaque + cutouts > 0 && may(Way::Raster),
             format!("{} instances can be seen; {by}", opaque + cutouts),
         ),
+        row("trace", opaque + cutouts > 0 && may(Way::Trace), by.clone()),
         row("trace on the CPU", opaque + cutouts > 0 && may(Way::Cpu), by.clone()),
         row("trace rays", true, "pixels that no sample saw".to_owned()),
         row("test alpha", cutouts > 0, format!("{cutouts} of them have alpha-tested materials")),

@@ -15,7 +15,7 @@ use glam::DVec3;
 use crate::draws::DrawList;
 use crate::eye::Eye;
 use crate::packets::PacketTracer;
-use crate::passes::{Rasteriser, ResolveSample, ResolveView, Shade, Shading, TileContext};
+use crate::passes::{Rasteriser, ResolveSample, ResolveView, Shade, Shading, TileContext, Trace};
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
 use crate::resident::{Resident, upload};
@@ -47,6 +47,8 @@ pub struct GpuSampler {
     scratch: Scratch,
     choices: Choices,
     packets: Option<PacketTracer>,
+    /// The tracer on the device, or why there is none.
+    trace: Option<Result<Trace, String>>,
     building: Option<Building>,
 }
 
@@ -77,6 +79,7 @@ impl GpuSampler {
             building: (knobs.visibility != Visibility::Raster)
                 .then(|| Building::start(&scene, &resident.instances, draws::near(&resident.bounds))),
             packets: None,
+            trace: None,
             choices: Choices::default(),
             rasteriser: Rasteriser::new(&gpu, &resident),
             shade: Shade::new(&gpu, resident.features),
@@ -234,6 +237,7 @@ impl GpuSampler {
     ) -> Result<(), RenderError> {
         match way {
             Way::Raster => self.rasterise(commands, context, stages),
+            Way::Trace => self.trace(commands, context, stages),
             Way::Cpu => {
                 let begin = Instant::now();
                 let ids = self.packets()?.trace(context.eye.position, &context.tile.rays());
@@ -242,6 +246,32 @@ impl GpuSampler {
                 Ok(())
             }
         }
+    }
+
+    /// Finds what a tile sees by compute. The software driver ends a program whose loops go on for long, without a
+    /// word: there it is asked whether the tile is whole, and one that is not is rasterised.
+    fn trace(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        stages: &mut Vec<Stage>,
+    ) -> Result<(), RenderError> {
+        let hierarchy = self.packets()?.hierarchy();
+        let Some(Ok(trace)) = &self.trace else {
+            return self.rasterise(commands, context, stages);
+        };
+        if !self.gpu.is_software() {
+            return trace.record(commands, context, hierarchy);
+        }
+        let mut own = self.gpu.commands("trace");
+        trace.record(&mut own, context, hierarchy)?;
+        let ticket = trace.read_unfinished(&mut own);
+        let mut finished = own.submit().wait()?;
+        timing::add(stages, std::mem::take(&mut finished.stages));
+        if Trace::is_whole(&finished.take(ticket)) {
+            return Ok(());
+        }
+        self.rasterise(commands, context, stages)
     }
 
     /// Hands what was found on the CPU to the device, before its next submission.
@@ -272,6 +302,19 @@ impl GpuSampler {
         }
     }
 
+    /// Hands the hierarchy to the device, once, or says why that cannot be.
+    fn ready_trace(&mut self) -> Result<(), String> {
+        self.ready_packets();
+        if let (None, Some(packets)) = (&self.trace, &self.packets) {
+            let near = draws::near(&self.resident.bounds);
+            self.trace = Some(Trace::new(&self.gpu, packets.hierarchy(), near));
+        }
+        match &self.trace {
+            Some(Err(reason)) => Err(reason.clone()),
+            _ => Ok(()),
+        }
+    }
+
     /// How samples see triangles; measured on the first tile of the first one if the user leaves it open.
     fn way_of_samples(&mut self, eye: &Eye, tiles: &[Tile]) -> Result<Way, RenderError> {
         if self.choices.samples.is_none() {
@@ -289,18 +332,29 @@ impl GpuSampler {
     }
 
     fn choose(&mut self, what: &str, eye: &Eye, tiles: &[Tile]) -> Result<Choice, RenderError> {
-        if let Some(way) = Way::wished(self.knobs.visibility) {
-            if way == Way::Cpu {
-                self.ready_packets();
+        match Way::wished(self.knobs.visibility) {
+            Some(Way::Trace) => {
+                if let Err(reason) = self.ready_trace() {
+                    let why = format!("this device cannot trace: {reason}");
+                    return Ok(Choice { way: Way::Raster, why });
+                }
             }
+            Some(Way::Cpu) => self.ready_packets(),
+            Some(Way::Raster) | None => (),
+        }
+        if let Some(way) = Way::wished(self.knobs.visibility) {
             return Ok(Choice { way, why: "asked for".to_owned() });
         }
         let Some(tile) = tiles.first() else {
             return Ok(Choice { way: Way::Raster, why: "there is nothing to measure".to_owned() });
         };
         self.ready_packets();
+        let mut ways = vec![Way::Raster, Way::Cpu];
+        if self.ready_trace().is_ok() {
+            ways.push(Way::Trace);
+        }
         let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-        ways::choose(what, |way| {
+        ways::choose(what, &ways, |way| {
             let mut commands = self.gpu.commands("measure");
             let context = self.context(eye, tile, targets.clone());
             self.see(&mut commands, &context, way, &mut Vec::new())?;
@@ -322,7 +376,8 @@ impl GpuSampler {
     /// for the sky; and how long it took, with the tracer built and what the device needs compiled.
     ///
     /// # Errors
-    /// [`RenderError::Invalid`] for [`Visibility::Auto`] and for a view larger than a tile; a lost device.
+    /// [`RenderError::Invalid`] for [`Visibility::Auto`], for a view larger than a tile, and for a way that this
+    /// device does not have; a lost device.
     pub fn identify(
         &mut self,
         camera: &Camera,
@@ -338,8 +393,10 @@ impl GpuSampler {
         let [tile] = tiles(&faces, side)[..] else {
             return Err(InvalidField::new("width", "the view must fit a tile").into());
         };
-        if way == Way::Cpu {
-            self.ready_packets();
+        match way {
+            Way::Raster => (),
+            Way::Trace => self.ready_trace().map_err(|reason| InvalidField::new("visibility", reason))?,
+            Way::Cpu => self.ready_packets(),
         }
         let eye = self.eye(camera.eye, &self.lighting)?;
         let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);

@@ -57,13 +57,14 @@ impl Targets {
         let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
         Self {
             size,
-            // Rasterised, or written from the CPU; read by shading, and by who wants to know what was found.
+            // Rasterised, traced, or written from the CPU; read by shading, and by who wants to know what was found.
             visibility: view(
                 "visibility",
                 VISIBILITY,
                 attachment
                     | wgpu::TextureUsages::TEXTURE_BINDING
                     | wgpu::TextureUsages::COPY_DST
+                    | wgpu::TextureUsages::STORAGE_BINDING
                     | wgpu::TextureUsages::COPY_SRC,
             ),
             depth: view("depth", DEPTH, attachment),

@@ -61,6 +61,11 @@ impl PacketTracer {
         Self { hierarchy, cutouts: Cutouts::new(scene), near }
     }
 
+    /// What is traced.
+    pub(crate) fn hierarchy(&self) -> &Hierarchy {
+        &self.hierarchy
+    }
+
     /// Puts what moves where it is now.
     pub(crate) fn pose(&mut self, scene: &Scene, placements: &[Placement]) {
         self.hierarchy.pose(scene, placements);

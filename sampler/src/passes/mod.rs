@@ -3,6 +3,7 @@
 mod resolve_sample;
 mod resolve_view;
 mod shade;
+mod trace;
 mod visibility;
 
 use argus_gpu::{Gpu, wgpu};
@@ -15,6 +16,7 @@ use crate::tile::Tile;
 pub(crate) use resolve_sample::ResolveSample;
 pub(crate) use resolve_view::ResolveView;
 pub(crate) use shade::{Shade, Shading};
+pub(crate) use trace::Trace;
 pub(crate) use visibility::Rasteriser;
 
 /// A tile about to be rendered: all that its passes have in common.

@@ -10,6 +10,8 @@ pub(super) const MIRRORS: &[Mirror] = &[
     MaterialData::MIRROR,
     Rays::MIRROR,
     Draw::MIRROR,
+    Child::MIRROR,
+    PlacedTree::MIRROR,
     ResolveSample::MIRROR,
     ResolveView::MIRROR,
 ];
@@ -119,6 +121,38 @@ mirror! {
         pub first_triangle: u32,
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: u32,
+    }
+}
+
+mirror! {
+    /// What is found first in a wide tree: `sampler/trace.wgsl`.
+    pub struct Child {
+        /// Smallest coordinates.
+        pub min: [f32; 3],
+        /// What is below it: how many less one (3 bits), whether triangles (1), the first of them.
+        pub reference: u32,
+        /// Largest coordinates.
+        pub max: [f32; 3],
+        /// Whether opaque triangles are in it (1), and such with an alpha test (2).
+        pub kinds: u32,
+    }
+}
+
+mirror! {
+    /// A tree of triangles as one eye sees it: `sampler/trace.wgsl`.
+    pub struct PlacedTree {
+        /// Row of the transform from world axes about the eye to the tree's space.
+        pub tree_from_eye_x: [f32; 4],
+        /// The second row.
+        pub tree_from_eye_y: [f32; 4],
+        /// The third row.
+        pub tree_from_eye_z: [f32; 4],
+        /// Reference to its root.
+        pub root: u32,
+        /// Index of the instance; all ones where each triangle says it.
+        pub instance: u32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: [u32; 2],
     }
 }
 
