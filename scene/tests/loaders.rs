@@ -278,10 +278,14 @@ fn every_nasty_gltf_is_answered_and_correct_ones_by_a_scene() {
     assert_eq!(files.len(), 243);
     // Correct by the letter, but their meshes' bytes are in no file: "provided by other means".
     let absent = ["root/named_objects.gltf", "root/unused_objects.gltf"];
-    let mut scenes = 0;
+    let (mut scenes, mut animated) = (0, 0);
     for path in files {
         let scene = answer(&path);
         scenes += usize::from(scene.is_some());
+        if let Some(scene) = &scene {
+            animated += usize::from(!scene.animations.is_empty());
+            play(scene);
+        }
         let report = PathBuf::from(format!("{}.report.json", path.display()));
         let Ok(report) = std::fs::read_to_string(report) else { continue };
         let report: serde_json::Value = serde_json::from_str(&report).unwrap();
@@ -291,6 +295,26 @@ fn every_nasty_gltf_is_answered_and_correct_ones_by_a_scene() {
         }
     }
     assert!(scenes > 180, "only {scenes} of 243 gave a scene");
+    assert!(animated > 0, "none of 243 has an animation that can be read");
+}
+
+/// At every time, what is placed is within the bounds, and everything is back after a loop.
+fn play(scene: &Scene) {
+    let bounds = scene.bounds();
+    for time_secs in [0.0, 0.1, 1.0, 1e9, -1.0, f64::NAN] {
+        for instance in &scene.at(time_secs).instances {
+            let mesh = &scene.meshes[instance.mesh as usize];
+            for position in &mesh.positions {
+                let point = instance.world_from_mesh.transform_point3(mesh.origin + position.as_dvec3());
+                let near = point.clamp(bounds.min, bounds.max) - point;
+                let slack = 1e-9 * (1.0 + point.abs().max_element());
+                assert!(!point.is_finite() || near.abs().max_element() <= slack, "{point} at {time_secs} s");
+            }
+        }
+    }
+    if let [animation] = &scene.animations[..] {
+        assert_eq!(scene.at(animation.length_secs()), scene.at(0.0));
+    }
 }
 
 #[test]

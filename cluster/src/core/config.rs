@@ -54,7 +54,8 @@ pub struct Config {
     /// Sample cameras are rendered anew for the next epoch for this long after a view used them.
     pub epoch_interest: Duration,
     /// An epoch that is got ready waits this long for its next sample; then it is served, and views wait for what
-    /// it lacks.
+    /// it lacks. Long, since samplers that do not keep up render what views wait for first: an epoch that is served
+    /// before it is ready gives them more of that.
     pub epoch_patience: Duration,
     /// Samples of a plan that a request leaves open.
     pub samples_per_view: u32,
@@ -85,7 +86,7 @@ impl Default for Config {
             refining_bytes: 1 << 30,
             epoch: Duration::from_millis(100),
             epoch_interest: Duration::from_secs(1),
-            epoch_patience: Duration::from_secs(5),
+            epoch_patience: Duration::from_secs(15),
             samples_per_view: 4,
             linear_steps: 64,
             limits: Limits::default(),

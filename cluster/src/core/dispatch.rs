@@ -50,7 +50,7 @@ impl Pending {
 
     /// The epoch whose samples it needs, if it needs any.
     pub(super) fn sampled_epoch(&self) -> Option<u64> {
-        (!self.is_direct()).then_some(self.epoch)
+        self.samples().first().map(|id| id.epoch)
     }
 
     fn samples(&self) -> &[SampleId] {
@@ -208,7 +208,8 @@ impl Core {
             attempt: view.attempt,
             worker: id,
             address: worker.hello.address.clone(),
-            epoch: view.epoch,
+            // Its samples say which moment a plan is of.
+            epoch: samples.first().map_or(view.epoch, |id| id.epoch),
             plan: view.plan.clone(),
             sources,
             tracers,
