@@ -19,16 +19,22 @@ const TRACED: u8 = 128;
 /// A view of the side of the terrain that a single sample from above the far corner does not see.
 fn low_view(plan: PlanRequest) -> View {
     let camera = Camera::look_at(DVec3::new(60.0, 12.0, 60.0), DVec3::new(0.0, 4.0, 0.0));
-    View { plan: PlanRequest { samples: Some(1), ..plan }, ..small_view(camera) }
+    let view = View { plan: PlanRequest { samples: Some(1), ..plan }, ..small_view(camera) };
+    View { outputs: view.outputs.with(Output::Confidence), ..view }
 }
 
 fn bytes(frame: &Frame, output: Output) -> Vec<u8> {
     frame.image(output).unwrap().to_vec()
 }
 
+fn pixels_of(frame: &Frame) -> u64 {
+    u64::from(frame.width) * u64::from(frame.height)
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn traced_holes_are_the_direct_views_pixels_and_nothing_else_changes() {
-    let coordinator = Coordinator::start(SMALL, &[]);
+    // Frames are compared, so no sample may be placed between them where the first had holes.
+    let coordinator = Coordinator::start(SMALL, &["--refining-share", "0"]);
     let _workers = coordinator.workers(2);
     coordinator.wait_for_workers(2);
     let mut wire = Wire::connect(&coordinator.url).await;
@@ -46,6 +52,8 @@ async fn traced_holes_are_the_direct_views_pixels_and_nothing_else_changes() {
         assert!(holes > 20, "only {holes} pixels to trace");
         assert_eq!(traced.unresolved_fraction, 0.0);
         assert_eq!((traced.served.traced, traced.served.unresolved), (holes as u64, 0));
+        let ways = traced.served;
+        assert_eq!(ways.warped + ways.other_sample + ways.traced, pixels_of(&traced));
         let Plan::Warp(warp) = &traced.provenance.plan else { panic!("a warp") };
         assert_eq!(warp.holes, Holes::Trace, "made by {}", meta.worker);
         assert!(traced.stages.iter().any(|stage| stage.name == "trace holes" && stage.ms > 0.0));
@@ -59,6 +67,7 @@ async fn traced_holes_are_the_direct_views_pixels_and_nothing_else_changes() {
             };
             if was[pixel] == GUESSED {
                 assert_eq!(is[pixel], TRACED);
+                assert_eq!(part(&traced, Output::Confidence), [255]);
                 assert_eq!(part(&traced, Output::Source), [0]);
                 let near = |(a, b): (&u8, &u8)| a.abs_diff(*b) <= 2;
                 let (a, b) = (part(&traced, Output::Color), part(&direct, Output::Color));
@@ -67,7 +76,7 @@ async fn traced_holes_are_the_direct_views_pixels_and_nothing_else_changes() {
                 let (a, b): (f32, f32) = (metres(&traced), metres(&direct));
                 same_range += usize::from(a == b || (a - b).abs() <= 1e-3 * b);
             } else {
-                for output in [Output::Color, Output::Range, Output::Mask, Output::Source] {
+                for output in Output::ALL {
                     assert_eq!(part(&traced, output), part(&marked, output), "{output:?} of {pixel}");
                 }
             }
