@@ -1,7 +1,7 @@
 //! What several subcommands take: points, sizes, servers, rigs and plans.
 
 use argus_sampler::{SamplerKnobs, Visibility};
-use argus_scene::{Holes, Output, PlanRequest, RigKind, RigKnobs, Search};
+use argus_scene::{Holes, Output, PlanRequest, Preset, RigKind, RigKnobs, Search};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
@@ -122,6 +122,17 @@ pub(crate) struct Plan {
     /// What becomes of pixels that no sample saw: a guess that the mask marks, or their rays traced
     #[arg(long, value_name = "WAY", value_parser = holes())]
     pub(crate) holes: Option<Holes>,
+    /// What is wanted: interactive (the cheapest plan), balanced (the best for twice its time) or exact (no
+    /// pixel is guessed)
+    #[arg(long, value_name = "WISH", value_parser = preset())]
+    pub(crate) preset: Option<Preset>,
+    /// Greatest mean FLIP against the reference that is accepted, above 0 and up to 1; a scene that `argus study
+    /// bounds` has calibrated is answered at the least cost that keeps it
+    #[arg(long, value_name = "FLIP", allow_negative_numbers = true)]
+    pub(crate) max_error: Option<f64>,
+    /// Milliseconds that rendering may take; the best that is expected to be done by then
+    #[arg(long, value_name = "MS", allow_negative_numbers = true)]
+    pub(crate) deadline_ms: Option<f64>,
 }
 
 impl Plan {
@@ -134,6 +145,9 @@ impl Plan {
             supersampling: self.supersampling,
             samples: self.samples,
             holes: self.holes,
+            preset: self.preset,
+            max_error: self.max_error,
+            deadline_ms: self.deadline_ms,
             ..PlanRequest::default()
         }
     }
@@ -157,6 +171,15 @@ fn holes() -> impl TypedValueParser<Value = Holes> {
     PossibleValuesParser::new(["mark", "trace"]).map(|name| match name.as_str() {
         "trace" => Holes::Trace,
         _ => Holes::Mark,
+    })
+}
+
+const PRESETS: [(&str, Preset); 3] =
+    [("interactive", Preset::Interactive), ("balanced", Preset::Balanced), ("exact", Preset::Exact)];
+
+fn preset() -> impl TypedValueParser<Value = Preset> {
+    PossibleValuesParser::new(PRESETS.map(|(name, _)| name)).map(|name| {
+        PRESETS.into_iter().find(|(known, _)| *known == name).map_or(Preset::Balanced, |(_, preset)| preset)
     })
 }
 

@@ -1,13 +1,16 @@
 //! `argus coordinator`: one address for clients, and the split of workers between the roles.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
 use argus_cluster::coordinator::{Config, serve};
+use argus_cluster::core::quality::Model;
 use argus_cluster::{SceneSource, core};
-use argus_scene::Camera;
+use argus_scene::{Camera, Rig, Scene};
+use argus_studies::calibration;
 use serde::Serialize;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
@@ -51,6 +54,9 @@ pub(crate) struct Service {
     /// Share of the samplers' time that may go into samples where views have holes; 0: none are placed
     #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = args::share)]
     refining_share: f64,
+    /// What `argus study bounds` calibrated, in place of what it kept on this machine for the scene
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     #[command(flatten)]
     rig: args::Rig,
     /// Milliseconds until the next moment of an animated scene is rendered, at the least
@@ -103,7 +109,9 @@ impl Service {
             () = shutdown.cancelled() => anyhow::bail!("stopped before the scene was open"),
         };
         source.report();
-        let mut config = Config { rig: self.rig.knobs(), time_scale: self.time_scale, ..Config::default() };
+        let models = self.models(source.scene())?;
+        let (rig, time_scale) = (self.rig.knobs(), self.time_scale);
+        let mut config = Config { rig, time_scale, models, ..Config::default() };
         config.core = core::Config {
             samplers_composite: self.samplers_composite,
             refining_share: self.refining_share,
@@ -112,6 +120,23 @@ impl Service {
             ..config.core
         };
         Ok(Ready { url, listener, source, config, shutdown })
+    }
+
+    /// What was calibrated of the scene, as its sample cameras will stand.
+    fn models(&self, scene: &Scene) -> anyhow::Result<Vec<Model>> {
+        let rig = Rig::for_scene(scene, &self.rig.knobs())?;
+        let Some(path) = &self.model else { return Ok(calibration::kept(scene.hash, &rig)) };
+        let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let model: Model =
+            serde_json::from_slice(&text).with_context(|| format!("{} is no model", path.display()))?;
+        anyhow::ensure!(
+            model.fits(scene.hash, &rig),
+            "{} was calibrated for another scene, other sample cameras or by another version: `argus study \
+             bounds --scene {}` makes one that fits",
+            path.display(),
+            scene.name
+        );
+        Ok(vec![model])
     }
 
     /// Says where the service is.

@@ -2,16 +2,25 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
 use argus_client::{Answer, Client, RenderOptions};
 use argus_proto::Description;
-use argus_scene::{Camera, Frame, Holes, Output, Outputs, Plan, PlanRequest, Provenance, Served, View};
+use argus_scene::reference::{Tracer, cache};
+use argus_scene::{
+    Camera, Frame, Holes, Output, Outputs, Plan, PlanRequest, Prediction, Provenance, Served, View,
+};
+use argus_studies::calibration;
 use glam::DVec3;
 use serde::Serialize;
 
+use crate::exit::bad_arguments;
 use crate::{args, output};
+
+/// Samples a pixel of the reference, as the calibration's.
+const REFERENCE_SAMPLES: u32 = 16;
 
 /// Asks for one view and writes it to a file.
 ///
@@ -25,6 +34,7 @@ use crate::{args, output};
 Examples:
   argus view --eye 60,40,60 --target 0,5,0 --out view.png
   argus view --eye 60,40,60 --target 0,5,0 --direct --out exact.png
+  argus view --eye 60,40,60 --target 0,5,0 --max-error 0.05 --verify --out good-enough.png
   argus view --eye -1.5,2,0 --target 0,2,-3 --fov-deg 70 --output range --out range.exr --json
 `argus scene S` lists viewpoints that the scene's author recommends."
 )]
@@ -48,9 +58,12 @@ pub(crate) struct Args {
     /// Give up after this many seconds
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = args::positive)]
     timeout: f64,
-    /// Print one JSON object: width, height, epoch, search, samples, unresolved_fraction, worker,
-    /// served: {warped, other_sample, traced, unresolved},
-    /// stages_ms: {name: ms}, total_ms, …
+    /// Also render the reference, here and slowly, and report the true error beside the predicted one; needs
+    /// the scene's file on this machine
+    #[arg(long)]
+    verify: bool,
+    /// Print one JSON object: width, height, epoch, search, samples, unresolved_fraction, served, worker,
+    /// predicted: {error, ms}, measured_ms, true_error, stages_ms: {name: ms}, total_ms, …
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -83,11 +96,19 @@ struct Report {
     search: &'static str,
     /// Ids, best first; none for a direct view.
     samples: Vec<String>,
+    /// Samples a pixel of a direct view, sub-pixels a pixel of a reconstructed one.
+    samples_per_pixel: u32,
     unresolved_fraction: f64,
     /// Pixels served in each way; all 0 for a direct view.
     served: Served,
     /// `mark` or `trace`; absent for a direct view.
     holes: Option<Holes>,
+    /// What the service expected: mean FLIP that such frames stay below, milliseconds of rendering.
+    predicted: Option<Prediction>,
+    /// Milliseconds of rendering, that of frames which were not good enough included.
+    measured_ms: f64,
+    /// Mean FLIP against the reference, with --verify.
+    true_error: Option<f64>,
     worker: String,
     device: String,
     stages_ms: BTreeMap<String, f64>,
@@ -101,9 +122,12 @@ struct Report {
 impl Report {
     fn of(answer: &Answer) -> Self {
         let Answer { frame, meta, latency, attempts } = answer;
-        let (search, samples) = match &frame.provenance.plan {
-            Plan::Direct { .. } => ("direct", Vec::new()),
-            Plan::Warp(warp) => (warp.search.name(), warp.samples.iter().map(ToString::to_string).collect()),
+        let (search, samples, samples_per_pixel) = match &frame.provenance.plan {
+            Plan::Direct { samples_per_pixel } => ("direct", Vec::new(), *samples_per_pixel),
+            Plan::Warp(warp) => {
+                let samples = warp.samples.iter().map(ToString::to_string).collect();
+                (warp.search.name(), samples, warp.supersampling.pow(2))
+            }
         };
         let holes = match &frame.provenance.plan {
             Plan::Direct { .. } => None,
@@ -121,9 +145,13 @@ impl Report {
             generation: frame.provenance.generation,
             search,
             samples,
+            samples_per_pixel,
             unresolved_fraction: frame.unresolved_fraction,
             served: frame.served,
             holes,
+            predicted: frame.predicted,
+            measured_ms: frame.rendering_ms(),
+            true_error: None,
             worker: meta.worker.clone(),
             device: frame.provenance.device.clone(),
             stages_ms,
@@ -137,29 +165,38 @@ impl Report {
 pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     let CameraArgs { eye, target, up, fov_deg } = args.camera;
     let [width, height] = args.size;
+    if args.verify && args.output != Output::Color {
+        return Err(bad_arguments("--verify compares colours: leave --output out"));
+    }
+    let camera = Camera { eye, target, up, fov_deg };
     let client = Client::connect(&args.server.server).await?;
     let plan = args.plan.request();
     let pin = args.time.map(|secs| moment(client.description(), &plan, secs)).transpose()?;
-    let view = View {
-        camera: Camera { eye, target, up, fov_deg },
-        width,
-        height,
-        outputs: Outputs::only(args.output),
-        plan,
-        pin,
-    };
+    let view = View { camera, width, height, outputs: Outputs::only(args.output), plan, pin };
     let deadline =
         Duration::try_from_secs_f64(args.timeout).unwrap_or(Duration::from_secs(u64::from(u32::MAX)));
     let options = RenderOptions { deadline, ..RenderOptions::default() };
     let answer = client.render(&view, &options).await?;
     write(&args.out, args.output, &answer.frame)?;
-    let report = Report::of(&answer);
+    let mut report = Report::of(&answer);
+    if args.verify {
+        let (description, frame) = (client.description().clone(), answer.frame.clone());
+        let judged = tokio::task::spawn_blocking(move || true_error(&description, &camera, &frame));
+        report.true_error = Some(judged.await??);
+    }
     if args.json {
         return output::json(&report);
     }
     println!("{}: {}x{}, {}", args.out.display(), report.width, report.height, report.search);
     println!("  made by     {} from {} samples", report.worker, report.samples.len());
     println!("  unresolved  {:.3}% of the pixels", report.unresolved_fraction * 100.0);
+    if let Some(Prediction { error, ms }) = report.predicted {
+        println!("  foretold    an error of at most {error:.4}, {ms:.1} ms of rendering");
+    }
+    if let Some(error) = report.true_error {
+        println!("  true error  {error:.4} (mean FLIP against the reference)");
+    }
+    println!("  rendering   {:.1} ms", report.measured_ms);
     println!("  took        {:.1} ms, {:.1} ms of them within the service", report.total_ms, report.age_ms);
     for (name, ms) in &report.stages_ms {
         println!("    {ms:9.3} ms  {name}");
@@ -179,6 +216,22 @@ fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::R
         plan: Plan::Direct { samples_per_pixel: side.saturating_mul(side) },
         device: String::new(),
     })
+}
+
+/// Mean FLIP of a frame against the reference, which is traced here unless it was before.
+fn true_error(description: &Description, camera: &Camera, frame: &Frame) -> anyhow::Result<f64> {
+    let scene = argus_scene::open(&description.scene_name)
+        .with_context(|| format!("--verify needs the scene {} here", description.scene_name))?;
+    anyhow::ensure!(
+        scene.hash == description.scene_hash,
+        "the scene that is served is not the one by its name here"
+    );
+    let exposure = scene.lighting.exposure;
+    let time_secs = frame.provenance.epoch as f64 * description.epoch_secs;
+    let tracer = Tracer::new(Arc::new(scene)).at(time_secs);
+    let (folder, size) = (cache::directory(), [frame.width, frame.height]);
+    let reference = cache::render(folder.as_deref(), &tracer, camera, size, REFERENCE_SAMPLES, |_| ());
+    calibration::error(frame, &reference.display(exposure))
 }
 
 /// Writes the one image that was asked for.

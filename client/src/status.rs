@@ -109,6 +109,8 @@ pub struct CounterStatus {
     pub workers_lost: u64,
     /// Sessions open now.
     pub sessions_open: u64,
+    /// Frames thrown away because they were not good enough for their request.
+    pub frames_refused: u64,
 }
 
 impl From<v1::StatusResponse> for ClusterStatus {
@@ -187,6 +189,7 @@ impl From<v1::Counters> for CounterStatus {
             workers_joined: wire.workers_joined,
             workers_lost: wire.workers_lost,
             sessions_open: wire.sessions_open,
+            frames_refused: wire.frames_refused,
         }
     }
 }

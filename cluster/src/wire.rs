@@ -7,6 +7,7 @@ use argus_proto::{PROTOCOL_VERSION, v1};
 use argus_scene::{InvalidField, Limits, SampleSetInfo};
 
 use crate::SceneRef;
+use crate::core::quality::Observed;
 use crate::core::{Assignment, Hello, Report, Role, Source, Status, WorkerStatus};
 
 /// Longest name of a worker: it stands in every frame and log line.
@@ -129,6 +130,17 @@ pub(crate) fn assignment(assignment: Assignment, standing: &Standing, set: &Samp
     }
 }
 
+pub(crate) fn observed(observed: Observed) -> v1::Observed {
+    let Observed { detail, coarse_detail, edges, unresolved, agreeing, residual } = observed;
+    v1::Observed { detail, coarse_detail, edges, unresolved, agreeing, residual }
+}
+
+/// Taken as it is: what is not a number makes no belief ([`crate::core::quality::Regression::believe`]).
+pub(crate) fn observed_from(wire: v1::Observed) -> Observed {
+    let v1::Observed { detail, coarse_detail, edges, unresolved, agreeing, residual } = wire;
+    Observed { detail, coarse_detail, edges, unresolved, agreeing, residual }
+}
+
 pub(crate) fn sources(sources: Vec<Source>) -> Vec<v1::SampleSource> {
     sources
         .into_iter()
@@ -164,6 +176,7 @@ pub(crate) fn status(status: Status, standing: &Standing, set: &SampleSetInfo) -
             workers_joined: counters.workers_joined,
             workers_lost: counters.workers_lost,
             sessions_open: counters.sessions_open,
+            frames_refused: counters.frames_refused,
         }),
         direct_views_per_tick: status.direct_views_per_tick,
         direct_ms: status.direct_ms,

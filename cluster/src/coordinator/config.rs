@@ -16,6 +16,8 @@ pub struct Config {
     pub rig: RigKnobs,
     /// Seconds that an animated scene moves on in a second; 0 holds it still.
     pub time_scale: f64,
+    /// What calibration measured; those that speak of another scene or rig are passed over.
+    pub models: Vec<core::quality::Model>,
     /// Its term of leadership; `None`: milliseconds since 1970, so that a coordinator that is started again
     /// has a higher one.
     pub term: Option<u64>,
@@ -31,6 +33,7 @@ impl Default for Config {
             core: core::Config::default(),
             rig: RigKnobs::default(),
             time_scale: 1.0,
+            models: Vec::new(),
             term: None,
             grace: Duration::from_secs(5),
             connect_timeout: Duration::from_secs(2),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::{Fault, v1};
-use argus_scene::View;
+use argus_scene::{Prediction, View};
 use parking_lot::Mutex;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::Instant;
@@ -15,6 +15,7 @@ use tracing::{debug, info, warn};
 
 use super::Config;
 use crate::SceneSource;
+use crate::core::quality::Observed;
 use crate::core::{Action, Core, Event, Failure, Hello, Order, Ticket, Uptime, WorkerId};
 use crate::net::Channels;
 use crate::wire::{self, Standing};
@@ -44,8 +45,21 @@ struct Seat {
     expelled: CancellationToken,
 }
 
-/// What the core decided about a view.
-pub(super) type Verdict = Result<Box<Order>, Fault>;
+/// What the core decided about a view: what to do, or the fault that it ends with.
+pub(super) type Verdict = Result<Ruling, Fault>;
+
+/// What to do about a view.
+pub(super) enum Ruling {
+    /// Carry this out, in place of what was ordered before.
+    Carry(Box<Order>),
+    /// Let the frame of this attempt pass; it was judged.
+    Deliver {
+        /// Of [`Order::attempt`].
+        attempt: u32,
+        /// What is expected of it.
+        expected: Prediction,
+    },
+}
 
 impl Hub {
     pub(super) fn new(config: &Config, core: Core, source: Arc<dyn SceneSource>, standing: Standing) -> Self {
@@ -87,7 +101,12 @@ impl Hub {
                 }
                 Action::Dispatch { ticket, order } => {
                     if let Some(view) = state.views.get(&ticket) {
-                        let _ = view.send(Ok(order));
+                        let _ = view.send(Ok(Ruling::Carry(order)));
+                    }
+                }
+                Action::Deliver { ticket, attempt, expected } => {
+                    if let Some(view) = state.views.get(&ticket) {
+                        let _ = view.send(Ok(Ruling::Deliver { attempt, expected }));
                     }
                 }
                 Action::Refuse { ticket, fault } => {
@@ -158,10 +177,10 @@ pub(super) struct Asked {
 }
 
 impl Asked {
-    /// The next verdict: an order to carry out in place of the one before, or the fault the view ends with.
+    /// The next verdict.
     pub(super) async fn verdict(&mut self) -> Verdict {
         match self.verdicts.recv().await {
-            Some(Ok(order)) => Ok(order),
+            Some(Ok(ruling)) => Ok(ruling),
             Some(Err(fault)) => {
                 self.open = false;
                 Err(fault)
@@ -170,9 +189,15 @@ impl Asked {
         }
     }
 
-    /// The frame of that attempt was relayed whole; `uncovered` of its pixels no sample saw.
-    pub(super) fn answered(mut self, attempt: u32, uncovered: u64) {
-        self.end(Event::Answered { ticket: self.ticket, attempt, uncovered });
+    /// The frame of that attempt begins to arrive, and is to be judged: a verdict follows.
+    pub(super) fn judge(&self, attempt: u32, observed: Option<Observed>, ms: f64) {
+        self.hub.step(Event::Judged { ticket: self.ticket, attempt, observed, ms });
+    }
+
+    /// The frame of that attempt was relayed whole; `uncovered` of its pixels no sample saw. Rendering took `ms`,
+    /// if that was not said before.
+    pub(super) fn answered(mut self, attempt: u32, uncovered: u64, ms: Option<f64>) {
+        self.end(Event::Answered { ticket: self.ticket, attempt, uncovered, ms });
     }
 
     /// The view failed for good.

@@ -61,7 +61,7 @@ pub async fn serve(
     };
     let address = listener.local_addr()?;
     info!(%address, scene = scene.name, term = standing.term, "coordinator serves");
-    let core = Core::new(config.core.clone(), set);
+    let core = Core::new(config.core.clone(), set).with_models(config.models.clone());
     let hub = Arc::new(Hub::new(&config, core, source, standing));
 
     let (health, health_service) = tonic_health::server::health_reporter();

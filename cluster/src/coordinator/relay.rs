@@ -3,7 +3,9 @@
 //! Chunks are relayed as they come. A worker that fails before its first chunk costs nothing but time. One
 //! that fails in the middle of a frame is replaced as well: a frame's bytes are a function of its provenance,
 //! so another worker's are the same, and what the client already has is skipped. Only the frame's header is
-//! looked at, to make sure of that, to add the relay's own time, and to learn how many pixels no sample saw.
+//! looked at, to make sure of that, to add the relay's own time, and to learn how many pixels no sample saw. Where
+//! the request bounds the error, it also says what the frame's pixels look like, and the core decides whether the
+//! frame is passed on or thrown away.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,13 +13,13 @@ use std::time::Duration;
 use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::{Fault, v1};
-use argus_scene::View;
+use argus_scene::{Prediction, Stage, View};
 use futures::Stream;
 use tokio::time::Instant;
 use tonic::{Code, Status, Streaming};
 use tracing::debug;
 
-use super::hub::Hub;
+use super::hub::{Asked, Hub, Ruling, Verdict};
 use crate::core::Order;
 use crate::wire;
 
@@ -39,12 +41,14 @@ pub(super) struct Wanted {
 struct Relayed {
     header: Option<v1::FrameHeader>,
     bytes: u64,
+    /// Milliseconds of rendering what was thrown away.
+    refused_ms: f64,
 }
 
 /// How an attempt ended early.
 enum Broken {
     /// The core gave the view to another worker, or refused it.
-    Overruled(Result<Box<Order>, Fault>),
+    Overruled(Verdict),
     /// The worker failed.
     Failed(Status),
 }
@@ -53,7 +57,7 @@ enum Broken {
 pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<v1::FrameChunk, Status>> {
     async_stream::try_stream! {
         let mut asked = hub.ask(wanted.view.clone(), wanted.deadline);
-        let mut order = asked.verdict().await?;
+        let mut order = ordered(&mut asked).await?;
         let mut relayed = Relayed::default();
         loop {
             let mut chunks: Option<Streaming<v1::FrameChunk>> = None;
@@ -81,10 +85,20 @@ pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<
                     }
                     Ok((opened, Some(chunk))) => {
                         chunks = opened.or(chunks);
-                        match relayed.pass(chunk, wanted.arrived) {
+                        if order.judged && relayed.header.is_none() {
+                            let verdict = judge(&mut asked, &order, &chunk, &mut relayed).await;
+                            match verdict {
+                                Ok(Ruling::Deliver { attempt, expected }) if attempt == order.attempt => {
+                                    order.expected = Some(expected);
+                                }
+                                overruled => break Broken::Overruled(overruled),
+                            }
+                        }
+                        match relayed.pass(chunk, wanted.arrived, order.expected) {
                             Ok(Some(chunk)) if relayed.is_whole() => {
                                 // Said before the client has it, who may go as soon as it does.
-                                asked.answered(order.attempt, relayed.uncovered());
+                                let ms = relayed.rendering_ms(&order);
+                                asked.answered(order.attempt, relayed.uncovered(), ms);
                                 yield chunk;
                                 // Reading to the end lets the worker's stream close in order.
                                 if let Some(chunks) = &mut chunks {
@@ -100,7 +114,10 @@ pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<
                 }
             };
             order = match broken {
-                Broken::Overruled(verdict) => verdict?,
+                Broken::Overruled(Ok(Ruling::Carry(order))) => order,
+                // A ruling about nothing that is awaited: once more from the beginning.
+                Broken::Overruled(Ok(Ruling::Deliver { .. })) => order,
+                Broken::Overruled(Err(fault)) => Err(fault)?,
                 Broken::Failed(status) if !another_may_succeed(&status) => {
                     asked.failed(order.attempt);
                     Err(status)?;
@@ -110,14 +127,43 @@ pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<
                     debug!(view = wanted.view_id, attempt = order.attempt, %status, "attempt failed");
                     asked.try_elsewhere(order.attempt);
                     // Where no other is left, what the last one said tells more than that it was the last.
-                    match asked.verdict().await {
+                    match ordered(&mut asked).await {
                         Err(Fault::Unavailable(_)) => Err(status)?,
-                        verdict => verdict?,
+                        order => order?,
                     }
                 }
             };
         }
     }
+}
+
+/// The next order; a ruling about a frame that is no longer awaited is passed over.
+async fn ordered(asked: &mut Asked) -> Result<Box<Order>, Fault> {
+    loop {
+        if let Ruling::Carry(order) = asked.verdict().await? {
+            return Ok(order);
+        }
+    }
+}
+
+/// What the core says about a frame, by its header. Waiting for it is short: the core never waits.
+async fn judge(asked: &mut Asked, order: &Order, first: &v1::FrameChunk, relayed: &mut Relayed) -> Verdict {
+    let header = match &first.body {
+        Some(Body::Header(header)) => Some(header),
+        _ => None,
+    };
+    let ms = header.map_or(0.0, rendering_ms);
+    asked.judge(order.attempt, header.and_then(|header| header.observed).map(wire::observed_from), ms);
+    let verdict = asked.verdict().await;
+    if matches!(&verdict, Ok(Ruling::Carry(_))) && ms.is_finite() {
+        relayed.refused_ms += ms;
+    }
+    verdict
+}
+
+/// Milliseconds of a frame's stages that were spent on rendering it.
+fn rendering_ms(header: &v1::FrameHeader) -> f64 {
+    header.stages.iter().filter(|stage| !Stage::is_on_the_way(&stage.name)).map(|stage| stage.ms).sum()
 }
 
 /// Whether a worker's failure may be its own: all but what is wrong with the request itself.
@@ -143,6 +189,7 @@ async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1:
             sources: wire::sources(order.sources.clone()),
             age_ms: age.as_secs_f64() * 1e3,
             tracers: order.tracers.clone(),
+            observe: order.judged,
         }),
     };
     let mut client = ViewsClient::new(hub.channels.to(&order.address)?);
@@ -166,8 +213,18 @@ impl Relayed {
         guessed.saturating_add(header.served.map_or(0, |served| served.traced))
     }
 
+    /// What rendering took, unless the frame was judged and the core told.
+    fn rendering_ms(&self, order: &Order) -> Option<f64> {
+        self.header.as_ref().filter(|_| !order.judged).map(rendering_ms)
+    }
+
     /// What to send on of a chunk; `None` if the client has it already.
-    fn pass(&mut self, chunk: v1::FrameChunk, arrived: Instant) -> Result<Option<v1::FrameChunk>, Status> {
+    fn pass(
+        &mut self,
+        chunk: v1::FrameChunk,
+        arrived: Instant,
+        expected: Option<Prediction>,
+    ) -> Result<Option<v1::FrameChunk>, Status> {
         match chunk.body {
             Some(Body::Header(mut header)) => {
                 if let Some(sent) = &self.header {
@@ -179,6 +236,12 @@ impl Relayed {
                 let relay_ms = (age_ms - header.age_ms).max(0.0);
                 header.stages.push(v1::Stage { name: "relay".to_owned(), ms: relay_ms });
                 header.age_ms = age_ms;
+                if self.refused_ms > 0.0 {
+                    let name = Stage::REFUSED.to_owned();
+                    header.stages.push(v1::Stage { name, ms: self.refused_ms });
+                }
+                header.predicted = expected.map(Into::into);
+                header.observed = None;
                 self.header = Some(header.clone());
                 Ok(Some(v1::FrameChunk { body: Some(Body::Header(header)) }))
             }

@@ -5,12 +5,13 @@ use std::time::Duration;
 
 use argus_proto::Fault;
 use argus_scene::frame::device_kind;
-use argus_scene::{Camera, Holes, Plan, SampleId, View};
+use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, View};
 
 use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
 use super::machine::Core;
 use super::plan::plan;
 use super::time::Uptime;
+use super::wishes::{Planned, Quest};
 use super::worker::Worker;
 
 /// Samplers that are named in an order as those who can trace: a second and a third chance.
@@ -24,9 +25,13 @@ const MOST_SPARE_VIEWS: usize = 16;
 pub(super) struct Pending {
     camera: Camera,
     /// How many the frame has.
-    pixels: u64,
-    epoch: u64,
-    plan: Plan,
+    pub(super) pixels: u64,
+    pub(super) epoch: u64,
+    pub(super) plan: Plan,
+    /// What is expected of its frame.
+    pub(super) expected: Option<Prediction>,
+    /// The search for a frame within a bound.
+    pub(super) quest: Option<Box<Quest>>,
     /// Its plan was pinned: what it lacks says nothing of the plans made here.
     pinned: bool,
     /// Pinned kind of device; empty: any.
@@ -40,6 +45,17 @@ pub(super) struct Pending {
 }
 
 impl Pending {
+    /// Its frame was not good enough: another is made, by whomever.
+    pub(super) fn begin_again(&mut self, plan: Plan, expected: Prediction, quest: Box<Quest>) {
+        (self.plan, self.expected, self.quest) = (plan, Some(expected), Some(quest));
+        (self.worker, self.tried) = (None, BTreeSet::new());
+    }
+
+    /// Attempts that failed, or are in work: without those whose frame was thrown away.
+    fn attempts(&self) -> u32 {
+        self.attempt - self.quest.as_ref().map_or(0, |quest| quest.thrown_away())
+    }
+
     fn is_direct(&self) -> bool {
         matches!(self.plan, Plan::Direct { .. })
     }
@@ -79,7 +95,7 @@ impl Core {
                 }
                 actions.push(Action::Refuse { ticket, fault });
             }
-            Ok(plan) => {
+            Ok(Planned { plan, expected, quest }) => {
                 let epoch = view.pin.as_ref().map_or(self.set.epoch, |pin| pin.epoch);
                 let pending = Pending {
                     camera: view.camera,
@@ -87,6 +103,8 @@ impl Core {
                     epoch,
                     plan,
                     pinned: view.pin.is_some(),
+                    expected,
+                    quest,
                     device: view.pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default(),
                     deadline: deadline.map(|d| (now.after(d), d)),
                     asked: now,
@@ -107,13 +125,14 @@ impl Core {
         }
     }
 
-    fn admit(&self, view: &View, deadline: Option<Duration>) -> Result<Plan, Fault> {
+    fn admit(&self, view: &View, deadline: Option<Duration>) -> Result<Planned, Fault> {
         if self.draining {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
         self.check_epoch(view)?;
-        let plan = plan(view, &self.set, self.placement.usable(), &self.config)?;
-        let direct = matches!(plan, Plan::Direct { .. });
+        let plain = plan(view, &self.set, self.placement.usable(), &self.config)?;
+        let planned = self.planned(view, plain);
+        let direct = matches!(planned.plan, Plan::Direct { .. });
         let expected = self.expected_wait(direct);
         let bearable = deadline.unwrap_or(Duration::MAX).min(self.config.max_wait);
         if self.views.len() >= self.config.max_views || expected > bearable {
@@ -130,12 +149,19 @@ impl Core {
                 return Err(Fault::Pin(format!("no worker has the device {device:?}")));
             }
         }
-        Ok(plan)
+        Ok(planned)
+    }
+
+    /// The samples of an epoch that serve a viewpoint best, best first.
+    pub(super) fn sample_ids(&self, camera: &Camera, count: usize, epoch: u64) -> Vec<SampleId> {
+        let generation = self.set.generation;
+        let indices = self.set.rig.nearest_among(camera, count, self.placement.usable()).into_iter();
+        indices.map(|index| SampleId { epoch, generation, index }).collect()
     }
 
     /// How long the views of one kind that are in flight will take those who play that role, as far as their
     /// cost was measured. Where nothing but direct views is in flight, all will soon render them.
-    fn expected_wait(&self, direct: bool) -> Duration {
+    pub(super) fn expected_wait(&self, direct: bool) -> Duration {
         let costs = self.believed_costs();
         let cost = if direct { costs.direct_secs } else { costs.view_secs };
         let ahead = self.views.values().filter(|view| view.is_direct() == direct).count();
@@ -213,6 +239,8 @@ impl Core {
             plan: view.plan.clone(),
             sources,
             tracers,
+            expected: view.expected,
+            judged: view.quest.as_ref().is_some_and(|quest| quest.judged),
         };
         actions.push(Action::Dispatch { ticket, order: Box::new(order) });
     }
@@ -275,8 +303,11 @@ impl Core {
             && !self.workers.values().flat_map(Worker::fetching).any(is_due)
     }
 
-    pub(super) fn answered(&mut self, ticket: Ticket, attempt: u32, uncovered: u64) {
+    pub(super) fn answered(&mut self, ticket: Ticket, attempt: u32, uncovered: u64, ms: Option<f64>) {
         if self.is_current(ticket, attempt) {
+            if let Some(ms) = ms {
+                self.learn_pace(ticket, ms);
+            }
             self.take_back(ticket, true);
             if let Some(view) = self.views.remove(&ticket)
                 && !view.is_direct()
@@ -319,8 +350,8 @@ impl Core {
         if view.deadline.is_some_and(|(at, _)| now >= at) {
             return self.expire_one(ticket, now, actions);
         }
-        if view.attempt >= self.config.max_attempts {
-            let fault = Fault::Unavailable(format!("{} workers failed at this view", view.attempt));
+        if view.attempts() >= self.config.max_attempts {
+            let fault = Fault::Unavailable(format!("{} workers failed at this view", view.attempts()));
             return self.refuse(ticket, fault, actions);
         }
         self.counters.views_retried += 1;
@@ -355,7 +386,7 @@ impl Core {
     }
 
     /// Whether that attempt is the one the view's answer is awaited from.
-    fn is_current(&self, ticket: Ticket, attempt: u32) -> bool {
+    pub(super) fn is_current(&self, ticket: Ticket, attempt: u32) -> bool {
         self.views.get(&ticket).is_some_and(|view| view.attempt == attempt && view.worker.is_some())
     }
 

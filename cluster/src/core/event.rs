@@ -3,8 +3,10 @@
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Plan, SampleId, View};
+use argus_scene::{Plan, Prediction, SampleId, View};
 use serde::Serialize;
+
+use super::quality::Observed;
 
 /// One joining of one worker process. A process that joins again gets another, so that what its earlier
 /// stream still says cannot be mistaken for news.
@@ -134,6 +136,18 @@ pub enum Event {
         /// The answer is worthless after this.
         deadline: Option<Duration>,
     },
+    /// The frame of an attempt that is to be judged begins to arrive; [`Action::Deliver`] or another
+    /// [`Action::Dispatch`] follows.
+    Judged {
+        /// Which view.
+        ticket: Ticket,
+        /// Of [`Order::attempt`].
+        attempt: u32,
+        /// What its pixels say; absent if the worker did not tell.
+        observed: Option<Observed>,
+        /// Milliseconds that rendering it took.
+        ms: f64,
+    },
     /// The frame of an attempt was relayed whole.
     Answered {
         /// Which view.
@@ -142,6 +156,8 @@ pub enum Event {
         attempt: u32,
         /// Pixels that none of the plan's samples saw, whatever became of them.
         uncovered: u64,
+        /// Milliseconds that rendering it took, unless [`Event::Judged`] said so already.
+        ms: Option<f64>,
     },
     /// An attempt failed.
     Failed {
@@ -210,6 +226,10 @@ pub struct Order {
     /// Addresses of those who can trace the pixels that no sample saw, best first; none where the plan does not
     /// want that, or where the worker is the only one who can.
     pub tracers: Vec<String>,
+    /// What is expected of the frame.
+    pub expected: Option<Prediction>,
+    /// Whether the worker shall look at the frame, and [`Event::Judged`] decide whether it is delivered.
+    pub judged: bool,
 }
 
 /// What the shell must do.
@@ -235,6 +255,15 @@ pub enum Action {
         ticket: Ticket,
         /// To whom and how.
         order: Box<Order>,
+    },
+    /// Let the frame that was judged pass.
+    Deliver {
+        /// Which view.
+        ticket: Ticket,
+        /// Of [`Order::attempt`].
+        attempt: u32,
+        /// What is expected of it, now that it was looked at.
+        expected: Prediction,
     },
     /// Answer a view with a fault; it is forgotten.
     Refuse {

@@ -14,6 +14,7 @@ use super::epochs::Epochs;
 use super::event::{Action, Event, Hello, Report, Ticket, WorkerId};
 use super::hysteresis::Hysteresis;
 use super::placement::Placement;
+use super::quality::{Model, Pace};
 use super::smooth::{Rate, Smoothed};
 use super::time::Uptime;
 use super::worker::Worker;
@@ -31,6 +32,8 @@ pub struct Counters {
     pub cameras_superseded: u64,
     /// Views sent to another worker after the first one failed.
     pub views_retried: u64,
+    /// Frames that were thrown away because they were not good enough for their request.
+    pub frames_refused: u64,
     /// Roles that a worker was told in place of another.
     pub roles_changed: u64,
     /// Workers that joined.
@@ -73,6 +76,10 @@ pub struct Core {
     pub(super) directory: Directory,
     pub(super) placement: Placement,
     pub(super) epochs: Epochs,
+    /// What calibration measured of the scene, of each kind of device; none where nobody calibrated.
+    pub(super) models: Vec<Arc<Model>>,
+    /// How costs differ from what the models say.
+    pub(super) pace: Pace,
     pub(super) rates: Rates,
     pub(super) costs: MeasuredCosts,
     pub(super) hysteresis: Hysteresis,
@@ -100,6 +107,8 @@ impl Core {
                 ray: cost(),
                 tick_secs: 0.0,
             },
+            models: Vec::new(),
+            pace: Pace::new(config.smoothing),
             config,
             set,
             workers: BTreeMap::new(),
@@ -139,7 +148,12 @@ impl Core {
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.leave(worker, now, &mut actions),
             Event::Asked { ticket, view, deadline } => self.ask(ticket, &view, deadline, now, &mut actions),
-            Event::Answered { ticket, attempt, uncovered } => self.answered(ticket, attempt, uncovered),
+            Event::Judged { ticket, attempt, observed, ms } => {
+                self.judge(ticket, attempt, observed, ms, &mut actions);
+            }
+            Event::Answered { ticket, attempt, uncovered, ms } => {
+                self.answered(ticket, attempt, uncovered, ms);
+            }
             Event::Failed { ticket, attempt, failure } => {
                 self.failed(ticket, attempt, failure, now, &mut actions);
             }

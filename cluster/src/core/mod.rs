@@ -6,7 +6,8 @@
 //! change, `roles` who changes; `dispatch` admits views and gives them to workers, `directory` knows who
 //! renders and who holds which sample, `placement` where more samples are needed and `refine` who gets them,
 //! `epochs` which moment of an animated scene is served and `moments` what follows from it, [`plan`] how a view is
-//! answered, with what error and cost [`quality`], `status` tells it all.
+//! answered, with what error and cost [`quality`], `wishes` what becomes of requests that state what they want,
+//! `status` tells it all.
 
 pub mod balance;
 mod config;
@@ -25,6 +26,7 @@ mod roles;
 pub mod smooth;
 mod status;
 mod time;
+mod wishes;
 mod worker;
 
 pub use config::Config;

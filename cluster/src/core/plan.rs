@@ -1,11 +1,22 @@
 //! How a view shall be answered: the plan that follows from what its request leaves open, or the pinned one.
 
 use argus_proto::Fault;
-use argus_scene::{InvalidField, Plan, Provenance, Rig, SampleId, SampleSetInfo, Search, View, Warp};
+use argus_scene::{
+    Holes, InvalidField, Plan, Preset, Provenance, Rig, SampleId, SampleSetInfo, Search, View, Warp,
+};
 
 use super::config::Config;
 
-/// The plan of a validated view; `refined` are the refinements of the rig whose samples are at hand.
+/// Samples a pixel of the view that stands for the truth where nothing is known of a scene's errors.
+const NEAR_THE_TRUTH: u32 = 16;
+/// Samples of an interactive view: the pair that the splat takes its depth from.
+const INTERACTIVE_SAMPLES: u32 = 2;
+/// Samples of an exact view: all that a plan may name.
+const EXACT_SAMPLES: u32 = 8;
+
+/// The plan of a validated view as its request alone has it; a model of the scene may know better
+/// ([`super::quality`]). Without one, a bound on the error is kept by rendering from the triangles, unless the
+/// request says how to reconstruct. `refined` are the refinements of the rig whose samples are at hand.
 ///
 /// # Errors
 /// [`Fault::Pin`] for a pinned scene or generation that is not the one served (which epochs are is for
@@ -16,20 +27,32 @@ pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) 
         check_pin(pin, set)?;
         return Ok(pin.plan.clone());
     }
-    let supersampling = view.plan.supersampling.unwrap_or(1);
-    if view.plan.direct {
-        return Ok(Plan::Direct { samples_per_pixel: supersampling * supersampling });
+    let request = &view.plan;
+    let exact = request.preset == Some(Preset::Exact);
+    let side = request.supersampling.unwrap_or(if exact { 2 } else { 1 });
+    if request.direct {
+        return Ok(Plan::Direct { samples_per_pixel: side * side });
     }
-    let count = view.plan.samples.unwrap_or(config.samples_per_view) as usize;
+    let open = (request.search, request.steps, request.samples, request.holes) == (None, None, None, None);
+    if request.max_error.is_some() && open {
+        let samples_per_pixel = request.supersampling.map_or(NEAR_THE_TRUTH, |side| side * side);
+        return Ok(Plan::Direct { samples_per_pixel });
+    }
+    let samples = match request.preset {
+        Some(Preset::Interactive) => config.samples_per_view.min(INTERACTIVE_SAMPLES),
+        Some(Preset::Exact) => EXACT_SAMPLES,
+        Some(Preset::Balanced) | None => config.samples_per_view,
+    };
+    let count = request.samples.unwrap_or(samples) as usize;
     let indices = set.rig.nearest_among(&view.camera, count, refined);
     let (epoch, generation) = (set.epoch, set.generation);
-    let search = view.plan.search.unwrap_or(Search::Splat);
+    let search = request.search.unwrap_or(Search::Splat);
     let usual_steps = if search == Search::Linear { config.linear_steps } else { search.usual_steps() };
     Ok(Plan::Warp(Warp {
         search,
-        steps: view.plan.steps.unwrap_or(usual_steps),
-        supersampling,
-        holes: view.plan.holes.unwrap_or_default(),
+        steps: request.steps.unwrap_or(usual_steps),
+        supersampling: side,
+        holes: request.holes.unwrap_or(if exact { Holes::Trace } else { Holes::Mark }),
         samples: indices.into_iter().map(|index| SampleId { epoch, generation, index }).collect(),
         ..Warp::default()
     }))
@@ -149,6 +172,26 @@ mod tests {
         let wish = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
         let plan = plan(&View { plan: wish, ..view() }, &set_info(), &[], &Config::default()).unwrap();
         assert_eq!(plan, Plan::Direct { samples_per_pixel: 16 });
+    }
+
+    #[test]
+    fn without_a_model_wishes_are_taken_by_what_they_are_called() {
+        let plan =
+            |request| plan(&View { plan: request, ..view() }, &set_info(), &[], &Config::default()).unwrap();
+        let preset = |preset| match plan(PlanRequest { preset: Some(preset), ..PlanRequest::default() }) {
+            Plan::Warp(warp) => (warp.supersampling, warp.samples.len(), warp.holes),
+            Plan::Direct { .. } => panic!("a warp"),
+        };
+        assert_eq!(preset(Preset::Interactive), (1, 2, Holes::Mark));
+        assert_eq!(preset(Preset::Balanced), (1, 4, Holes::Mark));
+        assert_eq!(preset(Preset::Exact), (2, 4, Holes::Trace), "a tile has four cameras");
+        let bounded = PlanRequest { max_error: Some(0.01), ..PlanRequest::default() };
+        assert_eq!(plan(bounded), Plan::Direct { samples_per_pixel: 16 });
+        let warped = plan(PlanRequest { search: Some(Search::Linear), ..bounded });
+        assert!(
+            matches!(warped, Plan::Warp(warp) if warp.search == Search::Linear),
+            "what is said goes first"
+        );
     }
 
     #[test]

@@ -11,7 +11,8 @@ use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::{
-    Frame, Holes, InvalidField, Plan, RenderError, SampleId, SampleSetInfo, Stage, View, ViewJob,
+    Frame, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleId, SampleSetInfo, Stage, View,
+    ViewJob,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -22,6 +23,8 @@ use tracing::warn;
 use super::node::Node;
 use super::queue::Rendered;
 use super::{fetch, trace};
+use crate::core::quality::Observed;
+use crate::wire;
 
 /// The service.
 pub(super) struct ViewsService {
@@ -42,6 +45,8 @@ struct Ordered {
     pinned: bool,
     /// The device that the frame must be of; any if empty.
     device: String,
+    /// The images that the frame shall hold; the job's may be more.
+    outputs: Outputs,
 }
 
 #[tonic::async_trait]
@@ -65,8 +70,9 @@ impl Views for ViewsService {
         let request = request.into_inner();
         let Some(order) = request.order else { return Err(ask_the_coordinator()) };
         self.node.check_term(order.term)?;
-        let age_ms = order.age_ms;
+        let (age_ms, observe) = (order.age_ms, order.observe);
         let ordered = check(&self.node, request.view, order)?;
+        let outputs = ordered.outputs;
         let encoding = v1::Encoding::try_from(request.encoding).unwrap_or(v1::Encoding::Unspecified);
         let deadline = (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into()));
         // What is left of it is for packing a frame whose holes could not be traced in time.
@@ -81,9 +87,12 @@ impl Views for ViewsService {
             }
         };
         let meta = FrameMeta { view_id: request.view_id, worker: self.node.hello.name.clone(), age_ms };
-        let chunks = tokio::task::spawn_blocking(move || encode(&frame, meta, encoding, arrived))
-            .await
-            .map_err(|e| Status::internal(e.to_string()))??;
+        let pack = move || {
+            let observed = if observe { Observed::of(&frame) } else { None };
+            encode(&with_only(frame, outputs), meta, encoding, arrived, observed)
+        };
+        let chunks =
+            tokio::task::spawn_blocking(pack).await.map_err(|e| Status::internal(e.to_string()))??;
         let stream = futures::stream::iter(chunks.into_iter().map(move |chunk| {
             let _in_work_until_sent = &active;
             Ok(chunk)
@@ -130,8 +139,22 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let View { camera, width, height, outputs, pin, .. } = view;
     let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
     let time_secs = info.time_secs();
+    let asked = outputs;
+    // What the frame is judged by, whether or not it was asked for.
+    let outputs = match order.observe {
+        true => outputs.with(Output::Color).with(Output::Confidence),
+        false => outputs,
+    };
     let job = ViewJob { camera, width, height, outputs, plan, epoch: order.epoch, time_secs };
-    Ok(Ordered { job, info, samples, tracers: order.tracers, pinned: pin.is_some(), device })
+    Ok(Ordered { job, info, samples, outputs: asked, tracers: order.tracers, pinned: pin.is_some(), device })
+}
+
+/// The frame without images that nobody asked for.
+fn with_only(mut frame: Frame, outputs: Outputs) -> Frame {
+    for output in Output::ALL.into_iter().filter(|&output| !outputs.has(output)) {
+        *frame.image_mut(output) = None;
+    }
+    frame
 }
 
 /// The frame, with what no sample saw traced where the plan wants that. A frame whose holes nobody traces is
@@ -205,12 +228,14 @@ fn encode(
     meta: FrameMeta,
     encoding: v1::Encoding,
     arrived: Instant,
+    observed: Option<Observed>,
 ) -> Result<Vec<v1::FrameChunk>, Fault> {
     let began = Instant::now();
     let mut chunks = frame_chunks(frame, &meta, encoding)?;
     if let Some(v1::FrameChunk { body: Some(Body::Header(header)) }) = chunks.first_mut() {
         let ms = began.elapsed().as_secs_f64() * 1e3;
         header.stages.push(v1::Stage { name: "encode".to_owned(), ms });
+        header.observed = observed.map(wire::observed);
         header.age_ms += arrived.elapsed().as_secs_f64() * 1e3;
     }
     Ok(chunks)

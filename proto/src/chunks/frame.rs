@@ -62,6 +62,7 @@ pub fn frame_chunks(
         view_id: meta.view_id.clone(),
         worker: meta.worker.clone(),
         age_ms: meta.age_ms,
+        observed: None,
     };
     let mut chunks = vec![v1::FrameChunk { body: Some(v1::frame_chunk::Body::Header(header)) }];
     let mut start = 0;

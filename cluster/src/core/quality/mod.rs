@@ -32,6 +32,8 @@ mod pace;
 mod regression;
 mod setting;
 mod situation;
+#[cfg(test)]
+pub(in crate::core) mod tests;
 
 pub use model::{After, Answer, Calibrated, Cost, MODEL_VERSION, Model, Trial};
 pub use observed::Observed;

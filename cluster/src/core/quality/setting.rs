@@ -47,6 +47,8 @@ impl Setting {
         match self {
             Self::Direct { samples_per_pixel } => Plan::Direct { samples_per_pixel },
             Self::Warp { search, steps, supersampling, holes, .. } => {
+                // A number that means nothing is the same as in a plan that nobody chose.
+                let steps = if search.takes_steps() { steps } else { search.usual_steps() };
                 Plan::Warp(Warp { search, steps, supersampling, samples, holes, history: false })
             }
         }

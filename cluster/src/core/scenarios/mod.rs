@@ -6,3 +6,4 @@ mod property;
 mod roles;
 mod sim;
 mod views;
+mod wishes;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Camera, Outputs, PlanRequest, SampleId, SampleSetInfo, View};
+use argus_scene::{Camera, Outputs, PlanRequest, Prediction, SampleId, SampleSetInfo, View};
 use glam::DVec3;
 
 use crate::core::tests::set_info;
@@ -21,6 +21,8 @@ pub(super) struct Sim {
     pub(super) orders: BTreeMap<Ticket, Order>,
     pub(super) refused: Vec<(Ticket, Fault)>,
     pub(super) answered: BTreeSet<Ticket>,
+    /// What is expected of frames that were judged good enough.
+    pub(super) delivered: BTreeMap<Ticket, Prediction>,
     pub(super) expelled: Vec<WorkerId>,
     /// Costs that workers report.
     pub(super) view_ms: f64,
@@ -52,10 +54,17 @@ impl Sim {
             orders: BTreeMap::new(),
             refused: Vec::new(),
             answered: BTreeSet::new(),
+            delivered: BTreeMap::new(),
             expelled: Vec::new(),
             view_ms: 2.0,
             direct_ms: 80.0,
         }
+    }
+
+    /// … and a model of what is served.
+    pub(super) fn with_models(models: Vec<quality::Model>) -> Self {
+        let sim = Self::new(Config::default());
+        Self { core: sim.core.with_models(models), ..sim }
     }
 
     pub(super) fn with_workers(count: usize) -> Self {
@@ -86,6 +95,10 @@ impl Sim {
                     let mixed = order.sources.iter().find(|source| source.id.epoch != order.epoch);
                     assert!(mixed.is_none(), "a frame of epoch {} from {mixed:?}", order.epoch);
                     self.orders.insert(ticket, *order);
+                }
+                Action::Deliver { ticket, attempt, expected } => {
+                    assert_eq!(self.orders[&ticket].attempt, attempt, "another attempt's frame");
+                    self.delivered.insert(ticket, expected);
                 }
                 Action::Refuse { ticket, fault } => {
                     assert!(!self.answered.contains(&ticket), "an answered view was refused");
@@ -203,7 +216,7 @@ impl Sim {
             }
         }
         self.answered.insert(ticket);
-        self.step(Event::Answered { ticket, attempt: order.attempt, uncovered });
+        self.step(Event::Answered { ticket, attempt: order.attempt, uncovered, ms: Some(1.0) });
     }
 
     pub(super) fn answer_all(&mut self) {

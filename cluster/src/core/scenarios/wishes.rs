@@ -1,0 +1,141 @@
+//! Requests that state what they want.
+
+use argus_scene::{Holes, Plan, PlanRequest, Preset};
+
+use super::sim::Sim;
+use crate::core::quality::Setting;
+use crate::core::quality::tests::{model, observed};
+use crate::core::*;
+
+fn calibrated(workers: usize) -> Sim {
+    let mut sim = Sim::with_models(vec![model()]);
+    for i in 0..workers {
+        sim.join(&format!("w{i}"));
+        sim.report_all();
+    }
+    sim
+}
+
+fn bounded(bound: f64) -> PlanRequest {
+    PlanRequest { max_error: Some(bound), ..PlanRequest::default() }
+}
+
+fn setting(sim: &Sim, ticket: Ticket) -> Setting {
+    Setting::of(&sim.orders[&ticket].plan)
+}
+
+fn judge(sim: &mut Sim, ticket: Ticket, difficulty: f64, ms: f64) {
+    let attempt = sim.orders[&ticket].attempt;
+    sim.step(Event::Judged { ticket, attempt, observed: Some(observed(difficulty)), ms });
+}
+
+#[test]
+fn a_loose_bound_is_a_cheap_warp_and_a_tight_one_is_rendered() {
+    let mut sim = calibrated(2);
+    let loose = sim.ask_for(bounded(0.3));
+    let tight = sim.ask_for(bounded(0.012));
+    assert!(matches!(setting(&sim, loose), Setting::Warp { supersampling: 1, .. }));
+    judge(&mut sim, loose, 1.0, 1.0);
+    let expected = sim.delivered[&loose];
+    assert!(expected.error <= 0.3 && expected.error > 0.03, "{expected:?}");
+    // What is tried first may be a frame that only tells what to do; in the end the triangles are asked.
+    while sim.orders[&tight].judged && !sim.delivered.contains_key(&tight) {
+        judge(&mut sim, tight, 1.0, 1.0);
+    }
+    assert_eq!(setting(&sim, tight), Setting::Direct { samples_per_pixel: 16 });
+    sim.answer_all();
+    assert_eq!(sim.core.views_in_flight(), 0);
+}
+
+#[test]
+fn a_frame_that_is_not_good_enough_is_thrown_away_and_counted() {
+    let mut sim = calibrated(2);
+    let ticket = sim.ask_for(bounded(0.06));
+    assert!(matches!(setting(&sim, ticket), Setting::Warp { supersampling: 1, .. }));
+    let first = sim.orders[&ticket].clone();
+    judge(&mut sim, ticket, 2.0, 1.0);
+    let second = sim.orders[&ticket].clone();
+    assert!(second.attempt > first.attempt && second.plan != first.plan);
+    assert!(second.expected.unwrap().error <= 0.06);
+    assert_eq!(sim.core.status().counters.frames_refused, 1);
+    // What still arrives of the first frame is nobody's.
+    sim.step(Event::Judged { ticket, attempt: first.attempt, observed: None, ms: 1.0 });
+    sim.step(Event::Answered { ticket, attempt: first.attempt, uncovered: 0, ms: None });
+    assert_eq!(sim.core.views_in_flight(), 1);
+    while sim.orders[&ticket].judged && !sim.delivered.contains_key(&ticket) {
+        judge(&mut sim, ticket, 2.0, 9.0);
+    }
+    sim.answer_all();
+    assert_eq!(sim.core.status().counters.views_answered, 1);
+}
+
+#[test]
+fn a_worker_that_says_nothing_of_its_frame_or_dies_leaves_the_view_answered() {
+    let mut sim = calibrated(3);
+    let ticket = sim.ask_for(bounded(0.3));
+    let attempt = sim.orders[&ticket].attempt;
+    sim.step(Event::Judged { ticket, attempt, observed: None, ms: f64::NAN });
+    assert_eq!(sim.delivered[&ticket].error, 1.0, "nothing is known");
+    // It dies while the rest of its frame is on its way: another makes the same, and nobody judges again.
+    let (plan, worker) = (sim.orders[&ticket].plan.clone(), sim.orders[&ticket].worker);
+    sim.leave(worker);
+    let again = &sim.orders[&ticket];
+    assert!(!again.judged && again.plan == plan && again.worker != worker);
+    sim.answer_all();
+    assert_eq!(sim.core.views_in_flight(), 0);
+}
+
+#[test]
+fn presets_deadlines_and_plain_requests_are_answered_at_once_and_foretold() {
+    let mut sim = calibrated(2);
+    let ask = |sim: &mut Sim, request| {
+        let ticket = sim.ask_for(request);
+        let order = sim.orders[&ticket].clone();
+        assert!(!order.judged);
+        order
+    };
+    let interactive = PlanRequest { preset: Some(Preset::Interactive), ..PlanRequest::default() };
+    let exact =
+        PlanRequest { preset: Some(Preset::Exact), deadline_ms: Some(15.0), ..PlanRequest::default() };
+    let cheap = ask(&mut sim, interactive);
+    assert!(cheap.expected.unwrap().ms < 2.0, "{cheap:?}");
+    let traced = ask(&mut sim, exact);
+    assert!(matches!(&traced.plan, Plan::Warp(warp) if warp.holes == Holes::Trace), "{traced:?}");
+    let plain = ask(&mut sim, PlanRequest::default());
+    assert_eq!(plain.plan, cheap.plan, "what is asked for plainly is in the model too");
+    assert_eq!(plain.expected, cheap.expected);
+    let unknown = ask(&mut sim, PlanRequest { samples: Some(1), ..PlanRequest::default() });
+    assert_eq!(unknown.expected, None);
+}
+
+#[test]
+fn costs_follow_what_frames_take() {
+    let mut sim = calibrated(1);
+    let expected_ms = |sim: &mut Sim| {
+        let ticket = sim.ask(false);
+        let order = sim.orders.remove(&ticket).unwrap();
+        sim.step(Event::Answered { ticket, attempt: order.attempt, uncovered: 0, ms: Some(3.0) });
+        order.expected.unwrap().ms
+    };
+    let before = expected_ms(&mut sim);
+    (0..30).for_each(|_| _ = expected_ms(&mut sim));
+    let after = expected_ms(&mut sim);
+    assert!((before - 1.0).abs() < 1e-6 && (after - 3.0).abs() < 0.05, "{before} {after}");
+}
+
+#[test]
+fn without_a_model_a_deadline_is_met_by_what_was_measured() {
+    let mut sim = Sim::with_workers(2);
+    let ask = |sim: &mut Sim, ms| {
+        let ticket = sim.ask_for(PlanRequest { deadline_ms: Some(ms), ..PlanRequest::default() });
+        let direct = setting(sim, ticket).is_direct();
+        sim.answer_all();
+        direct
+    };
+    assert!(!ask(&mut sim, 1000.0), "nothing was measured yet");
+    let direct = sim.ask(true);
+    sim.answer(direct);
+    sim.report_all();
+    assert!(ask(&mut sim, 1000.0));
+    assert!(!ask(&mut sim, 10.0));
+}

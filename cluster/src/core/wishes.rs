@@ -1,0 +1,188 @@
+//! What becomes of a view whose request states what it wants: the plan, and the judgement of its frames.
+
+use argus_scene::{Camera, Plan, PlanRequest, Prediction, View};
+
+use super::event::{Action, Ticket};
+use super::machine::Core;
+use super::quality::choose::{self, Candidate, Step, Wish};
+use super::quality::{Model, Observed, Setting, Situation};
+
+/// How a view is answered, and what is expected of that.
+#[derive(Debug, Clone)]
+pub(super) struct Planned {
+    pub(super) plan: Plan,
+    /// Absent without a model, and for plans that it does not know.
+    pub(super) expected: Option<Prediction>,
+    /// The search for a frame within a bound, where there is a bound and a model.
+    pub(super) quest: Option<Box<Quest>>,
+}
+
+/// A view on its way to a frame that is good enough.
+#[derive(Debug, Clone)]
+pub(super) struct Quest {
+    camera: Camera,
+    request: PlanRequest,
+    wish: Wish,
+    situation: Situation,
+    pixels: u64,
+    tried: Vec<Setting>,
+    spent_ms: f64,
+    /// Whether the frame that is awaited is to be judged.
+    pub(super) judged: bool,
+}
+
+impl Quest {
+    /// Frames that were made for it and thrown away.
+    pub(super) fn thrown_away(&self) -> u32 {
+        u32::try_from(self.tried.len().saturating_sub(1)).unwrap_or(u32::MAX)
+    }
+}
+
+impl Core {
+    /// With what calibration measured of the scene that is served; models of other scenes and rigs are dropped.
+    #[must_use]
+    pub fn with_models(mut self, models: Vec<Model>) -> Self {
+        let fits = |model: &Model| model.fits(self.set.scene, &self.set.rig);
+        self.models = models.into_iter().filter(fits).map(Into::into).collect();
+        self
+    }
+
+    /// The model of the workers' device, or one of another device: errors hardly differ, and costs are
+    /// corrected by what frames are seen to take.
+    fn model(&self) -> Option<&Model> {
+        let of_a_worker =
+            |model: &&&Model| self.workers.values().any(|worker| worker.hello.device == model.device);
+        let models = || self.models.iter().map(AsRef::as_ref);
+        models().find(|model| of_a_worker(&model)).or_else(|| models().next())
+    }
+
+    /// The plan of a view that is not pinned, by its wish if it has one that a model can answer; else `plain`,
+    /// which is what the request alone comes to.
+    pub(super) fn planned(&self, view: &View, plain: Plan) -> Planned {
+        let Some(model) = self.model().filter(|_| view.pin.is_none()) else {
+            let plan =
+                if self.direct_is_in_time(view) { Plan::Direct { samples_per_pixel: 1 } } else { plain };
+            return Planned { plan, expected: None, quest: None };
+        };
+        let situation = Situation::new(&view.camera, view.height, &self.set.rig, &self.set.bounds);
+        let pixels = u64::from(view.width) * u64::from(view.height);
+        let chosen = Wish::of(&view.plan).and_then(|wish| {
+            let candidates = model.candidates(&view.plan, &situation, pixels, &self.pace);
+            let step = choose::first(&candidates, &wish, |setting| self.wait_ms(setting))?;
+            let Step::Try { setting, expected, judged } = step else { return None };
+            let quest = Quest {
+                camera: view.camera,
+                request: view.plan,
+                wish,
+                situation,
+                pixels,
+                tried: vec![setting],
+                spent_ms: 0.0,
+                judged,
+            };
+            let quest = wish.max_error.is_some().then(|| Box::new(quest));
+            let plan = self.plan_of(setting, &view.camera, self.set.epoch);
+            Some(Planned { plan, expected: Some(expected), quest })
+        });
+        chosen.unwrap_or_else(|| {
+            let setting = Setting::of(&plain);
+            let expected = model.of(setting).map(|calibrated| Prediction {
+                error: calibrated.before.believe(&situation.0).upper(),
+                ms: calibrated.cost.ms(pixels) * self.pace.factor(setting),
+            });
+            Planned { plan: plain, expected, quest: None }
+        })
+    }
+
+    /// A frame that is to be judged begins to arrive: `observed` is what its pixels say, `ms` what rendering
+    /// it took. It is delivered, or thrown away for another try.
+    pub(super) fn judge(
+        &mut self,
+        ticket: Ticket,
+        attempt: u32,
+        observed: Option<Observed>,
+        ms: f64,
+        actions: &mut Vec<Action>,
+    ) {
+        if !self.is_current(ticket, attempt) {
+            return;
+        }
+        let Some(mut quest) = self.views.get_mut(&ticket).and_then(|view| view.quest.take()) else {
+            let expected = Prediction { error: 1.0, ms };
+            return actions.push(Action::Deliver { ticket, attempt, expected });
+        };
+        self.learn_pace(ticket, ms);
+        quest.spent_ms += if ms >= 0.0 { ms } else { 0.0 };
+        let step = self.next_step(&quest, observed);
+        match step {
+            Step::Deliver { expected } => {
+                quest.judged = false;
+                if let Some(view) = self.views.get_mut(&ticket) {
+                    view.quest = Some(quest);
+                    view.expected = Some(expected);
+                }
+                actions.push(Action::Deliver { ticket, attempt, expected });
+            }
+            Step::Try { setting, expected, judged } => {
+                // Its worker did well, and holds what the frame was made from.
+                self.take_back(ticket, true);
+                // Scene time may have gone on: a view stays in the epoch it was admitted in.
+                let epoch = self.views.get(&ticket).map_or(self.set.epoch, |view| view.epoch);
+                let plan = self.plan_of(setting, &quest.camera, epoch);
+                quest.tried.push(setting);
+                quest.judged = judged;
+                self.counters.frames_refused += 1;
+                match setting.is_direct() {
+                    true => self.rates.direct.count(1),
+                    false => self.rates.views.count(1),
+                }
+                if let Some(view) = self.views.get_mut(&ticket) {
+                    view.begin_again(plan, expected, quest);
+                    self.waiting.push_front(ticket);
+                }
+            }
+        }
+    }
+
+    fn next_step(&self, quest: &Quest, observed: Option<Observed>) -> Step {
+        let nothing_known = Prediction { error: 1.0, ms: quest.spent_ms };
+        let (Some(model), Some(observed), Some(&seen)) = (self.model(), observed, quest.tried.last()) else {
+            // A worker that says nothing of its frame leaves no choice.
+            return Step::Deliver { expected: nothing_known };
+        };
+        let candidates: Vec<Candidate<'_>> =
+            model.candidates(&quest.request, &quest.situation, quest.pixels, &self.pace);
+        let candidates = model.enlightened(&candidates, &quest.situation, seen, &observed);
+        choose::next(&candidates, &quest.wish, &quest.tried, quest.spent_ms, |setting| self.wait_ms(setting))
+    }
+
+    /// A frame of the view's plan took `ms` of rendering.
+    pub(super) fn learn_pace(&mut self, ticket: Ticket, ms: f64) {
+        let Some(view) = self.views.get(&ticket) else { return };
+        let (setting, pixels) = (Setting::of(&view.plan), view.pixels);
+        let known = self.model().and_then(|model| model.of(setting));
+        if let Some(expected_ms) = known.map(|calibrated| calibrated.cost.ms(pixels)) {
+            self.pace.observe(setting, ms, expected_ms);
+        }
+    }
+
+    /// Whether a view with nothing but a deadline can be rendered from the triangles by then, as far as the
+    /// workers have measured: without a model, that is as good as it gets.
+    fn direct_is_in_time(&self, view: &View) -> bool {
+        let wish = PlanRequest { deadline_ms: view.plan.deadline_ms, ..PlanRequest::default() };
+        let wait_ms = self.expected_wait(true).as_secs_f64() * 1e3;
+        let direct_ms = self.costs.direct.value().map(|secs| secs * 1e3);
+        let in_time = |deadline| direct_ms.is_some_and(|ms| wait_ms + ms <= deadline);
+        view.pin.is_none() && view.plan == wish && wish.deadline_ms.is_some_and(in_time)
+    }
+
+    /// How long a view has to wait before a worker can begin with it.
+    fn wait_ms(&self, setting: Setting) -> f64 {
+        self.expected_wait(setting.is_direct()).as_secs_f64() * 1e3
+    }
+
+    /// The plan of a setting from a viewpoint, in an epoch.
+    fn plan_of(&self, setting: Setting, camera: &Camera, epoch: u64) -> Plan {
+        setting.plan(self.sample_ids(camera, setting.samples(), epoch))
+    }
+}
