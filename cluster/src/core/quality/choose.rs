@@ -142,21 +142,40 @@ pub fn next(
     }
 }
 
-/// The candidate to try for a bound: the cheapest that is certain to keep it, or one that is likely enough to
-/// do so that trying it first costs less; the best there is where none is certain. Those in `unjudged` are
-/// tried only if they are certain, or the best.
+/// The candidate to try for a bound: the cheapest that is certain to keep it, or one that it costs less to
+/// begin with, even though its frame may be thrown away; the best there is where none is certain. Those in
+/// `unjudged` are tried only if they are certain, or the best.
 fn bounded<'a>(open: &[Candidate<'a>], unjudged: &[Setting], bound: f64) -> Option<Candidate<'a>> {
     let certain = least(open.iter().filter(|c| c.error.upper() <= bound), |c| c.ms);
     let fallback = certain.or_else(|| least(open.iter(), |c| c.error.upper()))?;
-    let with_fallback = |c: &&Candidate<'_>| {
-        let accepted = c.error.share_within(bound, c.judged_factor);
-        c.ms + (1.0 - accepted) * fallback.ms
-    };
-    let likely = least(open.iter().filter(|c| !unjudged.contains(&c.setting)), with_fallback);
-    Some(match likely {
-        Some(likely) if with_fallback(&&likely) < fallback.ms => likely,
+    let mut by_cost: Vec<(f64, &Candidate<'_>)> =
+        open.iter().map(|c| (c.error.share_within(bound, c.judged_factor), c)).collect();
+    by_cost.sort_by(|a, b| a.1.ms.total_cmp(&b.1.ms));
+    let begun = by_cost.iter().filter(|(_, c)| !unjudged.contains(&c.setting));
+    let begun = begun.map(|&(accepted, c)| (beginning_with(c, accepted, &by_cost, fallback.ms), c));
+    Some(match begun.min_by(|a, b| a.0.total_cmp(&b.0)) {
+        Some((ms, likely)) if ms < fallback.ms => *likely,
         _ => fallback,
     })
+}
+
+/// Milliseconds until a frame is accepted that beginning with a candidate is expected to take. Its frame tells
+/// so much about all others that after it the right one is known: the cheapest that keeps the bound, and what
+/// a cheaper one keeps the dearer ones are taken to keep as well.
+fn beginning_with(
+    c: &Candidate<'_>,
+    accepted: f64,
+    by_cost: &[(f64, &Candidate<'_>)],
+    fallback_ms: f64,
+) -> f64 {
+    let (mut settled, mut ms) = (accepted, c.ms);
+    for (accepted, other) in by_cost {
+        if *accepted > settled {
+            ms += (accepted - settled) * other.ms;
+            settled = *accepted;
+        }
+    }
+    ms + (1.0 - settled) * fallback_ms
 }
 
 fn attempt(candidate: &Candidate<'_>, judged: bool) -> Step {
