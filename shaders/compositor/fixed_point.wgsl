@@ -1,5 +1,5 @@
-// Program of compositor/src/passes/fixed_point.rs: fixed-point iteration from the middle of the scene's bounds, in one
-// sample after the other; where it settles in none, a linear search.
+// Program of compositor/src/passes/fixed_point.rs: fixed-point iteration from the middle of the scene's bounds, in the
+// sample that is nearest; where it does not settle, a linear search.
 
 import package::shared::fetch::{SETTLED, crossing_of_bounds, fetch_from, not_baked, view};
 import package::shared::fixed_point::{limits_of, settle};

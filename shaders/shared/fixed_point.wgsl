@@ -2,7 +2,9 @@
 // that point, and from there back to the ray. It converges where the warp's slope is below one; where there are several
 // solutions, its start decides which it finds.
 
-import package::shared::fetch::{ViewSample, inverse_range, nearest, not_baked, seen_by_sample, view};
+import package::shared::fetch::{
+    Fetch, SETTLED, ViewSample, fetch_from, inverse_range, nearest, not_baked, seen_by_sample, view,
+};
 
 // A depth that changes by no more than this share of itself has settled: a fetch brings it closer yet.
 const AT_REST: f32 = 1e-3;
@@ -31,4 +33,30 @@ fn settle(s: ViewSample, d: vec3f, q: f32, limits: vec2f, steps: u32) -> f32 {
 // Least and greatest inverse depth between two depths.
 fn limits_of(span: vec2f) -> vec2f {
     return vec2f(1.0 / max(span.y, 1e-20), 1.0 / max(max(span.x, 1e-6 * span.y), 1e-20));
+}
+
+// Where iterating in one sample after the other led.
+struct Settled {
+    fetch: Fetch,
+    source: u32,
+    // A sample has that surface at its nearest texel, and none sees past it.
+    found: bool,
+}
+
+// The first sample, in the plan's order, in which the iteration from inverse depth q settles at a surface that no other
+// sample refutes by seeing past it.
+fn settle_in_any(d: vec3f, q: f32, limits: vec2f, steps: u32) -> Settled {
+    var result = Settled(Fetch(vec2f(0.0), 0u, q, 0.0, 0.0, 1.0, false), 0u, false);
+    for (var i = 0u; i < not_baked(view.sample_count) && !result.found; i++) {
+        let at = settle(view.samples[i], d, q, limits, steps);
+        let fetched = fetch_from(view.samples[i], d, at);
+        var found = fetched.agreement >= SETTLED;
+        for (var k = 0u; k < not_baked(view.sample_count) && found; k++) {
+            found = k == i || fetch_from(view.samples[k], d, fetched.q).past < SETTLED;
+        }
+        if found {
+            result = Settled(fetched, i, true);
+        }
+    }
+    return result;
 }
