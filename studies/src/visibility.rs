@@ -1,8 +1,8 @@
 //! What each way of seeing triangles costs, and how far the ways agree.
 //!
-//! For each scene, size of view and number of sub-samples: the time to fill a visibility buffer by the rasteriser
-//! and by packets on the CPU, and the share of sub-samples whose ids differ; the time of a whole direct view
-//! each way; what 1% and 5% of its pixels cost as single rays; and what a sample of the scene's rig costs.
+//! For each scene, size of view and number of sub-samples: the time to fill a visibility buffer by the rasteriser,
+//! by packets on the CPU and by packets in compute, and the share of sub-samples whose ids differ from the
+//! rasteriser's; the time of a whole direct view each way; what 1% and 5% of its pixels cost as single rays; and what a sample of the scene's rig costs.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -61,8 +61,10 @@ impl Options {
     }
 }
 
-/// The ways that are compared; a row names the cheapest.
-const WAYS: [Visibility; 2] = [Visibility::Raster, Visibility::Cpu];
+/// The ways that are compared, where the device has them; a row names the cheapest.
+const WAYS: [Visibility; 3] = [Visibility::Raster, Visibility::Cpu, Visibility::Trace];
+/// Where the CPU is among them: every device has it.
+const CPU: usize = 1;
 
 /// Runs the study; `progress` counts rows.
 ///
@@ -76,8 +78,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         progress.set_message(spec.clone());
         let scene = Arc::new(argus_scene::open(spec)?);
         let mut bench = Bench::new(&gpu, &scene)?;
-        let sample_ms =
-            WAYS.iter().map(|&way| bench.sample_ms(way, options.rounds)).collect::<Result<Vec<_>>>()?;
+        let sample_ms = (0..bench.ways.len())
+            .map(|way| bench.sample_ms(way, options.rounds))
+            .collect::<Result<Vec<_>>>()?;
         let suggested: Vec<Camera> = match scene.cameras.as_slice() {
             [] => vec![scene.default_camera()],
             cameras => cameras.iter().map(|named| named.camera).collect(),
@@ -96,6 +99,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
 /// One scene, and a sampler for each way, so that each measures what it would do alone.
 struct Bench {
     scene: Arc<Scene>,
+    ways: Vec<Visibility>,
     samplers: Vec<GpuSampler>,
     build_ms: f64,
 }
@@ -111,11 +115,18 @@ impl Bench {
         let begin = Instant::now();
         samplers[0].identify(&scene.default_camera(), [8, 8], 1, Visibility::Cpu)?;
         let build_ms = ms(begin.elapsed());
-        Ok(Self { scene: Arc::clone(scene), samplers, build_ms })
+        let has = |way: &Visibility| match samplers[0].identify(&scene.default_camera(), [8, 8], 1, *way) {
+            Ok(_) => Ok(Some(*way)),
+            Err(RenderError::Invalid(_)) => Ok(None),
+            Err(error) => Err(error),
+        };
+        let ways = WAYS.iter().map(has).collect::<Result<Vec<_>, RenderError>>()?;
+        let ways = ways.into_iter().flatten().collect();
+        Ok(Self { scene: Arc::clone(scene), ways, samplers, build_ms })
     }
 
     /// Time of one sample, in the middle of the scene's rig.
-    fn sample_ms(&mut self, way: Visibility, rounds: usize) -> Result<f64> {
+    fn sample_ms(&mut self, way: usize, rounds: usize) -> Result<f64> {
         let scene = &self.scene;
         let rig = Rig::for_scene(scene, &RigKnobs::default())?;
         let camera = scene.cameras.first().map_or_else(|| scene.default_camera(), |named| named.camera);
@@ -131,7 +142,7 @@ impl Bench {
         };
         let ids = vec![SampleId { epoch: 0, generation: 1, index }];
         let job = SampleJob { info: Arc::new(info), ids, to_host: false };
-        let sampler = &mut self.samplers[position(way)];
+        let sampler = &mut self.samplers[way];
         timed(rounds, || {
             sampler.render_samples(&job, &Cancel::new()).into_iter().collect::<Result<Vec<_>, _>>()
         })
@@ -146,12 +157,14 @@ impl Bench {
         sample_ms: &[f64],
         rounds: usize,
     ) -> Result<Map<String, Value>> {
-        let mut see = vec![Vec::new(); WAYS.len()];
-        let mut direct = vec![Vec::new(); WAYS.len()];
-        let (mut few, mut some, mut differing) = (Vec::new(), Vec::new(), Vec::new());
+        let ways = self.ways.clone();
+        let mut see = vec![Vec::new(); ways.len()];
+        let mut direct = vec![Vec::new(); ways.len()];
+        let mut differing = vec![Vec::new(); ways.len()];
+        let (mut few, mut some) = (Vec::new(), Vec::new());
         for camera in cameras {
             let mut found = Vec::new();
-            for (i, &way) in WAYS.iter().enumerate() {
+            for (i, &way) in ways.iter().enumerate() {
                 let sampler = &mut self.samplers[0];
                 let mut times = Vec::new();
                 let mut ids = Vec::new();
@@ -183,11 +196,13 @@ impl Bench {
                         .collect::<Result<Vec<_>, _>>()
                 })?);
             }
-            let apart = found[0].iter().zip(&found[1]).filter(|(a, b)| a != b).count();
-            differing.push(apart as f64 / found[0].len().max(1) as f64);
+            for (ids, differing) in found.iter().zip(&mut differing) {
+                let apart = found[0].iter().zip(ids).filter(|(a, b)| a != b).count();
+                differing.push(apart as f64 / ids.len().max(1) as f64);
+            }
             for (percent, times) in [(1, &mut few), (5, &mut some)] {
                 let job = pixels(camera, size, samples, percent);
-                let sampler = &mut self.samplers[position(Visibility::Cpu)];
+                let sampler = &mut self.samplers[CPU];
                 let cancel = Cancel::new();
                 times.push(timed(rounds, || {
                     sampler
@@ -197,8 +212,8 @@ impl Bench {
                 })?);
             }
         }
-        let cheapest = (0..WAYS.len()).min_by(|&a, &b| mean_of(&direct[a]).total_cmp(&mean_of(&direct[b])));
-        let name = |i: usize| WAYS[i].name();
+        let cheapest = (0..ways.len()).min_by(|&a, &b| mean_of(&direct[a]).total_cmp(&mean_of(&direct[b])));
+        let name = |i: usize| ways[i].name();
         let mut row = Map::new();
         row.insert("scene".to_owned(), json!(spec));
         row.insert("size".to_owned(), json!(format!("{}x{}", size[0], size[1])));
@@ -206,7 +221,9 @@ impl Bench {
         for (i, times) in see.iter().enumerate() {
             row.insert(format!("see_{}_ms", name(i)), json!(mean_of(times)));
         }
-        row.insert("differing_fraction".to_owned(), json!(mean_of(&differing)));
+        for (i, shares) in differing.iter().enumerate().skip(1) {
+            row.insert(format!("differing_{}_fraction", name(i)), json!(mean_of(shares)));
+        }
         for (i, times) in direct.iter().enumerate() {
             row.insert(format!("direct_{}_ms", name(i)), json!(mean_of(times)));
         }
@@ -219,10 +236,6 @@ impl Bench {
         row.insert("build_ms".to_owned(), json!(self.build_ms));
         Ok(row)
     }
-}
-
-fn position(way: Visibility) -> usize {
-    WAYS.iter().position(|&w| w == way).unwrap_or(0)
 }
 
 /// Some of a view's pixels, scattered in runs as holes are: where the hash of a square of 4 × 4 says so.
