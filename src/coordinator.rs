@@ -49,7 +49,7 @@ pub(crate) struct Service {
     #[arg(long, hide = true)]
     exit_with_stdin: bool,
     /// Whether samplers that have nothing to sample also compose views
-    #[arg(long, value_name = "BOOL", default_value_t = true, action = clap::ArgAction::Set)]
+    #[arg(long, value_name = "BOOL", default_value_t = false, action = clap::ArgAction::Set)]
     samplers_composite: bool,
     /// Share of the samplers' time that may go into samples where views have holes; 0: none are placed
     #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = args::share)]

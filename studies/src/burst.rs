@@ -55,9 +55,9 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let direct = PlanRequest { direct: true, ..PlanRequest::default() };
     // Whole K leaves a sampler idle once the samples are there, unless it may compose as well: a row each.
     let ways = [
-        ("splat", PlanRequest::default(), "--samplers-composite=true"),
-        ("splat, samplers only sample", PlanRequest::default(), "--samplers-composite=false"),
-        ("direct", direct, "--samplers-composite=true"),
+        ("splat", PlanRequest::default(), "--samplers-composite=false"),
+        ("splat, samplers also compose", PlanRequest::default(), "--samplers-composite=true"),
+        ("direct", direct, "--samplers-composite=false"),
     ];
     progress.set_length((ways.len() * options.rounds) as u64);
     let mut secs = ways.map(|_| Vec::new());

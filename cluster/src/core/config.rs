@@ -39,8 +39,8 @@ pub struct Config {
     pub patience: Duration,
     /// A sample that a compositor lacks weighs as much as this many views in its queue: what a transfer costs.
     pub missing_sample_views: f64,
-    /// Whether a sampler that has nothing to sample also composes views. The formula's whole K leaves it idle
-    /// otherwise; with it, a cluster of two composes twice as fast once its samples are there.
+    /// Whether a sampler that has nothing to sample also composes views, where the formula's whole K would leave it
+    /// idle. Off: `argus study burst` has a row for each, and has not shown a gain on two busy cores.
     pub samplers_composite: bool,
     /// The share of the samplers' time that may go into samples at refinements of the rig, where views have holes:
     /// what a adds to K_fd is at most this share of K ticks. They are rendered when nothing else waits, so that
@@ -81,7 +81,7 @@ impl Default for Config {
             max_attempts: 4,
             patience: Duration::from_secs(30),
             missing_sample_views: 2.0,
-            samplers_composite: true,
+            samplers_composite: false,
             refining_share: 0.5,
             refining_bytes: 1 << 30,
             epoch: Duration::from_millis(100),
