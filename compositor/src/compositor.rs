@@ -27,6 +27,7 @@ use crate::passes::floor::FloorPass;
 use crate::passes::halve::HalvePass;
 use crate::passes::linear::LinearPass;
 use crate::passes::mend::MendPass;
+use crate::passes::mips::MipsPass;
 use crate::passes::pyramid::PyramidPass;
 use crate::passes::resolve::ResolvePass;
 use crate::passes::seeded::SeededPass;
@@ -47,6 +48,7 @@ pub struct GpuCompositor {
     nearest: wgpu::Sampler,
     bilinear: wgpu::Sampler,
     bounds: BoundsPass,
+    mips: MipsPass,
     splat: SplatPass,
     fill: FillPass,
     warp: WarpPass,
@@ -111,6 +113,8 @@ impl GpuCompositor {
             gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: filter,
                 min_filter: filter,
+                // Between levels too: a change of level would show.
+                mipmap_filter: wgpu::MipmapFilterMode::Linear,
                 ..Default::default()
             })
         };
@@ -121,6 +125,7 @@ impl GpuCompositor {
             nearest: sampler(wgpu::FilterMode::Nearest),
             bilinear: sampler(wgpu::FilterMode::Linear),
             bounds: BoundsPass::new(&gpu),
+            mips: MipsPass::new(&gpu),
             splat: SplatPass::new(&gpu),
             fill: FillPass::new(&gpu),
             warp: WarpPass::new(),
@@ -404,12 +409,12 @@ impl GpuCompositor {
         }
         let lights = upload("lights", bytemuck::cast_slice(&lights), BufferUsages::STORAGE);
         let blocks = upload("blocks", bytemuck::cast_slice(&blocks), BufferUsages::STORAGE);
-        let cell_bytes = u64::from(first.cell) * 8;
+        let cell_bytes = u64::from(first.cell) * 4;
         let mut scratch =
             |label, bytes: u64| self.targets.buffer(&self.gpu, label, bytes, BufferUsages::STORAGE);
         let splatted = Splatted {
             cells: scratch("cells", cell_bytes),
-            depths: scratch("depths", cell_bytes / 2),
+            depths: scratch("depths", cell_bytes),
             unsettled: scratch("unsettled", u64::from(first.unsettled) * 4),
         };
         ChunkData { views, lights, blocks, splatted, cell_bytes, splats, fills, draws }
@@ -422,7 +427,7 @@ impl Compositor for GpuCompositor {
     }
 
     fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError> {
-        self.holdings.hold(&self.gpu, &self.bounds, &self.knobs, set)
+        self.holdings.hold(&self.gpu, &self.bounds, &self.mips, &self.knobs, set)
     }
 
     fn release(&mut self, ids: &[SampleId]) {

@@ -11,6 +11,7 @@ use crate::cull::FaceTiles;
 use crate::knobs::CompositorKnobs;
 use crate::passes::bounds::BoundsPass;
 use crate::passes::halve::HalvePass;
+use crate::passes::mips::MipsPass;
 use crate::pool::Pool;
 use crate::validate::class_of;
 
@@ -81,6 +82,7 @@ impl Holdings {
         &mut self,
         gpu: &Arc<Gpu>,
         bounds: &BoundsPass,
+        mips: &MipsPass,
         knobs: &CompositorKnobs,
         set: &SampleSet,
     ) -> Result<(), RenderError> {
@@ -110,7 +112,7 @@ impl Holdings {
                 }
             }
         }
-        match self.write(gpu, bounds, &placed) {
+        match self.write(gpu, bounds, mips, &placed) {
             Ok(tiles) => {
                 for ((sample, pool, layer), tiles) in placed.into_iter().zip(tiles) {
                     self.release(&[sample.id]);
@@ -164,12 +166,20 @@ impl Holdings {
         &self,
         gpu: &Arc<Gpu>,
         bounds: &BoundsPass,
+        mips: &MipsPass,
         placed: &[(&Sample, usize, u32)],
     ) -> Result<Vec<Vec<FaceTiles>>, RenderError> {
         let mut all = Vec::with_capacity(placed.len());
         for &(sample, pool, layer) in placed {
             self.pool(pool)?.write(gpu, sample, layer)?;
             all.push((self.pool(pool)?, layer, sample.camera.faces()));
+        }
+        for index in 0..self.pools.len() {
+            let layers: Vec<u32> =
+                placed.iter().filter(|(_, pool, _)| *pool == index).map(|(_, _, layer)| *layer).collect();
+            if !layers.is_empty() {
+                mips.run(gpu, self.pool(index)?, &layers)?;
+            }
         }
         bounds.run(gpu, &all)
     }

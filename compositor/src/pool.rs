@@ -33,10 +33,22 @@ impl PoolClass {
         planes
     }
 
+    /// Levels of a plane, each half as fine as the one before: radiance is looked up with a footprint that fits the view.
+    fn levels(&self, kind: PlaneKind) -> u32 {
+        let shortest = self.size[0].min(self.size[1]);
+        let most = if kind == PlaneKind::Radiance { MAX_LEVELS } else { 1 };
+        // A level of a few texels is of no use, least for the faces of a cube.
+        (1..most).take_while(|&level| (shortest >> level) >= LEAST_SIDE).count() as u32 + 1
+    }
+
     /// Bytes of one sample.
     pub(crate) fn layer_bytes(&self) -> u64 {
         let texels = u64::from(self.size[0]) * u64::from(self.size[1]);
-        self.planes().iter().map(|(_, format)| format.texel_bytes() as u64 * texels).sum()
+        let plane = |&(kind, format): &(PlaneKind, PlaneFormat)| {
+            let levels = (0..self.levels(kind)).map(|level| texels >> (2 * level)).sum::<u64>();
+            format.texel_bytes() as u64 * levels
+        };
+        self.planes().iter().map(plane).sum()
     }
 }
 
@@ -59,6 +71,12 @@ pub(crate) struct Pool {
     pyramids: Option<Pyramids>,
 }
 
+/// Levels of radiance: a view may be up to eight times as coarse as its samples before it aliases.
+const MAX_LEVELS: u32 = 4;
+
+/// Texels on a side of the coarsest level.
+const LEAST_SIDE: u32 = 16;
+
 /// Layers that a pool begins with: the samples of one tile or the nearest of one cell.
 const FIRST_LAYERS: u32 = 4;
 
@@ -76,6 +94,17 @@ impl Pool {
         let array = self.arrays.iter().find(|a| a.kind == kind);
         array
             .map(|a| &a.view)
+            .ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
+    }
+
+    /// The array of a plane that the class has, as a texture.
+    ///
+    /// # Errors
+    /// As [`Pool::view`].
+    pub(crate) fn texture(&self, kind: PlaneKind) -> Result<&wgpu::Texture, RenderError> {
+        let array = self.arrays.iter().find(|a| a.kind == kind);
+        array
+            .map(|a| &a.texture)
             .ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
     }
 
@@ -180,7 +209,7 @@ impl Pool {
             let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
                 label: Some("samples"),
                 size: wgpu::Extent3d { width, height, depth_or_array_layers: capacity },
-                mip_level_count: 1,
+                mip_level_count: self.class.levels(kind),
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
                 format: texture_format(format),
@@ -188,8 +217,20 @@ impl Pool {
                 view_formats: &[],
             });
             if let Some(old) = old.iter().find(|a| a.kind == kind) {
-                let kept = wgpu::Extent3d { width, height, depth_or_array_layers: self.capacity };
-                encoder.copy_texture_to_texture(old.texture.as_image_copy(), texture.as_image_copy(), kept);
+                for mip_level in 0..self.class.levels(kind) {
+                    let kept = wgpu::Extent3d {
+                        width: width >> mip_level,
+                        height: height >> mip_level,
+                        depth_or_array_layers: self.capacity,
+                    };
+                    let level = |texture| wgpu::TexelCopyTextureInfo {
+                        texture,
+                        mip_level,
+                        origin: wgpu::Origin3d::ZERO,
+                        aspect: wgpu::TextureAspect::All,
+                    };
+                    encoder.copy_texture_to_texture(level(&old.texture), level(&texture), kept);
+                }
             }
             // Said outright, since a pool of one layer would be seen as no array.
             let view = texture.create_view(&wgpu::TextureViewDescriptor {

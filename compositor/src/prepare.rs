@@ -158,7 +158,7 @@ impl PreparedView {
             cell_columns: cells.columns,
             first_unsettled: first.unsettled,
             piece: first.piece,
-            _pad_size: 0,
+            footprint: self.footprint(),
             piece_size: piece.fine_size(),
             lighting: held.map_or(Zeroable::zeroed(), |held| lighting_uniform(&held.info.lighting)),
             samples,
@@ -176,6 +176,17 @@ impl PreparedView {
         };
         let texel = self.samples.first().and_then(|held| held.faces.first()).map_or(0.0, texel);
         (0.01 + cell + texel).min(0.1) as f32
+    }
+
+    /// Texels of the nearest sample on the edge of a sub-pixel, at equal distance from both.
+    fn footprint(&self) -> f32 {
+        let face = self.samples.first().and_then(|held| held.faces.first());
+        let texel = |face: &Face| {
+            let size = DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
+            (2.0 * face.tan_half_fov / size).min_element()
+        };
+        // The finer edges of both: a blur is worse than a trace of aliasing.
+        face.map_or(1.0, |face| (self.geometry.pixel_at_unit_depth().min_element() / texel(face)) as f32)
     }
 
     /// Number of cells of a piece; none for a search that needs none.

@@ -2,7 +2,10 @@
 
 mod common;
 
-use argus_scene::{Camera, Cancel, Compositor as _, Output, Outputs, Plan, SampleCamera, Search, ViewJob};
+use argus_compositor::GpuCompositor;
+use argus_scene::{
+    Camera, Cancel, Compositor as _, Output, Outputs, Plan, SampleCamera, SampleSet, Search, ViewJob,
+};
 use common::*;
 use glam::DVec3;
 
@@ -198,6 +201,66 @@ fn sub_pixels_are_averaged_in_linear_radiance() {
         // Away from silhouettes a smooth pattern's mean is its middle.
         assert_close(b, 0.03, 2.0, 0.01);
         assert_ne!(coarse.color, fine.color);
+    }
+}
+
+/// Ground with stripes that a coarse view cannot resolve.
+struct Stripes(Analytic);
+
+impl Subject for Stripes {
+    fn see(&self, origin: DVec3, direction: DVec3) -> Option<(f64, argus_scene::shading::Surface)> {
+        let (range, mut surface) = self.0.see(origin, direction)?;
+        let bright = (surface.position.x * 30.0).sin() > 0.0;
+        surface.albedo = glam::Vec3::splat(if bright { 0.9 } else { 0.05 });
+        Some((range, surface))
+    }
+
+    fn bounds(&self) -> argus_scene::Bounds {
+        self.0.bounds()
+    }
+
+    fn lighting(&self) -> argus_scene::Lighting {
+        self.0.lighting()
+    }
+}
+
+#[test]
+fn a_view_that_is_coarser_than_its_samples_does_not_alias() {
+    let stripes = Stripes(Analytic { spheres: Vec::new(), ..Analytic::garden() });
+    // Spread of the middle of a view straight down on the ground, bytes.
+    let spread = |size: [u32; 2], compositor: &mut GpuCompositor, set: &SampleSet, search: Search| {
+        let eye = DVec3::new(0.1, 12.0, 0.1);
+        let camera = Camera { up: DVec3::X, ..Camera::look_at(eye, eye - DVec3::Y) };
+        let frame = compose_one(compositor, &job(set, camera, size, search)).unwrap();
+        let color = frame.color.unwrap();
+        let middle: Vec<f64> = (size[1] / 4..3 * size[1] / 4)
+            .flat_map(|y| (size[0] / 4..3 * size[0] / 4).map(move |x| (y * size[0] + x) as usize))
+            .map(|i| f64::from(color[3 * i]))
+            .collect();
+        let mean = middle.iter().sum::<f64>() / middle.len() as f64;
+        (middle.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / middle.len() as f64).sqrt()
+    };
+    let center = DVec3::new(0.0, 11.0, 0.0);
+    let down = |camera: SampleCamera| match camera {
+        SampleCamera::Perspective { camera, width, height } => {
+            SampleCamera::Perspective { camera: Camera { up: DVec3::X, ..camera }, width, height }
+        }
+        omni => omni,
+    };
+    let pinhole = down(perspective(center, center - DVec3::Y, 75.0, 400, 400));
+    for cameras in [vec![pinhole], vec![cube(center, 320)]] {
+        let set = sample_set(&stripes, &cameras, false, 1);
+        let mut compositor = compositor(&set);
+        for search in Search::ALL {
+            let fine = spread([400, 400], &mut compositor, &set, search);
+            let coarse = spread([40, 40], &mut compositor, &set, search);
+            println!("{search:?}: {fine} {coarse}");
+            assert!(fine > 50.0, "{search:?}: the stripes are there: {fine}");
+            assert!(
+                coarse < 0.5 * fine,
+                "{search:?}: stripes of a third of a pixel alias: {coarse} of {fine}"
+            );
+        }
     }
 }
 

@@ -11,8 +11,7 @@ struct Fill {
 
 var<immediate> fill: Fill;
 
-// Low and high word of each.
-@group(0) @binding(0) var<storage, read> cells: array<vec2u>;
+@group(0) @binding(0) var<storage, read> cells: array<u32>;
 @group(0) @binding(1) var<storage, read_write> depths: array<u32>;
 
 // Relative difference of inverse depth below which two cells are taken for one surface.
@@ -21,7 +20,7 @@ const CONTINUES: f32 = 0.1;
 fn cell_at(column: i32, row: i32) -> Depth {
     let inside = column >= 0 && row >= 0 && column < fill.columns && row < fill.rows;
     let index = select(0u, u32(row * fill.columns + column), inside);
-    return depth_of_cell(select(vec2u(0u), cells[fill.first_cell + index], inside));
+    return depth_of_cell(select(0u, cells[fill.first_cell + index], inside));
 }
 
 // Between two opposite neighbours of one surface, inverse depth being affine over the image; none if they are not

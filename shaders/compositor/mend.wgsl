@@ -2,13 +2,13 @@
 // looks at are tried in all of them; what none has is sky if they see past everything there, else unresolved.
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
-import package::shared::fetch::{Fetch, POINTS, SETTLED, crossing_of_bounds, fetch_from, is_better, not_baked, opinions_of, view};
+import package::shared::fetch::{Fetch, POINTS, SETTLED, crossing_of_bounds, fetch_from, is_better, not_baked, nothing_at, opinions_of, view};
 import package::shared::pixel::{CERTAIN, OTHER, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
 import package::shared::targets::{store_linear, store_shown};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 @group(0) @binding(10) var<storage, read> unsettled: array<u32>;
-@group(0) @binding(11) var<storage, read> cells: array<vec2u>;
+@group(0) @binding(11) var<storage, read> cells: array<u32>;
 
 // The best of all samples for one depth.
 struct Found {
@@ -22,7 +22,7 @@ struct Found {
 // edge of a surface the point may be beside it, in empty space, and yet within tolerance of what another camera sees
 // behind.
 fn look_up(d: vec3f, depth: Depth) -> Found {
-    var best = Fetch(vec2f(0.0), 0u, depth.q, 0.0, 0.0, 1.0, false);
+    var best = nothing_at(depth.q);
     var source = 0u;
     var refuted = false;
     for (var i = 0u; i < not_baked(view.sample_count) && !refuted; i++) {
@@ -76,12 +76,17 @@ fn mend(place: vec2u) -> Pixel {
     for (var k = 0u; k < 1u && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
         found = look_up(d, was);
     }
+    // A loop, since the software driver leaves one that no pixel needs, where it would run a branch.
+    var clear = false;
+    for (var k = 0u; k < 1u && !found.settled; k++) {
+        clear = is_clear(d);
+    }
     if found.settled {
         var pixel = surface_pixel(found.fetch, found.source, d);
         pixel.source += select(0u, OTHER, found.source != became.source);
         return pixel;
     }
-    if is_clear(d) {
+    if clear {
         // Each point is seen past by some sample, not by two.
         var pixel = sky_pixel(d);
         pixel.confidence = CERTAIN >> 1u;

@@ -89,7 +89,7 @@ fn follow_in_all(d: vec3f, span: vec2f) -> RayEnd {
     var seen = false;
     var clear = true;
     var next = 2.0 * span.y;
-    let count = view.sample_count;
+    let count = not_baked(view.sample_count);
     var i = 0u;
     for (var turn = 0u; turn < not_baked(TURNS) && t < span.y && !(agreed == count && seen); turn++) {
         let stop = follow(view.samples[i], d, t, span.y);

@@ -2,7 +2,7 @@
 // depth in the cells of the view that they fall into; the nearest stays.
 
 import package::shared::camera::direction_in_face;
-import package::shared::cells::HANDICAP;
+import package::shared::cells::cell_of;
 
 // One face of one sample, as one view sees it. Rows take a position in the face's axes times its inverse depth,
 // and that inverse depth, to cell coordinates times w, and to w, the depth along the view's axis times the same.
@@ -33,7 +33,7 @@ var<immediate> splat: Splat;
 @group(0) @binding(0) var inverse_range: texture_2d_array<f32>;
 // 8x8 texels each, every stride-th: column and row of the first in the face in 14 bits each, stride in 4.
 @group(0) @binding(1) var<storage, read> blocks: array<u32>;
-@group(0) @binding(2) var<storage, read_write> cells: array<atomic<u64>>;
+@group(0) @binding(2) var<storage, read_write> cells: array<atomic<u32>>;
 
 @compute @workgroup_size(8, 8)
 fn splat_block(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) local: vec3u) {
@@ -52,8 +52,6 @@ fn splat_block(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id
     let usable = (bitcast<u32>(q) - 1u) < 0x7f7fffffu && w > 0.0;
     if usable && all(texel < splat.face_size) && all(cell >= vec2f(0.0)) && all(cell < size) {
         let index = splat.first_cell + u32(cell.y) * u32(splat.cell_columns) + u32(cell.x);
-        // A surface at 10^-36 of its depth from the handicap is not one.
-        let high = max(bitcast<u32>(q), splat.source * HANDICAP + 1u) - splat.source * HANDICAP;
-        atomicMax(&cells[index], (u64(high) << 32u) | u64(splat.source));
+        atomicMax(&cells[index], cell_of(q, splat.source));
     }
 }

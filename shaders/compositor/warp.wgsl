@@ -29,16 +29,19 @@ fn pixel(at: vec2f) -> Pixel {
     let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
     let depth = depth_of(depths[view.first_cell + u32(cell.y * view.cell_columns + cell.x)]);
     let fetched = fetch_from(view.samples[depth.source], d, depth.q);
-    let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
-    if depth.q > 0.0 && fetched.agreement >= SETTLED {
-        return surface_pixel(fetched, depth.source, d);
+    let settled = depth.q > 0.0 && fetched.agreement >= SETTLED;
+    var pixel = surface_pixel(fetched, depth.source, d);
+    // A loop, since the software driver leaves one that none of its eight pixels needs, where it would run a branch.
+    for (var k = 0u; k < 1u && !settled; k++) {
+        pixel = sky_pixel(d);
+        let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
+        // Nothing is outside of the scene's bounds.
+        if span.x < span.y {
+            let slot = view.first_unsettled + atomicAdd(&unsettled[view.piece], 1u);
+            atomicStore(&unsettled[slot], u32(at.x) | (u32(at.y) << 16u));
+        }
     }
-    // Nothing is outside of the scene's bounds.
-    if span.x < span.y {
-        let slot = view.first_unsettled + atomicAdd(&unsettled[view.piece], 1u);
-        atomicStore(&unsettled[slot], u32(at.x) | (u32(at.y) << 16u));
-    }
-    return sky_pixel(d);
+    return pixel;
 }
 
 @fragment

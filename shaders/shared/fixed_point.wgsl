@@ -3,7 +3,7 @@
 // solutions, its start decides which it finds.
 
 import package::shared::fetch::{
-    Fetch, SETTLED, ViewSample, fetch_from, inverse_range, nearest, not_baked, seen_by_sample, view,
+    Fetch, SETTLED, ViewSample, fetch_from, inverse_range, nearest, not_baked, nothing_at, seen_by_sample, view,
 };
 
 // A depth that changes by no more than this share of itself has settled: a fetch brings it closer yet.
@@ -46,7 +46,7 @@ struct Settled {
 // The first sample, in the plan's order, in which the iteration from inverse depth q settles at a surface that no other
 // sample refutes by seeing past it.
 fn settle_in_any(d: vec3f, q: f32, limits: vec2f, steps: u32) -> Settled {
-    var result = Settled(Fetch(vec2f(0.0), 0u, q, 0.0, 0.0, 1.0, false), 0u, false);
+    var result = Settled(nothing_at(q), 0u, false);
     for (var i = 0u; i < not_baked(view.sample_count) && !result.found; i++) {
         let at = settle(view.samples[i], d, q, limits, steps);
         let fetched = fetch_from(view.samples[i], d, at);

@@ -1,7 +1,7 @@
 // What a view's pixel shows once its surface is found: shared by all searches.
 
 import package::shared::encode::unit_from_octahedral;
-import package::shared::fetch::{Fetch, SETTLED, bilinear, fetch_from, nearest, not_baked, radiance, view};
+import package::shared::fetch::{Fetch, SETTLED, bilinear, fetch_from, nearest, not_baked, omni, radiance, view};
 import package::shared::finite::finite_or_zero;
 import package::shared::shading::{Light, Surface, sky_radiance, specular_light, specular_sky};
 
@@ -58,10 +58,23 @@ fn sky_pixel(d: vec3f) -> Pixel {
     return Pixel(sky_radiance(view.lighting, normalize(d)), 0u, CERTAIN, 0.0, vec3f(0.0), vec2f(0.0), 0u);
 }
 
+// Texture coordinates at which a fetch from a coarser level stays on the face of a cube that it is about: a face's ring is
+// one texel of the finest level.
+fn within_face(uv: vec2f, level: f32) -> vec2f {
+    if !omni {
+        return uv;
+    }
+    let faces = vec2f(3.0, 2.0);
+    let face = clamp(floor(uv * faces), vec2f(0.0), faces - 1.0);
+    let half_texel = 0.5 * exp2(ceil(level)) * faces / vec2f(textureDimensions(radiance));
+    return (face + clamp(uv * faces - face, half_texel, 1.0 - half_texel)) / faces;
+}
+
 // The pixel in direction d (depth 1) whose surface was found in sample number `index`.
 fn surface_pixel(fetched: Fetch, index: u32, d: vec3f) -> Pixel {
-    let texel = textureSampleLevel(radiance, bilinear, fetched.uv, fetched.layer, 0.0).rgb;
-    let position = d / fetched.q;
+    let uv = within_face(fetched.uv, fetched.level);
+    let texel = textureSampleLevel(radiance, bilinear, uv, fetched.layer, fetched.level).rgb;
+    let position = d / max(fetched.q, 1e-30);
     var confidence = 0u;
     if confident {
         confidence = confidence_of(fetched, index, d);

@@ -1,6 +1,6 @@
 // What searches that follow a view ray end in: the colour of the surface that they found, from the sample that has it best.
 
-import package::shared::fetch::{Fetch, TRACE, fetch_from, is_better, not_baked, view};
+import package::shared::fetch::{TRACE, fetch_from, is_better, not_baked, nothing_at, view};
 import package::shared::pixel::{CERTAIN, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
 
 // Where following a ray ended.
@@ -16,7 +16,7 @@ struct RayEnd {
 // The pixel in direction d, whose ray was followed between two depths.
 fn pixel_at_end(d: vec3f, span: vec2f, end: RayEnd) -> Pixel {
     let q = 1.0 / max(end.t, 1e-20);
-    var best = Fetch(vec2f(0.0), 0u, 0.0, 0.0, 0.0, 1.0, false);
+    var best = nothing_at(0.0);
     var source = 0u;
     for (var i = 0u; i < not_baked(view.sample_count); i++) {
         let next = fetch_from(view.samples[i], d, q);

@@ -7,6 +7,7 @@ pub(crate) mod floor;
 pub(crate) mod halve;
 pub(crate) mod linear;
 pub(crate) mod mend;
+pub(crate) mod mips;
 pub(crate) mod pyramid;
 pub(crate) mod resolve;
 pub(crate) mod seeded;

@@ -12,6 +12,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     Resolve::MIRROR,
     TileBounds::MIRROR,
     Halve::MIRROR,
+    Mips::MIRROR,
 ];
 
 /// Samples that one view can be made of.
@@ -78,8 +79,8 @@ mirror! {
         pub first_unsettled: u32,
         /// Index of this piece among the chunk's.
         pub piece: u32,
-        /// WGSL aligns vectors of two to 8 bytes.
-        pub _pad_size: u32,
+        /// Texels of a sample on the edge of a sub-pixel, at equal distance.
+        pub footprint: f32,
         /// Columns and rows of the piece's pixels.
         pub piece_size: [u32; 2],
         /// Sky, exposure and number of lights.
@@ -150,6 +151,28 @@ mirror! {
         pub side: u32,
         /// Radiance to display-linear.
         pub exposure: f32,
+    }
+}
+
+mirror! {
+    /// One level of a sample's radiance: `compositor/mips.wgsl`.
+    pub struct Mips {
+        /// Texels of this level.
+        pub size: [u32; 2],
+        /// Texels of the finer one.
+        pub finer: [u32; 2],
+        /// Layer of the texture arrays.
+        pub layer: u32,
+        /// Whether the finer level's inverse ranges are the sample's own.
+        pub from_sample: u32,
+        /// First of the finer level's inverse ranges.
+        pub finer_range: u32,
+        /// First of this level's.
+        pub range: u32,
+        /// First word of this level's texels.
+        pub word: u32,
+        /// Words from row to row.
+        pub pitch: u32,
     }
 }
 
