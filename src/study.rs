@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use argus_studies::{Report, baseline, bounds, burst, visibility, walk, warp};
+use anyhow::Context as _;
+use argus_studies::{Report, baseline, bounds, burst, cells, hard_cases, visibility, walk, warp};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{args, output};
@@ -32,6 +33,8 @@ enum Study {
     Bounds(Bounds),
     Walk(Walk),
     Visibility(VisibilityArgs),
+    Cells(Cells),
+    HardCases(HardCases),
 }
 
 /// What direct views, samples and both searches cost, and how close they come to the reference
@@ -146,6 +149,36 @@ struct VisibilityArgs {
     form: Form,
 }
 
+/// How far a view may be from its samples: error and unresolved pixels against the distance from the sample
+/// cameras, for several spacings of them
+#[derive(clap::Args)]
+struct Cells {
+    /// A file or `terrain[:TRIANGLES]` [default: terrain:500000]
+    #[arg(long, value_name = "S")]
+    scene: Option<String>,
+    /// Pixels of a view [default: 200x150]
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Option<[u32; 2]>,
+    /// Views of the walk [default: 6]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    views: Option<u16>,
+    #[command(flatten)]
+    rig: args::Rig,
+    #[command(flatten)]
+    form: Form,
+}
+
+/// What makes a reconstruction go wrong, case by case: oracle error and tolerance of every search. Fails if one
+/// is out of bounds
+#[derive(clap::Args)]
+struct HardCases {
+    /// Also write the table as a page of the documentation
+    #[arg(long, value_name = "FILE")]
+    page: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
+}
+
 /// How long a study may take, and what becomes of its figures.
 #[derive(clap::Args)]
 struct Form {
@@ -237,9 +270,32 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
             let report = tokio::task::spawn_blocking(move || visibility::run(&options, &bar)).await??;
             ("visibility", form, report)
         }
+        Study::Cells(Cells { scene, size, views, rig, form }) => {
+            let mut options = if form.quick { cells::Options::quick() } else { cells::Options::default() };
+            options.scene = scene.unwrap_or(options.scene);
+            options.size = size.unwrap_or(options.size);
+            options.views = views.map_or(options.views, usize::from);
+            options.rig = rig.knobs();
+            options.samples = rig.samples.map_or(options.samples, |n| n as usize);
+            let bar = progress.clone();
+            let report = tokio::task::spawn_blocking(move || cells::run(&options, &bar)).await??;
+            ("cells", form, report)
+        }
+        Study::HardCases(HardCases { page, form }) => {
+            let bar = progress.clone();
+            let report = tokio::task::spawn_blocking(move || hard_cases::run(&bar)).await??;
+            if let Some(path) = page {
+                let text = hard_cases::page(&report);
+                std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+            }
+            ("hard-cases", form, report)
+        }
     };
     progress.finish_and_clear();
-    publish(name, &form, &report)
+    publish(name, &form, &report)?;
+    let failed = report.rows.iter().filter(|row| row.get("passed") == Some(&false.into())).count();
+    anyhow::ensure!(failed == 0, "{failed} of {} cases are out of bounds", report.rows.len());
+    Ok(())
 }
 
 fn publish(name: &str, form: &Form, report: &Report) -> anyhow::Result<()> {

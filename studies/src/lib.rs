@@ -10,6 +10,8 @@ mod bench;
 pub mod bounds;
 pub mod burst;
 pub mod calibration;
+pub mod cells;
+pub mod hard_cases;
 mod local_cluster;
 mod median;
 mod plot;

@@ -1,0 +1,69 @@
+//! The table as a page of the documentation.
+
+use std::fmt::Write as _;
+
+use super::oracle::{COLOR, RANGE};
+use crate::Report;
+
+/// The page, from the rows of a run.
+pub fn page(report: &Report) -> String {
+    let mut page = format!(
+        "# Hard cases\n\n\
+         What makes a reconstruction go wrong, case by case, and how far each search is from the f64 ray tracer \
+         there.\n\
+         Written by `argus study hard-cases --page docs/hard-cases.md`; `cargo test --test hard_cases` plays the \
+         same cases.\n\n\
+         A *wrong* pixel claims to be resolved, and its range differs by more than {:.0}% or its colour by more \
+         than {COLOR}\nof 255 steps from what its own ray and each of the eight around it meet. *Unresolved* \
+         pixels say that no sample\nsaw them. Shares are of all pixels; beside each is the most that the suite \
+         accepts. Besides, in every case no\npixel may contradict itself (NaN, a range without a source), and a \
+         search's fragment and compute programs give\nequal bytes.\n",
+        RANGE * 100.0
+    );
+    let mut theme = None;
+    for row in &report.rows {
+        let text = |key: &str| row.get(key).and_then(|v| v.as_str()).unwrap_or_default();
+        let number = |key: &str| row.get(key).and_then(|v| v.as_f64()).unwrap_or(f64::NAN);
+        if theme != Some(text("theme")) {
+            theme = Some(text("theme"));
+            let _ = write!(
+                page,
+                "\n## {}\n\n| case | search | measure | oracle error | at most | unresolved | at most | why |\n\
+                 | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+                text("theme")
+            );
+        }
+        let failed = if row.get("passed") == Some(&true.into()) { "" } else { " **failed**" };
+        let _ = writeln!(
+            page,
+            "| {} | {} | {} | {:.4}{failed} | {} | {:.4} | {} | {} |",
+            text("case"),
+            text("search"),
+            text("measure"),
+            number("oracle_error"),
+            bound(number("tolerance")),
+            number("unresolved"),
+            bound(number("unresolved_tolerance")),
+            text("why"),
+        );
+    }
+    for note in &report.notes {
+        let _ = write!(page, "\n{note}\n");
+    }
+    page
+}
+
+/// A bound as the page shows it.
+fn bound(value: f64) -> String {
+    format!("{value:.3}")
+}
+
+/// Cases and searches, in the order of a page, as the page has them.
+pub fn claims(page: &str) -> Vec<(String, String)> {
+    let row = |line: &str| {
+        let mut cells = line.strip_prefix("| ")?.split(" | ");
+        let (case, search) = (cells.next()?, cells.next()?);
+        (case != "case" && case != "---").then(|| (case.to_owned(), search.to_owned()))
+    };
+    page.lines().filter_map(row).collect()
+}

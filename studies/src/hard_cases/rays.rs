@@ -1,0 +1,85 @@
+//! Rays that run along what a search is made of: planes of the bounds and of tiles, borders of the lattice, edges
+//! of the texels that a pyramid's cells are made of.
+
+use anyhow::Result;
+use argus_scene::{Camera, Rig};
+use glam::DVec3;
+
+use super::Row;
+use super::stage::{Limits, Pose, Stages};
+use super::world::{self, FACE, World};
+
+pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
+    let look = Camera::look_at;
+    let garden = world::garden();
+    let top = garden.scene.bounds().max.y;
+    let along = |eye: DVec3, by: DVec3| look(eye, eye + by);
+    let tiled = World {
+        rig: match garden.rig {
+            Rig::TileCorners { bounds, height, size, .. } => {
+                Rig::TileCorners { bounds, tiles: [2, 2], height, size }
+            }
+            cell => cell,
+        },
+        ..garden.clone()
+    };
+    let grazing = Limits::new(0.05, 0.05);
+    let mut rows = stages.play(
+        garden,
+        &[
+            Pose::new("along the top of the bounds", along(DVec3::new(-14.0, top, 0.0), DVec3::X), grazing),
+            Pose::new(
+                "along the side of the bounds",
+                along(DVec3::new(-10.0, 2.0, -10.0), DVec3::Z),
+                grazing,
+            ),
+        ],
+    )?;
+    rows.extend(stages.play(
+        tiled,
+        &[
+            Pose::new(
+                "along the border of two tiles",
+                along(DVec3::new(0.0, 4.0, -14.0), DVec3::new(0.0, -0.2, 1.0)),
+                Limits::new(0.13, 0.2).because("half of the view is another tile's than the samples'"),
+            ),
+            Pose::new(
+                "in the corner of four tiles",
+                along(DVec3::new(0.0, 6.0, 0.0), DVec3::new(1.0, -0.6, 0.0)),
+                grazing,
+            ),
+        ],
+    )?);
+    let room = world::room();
+    let Rig::Cell { origin, spacing, .. } = room.rig else { return Ok(rows) };
+    // One pixel less than the face has texels, and as much less wide: pixel centres lie on the edges of texels, and a
+    // move along the image keeps every ray on a row or column of them.
+    let edge = FACE - 1;
+    let fov_deg = 2.0 * (f64::from(edge) / (f64::from(FACE) - 2.0)).atan().to_degrees();
+    let straight = |eye: DVec3| Camera { fov_deg, ..look(eye, eye - DVec3::Z) };
+    let close = Limits::new(0.02, 0.08);
+    rows.extend(
+        stages.play(
+            room,
+            &[
+                Pose::new("along rows of texels", straight(origin + DVec3::X * 0.3), close)
+                    .sized([edge, edge]),
+                Pose::new("along columns of texels", straight(origin + DVec3::Y * 0.3), close)
+                    .sized([edge, edge]),
+                Pose::new("towards the middle of a face", straight(origin - DVec3::Z * 0.4), close)
+                    .sized([edge, edge]),
+                Pose::new(
+                    "along a plane of the lattice",
+                    along(origin + DVec3::X * (spacing * 0.5), DVec3::NEG_Z),
+                    close,
+                ),
+                Pose::new(
+                    "along a line of the lattice",
+                    along(origin + DVec3::Z * (spacing * 0.25), DVec3::NEG_Z),
+                    close,
+                ),
+            ],
+        )?,
+    );
+    Ok(rows)
+}

@@ -1,0 +1,284 @@
+//! Where cases are played: a scene, its samples in two compositors (one for each program), and its oracle.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use argus_compositor::{CompositorKnobs, GpuCompositor, Twin};
+use argus_gpu::Gpu;
+use argus_sampler::{GpuSampler, SamplerKnobs};
+use argus_scene::reference::Tracer;
+use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
+use argus_scene::{
+    Camera, Cancel, Compositor as _, Frame, Output, Outputs, Plan, RenderError, SampleJob, Sampler as _,
+    Search, ViewJob, Warp,
+};
+
+use super::Row;
+use super::oracle::{Judged, Truth};
+use super::world::World;
+
+/// The device, and the compositors that all cases share: making a program takes longer than most cases.
+pub struct Stages {
+    gpu: Arc<Gpu>,
+    compositors: [GpuCompositor; 2],
+    generation: u64,
+    /// Searches that the compositor refused, and its reason.
+    refused: BTreeMap<&'static str, String>,
+}
+
+/// A scene with its samples held.
+pub(super) struct Stage {
+    pub(super) info: Arc<SampleSetInfo>,
+    pub(super) tracer: Tracer,
+    pub(super) samples: Vec<Arc<Sample>>,
+}
+
+/// A view, and what it may get wrong.
+#[derive(Clone)]
+pub(super) struct Pose {
+    pub(super) name: &'static str,
+    pub(super) camera: Camera,
+    pub(super) size: [u32; 2],
+    /// Samples that it is reconstructed from.
+    pub(super) samples: usize,
+    pub(super) limits: Limits,
+}
+
+/// What a view may get wrong.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    /// Share of wrong pixels.
+    pub(super) wrong: f64,
+    /// Share of unresolved pixels.
+    pub(super) unresolved: f64,
+    /// Whether a right surface in a wrong colour is wrong: not where a side is seen that no sample saw lit.
+    pub(super) colors: bool,
+    /// Why these are wide; empty where they are not.
+    pub(super) why: &'static str,
+    /// Searches that cannot do as well, what they may get wrong instead, and why.
+    pub(super) excused: &'static [Excuse],
+}
+
+/// A search's own limits in a case that its method cannot do.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Excuse {
+    pub(super) search: Search,
+    pub(super) wrong: f64,
+    pub(super) unresolved: f64,
+    pub(super) why: &'static str,
+}
+
+impl Limits {
+    pub(super) const fn new(wrong: f64, unresolved: f64) -> Self {
+        Self { wrong, unresolved, colors: true, why: "", excused: &[] }
+    }
+
+    pub(super) const fn ranges(wrong: f64, unresolved: f64) -> Self {
+        Self { colors: false, ..Self::new(wrong, unresolved) }
+    }
+
+    pub(super) const fn but(self, excused: &'static [Excuse]) -> Self {
+        Self { excused, ..self }
+    }
+
+    pub(super) const fn because(self, why: &'static str) -> Self {
+        Self { why, ..self }
+    }
+
+    /// Wrong, unresolved, and the excuse.
+    pub(super) fn of(&self, search: Search) -> (f64, f64, &'static str) {
+        let excuse = self.excused.iter().find(|excuse| excuse.search == search);
+        excuse.map_or((self.wrong, self.unresolved, self.why), |e| (e.wrong, e.unresolved, e.why))
+    }
+}
+
+const SIZE: [u32; 2] = [64, 48];
+/// Samples of a plan where a case does not say.
+const SAMPLES: usize = 4;
+
+impl Pose {
+    pub(super) fn new(name: &'static str, camera: Camera, limits: Limits) -> Self {
+        Self { name, camera, size: SIZE, samples: SAMPLES, limits }
+    }
+
+    pub(super) fn sized(self, size: [u32; 2]) -> Self {
+        Self { size, ..self }
+    }
+
+    pub(super) fn of_samples(self, samples: usize) -> Self {
+        Self { samples, ..self }
+    }
+}
+
+/// What both programs answered.
+pub(super) struct Answer {
+    pub(super) frame: Frame,
+    pub(super) twin_bytes: usize,
+    pub(super) ms: f64,
+}
+
+impl Stages {
+    /// On a device.
+    ///
+    /// # Errors
+    /// If the device lacks what the passes need.
+    pub fn new(gpu: &Arc<Gpu>) -> Result<Self> {
+        let compositor = |twin| {
+            GpuCompositor::with_knobs(Arc::clone(gpu), CompositorKnobs { twin, ..CompositorKnobs::default() })
+        };
+        let compositors = [compositor(Twin::Fragment)?, compositor(Twin::Compute)?];
+        Ok(Self { gpu: Arc::clone(gpu), compositors, generation: 0, refused: BTreeMap::new() })
+    }
+
+    /// What was left out.
+    pub fn notes(&self) -> Vec<String> {
+        self.refused.iter().map(|(search, reason)| format!("Left out: {search} ({reason}).")).collect()
+    }
+
+    pub(super) fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// Takes the samples that the poses need, and hands them to both compositors.
+    pub(super) fn set(&mut self, world: World, poses: &[Pose]) -> Result<Stage> {
+        let (scene, rig) = world.shared();
+        self.generation += 1;
+        let info = Arc::new(SampleSetInfo {
+            scene: scene.hash,
+            bounds: scene.bounds(),
+            rig,
+            epoch: 0,
+            epoch_secs: 0.0,
+            generation: self.generation,
+            lighting: scene.lighting.clone(),
+        });
+        let mut ids: Vec<SampleId> =
+            poses.iter().flat_map(|pose| nearest(&info, &pose.camera, pose.samples)).collect();
+        ids.sort();
+        ids.dedup();
+        // One sub-sample: texel by texel what the oracle sees.
+        let knobs = SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() };
+        let mut sampler = GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&scene), knobs)?;
+        let job = SampleJob { info: Arc::clone(&info), ids, to_host: true };
+        let samples = sampler.render_samples(&job, &Cancel::new()).into_iter();
+        let samples: Vec<Arc<Sample>> =
+            samples.map(|s| s.map(Arc::new)).collect::<Result<_, RenderError>>()?;
+        let set = SampleSet { info: Arc::clone(&info), samples: samples.clone() };
+        for compositor in &mut self.compositors {
+            compositor.hold(&set)?;
+        }
+        Ok(Stage { info, tracer: Tracer::new(scene), samples })
+    }
+
+    /// Forgets a stage's samples.
+    pub(super) fn strike(&mut self, stage: &Stage) {
+        let ids: Vec<SampleId> = stage.samples.iter().map(|sample| sample.id).collect();
+        self.compositors.iter_mut().for_each(|compositor| compositor.release(&ids));
+    }
+
+    /// Composes a view by both programs; `None` if the compositor does not have the search.
+    pub(super) fn compose(&mut self, stage: &Stage, pose: &Pose, search: Search) -> Result<Option<Answer>> {
+        if self.refused.contains_key(search.name()) {
+            return Ok(None);
+        }
+        let job = stage.job(pose, search);
+        let mut answers = Vec::new();
+        for compositor in &mut self.compositors {
+            match compose_one(compositor, &job) {
+                Ok(answer) => answers.push(answer),
+                Err(RenderError::Invalid(invalid)) if invalid.field == "plan.search" => {
+                    self.refused.insert(search.name(), invalid.reason);
+                    return Ok(None);
+                }
+                Err(error) => return Err(error).with_context(|| format!("{}, {}", pose.name, search.name())),
+            }
+        }
+        let [(frame, a), (twin, b)]: [(Frame, f64); 2] =
+            answers.try_into().map_err(|_| anyhow::anyhow!("two programs have two answers"))?;
+        Ok(Some(Answer { twin_bytes: differing(&frame, &twin), frame, ms: a.max(b) }))
+    }
+
+    /// Plays poses of a world: each search's answer is held against the oracle.
+    pub(super) fn play(&mut self, world: World, poses: &[Pose]) -> Result<Vec<Row>> {
+        let stage = self.set(world, poses)?;
+        let mut rows = Vec::new();
+        for pose in poses {
+            let truth = Truth::of(&stage.tracer, &pose.camera, pose.size);
+            for search in Search::ALL {
+                let Some(answer) = self.compose(&stage, pose, search)? else { continue };
+                let judged = truth.judge(&answer.frame, pose.samples, pose.limits.colors);
+                if let Some(folder) = std::env::var_os("ARGUS_TEST_IMAGES") {
+                    let file = format!("{}-{}.png", pose.name.replace(['/', ' '], "-"), search.name());
+                    let picture = truth.picture(&answer.frame, pose.limits.colors);
+                    picture.save(std::path::Path::new(&folder).join(file))?;
+                }
+                rows.push(answer.row(pose, search, judged));
+            }
+        }
+        self.strike(&stage);
+        Ok(rows)
+    }
+}
+
+impl Stage {
+    pub(super) fn job(&self, pose: &Pose, search: Search) -> ViewJob {
+        let samples = nearest(&self.info, &pose.camera, pose.samples);
+        let plan = Plan::Warp(Warp { search, samples, ..Warp::default() });
+        let [width, height] = pose.size;
+        let outputs =
+            [Output::Range, Output::Mask, Output::Source].into_iter().fold(Outputs::COLOR, Outputs::with);
+        ViewJob { camera: pose.camera, width, height, outputs, plan, epoch: 0, time_secs: 0.0 }
+    }
+}
+
+impl Answer {
+    /// As a row of wrong pixels.
+    pub(super) fn row(&self, pose: &Pose, search: Search, judged: Judged) -> Row {
+        let (tolerance, unresolved_tolerance, why) = pose.limits.of(search);
+        Row {
+            theme: None,
+            case: pose.name.to_owned(),
+            search: search.name(),
+            measure: "wrong pixels",
+            oracle_error: judged.wrong,
+            tolerance,
+            unresolved: judged.unresolved,
+            unresolved_tolerance,
+            why,
+            malformed: judged.malformed,
+            twin_bytes: self.twin_bytes,
+            ms: self.ms,
+            passed: false,
+        }
+        .judged()
+    }
+}
+
+fn nearest(info: &SampleSetInfo, camera: &Camera, count: usize) -> Vec<SampleId> {
+    let id = |index| SampleId { epoch: info.epoch, generation: info.generation, index };
+    info.rig.nearest(camera, count).into_iter().map(id).collect()
+}
+
+/// A frame and the milliseconds it took.
+pub(super) fn compose_one(
+    compositor: &mut GpuCompositor,
+    job: &ViewJob,
+) -> Result<(Frame, f64), RenderError> {
+    let begin = Instant::now();
+    let mut frames = compositor.compose(std::slice::from_ref(job), &Cancel::new());
+    let missing = || RenderError::Internal("a view was not answered".to_owned());
+    let frame = frames.pop().ok_or_else(missing)??;
+    Ok((frame, begin.elapsed().as_secs_f64() * 1e3))
+}
+
+/// Bytes in which two frames differ; all of them where one has an image that the other lacks.
+pub(super) fn differing(a: &Frame, b: &Frame) -> usize {
+    let bytes = |frame: &Frame, output| frame.image(output).cloned().unwrap_or_default();
+    let differ = |output| {
+        let (a, b) = (bytes(a, output), bytes(b, output));
+        a.len().abs_diff(b.len()) + a.iter().zip(b.iter()).filter(|(a, b)| a != b).count()
+    };
+    Output::ALL.into_iter().map(differ).sum()
+}

@@ -1,0 +1,113 @@
+//! What there is to see: insides, floors through the near plane, grazing and coplanar planes, wires, depth that
+//! jumps everywhere, walls between viewer and samples, nothing at all, one triangle, triangles that are none.
+
+use anyhow::Result;
+use argus_scene::{Camera, Search};
+use glam::DVec3;
+
+use super::stage::{Excuse, Limits, Pose, Stages};
+use super::{Row, world};
+
+/// The paper's search goes on until it is behind the surface of every camera that looks there.
+const SHEETS: &[Excuse] = &[Excuse {
+    search: Search::Linear,
+    wrong: 0.35,
+    unresolved: 0.05,
+    why: "a sheet that cameras see from both sides is inside no solid",
+}];
+
+/// Texels of a surface that is much nearer to the viewer than to the camera leave gaps between cells.
+const THROUGH: &[Excuse] = &[Excuse {
+    search: Search::Splat,
+    wrong: 0.35,
+    unresolved: 1.0,
+    why: "a surface that is much nearer to the viewer than to the camera is seen through between its texels",
+}];
+
+pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
+    let look = Camera::look_at;
+    let slant = look(DVec3::new(-8.0, 7.0, -12.0), DVec3::new(0.0, 0.5, 0.0));
+    let good = Limits::new(0.03, 0.05);
+    let mut rows = Vec::new();
+    let mut play = |world, poses: &[Pose]| -> Result<()> {
+        rows.extend(stages.play(world, poses)?);
+        Ok(())
+    };
+    play(
+        world::hollow(),
+        &[Pose::new(
+            "eye inside geometry",
+            look(DVec3::new(0.3, 1.5, 0.2), DVec3::new(2.0, 1.2, 0.4)),
+            Limits::ranges(0.05, 1.0).but(THROUGH),
+        )],
+    )?;
+    play(
+        world::room_to_its_walls(),
+        &[
+            Pose::new(
+                "floor through the near plane",
+                look(DVec3::new(-1.0, 1e-3, 0.5), DVec3::new(2.0, 1e-3, 1.0)),
+                Limits::new(0.05, 0.1),
+            )
+            .of_samples(2),
+            Pose::new(
+                "wall through the near plane",
+                look(DVec3::new(-6.0 + 1e-3, 2.0, 0.5), DVec3::new(-6.0 + 1e-3, 2.2, -3.0)),
+                Limits::new(0.05, 0.1),
+            )
+            .of_samples(2),
+        ],
+    )?;
+    let level = |height: f64| look(DVec3::new(-9.0, height, 0.0), DVec3::new(2.0, height * 0.5, 0.0));
+    play(
+        world::plain(),
+        &[
+            Pose::new("grazing plane from 1 m", level(1.0), good),
+            Pose::new("grazing plane from 10 cm", level(0.1), good),
+            Pose::new("grazing plane from 1 mm", level(1e-3), good),
+            Pose::new(
+                "over the edge of a sheet",
+                look(DVec3::new(-12.0, 0.1, 0.0), DVec3::ZERO),
+                Limits::new(0.25, 0.15)
+                    .because("just under a sheet is what cameras above it take for the sheet"),
+            ),
+        ],
+    )?;
+    play(
+        world::coplanar(),
+        &[Pose::new("two coplanar surfaces", slant, Limits::ranges(0.02, 0.03).but(SHEETS))],
+    )?;
+    play(world::wires(), &[Pose::new("thin wires", slant, Limits::ranges(0.06, 0.06))])?;
+    play(world::checkerboard(), &[Pose::new("checkerboard of depths", slant, Limits::new(0.08, 0.05))])?;
+    play(
+        world::divided_room(),
+        &[
+            Pose::new(
+                "samples on the far side of a wall",
+                look(DVec3::new(-1.0, 2.4, 3.0), DVec3::new(1.0, 2.2, 5.0)),
+                Limits::ranges(0.03, 1.0),
+            )
+            .of_samples(1),
+            Pose::new(
+                "samples on both sides of a wall",
+                look(DVec3::new(-1.0, 2.4, 3.2), DVec3::new(1.0, 2.2, 5.0)),
+                Limits::ranges(0.03, 0.1),
+            )
+            .of_samples(8),
+        ],
+    )?;
+    play(
+        world::sky(),
+        &[Pose::new(
+            "sky only",
+            look(DVec3::new(0.2, 0.1, 0.0), DVec3::new(1.0, 0.4, 0.3)),
+            Limits::new(0.0, 0.0),
+        )],
+    )?;
+    play(
+        world::one_triangle(),
+        &[Pose::new("one triangle", look(DVec3::new(0.4, 0.3, 3.2), DVec3::ZERO), Limits::new(0.01, 0.01))],
+    )?;
+    play(world::broken(), &[Pose::new("triangles that are none", slant, good)])?;
+    Ok(rows)
+}
