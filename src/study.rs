@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use argus_studies::{Report, baseline, bounds, burst, cells, hard_cases, visibility, walk, warp};
+use argus_studies::{Report, baseline, bounds, break_even, burst, cells, hard_cases, visibility, walk, warp};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{args, output};
@@ -34,6 +34,7 @@ enum Study {
     Walk(Walk),
     Visibility(VisibilityArgs),
     Cells(Cells),
+    BreakEven(BreakEven),
     HardCases(HardCases),
 }
 
@@ -168,6 +169,21 @@ struct Cells {
     form: Form,
 }
 
+/// From how many views on it pays to take samples, against direct views by each way to see triangles
+#[derive(clap::Args)]
+struct BreakEven {
+    /// A file or `terrain[:TRIANGLES]`; may be given more than once [default: terrain:2000000]
+    #[arg(long, value_name = "S")]
+    scene: Vec<String>,
+    /// Pixels of a view [default: 200x150]
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Option<[u32; 2]>,
+    #[command(flatten)]
+    rig: args::Rig,
+    #[command(flatten)]
+    form: Form,
+}
+
 /// What makes a reconstruction go wrong, case by case: oracle error and tolerance of every search. Fails if one
 /// is out of bounds
 #[derive(clap::Args)]
@@ -280,6 +296,19 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
             let bar = progress.clone();
             let report = tokio::task::spawn_blocking(move || cells::run(&options, &bar)).await??;
             ("cells", form, report)
+        }
+        Study::BreakEven(BreakEven { scene, size, rig, form }) => {
+            let mut options =
+                if form.quick { break_even::Options::quick() } else { break_even::Options::default() };
+            if !scene.is_empty() {
+                options.scenes = scene;
+            }
+            options.size = size.unwrap_or(options.size);
+            options.rig = rig.knobs();
+            options.samples = rig.samples.map_or(options.samples, |n| n as usize);
+            let bar = progress.clone();
+            let report = tokio::task::spawn_blocking(move || break_even::run(&options, &bar)).await??;
+            ("break-even", form, report)
         }
         Study::HardCases(HardCases { page, form }) => {
             let bar = progress.clone();

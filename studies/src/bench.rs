@@ -85,9 +85,14 @@ impl Bench {
         Ok(Self { scene, info, sampler, compositor, tracer })
     }
 
+    /// Has the compositor forget samples.
+    pub(crate) fn forget(&mut self, ids: &[SampleId]) {
+        self.compositor.release(ids);
+    }
+
     /// Forgets all samples and places them by another rig, as a new generation.
     pub(crate) fn replace_rig(&mut self, rig: &RigKnobs, held: &[SampleId]) -> Result<()> {
-        self.compositor.release(held);
+        self.forget(held);
         let rig = Rig::for_scene(&self.scene, rig)?;
         self.info =
             Arc::new(SampleSetInfo { rig, generation: self.info.generation + 1, ..(*self.info).clone() });

@@ -8,6 +8,7 @@
 pub mod baseline;
 mod bench;
 pub mod bounds;
+pub mod break_even;
 pub mod burst;
 pub mod calibration;
 pub mod cells;

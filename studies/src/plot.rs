@@ -214,7 +214,7 @@ impl Plot {
             chart
                 .draw_series(LineSeries::new(front.iter().copied(), style))?
                 .label("Pareto front")
-                .legend(move |(x, y)| PathElement::new([(x - 9, y), (x + 9, y)], style));
+                .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], style));
         }
         for (i, series) in self.series.iter().enumerate() {
             let color = COLORS[i % COLORS.len()];
@@ -223,13 +223,20 @@ impl Plot {
                 chart.draw_series(LineSeries::new(placed.iter().copied(), color.stroke_width(2)))?;
             }
             let marks = placed.iter().map(|&at| EmptyElement::at(at) + mark(i, (0, 0), 5, color.mix(0.8)));
-            chart.draw_series(marks)?.label(&series.name).legend(move |at| mark(i, at, 6, color.mix(0.9)));
+            chart
+                .draw_series(marks)?
+                .label(&series.name)
+                .legend(move |(x, y)| mark(i, (x + 10, y), 6, color.mix(0.9)));
         }
         for (i, Mark { at, label }) in self.front.iter().enumerate() {
             let Some(at) = place(at) else { continue };
             // Words of neighbours in turn below and above, so that they do not cover each other.
-            let (offset, anchor) = if i % 2 == 0 { ((6, 6), VPos::Top) } else { ((6, -8), VPos::Bottom) };
-            let style = small.clone().color(&BLACK).pos(Pos::new(HPos::Left, anchor));
+            let (down, anchor) = if i % 2 == 0 { (6, VPos::Top) } else { (-8, VPos::Bottom) };
+            // A word at the right border would leave the plot.
+            let far = at.0 > x.least + 0.75 * (x.most - x.least);
+            let (right, side) = if far { (-6, HPos::Right) } else { (6, HPos::Left) };
+            let offset = (right, down);
+            let style = small.clone().color(&BLACK).pos(Pos::new(side, anchor));
             chart.draw_series([EmptyElement::at(at) + Text::new(label.clone(), offset, style)])?;
         }
         chart

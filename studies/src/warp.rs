@@ -8,11 +8,12 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::SamplerKnobs;
-use argus_scene::{Camera, Outputs, Plan, RenderError, Rig, RigKnobs, Search, ViewJob, Warp};
+use argus_scene::{Camera, Cancel, Outputs, Plan, RenderError, Rig, RigKnobs, Search, ViewJob, Warp};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -243,7 +244,7 @@ impl<'a> Study<'a> {
 
     /// Judges each way in a first round, then times them in turns. Returns the median time of a view with one
     /// fetch a pixel.
-    fn measure(&mut self, bench: &mut Bench, ways: &[Way], progress: &ProgressBar) -> Result<Option<f64>> {
+    fn measure(&mut self, bench: &mut Bench, ways: &[Way], progress: &ProgressBar) -> Result<f64> {
         let most = self.options.samples.iter().copied().max().unwrap_or(1);
         self.held = bench.all_ids(&self.cameras, most);
         bench.take(self.held.clone(), 0)?;
@@ -259,11 +260,10 @@ impl<'a> Study<'a> {
                 Err(error) => self.leave_out(way, error)?,
             }
         }
+        self.one_fetch(bench)?;
         let mut fetch_ms = Vec::new();
         for _ in 0..self.options.rounds {
-            if let Some(ms) = self.one_fetch(bench)? {
-                fetch_ms.push(ms);
-            }
+            fetch_ms.push(self.one_fetch(bench)?);
             for at in first..self.measured.len() {
                 let Measured { way, timed, .. } = self.measured[at];
                 progress.inc(1);
@@ -273,7 +273,7 @@ impl<'a> Study<'a> {
                 self.measured[at].ms.push(ms / jobs.len() as f64);
             }
         }
-        Ok((!fetch_ms.is_empty()).then(|| median(&fetch_ms)))
+        Ok(median(&fetch_ms))
     }
 
     /// One round for quality, which also makes the pipelines' machine code.
@@ -302,11 +302,17 @@ impl<'a> Study<'a> {
     }
 
     /// Milliseconds a view of the pass that makes one colour fetch a pixel.
-    fn one_fetch(&self, _bench: &mut Bench) -> Result<Option<f64>> {
-        Ok(None)
+    fn one_fetch(&self, bench: &mut Bench) -> Result<f64> {
+        let way = Way::Warp { search: Search::default(), steps: None, samples: 1, side: 1 };
+        let jobs = self.jobs(bench, way, Outputs::COLOR);
+        let begin = Instant::now();
+        let frames = bench.compositor.compose_floor(&jobs, &Cancel::new());
+        let ms = begin.elapsed().as_secs_f64() * 1e3;
+        frames.into_iter().collect::<Result<Vec<_>, _>>()?;
+        Ok(ms / jobs.len().max(1) as f64)
     }
 
-    fn report(&self, bench: &Bench, gpu: &Arc<Gpu>, fetch_ms: Option<f64>) -> Report {
+    fn report(&self, bench: &Bench, gpu: &Arc<Gpu>, fetch_ms: f64) -> Report {
         let direct = self.measured.iter().find(|m| m.way == Way::Direct { samples_per_pixel: 1 });
         let direct_ms = direct.map_or(f64::NAN, Measured::view_ms);
         let rows = self.measured.iter().map(|m| {
@@ -322,7 +328,7 @@ impl<'a> Study<'a> {
                 "texels": samples.map(|_| texels(&m.rig)),
                 "view_ms": m.view_ms(),
                 "per_direct": m.view_ms() / direct_ms,
-                "per_fetch": fetch_ms.map(|fetch| m.view_ms() / fetch),
+                "per_fetch": m.view_ms() / fetch_ms,
                 "flip": m.flip(),
                 "psnr_db": mean(m.judged.iter().map(|j| j.image.psnr_db)),
                 "ssim": mean(m.judged.iter().map(|j| j.image.ssim)),
@@ -336,19 +342,19 @@ impl<'a> Study<'a> {
         report
     }
 
-    fn notes(&self, fetch_ms: Option<f64>) -> Vec<String> {
+    fn notes(&self, fetch_ms: f64) -> Vec<String> {
         let Options { size: [width, height], views, reference_samples, .. } = self.options;
         let mut notes = vec![format!(
             "{views} views of {width}×{height} pixels, in one batch; reference of {reference_samples} samples a \
              pixel; wrong surface: range off by more than {}%.",
             WRONG_SURFACE * 100.0
         )];
-        notes.extend(fetch_ms.map(|ms| format!("One fetch a pixel: {ms:.3} ms a view.")));
+        notes.push(format!("One fetch a pixel: {fetch_ms:.3} ms a view."));
         notes.extend(self.refused.iter().map(|(search, reason)| format!("Left out: {search} ({reason}).")));
         notes
     }
 
-    fn plot(&self, bench: &Bench, fetch_ms: Option<f64>) -> Plot {
+    fn plot(&self, bench: &Bench, fetch_ms: f64) -> Plot {
         let point = |m: &Measured| (m.view_ms(), m.flip());
         let names = ["direct"].into_iter().chain(Search::ALL.map(Search::name));
         let series = names.map(|name| Series {
@@ -366,7 +372,7 @@ impl<'a> Study<'a> {
             y: Axis::linear("mean FLIP against the reference"),
             series: series.filter(|series| !series.points.is_empty()).collect(),
             front: pareto_front(&points).into_iter().map(mark).collect(),
-            guides: fetch_ms.map(|ms| (ms, "one fetch a pixel".to_owned())).into_iter().collect(),
+            guides: vec![(fetch_ms, "one fetch a pixel".to_owned())],
         }
     }
 }

@@ -1,0 +1,224 @@
+//! From how many views on it pays to take samples: N views from samples, samples included, against N views from
+//! triangles, by each way that the sampler has to see them.
+//!
+//! The cost of N views is S·g + N·c from samples and N·g directly, so two measurements of each give the whole curve;
+//! that it is one is checked by timing the largest number outright. Everything is plainly shaded: effects make direct
+//! views dearer and leave views from samples as they are.
+
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::{SamplerKnobs, Visibility};
+use argus_scene::{Camera, Outputs, Plan, RigKnobs, ViewJob, Warp, path};
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use crate::bench::{Bench, Taken};
+use crate::median::median;
+use crate::plot::{Axis, Plot, Series};
+use crate::{Machine, Report, report};
+
+/// What is measured, and how long.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scenes, as [`argus_scene::open`] takes them.
+    pub scenes: Vec<String>,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// How sample cameras are placed.
+    pub rig: RigKnobs,
+    /// Samples that a view is reconstructed from.
+    pub samples: usize,
+    /// The greatest number of views: a power of two.
+    pub most: usize,
+    /// Views that a direct view's cost is measured over.
+    pub direct: usize,
+    /// Views that a batch from samples has.
+    pub batch: usize,
+    /// Rounds that medians are taken over.
+    pub rounds: usize,
+}
+
+impl Default for Options {
+    /// Some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scenes: vec!["terrain:2000000".to_owned()],
+            size: [200, 150],
+            rig: RigKnobs::default(),
+            samples: 4,
+            most: 512,
+            direct: 4,
+            batch: 64,
+            rounds: 3,
+        }
+    }
+}
+
+impl Options {
+    /// A few seconds, to see that everything works; its figures are noise.
+    pub fn quick() -> Self {
+        Self {
+            scenes: vec!["terrain:20000".to_owned()],
+            size: [64, 48],
+            most: 32,
+            direct: 2,
+            batch: 8,
+            rounds: 1,
+            ..Self::default()
+        }
+    }
+}
+
+/// One way to see triangles: what its samples and its direct views cost.
+struct Way {
+    visibility: Visibility,
+    bench: Bench,
+    taken: Taken,
+    direct_ms: Vec<f64>,
+}
+
+/// Runs the study; `progress` counts scenes × rounds.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    progress.set_length((options.scenes.len() * (options.rounds + 1)) as u64);
+    let mut report = Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), Vec::new());
+    for spec in &options.scenes {
+        progress.set_message(spec.clone());
+        scene(&gpu, spec, options, &mut report, progress).with_context(|| spec.clone())?;
+    }
+    Ok(report)
+}
+
+fn scene(
+    gpu: &Arc<Gpu>,
+    spec: &str,
+    options: &Options,
+    report: &mut Report,
+    progress: &ProgressBar,
+) -> Result<()> {
+    let opened = Arc::new(argus_scene::open(spec)?);
+    let mut ways = Vec::new();
+    let mut cameras: Vec<Camera> = Vec::new();
+    for visibility in Visibility::ALL.into_iter().filter(|&way| way != Visibility::Auto) {
+        let knobs = SamplerKnobs { visibility, ..SamplerKnobs::default() };
+        let mut bench = Bench::of(gpu, Arc::clone(&opened), &options.rig, knobs)?;
+        cameras = path::viewpoints(&bench.suggested(), options.most);
+        let ids = bench.all_ids(&cameras, options.samples);
+        let taken = bench.take(ids.clone(), 1)?;
+        if !ways.is_empty() {
+            // The samples are the same by any way, so the first one's compositor stands for all.
+            bench.forget(&ids);
+        }
+        ways.push(Way { visibility, bench, taken, direct_ms: Vec::new() });
+    }
+    let direct = |bench: &Bench, camera: &Camera| {
+        bench.job(*camera, options.size, Outputs::COLOR, Plan::Direct { samples_per_pixel: 1 })
+    };
+    let warped = |bench: &Bench, camera: &Camera| {
+        let samples = bench.sample_ids(camera, options.samples);
+        bench.job(*camera, options.size, Outputs::COLOR, Plan::Warp(Warp { samples, ..Warp::default() }))
+    };
+    let mut warp_ms = Vec::new();
+    for round in 0..=options.rounds {
+        for way in &mut ways {
+            let jobs: Vec<ViewJob> =
+                cameras.iter().take(options.direct).map(|camera| direct(&way.bench, camera)).collect();
+            let (ms, _) = way.bench.time(&jobs)?;
+            // The first round also makes the pipelines' machine code.
+            if round > 0 {
+                way.direct_ms.push(ms / jobs.len() as f64);
+            }
+        }
+        let bench = &mut ways[0].bench;
+        let jobs: Vec<ViewJob> = cameras.iter().map(|camera| warped(bench, camera)).collect();
+        let (mut total, mut done) = (0.0, 0);
+        // All of them in the last round, so that the largest number is not an extrapolation.
+        let many = if round == options.rounds { jobs.len() } else { options.batch.min(jobs.len()) };
+        for batch in jobs[..many].chunks(options.batch.max(1)) {
+            total += bench.time(batch)?.0;
+            done += batch.len();
+        }
+        if round > 0 {
+            warp_ms.push(total / done as f64);
+        }
+        progress.inc(1);
+    }
+    let c = median(&warp_ms);
+    let cheapest_samples =
+        ways.iter().min_by(|a, b| a.taken.ms.total_cmp(&b.taken.ms)).context("there is a way to see")?;
+    let samples_ms = cheapest_samples.taken.ms;
+    let name = &opened.name;
+    let counts: Vec<f64> = (0..=options.most.max(1).ilog2()).map(|k| f64::from(1u32 << k)).collect();
+    let mut series = vec![Series {
+        name: "from samples, samples included".to_owned(),
+        points: counts.iter().map(|&n| (n, (samples_ms + n * c) / n)).collect(),
+        line: true,
+    }];
+    for way in &ways {
+        let g = median(&way.direct_ms);
+        let label = way.visibility.name();
+        for &n in &counts {
+            report.rows.push(report::row(json!({
+                "scene": name,
+                "visibility": label,
+                "views": n as u64,
+                "direct_view_ms": g,
+                "samples_ms": samples_ms,
+                "warped_view_ms": c,
+                "direct_total_ms": n * g,
+                "warped_total_ms": samples_ms + n * c,
+                "speed_up": n * g / (samples_ms + n * c),
+            })));
+        }
+        report.notes.push(format!(
+            "{name}: against direct views by {label} ({g:.2} ms each, its {} samples {:.0} ms), views from samples \
+             ({c:.2} ms each after {samples_ms:.0} ms, by {}) {}.",
+            way.taken.count,
+            way.taken.ms,
+            cheapest_samples.visibility.name(),
+            match break_even(samples_ms, c, g) {
+                Some(n) => format!("win from {n} on"),
+                None => "never win".to_owned(),
+            }
+        ));
+        let points = counts.iter().map(|&n| (n, g)).collect();
+        series.push(Series { name: format!("direct, {label}"), points, line: true });
+    }
+    let [width, height] = options.size;
+    report.plots.push(Plot {
+        name: name.replace(|c: char| !c.is_ascii_alphanumeric(), "-"),
+        title: format!("{name}, {width}×{height}: what a view costs"),
+        x: Axis::log("views of one scene"),
+        y: Axis::log("milliseconds a view, samples included"),
+        series,
+        ..Plot::default()
+    });
+    Ok(())
+}
+
+/// The least number of views for which samples and views from them cost less than direct views; `None` if a view
+/// from samples is no cheaper than a direct one, or a cost is not a number.
+fn break_even(samples_ms: f64, warped_ms: f64, direct_ms: f64) -> Option<u64> {
+    let gain = direct_ms - warped_ms;
+    (gain > 0.0 && samples_ms >= 0.0).then(|| (samples_ms / gain).floor() as u64 + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_pay_from_the_first_view_whose_gain_covers_them() {
+        assert_eq!(break_even(100.0, 1.0, 11.0), Some(11));
+        assert_eq!(break_even(99.0, 1.0, 11.0), Some(10));
+        assert_eq!(break_even(0.0, 1.0, 2.0), Some(1));
+        assert_eq!(break_even(100.0, 2.0, 2.0), None);
+        assert_eq!(break_even(f64::NAN, 1.0, 2.0), None);
+        assert_eq!(break_even(1.0, f64::NAN, 2.0), None);
+    }
+}

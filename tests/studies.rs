@@ -1,0 +1,81 @@
+//! The studies of the reconstruction, each in its short form: their rows, and the files that they leave.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+
+mod support;
+
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use support::json;
+
+fn rows(study: &Value) -> &Vec<Value> {
+    let rows = study["rows"].as_array().unwrap();
+    assert!(!rows.is_empty(), "{study:#}");
+    rows
+}
+
+fn number(row: &Value, key: &str) -> f64 {
+    row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row:#}"))
+}
+
+#[test]
+fn the_warp_study_has_every_search_its_figures_and_its_plot() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let begin = Instant::now();
+    let study = json(&["study", "warp", "--quick", "--json", "--out", out]);
+    assert!(begin.elapsed() < Duration::from_secs(30), "the short form is short");
+    for row in rows(&study) {
+        for key in ["view_ms", "per_direct", "per_fetch", "flip", "psnr_db", "ssim"] {
+            assert!(number(row, key) > 0.0, "{key}: {row:#}");
+        }
+        for key in ["unresolved_fraction", "wrong_surface_fraction"] {
+            assert!((0.0..=1.0).contains(&number(row, key)), "{key}: {row:#}");
+        }
+        for key in ["steps", "samples"] {
+            assert!(row[key].is_null() || row[key].is_u64(), "{key}: {row:#}");
+        }
+    }
+    let of = |search: &str| rows(&study).iter().filter(|row| row["search"] == search).collect::<Vec<_>>();
+    assert_eq!(of("direct").len(), 3, "one, four and sixteen samples a pixel");
+    // More samples a pixel come closer to the reference.
+    let errors: Vec<f64> = of("direct").iter().map(|row| number(row, "flip")).collect();
+    assert!(errors[0] > errors[1] && errors[1] > errors[2], "{errors:?}");
+    for search in ["splat", "linear"] {
+        assert_eq!(of(search).len(), 2, "{search}: one and four sub-pixels");
+    }
+    // Close to the truth, and not equal to it: that would mean that nothing was reconstructed.
+    assert!(of("splat").iter().all(|row| number(row, "flip") > 0.001 && number(row, "flip") < 0.15));
+    let plot = std::fs::read_to_string(folder.path().join("warp-pareto.svg")).unwrap();
+    assert!(plot.starts_with("<svg") && plot.contains("Pareto front") && plot.contains("splat"));
+    let csv = std::fs::read_to_string(folder.path().join("warp.csv")).unwrap();
+    assert_eq!(csv.lines().count(), rows(&study).len() + 1);
+}
+
+#[test]
+fn the_cells_study_goes_from_the_sample_camera_to_where_samples_serve_worst() {
+    let study = json(&["study", "cells", "--quick", "--json"]);
+    for pair in rows(&study).chunks(2) {
+        let [at, away] = pair else { panic!("two places for each spacing: {study:#}") };
+        assert_eq!(number(at, "distance_m"), 0.0);
+        assert!(number(away, "distance_m") > 0.0);
+        assert!(number(at, "flip") <= number(away, "flip") + 0.01, "{at:#} {away:#}");
+    }
+    let spacing = |row: &Value| number(row, "spacing_m");
+    assert!(spacing(&rows(&study)[0]) < spacing(rows(&study).last().unwrap()));
+}
+
+#[test]
+fn the_break_even_study_says_from_how_many_views_samples_pay() {
+    let study = json(&["study", "break-even", "--quick", "--json"]);
+    for row in rows(&study) {
+        let views = number(row, "views");
+        let expected = views * number(row, "direct_view_ms");
+        assert!((number(row, "direct_total_ms") / expected - 1.0).abs() < 1e-9, "{row:#}");
+        assert!(number(row, "warped_total_ms") > number(row, "samples_ms"));
+    }
+    let ways = rows(&study).iter().map(|row| row["visibility"].as_str().unwrap());
+    let ways: std::collections::BTreeSet<&str> = ways.collect();
+    assert!(ways.contains("raster") && ways.contains("cpu"), "{ways:?}");
+    assert_eq!(study["notes"].as_array().unwrap().len(), ways.len());
+}
