@@ -11,12 +11,32 @@ use super::stage::{Excuse, Limits, Pose, Stages};
 use super::{Row, world};
 
 /// A search that looks for solids takes a sheet for one that begins at its lit side.
-const SHEETS: &[Excuse] = &[Excuse {
-    search: Search::Linear,
-    wrong: 0.7,
-    unresolved: 0.1,
-    why: "from behind, a sheet is the end of a solid and not its beginning",
-}];
+const SHEETS: &[Excuse] = &[
+    Excuse {
+        search: Search::Linear,
+        wrong: 0.7,
+        unresolved: 0.1,
+        why: "from behind, a sheet is the end of a solid and not its beginning",
+    },
+    Excuse {
+        search: Search::Pyramid,
+        wrong: 0.7,
+        unresolved: 0.1,
+        why: "from behind, a sheet is the end of a solid and not its beginning",
+    },
+    Excuse {
+        search: Search::FixedPoint,
+        wrong: 0.65,
+        unresolved: 0.1,
+        why: "where it does not settle, its tail is the linear search, which sees no sheet from behind",
+    },
+    Excuse {
+        search: Search::Seeded,
+        wrong: 0.4,
+        unresolved: 0.1,
+        why: "where it does not settle, its tail is the linear search, which sees no sheet from behind",
+    },
+];
 
 pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     let look = Camera::look_at;
