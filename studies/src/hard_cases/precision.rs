@@ -22,21 +22,21 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     let cell =
         Camera { fov_deg: 70.0, ..Camera::look_at(DVec3::new(-1.3, 2.0, 1.9), DVec3::new(1.0, 1.8, -3.0)) };
     let mut rows = Vec::new();
-    let scenes: [(&'static str, fn() -> World, Camera, [&'static str; 3]); 2] = [
-        ("garden at the origin", world::garden, tile, ["garden ", "garden ", "garden "]),
-        ("room at the origin", world::room, cell, ["room ", "room ", "room "]),
+    let scenes: [(&str, &str, World, Camera); 2] = [
+        ("garden", "garden at the origin", world::garden(), tile),
+        ("room", "room at the origin", world::room(), cell),
     ];
-    for (name, world, camera, prefixes) in scenes {
+    for (what, name, world, camera) in scenes {
         let pose = Pose::new(name, camera, Limits::new(0.02, 0.05));
-        let here = stages.play(world(), std::slice::from_ref(&pose))?;
-        for ((suffix, scale, offset), prefix) in places.into_iter().zip(prefixes) {
+        let here = stages.play(world.clone(), std::slice::from_ref(&pose))?;
+        for (place, scale, offset) in places {
             let at = |p: DVec3| p * scale + offset;
             let camera = Camera { eye: at(camera.eye), target: at(camera.target), ..camera };
             let moved = Pose { camera, ..pose.clone() };
-            let there = stages.play(world().placed(scale, offset), &[moved])?;
+            let there = stages.play(world.clone().placed(scale, offset), &[moved])?;
             rows.extend(there.into_iter().filter_map(|row| {
                 let origin = here.iter().find(|origin| origin.search == row.search)?;
-                let case = format!("{prefix}{suffix}");
+                let case = format!("{what} {place}");
                 let (tolerance, unresolved_tolerance) =
                     (origin.oracle_error + ROUNDING, origin.unresolved + ROUNDING);
                 Some(Row { case, tolerance, unresolved_tolerance, ..row }.judged())

@@ -14,6 +14,14 @@ const EDGE: &[Excuse] = &[Excuse { search: Search::FixedPoint, wrong: 0.09, unre
 
 const SETTLES: &str = "the surface that the iteration settles on depends on where it starts";
 
+/// Half of the view is nobody's, which this search does not notice.
+const BESIDE: &[Excuse] = &[Excuse {
+    search: Search::Seeded,
+    wrong: 0.37,
+    unresolved: 0.2,
+    why: "known failure: what no sample saw is settled on the nearest surface that any of them has",
+}];
+
 pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     let look = Camera::look_at;
     let garden = world::garden();
@@ -40,21 +48,25 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             ),
         ],
     )?;
-    rows.extend(stages.play(
-        tiled,
-        &[
-            Pose::new(
-                "along the border of two tiles",
-                along(DVec3::new(0.0, 4.0, -14.0), DVec3::new(0.0, -0.2, 1.0)),
-                Limits::new(0.18, 0.2).because("half of the view is another tile's than the samples'"),
-            ),
-            Pose::new(
-                "in the corner of four tiles",
-                along(DVec3::new(0.0, 6.0, 0.0), DVec3::new(1.0, -0.6, 0.0)),
-                grazing,
-            ),
-        ],
-    )?);
+    rows.extend(
+        stages.play(
+            tiled,
+            &[
+                Pose::new(
+                    "along the border of two tiles",
+                    along(DVec3::new(0.0, 4.0, -14.0), DVec3::new(0.0, -0.2, 1.0)),
+                    Limits::new(0.18, 0.2)
+                        .because("half of the view is another tile's than the samples'")
+                        .but(BESIDE),
+                ),
+                Pose::new(
+                    "in the corner of four tiles",
+                    along(DVec3::new(0.0, 6.0, 0.0), DVec3::new(1.0, -0.6, 0.0)),
+                    grazing,
+                ),
+            ],
+        )?,
+    );
     let room = world::room();
     let Rig::Cell { origin, spacing, .. } = room.rig else { return Ok(rows) };
     // One pixel less than the face has texels, and as much less wide: pixel centres lie on the edges of texels, and a

@@ -200,7 +200,7 @@ impl Cost {
     /// views are then thought cheaper than they are, large ones never.
     fn fit(measured: impl Iterator<Item = (u64, f64)>) -> Option<Self> {
         let mut measured: Vec<(u64, f64)> = measured.filter(|(_, ms)| *ms >= 0.0 && ms.is_finite()).collect();
-        measured.sort_by(|a, b| a.0.cmp(&b.0));
+        measured.sort_by_key(|m| m.0);
         let sizes: Vec<(f64, f64)> = measured
             .chunk_by(|a, b| a.0 == b.0)
             .filter_map(|same| Some((same[0].0 as f64 * 1e-6, median(same.iter().map(|s| s.1).collect())?)))
