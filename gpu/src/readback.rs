@@ -90,6 +90,9 @@ impl Finished {
     }
 }
 
+/// How long a callback may be on its way in another thread's poll once the work that it waits for is done.
+const CALLBACK_PATIENCE: std::time::Duration = std::time::Duration::from_secs(5);
+
 /// Waits for a submission and copies its results out.
 pub(crate) fn collect(
     gpu: &Gpu,
@@ -115,14 +118,13 @@ pub(crate) fn collect(
         return Err(fault);
     }
     let Some(buffer) = buffer else { return Ok(Finished { stages: Vec::new(), results: Vec::new() }) };
-    // The map's callback runs within poll, at the latest in the next.
-    let mapped = match receive.try_recv() {
-        Ok(mapped) => mapped,
-        Err(_) => {
-            let _ = gpu.device.poll(wgpu::PollType::wait_indefinitely());
-            receive.try_recv().map_err(|e| GpuError::Lost(format!("a readback never came: {e}")))?
-        }
-    };
+    // The map's callback runs within a poll, this one or that of another thread, which may have taken the callback just
+    // before this one looked: it is about to run then, so it is waited for.
+    let mapped = receive.recv_timeout(CALLBACK_PATIENCE).or_else(|_| {
+        let _ = gpu.device.poll(wgpu::PollType::wait_indefinitely());
+        receive.recv_timeout(CALLBACK_PATIENCE)
+    });
+    let mapped = mapped.map_err(|e| GpuError::Lost(format!("a readback never came: {e}")))?;
     mapped.map_err(|e| gpu.fault_since(faults_before).unwrap_or(GpuError::Lost(e.to_string())))?;
     let finished = {
         let view = buffer.slice(..).get_mapped_range().map_err(|e| GpuError::Lost(e.to_string()))?;
