@@ -79,20 +79,21 @@ fn program(root: &Path, out: &Path, user: &str, stem: &str, rust: &mut String) {
 /// What a program defines that is to be linked with the entry points of all searches.
 const SEARCH: &str = "fn pixel(at: vec2f) -> Pixel";
 
+/// The module's path of whichever program is being linked.
+const PROGRAM: &str = "package::program";
+
 /// Follows the imports of one program and returns plain WGSL.
 fn link(root: &Path, user: &str, stem: &str) -> String {
     let file = root.join(user).join(format!("{stem}.wgsl"));
     let source = fs::read_to_string(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
-    let program = module(&format!("package::{user}::{stem}"));
-    let is_search = source.contains(SEARCH);
-    let first = if is_search { module("package::entry_points::search") } else { program.clone() };
+    let first = if source.contains(SEARCH) { "package::entry_points::search" } else { PROGRAM };
     let mut linker = wesl::Wesl::new(root).set_custom_resolver(Modules {
         files: FileResolver::new(root),
-        search: module("package::search"),
-        program,
+        alias: module(PROGRAM),
+        program: module(&format!("package::{user}::{stem}")),
     });
     linker.set_mangler(wesl::ManglerKind::None).use_sourcemap(true).keep_all_entrypoints();
-    let linked = linker.compile(&first).unwrap_or_else(|error| panic!("{user}/{stem}.wgsl:\n{error}"));
+    let linked = linker.compile(&module(first)).unwrap_or_else(|error| panic!("{user}/{stem}.wgsl:\n{error}"));
     linked.to_string()
 }
 
@@ -100,17 +101,17 @@ fn module(path: &str) -> ModulePath {
     path.parse().expect("folders and stems are WGSL identifiers")
 }
 
-/// Modules are files, but for one: WESL has no generics, so that what is written once for all searches imports
-/// `package::search`, which is the program that it is linked for.
+/// Modules are files, but for one: WESL has no generics, so that what is written once for several programs imports what
+/// is theirs from [`PROGRAM`], the one that it is linked for.
 struct Modules {
     files: FileResolver,
-    search: ModulePath,
+    alias: ModulePath,
     program: ModulePath,
 }
 
 impl Modules {
     fn file<'a>(&'a self, path: &'a ModulePath) -> &'a ModulePath {
-        if *path == self.search { &self.program } else { path }
+        if *path == self.alias { &self.program } else { path }
     }
 }
 

@@ -1,7 +1,7 @@
 // Entry points of every search: build.rs links them with each program that defines `fn pixel(at: vec2f) -> Pixel` and no
-// entry points of its own, which is `package::search` here.
+// entry points of its own, which is `package::program` here.
 
-import package::search::pixel;
+import package::program::pixel;
 import package::shared::pixel::{Linear, Shown, corner_of_target, linear_of, shown};
 import package::shared::targets::{place_of_twin, store_linear, store_shown};
 

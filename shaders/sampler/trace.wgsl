@@ -6,12 +6,12 @@
 // (each lane prepares one), and columns of sub-samples (each lane tests its own against the triangles that are
 // left).
 
-import package::shared::trace::found::{Found, Lane, farthest, limit_of, rows, take_row};
+import package::shared::trace::follow::follow;
+import package::shared::trace::found::{Found, Lane, rows, take_row};
 import package::shared::trace::packet::{Packet, is_inside, packet_at};
-import package::shared::trace::pyramid::{Block, NOWHERE, rays};
-import package::shared::trace::trees::{OPAQUE_KIND, REFERENCE_FIRST, REFERENCE_LEAF, ids_of};
-import package::shared::trace::triangle::{Leaf, leaf_of, prepared_by_lane};
-import package::shared::trace::walk::{NO_LEAF, Stack, next_leaf, walk_of_top, walk_of_tree};
+import package::shared::trace::pyramid::{NOWHERE, rays};
+import package::shared::trace::trees::{OPAQUE_KIND, ids_of};
+import package::shared::trace::triangle::{Leaf, prepared_by_lane};
 
 @group(0) @binding(5) var visibility: texture_storage_2d<rg32uint, write>;
 
@@ -21,11 +21,14 @@ import package::shared::trace::walk::{NO_LEAF, Stack, next_leaf, walk_of_top, wa
 // Set where a packet was not followed to its end: see `Found.is_cut`.
 @group(0) @binding(7) var<storage, read_write> unfinished: atomic<u32>;
 
+// What this program looks for.
+const KIND: u32 = OPAQUE_KIND;
+
 // Whether cut-outs are traced after what is opaque, and need its distances.
 override has_cutouts: bool = true;
 
 // Tests the triangles of a leaf that are opaque. Rows are written out, since passes of loops are limited.
-fn meet_opaque(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
+fn meet(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
     var left = subgroupBallot(leaf.seen).x;
     while left != 0u {
         let which = firstTrailingBit(left);
@@ -48,48 +51,6 @@ fn meet_opaque(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
         }
     }
     (*found).is_cut = (*found).is_cut || left != 0u;
-}
-
-// The software driver executes a loop's body once whether or not it is wanted, and once more where the loop ends at
-// its head: what a packet does for a leaf therefore comes first, and asks whether there is one.
-fn follow_opaque_tree(block: Block, lane: Lane, tree: u32, found: ptr<function, Found>) {
-    let walk = walk_of_tree(block, lane.index, tree);
-    var stack: Stack;
-    var waiting = walk.waiting;
-    var horizon = farthest(found);
-    var reference = next_leaf(walk.pyramid, OPAQUE_KIND, lane.index, limit_of(horizon), false, &stack, &waiting);
-    loop {
-        if (reference & REFERENCE_LEAF) != 0u {
-            let leaf = leaf_of(walk.pyramid, block, lane.index, reference, OPAQUE_KIND, walk.longest, horizon);
-            meet_opaque(lane, tree, leaf, found);
-        }
-        horizon = farthest(found);
-        reference = next_leaf(walk.pyramid, OPAQUE_KIND, lane.index, limit_of(horizon), false, &stack, &waiting);
-        if (reference & REFERENCE_LEAF) == 0u {
-            break;
-        }
-    }
-    (*found).is_cut = (*found).is_cut || reference != NO_LEAF;
-}
-
-// Through all trees that a packet may see, nearest first.
-fn follow_opaque(block: Block, lane: Lane, found: ptr<function, Found>) {
-    let walk = walk_of_top(block, lane.index, OPAQUE_KIND);
-    var stack: Stack;
-    var waiting = walk.waiting;
-    var limit = limit_of(farthest(found));
-    var reference = next_leaf(walk.pyramid, OPAQUE_KIND, lane.index, limit, true, &stack, &waiting);
-    loop {
-        if (reference & REFERENCE_LEAF) != 0u {
-            follow_opaque_tree(block, lane, reference & REFERENCE_FIRST, found);
-        }
-        limit = limit_of(farthest(found));
-        reference = next_leaf(walk.pyramid, OPAQUE_KIND, lane.index, limit, true, &stack, &waiting);
-        if (reference & REFERENCE_LEAF) == 0u {
-            break;
-        }
-    }
-    (*found).is_cut = (*found).is_cut || reference != NO_LEAF;
 }
 
 fn begin_row(row: u32, packet: Packet, found: ptr<function, Found>) {
@@ -124,7 +85,7 @@ fn trace_opaque(
     begin_row(5u, packet, &found);
     begin_row(6u, packet, &found);
     begin_row(7u, packet, &found);
-    follow_opaque(packet.block, packet.lane, &found);
+    follow(packet.block, packet.lane, &found);
     if found.is_cut {
         atomicMax(&unfinished, 1u);
     }

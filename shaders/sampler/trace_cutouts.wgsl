@@ -1,12 +1,12 @@
 // Program of `sampler/src/passes/trace_cutouts.rs`: cut-outs before what is opaque, which `trace.wgsl` has traced.
 
 import package::shared::trace::alpha::{Corners, corners_of, passes_alpha_test};
-import package::shared::trace::found::{Found, Lane, farthest, limit_of, nearer};
+import package::shared::trace::follow::follow;
+import package::shared::trace::found::{Found, Lane, nearer};
 import package::shared::trace::packet::{is_inside, packet_at};
-import package::shared::trace::pyramid::{Block, NOWHERE, rays};
-import package::shared::trace::trees::{CUTOUT_KIND, OF_TRIANGLE, REFERENCE_FIRST, REFERENCE_LEAF, ids_of, placed};
-import package::shared::trace::triangle::{Leaf, at_place, from_lane, leaf_of, prepared_by_lane};
-import package::shared::trace::walk::{NO_LEAF, Stack, next_leaf, walk_of_top, walk_of_tree};
+import package::shared::trace::pyramid::{NOWHERE, rays};
+import package::shared::trace::trees::{CUTOUT_KIND, OF_TRIANGLE, ids_of, placed};
+import package::shared::trace::triangle::{Leaf, at_place, from_lane, prepared_by_lane};
 
 @group(0) @binding(5) var visibility: texture_storage_2d<rg32uint, write>;
 
@@ -16,9 +16,12 @@ import package::shared::trace::walk::{NO_LEAF, Stack, next_leaf, walk_of_top, wa
 // Set where a packet was not followed to its end: see `Found.is_cut`.
 @group(0) @binding(7) var<storage, read_write> unfinished: atomic<u32>;
 
+// What this program looks for.
+const KIND: u32 = CUTOUT_KIND;
+
 // Tests the triangles of a leaf that are cut-outs; packets of cut-outs have one row. Each sub-sample tests the alpha
 // of the nearest, and of the next as long as it sees through: the lanes at once, since the test is what costs.
-fn meet_cutouts(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
+fn meet(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
     let of_tree = placed[tree].instance;
     let mine = corners_of(leaf, select(of_tree, leaf.instance, of_tree == OF_TRIANGLE));
     let seen = subgroupBallot(leaf.seen).x;
@@ -65,45 +68,6 @@ fn meet_cutouts(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) 
     (*found).is_cut = (*found).is_cut || !ended;
 }
 
-fn follow_cutout_tree(block: Block, lane: Lane, tree: u32, found: ptr<function, Found>) {
-    let walk = walk_of_tree(block, lane.index, tree);
-    var stack: Stack;
-    var waiting = walk.waiting;
-    var horizon = farthest(found);
-    var reference = next_leaf(walk.pyramid, CUTOUT_KIND, lane.index, limit_of(horizon), false, &stack, &waiting);
-    loop {
-        if (reference & REFERENCE_LEAF) != 0u {
-            let leaf = leaf_of(walk.pyramid, block, lane.index, reference, CUTOUT_KIND, walk.longest, horizon);
-            meet_cutouts(lane, tree, leaf, found);
-        }
-        horizon = farthest(found);
-        reference = next_leaf(walk.pyramid, CUTOUT_KIND, lane.index, limit_of(horizon), false, &stack, &waiting);
-        if (reference & REFERENCE_LEAF) == 0u {
-            break;
-        }
-    }
-    (*found).is_cut = (*found).is_cut || reference != NO_LEAF;
-}
-
-fn follow_cutouts(block: Block, lane: Lane, found: ptr<function, Found>) {
-    let walk = walk_of_top(block, lane.index, CUTOUT_KIND);
-    var stack: Stack;
-    var waiting = walk.waiting;
-    var limit = limit_of(farthest(found));
-    var reference = next_leaf(walk.pyramid, CUTOUT_KIND, lane.index, limit, true, &stack, &waiting);
-    loop {
-        if (reference & REFERENCE_LEAF) != 0u {
-            follow_cutout_tree(block, lane, reference & REFERENCE_FIRST, found);
-        }
-        limit = limit_of(farthest(found));
-        reference = next_leaf(walk.pyramid, CUTOUT_KIND, lane.index, limit, true, &stack, &waiting);
-        if (reference & REFERENCE_LEAF) == 0u {
-            break;
-        }
-    }
-    (*found).is_cut = (*found).is_cut || reference != NO_LEAF;
-}
-
 // Lanes follow one row each.
 @compute @workgroup_size(64)
 fn trace_cutouts(
@@ -116,7 +80,7 @@ fn trace_cutouts(
     let behind = inverse_distances[cell];
     var found: Found;
     found.inverse[0] = select(NOWHERE, behind, inside);
-    follow_cutouts(packet.block, packet.lane, &found);
+    follow(packet.block, packet.lane, &found);
     if found.is_cut {
         atomicMax(&unfinished, 1u);
     }
