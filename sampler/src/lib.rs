@@ -25,6 +25,6 @@ mod view;
 mod ways;
 mod wide;
 
-pub use knobs::{RadianceFormat, SamplerKnobs, Visibility};
+pub use knobs::{RadianceFormat, SamplerKnobs};
 pub use plan::PassPlan;
 pub use sampler::GpuSampler;

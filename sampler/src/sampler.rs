@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_gpu::{Gpu, GpuError, Submitted, wgpu};
-use argus_scene::frame::TRIANGLES_BY;
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
-    Sample, SampleCamera, SampleId, SampleJob, Sampler, Scene, Stage, ViewJob,
+    Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Scene, Stage, ViewJob, Visibility,
 };
 use argus_shaders::layout::sampler::Rays;
 use glam::DVec3;
+use tracing::warn;
 
 use crate::eye::Eye;
 use crate::passes::{ResolveSample, ResolveView, Shade, Shading, TileContext};
@@ -18,11 +18,10 @@ use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
 use crate::resident::Resident;
 use crate::scratch::{Scratch, Targets};
-use crate::seeing::{Images, Seeing};
+use crate::seeing::Seeing;
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
-use crate::ways::Way;
-use crate::{SamplerKnobs, Visibility, timing};
+use crate::{SamplerKnobs, timing};
 
 /// Renders a scene from its triangles, on one device.
 ///
@@ -69,7 +68,7 @@ impl GpuSampler {
         let resident = Resident::new(&gpu, &scene)?;
         let glossy = resident.features.specular;
         Ok(Self {
-            seeing: Seeing::new(&gpu, &scene, &resident, knobs.visibility),
+            seeing: Seeing::new(&gpu, &scene, &resident),
             shade: Shade::new(&gpu, resident.features),
             resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
@@ -87,7 +86,7 @@ impl GpuSampler {
 
     /// Which passes this scene calls for, and why.
     pub fn plan(&self) -> Vec<PassPlan> {
-        plan(&self.scene, &self.resident, &self.knobs, self.seeing.choices())
+        plan(&self.scene, &self.resident, &self.knobs)
     }
 
     /// One sample: per tile, find what is visible, shade it, choose a surface for each texel.
@@ -108,7 +107,7 @@ impl GpuSampler {
         let mut stages = self.pose(job.info.time_secs());
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let planes = self.resolve_sample.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
-        let way = self.way_of(Images::Samples, &eye, &tiles)?;
+        let way = self.ready(job.info.visibility);
 
         let mut under_way: Vec<Submitted> = Vec::new();
         for tile in &tiles {
@@ -159,7 +158,7 @@ impl GpuSampler {
         let eye = self.eye(view.camera.eye, &lighting)?;
 
         let color_tiles = tiles(&faces, side);
-        let way = self.way_of(Images::Views, &eye, &color_tiles)?;
+        let way = self.ready(view.visibility);
         let mut parts = ViewParts::default();
         if view.outputs.color {
             let mut image = Image::new([width, height], 3);
@@ -189,7 +188,7 @@ impl GpuSampler {
             parts.range = Some(image.into_bytes());
         }
         timing::add_rest(&mut stages, begin);
-        let device = self.device_seeing_by(way);
+        let device = way.on_device(self.gpu.kind());
         Ok(frame(view, &self.scene, &device, parts, stages))
     }
 
@@ -208,22 +207,14 @@ impl GpuSampler {
         vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
     }
 
-    /// How images see triangles, settled on the first tile of the first one.
-    fn way_of(&mut self, images: Images, eye: &Eye, tiles: &[Tile]) -> Result<Way, RenderError> {
-        let (None, Some(tile)) = (self.seeing.settled(images), tiles.first()) else {
-            return Ok(self.seeing.settled(images).unwrap_or(Way::Raster));
-        };
-        let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-        let context = context(&self.gpu, &self.resident, eye, tile, targets);
-        self.seeing.settle(images, &context)
-    }
-
-    /// Kind of device as the provenance of direct views has it: with the way, unless it is the rasteriser, since ids
-    /// may differ along edges.
-    fn device_seeing_by(&self, way: Way) -> String {
-        match way {
-            Way::Raster => self.gpu.kind().to_owned(),
-            _ => format!("{}{TRIANGLES_BY}{}", self.gpu.kind(), way.name()),
+    /// Makes ready what a way needs; where the device does not have it, triangles are rasterised.
+    fn ready(&mut self, way: Visibility) -> Visibility {
+        match self.seeing.ready(&self.gpu, &self.resident, way) {
+            Ok(()) => way,
+            Err(reason) => {
+                warn!(reason, "this device cannot see triangles by {}, they are rasterised", way.name());
+                Visibility::Raster
+            }
         }
     }
 
@@ -231,8 +222,8 @@ impl GpuSampler {
     /// for the sky; and how long it took, with the tracer built and what the device needs compiled.
     ///
     /// # Errors
-    /// [`RenderError::Invalid`] for [`Visibility::Auto`], for a view larger than a tile, and for a way that this
-    /// device does not have; a lost device.
+    /// [`RenderError::Invalid`] for a view larger than a tile, and for a way that this device does not have; a lost
+    /// device.
     pub fn identify(
         &mut self,
         camera: &Camera,
@@ -241,22 +232,20 @@ impl GpuSampler {
         visibility: Visibility,
     ) -> Result<(Vec<[u32; 2]>, Duration), RenderError> {
         self.check_alive()?;
-        let way = Way::wished(visibility)
-            .ok_or_else(|| InvalidField::new("visibility", "one way must be named"))?;
         let [width, height] = size;
         let faces = SampleCamera::Perspective { camera: *camera, width, height }.faces();
         let [tile] = tiles(&faces, side)[..] else {
             return Err(InvalidField::new("width", "the view must fit a tile").into());
         };
         self.seeing
-            .ready(&self.gpu, &self.resident, way)
+            .ready(&self.gpu, &self.resident, visibility)
             .map_err(|reason| InvalidField::new("visibility", reason))?;
         let eye = self.eye(camera.eye, &self.lighting)?;
         let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
         let context = context(&self.gpu, &self.resident, &eye, &tile, targets);
         let begin = Instant::now();
         let mut commands = self.gpu.commands("identify");
-        self.seeing.see(&mut commands, &context, way, &mut Vec::new())?;
+        self.seeing.see(&mut commands, &context, visibility, &mut Vec::new())?;
         commands.submit().wait()?;
         let took = begin.elapsed();
         let mut commands = self.gpu.commands("read ids");
@@ -337,6 +326,16 @@ impl GpuSampler {
 impl Sampler for GpuSampler {
     fn device(&self) -> &str {
         self.gpu.kind()
+    }
+
+    fn ways(&mut self, info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
+        self.check_alive()?;
+        let camera = info.rig.camera(0)?;
+        let tiles = sample_tiles(&camera, self.knobs.side())?;
+        let Some(tile) = tiles.first() else { return Ok(vec![(Visibility::Raster, 0.0)]) };
+        let eye = self.eye(camera.center(), &info.lighting)?;
+        let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
+        self.seeing.measure(&context(&self.gpu, &self.resident, &eye, tile, targets))
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {

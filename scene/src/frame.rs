@@ -32,14 +32,6 @@ impl Stage {
     }
 }
 
-/// Stands in [`Provenance::device`] between the kind of device and the way in which triangles were seen.
-pub const TRIANGLES_BY: &str = "; triangles by ";
-
-/// The kind of device in a [`Provenance::device`].
-pub fn device_kind(device: &str) -> &str {
-    device.split_once(TRIANGLES_BY).map_or(device, |(kind, _)| kind)
-}
-
 /// All that a frame's bytes are a function of, together with its camera, size and outputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
@@ -51,8 +43,8 @@ pub struct Provenance {
     pub generation: u64,
     /// How it was answered, sample ids included.
     pub plan: Plan,
-    /// Kind of device: adapter, driver and version; of a direct view whose triangles were not rasterised followed by
-    /// [`TRIANGLES_BY`] and the way they were seen, since ways may differ along edges. Empty in a pin means any.
+    /// Kind of device: adapter, driver and version; followed by the way in which triangles were seen, of the view or of
+    /// its samples, since ways may differ along edges ([`crate::Visibility::on_device`]). Empty in a pin means any.
     pub device: String,
 }
 
