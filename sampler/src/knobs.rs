@@ -2,6 +2,8 @@
 
 use argus_scene::{InvalidField, PlaneFormat};
 
+use crate::Indirect;
+
 /// How a sample stores radiance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RadianceFormat {
@@ -43,7 +45,7 @@ impl Visibility {
 }
 
 /// Quality of samples; each knob trades it for time or bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerKnobs {
     /// Sub-samples of a texel, on a regular grid: 1, 4 or 16.
     pub sub_samples: u32,
@@ -53,6 +55,8 @@ pub struct SamplerKnobs {
     pub radiance: RadianceFormat,
     /// How triangles are seen.
     pub visibility: Visibility,
+    /// Whether surfaces light one another.
+    pub indirect: Indirect,
 }
 
 impl Default for SamplerKnobs {
@@ -62,6 +66,7 @@ impl Default for SamplerKnobs {
             range_bits: 16,
             radiance: RadianceFormat::default(),
             visibility: Visibility::default(),
+            indirect: Indirect::default(),
         }
     }
 }
@@ -80,7 +85,10 @@ impl SamplerKnobs {
             let reason = format!("must be 8 to 23, not {}", self.range_bits);
             return Err(InvalidField::new("sampler.range_bits", reason));
         }
-        Ok(())
+        match &self.indirect {
+            Indirect::Off => Ok(()),
+            Indirect::Vpl(knobs) => knobs.validate(),
+        }
     }
 
     /// Sub-samples along each side of a texel.

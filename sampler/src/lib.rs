@@ -15,6 +15,7 @@ mod packets;
 mod passes;
 mod pixels;
 mod plan;
+mod radiosity;
 mod resident;
 mod sampler;
 mod scratch;
@@ -26,4 +27,5 @@ mod wide;
 
 pub use knobs::{RadianceFormat, SamplerKnobs, Visibility};
 pub use plan::PassPlan;
+pub use radiosity::{Indirect, IndirectReport, MapSource, VplKnobs};
 pub use sampler::GpuSampler;

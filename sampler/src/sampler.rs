@@ -15,9 +15,12 @@ use glam::DVec3;
 use crate::draws::DrawList;
 use crate::eye::Eye;
 use crate::packets::PacketTracer;
-use crate::passes::{Rasteriser, ResolveSample, ResolveView, Shade, Shading, TileContext, Trace};
+use crate::passes::{
+    IndirectScratch, Rasteriser, ResolveSample, ResolveView, Shade, Shading, TileContext, Trace,
+};
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
+use crate::radiosity::{Indirect, IndirectReport, Radiosity};
 use crate::resident::{Resident, upload};
 use crate::scratch::{Scratch, Targets};
 use crate::tile::{Tile, tiles};
@@ -50,6 +53,8 @@ pub struct GpuSampler {
     /// The tracer on the device, or why there is none.
     trace: Option<Result<Trace, String>>,
     building: Option<Building>,
+    /// Light from surface to surface, made when it is first needed.
+    radiosity: Option<Radiosity>,
 }
 
 impl GpuSampler {
@@ -82,7 +87,8 @@ impl GpuSampler {
             trace: None,
             choices: Choices::default(),
             rasteriser: Rasteriser::new(&gpu, &resident),
-            shade: Shade::new(&gpu, resident.features),
+            shade: Shade::new(&gpu, resident.features, knobs.indirect != Indirect::Off),
+            radiosity: None,
             resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
@@ -118,6 +124,7 @@ impl GpuSampler {
         let camera = job.info.rig.camera(id.index)?;
         let tiles = sample_tiles(&camera, self.knobs.side())?;
         let mut stages = self.pose(job.info.time_secs());
+        stages.extend(self.light(&job.info.lighting)?);
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let planes = self.resolve_sample.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
         let way = self.way_of_samples(&eye, &tiles)?;
@@ -127,9 +134,10 @@ impl GpuSampler {
             check_wanted(cancel)?;
             let mut commands = self.gpu.commands("render sample");
             let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), self.glossy);
-            let context = self.context(&eye, tile, targets);
+            let indirect = self.indirect_scratch(tile);
+            let context = TileContext { indirect, ..self.context(&eye, tile, targets) };
             self.see(&mut commands, &context, way, &mut stages)?;
-            self.shade.record(&mut commands, &context, Shading::Sample);
+            self.shade(&mut commands, &context, Shading::Sample);
             self.resolve_sample.record(&mut commands, &context, &self.knobs, &planes);
             under_way.push(commands.submit());
         }
@@ -168,6 +176,9 @@ impl GpuSampler {
         let faces = SampleCamera::Perspective { camera: view.camera, width, height }.faces();
         let mut stages = self.pose(view.time_secs);
         let lighting = self.lighting.clone();
+        if view.outputs.color {
+            stages.extend(self.light(&lighting)?);
+        }
         let eye = self.eye(view.camera.eye, &lighting)?;
 
         let color_tiles = tiles(&faces, side);
@@ -179,9 +190,10 @@ impl GpuSampler {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render view");
                 let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-                let context = self.context(&eye, &tile, targets);
+                let indirect = self.indirect_scratch(&tile);
+                let context = TileContext { indirect, ..self.context(&eye, &tile, targets) };
                 self.see(&mut commands, &context, way, &mut stages)?;
-                self.shade.record(&mut commands, &context, Shading::View);
+                self.shade(&mut commands, &context, Shading::View);
                 let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                 image.finish(&tile, commands, ticket, &mut stages)?;
             }
@@ -217,14 +229,58 @@ impl GpuSampler {
         if let Some(packets) = &mut self.packets {
             packets.pose(&self.scene, &self.resident.instances);
         }
+        if let Some(radiosity) = &mut self.radiosity {
+            radiosity.place(&self.resident.instances);
+        }
         self.lighting = pose.lighting;
         self.posed_secs = time_secs;
         vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
     }
 
+    /// Makes the indirect light ready, if it is asked for; what that cost.
+    fn light(&mut self, lighting: &Lighting) -> Result<Vec<Stage>, RenderError> {
+        let Indirect::Vpl(knobs) = self.knobs.indirect else { return Ok(Vec::new()) };
+        self.ready_packets();
+        let (gpu, scene, placements) = (&self.gpu, &self.scene, &self.resident.instances);
+        let radiosity = self.radiosity.get_or_insert_with(|| Radiosity::new(gpu, scene, placements, knobs));
+        let Some(packets) = &self.packets else { return Ok(Vec::new()) };
+        radiosity.ready(gpu, packets, lighting)
+    }
+
+    /// What is known of the indirect light, and what was culled since the last call; none before it was needed.
+    ///
+    /// # Errors
+    /// A lost device.
+    pub fn indirect(&self) -> Result<Option<IndirectReport>, RenderError> {
+        self.radiosity.as_ref().map_or(Ok(None), |radiosity| radiosity.report(&self.gpu))
+    }
+
+    /// Memory for a tile's indirect light, if it has any.
+    fn indirect_scratch(&mut self, tile: &Tile) -> Option<IndirectScratch> {
+        let gpu = &self.gpu;
+        self.radiosity.as_mut().map(|radiosity| radiosity.scratch(gpu, tile.sub_samples()))
+    }
+
+    /// Shades what a tile sees, and adds indirect light.
+    fn shade(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
+        self.shade.record(commands, context, shading);
+        if let Some(radiosity) = &self.radiosity {
+            radiosity.record(commands, context);
+        }
+    }
+
     fn context<'a>(&'a self, eye: &'a Eye, tile: &'a Tile, targets: Targets) -> TileContext<'a> {
         let rays = self.gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
-        TileContext { gpu: &self.gpu, resident: &self.resident, eye, tile, rays, places: None, targets }
+        TileContext {
+            gpu: &self.gpu,
+            resident: &self.resident,
+            eye,
+            tile,
+            rays,
+            places: None,
+            targets,
+            indirect: None,
+        }
     }
 
     /// Finds what a tile sees.
@@ -426,6 +482,7 @@ impl GpuSampler {
         self.ready_packets();
         let faces = SampleCamera::Perspective { camera: job.camera, width, height }.faces();
         let lighting = self.lighting.clone();
+        stages.extend(self.light(&lighting)?);
         let eye = self.eye(job.camera.eye, &lighting)?;
         let mut color = vec![0; job.pixels.len() * 3];
         let mut range = vec![0; job.pixels.len() * 4];
@@ -440,10 +497,11 @@ impl GpuSampler {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render pixels");
                 let targets = self.scratch.targets(&self.gpu, listing.compact.sub_samples(), false);
-                let context = self.list_context(&eye, listing, targets);
+                let indirect = if images { self.indirect_scratch(&listing.compact) } else { None };
+                let context = TileContext { indirect, ..self.list_context(&eye, listing, targets) };
                 self.trace_list(&context, listing, &mut stages)?;
                 let (ticket, out, bytes) = if images {
-                    self.shade.record(&mut commands, &context, Shading::View);
+                    self.shade(&mut commands, &context, Shading::View);
                     let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                     (ticket, &mut color, 3)
                 } else {
@@ -469,7 +527,7 @@ impl GpuSampler {
         let rays = self.gpu.upload("rays", &[rays], wgpu::BufferUsages::UNIFORM);
         let places = self.gpu.upload("places", &listing.words(), wgpu::BufferUsages::STORAGE);
         let (gpu, resident, tile) = (&self.gpu, &self.resident, &listing.compact);
-        TileContext { gpu, resident, eye, tile, rays, places: Some(places), targets }
+        TileContext { gpu, resident, eye, tile, rays, places: Some(places), targets, indirect: None }
     }
 
     /// Finds what the pixels of a list see.

@@ -7,6 +7,7 @@
 mod cutouts;
 mod lanes;
 mod packet;
+mod single;
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -21,6 +22,7 @@ use crate::resident::Placement;
 use cutouts::Cutouts;
 use lanes::{LANES, Lanes, Plain};
 use packet::{Directions, Entry, Leaves, Nearest, Packet};
+pub(crate) use single::Met;
 
 /// Rays of a vector: columns, rows.
 const VECTOR: [usize; 2] = [4, 2];
