@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use argus_studies::{Report, baseline, bounds, break_even, burst, cells, hard_cases, visibility, walk, warp};
+use argus_studies::{
+    Report, baseline, bounds, break_even, burst, cells, hard_cases, radiosity, visibility, walk, warp,
+};
+use glam::DVec3;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::{args, output};
@@ -36,6 +39,35 @@ enum Study {
     Cells(Cells),
     BreakEven(BreakEven),
     HardCases(HardCases),
+    Radiosity(Radiosity),
+}
+
+/// Indirect light by virtual point lights: error and time over their number, their maps, samples a pixel and filter
+#[derive(clap::Args)]
+struct Radiosity {
+    /// A file or `terrain[:TRIANGLES]` [default: terrain:50000]
+    #[arg(long, value_name = "S")]
+    scene: Option<String>,
+    /// One light in place of the scene's lights and sky: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG
+    #[arg(long, value_name = "LIGHT", allow_hyphen_values = true)]
+    light: Option<radiosity::LightSpec>,
+    /// Where the viewer stands, metres; the scene's first camera otherwise
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "target")]
+    eye: Option<DVec3>,
+    /// What the viewer looks at
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "eye")]
+    target: Option<DVec3>,
+    /// Pixels of the view [default: 256x192]
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Option<[u32; 2]>,
+    /// Reflections between the light and what is seen, at most [default: 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4))]
+    bounces: Option<u32>,
+    /// Folder for the images of all rows
+    #[arg(long, value_name = "DIR")]
+    images: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 /// What direct views, samples and both searches cost, and how close they come to the reference
@@ -309,6 +341,24 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
             let bar = progress.clone();
             let report = tokio::task::spawn_blocking(move || break_even::run(&options, &bar)).await??;
             ("break-even", form, report)
+        }
+        Study::Radiosity(Radiosity { scene, light, eye, target, size, bounces, images, form }) => {
+            let mut options =
+                if form.quick { radiosity::Options::quick() } else { radiosity::Options::default() };
+            options.scene = scene.unwrap_or(options.scene);
+            options.light = light.or(options.light);
+            if let (Some(eye), Some(target)) = (eye, target) {
+                let camera =
+                    argus_scene::Camera { fov_deg: 60.0, ..argus_scene::Camera::look_at(eye, target) };
+                camera.validate()?;
+                options.camera = Some(camera);
+            }
+            options.size = size.unwrap_or(options.size);
+            options.base.bounces = bounces.unwrap_or(options.base.bounces);
+            options.images = images;
+            let bar = progress.clone();
+            let report = tokio::task::spawn_blocking(move || radiosity::run(&options, &bar)).await??;
+            ("radiosity", form, report)
         }
         Study::HardCases(HardCases { page, form }) => {
             let bar = progress.clone();

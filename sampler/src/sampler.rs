@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
-use argus_scene::frame::TRIANGLES_BY;
+use argus_scene::frame::{INDIRECT_BY, TRIANGLES_BY};
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
     Sample, SampleCamera, SampleId, SampleJob, Sampler, Scene, Stage, ViewJob,
@@ -20,7 +20,7 @@ use crate::passes::{
 };
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
-use crate::radiosity::{Indirect, IndirectReport, Radiosity};
+use crate::radiosity::{Indirect, IndirectReport, Radiosity, VplKnobs};
 use crate::resident::{Resident, upload};
 use crate::scratch::{Scratch, Targets};
 use crate::tile::{Tile, tiles};
@@ -255,6 +255,22 @@ impl GpuSampler {
         self.radiosity.as_ref().map_or(Ok(None), |radiosity| radiosity.report(&self.gpu))
     }
 
+    /// Gathers indirect light by other knobs from now on.
+    ///
+    /// # Errors
+    /// A knob that is out of range; a sampler that was made without indirect light.
+    pub fn set_indirect(&mut self, knobs: VplKnobs) -> Result<(), RenderError> {
+        knobs.validate()?;
+        if self.knobs.indirect == Indirect::Off {
+            return Err(InvalidField::new("indirect", "this sampler was made without indirect light").into());
+        }
+        self.knobs.indirect = Indirect::Vpl(knobs);
+        if let Some(radiosity) = &mut self.radiosity {
+            radiosity.set_knobs(&self.gpu, knobs);
+        }
+        Ok(())
+    }
+
     /// Memory for a tile's indirect light, if it has any.
     fn indirect_scratch(&mut self, tile: &Tile) -> Option<IndirectScratch> {
         let gpu = &self.gpu;
@@ -420,11 +436,15 @@ impl GpuSampler {
     }
 
     /// Kind of device as the provenance of direct views has it: with the way, unless it is the rasteriser, since ids
-    /// may differ along edges.
+    /// may differ along edges, and with the knobs of indirect light, if there is any.
     fn device_seeing_by(&self, way: Way) -> String {
-        match way {
+        let seen = match way {
             Way::Raster => self.gpu.kind().to_owned(),
             _ => format!("{}{TRIANGLES_BY}{}", self.gpu.kind(), way.name()),
+        };
+        match &self.knobs.indirect {
+            Indirect::Off => seen,
+            Indirect::Vpl(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
         }
     }
 

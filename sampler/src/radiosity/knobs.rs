@@ -1,5 +1,7 @@
 //! What a user may say about indirect light.
 
+use std::fmt;
+
 use argus_scene::InvalidField;
 
 /// Light that surfaces reflect onto one another.
@@ -86,6 +88,22 @@ impl Default for VplKnobs {
             bias: 0.5,
             seed: 1,
         }
+    }
+}
+
+impl fmt::Display for VplKnobs {
+    /// All of them in a few words: what a frame's provenance has.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { vpls, bounces, map_side, maps, points, samples, filter, cull, cutoff, clamp, bias, seed } =
+            self;
+        write!(f, "{vpls} VPLs of {bounces} bounces, {} maps of {map_side}", maps.name())?;
+        if *maps == MapSource::Imperfect {
+            write!(f, " from {points} points")?;
+        }
+        write!(
+            f,
+            ", gather {samples}, filter {filter}, cull {cull} {cutoff}, clamp {clamp}, bias {bias}, seed {seed}"
+        )
     }
 }
 

@@ -86,6 +86,17 @@ struct Passes {
     imperfect: Option<Imperfect>,
 }
 
+impl Passes {
+    fn new(gpu: &Gpu, maps: MapSource) -> Self {
+        Self {
+            cull: CullVpls::new(gpu),
+            gather: Gather::new(gpu, maps != MapSource::Unshadowed),
+            filter: FilterIndirect::new(gpu),
+            imperfect: (maps == MapSource::Imperfect).then(|| Imperfect::new(gpu)),
+        }
+    }
+}
+
 /// VPLs at one moment.
 struct Lit {
     lighting: Lighting,
@@ -107,14 +118,18 @@ const KEPT: usize = 2;
 impl Radiosity {
     /// For a scene whose instances are where `placements` says.
     pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Arc<Scene>, placements: &[Placement], knobs: VplKnobs) -> Self {
-        let passes = Passes {
-            cull: CullVpls::new(gpu),
-            gather: Gather::new(gpu, knobs.maps != MapSource::Unshadowed),
-            filter: FilterIndirect::new(gpu),
-            imperfect: (knobs.maps == MapSource::Imperfect).then(|| Imperfect::new(gpu)),
-        };
+        let passes = Passes::new(gpu, knobs.maps);
         let surfaces = Surfaces::new(scene, placements);
         Self { knobs, surfaces, bounds: scene.bounds(), passes, scratch: Vec::new(), lit: None }
+    }
+
+    /// Takes other knobs, by which the scene is lit anew.
+    pub(crate) fn set_knobs(&mut self, gpu: &Gpu, knobs: VplKnobs) {
+        if knobs.maps != self.knobs.maps {
+            self.passes = Passes::new(gpu, knobs.maps);
+        }
+        self.knobs = knobs;
+        self.lit = None;
     }
 
     /// Puts instances where they are now; what lit the scene before does not light it any more.
