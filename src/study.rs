@@ -57,7 +57,7 @@ struct Radiosity {
     /// What the viewer looks at
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "eye")]
     target: Option<DVec3>,
-    /// Pixels of the view [default: 256x192]
+    /// Pixels of the view [default: 192x144]
     #[arg(long, value_name = "WxH", value_parser = args::size)]
     size: Option<[u32; 2]>,
     /// Reflections between the light and what is seen, at most [default: 1]
