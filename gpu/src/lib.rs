@@ -5,7 +5,8 @@
 //!   for each by timestamp queries;
 //! - [`Finished`]: what came back, through a pool of mapped buffers that are reused;
 //! - [`plane`]: sample planes as textures and as bytes;
-//! - [`hierarchy`]: prefix sums, sorting, and octrees.
+//! - [`hierarchy`]: prefix sums, sorting, and octrees;
+//! - [`many_views`]: maps of an octree from very many viewpoints at once.
 //!
 //! This crate knows no scene beyond the vocabulary.
 
@@ -13,6 +14,7 @@ mod commands;
 mod device;
 mod error;
 pub mod hierarchy;
+pub mod many_views;
 mod pipeline;
 pub mod plane;
 mod readback;

@@ -39,3 +39,19 @@ fn paraboloid_center(index: u32, side: u32) -> vec3f {
     let at = vec2f(f32(index % side), f32(row % side)) + 0.5;
     return paraboloid_direction(row / side, at, f32(side));
 }
+
+// The point of a hemisphere's plane, -1..1, that stands for a texel: its centre, drawn inside the rim where that lies
+// beyond it, so that a texel that the rim cuts stands for directions of its own hemisphere.
+fn paraboloid_sample(cell: vec2u, side: f32) -> vec2f {
+    let p = (vec2f(cell) + 0.5) / side * 2.0 - 1.0;
+    return p * min((1.0 - 0.5 / side) * inverseSqrt(max(dot(p, p), 1e-12)), 1.0);
+}
+
+// The unit direction of a texel's sample point, by the texel's index within a map.
+fn paraboloid_ray(index: u32, side: u32) -> vec3f {
+    let row = index / side;
+    let p = paraboloid_sample(vec2u(index % side, row % side), f32(side));
+    let s = dot(p, p);
+    let x = (1.0 - s) / (1.0 + s);
+    return vec3f(select(x, -x, row >= side), p * (2.0 / (1.0 + s)));
+}

@@ -15,6 +15,7 @@ mod voxelize;
 
 pub use error::HierarchyError;
 pub(crate) use levels::{LevelBuffers, LevelBuilder};
+pub(crate) use octree::fits;
 pub use octree::{Octree, OctreeBuilder, OctreeTimes};
 pub use root::{RootCube, Triangle};
 pub use scan::{Scan, ScanSums};

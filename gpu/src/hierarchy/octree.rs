@@ -68,7 +68,7 @@ pub struct OctreeTimes {
 }
 
 /// Fails where one array is larger than a program may bind.
-pub(super) fn fits(gpu: &Gpu, what: &'static str, needed: u64) -> Result<(), HierarchyError> {
+pub(crate) fn fits(gpu: &Gpu, what: &'static str, needed: u64) -> Result<(), HierarchyError> {
     let limits = gpu.device.limits();
     let limit = u64::from(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
     if needed > limit { Err(HierarchyError::TooLarge { what, needed, limit }) } else { Ok(()) }
