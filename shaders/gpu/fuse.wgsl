@@ -22,9 +22,10 @@ fn fuse(
     let parts = (texels + 63u) / 64u;
     let part = group.y * groups.x + group.x;
     let range = map_levels[fusion.level];
-    let map = range.x + part / parts;
-    let texel = part % parts * 64u + local;
-    if part / parts >= range.y || texel >= texels {
+    let index = part / parts;
+    let map = range.x + index;
+    let texel = (part - index * parts) * 64u + local;
+    if index >= range.y || texel >= texels {
         return;
     }
     let above = maps[map].w;

@@ -1,7 +1,7 @@
 // What a map holds, as seen from the middle of views that its own views contain (MegaViews, section 3.2.5).
 
 import package::shared::map_texels::{MapTexel, load_texel, texel_place, wide};
-import package::shared::paraboloid::paraboloid_ray;
+import package::shared::paraboloid::{paraboloid_cell, paraboloid_ray};
 
 struct Fusion {
     side: u32,
@@ -29,7 +29,9 @@ fn seen_from(value: MapTexel, above: u32, map: u32, texel: u32) -> MapTexel {
     let there = bitcast<vec3f>(maps[above].xyz);
     var point = bitcast<vec3f>(nodes[value.node].xyz);
     if !wide {
-        point = there + paraboloid_ray(texel, fusion.side) / max(value.inverse_range * fusion.edge, 1e-30);
+        let cell = paraboloid_cell(texel, f32(fusion.side));
+        let ray = normalize(paraboloid_ray(cell.x, cell.yz, f32(fusion.side)));
+        point = there + ray / max(value.inverse_range * fusion.edge, 1e-30);
     }
     let inverse_range = 1.0 / max(distance(point, eye) * fusion.edge, 1e-37);
     return MapTexel(select(inverse_range, 0.0, value.inverse_range == 0.0), value.node);

@@ -134,7 +134,7 @@ impl Traverse {
             self.divide(commands, work, pass, index, step, part);
         }
         let last = entry(pass, steps.len(), steps.len());
-        self.prepare(commands, queues, last, 8);
+        self.prepare(commands, queues, last, 64);
         self.fill(commands, work, last);
     }
 
