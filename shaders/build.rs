@@ -9,7 +9,7 @@ use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, ImageClass, Module, ShaderStage, StorageAccess, TypeInner};
 
 /// Folders that hold programs, each named after the crate that runs them; `shared` holds none.
-const USERS: [&str; 2] = ["sampler", "compositor"];
+const USERS: [&str; 3] = ["gpu", "sampler", "compositor"];
 
 fn main() {
     let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").expect("cargo sets it"));

@@ -39,3 +39,27 @@ fn paraboloid_center(index: u32, side: u32) -> vec3f {
     let at = vec2f(f32(index % side), f32(row % side)) + 0.5;
     return paraboloid_direction(row / side, at, f32(side));
 }
+
+// The point of a hemisphere's plane, -1..1, that stands for a texel: its centre, drawn inside the rim where that lies
+// beyond it, so that a texel that the rim cuts stands for directions of its own hemisphere.
+fn paraboloid_sample(cell: vec2u, side: f32) -> vec2f {
+    let p = (vec2f(cell) + 0.5) / side * 2.0 - 1.0;
+    let beyond = dot(p, p) / ((1.0 - 0.5 / side) * (1.0 - 0.5 / side));
+    // One step of Newton's from 1 towards the inverse square root: texels that the rim cuts are not far beyond it.
+    return p * select(1.0, max(1.5 - 0.5 * beyond, 0.3), beyond > 1.0);
+}
+
+// The direction of a texel's sample point, of a length between 1 and 2.
+fn paraboloid_ray(hemisphere: u32, cell: vec2u, side: f32) -> vec3f {
+    let p = paraboloid_sample(cell, side);
+    let x = 1.0 - dot(p, p);
+    return vec3f(select(x, -x, hemisphere == 1u), 2.0 * p);
+}
+
+// Hemisphere, column and row of a texel by its index within a map, without the integer divisions that are slow on
+// some devices; exact below 2^22 texels.
+fn paraboloid_cell(index: u32, side: f32) -> vec3u {
+    let row = u32((f32(index) + 0.5) / side);
+    let hemisphere = select(0u, 1u, row >= u32(side));
+    return vec3u(hemisphere, index - row * u32(side), row - hemisphere * u32(side));
+}
