@@ -11,7 +11,7 @@ use naga::{AddressSpace, ImageClass, Module, ShaderStage, StorageAccess, TypeInn
 use wesl::{FileResolver, ModulePath, ResolveError, Resolver};
 
 /// Folders that hold programs, each named after the crate that runs them; `shared` holds none.
-const USERS: [&str; 2] = ["sampler", "compositor"];
+const USERS: [&str; 3] = ["gpu", "sampler", "compositor"];
 
 fn main() {
     let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").expect("cargo sets it"));

@@ -1,6 +1,6 @@
 //! What several subcommands take: points, sizes, servers, rigs and plans.
 
-use argus_sampler::SamplerKnobs;
+use argus_sampler::{Indirect, MapSource, SamplerKnobs, VplKnobs};
 use argus_scene::{Holes, Output, PlanRequest, Preset, RigKind, RigKnobs, Search, Visibility};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
@@ -73,18 +73,82 @@ pub(crate) struct Sampling {
     /// Sub-samples of a texel of a sample: 1, 4 or 16
     #[arg(long, value_name = "N", default_value = "4", value_parser = ["1", "4", "16"])]
     pub(crate) sub_samples: String,
+    #[command(flatten)]
+    pub(crate) indirect: IndirectLight,
+}
+
+/// How surfaces light one another. `argus study radiosity` shows what each of the knobs costs.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Indirect light")]
+pub(crate) struct IndirectLight {
+    /// Light that surfaces reflect onto one another, and that surfaces emit: none (off), or gathered from virtual point
+    /// lights, once per sample (vpl)
+    #[arg(long, value_name = "WAY", default_value = "off", value_parser = ["off", "vpl"])]
+    pub(crate) indirect: String,
+    /// Virtual point lights
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub(crate) vpls: Option<u32>,
+    /// Reflections between a light and what is seen, at most
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4))]
+    pub(crate) bounces: Option<u32>,
+    /// Where shadows of virtual point lights come from: nowhere, rays through the centres of maps' texels, or random
+    /// points splatted into maps
+    #[arg(long, value_name = "SOURCE", value_parser = PossibleValuesParser::new(MapSource::ALL.map(MapSource::name)))]
+    pub(crate) vpl_maps: Option<String>,
+    /// Texels on a side of a hemisphere of such a map: a power of two, 4 to 256
+    #[arg(long, value_name = "TEXELS")]
+    pub(crate) vpl_map_side: Option<u32>,
+    /// Virtual point lights that each sub-sample gathers from
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    pub(crate) gather: Option<u32>,
+}
+
+impl IndirectLight {
+    /// In the sampler's words.
+    pub(crate) fn knobs(&self) -> Indirect {
+        if self.indirect == "off" {
+            return Indirect::Off;
+        }
+        let default = VplKnobs::default();
+        let source = |name: &String| MapSource::ALL.into_iter().find(|source| source.name() == name);
+        Indirect::Vpl(VplKnobs {
+            vpls: self.vpls.unwrap_or(default.vpls),
+            bounces: self.bounces.unwrap_or(default.bounces),
+            maps: self.vpl_maps.as_ref().and_then(source).unwrap_or(default.maps),
+            map_side: self.vpl_map_side.unwrap_or(default.map_side),
+            samples: self.gather.unwrap_or(default.samples),
+            ..default
+        })
+    }
+
+    /// The same as arguments of a subcommand that runs in a process of its own.
+    pub(crate) fn to_arguments(&self) -> Vec<String> {
+        let number = |n: Option<u32>| n.map(|n| n.to_string());
+        let values = [
+            ("--indirect", Some(self.indirect.clone())),
+            ("--vpls", number(self.vpls)),
+            ("--bounces", number(self.bounces)),
+            ("--vpl-maps", self.vpl_maps.clone()),
+            ("--vpl-map-side", number(self.vpl_map_side)),
+            ("--gather", number(self.gather)),
+        ];
+        values.into_iter().filter_map(|(name, value)| value.map(|v| format!("{name}={v}"))).collect()
+    }
 }
 
 impl Sampling {
     /// In the sampler's words.
     pub(crate) fn knobs(&self) -> SamplerKnobs {
         let default = SamplerKnobs::default();
-        SamplerKnobs { sub_samples: self.sub_samples.parse().unwrap_or(default.sub_samples), ..default }
+        let sub_samples = self.sub_samples.parse().unwrap_or(default.sub_samples);
+        SamplerKnobs { sub_samples, indirect: self.indirect.knobs(), ..default }
     }
 
     /// The same as arguments of a subcommand that runs in a process of its own.
     pub(crate) fn to_arguments(&self) -> Vec<String> {
-        vec![format!("--sub-samples={}", self.sub_samples)]
+        let mut arguments = vec![format!("--sub-samples={}", self.sub_samples)];
+        arguments.extend(self.indirect.to_arguments());
+        arguments
     }
 }
 

@@ -399,6 +399,15 @@ impl<'a> ComputeCall<'a> {
         self.record(|pass| pass.dispatch_workgroups(groups[0], groups[1], groups[2]));
     }
 
+    /// Runs at least that many invocations in workgroups of 64, spread over two dimensions: one of them ends at 65,535
+    /// workgroups. The program finds its number by `shared/linear.wgsl` and guards the tail.
+    pub fn dispatch_linear(self, invocations: u64) {
+        debug_assert_eq!(self.pipeline.workgroup_size(), [64, 1, 1], "{}", self.pipeline.label);
+        let groups = invocations.div_ceil(64);
+        let across = groups.min(1 << 15);
+        self.dispatch([across as u32, groups.div_ceil(across.max(1)) as u32, 1]);
+    }
+
     /// Runs as many workgroups as three u32 in `buffer` say.
     pub fn dispatch_indirect(self, buffer: &wgpu::Buffer, offset: u64) {
         self.record(|pass| pass.dispatch_workgroups_indirect(buffer, offset));

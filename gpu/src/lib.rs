@@ -4,13 +4,17 @@
 //! - [`Commands`]: passes that say what they read and write, by the names their WGSL has, with a timing row
 //!   for each by timestamp queries;
 //! - [`Finished`]: what came back, through a pool of mapped buffers that are reused;
-//! - [`plane`]: sample planes as textures and as bytes.
+//! - [`plane`]: sample planes as textures and as bytes;
+//! - [`hierarchy`]: prefix sums, sorting, and octrees;
+//! - [`many_views`]: maps of an octree from very many viewpoints at once.
 //!
-//! This crate knows no scene beyond the vocabulary and has no program of its own yet.
+//! This crate knows no scene beyond the vocabulary.
 
 mod commands;
 mod device;
 mod error;
+pub mod hierarchy;
+pub mod many_views;
 mod pipeline;
 pub mod plane;
 mod readback;

@@ -244,6 +244,34 @@ impl Hierarchy {
         self.top.iter().map(about).collect()
     }
 
+    /// Hands the placed objects whose boxes a ray meets to `visit`, which says how far along the ray anything is
+    /// still of interest, in units of the direction; `inverse` is the direction's.
+    pub(crate) fn visit_top(
+        &self,
+        origin: DVec3,
+        inverse: DVec3,
+        mut visit: impl FnMut(&PlacedObject) -> f64,
+    ) {
+        let mut limit = f64::INFINITY;
+        let mut pending = vec![0u32];
+        while let Some(node) = pending.pop().and_then(|index| self.top.get(index as usize)) {
+            let (a, b) = ((node.min - origin) * inverse, (node.max - origin) * inverse);
+            // World boxes come from transformed corners, which rounding may move by more than the test does.
+            let slack = (node.min.abs().max(node.max.abs()) * inverse.abs()).max_element() * 1e-12;
+            let (from, to) = (a.min(b).max_element() - slack, a.max(b).min_element() + slack);
+            if !(from <= to && to >= 0.0 && from <= limit) {
+                continue;
+            }
+            if node.count == 0 {
+                pending.extend([node.first, node.first + 1]);
+                continue;
+            }
+            for placed in &self.placed[node.first as usize..(node.first + node.count) as usize] {
+                limit = visit(placed);
+            }
+        }
+    }
+
     /// The box around a placed object in the world.
     fn world_box(&self, placed: &PlacedObject) -> (DVec3, DVec3) {
         let object = &self.objects[placed.object as usize];

@@ -2,6 +2,8 @@
 
 use argus_scene::{InvalidField, PlaneFormat};
 
+use crate::Indirect;
+
 /// How a sample stores radiance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RadianceFormat {
@@ -14,7 +16,7 @@ pub enum RadianceFormat {
 }
 
 /// Quality of samples; each knob trades it for time or bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerKnobs {
     /// Sub-samples of a texel, on a regular grid: 1, 4 or 16.
     pub sub_samples: u32,
@@ -22,11 +24,18 @@ pub struct SamplerKnobs {
     pub range_bits: u32,
     /// How radiance is stored.
     pub radiance: RadianceFormat,
+    /// Whether surfaces light one another.
+    pub indirect: Indirect,
 }
 
 impl Default for SamplerKnobs {
     fn default() -> Self {
-        Self { sub_samples: 4, range_bits: 16, radiance: RadianceFormat::default() }
+        Self {
+            sub_samples: 4,
+            range_bits: 16,
+            radiance: RadianceFormat::default(),
+            indirect: Indirect::default(),
+        }
     }
 }
 
@@ -44,7 +53,10 @@ impl SamplerKnobs {
             let reason = format!("must be 8 to 23, not {}", self.range_bits);
             return Err(InvalidField::new("sampler.range_bits", reason));
         }
-        Ok(())
+        match &self.indirect {
+            Indirect::Off => Ok(()),
+            Indirect::Vpl(knobs) => knobs.validate(),
+        }
     }
 
     /// Sub-samples along each side of a texel.

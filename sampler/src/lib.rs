@@ -15,6 +15,7 @@ mod packets;
 mod passes;
 mod pixels;
 mod plan;
+mod radiosity;
 mod resident;
 mod sampler;
 mod scratch;
@@ -27,4 +28,5 @@ mod wide;
 
 pub use knobs::{RadianceFormat, SamplerKnobs};
 pub use plan::PassPlan;
+pub use radiosity::{Indirect, IndirectReport, MapSource, VplKnobs};
 pub use sampler::GpuSampler;

@@ -2,8 +2,8 @@
 
 use argus_scene::{Effect, Scene};
 
-use crate::SamplerKnobs;
 use crate::resident::{DrawClass, Resident};
+use crate::{Indirect, SamplerKnobs};
 
 /// Whether one piece of work runs for this scene.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -60,6 +60,7 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
         ),
         row("emit", has(Effect::Emission), said(has(Effect::Emission), "a material emits", "nothing emits")),
         row("light", lights > 0, format!("{lights} directional, point and spot lights")),
+        indirect(knobs.indirect, lights > 0 || has(Effect::Emission)),
         row("choose surface", true, format!("{} sub-samples in a texel of a sample", knobs.sub_samples)),
         row(
             "normal and specular planes",
@@ -78,4 +79,20 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
             said(has(Effect::Animation), "where an epoch is another than the last", "nothing moves"),
         ),
     ]
+}
+
+fn indirect(knob: Indirect, shines: bool) -> PassPlan {
+    let row = |on, why| PassPlan { name: "gather VPLs", on, why };
+    match knob {
+        Indirect::Off => row(false, "indirect light was not asked for".to_owned()),
+        Indirect::Vpl(_) if !shines => row(false, "no light and no surface emits".to_owned()),
+        Indirect::Vpl(knobs) => {
+            let [vpls, bounces, side, samples] = [knobs.vpls, knobs.bounces, knobs.map_side, knobs.samples];
+            let maps = knobs.maps.name();
+            let why = format!(
+                "{samples} of {vpls} VPLs a sub-sample, up to {bounces} reflections, {maps} maps of {side}² texels"
+            );
+            row(true, why)
+        }
+    }
 }

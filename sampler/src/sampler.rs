@@ -3,7 +3,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use argus_gpu::{Gpu, GpuError, Submitted, wgpu};
+use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
+use argus_scene::frame::INDIRECT_BY;
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
     Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Scene, Stage, ViewJob, Visibility,
@@ -13,9 +14,10 @@ use glam::DVec3;
 use tracing::warn;
 
 use crate::eye::Eye;
-use crate::passes::{ResolveSample, ResolveView, Shade, Shading, TileContext};
+use crate::passes::{IndirectScratch, ResolveSample, ResolveView, Shade, Shading, TileContext};
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
+use crate::radiosity::{Indirect, IndirectReport, Radiosity, VplKnobs};
 use crate::resident::Resident;
 use crate::scratch::{Scratch, Targets};
 use crate::seeing::Seeing;
@@ -43,6 +45,8 @@ pub struct GpuSampler {
     resolve_sample: ResolveSample,
     resolve_view: ResolveView,
     scratch: Scratch,
+    /// Light from surface to surface, made when it is first needed.
+    radiosity: Option<Radiosity>,
 }
 
 impl GpuSampler {
@@ -69,7 +73,8 @@ impl GpuSampler {
         let glossy = resident.features.specular;
         Ok(Self {
             seeing: Seeing::new(&gpu, &scene, &resident),
-            shade: Shade::new(&gpu, resident.features),
+            shade: Shade::new(&gpu, resident.features, knobs.indirect != Indirect::Off),
+            radiosity: None,
             resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
@@ -105,6 +110,7 @@ impl GpuSampler {
         let camera = job.info.rig.camera(id.index)?;
         let tiles = sample_tiles(&camera, self.knobs.side())?;
         let mut stages = self.pose(job.info.time_secs());
+        stages.extend(self.light(&job.info.lighting)?);
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let planes = self.resolve_sample.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
         let way = self.ready(job.info.visibility);
@@ -114,9 +120,10 @@ impl GpuSampler {
             check_wanted(cancel)?;
             let mut commands = self.gpu.commands("render sample");
             let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), self.glossy);
-            let context = context(&self.gpu, &self.resident, &eye, tile, targets);
+            let indirect = self.indirect_scratch(tile);
+            let context = TileContext { indirect, ..context(&self.gpu, &self.resident, &eye, tile, targets) };
             self.seeing.see(&mut commands, &context, way, &mut stages)?;
-            self.shade.record(&mut commands, &context, Shading::Sample);
+            self.shade(&mut commands, &context, Shading::Sample);
             self.resolve_sample.record(&mut commands, &context, &self.knobs, &planes);
             under_way.push(commands.submit());
         }
@@ -155,6 +162,9 @@ impl GpuSampler {
         let faces = SampleCamera::Perspective { camera: view.camera, width, height }.faces();
         let mut stages = self.pose(view.time_secs);
         let lighting = self.lighting.clone();
+        if view.outputs.color {
+            stages.extend(self.light(&lighting)?);
+        }
         let eye = self.eye(view.camera.eye, &lighting)?;
 
         let color_tiles = tiles(&faces, side);
@@ -166,9 +176,11 @@ impl GpuSampler {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render view");
                 let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-                let context = context(&self.gpu, &self.resident, &eye, &tile, targets);
+                let indirect = self.indirect_scratch(&tile);
+                let context =
+                    TileContext { indirect, ..context(&self.gpu, &self.resident, &eye, &tile, targets) };
                 self.seeing.see(&mut commands, &context, way, &mut stages)?;
-                self.shade.record(&mut commands, &context, Shading::View);
+                self.shade(&mut commands, &context, Shading::View);
                 let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                 image.finish(&tile, commands, ticket, &mut stages)?;
             }
@@ -188,7 +200,7 @@ impl GpuSampler {
             parts.range = Some(image.into_bytes());
         }
         timing::add_rest(&mut stages, begin);
-        let device = way.on_device(self.gpu.kind());
+        let device = self.device_seeing_by(way);
         Ok(frame(view, &self.scene, &device, parts, stages))
     }
 
@@ -202,6 +214,9 @@ impl GpuSampler {
         let pose = self.scene.at(time_secs);
         self.resident.place(&self.scene, &pose.instances);
         self.seeing.pose(&self.resident);
+        if let Some(radiosity) = &mut self.radiosity {
+            radiosity.place(&self.resident.instances);
+        }
         self.lighting = pose.lighting;
         self.posed_secs = time_secs;
         vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
@@ -215,6 +230,63 @@ impl GpuSampler {
                 warn!(reason, "this device cannot see triangles by {}, they are rasterised", way.name());
                 Visibility::Raster
             }
+        }
+    }
+
+    /// Makes the indirect light ready, if it is asked for; what that cost.
+    fn light(&mut self, lighting: &Lighting) -> Result<Vec<Stage>, RenderError> {
+        let Indirect::Vpl(knobs) = self.knobs.indirect else { return Ok(Vec::new()) };
+        let packets = self.seeing.ready_packets(&self.resident);
+        let (gpu, scene, placements) = (&self.gpu, &self.scene, &self.resident.instances);
+        let radiosity = self.radiosity.get_or_insert_with(|| Radiosity::new(gpu, scene, placements, knobs));
+        radiosity.ready(gpu, packets, lighting)
+    }
+
+    /// What is known of the indirect light, and what was culled since the last call; none before it was needed.
+    ///
+    /// # Errors
+    /// A lost device.
+    pub fn indirect(&self) -> Result<Option<IndirectReport>, RenderError> {
+        self.radiosity.as_ref().map_or(Ok(None), |radiosity| radiosity.report(&self.gpu))
+    }
+
+    /// Gathers indirect light by other knobs from now on.
+    ///
+    /// # Errors
+    /// A knob that is out of range; a sampler that was made without indirect light.
+    pub fn set_indirect(&mut self, knobs: VplKnobs) -> Result<(), RenderError> {
+        knobs.validate()?;
+        if self.knobs.indirect == Indirect::Off {
+            return Err(InvalidField::new("indirect", "this sampler was made without indirect light").into());
+        }
+        self.knobs.indirect = Indirect::Vpl(knobs);
+        if let Some(radiosity) = &mut self.radiosity {
+            radiosity.set_knobs(&self.gpu, knobs);
+        }
+        Ok(())
+    }
+
+    /// Memory for a tile's indirect light, if it has any.
+    fn indirect_scratch(&mut self, tile: &Tile) -> Option<IndirectScratch> {
+        let gpu = &self.gpu;
+        self.radiosity.as_mut().map(|radiosity| radiosity.scratch(gpu, tile.sub_samples()))
+    }
+
+    /// Shades what a tile sees, and adds indirect light.
+    fn shade(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
+        self.shade.record(commands, context, shading);
+        if let Some(radiosity) = &self.radiosity {
+            radiosity.record(commands, context);
+        }
+    }
+
+    /// Device as the provenance of direct views has it: with the way triangles were seen, and the knobs of indirect
+    /// light, if there is any.
+    fn device_seeing_by(&self, way: Visibility) -> String {
+        let seen = way.on_device(self.gpu.kind());
+        match &self.knobs.indirect {
+            Indirect::Off => seen,
+            Indirect::Vpl(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
         }
     }
 
@@ -268,6 +340,7 @@ impl GpuSampler {
         self.seeing.ready_packets(&self.resident);
         let faces = SampleCamera::Perspective { camera: job.camera, width, height }.faces();
         let lighting = self.lighting.clone();
+        stages.extend(self.light(&lighting)?);
         let eye = self.eye(job.camera.eye, &lighting)?;
         let mut color = vec![0; job.pixels.len() * 3];
         let mut range = vec![0; job.pixels.len() * 4];
@@ -282,10 +355,11 @@ impl GpuSampler {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render pixels");
                 let targets = self.scratch.targets(&self.gpu, listing.compact.sub_samples(), false);
-                let context = self.list_context(&eye, listing, targets);
+                let indirect = if images { self.indirect_scratch(&listing.compact) } else { None };
+                let context = TileContext { indirect, ..self.list_context(&eye, listing, targets) };
                 self.seeing.see_list(&context, listing, &mut stages)?;
                 let (ticket, out, bytes) = if images {
-                    self.shade.record(&mut commands, &context, Shading::View);
+                    self.shade(&mut commands, &context, Shading::View);
                     let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                     (ticket, &mut color, 3)
                 } else {
@@ -311,7 +385,7 @@ impl GpuSampler {
         let rays = self.gpu.upload("rays", &[rays], wgpu::BufferUsages::UNIFORM);
         let places = self.gpu.upload("places", &listing.words(), wgpu::BufferUsages::STORAGE);
         let (gpu, resident, tile) = (&self.gpu, &self.resident, &listing.compact);
-        TileContext { gpu, resident, eye, tile, rays, places: Some(places), targets }
+        TileContext { gpu, resident, eye, tile, rays, places: Some(places), targets, indirect: None }
     }
 
     fn eye(&self, position: DVec3, lighting: &Lighting) -> Result<Eye, RenderError> {
@@ -360,7 +434,7 @@ fn context<'a>(
     targets: Targets,
 ) -> TileContext<'a> {
     let rays = gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
-    TileContext { gpu, resident, eye, tile, rays, places: None, targets }
+    TileContext { gpu, resident, eye, tile, rays, places: None, targets, indirect: None }
 }
 
 fn check_wanted(cancel: &Cancel) -> Result<(), RenderError> {

@@ -5,9 +5,7 @@ use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::{RenderError, Scene, Stage, Visibility};
-use tracing::info;
 
-use crate::bvh::Hierarchy;
 use crate::draws::{self, DrawList};
 use crate::packets::PacketTracer;
 use crate::passes::{Rasteriser, TileContext, Trace};
@@ -65,9 +63,10 @@ impl Seeing {
                 Ok(())
             }
             Visibility::Trace => {
-                self.ready_packets(resident);
-                if let (None, Some(packets)) = (&self.trace, &self.packets) {
-                    self.trace = Some(Trace::new(gpu, packets.hierarchy(), draws::near(&resident.bounds)));
+                if self.trace.is_none() {
+                    let near = draws::near(&resident.bounds);
+                    let trace = Trace::new(gpu, self.ready_packets(resident).hierarchy(), near);
+                    self.trace = Some(trace);
                 }
                 match &self.trace {
                     Some(Err(reason)) => Err(reason.clone()),
@@ -77,20 +76,16 @@ impl Seeing {
         }
     }
 
-    /// Builds the tracer of packets, once.
-    pub(crate) fn ready_packets(&mut self, resident: &Resident) {
-        if self.packets.is_none() {
-            let begin = Instant::now();
-            let hierarchy = Hierarchy::new(&self.scene, &resident.instances);
-            let (triangles, objects) = (hierarchy.triangles.len(), hierarchy.placed.len());
-            let ms = begin.elapsed().as_secs_f64() * 1e3;
-            info!(ms, triangles, objects, "hierarchy built");
-            let mut packets = PacketTracer::new(&self.scene, hierarchy, draws::near(&resident.bounds));
+    /// The tracer of packets, built when it is first needed.
+    pub(crate) fn ready_packets(&mut self, resident: &Resident) -> &PacketTracer {
+        self.packets.get_or_insert_with(|| {
+            let near = draws::near(&resident.bounds);
+            let mut packets = PacketTracer::new(&self.scene, &resident.instances, near);
             if self.scene.is_animated() {
                 packets.pose(&self.scene, &resident.instances);
             }
-            self.packets = Some(packets);
-        }
+            packets
+        })
     }
 
     /// The tracer of packets; [`Self::ready_packets`] comes first.

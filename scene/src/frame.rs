@@ -32,6 +32,9 @@ impl Stage {
     }
 }
 
+/// Stands in [`Provenance::device`] before the knobs of indirect light, where a sampler adds any.
+pub const INDIRECT_BY: &str = "; indirect light by ";
+
 /// All that a frame's bytes are a function of, together with its camera, size and outputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
@@ -44,7 +47,8 @@ pub struct Provenance {
     /// How it was answered, sample ids included.
     pub plan: Plan,
     /// Kind of device: adapter, driver and version; followed by the way in which triangles were seen, of the view or of
-    /// its samples, since ways may differ along edges ([`crate::Visibility::on_device`]). Empty in a pin means any.
+    /// its samples, since ways may differ along edges ([`crate::Visibility::on_device`]), and of a direct view with
+    /// indirect light by [`INDIRECT_BY`] and its knobs. Empty in a pin means any.
     pub device: String,
 }
 

@@ -16,6 +16,7 @@ pub mod error;
 pub mod frame;
 pub mod light;
 pub mod material;
+pub mod paraboloid;
 pub mod path;
 pub mod rig;
 pub mod role;

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::frame::INDIRECT_BY;
+
 /// A way to find which triangle each sub-sample sees. All agree but along edges; which is cheapest depends on device,
 /// scene and size, so that it is measured, once, before the first sample of a generation is rendered
 /// ([`crate::Sampler::ways`]).
@@ -43,6 +45,7 @@ impl Visibility {
 
     /// The kind of device in a [`crate::Provenance::device`], and the way if it names one that is known.
     pub fn of_device(device: &str) -> (&str, Option<Self>) {
+        let device = device.split_once(INDIRECT_BY).map_or(device, |(device, _)| device);
         match device.split_once(TRIANGLES_BY) {
             Some((kind, name)) => (kind, Self::ALL.into_iter().find(|way| way.name() == name)),
             None => (device, Some(Self::Raster)),
@@ -57,7 +60,10 @@ mod tests {
     #[test]
     fn a_device_says_the_way_and_gives_it_back() {
         for way in Visibility::ALL {
-            assert_eq!(Visibility::of_device(&way.on_device("llvmpipe")), ("llvmpipe", Some(way)));
+            let device = way.on_device("llvmpipe");
+            assert_eq!(Visibility::of_device(&device), ("llvmpipe", Some(way)));
+            let lit = format!("{device}{INDIRECT_BY}64 lights");
+            assert_eq!(Visibility::of_device(&lit), ("llvmpipe", Some(way)));
         }
         assert_eq!(Visibility::of_device("x; triangles by magic"), ("x", None));
     }

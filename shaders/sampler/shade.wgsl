@@ -6,6 +6,7 @@ import package::shared::geometry::{
     MaterialData, MeshLayout, Placed, Triangle, attributes, blend2, blend3, blend4, color_of, instances, materials,
     mesh_from_world, meshes, normal_from_mesh, normal_from_word, triangle_about_eye, uv_of,
 };
+import package::shared::guide::{keep_guide};
 import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{Rays, central_ray, list_index, listed_sub_sample, ray_through};
 import package::shared::shading::{
@@ -253,12 +254,14 @@ fn sky_along(sub_sample: vec2u) -> vec3f {
 }
 
 // Everything that reaches the eye along a sub-sample's ray.
-fn seen_along(ids: vec2u, sub_sample: vec2u) -> vec4f {
+fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
     if ids.x == 0u {
         return vec4f(sky_along(sub_sample), 0.0);
     }
     let hit = hit_at(ids, sub_sample);
-    return vec4f(finite_or_zero(radiance(surface_at(hit), true)), 1.0 / hit.range);
+    let surface = surface_at(hit);
+    keep_guide(at, surface);
+    return vec4f(finite_or_zero(radiance(surface, true)), 1.0 / hit.range);
 }
 
 // For a direct view: everything that reaches its eye.
@@ -267,7 +270,8 @@ fn shade_view(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {
         return;
     }
-    shaded[id.y * rays.width + id.x] = seen_along(textureLoad(visibility, id.xy, 0).xy, id.xy);
+    let at = id.y * rays.width + id.x;
+    shaded[at] = seen_along(textureLoad(visibility, id.xy, 0).xy, id.xy, at);
 }
 
 // For a list of a direct view's pixels: the same, elsewhere.
@@ -278,7 +282,8 @@ fn shade_pixels(@builtin(global_invocation_id) id: vec3u) {
     }
     let place = places[min(list_index(rays, id.xy), arrayLength(&places) - 1u)];
     let sub_sample = listed_sub_sample(rays, place, id.xy);
-    shaded[id.y * rays.width + id.x] = seen_along(textureLoad(visibility, id.xy, 0).xy, sub_sample);
+    let at = id.y * rays.width + id.x;
+    shaded[at] = seen_along(textureLoad(visibility, id.xy, 0).xy, sub_sample, at);
 }
 
 // For a sample: what does not depend on the viewer.
@@ -294,8 +299,10 @@ fn shade_sample(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let hit = hit_at(ids, id.xy);
+    let surface = surface_at(hit);
+    keep_guide(at, surface);
     let inverse_range = central_inverse_range(hit, id.xy);
-    shaded[at] = vec4f(finite_or_zero(radiance(surface_at(hit), false)), inverse_range);
+    shaded[at] = vec4f(finite_or_zero(radiance(surface, false)), inverse_range);
 }
 
 // For a sample of a scene with glossy materials: also what specular reflection will need.
@@ -313,6 +320,7 @@ fn shade_glossy_sample(@builtin(global_invocation_id) id: vec3u) {
     }
     let hit = hit_at(ids, id.xy);
     let surface = surface_at(hit);
+    keep_guide(at, surface);
     let inverse_range = central_inverse_range(hit, id.xy);
     shaded[at] = vec4f(finite_or_zero(radiance(surface, false)), inverse_range);
     let specular = vec4f(surface.f0, surface.roughness);

@@ -34,10 +34,12 @@ macro_rules! mirror {
 
 /// Mirrors of the compositor's structs.
 pub mod compositor;
+/// Mirrors of the structs of hierarchies and traversals.
+pub mod gpu;
 /// Mirrors of the sampler's structs.
 pub mod sampler;
 /// Mirrors of structs in `shared/` that both roles use.
 pub mod shared;
 
 /// Every file's mirrors, for the test; a mirror that is missing here is not tested, so add it.
-pub const MIRRORS: &[&[Mirror]] = &[shared::MIRRORS, sampler::MIRRORS, compositor::MIRRORS];
+pub const MIRRORS: &[&[Mirror]] = &[shared::MIRRORS, gpu::MIRRORS, sampler::MIRRORS, compositor::MIRRORS];

@@ -17,6 +17,7 @@ pub mod hard_cases;
 mod local_cluster;
 mod median;
 mod plot;
+pub mod radiosity;
 mod report;
 pub mod visibility;
 pub mod walk;

@@ -1,5 +1,9 @@
 //! The passes of a tile, one file each; the program of `x.rs` is `shaders/sampler/x.wgsl`.
 
+mod cull_vpls;
+mod filter_indirect;
+mod gather;
+mod imperfect;
 mod resolve_sample;
 mod resolve_view;
 mod shade;
@@ -16,6 +20,10 @@ use crate::resident::Resident;
 use crate::scratch::Targets;
 use crate::tile::Tile;
 
+pub(crate) use cull_vpls::CullVpls;
+pub(crate) use filter_indirect::FilterIndirect;
+pub(crate) use gather::{Gather, Gathered, IndirectScratch, blocks};
+pub(crate) use imperfect::Imperfect;
 pub(crate) use resolve_sample::ResolveSample;
 pub(crate) use resolve_view::ResolveView;
 pub(crate) use shade::{Shade, Shading};
@@ -33,4 +41,6 @@ pub(crate) struct TileContext<'a> {
     /// Of a tile whose pixels are a list: where each lies in the tile that the rays are of.
     pub(crate) places: Option<wgpu::Buffer>,
     pub(crate) targets: Targets,
+    /// Where shading leaves what indirect light needs of each surface, if there is any.
+    pub(crate) indirect: Option<IndirectScratch>,
 }

@@ -49,7 +49,7 @@ impl ResolveView {
     /// Intersects the central ray of each pixel with the triangle that a tile with one sub-sample a pixel sees
     /// there; what comes back is an f32 a pixel.
     pub(crate) fn record_range(&self, commands: &mut Commands, context: &TileContext<'_>) -> Ticket {
-        let TileContext { gpu, resident, eye, tile, rays, places, targets } = context;
+        let TileContext { gpu, resident, eye, tile, rays, places, targets, .. } = context;
         let bytes = u64::from(tile.size[0]) * u64::from(tile.size[1]) * 4;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let range = gpu.buffer("range", bytes, usage);

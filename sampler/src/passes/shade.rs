@@ -1,6 +1,6 @@
 //! Program: `shaders/sampler/shade.wgsl`. The radiance that each sub-sample sees.
 
-use argus_gpu::{Commands, ComputePipeline, Gpu};
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE;
 
 use super::TileContext;
@@ -21,17 +21,20 @@ pub(crate) struct Shade {
     pixels: ComputePipeline,
     sample: ComputePipeline,
     glossy: bool,
+    /// Bound where nothing is kept for indirect light.
+    unused: wgpu::Buffer,
 }
 
 impl Shade {
-    /// For a scene with those features.
-    pub(crate) fn new(gpu: &Gpu, features: Features) -> Self {
+    /// For a scene with those features; `keeps_guides` for passes that add indirect light.
+    pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool) -> Self {
         let constants = [
             ("has_srgb_textures", features.srgb_textures),
             ("has_linear_textures", features.linear_textures),
             ("has_normal_maps", features.normal_maps),
             ("has_vertex_colors", features.vertex_colors),
             ("has_specular", features.specular),
+            ("keeps_guides", keeps_guides),
         ]
         .map(|(name, has)| (name, f64::from(u8::from(has))));
         let pipeline = |entry| gpu.compute_pipeline_with(&SHADE, entry, &constants);
@@ -41,12 +44,19 @@ impl Shade {
             pixels: pipeline("shade_pixels"),
             sample: pipeline(sample),
             glossy: features.specular,
+            unused: gpu.buffer("no guides", 16, wgpu::BufferUsages::STORAGE),
         }
     }
 
     /// Shades a tile's visibility buffer.
     pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
-        let TileContext { resident, eye, targets, tile, rays, .. } = context;
+        let TileContext { resident, eye, targets, tile, rays, indirect, .. } = context;
+        let guides = indirect.as_ref().map_or(&self.unused, |kept| &kept.guides);
+        let albedos = indirect.as_ref().map_or(&self.unused, |kept| &kept.albedos);
+        if indirect.is_some() {
+            // The sky keeps none.
+            commands.clear(guides);
+        }
         let (name, pipeline) = match (shading, self.glossy) {
             (Shading::View, _) if context.places.is_some() => ("shade pixels", &self.pixels),
             (Shading::View, _) => ("shade view", &self.view),
@@ -69,6 +79,8 @@ impl Shade {
             .read("texel_levels", &resident.texel_levels)
             .read("texels", &resident.texels)
             .read("texels_srgb", &resident.texels_srgb)
+            .write("guides", guides)
+            .write("guide_albedos", albedos)
             .write("shaded", &targets.shaded);
         if let (Shading::Sample, true, Some(gloss)) = (shading, self.glossy, &targets.gloss) {
             call = call.write("gloss", gloss);

@@ -156,6 +156,12 @@ pub(crate) fn upload<T: NoUninit + Zeroable>(
     })
 }
 
+/// Instances of a scene at time zero, as [`Resident::instances`] has them, without a device.
+#[cfg(test)]
+pub(crate) fn placed(scene: &Scene) -> Vec<Placement> {
+    placements(scene, &scene.instances, &geometry::Arena::new(scene).1)
+}
+
 /// Instances with triangles and a transform that can be inverted, in the order they are drawn.
 fn placements(scene: &Scene, instances: &[Instance], runs: &[MeshRun]) -> Vec<Placement> {
     let mut placements: Vec<Placement> = (0u32..)

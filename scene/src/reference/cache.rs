@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec3};
 
 use super::image::grid_side;
-use super::{REFERENCE_VERSION, ReferenceImage, Tracer};
+use super::{Indirect, REFERENCE_VERSION, ReferenceImage, Tracer};
 use crate::{Camera, Pose, Scene};
 
 /// First bytes of every file.
@@ -33,19 +33,32 @@ pub fn directory() -> Option<PathBuf> {
         .or_else(|| absolute("HOME").map(|path| path.join(".cache/argus")))
 }
 
-/// [`Tracer::render`], answered from `directory` where it was rendered before. A folder that cannot be read or
-/// written costs the time to render again, nothing else.
+/// [`Tracer::render`], answered as [`render_with`] is.
 pub fn render(
+    directory: Option<&Path>,
+    tracer: &Tracer,
+    camera: &Camera,
+    size: [u32; 2],
+    samples_per_pixel: u32,
+    progress: impl Fn(f64) + Sync,
+) -> ReferenceImage {
+    render_with(directory, tracer, camera, size, samples_per_pixel, None, progress)
+}
+
+/// [`Tracer::render_with`], answered from `directory` where it was rendered before. A folder that cannot be read or
+/// written costs the time to render again, nothing else.
+pub fn render_with(
     directory: Option<&Path>,
     tracer: &Tracer,
     camera: &Camera,
     [width, height]: [u32; 2],
     samples_per_pixel: u32,
+    indirect: Option<Indirect>,
     progress: impl Fn(f64) + Sync,
 ) -> ReferenceImage {
-    let render = || tracer.render(camera, width, height, samples_per_pixel, &progress);
+    let render = || tracer.render_with(camera, [width, height], samples_per_pixel, indirect, &progress);
     let Some(directory) = directory else { return render() };
-    let path = directory.join(name(tracer, camera, [width, height], samples_per_pixel));
+    let path = directory.join(name_with(tracer, camera, [width, height], samples_per_pixel, indirect));
     if let Some(image) = load(&path, [width, height]) {
         progress(1.0);
         return image;
@@ -56,8 +69,19 @@ pub fn render(
     image
 }
 
-/// The file name of an image.
+/// The file name of an image without indirect light.
 pub fn name(tracer: &Tracer, camera: &Camera, size: [u32; 2], samples_per_pixel: u32) -> String {
+    name_with(tracer, camera, size, samples_per_pixel, None)
+}
+
+/// The file name of an image.
+fn name_with(
+    tracer: &Tracer,
+    camera: &Camera,
+    size: [u32; 2],
+    samples_per_pixel: u32,
+    indirect: Option<Indirect>,
+) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&REFERENCE_VERSION.to_le_bytes());
     hasher.update(tracer.content_hash().as_bytes());
@@ -65,6 +89,10 @@ pub fn name(tracer: &Tracer, camera: &Camera, size: [u32; 2], samples_per_pixel:
         hasher.update(bytemuck::bytes_of(&v));
     }
     hasher.update(bytemuck::bytes_of(&[size[0], size[1], grid_side(samples_per_pixel)]));
+    if let Some(Indirect { paths, bounces }) = indirect {
+        hasher.update(b"indirect");
+        hasher.update(bytemuck::bytes_of(&[paths, bounces]));
+    }
     format!("{}.ref", hasher.finalize().to_hex())
 }
 

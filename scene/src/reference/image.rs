@@ -5,7 +5,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::Tracer;
+use super::{Indirect, Tracer};
 use crate::Camera;
 use crate::tone::display_from_radiance;
 
@@ -54,6 +54,19 @@ impl Tracer {
         samples_per_pixel: u32,
         progress: impl Fn(f64) + Sync,
     ) -> ReferenceImage {
+        self.render_with(camera, [width, height], samples_per_pixel, None, progress)
+    }
+
+    /// The same with indirect diffuse light, if any is asked for. What does not depend on the viewer is then direct
+    /// light without shadows, as [`crate::shading`] has it, and indirect light with them.
+    pub fn render_with(
+        &self,
+        camera: &Camera,
+        [width, height]: [u32; 2],
+        samples_per_pixel: u32,
+        indirect: Option<Indirect>,
+        progress: impl Fn(f64) + Sync,
+    ) -> ReferenceImage {
         let pixels = width as usize * height as usize;
         let mut radiance = vec![Vec3::ZERO; pixels];
         let mut range = vec![f32::INFINITY; pixels];
@@ -64,7 +77,10 @@ impl Tracer {
             let rows = radiance.par_chunks_mut(row_of).zip(range.par_chunks_mut(row_of)).enumerate();
             rows.for_each(|(y, (radiance, range))| {
                 for (x, (radiance, range)) in radiance.iter_mut().zip(range).enumerate() {
-                    (*radiance, *range) = self.pixel(&rays, DVec2::new(x as f64, y as f64));
+                    (*radiance, *range) = {
+                        let seed = (y * row_of + x) as u64;
+                        self.pixel(&rays, DVec2::new(x as f64, y as f64), indirect.map(|i| (i, seed)))
+                    };
                 }
                 let rows_done = done.fetch_add(1, Ordering::Relaxed) + 1;
                 progress(rows_done as f64 / f64::from(height));
@@ -74,7 +90,7 @@ impl Tracer {
     }
 
     /// Mean radiance, and range on the central ray, of the pixel whose top left corner is `corner`.
-    fn pixel(&self, rays: &Pinhole, corner: DVec2) -> (Vec3, f32) {
+    fn pixel(&self, rays: &Pinhole, corner: DVec2, indirect: Option<(Indirect, u64)>) -> (Vec3, f32) {
         let mut sum = Vec3::ZERO;
         let mut range = None;
         for i in 0..rays.side * rays.side {
@@ -82,6 +98,11 @@ impl Tracer {
             let (direction, dx, dy) = rays.through(corner + (cell + 0.5) / f64::from(rays.side));
             let hit = self.trace(rays.eye, direction);
             sum += self.radiance_of(hit.as_ref(), direction, dx, dy);
+            if let (Some((indirect, pixel)), Some(hit)) = (indirect, &hit) {
+                let surface = self.surface(hit, direction, dx, dy);
+                let seed = pixel << 16 | u64::from(i);
+                sum += surface.albedo * self.indirect_by_pi(hit, &surface, direction, indirect, seed);
+            }
             // A grid of odd side has the pixel's centre as its middle sample; one of even side has not.
             if 2 * i + 1 == rays.side * rays.side {
                 range = Some(hit);

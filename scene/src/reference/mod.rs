@@ -2,8 +2,9 @@
 //!
 //! [`Tracer`] finds the nearest surface along a ray with f64 intersections, looks its textures up by the rule
 //! of [`crate::texture`], and shades it with [`crate::shading`]: the same definitions as the GPU's, in other
-//! code, at a precision at which the GPU's roundings show. Nothing is random, so an image depends on the scene,
-//! the camera, the size and the number of samples a pixel alone.
+//! code, at a precision at which the GPU's roundings show. Nothing is random but the paths of indirect light, which
+//! only [`Indirect`] asks for, and their numbers follow from pixel and path: an image depends on the scene, the
+//! camera, the size, the number of samples a pixel and of paths alone.
 //!
 //! How it stays exact:
 //! - Boxes of the hierarchies are f32 about their own centre and padded by more than traversal can round
@@ -19,11 +20,13 @@
 mod boxes;
 pub mod cache;
 mod image;
+mod indirect;
 mod surface;
 mod tracer;
 mod triangle;
 
 pub use self::image::ReferenceImage;
+pub use indirect::Indirect;
 pub use tracer::{Hit, Tracer};
 
 /// Changes whenever the same scene and camera would give another image, so that stored images of an older

@@ -14,6 +14,10 @@ pub(super) const MIRRORS: &[Mirror] = &[
     PlacedTree::MIRROR,
     ResolveSample::MIRROR,
     ResolveView::MIRROR,
+    Vpl::MIRROR,
+    VplNode::MIRROR,
+    Gathering::MIRROR,
+    Imperfect::MIRROR,
 ];
 
 /// Values in [`TextureSlot::usage`], as `shared/texture.wgsl` has them.
@@ -183,5 +187,106 @@ mirror! {
         pub side: u32,
         /// Radiance to display-linear.
         pub exposure: f32,
+    }
+}
+
+mirror! {
+    /// A virtual point light: `shared/vpl.wgsl`.
+    pub struct Vpl {
+        /// Relative to the root, the middle of the scene.
+        pub position: [f32; 3],
+        /// Which map is its own.
+        pub map: u32,
+        /// Unit normal.
+        pub normal: [f32; 3],
+        /// WGSL aligns what follows.
+        pub _pad: f32,
+        /// Flux by π².
+        pub intensity: [f32; 3],
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad2: f32,
+    }
+}
+
+mirror! {
+    /// A group of VPLs: `shared/vpl.wgsl`.
+    pub struct VplNode {
+        /// Middle of a ball around the positions, relative to the root.
+        pub center: [f32; 3],
+        /// Its radius.
+        pub radius: f32,
+        /// Axis of a cone around the normals.
+        pub axis: [f32; 3],
+        /// Cosine of its half angle.
+        pub cosine: f32,
+        /// First VPL.
+        pub first: u32,
+        /// How many.
+        pub count: u32,
+        /// The node after all that are below this one.
+        pub skip: u32,
+        /// Whether none is below it.
+        pub leaf: u32,
+    }
+}
+
+/// Groups that a block's list of VPLs holds, words of a list, sub-samples on a side of a block: as
+/// `shared/vpl.wgsl` has them.
+pub mod vpl {
+    /// Most groups of a list.
+    pub const MOST_GROUPS: u32 = 256;
+    /// Words of a list.
+    pub const LIST_WORDS: u32 = 2 + 2 * MOST_GROUPS;
+    /// Sub-samples on a side of a block.
+    pub const BLOCK: u32 = 16;
+}
+
+mirror! {
+    /// What passes that gather light from VPLs are told: `shared/vpl.wgsl`.
+    pub struct Gathering {
+        /// Added to positions about the eye.
+        pub root_from_eye: [f32; 3],
+        /// VPLs that a sub-sample gathers from.
+        pub samples: u32,
+        /// Blocks of the tile.
+        pub blocks: [u32; 2],
+        /// Sub-samples of the tile.
+        pub size: [u32; 2],
+        /// Where the tile begins in the image, sub-samples.
+        pub origin: [u32; 2],
+        /// Texels on a side of a hemisphere's map.
+        pub map_side: u32,
+        /// Sub-samples that the filter reaches on each side.
+        pub reach: u32,
+        /// Metres: nearer than this no VPL lights more strongly.
+        pub least_distance: f32,
+        /// Metres: farther than this no VPL lights.
+        pub cutoff: f32,
+        /// Widths of a texel.
+        pub bias: f32,
+        /// Whether groups are left out.
+        pub culls: u32,
+    }
+}
+
+mirror! {
+    /// What `sampler/imperfect.wgsl` is told.
+    pub struct Imperfect {
+        /// Texels on a side of a hemisphere's map.
+        pub side: u32,
+        /// Points to a map.
+        pub points: u32,
+        /// Texels on a side of the level that is written.
+        pub to_side: u32,
+        /// Of the level that is read.
+        pub from_side: u32,
+        /// Where the level that is written begins in the pyramid.
+        pub to_begin: u32,
+        /// And the one that is read.
+        pub from_begin: u32,
+        /// Maps.
+        pub count: u32,
+        /// Sets one choice of points apart from another.
+        pub seed: u32,
     }
 }

@@ -1,0 +1,25 @@
+//! Hierarchies built on the GPU: prefix sums, a radix sort, and the octrees made of them.
+//!
+//! - [`Scan`] and [`Sort`]: exclusive prefix sums of 32-bit numbers, and a stable sort of 64-bit keys;
+//! - [`Octree`]: the scene's surfaces as a sparse voxel octree ([`OctreeBuilder`] makes it);
+//! - [`RootCube`]: the cube that an octree divides, in f64; everything on the GPU is relative to it.
+
+mod error;
+mod levels;
+mod octree;
+mod root;
+mod scan;
+mod sort;
+pub mod stream;
+mod voxelize;
+
+pub use error::HierarchyError;
+pub(crate) use levels::{LevelBuffers, LevelBuilder};
+pub(crate) use octree::fits;
+pub use octree::{Octree, OctreeBuilder, OctreeTimes};
+pub use root::{RootCube, Triangle};
+pub use scan::{Scan, ScanSums};
+pub use sort::{Sort, SortScratch};
+
+/// Most levels below the root: three bits a level of a 32-bit Morton code.
+pub const MAX_DEPTH: u32 = 10;

@@ -1,0 +1,83 @@
+//! Which cells of an octree triangles meet. Program: `shaders/gpu/voxelize.wgsl`.
+
+use std::sync::Arc;
+
+use argus_shaders::gpu::VOXELIZE;
+use argus_shaders::layout::gpu::Split;
+use wgpu::{Buffer, BufferUsages};
+
+use super::{HierarchyError, Scan, ScanSums};
+use crate::{ComputePipeline, Gpu};
+
+/// The pipelines.
+#[derive(Debug)]
+pub(super) struct Voxelize {
+    mark: ComputePipeline,
+    divide: ComputePipeline,
+}
+
+/// Pairs of a triangle (lower half) and the Morton code of a cell that it meets (upper half).
+pub(super) struct Pieces {
+    pub(super) buffer: Buffer,
+    pub(super) count: u32,
+}
+
+impl Voxelize {
+    pub(super) fn new(gpu: &Gpu) -> Self {
+        let pipeline = |entry| gpu.compute_pipeline(&VOXELIZE, entry);
+        Self { mark: pipeline("mark"), divide: pipeline("divide") }
+    }
+
+    /// Divides the root `depth` times where triangles are. The order of the pieces is that of the triangles, whatever
+    /// the device did first.
+    pub(super) fn run(
+        &self,
+        gpu: &Arc<Gpu>,
+        scan: &Scan,
+        triangles: &Buffer,
+        count: u32,
+        depth: u32,
+    ) -> Result<Pieces, HierarchyError> {
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
+        let first: Vec<[u32; 2]> = (0..count).map(|triangle| [triangle, 0]).collect();
+        let mut pieces = Pieces { buffer: gpu.upload("triangles in the root", &first, usage), count };
+        for level in 0..depth {
+            let count = pieces.count;
+            let step = Split { count, cells: (1u32 << (level + 1)) as f32 };
+            let masks = gpu.buffer("masks of children", u64::from(count) * 4, BufferUsages::STORAGE);
+            let places = gpu.buffer("places of children", u64::from(count) * 4, BufferUsages::STORAGE);
+            let sums = ScanSums::new(gpu, u64::from(count));
+            let mut commands = gpu.commands("mark cells");
+            commands
+                .compute("voxelise", &self.mark)
+                .read("triangles", triangles)
+                .read("pieces", &pieces.buffer)
+                .write("masks", &masks)
+                .write("places", &places)
+                .immediates(bytemuck::bytes_of(&step))
+                .dispatch_linear(u64::from(count));
+            scan.run(&mut commands, "voxelise", &places, count, &sums);
+            let total = commands.read_buffer(sums.total(), 0..4);
+            let total = first_u32(&commands.submit().wait()?.take(total));
+            super::octree::fits(gpu, "pieces of triangles", u64::from(total) * 8)?;
+            let children = gpu.buffer("pieces of triangles", u64::from(total) * 8, usage);
+            let mut commands = gpu.commands("divide cells");
+            commands
+                .compute("voxelise", &self.divide)
+                .read("pieces", &pieces.buffer)
+                .write("masks", &masks)
+                .write("places", &places)
+                .write("children", &children)
+                .immediates(bytemuck::bytes_of(&step))
+                .dispatch_linear(u64::from(count));
+            commands.submit();
+            pieces = Pieces { buffer: children, count: total };
+        }
+        Ok(pieces)
+    }
+}
+
+/// The first number of what was read back; 0 of nothing.
+pub(super) fn first_u32(bytes: &[u8]) -> u32 {
+    bytes.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes))
+}

@@ -1,0 +1,98 @@
+//! What a traversal may be told.
+
+use crate::hierarchy::{HierarchyError, MAX_DEPTH};
+
+/// What a texel of a map holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Texel {
+    /// 64 bits: inverse range (f32, 1/metres; 0 where nothing was seen) over the number of the octree's node.
+    RangeAndNode,
+    /// 32 bits: inverse range alone.
+    Range,
+}
+
+impl Texel {
+    /// Bytes of one.
+    pub fn bytes(self) -> u64 {
+        match self {
+            Self::RangeAndNode => 8,
+            Self::Range => 4,
+        }
+    }
+}
+
+/// What bounds the views of a node of their octree.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Bounding {
+    /// The sphere around their cell, as in the paper.
+    Cell,
+    /// A sphere around the views themselves where that is smaller.
+    Tight,
+}
+
+/// What a traversal may be told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Knobs {
+    /// Texels of a hemisphere's side: 8 to 1024.
+    pub side: u32,
+    /// What a texel holds.
+    pub texel: Texel,
+    /// How large a node may appear and still be rendered whole, texels: 1 to 8.
+    pub threshold: f32,
+    /// Whether views share what looks alike from all of them (MegaViews); otherwise each is traversed by itself
+    /// (ManyLoDs).
+    pub sharing: bool,
+    /// Levels of the view octree below its root, 1 to [`MAX_DEPTH`].
+    pub view_depth: u32,
+    /// What bounds the views of a node.
+    pub bounding: Bounding,
+    /// Whether what no view sees is culled.
+    pub culling: bool,
+    /// Whether maps take what the maps above them hold; else texels are looked up one by one.
+    pub fusion: bool,
+    /// Most pairs of a queue; `None`: what one binding holds.
+    pub queue_pairs: Option<u32>,
+}
+
+impl Knobs {
+    /// Maps of 16² texels of a scene octree of that depth, shared by a view octree as deep.
+    pub fn for_depth(depth: u32) -> Self {
+        Self {
+            side: 16,
+            texel: Texel::Range,
+            threshold: 1.0,
+            sharing: true,
+            view_depth: depth,
+            bounding: Bounding::Tight,
+            culling: true,
+            fusion: true,
+            queue_pairs: None,
+        }
+    }
+
+    /// Rejects what cannot be, by field.
+    ///
+    /// # Errors
+    /// [`HierarchyError::OutOfRange`].
+    pub fn validate(&self) -> Result<(), HierarchyError> {
+        let check = |field, holds: bool, range: &str, value: String| match holds {
+            true => Ok(()),
+            false => Err(HierarchyError::OutOfRange { field, range: range.to_owned(), value }),
+        };
+        check("resolution", (8..=1024).contains(&self.side), "8 to 1024 texels", self.side.to_string())?;
+        check(
+            "threshold",
+            self.threshold >= 1.0 && self.threshold <= 8.0,
+            "1 to 8 texels",
+            self.threshold.to_string(),
+        )?;
+        let depth = (1..=MAX_DEPTH).contains(&self.view_depth);
+        check("levels of the view octree", depth, "1 to 10", self.view_depth.to_string())?;
+        check(
+            "queue",
+            self.queue_pairs.is_none_or(|n| n >= 64),
+            "at least 64 pairs",
+            format!("{:?}", self.queue_pairs),
+        )
+    }
+}

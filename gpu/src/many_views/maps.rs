@@ -1,0 +1,76 @@
+//! Where maps are.
+
+use wgpu::{Buffer, BufferUsages};
+
+use super::{Knobs, Texel};
+use crate::Gpu;
+use crate::hierarchy::HierarchyError;
+
+/// Most arrays that programs know.
+pub(super) const MAX_ARRAYS: u32 = 4;
+
+/// Maps in up to four arrays, since one binding ends at 128 MiB on some devices.
+///
+/// Map `m` lies in array `m >> shift`, from texel `(m & (2^shift − 1)) · 2 side²` on; its texels are those of
+/// [`argus_scene::paraboloid`].
+#[derive(Debug)]
+pub struct MapSet {
+    /// The arrays.
+    pub arrays: Vec<Buffer>,
+    /// Texels of a hemisphere's side.
+    pub side: u32,
+    /// What a texel holds.
+    pub texel: Texel,
+    /// Maps of one array: 2 to the power of this.
+    pub shift: u32,
+    /// Maps that there is room for.
+    pub capacity: u32,
+    /// Stands where a program declares an array that is not used.
+    nothing: Buffer,
+}
+
+/// Bytes of one map.
+pub(super) fn map_bytes(knobs: &Knobs) -> u64 {
+    2 * u64::from(knobs.side) * u64::from(knobs.side) * knobs.texel.bytes()
+}
+
+impl MapSet {
+    /// Room for at least so many maps.
+    pub(super) fn new(gpu: &Gpu, knobs: &Knobs, maps: u32) -> Result<Self, HierarchyError> {
+        let limits = gpu.device.limits();
+        let limit = u64::from(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
+        let each = map_bytes(knobs);
+        let shift = (limit / each).max(1).ilog2().min(31);
+        let count = (u64::from(maps).max(1)).div_ceil(1 << shift);
+        if count > u64::from(MAX_ARRAYS) || each > limit {
+            let limit = limit * u64::from(MAX_ARRAYS);
+            return Err(HierarchyError::TooLarge {
+                what: "maps of all views",
+                needed: u64::from(maps) * each,
+                limit,
+            });
+        }
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
+        let size = |index: u64| (u64::from(maps) - (index << shift)).min(1 << shift) * each;
+        let arrays = (0..count).map(|index| gpu.buffer("maps", size(index), usage)).collect();
+        let nothing = gpu.buffer("no maps", 16, usage);
+        Ok(Self { arrays, side: knobs.side, texel: knobs.texel, shift, capacity: maps, nothing })
+    }
+
+    /// Bytes of all arrays.
+    pub fn bytes(&self) -> u64 {
+        self.arrays.iter().map(Buffer::size).sum()
+    }
+
+    /// What stands behind each of the eight names that programs give to arrays.
+    pub(super) fn bindings(&self) -> [(&'static str, &Buffer); 8] {
+        let names = ["wide0", "wide1", "wide2", "wide3", "narrow0", "narrow1", "narrow2", "narrow3"];
+        let first: usize = if self.texel == Texel::RangeAndNode { 0 } else { 4 };
+        let mut index = 0usize;
+        names.map(|name| {
+            let array = index.checked_sub(first).and_then(|i| self.arrays.get(i).filter(|_| i < 4));
+            index += 1;
+            (name, array.unwrap_or(&self.nothing))
+        })
+    }
+}

@@ -1,0 +1,25 @@
+//! Dual paraboloid maps of a scene's octree from very many viewpoints at once.
+//!
+//! [`ManyViews`] traverses the scene's octree with an octree over the views (MegaViews, Kol et al. 2018), or with every
+//! view by itself (ManyLoDs, Holländer et al. 2011, basic cuts), and leaves a map of inverse range for each leaf of the
+//! views. A frame reads back counters alone, once it is done.
+//!
+//! - [`ViewList`]: where the views are and which way they look;
+//! - [`Knobs`]: resolution, texels, threshold, depth of the view octree, what is shared, culled and fused;
+//! - [`FrameStats`]: what a frame did, pair by pair, and how long it took.
+
+mod counters;
+mod frame;
+mod fuse;
+mod knobs;
+mod maps;
+mod schedule;
+mod traverse;
+mod view_list;
+mod view_octree;
+
+pub use counters::{FrameStats, StepStats};
+pub use frame::ManyViews;
+pub use knobs::{Bounding, Knobs, Texel};
+pub use maps::MapSet;
+pub use view_list::{ViewList, ViewPoint};

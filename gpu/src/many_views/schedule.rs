@@ -1,0 +1,72 @@
+//! Which hierarchy each step of a traversal divides.
+//!
+//! Every leaf of an octree of surfaces, or of views, is on its lowest level. So all pairs of a breadth-first queue are
+//! on the same two levels, and the choice that the paper makes for each pair (figure 8: the view node is never larger
+//! than the scene's) is made once for each step, before the first.
+
+/// One step: pairs are divided, and what comes of it is tested.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Step {
+    /// Whether view nodes are divided rather than the scene's.
+    pub(super) divides_views: bool,
+    /// Level of the scene's nodes in the pairs that come of it.
+    pub(super) scene_level: u32,
+    /// Level of the view nodes in them.
+    pub(super) view_level: u32,
+    /// Whether they are pairs of leaves.
+    pub(super) leaves: bool,
+}
+
+/// The steps from both roots to both lowest levels; `view_edge` is the edge of the views' root cube in edges of the
+/// scene's.
+pub(super) fn steps(scene_depth: u32, view_depth: u32, view_edge: f64) -> Vec<Step> {
+    let (mut scene_level, mut view_level) = (0, 0);
+    let mut steps = Vec::with_capacity((scene_depth + view_depth) as usize);
+    while scene_level < scene_depth || view_level < view_depth {
+        let scene_is_larger = 0.5f64.powi(scene_level as i32) > view_edge * 0.5f64.powi(view_level as i32);
+        let divides_views = view_level < view_depth && (scene_level == scene_depth || !scene_is_larger);
+        if divides_views {
+            view_level += 1;
+        } else {
+            scene_level += 1;
+        }
+        let leaves = scene_level == scene_depth && view_level == view_depth;
+        steps.push(Step { divides_views, scene_level, view_level, leaves });
+    }
+    steps
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn divided(scene_depth: u32, view_depth: u32, view_edge: f64) -> String {
+        let letter = |step: &Step| if step.divides_views { 'v' } else { 's' };
+        steps(scene_depth, view_depth, view_edge).iter().map(letter).collect()
+    }
+
+    #[test]
+    fn equal_octrees_are_divided_in_turn_the_views_first() {
+        assert_eq!(divided(3, 3, 1.0), "vsvsvs");
+    }
+
+    #[test]
+    fn where_one_ends_the_other_goes_on() {
+        assert_eq!(divided(4, 2, 1.0), "vsvsss");
+        assert_eq!(divided(2, 4, 1.0), "vsvsvv");
+        assert_eq!(divided(3, 0, 1.0), "sss");
+    }
+
+    #[test]
+    fn views_spread_more_widely_than_the_scene_are_divided_until_they_are_not() {
+        assert_eq!(divided(2, 4, 3.9), "vvvsvs");
+    }
+
+    #[test]
+    fn only_the_last_step_makes_pairs_of_leaves() {
+        for step in steps(5, 3, 1.0).split_last().unwrap().1 {
+            assert!(!step.leaves);
+        }
+        assert!(steps(5, 3, 1.0).last().unwrap().leaves);
+    }
+}

@@ -1,0 +1,244 @@
+//! The traversal of scene and views together. Programs: `shaders/gpu/traverse.wgsl`, `queue.wgsl` and `fill.wgsl`.
+
+use argus_shaders::gpu::{FILL, QUEUE, TRAVERSE};
+use argus_shaders::layout::gpu::{FillStep, PairStep, QueueStep};
+use wgpu::{Buffer, BufferUsages};
+
+use super::counters::entry;
+use super::schedule::Step;
+use super::view_octree::ViewOctree;
+use super::{Knobs, MapSet, Texel};
+use crate::hierarchy::Octree;
+use crate::{Commands, ComputeCall, ComputePipeline, Gpu};
+
+/// The pipelines, for one choice of texels, number of arrays, threshold and culling.
+#[derive(Debug)]
+pub(super) struct Traverse {
+    /// By what is divided (scene, views) and by whether pairs of leaves come of it.
+    divide: [[ComputePipeline; 2]; 2],
+    fill: ComputePipeline,
+    prepare: ComputePipeline,
+    prepare_fusion: ComputePipeline,
+    seed_roots: ComputePipeline,
+    seed_views: ComputePipeline,
+}
+
+/// Two queues, what is counted, and the extent of the next step.
+#[derive(Debug)]
+pub(super) struct Queues {
+    pub(super) capacity: u32,
+    pub(super) pairs: [Buffer; 2],
+    pub(super) counters: Buffer,
+    arguments: Buffer,
+}
+
+/// What a pass works on.
+pub(super) struct Work<'a> {
+    pub(super) octree: &'a Octree,
+    pub(super) views: &'a ViewOctree,
+    pub(super) maps: &'a MapSet,
+    pub(super) queues: &'a Queues,
+    pub(super) knobs: &'a Knobs,
+    pub(super) steps: &'a [Step],
+}
+
+/// A part of the frame whose queues are held at once.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Part {
+    /// What lies below one node of the view octree, `level` levels below its root: three bits of `path` a level.
+    Octants { path: u32, level: u32 },
+    /// A range of single views.
+    Views { first: u32, count: u32 },
+}
+
+impl Queues {
+    pub(super) fn new(gpu: &Gpu, capacity: u32, counter_words: u32) -> Self {
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
+        let queue = || gpu.buffer("queue of pairs", u64::from(capacity) * 8, usage);
+        Self {
+            capacity,
+            pairs: [queue(), queue()],
+            counters: gpu.buffer("counters", u64::from(counter_words) * 4, usage),
+            arguments: gpu.buffer("workgroups", 64 * 16, usage | BufferUsages::INDIRECT),
+        }
+    }
+}
+
+/// Binds every array of maps.
+pub(super) fn with_maps<'a>(mut call: ComputeCall<'a>, maps: &'a MapSet) -> ComputeCall<'a> {
+    for (name, array) in maps.bindings() {
+        call = call.write(name, array);
+    }
+    call
+}
+
+impl Traverse {
+    pub(super) fn new(gpu: &Gpu, knobs: &Knobs, arrays: usize) -> Self {
+        let wide = f64::from(knobs.texel == Texel::RangeAndNode);
+        let arrays = arrays as f64;
+        let divide = |views: bool, leaves: bool| {
+            let constants = [
+                ("divides_views", f64::from(views)),
+                ("leaves", f64::from(leaves)),
+                ("wide", wide),
+                ("arrays", arrays),
+                ("culls", f64::from(knobs.culling)),
+                ("reach", f64::from(knobs.threshold.ceil())),
+            ];
+            gpu.compute_pipeline_with(&TRAVERSE, "divide", &constants)
+        };
+        Self {
+            divide: [false, true].map(|views| [false, true].map(|leaves| divide(views, leaves))),
+            fill: gpu.compute_pipeline_with(&FILL, "fill", &[("wide", wide), ("arrays", arrays)]),
+            prepare: gpu.compute_pipeline(&QUEUE, "prepare"),
+            prepare_fusion: gpu.compute_pipeline(&QUEUE, "prepare_fusion"),
+            seed_roots: gpu.compute_pipeline(&QUEUE, "seed_roots"),
+            seed_views: gpu.compute_pipeline(&QUEUE, "seed_views"),
+        }
+    }
+
+    /// Traverses one part; `pass` is its number.
+    pub(super) fn run(&self, commands: &mut Commands, work: &Work<'_>, pass: u32, part: Part) {
+        let Work { octree, views, queues, steps, .. } = work;
+        let first = entry(pass, 0, steps.len());
+        let mut seed = QueueStep {
+            counters: first,
+            arguments: 0,
+            group: 64,
+            scene_node: octree.root_node(),
+            first_view: 0,
+            views: 0,
+            maps: work.maps.capacity,
+        };
+        match part {
+            Part::Octants { .. } => commands
+                .compute("seed", &self.seed_roots)
+                .write("counters", &queues.counters)
+                .write("queue", &queues.pairs[0])
+                .read("levels", &views.nodes.levels)
+                .read("map_total", views.map_total())
+                .immediates(bytemuck::bytes_of(&seed))
+                .dispatch([1, 1, 1]),
+            Part::Views { first, count } => {
+                (seed.first_view, seed.views) = (first, count);
+                commands
+                    .compute("seed", &self.seed_views)
+                    .write("counters", &queues.counters)
+                    .write("queue", &queues.pairs[0])
+                    .immediates(bytemuck::bytes_of(&seed))
+                    .dispatch_linear(u64::from(count));
+            }
+        }
+        for (index, step) in steps.iter().enumerate() {
+            self.prepare(commands, queues, entry(pass, index, steps.len()), 64);
+            self.divide(commands, work, pass, index, step, part);
+        }
+        let last = entry(pass, steps.len(), steps.len());
+        self.prepare(commands, queues, last, 64);
+        self.fill(commands, work, last);
+    }
+
+    fn prepare(&self, commands: &mut Commands, queues: &Queues, counters: u32, group: u32) {
+        let step =
+            QueueStep { counters, arguments: 0, group, scene_node: 0, first_view: 0, views: 0, maps: 0 };
+        commands
+            .compute("prepare", &self.prepare)
+            .write("counters", &queues.counters)
+            .write("arguments", &queues.arguments)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch([1, 1, 1]);
+    }
+
+    fn divide(
+        &self,
+        commands: &mut Commands,
+        work: &Work<'_>,
+        pass: u32,
+        index: usize,
+        step: &Step,
+        part: Part,
+    ) {
+        let Work { octree, views, maps, queues, knobs, steps } = work;
+        let cells = (1u32 << step.scene_level) as f32;
+        let mut pairs = PairStep {
+            cells,
+            radius: 0.75f32.sqrt() / cells,
+            side: knobs.side as f32,
+            threshold: knobs.threshold,
+            edge: octree.root.edge as f32,
+            capacity: queues.capacity,
+            counters_in: entry(pass, index, steps.len()),
+            counters_out: entry(pass, index + 1, steps.len()),
+            octant: 8,
+            counted: 1,
+            map_shift: maps.shift,
+        };
+        if let Part::Octants { path, level } = part {
+            let octant = |at: u32| path >> (3 * (level - at)) & 7;
+            if step.divides_views && step.view_level <= level {
+                pairs.octant = octant(step.view_level);
+            }
+            // Pairs above the part's own node are met by every part below them: the first of those counts them.
+            pairs.counted = u32::from((step.view_level + 1..=level).all(|at| octant(at) == 0));
+        }
+        let pipeline = &self.divide[usize::from(step.divides_views)][usize::from(step.leaves)];
+        let name = if step.divides_views { "divide views" } else { "divide scene" };
+        let call = commands
+            .compute(name, pipeline)
+            .read("nodes", &octree.nodes)
+            .read("view_bounds", &views.bounds)
+            .read("view_links", &views.links)
+            .read("view_maps", &views.node_maps)
+            .read("queue", &queues.pairs[index % 2])
+            .write("next", &queues.pairs[(index + 1) % 2])
+            .write("counters", &queues.counters);
+        with_maps(call, maps).immediates(bytemuck::bytes_of(&pairs)).dispatch_indirect(&queues.arguments, 0);
+    }
+
+    fn fill(&self, commands: &mut Commands, work: &Work<'_>, counters: u32) {
+        let Work { octree, views, maps, queues, knobs, steps } = work;
+        let cells = (1u32 << octree.depth) as f32;
+        let step = FillStep {
+            cells,
+            radius: 0.75f32.sqrt() / cells,
+            side: knobs.side,
+            edge: octree.root.edge as f32,
+            capacity: queues.capacity,
+            counters,
+            map_shift: maps.shift,
+        };
+        let call = commands
+            .compute("fill", &self.fill)
+            .read("nodes", &octree.nodes)
+            .read("view_links", &views.links)
+            .read("view_maps", &views.node_maps)
+            .read("queue", &queues.pairs[steps.len() % 2])
+            .write("counters", &queues.counters);
+        with_maps(call, maps).immediates(bytemuck::bytes_of(&step)).dispatch_indirect(&queues.arguments, 0);
+    }
+
+    /// Works out how many workgroups the fusion of each level takes; returns the buffer of their numbers, 16 bytes a
+    /// level.
+    pub(super) fn prepare_fusion<'a>(&self, commands: &mut Commands, work: &'a Work<'_>) -> &'a Buffer {
+        let texels = 2 * work.knobs.side * work.knobs.side;
+        for level in 0..=work.views.depth {
+            let step = QueueStep {
+                counters: 0,
+                arguments: 4 * level,
+                group: texels.div_ceil(64),
+                scene_node: 0,
+                first_view: 0,
+                views: level,
+                maps: 0,
+            };
+            commands
+                .compute("prepare", &self.prepare_fusion)
+                .write("counters", &work.queues.counters)
+                .write("arguments", &work.queues.arguments)
+                .read("map_levels", &work.views.map_levels)
+                .immediates(bytemuck::bytes_of(&step))
+                .dispatch([1, 1, 1]);
+        }
+        &work.queues.arguments
+    }
+}

@@ -1,0 +1,106 @@
+//! Where views are and which way they look.
+
+use argus_scene::InvalidField;
+use glam::DVec3;
+use wgpu::{Buffer, BufferUsages};
+
+use crate::Gpu;
+use crate::hierarchy::RootCube;
+
+/// A viewpoint. Its map has every direction; what it does not look at need not be in it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ViewPoint {
+    /// World space, metres.
+    pub position: DVec3,
+    /// The middle of what it looks at, of any length but 0; where it looks everywhere, without meaning.
+    pub direction: DVec3,
+    /// Half the angle of what it looks at, radians: π/2 for a point on a surface, π for all directions.
+    pub half_fov: f64,
+}
+
+/// Views on the GPU, in no order.
+#[derive(Debug)]
+pub struct ViewList {
+    pub(super) buffer: Buffer,
+    pub(super) count: u32,
+    /// The views' root cube, in edges of the scene's.
+    pub(super) origin: DVec3,
+    pub(super) edge: f64,
+}
+
+impl ViewPoint {
+    /// A view of all directions.
+    pub fn everywhere(position: DVec3) -> Self {
+        Self { position, direction: DVec3::X, half_fov: std::f64::consts::PI }
+    }
+
+    /// Rejects what is nowhere or looks nowhere. Written so that NaN fails each comparison.
+    ///
+    /// # Errors
+    /// The field at fault and the reason.
+    pub fn validate(&self) -> Result<(), InvalidField> {
+        if !self.position.is_finite() {
+            return Err(InvalidField::new("view.position", format!("must be finite, not {}", self.position)));
+        }
+        if !(self.half_fov > 0.0) {
+            return Err(InvalidField::new(
+                "view.half_fov",
+                format!("must be above 0, not {}", self.half_fov),
+            ));
+        }
+        let omni = self.half_fov >= std::f64::consts::PI;
+        if !omni && !(self.direction.is_finite() && self.direction.length() > 0.0) {
+            let reason = format!("must be finite and have a length, not {}", self.direction);
+            return Err(InvalidField::new("view.direction", reason));
+        }
+        Ok(())
+    }
+}
+
+impl ViewList {
+    /// Brings views to the GPU, relative to the scene's root cube. Their own octree divides the same cube where that
+    /// holds them all, and else the smallest cube about both.
+    ///
+    /// # Errors
+    /// A view that [`ViewPoint::validate`] rejects, or none at all.
+    pub fn new(gpu: &Gpu, root: &RootCube, views: &[ViewPoint]) -> Result<Self, InvalidField> {
+        if views.is_empty() || views.len() > u32::MAX as usize / 64 {
+            let reason = format!("must be 1 to {}, not {}", u32::MAX / 64, views.len());
+            return Err(InvalidField::new("views", reason));
+        }
+        let mut data = Vec::with_capacity(views.len() * 2);
+        let (mut least, mut most) = (DVec3::ZERO, DVec3::ONE);
+        for view in views {
+            view.validate()?;
+            let unit = root.unit_from_world(view.position);
+            least = least.min(unit);
+            most = most.max(unit);
+            let p = unit.as_vec3();
+            let d = if view.half_fov >= std::f64::consts::PI {
+                glam::Vec3::X
+            } else {
+                (view.direction / view.direction.abs().max_element()).normalize().as_vec3()
+            };
+            data.push([p.x, p.y, p.z, view.half_fov as f32]);
+            data.push([d.x, d.y, d.z, 0.0]);
+        }
+        let inside = least == DVec3::ZERO && most == DVec3::ONE;
+        let edge = if inside { 1.0 } else { (most - least).max_element() * (1.0 + 1.0 / 1024.0) };
+        Ok(Self {
+            buffer: gpu.upload("views", &data, BufferUsages::STORAGE),
+            count: views.len() as u32,
+            origin: if inside { DVec3::ZERO } else { (least + most) * 0.5 - 0.5 * edge },
+            edge,
+        })
+    }
+
+    /// Number of views.
+    pub fn len(&self) -> usize {
+        self.count as usize
+    }
+
+    /// Whether there is none, which [`ViewList::new`] refuses.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+}

@@ -1,0 +1,232 @@
+//! The octree over the views, built each frame. Program: `shaders/gpu/view_octree.wgsl`.
+
+use argus_shaders::gpu::VIEW_OCTREE;
+use argus_shaders::layout::gpu::ViewStep;
+use wgpu::{Buffer, BufferUsages};
+
+use super::{Bounding, Knobs, ViewList};
+use crate::hierarchy::{HierarchyError, LevelBuffers, LevelBuilder, Scan, ScanSums, Sort, SortScratch, fits};
+use crate::{Commands, ComputePipeline, Gpu};
+
+/// The pipelines.
+#[derive(Debug)]
+pub(super) struct ViewOctreeBuilder {
+    scan: Scan,
+    sort: Sort,
+    levels: LevelBuilder,
+    view_keys: ComputePipeline,
+    single_views: ComputePipeline,
+    view_leaves: ComputePipeline,
+    view_nodes: ComputePipeline,
+    map_heads: ComputePipeline,
+    map_links: ComputePipeline,
+    map_parents: ComputePipeline,
+    map_ranges: ComputePipeline,
+}
+
+/// The view octree, and what it takes to build it; for at most so many views.
+#[derive(Debug)]
+pub(super) struct ViewOctree {
+    pub(super) capacity: u32,
+    pub(super) depth: u32,
+    /// Two vec4f a node: sphere of positions; cone of what is seen.
+    pub(super) bounds: Buffer,
+    /// A vec4u a node: mean position and children.
+    pub(super) links: Buffer,
+    /// A node's map and number of views.
+    pub(super) node_maps: Buffer,
+    /// Leaf of each view, and so its map.
+    pub(super) leaf_of_view: Buffer,
+    /// A vec4u a map: mean position of its views, and the map that it continues.
+    pub(super) maps: Buffer,
+    /// First map and number of maps of each level.
+    pub(super) map_levels: Buffer,
+    pub(super) nodes: LevelBuffers,
+    heads: Buffer,
+    sums: ScanSums,
+    map_sums: ScanSums,
+    keys: Buffer,
+    scratch: SortScratch,
+    node_capacity: u64,
+}
+
+/// Most nodes of a level.
+fn bound(views: u32, level: u32) -> u32 {
+    u64::from(views).min(1 << (3 * level)) as u32
+}
+
+impl ViewOctree {
+    /// Room for at most `capacity` views; `depth` 0: without an octree over them.
+    pub(super) fn new(gpu: &Gpu, capacity: u32, depth: u32) -> Result<Self, HierarchyError> {
+        let nodes: u64 = match depth {
+            0 => u64::from(capacity),
+            depth => (0..=depth).map(|level| u64::from(bound(capacity, level))).sum(),
+        };
+        fits(gpu, "nodes of the view octree", nodes * 32)?;
+        // Every map but the views' own has at least two below it.
+        let maps = nodes.min(2 * u64::from(capacity));
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
+        let sorted = if depth == 0 { 1 } else { u64::from(capacity) };
+        let heads = if depth == 0 { 1 } else { nodes.max(sorted) };
+        Ok(Self {
+            capacity,
+            depth,
+            bounds: gpu.buffer("bounds of view nodes", nodes * 32, usage),
+            links: gpu.buffer("links of view nodes", nodes * 16, usage),
+            node_maps: gpu.buffer("maps of view nodes", nodes * 8, usage),
+            leaf_of_view: gpu.buffer("leaves of views", u64::from(capacity) * 4, usage),
+            maps: gpu.buffer("middles of maps", maps * 16, usage),
+            map_levels: gpu.buffer("maps of levels", 11 * 8, usage),
+            nodes: LevelBuffers::new(gpu, sorted, if depth == 0 { 1 } else { nodes }),
+            heads: gpu.buffer("heads", heads * 4, usage),
+            sums: ScanSums::new(gpu, heads),
+            map_sums: ScanSums::new(gpu, heads),
+            keys: gpu.buffer("cells of views", sorted * 8, usage),
+            scratch: SortScratch::new(gpu, sorted),
+            node_capacity: nodes,
+        })
+    }
+
+    /// One u32: the number of maps.
+    pub(super) fn map_total(&self) -> &Buffer {
+        self.map_sums.total()
+    }
+
+    /// Bytes on the device, those for building left out.
+    pub(super) fn bytes(&self) -> u64 {
+        [&self.bounds, &self.links, &self.node_maps, &self.leaf_of_view, &self.maps]
+            .into_iter()
+            .map(Buffer::size)
+            .sum()
+    }
+}
+
+impl ViewOctreeBuilder {
+    pub(super) fn new(gpu: &Gpu) -> Self {
+        let pipeline = |entry| gpu.compute_pipeline(&VIEW_OCTREE, entry);
+        Self {
+            scan: Scan::new(gpu),
+            sort: Sort::new(gpu),
+            levels: LevelBuilder::new(gpu),
+            view_keys: pipeline("view_keys"),
+            single_views: pipeline("single_views"),
+            view_leaves: pipeline("view_leaves"),
+            view_nodes: pipeline("view_nodes"),
+            map_heads: pipeline("map_heads"),
+            map_links: pipeline("map_links"),
+            map_parents: pipeline("map_parents"),
+            map_ranges: pipeline("map_ranges"),
+        }
+    }
+
+    fn step(views: &ViewList, knobs: &Knobs, count: u32, level: u32) -> ViewStep {
+        ViewStep {
+            origin: views.origin.as_vec3().to_array(),
+            edge: views.edge as f32,
+            count,
+            level,
+            cells: (1u32 << level) as f32,
+            tight: u32::from(knobs.bounding == Bounding::Tight),
+        }
+    }
+
+    /// Every view a node of its own, with a map of its own.
+    pub(super) fn singles(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
+        let step = Self::step(views, knobs, views.count, 0);
+        commands
+            .compute("view hierarchy", &self.single_views)
+            .read("views", &views.buffer)
+            .write("view_bounds", &to.bounds)
+            .write("view_links", &to.links)
+            .write("view_maps", &to.node_maps)
+            .write("leaf_of_view", &to.leaf_of_view)
+            .write("maps", &to.maps)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch_linear(u64::from(views.count));
+    }
+
+    /// Gathers the views in an octree and gives maps to its nodes.
+    pub(super) fn build(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
+        let (name, depth) = ("view hierarchy", to.depth);
+        let step = Self::step(views, knobs, views.count, depth);
+        commands
+            .compute(name, &self.view_keys)
+            .read("views", &views.buffer)
+            .write("keys", &to.keys)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch_linear(u64::from(views.count));
+        let bits = 32..32 + 3 * depth;
+        let sorted = self.sort.run(commands, &self.scan, &to.keys, views.count, bits, &to.scratch);
+        self.levels.number_leaves(commands, &self.scan, sorted, views.count, &to.heads, &to.sums);
+        self.levels.find_leaves(commands, sorted, views.count, depth, &to.heads, &to.sums, &to.nodes);
+        commands
+            .compute(name, &self.view_leaves)
+            .read("views", &views.buffer)
+            .read("sorted", sorted)
+            .read("starts", &to.nodes.starts)
+            .read("levels", &to.nodes.levels)
+            .read("codes", &to.nodes.codes)
+            .write("view_bounds", &to.bounds)
+            .write("view_links", &to.links)
+            .write("view_maps", &to.node_maps)
+            .write("leaf_of_view", &to.leaf_of_view)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch_linear(u64::from(views.count));
+        for level in (0..depth).rev() {
+            let children = bound(views.count, level + 1);
+            self.levels.make_level(commands, &self.scan, level, children, &to.heads, &to.sums, &to.nodes);
+            let nodes = bound(views.count, level);
+            commands
+                .compute(name, &self.view_nodes)
+                .read("levels", &to.nodes.levels)
+                .read("codes", &to.nodes.codes)
+                .read("first_children", &to.nodes.first_children)
+                .write("view_bounds", &to.bounds)
+                .write("view_links", &to.links)
+                .write("view_maps", &to.node_maps)
+                .immediates(bytemuck::bytes_of(&Self::step(views, knobs, nodes, level)))
+                .dispatch_linear(u64::from(nodes));
+        }
+        self.number_maps(commands, views, knobs, to);
+    }
+
+    /// Gives a map to every node that has several children or none, and tells each map which one it continues.
+    fn number_maps(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
+        let name = "view hierarchy";
+        let nodes = to.node_capacity as u32;
+        let step = Self::step(views, knobs, nodes, to.depth);
+        commands
+            .compute(name, &self.map_heads)
+            .read("levels", &to.nodes.levels)
+            .write("view_links", &to.links)
+            .write("heads", &to.heads)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch_linear(to.node_capacity);
+        self.scan.run(commands, name, &to.heads, nodes, &to.map_sums);
+        commands
+            .compute(name, &self.map_links)
+            .read("levels", &to.nodes.levels)
+            .write("view_links", &to.links)
+            .write("view_maps", &to.node_maps)
+            .write("heads", &to.heads)
+            .write("maps", &to.maps)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch_linear(to.node_capacity);
+        commands
+            .compute(name, &self.map_parents)
+            .read("levels", &to.nodes.levels)
+            .write("view_links", &to.links)
+            .write("view_maps", &to.node_maps)
+            .write("maps", &to.maps)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch_linear(to.node_capacity);
+        commands
+            .compute(name, &self.map_ranges)
+            .read("levels", &to.nodes.levels)
+            .write("heads", &to.heads)
+            .read("total", to.map_total())
+            .write("map_levels", &to.map_levels)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch([1, 1, 1]);
+    }
+}

@@ -1,0 +1,49 @@
+//! Hierarchies against the same on the CPU, in f64.
+
+mod octree;
+mod oracle;
+mod sort;
+
+use std::sync::{Arc, OnceLock};
+
+use argus_gpu::wgpu::Buffer;
+use argus_gpu::{Gpu, GpuOptions};
+
+/// One device for all tests.
+fn gpu() -> Arc<Gpu> {
+    static GPU: OnceLock<Arc<Gpu>> = OnceLock::new();
+    let open = || {
+        Gpu::new(&GpuOptions::default())
+            .expect("these tests need a Vulkan driver; scripts/setup installs one")
+    };
+    Arc::clone(GPU.get_or_init(open))
+}
+
+/// What a buffer holds.
+fn read<T: bytemuck::Pod>(buffer: &Buffer, count: usize) -> Vec<T> {
+    let mut commands = gpu().commands("read back");
+    let ticket = commands.read_buffer(buffer, 0..(count * size_of::<T>()) as u64);
+    let bytes = commands.submit().wait().unwrap().take(ticket);
+    bytemuck::pod_collect_to_vec(&bytes[..count * size_of::<T>()])
+}
+
+/// Numbers that look random, the same every time (splitmix64).
+struct Numbers(u64);
+
+impl Numbers {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let x = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        x ^ (x >> 31)
+    }
+
+    /// In 0..1.
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn point(&mut self) -> glam::DVec3 {
+        glam::DVec3::new(self.unit(), self.unit(), self.unit())
+    }
+}

@@ -1,0 +1,169 @@
+//! Single rays, each with an origin of its own: what paths of light and shadow maps need.
+//!
+//! Boxes are f32, as packets have them; everything else is f64 about the object, so that a ray that starts on a
+//! surface far from the world's zero meets the same surfaces as one near it.
+
+use glam::{DVec3, Vec3};
+
+use super::PacketTracer;
+use crate::bvh::{Node, OF_OBJECT, Triangle, flags};
+
+/// The nearest surface along a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Met {
+    /// Index into [`argus_scene::Scene::instances`].
+    pub(crate) instance: u32,
+    /// Which triangle of its mesh.
+    pub(crate) primitive: u32,
+    /// In units of the direction.
+    pub(crate) t: f64,
+    /// Weights of the mesh's second and third corner.
+    pub(crate) weights: [f64; 2],
+    /// Whether the side is seen from which the mesh's corners run counter-clockwise.
+    pub(crate) front: bool,
+}
+
+/// A ray in an object's space, and how its boxes are met.
+struct Ray {
+    origin: DVec3,
+    direction: DVec3,
+    inverse: DVec3,
+}
+
+/// Room for what rounding adds to where a ray leaves a box: boxes hold f32 corners as they are, and the test is
+/// f64.
+const SLACK: f64 = 1.0 + 1e-12;
+
+impl PacketTracer {
+    /// The nearest surface at 0 < t < `most`; cut-outs are seen through, one-sided triangles from behind. A ray
+    /// that is not finite or has no direction meets nothing.
+    pub(crate) fn nearest(&self, origin: DVec3, direction: DVec3, most: f64) -> Option<Met> {
+        if !(origin.is_finite() && direction.is_finite() && direction != DVec3::ZERO) {
+            return None;
+        }
+        let mut nearest = None;
+        let inverse = safe_inverse(direction);
+        self.hierarchy.visit_top(origin, inverse, |placed| {
+            let limit = nearest.map_or(most, |met: Met| met.t);
+            let m = placed.object_from_world;
+            let (origin, direction) = (m * (origin - placed.origin), m * direction);
+            let ray = Ray { origin, direction, inverse: safe_inverse(direction) };
+            let root = self.hierarchy.objects[placed.object as usize].root;
+            if let Some(met) = self.nearest_in(&ray, root, placed.instance, limit) {
+                nearest = Some(met);
+            }
+            nearest.map_or(most, |met| met.t)
+        });
+        nearest
+    }
+
+    fn nearest_in(&self, ray: &Ray, root: u32, instance: u32, most: f64) -> Option<Met> {
+        let nodes = &self.hierarchy.nodes;
+        let (mut nearest, mut limit) = (None, most);
+        // As deep as a tree of four billion triangles that is thrice as deep as a balanced one.
+        let mut stack = [(0u32, 0.0f64); 96];
+        let mut held = 0;
+        let mut at = root;
+        ray.enters(&nodes[root as usize], limit)?;
+        loop {
+            let node = &nodes[at as usize];
+            if node.count > 0 {
+                let range = node.first as usize..(node.first + node.count) as usize;
+                for triangle in &self.hierarchy.triangles[range] {
+                    if let Some(met) = self.meet(ray, triangle, instance, limit) {
+                        limit = met.t;
+                        nearest = Some(met);
+                    }
+                }
+            } else {
+                let (a, b) = (node.first, node.first + 1);
+                let into = |child: u32| ray.enters(&nodes[child as usize], limit);
+                match (into(a), into(b)) {
+                    (Some(x), Some(y)) => {
+                        let (near, far) = if x <= y { (a, (b, y)) } else { (b, (a, x)) };
+                        if let Some(slot) = stack.get_mut(held) {
+                            *slot = far;
+                            held += 1;
+                        }
+                        at = near;
+                        continue;
+                    }
+                    (Some(_), None) => {
+                        at = a;
+                        continue;
+                    }
+                    (None, Some(_)) => {
+                        at = b;
+                        continue;
+                    }
+                    (None, None) => (),
+                }
+            }
+            loop {
+                if held == 0 {
+                    return nearest;
+                }
+                held -= 1;
+                let (next, t) = stack[held];
+                if t < limit {
+                    at = next;
+                    break;
+                }
+            }
+        }
+    }
+
+    /// Möller and Trumbore's test ("Fast, Minimum Storage Ray/Triangle Intersection", 1997), in f64.
+    fn meet(&self, ray: &Ray, triangle: &Triangle, instance: u32, most: f64) -> Option<Met> {
+        let [a, b, c] = [triangle.a, triangle.b, triangle.c].map(|p| Vec3::from_array(p).as_dvec3());
+        let (e1, e2, from_a) = (b - a, c - a, ray.origin - a);
+        let p = ray.direction.cross(e2);
+        let determinant = e1.dot(p);
+        let one_sided = triangle.flags & flags::ONE_SIDED != 0;
+        if determinant == 0.0 || (one_sided && determinant < 0.0) {
+            return None;
+        }
+        let inverse = determinant.recip();
+        let beta = from_a.dot(p) * inverse;
+        let q = from_a.cross(e1);
+        let gamma = ray.direction.dot(q) * inverse;
+        let t = e2.dot(q) * inverse;
+        // A NaN fails.
+        if !(beta >= 0.0 && gamma >= 0.0 && beta + gamma <= 1.0 && t > 0.0 && t < most) {
+            return None;
+        }
+        let mirrored = triangle.flags & flags::MIRRORED != 0;
+        let weights = if mirrored { [gamma, beta] } else { [beta, gamma] };
+        let instance = if triangle.instance == OF_OBJECT { instance } else { triangle.instance };
+        let ids = [instance, triangle.primitive];
+        if triangle.flags & flags::CUTOUT != 0
+            && self.cutouts.let_through(ids, weights[0] as f32, weights[1] as f32)
+        {
+            return None;
+        }
+        // Stored corners of a mirrored triangle are exchanged so that its front appears as the mesh's does.
+        Some(Met { instance, primitive: triangle.primitive, t, weights, front: determinant > 0.0 })
+    }
+}
+
+impl Ray {
+    /// Where the ray enters a box, if it does before `most`.
+    #[inline(always)]
+    fn enters(&self, node: &Node, most: f64) -> Option<f64> {
+        let (mut from, mut to) = (0.0f64, most);
+        for axis in 0..3 {
+            let a = (f64::from(node.min[axis]) - self.origin[axis]) * self.inverse[axis];
+            let b = (f64::from(node.max[axis]) - self.origin[axis]) * self.inverse[axis];
+            from = from.max(a.min(b));
+            to = to.min(a.max(b) * SLACK);
+        }
+        (from <= to).then_some(from)
+    }
+}
+
+/// Inverse of a direction, finite along every axis.
+pub(crate) fn safe_inverse(direction: DVec3) -> DVec3 {
+    let least = direction.abs().max_element() * 1e-30;
+    let held = |x: f64| if x.abs() < least { least.copysign(x) } else { x };
+    DVec3::new(held(direction.x), held(direction.y), held(direction.z)).recip()
+}

@@ -1,0 +1,37 @@
+//! Program: `shaders/sampler/cull_vpls.wgsl`. Which groups of VPLs may light each block of a tile.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::sampler::CULL_VPLS;
+
+use super::gather::Gathered;
+
+/// Culls groups of VPLs.
+pub(crate) struct CullVpls {
+    pipeline: ComputePipeline,
+}
+
+impl CullVpls {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self { pipeline: gpu.compute_pipeline(&CULL_VPLS, "cull_vpls") }
+    }
+
+    /// Fills the lists of a tile's blocks, and adds to `kept` how many blocks saw anything and how many groups they
+    /// kept.
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        gathered: &Gathered<'_>,
+        nodes: &wgpu::Buffer,
+        kept: &wgpu::Buffer,
+    ) {
+        let [columns, rows] = gathered.blocks();
+        commands
+            .compute("cull VPLs", &self.pipeline)
+            .read("gathering", &gathered.gathering)
+            .read("guides", &gathered.scratch.guides)
+            .read("nodes", nodes)
+            .write("lists", &gathered.scratch.lists)
+            .write("kept", kept)
+            .dispatch_threads([columns * rows, 1, 1]);
+    }
+}

@@ -1,0 +1,42 @@
+//! Program: `shaders/sampler/filter_indirect.wgsl`. Gathered light, smoothed and added to what was shaded.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::sampler::FILTER_INDIRECT;
+
+use super::gather::Gathered;
+
+/// Smooths indirect light along surfaces and adds it.
+pub(crate) struct FilterIndirect {
+    rows: ComputePipeline,
+    columns: ComputePipeline,
+}
+
+impl FilterIndirect {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self {
+            rows: gpu.compute_pipeline(&FILTER_INDIRECT, "filter_rows"),
+            columns: gpu.compute_pipeline(&FILTER_INDIRECT, "add_filtered_columns"),
+        }
+    }
+
+    /// Adds a tile's indirect light to its radiance.
+    pub(crate) fn record(&self, commands: &mut Commands, gathered: &Gathered<'_>, shaded: &wgpu::Buffer) {
+        let scratch = gathered.scratch;
+        let [width, height] = scratch.size();
+        commands
+            .compute("filter indirect light", &self.rows)
+            .read("gathering", &gathered.gathering)
+            .read("guides", &scratch.guides)
+            .read("gathered", &scratch.light[0])
+            .write("filtered", &scratch.light[1])
+            .dispatch_threads([width, height, 1]);
+        commands
+            .compute("add indirect light", &self.columns)
+            .read("gathering", &gathered.gathering)
+            .read("guides", &scratch.guides)
+            .read("guide_albedos", &scratch.albedos)
+            .read("gathered", &scratch.light[1])
+            .write("shaded", shaded)
+            .dispatch_threads([width, height, 1]);
+    }
+}

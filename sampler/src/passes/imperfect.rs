@@ -1,0 +1,95 @@
+//! Program: `shaders/sampler/imperfect.wgsl`. Imperfect shadow maps of VPLs.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::layout::sampler::Imperfect as Parameters;
+use argus_shaders::sampler::IMPERFECT;
+
+/// Invocations of a row of workgroups: 65,535 groups are the most that one dimension may have.
+const ROW: u64 = 32_768 * 64;
+
+/// Makes maps from points.
+pub(crate) struct Imperfect {
+    reset: ComputePipeline,
+    splat: ComputePipeline,
+    pull: ComputePipeline,
+    push: ComputePipeline,
+}
+
+impl Imperfect {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let pipeline = |entry| gpu.compute_pipeline(&IMPERFECT, entry);
+        Self {
+            reset: pipeline("reset"),
+            splat: pipeline("splat"),
+            pull: pipeline("pull"),
+            push: pipeline("push"),
+        }
+    }
+
+    /// Fills `count` maps of `side` texels a hemisphere with the distances of `points` random ones of the points
+    /// each.
+    pub(crate) fn record(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        [vpls, points, maps]: [&wgpu::Buffer; 3],
+        parameters: Parameters,
+    ) {
+        let Parameters { side, count, .. } = parameters;
+        let texels = |side: u32| u64::from(count) * 2 * u64::from(side) * u64::from(side);
+        let levels: Vec<u32> = (0..=side.ilog2()).map(|level| side >> level).collect();
+        // Level 0 is in the maps; the others follow one another.
+        let begins: Vec<u64> = levels
+            .iter()
+            .scan(0, |end, &side| {
+                let begin = *end;
+                *end += if side == parameters.side { 0 } else { texels(side) };
+                Some(begin)
+            })
+            .collect();
+        let words = levels[1..].iter().map(|&side| texels(side)).sum::<u64>().max(1);
+        let pyramid = gpu.buffer("coarser levels of maps", words * 4, wgpu::BufferUsages::STORAGE);
+        let told = |to: usize, from: usize| {
+            let parameters = Parameters {
+                to_side: levels[to],
+                from_side: levels[from],
+                to_begin: begins[to] as u32,
+                from_begin: begins[from] as u32,
+                ..parameters
+            };
+            gpu.upload("imperfect maps", &[parameters], wgpu::BufferUsages::UNIFORM)
+        };
+        commands.compute("reset maps", &self.reset).write("maps", maps).dispatch_threads(grid(texels(side)));
+        let own = told(0, 0);
+        commands
+            .compute("splat points", &self.splat)
+            .read("imperfect", &own)
+            .read("vpls", vpls)
+            .read("surface_points", points)
+            .write("splats", maps)
+            .dispatch_threads(grid(u64::from(count) * u64::from(parameters.points)));
+        for (level, &level_side) in levels.iter().enumerate().skip(1) {
+            let uniform = told(level, level - 1);
+            commands
+                .compute("pull maps", &self.pull)
+                .read("imperfect", &uniform)
+                .write("maps", maps)
+                .write("pyramid", &pyramid)
+                .dispatch_threads(grid(texels(level_side)));
+        }
+        for level in (0..levels.len() - 1).rev() {
+            let uniform = told(level, level + 1);
+            commands
+                .compute("push maps", &self.push)
+                .read("imperfect", &uniform)
+                .write("maps", maps)
+                .write("pyramid", &pyramid)
+                .dispatch_threads(grid(texels(levels[level])));
+        }
+    }
+}
+
+/// Invocations in two dimensions, the first of which is numbered on by the program.
+fn grid(invocations: u64) -> [u32; 3] {
+    [invocations.min(ROW) as u32, invocations.div_ceil(ROW) as u32, 1]
+}

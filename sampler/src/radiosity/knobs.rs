@@ -1,0 +1,165 @@
+//! What a user may say about indirect light.
+
+use std::fmt;
+
+use argus_scene::InvalidField;
+
+/// Light that surfaces reflect onto one another.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Indirect {
+    /// None: surfaces are lit by lights and sky alone.
+    #[default]
+    Off,
+    /// Instant radiosity (Keller 1997): paths from the lights leave virtual point lights (VPLs) on the surfaces that
+    /// reflect, and every visible surface gathers from some of them.
+    Vpl(VplKnobs),
+}
+
+/// How it is known whether a VPL sees a surface: its dual-paraboloid map of distances.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MapSource {
+    /// No maps: every VPL lights whatever faces it.
+    Unshadowed,
+    /// A ray through the centre of each texel.
+    #[default]
+    Exact,
+    /// Random points on surfaces, each splatted into one map, and the gaps filled from coarser levels (Ritschel et
+    /// al., "Imperfect Shadow Maps for Efficient Computation of Indirect Illumination", 2008).
+    Imperfect,
+}
+
+impl MapSource {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Unshadowed, Self::Exact, Self::Imperfect];
+
+    /// As users write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Unshadowed => "unshadowed",
+            Self::Exact => "exact",
+            Self::Imperfect => "imperfect",
+        }
+    }
+}
+
+/// Instant radiosity's approximations; `argus study radiosity` shows what each costs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VplKnobs {
+    /// VPLs that are aimed at; a scene whose lights miss it has fewer.
+    pub vpls: u32,
+    /// Reflections after which a path ends at the latest, 1 to 4.
+    pub bounces: u32,
+    /// Texels on a side of a hemisphere's map: a power of two, 4 to 256.
+    pub map_side: u32,
+    /// Where maps come from.
+    pub maps: MapSource,
+    /// Random surface points splatted into each map, where maps are imperfect.
+    pub points: u32,
+    /// VPLs that a sub-sample gathers from, each standing for as many as were left out.
+    pub samples: u32,
+    /// Sub-samples on each side that the cross-bilateral filter reaches; 0 for no filter.
+    pub filter: u32,
+    /// Whether groups of VPLs that cannot light a block of the image are left out before samples are drawn.
+    pub cull: bool,
+    /// Share of the scene's diagonal beyond which VPLs are left out, which costs energy; 0 for none.
+    pub cutoff: f64,
+    /// Share of the scene's diagonal nearer than which a VPL lights no more strongly: what bounds the bright spots
+    /// around VPLs, and costs energy in corners.
+    pub clamp: f64,
+    /// How far behind a map's distance a surface may lie and still be lit, in widths of a texel at that distance.
+    pub bias: f64,
+    /// Sets one choice of paths apart from another.
+    pub seed: u32,
+}
+
+impl Default for VplKnobs {
+    fn default() -> Self {
+        Self {
+            vpls: 4096,
+            bounces: 1,
+            map_side: 16,
+            maps: MapSource::default(),
+            points: 1024,
+            samples: 16,
+            filter: 4,
+            cull: true,
+            cutoff: 0.0,
+            clamp: 0.02,
+            bias: 0.5,
+            seed: 1,
+        }
+    }
+}
+
+impl fmt::Display for VplKnobs {
+    /// All of them in a few words: what a frame's provenance has.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { vpls, bounces, map_side, maps, points, samples, filter, cull, cutoff, clamp, bias, seed } =
+            self;
+        write!(f, "{vpls} VPLs of {bounces} bounces, {} maps of {map_side}", maps.name())?;
+        if *maps == MapSource::Imperfect {
+            write!(f, " from {points} points")?;
+        }
+        write!(
+            f,
+            ", gather {samples}, filter {filter}, cull {cull} {cutoff}, clamp {clamp}, bias {bias}, seed {seed}"
+        )
+    }
+}
+
+impl VplKnobs {
+    /// Rejects values outside the documented ones.
+    ///
+    /// # Errors
+    /// The knob, by name.
+    pub fn validate(&self) -> Result<(), InvalidField> {
+        let within = |field, value: u32, range: std::ops::RangeInclusive<u32>| {
+            let reason = || format!("must be {} to {}, not {value}", range.start(), range.end());
+            if range.contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
+        };
+        within("indirect.vpls", self.vpls, 1..=1 << 20)?;
+        within("indirect.bounces", self.bounces, 1..=4)?;
+        within("indirect.map_side", self.map_side, 4..=256)?;
+        within("indirect.points", self.points, 1..=1 << 20)?;
+        within("indirect.samples", self.samples, 1..=1 << 16)?;
+        within("indirect.filter", self.filter, 0..=32)?;
+        if !self.map_side.is_power_of_two() {
+            let reason = format!("must be a power of two, not {}", self.map_side);
+            return Err(InvalidField::new("indirect.map_side", reason));
+        }
+        let share = |field, value: f64, most: f64| {
+            // A NaN is in no range.
+            let reason = || format!("must be 0 to {most}, not {value}");
+            if (0.0..=most).contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
+        };
+        share("indirect.cutoff", self.cutoff, 1.0)?;
+        share("indirect.clamp", self.clamp, 1.0)?;
+        share("indirect.bias", self.bias, 64.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_knob_out_of_range_is_named() {
+        let default = VplKnobs::default();
+        assert_eq!(default.validate(), Ok(()));
+        let cases = [
+            (VplKnobs { vpls: 0, ..default }, "indirect.vpls"),
+            (VplKnobs { bounces: 5, ..default }, "indirect.bounces"),
+            (VplKnobs { map_side: 12, ..default }, "indirect.map_side"),
+            (VplKnobs { map_side: 512, ..default }, "indirect.map_side"),
+            (VplKnobs { points: 0, ..default }, "indirect.points"),
+            (VplKnobs { samples: 0, ..default }, "indirect.samples"),
+            (VplKnobs { filter: 33, ..default }, "indirect.filter"),
+            (VplKnobs { cutoff: f64::NAN, ..default }, "indirect.cutoff"),
+            (VplKnobs { clamp: -0.1, ..default }, "indirect.clamp"),
+            (VplKnobs { bias: f64::INFINITY, ..default }, "indirect.bias"),
+        ];
+        for (knobs, field) in cases {
+            assert_eq!(knobs.validate().unwrap_err().field, field);
+        }
+    }
+}

@@ -1,0 +1,327 @@
+//! Instant radiosity: indirect diffuse light from virtual point lights (VPLs).
+//!
+//! Once for a pose of the scene, paths from its lights leave VPLs on surfaces ([`paths`]), a tree groups them
+//! ([`tree`]), and each gets a map of how far it sees ([`MapSource`]). Then, for every tile, groups that cannot light
+//! a block of it are left out, each sub-sample gathers from some of the rest, and a filter along surfaces gathers up
+//! what neighbours took; the light is added to what was shaded. All of it is done where samples are rendered, once for
+//! all views that are made of them.
+
+pub(crate) mod emitters;
+mod knobs;
+pub(crate) mod maps;
+pub(crate) mod paths;
+pub(crate) mod sequence;
+pub(crate) mod surfaces;
+#[cfg(test)]
+mod tests;
+pub(crate) mod tree;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use argus_gpu::{Commands, Gpu, wgpu};
+use argus_scene::{Bounds, Lighting, RenderError, Scene, Stage};
+use argus_shaders::layout::sampler as layout;
+use argus_shaders::layout::sampler::vpl::MOST_GROUPS;
+use bytemuck::Zeroable;
+use glam::{DVec3, Vec3};
+
+pub use knobs::{Indirect, MapSource, VplKnobs};
+
+use crate::packets::PacketTracer;
+use crate::passes::{
+    CullVpls, FilterIndirect, Gather, Gathered, Imperfect, IndirectScratch, TileContext, blocks,
+};
+use crate::resident::{Placement, upload};
+use emitters::Emitters;
+use surfaces::Surfaces;
+
+/// A virtual point light: a point of a surface that sends out flux by the cosine of its normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Vpl {
+    /// World space, metres; a hair off its surface.
+    pub(crate) position: DVec3,
+    /// Unit, on the side that is lit.
+    pub(crate) normal: Vec3,
+    /// Watts.
+    pub(crate) flux: Vec3,
+    /// Reflections behind it; 0 on a surface that emits.
+    pub(crate) bounces: u32,
+}
+
+/// What was found out about a scene's indirect light.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IndirectReport {
+    /// VPLs there are.
+    pub vpls: usize,
+    /// Sum of what they send out, watts.
+    pub flux: Vec3,
+    /// Bytes of their maps.
+    pub map_bytes: u64,
+    /// Milliseconds that tracing them took, building their tree, and making their maps.
+    pub trace_ms: f64,
+    /// Of the tree.
+    pub tree_ms: f64,
+    /// Of the maps.
+    pub maps_ms: f64,
+    /// Share of groups of VPLs that were left out, over all blocks of 16×16 sub-samples that see a surface; NaN
+    /// before anything was rendered.
+    pub culled: f64,
+}
+
+/// The indirect light of one scene on one device.
+pub(crate) struct Radiosity {
+    knobs: VplKnobs,
+    surfaces: Surfaces,
+    bounds: Bounds,
+    passes: Passes,
+    scratch: Vec<IndirectScratch>,
+    lit: Option<Lit>,
+}
+
+struct Passes {
+    cull: CullVpls,
+    gather: Gather,
+    filter: FilterIndirect,
+    imperfect: Option<Imperfect>,
+}
+
+impl Passes {
+    fn new(gpu: &Gpu, maps: MapSource) -> Self {
+        Self {
+            cull: CullVpls::new(gpu),
+            gather: Gather::new(gpu, maps != MapSource::Unshadowed),
+            filter: FilterIndirect::new(gpu),
+            imperfect: (maps == MapSource::Imperfect).then(|| Imperfect::new(gpu)),
+        }
+    }
+}
+
+/// VPLs at one moment.
+struct Lit {
+    lighting: Lighting,
+    vpls: wgpu::Buffer,
+    nodes: wgpu::Buffer,
+    groups: usize,
+    maps: wgpu::Buffer,
+    /// Blocks that saw anything, groups that they kept.
+    kept: wgpu::Buffer,
+    report: IndirectReport,
+}
+
+/// Most points of the pool that imperfect maps draw theirs from.
+const MOST_POINTS: u64 = 1 << 20;
+
+/// Tiles whose memory is kept: one of samples, one of views.
+const KEPT: usize = 2;
+
+impl Radiosity {
+    /// For a scene whose instances are where `placements` says.
+    pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Arc<Scene>, placements: &[Placement], knobs: VplKnobs) -> Self {
+        let passes = Passes::new(gpu, knobs.maps);
+        let surfaces = Surfaces::new(scene, placements);
+        Self { knobs, surfaces, bounds: scene.bounds(), passes, scratch: Vec::new(), lit: None }
+    }
+
+    /// Takes other knobs, by which the scene is lit anew.
+    pub(crate) fn set_knobs(&mut self, gpu: &Gpu, knobs: VplKnobs) {
+        if knobs.maps != self.knobs.maps {
+            self.passes = Passes::new(gpu, knobs.maps);
+        }
+        self.knobs = knobs;
+        self.lit = None;
+    }
+
+    /// Puts instances where they are now; what lit the scene before does not light it any more.
+    pub(crate) fn place(&mut self, placements: &[Placement]) {
+        self.surfaces.place(placements);
+        self.lit = None;
+    }
+
+    /// Traces VPLs and makes their maps, unless that was done for this moment and these lights.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] if maps are larger than the device can bind.
+    pub(crate) fn ready(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        tracer: &PacketTracer,
+        lighting: &Lighting,
+    ) -> Result<Vec<Stage>, RenderError> {
+        if self.lit.as_ref().is_some_and(|lit| lit.lighting == *lighting) {
+            return Ok(Vec::new());
+        }
+        let begin = Instant::now();
+        let emitters = Emitters::new(lighting, &self.surfaces, self.bounds);
+        let mut vpls = paths::trace(tracer, &self.surfaces, &emitters, &self.knobs, self.bounds);
+        let trace_ms = elapsed_ms(begin);
+
+        let begin = Instant::now();
+        let nodes = tree::build(&mut vpls, MOST_GROUPS.ilog2(), self.bounds.size().length());
+        let tree_ms = elapsed_ms(begin);
+
+        let begin = Instant::now();
+        let storage = wgpu::BufferUsages::STORAGE;
+        let root = self.bounds.center();
+        let data: Vec<layout::Vpl> = (0..).zip(&vpls).map(|(map, vpl)| vpl_about(vpl, map, root)).collect();
+        let vpl_buffer = upload(gpu, "VPLs", &data, storage)?;
+        let node_data: Vec<layout::VplNode> = nodes.iter().map(|node| node_about(node, root)).collect();
+        let maps = self.maps(gpu, tracer, &vpls, &vpl_buffer)?;
+        let maps_ms = elapsed_ms(begin);
+        let counted = storage | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        let report = IndirectReport {
+            vpls: vpls.len(),
+            flux: paths::total_flux(&vpls),
+            map_bytes: maps.size(),
+            trace_ms,
+            tree_ms,
+            maps_ms,
+            culled: f64::NAN,
+        };
+        self.lit = Some(Lit {
+            lighting: lighting.clone(),
+            vpls: vpl_buffer,
+            nodes: upload(gpu, "groups of VPLs", &node_data, storage)?,
+            groups: nodes.iter().filter(|node| node.leaf).count(),
+            maps,
+            kept: gpu.upload("kept groups", &[0u32; 2], counted),
+            report,
+        });
+        Ok(vec![
+            Stage::new("trace VPLs", trace_ms),
+            Stage::new("group VPLs", tree_ms),
+            Stage::new("maps of VPLs", maps_ms),
+        ])
+    }
+
+    fn maps(
+        &self,
+        gpu: &Arc<Gpu>,
+        tracer: &PacketTracer,
+        vpls: &[Vpl],
+        vpl_buffer: &wgpu::Buffer,
+    ) -> Result<wgpu::Buffer, RenderError> {
+        let side = self.knobs.map_side;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let none = || gpu.upload("no maps", &[f32::MAX.to_bits()], storage);
+        let bytes = vpls.len() as u64 * 8 * u64::from(side) * u64::from(side);
+        let limits = gpu.device.limits();
+        let most = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
+        if self.knobs.maps != MapSource::Unshadowed && bytes > most {
+            let (mib, most, count) = (bytes.div_ceil(1 << 20), most >> 20, vpls.len());
+            let message = format!(
+                "maps of {count} VPLs with {side}² texels take {mib} MiB, and this device binds at most {most} MiB"
+            );
+            return Err(RenderError::OutOfMemory(message));
+        }
+        match self.knobs.maps {
+            _ if vpls.is_empty() => Ok(none()),
+            MapSource::Unshadowed => Ok(none()),
+            MapSource::Exact => upload(gpu, "maps of VPLs", &maps::exact(tracer, vpls, side), storage),
+            MapSource::Imperfect => {
+                let pool = (u64::from(self.knobs.points) * 64).min(MOST_POINTS) as u32;
+                let points = maps::surface_points(&self.surfaces, self.bounds, pool, self.knobs.seed);
+                let points = upload(gpu, "surface points", &points, storage)?;
+                let maps = gpu.buffer("maps of VPLs", bytes, storage);
+                let parameters = layout::Imperfect {
+                    side,
+                    points: self.knobs.points,
+                    count: vpls.len() as u32,
+                    seed: self.knobs.seed,
+                    ..layout::Imperfect::zeroed()
+                };
+                if let Some(imperfect) = &self.passes.imperfect {
+                    let mut commands = gpu.commands("imperfect maps");
+                    imperfect.record(gpu, &mut commands, [vpl_buffer, &points, &maps], parameters);
+                    commands.submit().wait()?;
+                }
+                Ok(maps)
+            }
+        }
+    }
+
+    /// Memory for a tile of that many sub-samples.
+    pub(crate) fn scratch(&mut self, gpu: &Gpu, size: [u32; 2]) -> IndirectScratch {
+        let kept = self.scratch.iter().position(|s| s.size() == size);
+        let scratch = match kept {
+            Some(index) => self.scratch.remove(index),
+            None => IndirectScratch::new(gpu, size),
+        };
+        self.scratch.insert(0, scratch.clone());
+        self.scratch.truncate(KEPT);
+        scratch
+    }
+
+    /// Adds the indirect light of a tile that was shaded.
+    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>) {
+        let (Some(lit), Some(scratch)) = (&self.lit, &context.indirect) else { return };
+        if lit.report.vpls == 0 {
+            return;
+        }
+        let diagonal = self.bounds.size().length();
+        let knobs = &self.knobs;
+        let is_list = context.places.is_some();
+        // Pixels of a list have no neighbours to filter with: each gathers for a whole square of them.
+        let samples =
+            if is_list && knobs.filter > 0 { knobs.samples.saturating_mul(16) } else { knobs.samples };
+        let gathering = layout::Gathering {
+            root_from_eye: (context.eye.position - self.bounds.center()).as_vec3().to_array(),
+            samples,
+            blocks: blocks(scratch.size()),
+            size: scratch.size(),
+            origin: context.tile.begin.map(|texels| texels * context.tile.side),
+            map_side: knobs.map_side,
+            reach: if is_list { 0 } else { knobs.filter },
+            least_distance: (knobs.clamp * diagonal).max(1e-6) as f32,
+            cutoff: if knobs.cutoff > 0.0 { (knobs.cutoff * diagonal) as f32 } else { 3e38 },
+            bias: knobs.bias as f32,
+            culls: u32::from(knobs.cull),
+        };
+        let gathering = context.gpu.upload("gathering", &[gathering], wgpu::BufferUsages::UNIFORM);
+        let gathered = Gathered { scratch, gathering };
+        self.passes.cull.record(commands, &gathered, &lit.nodes, &lit.kept);
+        self.passes.gather.record(commands, &gathered, &lit.vpls, &lit.maps);
+        self.passes.filter.record(commands, &gathered, &context.targets.shaded);
+    }
+
+    /// What is known, if anything was lit yet; what was culled since the last call.
+    pub(crate) fn report(&self, gpu: &Arc<Gpu>) -> Result<Option<IndirectReport>, RenderError> {
+        let Some(lit) = &self.lit else { return Ok(None) };
+        let mut commands = gpu.commands("read kept groups");
+        let ticket = commands.read_buffer(&lit.kept, 0..8);
+        let bytes = commands.submit().wait()?.take(ticket);
+        let mut commands = gpu.commands("forget kept groups");
+        commands.clear(&lit.kept);
+        commands.submit().wait()?;
+        let [blocks, kept]: [u32; 2] = bytemuck::pod_read_unaligned(&bytes[..8]);
+        let culled = 1.0 - f64::from(kept) / (f64::from(blocks) * lit.groups as f64);
+        Ok(Some(IndirectReport { culled, ..lit.report.clone() }))
+    }
+}
+
+fn vpl_about(vpl: &Vpl, map: u32, root: DVec3) -> layout::Vpl {
+    layout::Vpl {
+        position: (vpl.position - root).as_vec3().to_array(),
+        map,
+        normal: vpl.normal.to_array(),
+        intensity: (vpl.flux * (std::f32::consts::FRAC_1_PI * std::f32::consts::FRAC_1_PI)).to_array(),
+        ..layout::Vpl::zeroed()
+    }
+}
+
+fn node_about(node: &tree::Node, root: DVec3) -> layout::VplNode {
+    layout::VplNode {
+        center: (node.center - root).as_vec3().to_array(),
+        radius: node.radius as f32,
+        axis: node.axis.as_vec3().to_array(),
+        cosine: node.cosine as f32,
+        first: node.first,
+        count: node.count,
+        skip: node.skip,
+        leaf: u32::from(node.leaf),
+    }
+}
+
+fn elapsed_ms(begin: Instant) -> f64 {
+    begin.elapsed().as_secs_f64() * 1e3
+}

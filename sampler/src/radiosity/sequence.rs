@@ -1,0 +1,71 @@
+//! The numbers that paths are made of.
+
+/// Bases of the dimensions in which points are spread evenly: choice of a light, place and direction on it, first
+/// reflections.
+const BASES: [u32; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
+
+/// Numbers in 0..1 of one path: its first dimensions from a Halton sequence that the seed rotates (Cranley and
+/// Patterson 1976), the rest from SplitMix64.
+pub(crate) struct Path {
+    index: u32,
+    seed: u64,
+    dimension: usize,
+}
+
+impl Path {
+    /// The path of that index.
+    pub(crate) fn new(index: u32, seed: u32) -> Self {
+        Self { index, seed: u64::from(seed) << 32, dimension: 0 }
+    }
+
+    /// The next dimension's number.
+    pub(crate) fn next(&mut self) -> f64 {
+        let dimension = self.dimension;
+        self.dimension += 1;
+        match BASES.get(dimension) {
+            Some(&base) => (radical_inverse(self.index, base) + mixed(self.seed | dimension as u64)).fract(),
+            None => mixed(self.seed ^ u64::from(self.index) << 8 ^ (dimension as u64 | 1 << 63)),
+        }
+    }
+}
+
+/// The digits of a number behind the point, in reverse.
+fn radical_inverse(mut index: u32, base: u32) -> f64 {
+    let (mut inverse, mut digit) = (0.0, 1.0 / f64::from(base));
+    while index > 0 {
+        inverse += f64::from(index % base) * digit;
+        index /= base;
+        digit /= f64::from(base);
+    }
+    inverse
+}
+
+/// SplitMix64's mixing (Steele, Lea, Flood, "Fast Splittable Pseudorandom Number Generators", 2014), to 0..1.
+pub(crate) fn mixed(x: u64) -> f64 {
+    let z = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ z >> 31) >> 11) as f64 * (-53f64).exp2()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dimensions_are_even_and_seeds_differ() {
+        for dimension in 0..12 {
+            let values = |seed| {
+                (0..4096).map(move |i| {
+                    let mut path = Path::new(i, seed);
+                    (0..dimension).for_each(|_| _ = path.next());
+                    path.next()
+                })
+            };
+            assert!(values(1).all(|x| (0.0..1.0).contains(&x)));
+            let mean: f64 = values(1).sum::<f64>() / 4096.0;
+            assert!((mean - 0.5).abs() < 0.02, "dimension {dimension}: {mean}");
+            assert!(values(1).zip(values(2)).any(|(a, b)| a != b));
+        }
+    }
+}

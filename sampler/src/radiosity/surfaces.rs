@@ -1,0 +1,140 @@
+//! What light does at a surface, as far as paths need to know: where it is, and how much it reflects and emits.
+//!
+//! Textures are read from a coarse level: a VPL stands for its surroundings, and the mean of what it could have hit is
+//! what it should reflect.
+
+use std::sync::Arc;
+
+use argus_scene::texture::{MipChain, mip_chains, transform_uv};
+use argus_scene::{Mesh, Scene, TextureRef};
+use glam::{DMat3, DVec3, Vec2, Vec3, Vec4};
+
+use crate::packets::Met;
+use crate::resident::Placement;
+
+/// Texels on the longer side of the level that is read.
+const LEVEL_SIDE: f32 = 64.0;
+
+/// A scene's materials on the CPU.
+pub(crate) struct Surfaces {
+    scene: Arc<Scene>,
+    textures: Vec<MipChain>,
+    /// One an instance; none for those that are nowhere.
+    placements: Vec<Option<Placement>>,
+}
+
+/// A point of a surface, on the side that is met.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Point {
+    /// Unit normal of the triangle.
+    pub(crate) side: DVec3,
+    /// Unit interpolated normal.
+    pub(crate) normal: DVec3,
+    /// Diffuse albedo.
+    pub(crate) albedo: Vec3,
+    /// Emitted radiance.
+    pub(crate) emissive: Vec3,
+}
+
+impl Surfaces {
+    /// With the instances where they are.
+    pub(crate) fn new(scene: &Arc<Scene>, placements: &[Placement]) -> Self {
+        let mut surfaces =
+            Self { scene: Arc::clone(scene), textures: mip_chains(scene), placements: Vec::new() };
+        surfaces.place(placements);
+        surfaces
+    }
+
+    /// Puts the instances where they are now.
+    pub(crate) fn place(&mut self, placements: &[Placement]) {
+        self.placements = vec![None; self.scene.instances.len()];
+        for placement in placements {
+            self.placements[placement.instance as usize] = Some(*placement);
+        }
+    }
+
+    /// The instances that can be seen.
+    pub(crate) fn placements(&self) -> impl Iterator<Item = &Placement> {
+        self.placements.iter().flatten()
+    }
+
+    pub(crate) fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The surface that a ray along `direction` met; none where its triangle has no normal.
+    pub(crate) fn met(&self, met: &Met, direction: DVec3) -> Option<Point> {
+        let placement = self.placements.get(met.instance as usize)?.as_ref()?;
+        let side = self.normal(placement, met.primitive)?;
+        // Towards where the ray came from, whichever way the triangle is wound.
+        let away = side.dot(direction) > 0.0;
+        self.point(placement, met.primitive, met.weights, if away { -side } else { side })
+    }
+
+    /// Unit normal of a triangle's front.
+    pub(crate) fn normal(&self, placement: &Placement, primitive: u32) -> Option<DVec3> {
+        let mesh = &self.scene.meshes[placement.mesh as usize];
+        let [a, b, c] = corners(mesh, primitive)?.map(|i| mesh.positions[i]);
+        let edges = [b - a, c - a].map(|e| (placement.world_from_mesh * e.as_dvec3()).normalize_or_zero());
+        let mirrored = placement.world_from_mesh.determinant() < 0.0;
+        let normal = edges[0].cross(edges[1]).try_normalize()?;
+        Some(if mirrored { -normal } else { normal })
+    }
+
+    /// A point of a triangle by the weights of its second and third corner, on the side of a unit normal.
+    pub(crate) fn point(
+        &self,
+        placement: &Placement,
+        primitive: u32,
+        [beta, gamma]: [f64; 2],
+        side: DVec3,
+    ) -> Option<Point> {
+        let mesh = &self.scene.meshes[placement.mesh as usize];
+        let material = &self.scene.materials[mesh.material as usize];
+        let corners = corners(mesh, primitive)?;
+        let weights = [1.0 - beta - gamma, beta, gamma].map(|w| w as f32);
+        let uv = blend(&mesh.uvs, corners, weights).unwrap_or(Vec2::ZERO);
+        let color = blend(&mesh.colors, corners, weights).unwrap_or(Vec4::ONE);
+        let base = material.base_color * self.texel(material.base_color_texture, uv) * color;
+        let metallic = material.metallic * self.texel(material.metallic_roughness_texture, uv).z;
+        let normal = blend(&mesh.normals, corners, weights).and_then(|n| {
+            let world_from_normal: DMat3 = placement.mesh_from_world.transpose();
+            (world_from_normal * n.as_dvec3()).try_normalize()
+        });
+        let normal = normal.unwrap_or(side);
+        Some(Point {
+            side,
+            normal: if normal.dot(side) < 0.0 { -normal } else { normal },
+            albedo: sound(base.truncate() * (1.0 - metallic.clamp(0.0, 1.0))).min(Vec3::ONE),
+            emissive: sound(material.emissive * self.texel(material.emissive_texture, uv).truncate()),
+        })
+    }
+
+    fn texel(&self, reference: Option<TextureRef>, uv: Vec2) -> Vec4 {
+        let found = reference.and_then(|r| Some((r, self.textures.get(r.texture as usize)?)));
+        let Some((reference, chain)) = found else { return Vec4::ONE };
+        let level = (chain.size().max_element() / LEVEL_SIDE).log2();
+        chain.sample(transform_uv(&reference, uv), level)
+    }
+}
+
+/// Without what is negative or no number.
+fn sound(color: Vec3) -> Vec3 {
+    let channel = |x: f32| if x > 0.0 && x.is_finite() { x } else { 0.0 };
+    Vec3::new(channel(color.x), channel(color.y), channel(color.z))
+}
+
+fn corners(mesh: &Mesh, primitive: u32) -> Option<[usize; 3]> {
+    let first = 3 * primitive as usize;
+    let corners: [u32; 3] = mesh.indices.get(first..first + 3)?.try_into().ok()?;
+    let corners = corners.map(|i| i as usize);
+    corners.iter().all(|&i| i < mesh.positions.len()).then_some(corners)
+}
+
+fn blend<T>(attribute: &[T], corners: [usize; 3], weights: [f32; 3]) -> Option<T>
+where
+    T: Copy + std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
+{
+    let [a, b, c] = corners.map(|i| attribute.get(i).copied());
+    Some(a? * weights[0] + b? * weights[1] + c? * weights[2])
+}

@@ -1,0 +1,244 @@
+//! Indirect light on the device, against what is known exactly and against the path-traced reference.
+
+mod common;
+
+use std::sync::Arc;
+
+use argus_sampler::{Indirect, MapSource, SamplerKnobs, VplKnobs};
+use argus_scene::reference::{Indirect as Paths, ReferenceImage, Tracer};
+use argus_scene::{Camera, Cancel, Light, Lighting, Material, PixelJob, Sampler as _, Scene, Sky};
+use common::*;
+use glam::{DAffine3, DVec3, Vec3, Vec4};
+
+fn knobs(vpl: VplKnobs) -> SamplerKnobs {
+    SamplerKnobs { sub_samples: 1, indirect: Indirect::Vpl(vpl), ..SamplerKnobs::default() }
+}
+
+/// A closed box of half size two about `center`, every wall of which has that material.
+fn add_room(scene: &mut Scene, center: DVec3, materials: [u32; 6]) {
+    let axes = [
+        (Vec3::X, Vec3::Y, Vec3::Z),
+        (Vec3::NEG_X, Vec3::Z, Vec3::Y),
+        (Vec3::Y, Vec3::Z, Vec3::X),
+        (Vec3::NEG_Y, Vec3::X, Vec3::Z),
+        (Vec3::Z, Vec3::X, Vec3::Y),
+        (Vec3::NEG_Z, Vec3::Y, Vec3::X),
+    ];
+    for ((n, x, y), material) in axes.into_iter().zip(materials) {
+        place(scene, quad(n * -2.0, x * 2.0, y * 2.0, 1.0, material), DAffine3::from_translation(center));
+    }
+}
+
+fn grey(albedo: f32) -> Material {
+    Material { base_color: Vec4::new(albedo, albedo, albedo, 1.0), ..Material::default() }
+}
+
+fn lit_by(lights: Vec<Light>) -> Lighting {
+    Lighting { lights, sky: Sky::BLACK, exposure: 1.0 }
+}
+
+/// A room with a red and a green wall, a block in it and a light under the ceiling.
+fn box_of_cornell(center: DVec3) -> Arc<Scene> {
+    let mut scene = empty_scene();
+    let color = |c: Vec3| Material { base_color: c.extend(1.0), ..Material::default() };
+    scene.materials = vec![grey(0.7), color(Vec3::new(0.7, 0.1, 0.1)), color(Vec3::new(0.1, 0.6, 0.1))];
+    add_room(&mut scene, center, [1, 2, 0, 0, 0, 0]);
+    let block = DAffine3::from_translation(center + DVec3::new(0.4, -1.3, -0.5))
+        * DAffine3::from_rotation_y(0.4)
+        * DAffine3::from_scale(DVec3::new(0.3, 0.35, 0.3));
+    for mesh in {
+        let mut block_scene = empty_scene();
+        block_scene.materials = vec![grey(0.7)];
+        add_room(&mut block_scene, DVec3::ZERO, [0; 6]);
+        block_scene.meshes
+    } {
+        place(&mut scene, mesh, block);
+    }
+    let intensity = Vec3::splat(4.0);
+    scene.lighting =
+        lit_by(vec![Light::Point { position: center + DVec3::new(0.0, 1.0, 0.2), intensity, range: None }]);
+    Arc::new(scene)
+}
+
+fn view_of_room(center: DVec3) -> Camera {
+    Camera { fov_deg: 70.0, ..Camera::look_at(center + DVec3::new(0.1, 0.0, 1.9), center) }
+}
+
+fn path_traced(scene: &Arc<Scene>, camera: &Camera, size: [u32; 2], bounces: u32) -> ReferenceImage {
+    let paths = Some(Paths { paths: 64, bounces });
+    Tracer::new(Arc::clone(scene)).render_with(camera, size, 4, paths, |_| {})
+}
+
+#[test]
+fn in_a_furnace_everything_looks_alike_as_bright_as_the_series_says() {
+    let mut scene = empty_scene();
+    scene.materials = vec![Material { emissive: Vec3::splat(0.1), ..grey(0.5) }];
+    scene.lighting = lit_by(Vec::new());
+    add_room(&mut scene, DVec3::ZERO, [0; 6]);
+    let scene = Arc::new(scene);
+    // Without maps nothing is hidden in a convex room, and all of the VPLs are gathered.
+    let all = VplKnobs {
+        vpls: 4000,
+        bounces: 4,
+        samples: 1 << 16,
+        maps: MapSource::Unshadowed,
+        clamp: 0.0,
+        filter: 0,
+        ..VplKnobs::default()
+    };
+    let camera = Camera { fov_deg: 60.0, ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z) };
+    // Emission, then 0.5 of it reflected, up to four times behind the first surface.
+    let series: f32 = (0..=5).map(|k| 0.5f32.powi(k)).sum();
+    let truth = argus_scene::tone::display_from_radiance(Vec3::splat(0.1 * series), 1.0)[0];
+    for (maps, samples) in [(MapSource::Unshadowed, 1 << 16), (MapSource::Exact, 256)] {
+        let mut sampler = sampler_with(&scene, knobs(VplKnobs { maps, samples, ..all }));
+        let image = image_of(&direct(&mut sampler, &view_job(camera, [24, 24], 4)));
+        let mean = image.iter().map(|&b| f64::from(b)).sum::<f64>() / image.len() as f64;
+        assert!((mean - f64::from(truth)).abs() < 4.0, "{maps:?}: {mean}, not {truth}");
+    }
+}
+
+#[test]
+fn a_room_lit_by_vpls_looks_like_the_path_traced_one_wherever_it_stands() {
+    for (offset, name) in [(DVec3::ZERO, "near"), (DVec3::new(1e6, -2e6, 3e6), "far")] {
+        let scene = box_of_cornell(offset);
+        let camera = view_of_room(offset);
+        let truth = path_traced(&scene, &camera, [64, 64], 2).display(1.0);
+        let vpl = VplKnobs { vpls: 2000, bounces: 2, samples: 32, map_side: 32, ..VplKnobs::default() };
+        let flip_of = |indirect, what: &str| {
+            let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };
+            let image = image_of(&direct(&mut sampler_with(&scene, knobs), &view_job(camera, [64, 64], 4)));
+            flip(&format!("indirect-{name}-{what}"), &image, &truth)
+        };
+        let (with, without) = (flip_of(Indirect::Vpl(vpl), "exact"), flip_of(Indirect::Off, "off"));
+        assert!(with < 0.08 && with < 0.5 * without, "{name}: {with} with, {without} without");
+        let imperfect = VplKnobs { maps: MapSource::Imperfect, ..vpl };
+        let imperfect = flip_of(Indirect::Vpl(imperfect), "imperfect");
+        assert!(imperfect < 0.16 && imperfect < 0.5 * without, "{name}: {imperfect} by imperfect maps");
+    }
+}
+
+#[test]
+fn culling_leaves_out_no_vpl_that_lights_anything() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let every = VplKnobs { vpls: 3000, bounces: 3, samples: 1 << 16, filter: 0, ..VplKnobs::default() };
+    let cutoff = 0.3;
+    for base in [every, VplKnobs { cutoff, ..every }] {
+        let render = |cull| {
+            let mut sampler = sampler_with(&scene, knobs(VplKnobs { cull, ..base }));
+            let job = view_job(view_of_room(DVec3::ZERO), [48, 48], 4);
+            let image = image_of(&direct(&mut sampler, &job));
+            (image, sampler.indirect().unwrap().expect("it was lit"))
+        };
+        let ((culled, report), (whole, none)) = (render(true), render(false));
+        assert!(report.culled > 0.005, "{report:?}");
+        assert!(none.culled.abs() < 1e-9);
+        // The order of summation differs by rounding alone.
+        let most = culled.iter().zip(whole.iter()).map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(most <= Some(1), "{most:?} at a cut-off of {}", base.cutoff);
+    }
+}
+
+#[test]
+fn drawing_some_vpls_and_filtering_comes_close_to_drawing_all() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let vpl = VplKnobs { vpls: 2000, maps: MapSource::Unshadowed, ..VplKnobs::default() };
+    let render = |samples, filter| {
+        let mut sampler = sampler_with(&scene, knobs(VplKnobs { samples, filter, ..vpl }));
+        image_of(&direct(&mut sampler, &view_job(view_of_room(DVec3::ZERO), [64, 64], 4)))
+    };
+    let all = render(1 << 16, 0);
+    let (noisy, smooth) = (render(16, 0), render(16, 4));
+    let of = |image| flip("indirect-some", image, &all);
+    assert!(of(&smooth) < 0.06 && of(&smooth) < of(&noisy), "{} {}", of(&smooth), of(&noisy));
+}
+
+#[test]
+fn the_same_knobs_give_the_same_bytes_and_off_costs_nothing() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let job = view_job(view_of_room(DVec3::ZERO), [40, 30], 1);
+    let vpl = knobs(VplKnobs { vpls: 500, maps: MapSource::Imperfect, ..VplKnobs::default() });
+    let once = direct(&mut sampler_with(&scene, vpl), &job);
+    let mut again = sampler_with(&scene, vpl);
+    assert_eq!(direct(&mut again, &job).color, once.color);
+    assert_eq!(direct(&mut again, &job).color, once.color, "nor does it matter what was rendered before");
+    let mut off = sampler(&scene);
+    let plain = direct(&mut off, &job);
+    assert_ne!(plain.color, once.color);
+    assert!(plain.stages.iter().all(|stage| !stage.name.contains("VPL")));
+    assert_eq!(off.indirect().unwrap(), None);
+    let row = |sampler: &argus_sampler::GpuSampler| {
+        sampler.plan().into_iter().find(|row| row.name == "gather VPLs").expect("the plan names it")
+    };
+    assert!(row(&again).on && !row(&off).on);
+    assert!(row(&off).why.contains("not asked for"));
+}
+
+#[test]
+fn samples_hold_the_light_that_direct_views_show() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let vpl = VplKnobs { vpls: 1000, samples: 32, ..VplKnobs::default() };
+    let rig = omni_rig(DVec3::ZERO, 24);
+    let here = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
+    let job = sample_job(&scene, rig, rig.nearest(&here, 1)[0], true);
+    let mean = |knobs| {
+        let sample = sample(&mut sampler_with(&scene, knobs), &job);
+        let radiance = radiance_of(&sample);
+        radiance.iter().sum::<Vec3>() / radiance.len() as f32
+    };
+    let (with, without) =
+        (mean(knobs(vpl)), mean(SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() }));
+    assert!(with.cmpgt(without * 1.05).all(), "{with} {without}");
+    assert!(with.is_finite());
+}
+
+#[test]
+fn pixels_of_a_list_look_like_those_of_the_view() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let vpl = VplKnobs { vpls: 2000, samples: 8, maps: MapSource::Unshadowed, ..VplKnobs::default() };
+    let mut sampler = sampler_with(&scene, knobs(vpl));
+    let (camera, size) = (view_of_room(DVec3::ZERO), [64u32, 48]);
+    let whole = image_of(&direct(&mut sampler, &view_job(camera, size, 1)));
+    let pixels: Vec<u32> = (0..size[0] * size[1]).step_by(7).collect();
+    let job = PixelJob {
+        camera,
+        width: size[0],
+        height: size[1],
+        pixels: pixels.clone(),
+        samples_per_pixel: 1,
+        epoch: 0,
+        time_secs: 0.0,
+    };
+    let found = sampler.render_pixels(&[job], &Cancel::new()).remove(0).expect("renders");
+    let off = |(i, &pixel): (usize, &u32)| {
+        let wanted = whole.get_pixel(pixel % size[0], pixel / size[0]).0;
+        (0..3).map(|c| f64::from(found.color[3 * i + c].abs_diff(wanted[c]))).sum::<f64>() / 3.0
+    };
+    let mean = pixels.iter().enumerate().map(off).sum::<f64>() / pixels.len() as f64;
+    assert!(mean < 4.0, "{mean}");
+}
+
+#[test]
+fn scenes_with_nothing_to_light_or_to_light_with_render_as_without() {
+    let vpl = knobs(VplKnobs { vpls: 64, ..VplKnobs::default() });
+    let job = view_job(view_of_room(DVec3::ZERO), [16, 16], 1);
+    let empty = Arc::new(empty_scene());
+    assert_eq!(direct(&mut sampler_with(&empty, vpl), &job).color, direct(&mut sampler(&empty), &job).color);
+    let mut dark = Scene::clone(&box_of_cornell(DVec3::ZERO));
+    dark.lighting = lit_by(Vec::new());
+    let dark = Arc::new(dark);
+    let frame = direct(&mut sampler_with(&dark, vpl), &job);
+    assert!(frame.color.expect("asked for").iter().all(|&b| b == 0));
+}
+
+#[test]
+fn maps_that_do_not_fit_are_refused_by_name_and_so_are_knobs() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let large = knobs(VplKnobs { vpls: 1 << 15, map_side: 256, ..VplKnobs::default() });
+    let job = view_job(view_of_room(DVec3::ZERO), [16, 16], 1);
+    let error = sampler_with(&scene, large).render_views(&[job], &Cancel::new()).remove(0).unwrap_err();
+    assert!(error.to_string().contains("maps of 32768 VPLs"), "{error}");
+    let bad = knobs(VplKnobs { bounces: 9, ..VplKnobs::default() });
+    let refused = argus_sampler::GpuSampler::with_knobs(gpu(), scene, bad).err().expect("refused");
+    assert!(refused.to_string().contains("indirect.bounces"), "{refused}");
+}

@@ -1,0 +1,99 @@
+// Program of gpu/src/many_views/fill.rs: leaves that are so near that they cover many texels (MegaViews, section
+// 3.2.4): each texel whose ray meets the leaf's cell holds it.
+
+import package::shared::linear::linear_index;
+import package::shared::map_texels::{MapTexel, put_texel, texel_place};
+import package::shared::paraboloid::paraboloid_ray;
+
+struct FillStep {
+    // Cells along an edge of the scene's root, and the radius of a cell's sphere.
+    cells: f32,
+    radius: f32,
+    side: u32,
+    // Length of the root's edge, metres.
+    edge: f32,
+    capacity: u32,
+    // Entry of `counters` for the queue.
+    counters: u32,
+    map_shift: u32,
+}
+
+var<immediate> step: FillStep;
+
+
+@group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
+@group(0) @binding(1) var<storage, read> view_links: array<vec4u>;
+@group(0) @binding(2) var<storage, read> view_maps: array<vec2u>;
+@group(0) @binding(3) var<storage, read> queue: array<vec2u>;
+@group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
+
+// First texel and number of texels, in each direction, that a ball covers in a hemisphere; all of them where it holds
+// the eye or the opposite pole.
+fn covered(d: vec3f, hemisphere: u32) -> vec4u {
+    let side = f32(step.side);
+    let x = select(d.x, -d.x, hemisphere == 1u);
+    let squared = dot(d, d);
+    // A little larger than the cell's own ball, so that no corner of it is lost to rounding.
+    let radius = step.radius * 1.001;
+    let over = x + sqrt(max(squared - radius * radius, 0.0));
+    let is_disc = squared > radius * radius && over > 0.05 * sqrt(squared);
+    let center = d.yz / max(over, 1e-37);
+    let disc = radius / max(over, 1e-37);
+    // Sample points are texels' centres, but for those that the rim cuts.
+    let rim = select(0.0, 1.0, length(center) + disc > 1.0 - 2.0 / side);
+    let least = ceil(((center - disc) * 0.5 + 0.5) * side - 0.5 - rim);
+    let most = floor(((center + disc) * 0.5 + 0.5) * side + 0.5 + rim);
+    let first = vec2u(clamp(select(vec2f(0.0), least, is_disc), vec2f(0.0), vec2f(side)));
+    let end = vec2u(clamp(select(vec2f(side), most, is_disc), vec2f(0.0), vec2f(side)));
+    return vec4u(first, max(end, first) - first);
+}
+
+@compute @workgroup_size(64)
+fn fill(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let at = linear_index(group, groups, local);
+    if at >= min(atomicLoad(&counters[step.counters]), step.capacity) {
+        return;
+    }
+    let pair = queue[at];
+    let mean = bitcast<vec3f>(nodes[pair.x].xyz);
+    let eye = bitcast<vec3f>(view_links[pair.y].xyz);
+    let d = mean - eye;
+    let range = length(d);
+    let value = MapTexel(1.0 / max(range * step.edge, 1e-37), pair.x);
+    let map = view_maps[pair.y].x;
+    let half_cell = 0.5 / step.cells;
+    let to_center = (floor(mean * step.cells) + 0.5) / step.cells - eye;
+    let one_side = covered(to_center, 0u);
+    let other_side = covered(to_center, 1u);
+    let texels = one_side.z * one_side.w;
+    let all_texels = texels + other_side.z * other_side.w;
+    let side = f32(step.side);
+    var area = one_side;
+    var hemisphere = 0u;
+    var cell = area.xy;
+    for (var i = 0u; i < all_texels; i++) {
+        if i == texels {
+            area = other_side;
+            hemisphere = 1u;
+            cell = area.xy;
+        }
+        let ray = paraboloid_ray(hemisphere, cell, side);
+        // Where the ray enters and leaves the cell, along each axis.
+        let inverse = 1.0 / select(ray, vec3f(1e-20), abs(ray) < vec3f(1e-20));
+        let one = (to_center - half_cell) * inverse;
+        let other = (to_center + half_cell) * inverse;
+        let begin = max(max(min(one.x, other.x), min(one.y, other.y)), min(one.z, other.z));
+        let end = min(min(max(one.x, other.x), max(one.y, other.y)), max(one.z, other.z));
+        if end >= max(begin, 0.0) {
+            let texel = (hemisphere * step.side + cell.y) * step.side + cell.x;
+            put_texel(texel_place(map, step.map_shift, step.side, texel), value);
+        }
+        // Row by row, without dividing.
+        let ends_row = cell.x + 1u == area.x + area.z;
+        cell = select(vec2u(cell.x + 1u, cell.y), vec2u(area.x, cell.y + 1u), ends_row);
+    }
+}

@@ -1,0 +1,261 @@
+// Program of gpu/src/many_views/view_octree.rs: views gathered in the cells of an octree, and what each node of it
+// bounds: positions by a sphere, directions of view by a cone (MegaViews, section 3.1).
+//
+// Coordinates are in edges of the scene's root cube. A node whose views are those of its only child shares its map.
+
+import package::shared::cone::{cos_of_sum, direction_of, widened};
+import package::shared::linear::linear_index;
+import package::shared::morton::{morton_cell, morton_code};
+
+struct ViewStep {
+    // The views' root cube, in edges of the scene's.
+    origin: vec3f,
+    edge: f32,
+    // Views, or most nodes there can be.
+    count: u32,
+    level: u32,
+    // Cells along an edge of the root on the level.
+    cells: f32,
+    // 1: spheres around the views themselves, where those are smaller than the cell's.
+    tight: u32,
+}
+
+var<immediate> step: ViewStep;
+
+// Two a view: position and half the field of view (π: all directions); direction.
+@group(0) @binding(0) var<storage, read> views: array<vec4f>;
+@group(0) @binding(1) var<storage, read_write> keys: array<vec2u>;
+@group(0) @binding(2) var<storage, read> sorted: array<vec2u>;
+@group(0) @binding(3) var<storage, read> starts: array<u32>;
+@group(0) @binding(4) var<storage, read> levels: array<vec2u>;
+@group(0) @binding(5) var<storage, read> codes: array<u32>;
+@group(0) @binding(6) var<storage, read> first_children: array<u32>;
+// Two a node: center and radius of the sphere of positions; axis of the cone of what is seen, cosine of its half angle.
+@group(0) @binding(7) var<storage, read_write> view_bounds: array<vec4f>;
+// Mean position, and 256 times the first child plus a bit for each octant that has one.
+@group(0) @binding(8) var<storage, read_write> view_links: array<vec4u>;
+// A node's map, and how many views share it.
+@group(0) @binding(9) var<storage, read_write> view_maps: array<vec2u>;
+// Leaf of each view.
+@group(0) @binding(10) var<storage, read_write> leaf_of_view: array<u32>;
+// Ones where a node has a map of its own, and after a scan, its number.
+@group(0) @binding(11) var<storage, read_write> heads: array<u32>;
+@group(0) @binding(12) var<storage, read> total: array<u32>;
+// Two a map: mean position of its views (f32) and the map that it continues; itself at the root.
+@group(0) @binding(13) var<storage, read_write> maps: array<vec4u>;
+// First map and number of maps whose nodes are on a level.
+@group(0) @binding(14) var<storage, read_write> map_levels: array<vec2u>;
+
+const HALF_DIAGONAL: f32 = 0.8660255;
+
+@compute @workgroup_size(64)
+fn view_keys(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let at = linear_index(group, groups, local);
+    if at < step.count {
+        let cell = (views[2u * at].xyz - step.origin) / step.edge * step.cells;
+        keys[at] = vec2u(at, morton_code(vec3u(clamp(cell, vec3f(0.0), vec3f(step.cells - 1.0)))));
+    }
+}
+
+// Every view as a node of its own, without a hierarchy.
+@compute @workgroup_size(64)
+fn single_views(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let at = linear_index(group, groups, local);
+    if at < step.count {
+        let view = views[2u * at];
+        let seen = widened(cos(min(view.w, 3.1415927)));
+        view_bounds[2u * at] = vec4f(view.xyz, 0.0);
+        view_bounds[2u * at + 1u] = vec4f(direction_of(views[2u * at + 1u].xyz), seen);
+        view_links[at] = vec4u(bitcast<vec3u>(view.xyz), 0u);
+        view_maps[at] = vec2u(at, 1u);
+        leaf_of_view[at] = at;
+        maps[at] = vec4u(bitcast<vec3u>(view.xyz), at);
+    }
+}
+
+// The smaller sphere: about the mean, or the cell's.
+fn store(node: u32, mean: vec3f, radius: f32, links: u32, cone: vec4f, code: u32) {
+    let side = step.edge / step.cells;
+    let center = step.origin + (vec3f(morton_cell(code)) + 0.5) * side;
+    // More than the mean and the distances to it were rounded by.
+    let reach = radius * 1.00001 + 4e-7;
+    let is_tight = step.tight != 0u && reach < HALF_DIAGONAL * side;
+    let sphere = select(vec4f(center, HALF_DIAGONAL * side), vec4f(mean, select(reach, 0.0, radius == 0.0)), is_tight);
+    view_bounds[2u * node] = sphere;
+    view_bounds[2u * node + 1u] = cone;
+    view_links[node] = vec4u(bitcast<vec3u>(mean), links);
+}
+
+@compute @workgroup_size(64)
+fn view_leaves(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let leaf = linear_index(group, groups, local);
+    if leaf >= levels[step.level].y {
+        return;
+    }
+    let first = starts[leaf];
+    let end = starts[leaf + 1u];
+    let origin = views[2u * sorted[first].x].xyz;
+    var offset = vec3f(0.0);
+    var direction = vec3f(0.0);
+    for (var i = first; i < end; i++) {
+        let view = sorted[i].x;
+        offset += views[2u * view].xyz - origin;
+        direction += direction_of(views[2u * view + 1u].xyz);
+        leaf_of_view[view] = leaf;
+    }
+    let mean = origin + offset / f32(end - first);
+    let axis = direction_of(direction);
+    var cosine = 1.0;
+    var radius = 0.0;
+    for (var i = first; i < end; i++) {
+        let view = views[2u * sorted[i].x];
+        let apart = clamp(dot(axis, direction_of(views[2u * sorted[i].x + 1u].xyz)), -1.0, 1.0);
+        cosine = min(cosine, cos_of_sum(apart, cos(min(view.w, 3.1415927))));
+        radius = max(radius, distance(view.xyz, mean));
+    }
+    store(leaf, mean, radius, 0u, vec4f(axis, widened(cosine)), codes[leaf]);
+    view_maps[leaf] = vec2u(leaf, end - first);
+}
+
+@compute @workgroup_size(64)
+fn view_nodes(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let own = levels[step.level];
+    let at = linear_index(group, groups, local);
+    if at >= own.y {
+        return;
+    }
+    let node = own.x + at;
+    let below = levels[step.level + 1u];
+    let first = first_children[node];
+    let code = codes[node];
+    let end = min(first + 8u, below.x + below.y);
+    var mask = 0u;
+    var offset = vec3f(0.0);
+    var direction = vec3f(0.0);
+    var count = 0u;
+    let origin = bitcast<vec3f>(view_links[first].xyz);
+    for (var child = first; child < end; child++) {
+        if codes[child] >> 3u == code {
+            let views_below = view_maps[child].y;
+            mask |= 1u << (codes[child] & 7u);
+            offset += (bitcast<vec3f>(view_links[child].xyz) - origin) * f32(views_below);
+            direction += view_bounds[2u * child + 1u].xyz * f32(views_below);
+            count += views_below;
+        }
+    }
+    // One child: the same views, and so the very same mean.
+    let mean = origin + offset / f32(count);
+    let axis = select(direction_of(direction), view_bounds[2u * first + 1u].xyz, countOneBits(mask) == 1u);
+    var cosine = 1.0;
+    var radius = 0.0;
+    for (var child = first; child < end; child++) {
+        if codes[child] >> 3u == code {
+            let sphere = view_bounds[2u * child];
+            let cone = view_bounds[2u * child + 1u];
+            cosine = min(cosine, cos_of_sum(clamp(dot(axis, cone.xyz), -1.0, 1.0), cone.w));
+            radius = max(radius, distance(sphere.xyz, mean) + sphere.w);
+        }
+    }
+    store(node, mean, radius, first * 256u + mask, vec4f(axis, widened(cosine)), code);
+    view_maps[node] = vec2u(0u, count);
+}
+
+fn has_map(links: u32) -> bool {
+    return countOneBits(links & 255u) != 1u;
+}
+
+@compute @workgroup_size(64)
+fn map_heads(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let node = linear_index(group, groups, local);
+    if node < step.count {
+        let exists = node <= levels[0].x;
+        heads[node] = select(0u, 1u, exists && has_map(view_links[min(node, levels[0].x)].w));
+    }
+}
+
+// The node that has the map of a node: itself, or the first below it that has several children or none.
+fn owner_of(node: u32) -> u32 {
+    var owner = node;
+    for (var down = 0u; down < 10u; down++) {
+        let links = view_links[owner].w;
+        if has_map(links) {
+            break;
+        }
+        owner = links >> 8u;
+    }
+    return owner;
+}
+
+@compute @workgroup_size(64)
+fn map_links(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let node = linear_index(group, groups, local);
+    if node >= step.count || node > levels[0].x {
+        return;
+    }
+    let owner = owner_of(node);
+    let map = heads[owner];
+    view_maps[node].x = map;
+    let links = view_links[node];
+    if node == owner {
+        maps[map] = vec4u(links.xyz, 0u);
+    }
+}
+
+@compute @workgroup_size(64)
+fn map_parents(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let node = linear_index(group, groups, local);
+    if node >= step.count || node > levels[0].x {
+        return;
+    }
+    let links = view_links[node].w;
+    let map = view_maps[node].x;
+    if node == levels[0].x {
+        maps[map].w = map;
+    }
+    if has_map(links) && links != 0u {
+        let first = links >> 8u;
+        let end = first + countOneBits(links & 255u);
+        for (var child = first; child < end; child++) {
+            maps[view_maps[child].x].w = map;
+        }
+    }
+}
+
+@compute @workgroup_size(1)
+fn map_ranges() {
+    for (var level = 0u; level <= 10u; level++) {
+        let range = levels[level];
+        let end = range.x + range.y;
+        let after = select(heads[min(end, levels[0].x)], total[0], end > levels[0].x);
+        let used = level <= step.level;
+        map_levels[level] = select(vec2u(0u), vec2u(heads[range.x], after - heads[range.x]), used);
+    }
+}

@@ -1,0 +1,102 @@
+// Program of `sampler/src/passes/cull_vpls.rs`: which groups of VPLs may light a block of sub-samples. Conservative:
+// a group is left out only if none of its VPLs faces any of the block's surfaces, or none of those faces it, or all
+// are beyond the cut-off (MegaViews, sections 3.2.1 and 5.1, with the roles of scene and views exchanged).
+
+import package::shared::vpl::{BLOCK, Gathering, LIST_WORDS, MOST_GROUPS, Receiver, VplNode, receiver_of};
+
+@group(0) @binding(0) var<uniform> gathering: Gathering;
+@group(0) @binding(1) var<storage, read> guides: array<vec4u>;
+@group(0) @binding(2) var<storage, read> nodes: array<VplNode>;
+@group(0) @binding(3) var<storage, read_write> lists: array<u32>;
+// Blocks that see anything, groups that they keep.
+@group(0) @binding(4) var<storage, read_write> kept: array<atomic<u32>, 2>;
+
+// A ball around a block's surfaces, relative to the root, and a cone around their normals.
+struct Receivers {
+    center: vec3f,
+    radius: f32,
+    axis: vec3f,
+    cosine: f32,
+}
+
+fn receiver_at(corner: vec2u, i: u32) -> Receiver {
+    let at = corner + vec2u(i % BLOCK, i / BLOCK);
+    let inside = all(at < gathering.size);
+    let clamped = min(at, gathering.size - 1u);
+    var receiver = receiver_of(guides[clamped.y * gathering.size.x + clamped.x]);
+    receiver.exists = receiver.exists & inside;
+    return receiver;
+}
+
+// How far a point at `d` from the tip lies outside a cone about `axis` that is a right angle wider than the cone with
+// that cosine; not above 0 inside it.
+fn outside(d: vec3f, axis: vec3f, cosine: f32) -> f32 {
+    let t = dot(axis, d);
+    let q = sqrt(max(dot(d, d) - t * t, 0.0));
+    let sine = sqrt(max(1.0 - cosine * cosine, 0.0));
+    return -q * sine - t * cosine;
+}
+
+fn is_dark(node: VplNode, receivers: Receivers) -> bool {
+    let d = receivers.center - node.center;
+    // f32 rounds what lies far from the root.
+    let slack = 1e-5 * (length(receivers.center) + length(node.center) + node.radius + receivers.radius);
+    let reach = node.radius + receivers.radius + slack;
+    // A cone of half a right angle and more faces everywhere once a right angle is added.
+    let unlit = node.cosine > 0.0 && outside(d, node.axis, node.cosine) > reach;
+    let unseen = receivers.cosine > 0.0 && outside(-d, receivers.axis, receivers.cosine) > reach;
+    return unlit || unseen || length(d) - reach > gathering.cutoff;
+}
+
+@compute @workgroup_size(64)
+fn cull_vpls(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= gathering.blocks.x * gathering.blocks.y {
+        return;
+    }
+    let corner = vec2u(id.x % gathering.blocks.x, id.x / gathering.blocks.x) * BLOCK;
+    var low = vec3f(3e38);
+    var high = vec3f(-3e38);
+    var sum = vec3f(0.0);
+    for (var i = 0u; i < BLOCK * BLOCK; i++) {
+        let receiver = receiver_at(corner, i);
+        low = select(low, min(low, receiver.position), receiver.exists);
+        high = select(high, max(high, receiver.position), receiver.exists);
+        sum += select(vec3f(0.0), receiver.normal, receiver.exists);
+    }
+    let list = id.x * LIST_WORDS;
+    lists[list] = 0u;
+    lists[list + 1u] = 0u;
+    if low.x > high.x {
+        return;
+    }
+    let length_of_sum = length(sum);
+    let axis = sum / max(length_of_sum, 1e-20);
+    var receivers = Receivers((low + high) * 0.5 + gathering.root_from_eye, length(high - low) * 0.5, axis, 1.0);
+    for (var i = 0u; i < BLOCK * BLOCK; i++) {
+        let receiver = receiver_at(corner, i);
+        receivers.cosine = select(receivers.cosine, min(receivers.cosine, dot(axis, receiver.normal)), receiver.exists);
+    }
+    // What unpacking and the sum round; normals that cancel out have no axis.
+    receivers.cosine = select(-1.0, receivers.cosine - 1e-4, length_of_sum > 1e-3);
+    var groups = 0u;
+    var lights = 0u;
+    var index = 0u;
+    loop {
+        let node = nodes[min(index, arrayLength(&nodes) - 1u)];
+        let dark = (gathering.culls != 0u) & is_dark(node, receivers);
+        if !dark && node.leaf != 0u && groups < MOST_GROUPS {
+            lights += node.count;
+            lists[list + 2u + 2u * groups] = node.first;
+            lists[list + 3u + 2u * groups] = lights;
+            groups += 1u;
+        }
+        index = select(index + 1u, node.skip, dark);
+        if index >= arrayLength(&nodes) {
+            break;
+        }
+    }
+    lists[list] = groups;
+    lists[list + 1u] = lights;
+    atomicAdd(&kept[0], 1u);
+    atomicAdd(&kept[1], groups);
+}

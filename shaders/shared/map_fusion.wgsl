@@ -1,0 +1,44 @@
+// What a map holds, as seen from the middle of views that its own views contain (MegaViews, section 3.2.5).
+
+import package::shared::map_texels::{MapTexel, load_texel, texel_place, wide};
+import package::shared::paraboloid::{paraboloid_cell, paraboloid_ray};
+
+struct Fusion {
+    side: u32,
+    // Length of the root's edge, metres.
+    edge: f32,
+    map_shift: u32,
+    // Level of the maps, or number of queries.
+    level: u32,
+}
+
+var<immediate> fusion: Fusion;
+
+@group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
+// Mean position of a map's views, and the map that it continues.
+@group(0) @binding(1) var<storage, read> maps: array<vec4u>;
+
+fn map_texel(map: u32, texel: u32) -> MapTexel {
+    return load_texel(texel_place(map, fusion.map_shift, fusion.side, texel));
+}
+
+// What the map `above` holds in a texel, with the range from the middle of the views of `map`. Texels stay where they
+// are: moving them would tear holes.
+fn seen_from(value: MapTexel, above: u32, map: u32, texel: u32) -> MapTexel {
+    let eye = bitcast<vec3f>(maps[map].xyz);
+    let there = bitcast<vec3f>(maps[above].xyz);
+    var point = bitcast<vec3f>(nodes[value.node].xyz);
+    if !wide {
+        let cell = paraboloid_cell(texel, f32(fusion.side));
+        let ray = normalize(paraboloid_ray(cell.x, cell.yz, f32(fusion.side)));
+        point = there + ray / max(value.inverse_range * fusion.edge, 1e-30);
+    }
+    let inverse_range = 1.0 / max(distance(point, eye) * fusion.edge, 1e-37);
+    return MapTexel(select(inverse_range, 0.0, value.inverse_range == 0.0), value.node);
+}
+
+// The nearer of two; of equally near ones the greater node, as the texel's own order has it.
+fn nearer(a: MapTexel, b: MapTexel) -> MapTexel {
+    let first = a.inverse_range > b.inverse_range || (a.inverse_range == b.inverse_range && a.node >= b.node);
+    return MapTexel(select(b.inverse_range, a.inverse_range, first), select(b.node, a.node, first));
+}

@@ -1,0 +1,73 @@
+// Virtual point lights: what passes that gather their light are told.
+
+import package::shared::encode::{unit_from_octahedral};
+
+// Most groups of VPLs that a block's list holds.
+const MOST_GROUPS: u32 = 256u;
+// Words of a list: how many groups, how many VPLs, then for each group its first VPL and the end of its share.
+const LIST_WORDS: u32 = 2u + 2u * MOST_GROUPS;
+// Sub-samples on a side of a block that shares a list.
+const BLOCK: u32 = 16u;
+
+// Positions are relative to the root, the middle of the scene.
+struct Vpl {
+    position: vec3f,
+    // Which map is its own.
+    map: u32,
+    // Unit normal; light leaves by its cosine.
+    normal: vec3f,
+    // Flux by π², so that a sum of cosines by squared distance is irradiance by π.
+    intensity: vec3f,
+}
+
+struct VplNode {
+    // A ball around the positions.
+    center: vec3f,
+    radius: f32,
+    // A cone around the normals: the cosine of its half angle is -1 where they face everywhere.
+    axis: vec3f,
+    cosine: f32,
+    // The run of VPLs.
+    first: u32,
+    count: u32,
+    // The node after all that are below this one.
+    skip: u32,
+    leaf: u32,
+}
+
+struct Gathering {
+    root_from_eye: vec3f,
+    // VPLs that a sub-sample gathers from.
+    samples: u32,
+    // Blocks of the tile: columns, rows.
+    blocks: vec2u,
+    // Sub-samples of the tile.
+    size: vec2u,
+    // Where the tile begins in the image, sub-samples.
+    origin: vec2u,
+    // Texels on a side of a hemisphere's map.
+    map_side: u32,
+    // Sub-samples that the filter reaches on each side.
+    reach: u32,
+    // Metres: nearer than this no VPL lights more strongly.
+    least_distance: f32,
+    // Metres: farther than this no VPL lights.
+    cutoff: f32,
+    // Widths of a texel.
+    bias: f32,
+    // Whether groups are left out.
+    culls: u32,
+}
+
+struct Receiver {
+    // About the eye.
+    position: vec3f,
+    normal: vec3f,
+    exists: bool,
+}
+
+fn receiver_of(guide: vec4u) -> Receiver {
+    return Receiver(
+        bitcast<vec3f>(guide.xyz), unit_from_octahedral(unpack2x16snorm(guide.w)), any(guide.xyz != vec3u(0u)),
+    );
+}

@@ -1,0 +1,162 @@
+//! `shaders/gpu/*.wgsl`: hierarchies and the traversal of two of them.
+
+use super::Mirror;
+
+/// All of this file's.
+pub(super) const MIRRORS: &[Mirror] = &[
+    Digit::MIRROR,
+    Split::MIRROR,
+    LevelStep::MIRROR,
+    Average::MIRROR,
+    ViewStep::MIRROR,
+    PairStep::MIRROR,
+    QueueStep::MIRROR,
+    FillStep::MIRROR,
+    Fusion::MIRROR,
+];
+
+mirror! {
+    /// One digit of a radix sort: `gpu/sort.wgsl`.
+    pub struct Digit {
+        /// Keys.
+        pub count: u32,
+        /// Runs of keys.
+        pub runs: u32,
+        /// Lowest bit of the digit.
+        pub shift: u32,
+    }
+}
+
+mirror! {
+    /// One level of voxelisation: `gpu/voxelize.wgsl`.
+    pub struct Split {
+        /// Pairs of a triangle and a cell.
+        pub count: u32,
+        /// Cells along an edge of the root, one level further down.
+        pub cells: f32,
+    }
+}
+
+mirror! {
+    /// One level of an octree in the making: `gpu/levels.wgsl`.
+    pub struct LevelStep {
+        /// Sorted elements, or most nodes there can be.
+        pub count: u32,
+        /// The level that is made.
+        pub level: u32,
+        /// Levels below the root.
+        pub depth: u32,
+    }
+}
+
+mirror! {
+    /// One level of the scene's octree: `gpu/octree.wgsl`.
+    pub struct Average {
+        /// Most nodes there can be on the level.
+        pub count: u32,
+        /// The level.
+        pub level: u32,
+        /// Cells along an edge of the root on the level.
+        pub cells: f32,
+    }
+}
+
+mirror! {
+    /// One step of a view octree: `gpu/view_octree.wgsl`.
+    pub struct ViewStep {
+        /// The views' root cube, in edges of the scene's.
+        pub origin: [f32; 3],
+        /// Its edge.
+        pub edge: f32,
+        /// Views, or most nodes there can be.
+        pub count: u32,
+        /// The level.
+        pub level: u32,
+        /// Cells along an edge of the root on the level.
+        pub cells: f32,
+        /// 1: spheres around the views themselves, where those are smaller than the cell's.
+        pub tight: u32,
+    }
+}
+
+mirror! {
+    /// One step of a traversal: `gpu/traverse.wgsl`.
+    pub struct PairStep {
+        /// Cells along an edge of the scene's root, of the pairs that are tested.
+        pub cells: f32,
+        /// Radius of such a cell's sphere.
+        pub radius: f32,
+        /// Texels of a hemisphere's side.
+        pub side: f32,
+        /// How large a node may appear and still be rendered whole, texels.
+        pub threshold: f32,
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// Pairs that the queues hold.
+        pub capacity: u32,
+        /// Entry of the counters for this step's queue.
+        pub counters_in: u32,
+        /// Entry for the queue that it fills.
+        pub counters_out: u32,
+        /// The only octant that this pass follows; 8: all.
+        pub octant: u32,
+        /// 1: the pairs of this step are counted.
+        pub counted: u32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
+    }
+}
+
+mirror! {
+    /// What goes before a step: `gpu/queue.wgsl`.
+    pub struct QueueStep {
+        /// Entry of the counters for the queue.
+        pub counters: u32,
+        /// Where the three numbers of workgroups go.
+        pub arguments: u32,
+        /// Pairs that a workgroup takes.
+        pub group: u32,
+        /// The scene's root.
+        pub scene_node: u32,
+        /// First view.
+        pub first_view: u32,
+        /// Number of views.
+        pub views: u32,
+        /// Maps that there is room for.
+        pub maps: u32,
+    }
+}
+
+mirror! {
+    /// Leaves that cover many texels: `gpu/fill.wgsl`.
+    pub struct FillStep {
+        /// Cells along an edge of the scene's root.
+        pub cells: f32,
+        /// Radius of a cell's sphere.
+        pub radius: f32,
+        /// Texels of a hemisphere's side.
+        pub side: u32,
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// Pairs that the queue holds.
+        pub capacity: u32,
+        /// Entry of the counters for the queue.
+        pub counters: u32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
+    }
+}
+
+mirror! {
+    /// Maps that take what those above them hold: `shared/map_fusion.wgsl`.
+    pub struct Fusion {
+        /// Texels of a hemisphere's side.
+        pub side: u32,
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
+        /// Level of the maps, or number of queries.
+        pub level: u32,
+    }
+}

@@ -1,0 +1,364 @@
+//! What each of instant radiosity's approximations costs, and what it is worth.
+//!
+//! One view of a scene under indirect light, against two truths: one that is path-traced, and one whose VPLs are as
+//! many, with maps as large, as fit the device, all of them gathered. Each row differs from the first in one knob.
+//! All of them see one ray a pixel, so that the differences are those of light. Times are wall times: of tracing VPLs
+//! and making their maps, once a pose, and of a view with indirect light less one without.
+
+mod light;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::{GpuSampler, Indirect, MapSource, SamplerKnobs, VplKnobs};
+use argus_scene::metrics::{Comparison, compare};
+use argus_scene::reference::{Indirect as Paths, Tracer, cache};
+use argus_scene::tone::linear_from_srgb;
+use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Sampler as _, ViewJob, Visibility};
+use image::RgbImage;
+use indicatif::ProgressBar;
+use serde_json::json;
+
+pub use light::LightSpec;
+
+use crate::median::median;
+use crate::plot::{Axis, Plot, Series};
+use crate::{Effort, Machine, Report, report};
+
+/// What is measured, and how long.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// As [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// In place of the scene's lights and sky.
+    pub light: Option<LightSpec>,
+    /// Where the view is from; the scene's first camera otherwise.
+    pub camera: Option<Camera>,
+    /// Pixels of the view.
+    pub size: [u32; 2],
+    /// What the rows depart from.
+    pub base: VplKnobs,
+    /// Numbers of VPLs.
+    pub vpls: Vec<u32>,
+    /// Sides of maps.
+    pub sides: Vec<u32>,
+    /// Where maps come from.
+    pub sources: Vec<MapSource>,
+    /// VPLs that a pixel gathers from.
+    pub samples: Vec<u32>,
+    /// Reaches of the filter.
+    pub filters: Vec<u32>,
+    /// Cut-offs, shares of the scene's diagonal.
+    pub cutoffs: Vec<f64>,
+    /// Distances nearer than which VPLs light no more strongly, shares of the scene's diagonal.
+    pub clamps: Vec<f64>,
+    /// VPLs and side of maps of the truth by VPLs.
+    pub most: (u32, u32),
+    /// Paths from each pixel of the path-traced truth.
+    pub paths: u32,
+    /// Rounds that medians are taken over.
+    pub rounds: usize,
+    /// Folder for the images of all rows.
+    pub images: Option<PathBuf>,
+}
+
+impl Default for Options {
+    /// Some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scene: "terrain:50000".to_owned(),
+            light: None,
+            camera: None,
+            size: [192, 144],
+            base: VplKnobs::default(),
+            vpls: vec![256, 1024, 4096, 16384],
+            sides: vec![8, 16, 32, 64],
+            sources: MapSource::ALL.to_vec(),
+            samples: vec![4, 16, 64, 256],
+            filters: vec![0, 4, 8],
+            cutoffs: vec![0.1, 0.2, 0.4],
+            clamps: vec![0.0, 0.01, 0.05],
+            most: (4096, 64),
+            paths: 1024,
+            rounds: 3,
+            images: None,
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "terrain:2000".to_owned(),
+            size: [48, 36],
+            base: VplKnobs { vpls: 256, ..VplKnobs::default() },
+            vpls: vec![64],
+            sides: vec![8],
+            samples: vec![64],
+            filters: vec![0],
+            cutoffs: vec![0.2],
+            clamps: vec![0.05],
+            most: (512, 32),
+            paths: 16,
+            rounds: 1,
+            ..Self::default()
+        }
+    }
+}
+
+impl Options {
+    /// The first row, and one for each departure from it.
+    fn rows(&self) -> Vec<(&'static str, VplKnobs)> {
+        let base = self.base;
+        let mut rows = vec![("as given", base)];
+        rows.extend(self.vpls.iter().map(|&vpls| ("VPLs", VplKnobs { vpls, ..base })));
+        rows.extend(self.sides.iter().map(|&map_side| ("resolution", VplKnobs { map_side, ..base })));
+        rows.extend(self.sources.iter().map(|&maps| ("source", VplKnobs { maps, ..base })));
+        rows.extend(self.samples.iter().map(|&samples| ("samples", VplKnobs { samples, ..base })));
+        rows.extend(self.filters.iter().map(|&filter| ("filter", VplKnobs { filter, ..base })));
+        rows.extend(self.clamps.iter().map(|&clamp| ("clamp", VplKnobs { clamp, ..base })));
+        // What culling is worth shows where nothing is smoothed.
+        for cull in [false, true] {
+            rows.push(("culling", VplKnobs { cull, filter: 0, ..base }));
+        }
+        rows.extend(self.cutoffs.iter().map(|&cutoff| ("cut-off", VplKnobs { cutoff, filter: 0, ..base })));
+        // As many texels as the first row has, in few large maps.
+        let few = (base.vpls * base.map_side * base.map_side / (128 * 128)).max(1);
+        let large = VplKnobs { vpls: few, map_side: 128, samples: base.samples.min(few), ..base };
+        rows.push(("few large maps", large));
+        let mut unique: Vec<(&'static str, VplKnobs)> = Vec::new();
+        for row in rows {
+            if unique.iter().all(|(_, knobs)| *knobs != row.1) {
+                unique.push(row);
+            }
+        }
+        unique
+    }
+}
+
+/// A scene under indirect light, and the truths about one view of it.
+struct Stage {
+    sampler: GpuSampler,
+    without: GpuSampler,
+    job: ViewJob,
+    path_traced: RgbImage,
+    by_vpls: RgbImage,
+    unlit: RgbImage,
+}
+
+/// Runs the study; `progress` counts rows.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    let rows = options.rows();
+    progress.set_length(rows.len() as u64);
+    let mut stage = Stage::new(&gpu, options, progress)?;
+    if let Some(folder) = &options.images {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        stage.path_traced.save(folder.join("path-traced.png"))?;
+        stage.by_vpls.save(folder.join("by-all-vpls.png"))?;
+        stage.unlit.save(folder.join("without.png"))?;
+    }
+    let mut found = Vec::new();
+    let mut points: Vec<(&'static str, f64, f64)> = Vec::new();
+    for (number, (differs, knobs)) in rows.into_iter().enumerate() {
+        progress.set_message(differs);
+        stage.sampler.set_indirect(knobs)?;
+        let (image, view_ms, unlit_ms) = stage.measure(options.rounds)?;
+        // On a busy machine the difference of small times may come out below nothing.
+        let gather_ms = (view_ms - unlit_ms).max(0.0);
+        let lit = stage.sampler.indirect()?.context("nothing was lit")?;
+        let traced = compare(&stage.path_traced, &image)?;
+        let by_vpls = compare(&stage.by_vpls, &image)?;
+        if let Some(folder) = &options.images {
+            image.save(folder.join(format!("{number:02}-{}.png", differs.replace(' ', "-"))))?;
+        }
+        points.push((differs, gather_ms + lit.trace_ms + lit.maps_ms, traced.flip_mean));
+        let times = [unlit_ms, gather_ms];
+        found.push(row(differs, &knobs, &lit, times, [traced, by_vpls], stage.energy(&image)));
+        progress.inc(1);
+    }
+    let machine = Machine::here(gpu.kind());
+    let mut report = Report::new(options.scene.clone(), machine, found);
+    let floor = compare(&stage.path_traced, &stage.by_vpls)?;
+    let off = compare(&stage.path_traced, &stage.unlit)?;
+    let (vpls, side) = options.most;
+    report.notes.push(format!(
+        "The truth by VPLs ({vpls} of them with exact maps of {side}², all gathered) has a FLIP of {:.4}, {:.1} dB and \
+         an SSIM of {:.4} against the path-traced one ({} paths a pixel); no indirect light has {:.4}, {:.1} dB, {:.4}.",
+        floor.flip_mean, floor.psnr_db, floor.ssim, options.paths, off.flip_mean, off.psnr_db, off.ssim,
+    ));
+    report
+        .notes
+        .push("view_ms: a view without indirect light; gather_ms: what it takes beyond that.".to_owned());
+    report.plots.push(plot(options, &points));
+    Ok(report)
+}
+
+fn row(
+    differs: &str,
+    knobs: &VplKnobs,
+    lit: &argus_sampler::IndirectReport,
+    [unlit_ms, gather_ms]: [f64; 2],
+    [traced, by_vpls]: [Comparison; 2],
+    energy: f64,
+) -> serde_json::Map<String, serde_json::Value> {
+    report::row(json!({
+        "differs": differs,
+        "vpls": lit.vpls,
+        "resolution": knobs.map_side,
+        "maps": knobs.maps.name(),
+        "samples": knobs.samples,
+        "filter": knobs.filter,
+        "cull": knobs.cull,
+        "cutoff": knobs.cutoff,
+        "clamp": knobs.clamp,
+        "view_ms": unlit_ms,
+        "trace_ms": lit.trace_ms,
+        "maps_ms": lit.maps_ms,
+        "gather_ms": gather_ms,
+        "map_bytes": lit.map_bytes,
+        "culled_fraction": if lit.culled.is_nan() { None } else { Some(lit.culled) },
+        "energy": energy,
+        "flip": traced.flip_mean,
+        "psnr_db": finite(traced.psnr_db),
+        "ssim": traced.ssim,
+        "flip_by_vpls": by_vpls.flip_mean,
+        "psnr_by_vpls_db": finite(by_vpls.psnr_db),
+        "ssim_by_vpls": by_vpls.ssim,
+    }))
+}
+
+/// JSON has no infinity.
+fn finite(x: f64) -> Option<f64> {
+    x.is_finite().then_some(x)
+}
+
+fn plot(options: &Options, points: &[(&'static str, f64, f64)]) -> Plot {
+    let mut series: Vec<Series> = Vec::new();
+    for &(differs, ms, flip) in points {
+        match series.iter_mut().find(|series| series.name == differs) {
+            Some(series) => series.points.push((ms, flip)),
+            None => series.push(Series { name: differs.to_owned(), points: vec![(ms, flip)], line: false }),
+        }
+    }
+    // Told apart by seven shapes and colours.
+    series.truncate(7);
+    let [width, height] = options.size;
+    Plot {
+        name: "pareto".to_owned(),
+        title: format!("Indirect light of {width}×{height} pixels: error against time"),
+        x: Axis::log("milliseconds: VPLs, maps and gathering"),
+        y: Axis::linear("mean FLIP against the path-traced view"),
+        series,
+        ..Plot::default()
+    }
+}
+
+impl Stage {
+    fn new(gpu: &Arc<Gpu>, options: &Options, progress: &ProgressBar) -> Result<Self> {
+        let mut scene = argus_scene::open(&options.scene)?;
+        if let Some(light) = options.light {
+            light.light(&mut scene);
+        }
+        let camera = options.camera.unwrap_or_else(|| scene.default_camera());
+        progress.set_message("tracing the reference");
+        let tracer = Tracer::new(Arc::new(scene.clone()));
+        let paths = Paths { paths: options.paths, bounces: options.base.bounces };
+        let folder = cache::directory();
+        let truth =
+            cache::render_with(folder.as_deref(), &tracer, &camera, options.size, 1, Some(paths), |_| ());
+        // Bright enough to see the indirect light by: a dark grey for the geometric mean.
+        let luminance = |c: &glam::Vec3| f64::from(c.element_sum()) / 3.0;
+        let lit = truth.radiance.iter().map(luminance).filter(|l| *l > 1e-6);
+        let logs: Vec<f64> = lit.map(f64::ln).collect();
+        let mean = (logs.iter().sum::<f64>() / logs.len().max(1) as f64).exp();
+        if options.light.is_some() {
+            scene.lighting.exposure = (0.1 / mean) as f32;
+        }
+        let exposure = scene.lighting.exposure;
+        let scene = Arc::new(scene);
+        let [width, height] = options.size;
+        let job = ViewJob {
+            camera,
+            width,
+            height,
+            outputs: Outputs::COLOR,
+            plan: Plan::Direct { samples_per_pixel: 1 },
+            epoch: 0,
+            time_secs: 0.0,
+            visibility: Visibility::default(),
+        };
+        let sampler = |indirect| {
+            let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };
+            GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), knobs)
+        };
+        progress.set_message("without indirect light");
+        let mut without = sampler(Indirect::Off)?;
+        let unlit = image_of(&render(&mut without, &job)?)?;
+        progress.set_message("all VPLs");
+        let (vpls, map_side) = options.most;
+        let all =
+            VplKnobs { vpls, map_side, maps: MapSource::Exact, samples: 1 << 16, filter: 0, ..options.base };
+        let mut sampler = sampler(Indirect::Vpl(all))?;
+        let by_vpls = image_of(&render(&mut sampler, &job)?)?;
+        Ok(Self { sampler, without, job, path_traced: truth.display(exposure), by_vpls, unlit })
+    }
+
+    /// The view, the milliseconds that it took, and those of the view without indirect light: medians of rounds in
+    /// which the two take turns.
+    fn measure(&mut self, rounds: usize) -> Result<(RgbImage, f64, f64)> {
+        // Traces VPLs and makes their maps, which is reported apart, and has the driver compile.
+        let image = image_of(&render(&mut self.sampler, &self.job)?)?;
+        let (mut lit, mut unlit) = (Vec::new(), Vec::new());
+        for _ in 0..rounds.max(1) {
+            for (sampler, times) in [(&mut self.sampler, &mut lit), (&mut self.without, &mut unlit)] {
+                let begin = Instant::now();
+                render(sampler, &self.job)?;
+                times.push(begin.elapsed().as_secs_f64() * 1e3);
+            }
+        }
+        Ok((image, median(&lit), median(&unlit)))
+    }
+
+    /// Light that an image has beyond the one without indirect light, as a share of what the truth by VPLs has; of
+    /// what a display shows, so that what is brighter than white counts as white.
+    fn energy(&self, image: &RgbImage) -> f64 {
+        let sum = |image: &RgbImage| {
+            image.iter().map(|&b| f64::from(linear_from_srgb(f32::from(b) / 255.0))).sum::<f64>()
+        };
+        let unlit = sum(&self.unlit);
+        (sum(image) - unlit) / (sum(&self.by_vpls) - unlit)
+    }
+}
+
+fn render(sampler: &mut GpuSampler, job: &ViewJob) -> Result<Frame, RenderError> {
+    sampler.render_views(std::slice::from_ref(job), &Cancel::new()).remove(0)
+}
+
+fn image_of(frame: &Frame) -> Result<RgbImage> {
+    let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+    RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_departs_from_the_first_in_its_own_way() {
+        let options = Options::default();
+        let rows = options.rows();
+        assert_eq!(rows[0].1, options.base);
+        for (index, (_, knobs)) in rows.iter().enumerate() {
+            knobs.validate().unwrap();
+            assert!(rows[..index].iter().all(|(_, other)| other != knobs));
+        }
+        assert!(rows.len() > 15);
+    }
+}
