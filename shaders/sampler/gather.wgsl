@@ -10,11 +10,19 @@ import package::shared::vpl::{BLOCK, Gathering, LIST_WORDS, Vpl, receiver_of};
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;
 @group(0) @binding(2) var<storage, read> vpls: array<Vpl>;
 @group(0) @binding(3) var<storage, read> lists: array<u32>;
-// Of each VPL a dual-paraboloid map of distances, f32 bits.
-@group(0) @binding(4) var<storage, read> maps: array<u32>;
-@group(0) @binding(5) var<storage, read_write> gathered: array<vec4f>;
+@group(0) @binding(4) var<storage, read_write> gathered: array<vec4f>;
+// Of each VPL where its map is seen from, relative to the root as f32 bits, and which map it is.
+@group(0) @binding(5) var<storage, read> eyes: array<vec4u>;
+// Dual-paraboloid maps of distances, or of inverse ones where 0 is nothing; f32 bits.
+@group(0) @binding(6) var<storage, read> maps0: array<u32>;
+@group(0) @binding(7) var<storage, read> maps1: array<u32>;
+@group(0) @binding(8) var<storage, read> maps2: array<u32>;
+@group(0) @binding(9) var<storage, read> maps3: array<u32>;
 
 override has_maps: bool = true;
+override has_inverse_maps: bool = false;
+// Arrays that maps are spread over.
+override arrays: u32 = 1u;
 
 // Steepest slope against the direction to a VPL that the bias makes up for.
 const STEEPEST: f32 = 4.0;
@@ -36,18 +44,40 @@ fn beginning(at: vec2u) -> f32 {
     return (f32(order) + random(square.x + (square.y << 16u))) / 16.0;
 }
 
-// Whether the VPL sees a surface at `d` from it, whose normal has that cosine with the direction back.
-fn sees(vpl: Vpl, d: vec3f, distance: f32, cosine: f32) -> bool {
+// A texel of a map, metres.
+fn nearest_in(map: u32, texel: u32) -> f32 {
     let side = gathering.map_side;
-    let texel = vpl.map * 2u * side * side + paraboloid_index(d, side);
-    let nearest = bitcast<f32>(maps[min(texel, arrayLength(&maps) - 1u)]);
-    // Angle that a texel spans in a stereographic map.
-    let width = 2.0 / f32(side) * (1.0 + abs(d.x) / distance) * distance;
-    let slope = min(sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, 1e-3), STEEPEST);
-    return distance <= nearest + gathering.bias * width * max(slope, 0.1);
+    let array_ = map >> gathering.map_shift;
+    let at = (map - (array_ << gathering.map_shift)) * 2u * side * side + texel;
+    var word = 0u;
+    if arrays == 1u || array_ == 0u {
+        word = maps0[min(at, arrayLength(&maps0) - 1u)];
+    } else if arrays == 2u || array_ == 1u {
+        word = maps1[min(at, arrayLength(&maps1) - 1u)];
+    } else if arrays == 3u || array_ == 2u {
+        word = maps2[min(at, arrayLength(&maps2) - 1u)];
+    } else {
+        word = maps3[min(at, arrayLength(&maps3) - 1u)];
+    }
+    let value = bitcast<f32>(word);
+    return select(value, 1.0 / max(value, 1e-30), has_inverse_maps);
 }
 
-fn light_of(vpl: Vpl, position: vec3f, normal: vec3f) -> vec3f {
+// Whether a VPL's map sees a surface.
+fn sees(eye: vec4u, position: vec3f, normal: vec3f) -> bool {
+    let d = position - bitcast<vec3f>(eye.xyz);
+    let distance = max(length(d), 1e-20);
+    let side = gathering.map_side;
+    let nearest = nearest_in(eye.w, paraboloid_index(d, side));
+    // Angle that a texel spans in a stereographic map, and how much nearer a plane may be at its other end.
+    let width = 2.0 / f32(side) * (1.0 + abs(d.x) / distance) * distance;
+    let cosine = abs(dot(normal, d)) / distance;
+    let slope = min(sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, 1e-3), STEEPEST);
+    return distance <= nearest + gathering.bias * width * max(slope, 0.1) + gathering.slack * max(slope, 1.0);
+}
+
+fn light_of(index: u32, position: vec3f, normal: vec3f) -> vec3f {
+    let vpl = vpls[index];
     let d = position - vpl.position;
     let distance = length(d);
     let leaving = dot(vpl.normal, d) / distance;
@@ -58,7 +88,7 @@ fn light_of(vpl: Vpl, position: vec3f, normal: vec3f) -> vec3f {
     let nearer = max(distance, gathering.least_distance);
     var lit = true;
     if has_maps {
-        lit = sees(vpl, d, distance, arriving);
+        lit = sees(eyes[min(index, arrayLength(&eyes) - 1u)], position, normal);
     }
     return select(vec3f(0.0), vpl.intensity * (leaving * arriving / (nearer * nearer)), lit);
 }
@@ -99,7 +129,7 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
         var i = 0u;
         loop {
             let place = min(u32((f32(i) + begin) * stride), lights - 1u);
-            sum += light_of(vpls[min(listed(list, place), arrayLength(&vpls) - 1u)], position, receiver.normal);
+            sum += light_of(min(listed(list, place), arrayLength(&vpls) - 1u), position, receiver.normal);
             i += 1u;
             if i >= count {
                 break;

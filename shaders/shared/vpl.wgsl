@@ -12,8 +12,6 @@ const BLOCK: u32 = 16u;
 // Positions are relative to the root, the middle of the scene.
 struct Vpl {
     position: vec3f,
-    // Which map is its own.
-    map: u32,
     // Unit normal; light leaves by its cosine.
     normal: vec3f,
     // Flux by π², so that a sum of cosines by squared distance is irradiance by π.
@@ -47,6 +45,8 @@ struct Gathering {
     origin: vec2u,
     // Texels on a side of a hemisphere's map.
     map_side: u32,
+    // Maps of one array: 2 to the power of this.
+    map_shift: u32,
     // Sub-samples that the filter reaches on each side.
     reach: u32,
     // Metres: nearer than this no VPL lights more strongly.
@@ -55,6 +55,8 @@ struct Gathering {
     cutoff: f32,
     // Widths of a texel.
     bias: f32,
+    // Metres by which the maps' surfaces may lie before the true ones.
+    slack: f32,
     // Whether groups are left out.
     culls: u32,
 }

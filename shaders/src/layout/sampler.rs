@@ -17,6 +17,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     Vpl::MIRROR,
     VplNode::MIRROR,
     Gathering::MIRROR,
+    AdoptMaps::MIRROR,
     Imperfect::MIRROR,
 ];
 
@@ -195,16 +196,16 @@ mirror! {
     pub struct Vpl {
         /// Relative to the root, the middle of the scene.
         pub position: [f32; 3],
-        /// Which map is its own.
-        pub map: u32,
+        /// WGSL aligns what follows.
+        pub _pad: f32,
         /// Unit normal.
         pub normal: [f32; 3],
         /// WGSL aligns what follows.
-        pub _pad: f32,
+        pub _pad2: f32,
         /// Flux by π².
         pub intensity: [f32; 3],
         /// WGSL rounds the struct up to 16 bytes.
-        pub _pad2: f32,
+        pub _pad3: f32,
     }
 }
 
@@ -256,6 +257,8 @@ mirror! {
         pub origin: [u32; 2],
         /// Texels on a side of a hemisphere's map.
         pub map_side: u32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
         /// Sub-samples that the filter reaches on each side.
         pub reach: u32,
         /// Metres: nearer than this no VPL lights more strongly.
@@ -264,8 +267,12 @@ mirror! {
         pub cutoff: f32,
         /// Widths of a texel.
         pub bias: f32,
+        /// Metres by which the maps' surfaces may lie before the true ones.
+        pub slack: f32,
         /// Whether groups are left out.
         pub culls: u32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: [u32; 2],
     }
 }
 
@@ -288,5 +295,19 @@ mirror! {
         pub count: u32,
         /// Sets one choice of points apart from another.
         pub seed: u32,
+    }
+}
+
+mirror! {
+    /// What `sampler/adopt_maps.wgsl` is told.
+    pub struct AdoptMaps {
+        /// From the middle of the scene to the corner of the octree's root.
+        pub octree_from_root: [f32; 3],
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// VPLs.
+        pub count: u32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: [u32; 3],
     }
 }
