@@ -1,10 +1,11 @@
 // Program of `sampler/src/passes/gather.rs`: irradiance by π that each sub-sample's surface receives from VPLs. Each
-// takes every so-many-th VPL of its block's list, from another beginning than its neighbours, so that a square of them
-// takes all (Keller, Heidrich: "Interleaved Sampling", 2001).
+// steps through its block's list in equal steps of what groups are worth, from another beginning than its neighbours, so
+// that a square of them takes many (Keller, Heidrich: "Interleaved Sampling", 2001). Each VPL that is taken stands for
+// as many as its share of the worth says, so that nothing is lost on average.
 
 import package::shared::finite::{finite_or_zero};
 import package::shared::paraboloid::{paraboloid_index};
-import package::shared::vpl::{BLOCK, Gathering, LIST_WORDS, Vpl, receiver_of};
+import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, Vpl, receiver_of};
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;
@@ -93,21 +94,51 @@ fn light_of(index: u32, position: vec3f, normal: vec3f) -> vec3f {
     return select(vec3f(0.0), vpl.intensity * (leaving * arriving / (nearer * nearer)), lit);
 }
 
-// The VPL that stands at a place in a block's list: the first group whose share ends beyond it, by halving.
-fn listed(list: u32, place: u32) -> u32 {
+// A VPL and how many it stands for.
+struct Taken {
+    index: u32,
+    share: f32,
+}
+
+// The VPL at a place in a block's list, in worth from its beginning; the group is found by halving.
+fn taken_at(list: u32, place: f32) -> Taken {
     var low = 0u;
     var high = lists[list] - 1u;
     for (var i = 0u; i < 8u; i++) {
         let middle = (low + high) / 2u;
-        let beyond = lists[list + 3u + 2u * middle] > place;
+        let beyond = bitcast<f32>(lists[list + LIST_HEAD + GROUP_WORDS * middle + 2u]) > place;
         high = select(high, middle, beyond);
         low = select(min(middle + 1u, high), low, beyond);
     }
+    let entry = list + LIST_HEAD + GROUP_WORDS * low;
+    var lights_before = 0u;
+    var worth_before = 0.0;
+    if low > 0u {
+        lights_before = lists[entry - GROUP_WORDS + 1u];
+        worth_before = bitcast<f32>(lists[entry - GROUP_WORDS + 2u]);
+    }
+    let lights = lists[entry + 1u] - lights_before;
+    let worth = max(bitcast<f32>(lists[entry + 2u]) - worth_before, 1e-37);
+    let within = min(u32(max(place - worth_before, 0.0) / worth * f32(lights)), lights - 1u);
+    return Taken(lists[entry] + within, f32(lights) / worth);
+}
+
+// The VPL of that number in a block's list.
+fn listed(list: u32, number: u32) -> u32 {
+    var low = 0u;
+    var high = lists[list] - 1u;
+    for (var i = 0u; i < 8u; i++) {
+        let middle = (low + high) / 2u;
+        let beyond = lists[list + LIST_HEAD + GROUP_WORDS * middle + 1u] > number;
+        high = select(high, middle, beyond);
+        low = select(min(middle + 1u, high), low, beyond);
+    }
+    let entry = list + LIST_HEAD + GROUP_WORDS * low;
     var before = 0u;
     if low > 0u {
-        before = lists[list + 1u + 2u * low];
+        before = lists[entry - GROUP_WORDS + 1u];
     }
-    return lists[list + 2u + 2u * low] + place - before;
+    return lists[entry] + number - before;
 }
 
 @compute @workgroup_size(8, 8)
@@ -123,19 +154,26 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
     var sum = vec3f(0.0);
     if receiver.exists && lights > 0u {
         let position = receiver.position + gathering.root_from_eye;
+        let all = gathering.samples >= lights;
         let count = min(gathering.samples, lights);
-        let stride = f32(lights) / f32(count);
+        let step = bitcast<f32>(lists[list + 2u]) / f32(count);
         let begin = beginning(gathering.origin + id.xy);
         var i = 0u;
         loop {
-            let place = min(u32((f32(i) + begin) * stride), lights - 1u);
-            sum += light_of(min(listed(list, place), arrayLength(&vpls) - 1u), position, receiver.normal);
+            var taken = Taken(0u, 1.0);
+            if all {
+                taken.index = listed(list, i);
+            } else {
+                taken = taken_at(list, (f32(i) + begin) * step);
+                taken.share *= step;
+            }
+            let index = min(taken.index, arrayLength(&vpls) - 1u);
+            sum += light_of(index, position, receiver.normal) * taken.share;
             i += 1u;
             if i >= count {
                 break;
             }
         }
-        sum *= stride;
     }
     gathered[at] = vec4f(finite_or_zero(sum), 0.0);
 }

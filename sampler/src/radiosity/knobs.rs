@@ -71,6 +71,9 @@ pub struct VplKnobs {
     pub filter: u32,
     /// Whether groups of VPLs that cannot light a block of the image are left out before samples are drawn.
     pub cull: bool,
+    /// Whether groups of VPLs are drawn by about how much light they bring to a block, rather than by their number;
+    /// without bias, and with less noise.
+    pub weigh: bool,
     /// Share of the scene's diagonal beyond which VPLs are left out, which costs energy; 0 for none.
     pub cutoff: f64,
     /// Share of the scene's diagonal nearer than which a VPL lights no more strongly: what bounds the bright spots
@@ -94,6 +97,7 @@ impl Default for VplKnobs {
             samples: 16,
             filter: 4,
             cull: true,
+            weigh: true,
             cutoff: 0.0,
             clamp: 0.02,
             bias: 0.5,
@@ -115,6 +119,7 @@ impl fmt::Display for VplKnobs {
             samples,
             filter,
             cull,
+            weigh,
             cutoff,
             clamp,
             bias,
@@ -129,7 +134,7 @@ impl fmt::Display for VplKnobs {
         }
         write!(
             f,
-            ", gather {samples}, filter {filter}, cull {cull} {cutoff}, clamp {clamp}, bias {bias}, seed {seed}"
+            ", gather {samples}, filter {filter}, cull {cull} {cutoff}, weigh {weigh}, clamp {clamp}, bias {bias}, seed {seed}"
         )
     }
 }

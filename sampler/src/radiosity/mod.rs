@@ -316,6 +316,7 @@ impl Radiosity {
             bias: knobs.bias as f32,
             slack: lit.maps.slack as f32,
             culls: u32::from(knobs.cull),
+            weighs: u32::from(knobs.weigh),
             ..layout::Gathering::zeroed()
         };
         let gathering = context.gpu.upload("gathering", &[gathering], wgpu::BufferUsages::UNIFORM);
@@ -372,6 +373,8 @@ fn node_about(node: &tree::Node, root: DVec3) -> layout::VplNode {
         count: node.count,
         skip: node.skip,
         leaf: u32::from(node.leaf),
+        power: (node.power * (std::f64::consts::PI * std::f64::consts::PI).recip()) as f32,
+        ..layout::VplNode::zeroed()
     }
 }
 

@@ -228,6 +228,10 @@ mirror! {
         pub skip: u32,
         /// Whether none is below it.
         pub leaf: u32,
+        /// Sum of the intensities, mean of the channels.
+        pub power: f32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: [u32; 3],
     }
 }
 
@@ -237,7 +241,7 @@ pub mod vpl {
     /// Most groups of a list.
     pub const MOST_GROUPS: u32 = 256;
     /// Words of a list.
-    pub const LIST_WORDS: u32 = 2 + 2 * MOST_GROUPS;
+    pub const LIST_WORDS: u32 = 3 + 3 * MOST_GROUPS;
     /// Sub-samples on a side of a block.
     pub const BLOCK: u32 = 16;
 }
@@ -271,8 +275,10 @@ mirror! {
         pub slack: f32,
         /// Whether groups are left out.
         pub culls: u32,
+        /// Whether groups are chosen by what they are worth rather than by how many VPLs they have.
+        pub weighs: u32,
         /// WGSL rounds the struct up to 16 bytes.
-        pub _pad: [u32; 2],
+        pub _pad: u32,
     }
 }
 
