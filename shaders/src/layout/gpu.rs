@@ -98,6 +98,8 @@ mirror! {
         pub counters_in: u32,
         /// Entry for the queue that it fills.
         pub counters_out: u32,
+        /// Entry that says whether a queue of this part of the frame overflowed.
+        pub overflow: u32,
         /// The only octant that this pass follows; 8: all.
         pub octant: u32,
         /// 1: the pairs of this step are counted.
@@ -112,6 +114,8 @@ mirror! {
     pub struct QueueStep {
         /// Entry of the counters for the queue.
         pub counters: u32,
+        /// Entry that says whether a queue of this part of the frame overflowed.
+        pub overflow: u32,
         /// Where the three numbers of workgroups go.
         pub arguments: u32,
         /// Pairs that a workgroup takes.
