@@ -18,6 +18,7 @@ mod plan;
 mod resident;
 mod sampler;
 mod scratch;
+mod seeing;
 mod tile;
 mod timing;
 mod view;

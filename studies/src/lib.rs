@@ -12,6 +12,7 @@ pub mod break_even;
 pub mod burst;
 pub mod calibration;
 pub mod cells;
+mod effort;
 pub mod hard_cases;
 mod local_cluster;
 mod median;
@@ -21,6 +22,7 @@ pub mod visibility;
 pub mod walk;
 pub mod warp;
 
+pub use effort::Effort;
 pub use local_cluster::LocalCluster;
 pub use plot::Plot;
 pub use report::{Machine, Report};
