@@ -93,7 +93,8 @@ fn link(root: &Path, user: &str, stem: &str) -> String {
         program: module(&format!("package::{user}::{stem}")),
     });
     linker.set_mangler(wesl::ManglerKind::None).use_sourcemap(true).keep_all_entrypoints();
-    let linked = linker.compile(&module(first)).unwrap_or_else(|error| panic!("{user}/{stem}.wgsl:\n{error}"));
+    let linked =
+        linker.compile(&module(first)).unwrap_or_else(|error| panic!("{user}/{stem}.wgsl:\n{error}"));
     linked.to_string()
 }
 

@@ -48,6 +48,8 @@ pub struct FrameStats {
     pub multipass_level: u32,
     /// Frames that were thrown away because a queue or the maps overflowed.
     pub reruns: u32,
+    /// Whether each view was traversed by itself because too few shared anything in a frame before.
+    pub fell_back: bool,
     /// Maps, those of inner nodes counted.
     pub maps: u32,
     /// Nodes of the view octree; the views where there is none.

@@ -36,6 +36,8 @@ pub struct ManyViews {
     parts: Vec<Part>,
     /// Times that a part was split.
     multipass_level: u32,
+    /// Whether views are traversed each by itself though they might share.
+    fell_back: bool,
 }
 
 impl ManyViews {
@@ -59,6 +61,7 @@ impl ManyViews {
             queues: Queues::new(gpu, pairs, 0),
             parts: Vec::new(),
             multipass_level: 0,
+            fell_back: false,
             gpu: Arc::clone(gpu),
             octree,
             knobs,
@@ -89,13 +92,14 @@ impl ManyViews {
             let map_total: Vec<u32> = bytemuck::pod_collect_to_vec(&finished.take(map_total)[..4]);
             let levels: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&finished.take(levels)[..88]);
             let sizes = [map_total[0], levels[0][0] + 1, levels[self.view_depth() as usize][1]];
-            let [maps, view_nodes, view_leaves] = if self.knobs.sharing { sizes } else { [views.count; 3] };
+            let [maps, view_nodes, view_leaves] = if self.shares() { sizes } else { [views.count; 3] };
             if maps > self.maps.capacity {
                 // Views move: a little room saves the next frames from the same.
                 let roomy = maps.saturating_add(maps / 16);
                 self.set_maps(roomy).or_else(|_| self.set_maps(maps))?;
             } else if !self.split_what_overflowed(&words, steps.len())? {
-                return Ok(FrameStats {
+                let stats = FrameStats {
+                    fell_back: self.fell_back,
                     steps: counters::read(&words, &steps, &self.parts),
                     multipass_level: self.multipass_level,
                     reruns,
@@ -107,7 +111,10 @@ impl ManyViews {
                     map_bytes: self.maps.bytes(),
                     queue_bytes: self.queues.pairs.iter().map(Buffer::size).sum(),
                     view_bytes: self.views.bytes(),
-                });
+                };
+                let alone = self.knobs.falls_back && stats.views_per_node() < Knobs::WORTH_SHARING;
+                self.fell_back |= self.shares() && alone;
+                return Ok(stats);
             }
             reruns += 1;
         }
@@ -148,6 +155,18 @@ impl ManyViews {
         &self.views.leaf_of_view
     }
 
+    /// The map of each view of the latest frame, read back.
+    ///
+    /// # Errors
+    /// A fault of the device.
+    pub fn map_of_views(&self, views: usize) -> Result<Vec<u32>, HierarchyError> {
+        let size = views as u64 * 4;
+        let mut commands = self.gpu.commands("maps of views");
+        let ticket = commands.read_buffer(&self.views.leaf_of_view, 0..size);
+        let bytes = commands.submit().wait()?.take(ticket);
+        Ok(bytemuck::pod_collect_to_vec(&bytes[..size as usize]))
+    }
+
     /// Four words a map of the latest frame: the position that it is rendered from (f32, edges of the octree's root),
     /// and the map that it continues.
     pub fn middles(&self) -> &Buffer {
@@ -186,7 +205,7 @@ impl ManyViews {
         for array in &self.maps.arrays {
             commands.clear(array);
         }
-        if self.knobs.sharing {
+        if self.shares() {
             self.builder.build(commands, views, &self.knobs, &self.views);
         } else {
             self.builder.singles(commands, views, &self.knobs, &self.views);
@@ -194,24 +213,32 @@ impl ManyViews {
         for (pass, part) in (0..).zip(&self.parts) {
             self.traverse.run(commands, &work, pass, *part);
         }
-        if self.knobs.sharing && self.knobs.fusion {
+        if self.shares() && self.knobs.fusion {
             self.fuse.run(commands, &self.traverse, &work);
         }
     }
 
+    /// Whether the next frame has a hierarchy over the views.
+    fn shares(&self) -> bool {
+        self.knobs.sharing && !self.fell_back
+    }
+
     /// Levels of the hierarchy over the views; 0 without one.
     fn view_depth(&self) -> u32 {
-        if self.knobs.sharing { self.knobs.view_depth } else { 0 }
+        if self.shares() { self.knobs.view_depth } else { 0 }
     }
 
     /// Room for the views and, to begin with, for about as many maps.
     fn make_room(&mut self, views: &ViewList) -> Result<(), HierarchyError> {
+        if self.views.capacity != views.count {
+            self.fell_back = false;
+        }
         if self.views.capacity != views.count || self.views.depth != self.view_depth() {
             self.views = ViewOctree::new(&self.gpu, views.count, self.view_depth())?;
-            let maps = if self.knobs.sharing { views.count.min(1 << 14) } else { views.count };
+            let maps = if self.shares() { views.count.min(1 << 14) } else { views.count };
             self.set_maps(maps)?;
             let whole = Part::Views { first: 0, count: views.count };
-            self.parts = vec![if self.knobs.sharing { Part::Octants { path: 0, level: 0 } } else { whole }];
+            self.parts = vec![if self.shares() { Part::Octants { path: 0, level: 0 } } else { whole }];
             self.multipass_level = 0;
         }
         Ok(())

@@ -88,26 +88,7 @@ impl Frame {
         let mut many = ManyViews::new(&gpu(), Arc::clone(octree), knobs).unwrap();
         let list = ViewList::new(&gpu(), &octree.root, views).unwrap();
         let stats = many.render(&list).unwrap();
-        let texels = (2 * knobs.side * knobs.side) as usize;
-        let mut maps = Vec::new();
-        for index in 0..stats.maps {
-            let set = many.maps();
-            let (array, at) = (index >> set.shift, (index & ((1 << set.shift) - 1)) as u64);
-            let size = texels as u64 * knobs.texel.bytes();
-            let mut commands = gpu().commands("read map");
-            let ticket = commands.read_buffer(&set.arrays[array as usize], at * size..(at + 1) * size);
-            let bytes = commands.submit().wait().unwrap().take(ticket);
-            maps.push(match knobs.texel {
-                Texel::RangeAndNode => {
-                    let words: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes[..]);
-                    words.into_iter().map(|[node, range]| [range, node]).collect()
-                }
-                Texel::Range => {
-                    let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[..]);
-                    words.into_iter().map(|range| [range, 0]).collect()
-                }
-            });
-        }
+        let maps = (0..stats.maps).map(|map| many.maps().read(&gpu(), map).unwrap()).collect();
         let map_of_view = read(many.map_of_view(), views.len());
         Self { many, stats, map_of_view, maps }
     }
@@ -120,5 +101,5 @@ impl Frame {
 
 /// Knobs whose texels name their node.
 fn wide(depth: u32, side: u32, sharing: bool) -> Knobs {
-    Knobs { side, sharing, texel: Texel::RangeAndNode, ..Knobs::for_depth(depth) }
+    Knobs { side, sharing, falls_back: false, texel: Texel::RangeAndNode, ..Knobs::for_depth(depth) }
 }

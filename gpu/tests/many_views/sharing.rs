@@ -1,12 +1,12 @@
 //! Views that share, views that do not, and what the two have in common.
 
-use argus_gpu::many_views::{Bounding, Knobs, Texel, ViewPoint};
+use argus_gpu::many_views::{Bounding, Knobs, RasterViews, Texel, ViewList, ViewPoint};
 use argus_scene::paraboloid::is_inside;
 use argus_scene::reference::Tracer;
 use glam::DVec3;
 
 use crate::oracle::Nodes;
-use crate::{Frame, octree_of, room, scattered, wide};
+use crate::{Frame, gpu, octree_of, room, scattered, wide};
 
 fn everywhere(count: usize, seed: u64) -> Vec<ViewPoint> {
     scattered(count, seed).into_iter().map(|view| ViewPoint::everywhere(view.position)).collect()
@@ -161,5 +161,43 @@ fn scene_of_room() -> argus_scene::Scene {
         cameras: Vec::new(),
         rig: RigKind::Cell,
         warnings: Vec::new(),
+    }
+}
+
+#[test]
+fn maps_of_triangles_hold_what_rays_through_their_texels_meet() {
+    let tracer = Tracer::new(std::sync::Arc::new(scene_of_room()));
+    let views = everywhere(6, 8);
+    let root = octree_of(&room(), 1).root;
+    let mut raster = RasterViews::new(&gpu(), root, room(), wide(1, 32, false)).unwrap();
+    raster.render(&ViewList::new(&gpu(), &root, &views).unwrap()).unwrap();
+    let (mut right, mut all) = (0, 0);
+    for (view, point) in views.iter().enumerate() {
+        let texels = raster.maps().read(&gpu(), view as u32).unwrap();
+        for texel in (0..2048).filter(|&texel| is_inside(texel, 32)) {
+            let hit =
+                tracer.trace(point.position, crate::oracle::ray(texel, 32)).expect("the room is closed");
+            let inverse = f64::from(f32::from_bits(texels[texel as usize][0]));
+            right += u32::from((inverse * hit.range - 1.0).abs() < 1e-4);
+            all += 1;
+        }
+    }
+    assert!(right * 1000 >= all * 997, "{right} of {all}");
+}
+
+#[test]
+fn views_too_far_apart_to_share_are_traversed_each_by_itself_from_the_second_frame_on() {
+    let octree = octree_of(&room(), 6);
+    let views = everywhere(40, 13);
+    let knobs = Knobs { falls_back: true, ..wide(6, 16, true) };
+    let mut shared = Frame::new(&octree, knobs, &views);
+    assert!(!shared.stats.fell_back && shared.stats.views_per_node() < Knobs::WORTH_SHARING);
+    let list = ViewList::new(&gpu(), &octree.root, &views).unwrap();
+    let stats = shared.many.render(&list).unwrap();
+    assert!(stats.fell_back);
+    let alone = Frame::new(&octree, wide(6, 16, false), &views);
+    assert_eq!(stats.steps, alone.stats.steps);
+    for view in [0, 17, 39] {
+        assert_eq!(shared.many.maps().read(&gpu(), view).unwrap(), alone.of(view as usize));
     }
 }

@@ -13,6 +13,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     QueueStep::MIRROR,
     FillStep::MIRROR,
     Fusion::MIRROR,
+    RasterStep::MIRROR,
 ];
 
 mirror! {
@@ -162,5 +163,21 @@ mirror! {
         pub map_shift: u32,
         /// Level of the maps, or number of queries.
         pub level: u32,
+    }
+}
+
+mirror! {
+    /// Every triangle for every view: `gpu/raster_views.wgsl`.
+    pub struct RasterStep {
+        /// Triangles.
+        pub triangles: u32,
+        /// The first of the views that are rendered.
+        pub first_view: u32,
+        /// Texels of a hemisphere's side.
+        pub side: u32,
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
     }
 }
