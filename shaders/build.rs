@@ -1,12 +1,14 @@
 //! Links every program under `shaders/<user>/` with WESL, validates it with naga, and writes a Rust module
 //! that carries its source and what reflection says of it: entry points, workgroup sizes, bindings.
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, ImageClass, Module, ShaderStage, StorageAccess, TypeInner};
+use wesl::{FileResolver, ModulePath, ResolveError, Resolver};
 
 /// Folders that hold programs, each named after the crate that runs them; `shared` holds none.
 const USERS: [&str; 3] = ["gpu", "sampler", "compositor"];
@@ -15,6 +17,7 @@ fn main() {
     let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").expect("cargo sets it"));
     let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets it"));
     println!("cargo::rerun-if-changed=shared");
+    println!("cargo::rerun-if-changed=entry_points");
     let mut rust = String::new();
     let mut all = String::new();
     for user in USERS {
@@ -73,13 +76,54 @@ fn program(root: &Path, out: &Path, user: &str, stem: &str, rust: &mut String) {
     writeln!(rust, "        ],\n    }};").expect("String");
 }
 
+/// What a program defines that is to be linked with the entry points of all searches.
+const SEARCH: &str = "fn pixel(at: vec2f) -> Pixel";
+
+/// The module's path of whichever program is being linked.
+const PROGRAM: &str = "package::program";
+
 /// Follows the imports of one program and returns plain WGSL.
 fn link(root: &Path, user: &str, stem: &str) -> String {
-    let mut linker = wesl::Wesl::new(root);
+    let file = root.join(user).join(format!("{stem}.wgsl"));
+    let source = fs::read_to_string(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    let first = if source.contains(SEARCH) { "package::entry_points::search" } else { PROGRAM };
+    let mut linker = wesl::Wesl::new(root).set_custom_resolver(Modules {
+        files: FileResolver::new(root),
+        alias: module(PROGRAM),
+        program: module(&format!("package::{user}::{stem}")),
+    });
     linker.set_mangler(wesl::ManglerKind::None).use_sourcemap(true).keep_all_entrypoints();
-    let path = format!("package::{user}::{stem}").parse().expect("a stem is a WGSL identifier");
-    let linked = linker.compile(&path).unwrap_or_else(|error| panic!("{user}/{stem}.wgsl:\n{error}"));
+    let linked =
+        linker.compile(&module(first)).unwrap_or_else(|error| panic!("{user}/{stem}.wgsl:\n{error}"));
     linked.to_string()
+}
+
+fn module(path: &str) -> ModulePath {
+    path.parse().expect("folders and stems are WGSL identifiers")
+}
+
+/// Modules are files, but for one: WESL has no generics, so that what is written once for several programs imports what
+/// is theirs from [`PROGRAM`], the one that it is linked for.
+struct Modules {
+    files: FileResolver,
+    alias: ModulePath,
+    program: ModulePath,
+}
+
+impl Modules {
+    fn file<'a>(&'a self, path: &'a ModulePath) -> &'a ModulePath {
+        if *path == self.alias { &self.program } else { path }
+    }
+}
+
+impl Resolver for Modules {
+    fn resolve_source<'a>(&'a self, path: &ModulePath) -> Result<Cow<'a, str>, ResolveError> {
+        self.files.resolve_source(self.file(path))
+    }
+
+    fn display_name(&self, path: &ModulePath) -> Option<String> {
+        self.files.display_name(self.file(path))
+    }
 }
 
 /// The resources that an entry point uses, as Rust source.

@@ -19,6 +19,7 @@ mod radiosity;
 mod resident;
 mod sampler;
 mod scratch;
+mod seeing;
 mod tile;
 mod timing;
 mod view;

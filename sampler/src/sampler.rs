@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
+use argus_gpu::{Gpu, GpuError, Submitted, wgpu};
 use argus_scene::frame::{INDIRECT_BY, TRIANGLES_BY};
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
@@ -12,27 +12,24 @@ use argus_scene::{
 use argus_shaders::layout::sampler::Rays;
 use glam::DVec3;
 
-use crate::draws::DrawList;
 use crate::eye::Eye;
-use crate::packets::PacketTracer;
-use crate::passes::{
-    IndirectScratch, Rasteriser, ResolveSample, ResolveView, Shade, Shading, TileContext, Trace,
-};
+use crate::passes::{ResolveSample, ResolveView, Shade, Shading, TileContext};
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
-use crate::radiosity::{Indirect, IndirectReport, Radiosity, VplKnobs};
-use crate::resident::{Resident, upload};
+use crate::radiosity::{Indirect, IndirectLight, IndirectReport, VplKnobs};
+use crate::resident::Resident;
 use crate::scratch::{Scratch, Targets};
+use crate::seeing::{Images, Seeing};
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
-use crate::ways::{self, Building, Choice, Choices, Way};
-use crate::{SamplerKnobs, Visibility, draws, timing};
+use crate::ways::Way;
+use crate::{SamplerKnobs, Visibility, timing};
 
 /// Renders a scene from its triangles, on one device.
 ///
 /// The scene is uploaded when this is made. Samples and views need only what depends on their cameras, and the
-/// places of instances where their epoch is another than the last one's. After a loss of the device every render fails with [`RenderError::DeviceLost`]; make another
-/// one, on another [`Gpu`].
+/// places of instances where their epoch is another than the last one's. After a loss of the device every render
+/// fails with [`RenderError::DeviceLost`]; make another one, on another [`Gpu`].
 pub struct GpuSampler {
     gpu: Arc<Gpu>,
     scene: Arc<Scene>,
@@ -43,18 +40,12 @@ pub struct GpuSampler {
     lighting: Lighting,
     posed_secs: f64,
     resident: Resident,
-    rasteriser: Rasteriser,
+    seeing: Seeing,
     shade: Shade,
     resolve_sample: ResolveSample,
     resolve_view: ResolveView,
     scratch: Scratch,
-    choices: Choices,
-    packets: Option<PacketTracer>,
-    /// The tracer on the device, or why there is none.
-    trace: Option<Result<Trace, String>>,
-    building: Option<Building>,
-    /// Light from surface to surface, made when it is first needed.
-    radiosity: Option<Radiosity>,
+    indirect: IndirectLight,
 }
 
 impl GpuSampler {
@@ -80,15 +71,9 @@ impl GpuSampler {
         let resident = Resident::new(&gpu, &scene)?;
         let glossy = resident.features.specular;
         Ok(Self {
-            // What may be needed at first use is built while the scene's first order is on its way.
-            building: (knobs.visibility != Visibility::Raster)
-                .then(|| Building::start(&scene, &resident.instances, draws::near(&resident.bounds))),
-            packets: None,
-            trace: None,
-            choices: Choices::default(),
-            rasteriser: Rasteriser::new(&gpu, &resident),
+            seeing: Seeing::new(&gpu, &scene, &resident, knobs.visibility),
             shade: Shade::new(&gpu, resident.features, knobs.indirect != Indirect::Off),
-            radiosity: None,
+            indirect: IndirectLight::new(&gpu, &scene, knobs.indirect),
             resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
@@ -105,7 +90,7 @@ impl GpuSampler {
 
     /// Which passes this scene calls for, and why.
     pub fn plan(&self) -> Vec<PassPlan> {
-        plan(&self.scene, &self.resident, &self.knobs, &self.choices)
+        plan(&self.scene, &self.resident, &self.knobs, self.seeing.choices())
     }
 
     /// One sample: per tile, find what is visible, shade it, choose a surface for each texel.
@@ -127,17 +112,18 @@ impl GpuSampler {
         stages.extend(self.light(&job.info.lighting)?);
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let planes = self.resolve_sample.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
-        let way = self.way_of_samples(&eye, &tiles)?;
+        let way = self.way_of(Images::Samples, &eye, &tiles)?;
 
         let mut under_way: Vec<Submitted> = Vec::new();
         for tile in &tiles {
             check_wanted(cancel)?;
             let mut commands = self.gpu.commands("render sample");
             let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), self.glossy);
-            let indirect = self.indirect_scratch(tile);
-            let context = TileContext { indirect, ..self.context(&eye, tile, targets) };
-            self.see(&mut commands, &context, way, &mut stages)?;
-            self.shade(&mut commands, &context, Shading::Sample);
+            let indirect = self.indirect.scratch(tile);
+            let context = TileContext { indirect, ..context(&self.gpu, &self.resident, &eye, tile, targets) };
+            self.seeing.see(&mut commands, &context, way, &mut stages)?;
+            self.shade.record(&mut commands, &context, Shading::Sample);
+            self.indirect.record(&mut commands, &context);
             self.resolve_sample.record(&mut commands, &context, &self.knobs, &planes);
             under_way.push(commands.submit());
         }
@@ -182,7 +168,7 @@ impl GpuSampler {
         let eye = self.eye(view.camera.eye, &lighting)?;
 
         let color_tiles = tiles(&faces, side);
-        let way = self.way_of_views(&eye, &color_tiles)?;
+        let way = self.way_of(Images::Views, &eye, &color_tiles)?;
         let mut parts = ViewParts::default();
         if view.outputs.color {
             let mut image = Image::new([width, height], 3);
@@ -190,10 +176,12 @@ impl GpuSampler {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render view");
                 let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-                let indirect = self.indirect_scratch(&tile);
-                let context = TileContext { indirect, ..self.context(&eye, &tile, targets) };
-                self.see(&mut commands, &context, way, &mut stages)?;
-                self.shade(&mut commands, &context, Shading::View);
+                let indirect = self.indirect.scratch(&tile);
+                let context =
+                    TileContext { indirect, ..context(&self.gpu, &self.resident, &eye, &tile, targets) };
+                self.seeing.see(&mut commands, &context, way, &mut stages)?;
+                self.shade.record(&mut commands, &context, Shading::View);
+                self.indirect.record(&mut commands, &context);
                 let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                 image.finish(&tile, commands, ticket, &mut stages)?;
             }
@@ -205,8 +193,8 @@ impl GpuSampler {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render range");
                 let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-                let context = self.context(&eye, &tile, targets);
-                self.see(&mut commands, &context, way, &mut stages)?;
+                let context = context(&self.gpu, &self.resident, &eye, &tile, targets);
+                self.seeing.see(&mut commands, &context, way, &mut stages)?;
                 let ticket = self.resolve_view.record_range(&mut commands, &context);
                 image.finish(&tile, commands, ticket, &mut stages)?;
             }
@@ -226,25 +214,20 @@ impl GpuSampler {
         let begin = Instant::now();
         let pose = self.scene.at(time_secs);
         self.resident.place(&self.scene, &pose.instances);
-        if let Some(packets) = &mut self.packets {
-            packets.pose(&self.scene, &self.resident.instances);
-        }
-        if let Some(radiosity) = &mut self.radiosity {
-            radiosity.place(&self.resident.instances);
-        }
+        self.seeing.pose(&self.resident);
+        self.indirect.pose(&self.resident);
         self.lighting = pose.lighting;
         self.posed_secs = time_secs;
         vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
     }
 
-    /// Makes the indirect light ready, if it is asked for; what that cost.
+    /// Makes indirect light ready, if it is asked for; what that cost.
     fn light(&mut self, lighting: &Lighting) -> Result<Vec<Stage>, RenderError> {
-        let Indirect::Vpl(knobs) = self.knobs.indirect else { return Ok(Vec::new()) };
-        self.ready_packets();
-        let (gpu, scene, placements) = (&self.gpu, &self.scene, &self.resident.instances);
-        let radiosity = self.radiosity.get_or_insert_with(|| Radiosity::new(gpu, scene, placements, knobs));
-        let Some(packets) = &self.packets else { return Ok(Vec::new()) };
-        radiosity.ready(gpu, packets, lighting)
+        if !self.indirect.is_on() {
+            return Ok(Vec::new());
+        }
+        self.seeing.ready_packets(&self.resident);
+        self.indirect.ready(&self.resident, self.seeing.packets()?, lighting)
     }
 
     /// What is known of the indirect light, and what was culled since the last call; none before it was needed.
@@ -252,7 +235,7 @@ impl GpuSampler {
     /// # Errors
     /// A lost device.
     pub fn indirect(&self) -> Result<Option<IndirectReport>, RenderError> {
-        self.radiosity.as_ref().map_or(Ok(None), |radiosity| radiosity.report(&self.gpu))
+        self.indirect.report()
     }
 
     /// Gathers indirect light by other knobs from now on.
@@ -260,179 +243,19 @@ impl GpuSampler {
     /// # Errors
     /// A knob that is out of range; a sampler that was made without indirect light.
     pub fn set_indirect(&mut self, knobs: VplKnobs) -> Result<(), RenderError> {
-        knobs.validate()?;
-        if self.knobs.indirect == Indirect::Off {
-            return Err(InvalidField::new("indirect", "this sampler was made without indirect light").into());
-        }
+        self.indirect.set_knobs(knobs)?;
         self.knobs.indirect = Indirect::Vpl(knobs);
-        if let Some(radiosity) = &mut self.radiosity {
-            radiosity.set_knobs(knobs);
-        }
         Ok(())
     }
 
-    /// Memory for a tile's indirect light, if it has any.
-    fn indirect_scratch(&mut self, tile: &Tile) -> Option<IndirectScratch> {
-        let gpu = &self.gpu;
-        self.radiosity.as_mut().map(|radiosity| radiosity.scratch(gpu, tile.sub_samples()))
-    }
-
-    /// Shades what a tile sees, and adds indirect light.
-    fn shade(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
-        self.shade.record(commands, context, shading);
-        if let Some(radiosity) = &self.radiosity {
-            radiosity.record(commands, context);
-        }
-    }
-
-    fn context<'a>(&'a self, eye: &'a Eye, tile: &'a Tile, targets: Targets) -> TileContext<'a> {
-        let rays = self.gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
-        TileContext {
-            gpu: &self.gpu,
-            resident: &self.resident,
-            eye,
-            tile,
-            rays,
-            places: None,
-            targets,
-            indirect: None,
-        }
-    }
-
-    /// Finds what a tile sees.
-    fn see(
-        &self,
-        commands: &mut Commands,
-        context: &TileContext<'_>,
-        way: Way,
-        stages: &mut Vec<Stage>,
-    ) -> Result<(), RenderError> {
-        match way {
-            Way::Raster => self.rasterise(commands, context, stages),
-            Way::Trace => self.trace(commands, context, stages),
-            Way::Cpu => {
-                let begin = Instant::now();
-                let ids = self.packets()?.trace(context.eye.position, &context.tile.rays());
-                self.write_ids(&context.targets, context.tile.sub_samples(), &ids);
-                timing::add(stages, vec![Stage::new("trace on the CPU", elapsed_ms(begin))]);
-                Ok(())
-            }
-        }
-    }
-
-    /// Finds what a tile sees by compute. The software driver ends a program whose loops go on for long, without a
-    /// word: there it is asked whether the tile is whole, and one that is not is rasterised.
-    fn trace(
-        &self,
-        commands: &mut Commands,
-        context: &TileContext<'_>,
-        stages: &mut Vec<Stage>,
-    ) -> Result<(), RenderError> {
-        let hierarchy = self.packets()?.hierarchy();
-        let Some(Ok(trace)) = &self.trace else {
-            return self.rasterise(commands, context, stages);
+    /// How images see triangles, settled on the first tile of the first one.
+    fn way_of(&mut self, images: Images, eye: &Eye, tiles: &[Tile]) -> Result<Way, RenderError> {
+        let (None, Some(tile)) = (self.seeing.settled(images), tiles.first()) else {
+            return Ok(self.seeing.settled(images).unwrap_or(Way::Raster));
         };
-        if !self.gpu.is_software() {
-            return trace.record(commands, context, hierarchy);
-        }
-        let mut own = self.gpu.commands("trace");
-        trace.record(&mut own, context, hierarchy)?;
-        let ticket = trace.read_unfinished(&mut own);
-        let mut finished = own.submit().wait()?;
-        timing::add(stages, std::mem::take(&mut finished.stages));
-        if Trace::is_whole(&finished.take(ticket)) {
-            return Ok(());
-        }
-        self.rasterise(commands, context, stages)
-    }
-
-    /// Hands what was found on the CPU to the device, before its next submission.
-    fn write_ids(&self, targets: &Targets, size: [u32; 2], ids: &[[u32; 2]]) {
-        let [width, height] = size;
-        let layout =
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * 8), rows_per_image: None };
-        let extent = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-        let to = targets.visibility.texture().as_image_copy();
-        self.gpu.queue.write_texture(to, bytemuck::cast_slice(ids), layout, extent);
-    }
-
-    /// The tracer of packets; [`Self::ready_packets`] comes first.
-    fn packets(&self) -> Result<&PacketTracer, RenderError> {
-        self.packets.as_ref().ok_or_else(|| RenderError::Internal("the tracer was not built".to_owned()))
-    }
-
-    /// Waits for the tracer of packets, or builds it.
-    fn ready_packets(&mut self) {
-        if self.packets.is_none() {
-            let near = draws::near(&self.resident.bounds);
-            let build = || ways::build(&self.scene, &self.resident.instances, near);
-            let mut packets = self.building.take().map_or_else(build, Building::finish);
-            if self.animated {
-                packets.pose(&self.scene, &self.resident.instances);
-            }
-            self.packets = Some(packets);
-        }
-    }
-
-    /// Hands the hierarchy to the device, once, or says why that cannot be.
-    fn ready_trace(&mut self) -> Result<(), String> {
-        self.ready_packets();
-        if let (None, Some(packets)) = (&self.trace, &self.packets) {
-            let near = draws::near(&self.resident.bounds);
-            self.trace = Some(Trace::new(&self.gpu, packets.hierarchy(), near));
-        }
-        match &self.trace {
-            Some(Err(reason)) => Err(reason.clone()),
-            _ => Ok(()),
-        }
-    }
-
-    /// How samples see triangles; measured on the first tile of the first one if the user leaves it open.
-    fn way_of_samples(&mut self, eye: &Eye, tiles: &[Tile]) -> Result<Way, RenderError> {
-        if self.choices.samples.is_none() {
-            self.choices.samples = Some(self.choose("samples", eye, tiles)?);
-        }
-        Ok(self.choices.samples.as_ref().map_or(Way::Raster, |choice| choice.way))
-    }
-
-    /// The same of direct views.
-    fn way_of_views(&mut self, eye: &Eye, tiles: &[Tile]) -> Result<Way, RenderError> {
-        if self.choices.views.is_none() {
-            self.choices.views = Some(self.choose("direct views", eye, tiles)?);
-        }
-        Ok(self.choices.views.as_ref().map_or(Way::Raster, |choice| choice.way))
-    }
-
-    fn choose(&mut self, what: &str, eye: &Eye, tiles: &[Tile]) -> Result<Choice, RenderError> {
-        match Way::wished(self.knobs.visibility) {
-            Some(Way::Trace) => {
-                if let Err(reason) = self.ready_trace() {
-                    let why = format!("this device cannot trace: {reason}");
-                    return Ok(Choice { way: Way::Raster, why });
-                }
-            }
-            Some(Way::Cpu) => self.ready_packets(),
-            Some(Way::Raster) | None => (),
-        }
-        if let Some(way) = Way::wished(self.knobs.visibility) {
-            return Ok(Choice { way, why: "asked for".to_owned() });
-        }
-        let Some(tile) = tiles.first() else {
-            return Ok(Choice { way: Way::Raster, why: "there is nothing to measure".to_owned() });
-        };
-        self.ready_packets();
-        let mut ways = vec![Way::Raster, Way::Cpu];
-        if self.ready_trace().is_ok() {
-            ways.push(Way::Trace);
-        }
         let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-        ways::choose(what, &ways, |way| {
-            let mut commands = self.gpu.commands("measure");
-            let context = self.context(eye, tile, targets.clone());
-            self.see(&mut commands, &context, way, &mut Vec::new())?;
-            commands.submit().wait()?;
-            Ok(())
-        })
+        let context = context(&self.gpu, &self.resident, eye, tile, targets);
+        self.seeing.settle(images, &context)
     }
 
     /// Kind of device as the provenance of direct views has it: with the way, unless it is the rasteriser, since ids
@@ -442,7 +265,7 @@ impl GpuSampler {
             Way::Raster => self.gpu.kind().to_owned(),
             _ => format!("{}{TRIANGLES_BY}{}", self.gpu.kind(), way.name()),
         };
-        match &self.knobs.indirect {
+        match self.indirect.knob() {
             Indirect::Off => seen,
             Indirect::Vpl(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
         }
@@ -469,17 +292,15 @@ impl GpuSampler {
         let [tile] = tiles(&faces, side)[..] else {
             return Err(InvalidField::new("width", "the view must fit a tile").into());
         };
-        match way {
-            Way::Raster => (),
-            Way::Trace => self.ready_trace().map_err(|reason| InvalidField::new("visibility", reason))?,
-            Way::Cpu => self.ready_packets(),
-        }
+        self.seeing
+            .ready(&self.gpu, &self.resident, way)
+            .map_err(|reason| InvalidField::new("visibility", reason))?;
         let eye = self.eye(camera.eye, &self.lighting)?;
         let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-        let context = self.context(&eye, &tile, targets);
+        let context = context(&self.gpu, &self.resident, &eye, &tile, targets);
         let begin = Instant::now();
         let mut commands = self.gpu.commands("identify");
-        self.see(&mut commands, &context, way, &mut Vec::new())?;
+        self.seeing.see(&mut commands, &context, way, &mut Vec::new())?;
         commands.submit().wait()?;
         let took = begin.elapsed();
         let mut commands = self.gpu.commands("read ids");
@@ -499,7 +320,7 @@ impl GpuSampler {
             return Err(InvalidField::new("width", "width and height must be at least 1").into());
         }
         let mut stages = self.pose(job.time_secs);
-        self.ready_packets();
+        self.seeing.ready_packets(&self.resident);
         let faces = SampleCamera::Perspective { camera: job.camera, width, height }.faces();
         let lighting = self.lighting.clone();
         stages.extend(self.light(&lighting)?);
@@ -517,11 +338,12 @@ impl GpuSampler {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render pixels");
                 let targets = self.scratch.targets(&self.gpu, listing.compact.sub_samples(), false);
-                let indirect = if images { self.indirect_scratch(&listing.compact) } else { None };
+                let indirect = if images { self.indirect.scratch(&listing.compact) } else { None };
                 let context = TileContext { indirect, ..self.list_context(&eye, listing, targets) };
-                self.trace_list(&context, listing, &mut stages)?;
+                self.seeing.see_list(&context, listing, &mut stages)?;
                 let (ticket, out, bytes) = if images {
-                    self.shade(&mut commands, &context, Shading::View);
+                    self.shade.record(&mut commands, &context, Shading::View);
+                    self.indirect.record(&mut commands, &context);
                     let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                     (ticket, &mut color, 3)
                 } else {
@@ -548,36 +370,6 @@ impl GpuSampler {
         let places = self.gpu.upload("places", &listing.words(), wgpu::BufferUsages::STORAGE);
         let (gpu, resident, tile) = (&self.gpu, &self.resident, &listing.compact);
         TileContext { gpu, resident, eye, tile, rays, places: Some(places), targets, indirect: None }
-    }
-
-    /// Finds what the pixels of a list see.
-    fn trace_list(
-        &self,
-        context: &TileContext<'_>,
-        listing: &Listing,
-        stages: &mut Vec<Stage>,
-    ) -> Result<(), RenderError> {
-        let begin = Instant::now();
-        let rays = listing.tile.rays();
-        let found = self.packets()?.trace_some(context.eye.position, &rays, &listing.sub_samples());
-        self.write_ids(&context.targets, context.tile.sub_samples(), &listing.image(&found));
-        timing::add(stages, vec![Stage::new("trace rays", elapsed_ms(begin))]);
-        Ok(())
-    }
-
-    /// Finds what a tile sees: culls, uploads what is left, draws it.
-    fn rasterise(
-        &self,
-        commands: &mut Commands,
-        context: &TileContext<'_>,
-        stages: &mut Vec<Stage>,
-    ) -> Result<(), RenderError> {
-        let begin = Instant::now();
-        let list = DrawList::new(&self.resident, context.eye.position, context.tile);
-        let draws = upload(&self.gpu, "draws", &list.draws, wgpu::BufferUsages::STORAGE)?;
-        timing::add(stages, vec![Stage::new("cull", elapsed_ms(begin))]);
-        self.rasteriser.record(commands, context, &list, &draws);
-        Ok(())
     }
 
     fn eye(&self, position: DVec3, lighting: &Lighting) -> Result<Eye, RenderError> {
@@ -607,8 +399,16 @@ impl Sampler for GpuSampler {
     }
 }
 
-fn elapsed_ms(begin: Instant) -> f64 {
-    begin.elapsed().as_secs_f64() * 1e3
+/// A tile with its rays.
+fn context<'a>(
+    gpu: &'a Arc<Gpu>,
+    resident: &'a Resident,
+    eye: &'a Eye,
+    tile: &'a Tile,
+    targets: Targets,
+) -> TileContext<'a> {
+    let rays = gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
+    TileContext { gpu, resident, eye, tile, rays, places: None, targets, indirect: None }
 }
 
 fn check_wanted(cancel: &Cancel) -> Result<(), RenderError> {

@@ -14,6 +14,11 @@ pub(crate) fn add(table: &mut Vec<Stage>, rows: Vec<Stage>) {
     }
 }
 
+/// Adds what passed since `begin` as a row.
+pub(crate) fn add_since(table: &mut Vec<Stage>, name: &str, begin: Instant) {
+    add(table, vec![Stage::new(name, begin.elapsed().as_secs_f64() * 1e3)]);
+}
+
 /// Adds what passed since `begin` beyond the rows of the table: submission, copies, and what a driver's
 /// timestamps leave out, as the software driver's do of compute passes that follow one another.
 pub(crate) fn add_rest(table: &mut Vec<Stage>, begin: Instant) {

@@ -2,7 +2,10 @@
 // looks at are tried in all of them; what none has is sky if they see past everything there, else unresolved.
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
-import package::shared::fetch::{Fetch, POINTS, SETTLED, crossing_of_bounds, fetch_from, is_better, not_baked, nothing_at, opinions_of, view};
+import package::shared::fetch::{
+    Fetch, POINTS, SETTLED, crossing_of_bounds, direction_of, fetch_from, is_better, not_baked, nothing_at, opinions_of,
+    position_of, view,
+};
 import package::shared::pixel::{CERTAIN, OTHER, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
 import package::shared::targets::{store_linear, store_shown};
 
@@ -57,8 +60,8 @@ fn is_clear(d: vec3f) -> bool {
 }
 
 fn mend(place: vec2u) -> Pixel {
-    let position = vec2f(place) + 0.5 - view.target_origin + view.piece_origin;
-    let d = view.corner + view.right * position.x + view.down * position.y;
+    let position = position_of(vec2f(place) + 0.5);
+    let d = direction_of(position);
     let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
     let columns = view.cell_columns;
     let at = i32(view.first_cell) + cell.y * columns + cell.x;

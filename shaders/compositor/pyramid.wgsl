@@ -2,12 +2,11 @@
 // to where none of the cameras that look there sees past it (the most conservative surface, as section 4.2 of the cluster
 // paper has it). A pyramid of nearest surfaces lets it pass over what is empty in large steps.
 
-import package::shared::fetch::{ViewSample, crossing_of_bounds, not_baked, omni, view};
+import package::shared::fetch::{ViewSample, crossing_of_bounds, direction_of, not_baked, omni, position_of, view};
 import package::shared::levels::{LEVELS, place_of_level};
 import package::shared::image_line::{AHEAD, leaves_cell, line_in_image, texel_at};
-import package::shared::pixel::{Linear, Pixel, Shown, corner_of_target, linear_of, shown};
+import package::shared::pixel::Pixel;
 import package::shared::ray_end::{RayEnd, pixel_at_end};
-import package::shared::targets::{place_of_twin, store_linear, store_shown};
 
 // Greatest inverse range of the surfaces in cells of 1, 2, 4, ... texels on a side, 0 where there are none; levels.wgsl says
 // where they lie.
@@ -112,40 +111,8 @@ fn follow_in_all(d: vec3f, span: vec2f) -> RayEnd {
 }
 
 fn pixel(at: vec2f) -> Pixel {
-    let position = at - view.target_origin + view.piece_origin;
-    let d = view.corner + view.right * position.x + view.down * position.y;
+    let d = direction_of(position_of(at));
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
     let ended = follow_in_all(d, span);
     return pixel_at_end(d, span, ended);
-}
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
-    return corner_of_target(index);
-}
-
-@fragment
-fn show(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at.xy));
-}
-
-@fragment
-fn keep(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at.xy));
-}
-
-@compute @workgroup_size(8, 8)
-fn show_twin(@builtin(global_invocation_id) id: vec3u) {
-    let place = place_of_twin(id.xy);
-    if place.inside {
-        store_shown(place.texel, pixel(place.at));
-    }
-}
-
-@compute @workgroup_size(8, 8)
-fn keep_twin(@builtin(global_invocation_id) id: vec3u) {
-    let place = place_of_twin(id.xy);
-    if place.inside {
-        store_linear(place.texel, pixel(place.at));
-    }
 }

@@ -2,12 +2,13 @@
 // where they do not, a short linear search.
 
 import package::shared::cells::{Depth, depth_of};
-import package::shared::fetch::{SETTLED, crossing_of_bounds, fetch_from, not_baked, view};
+import package::shared::fetch::{
+    SETTLED, crossing_of_bounds, direction_of, fetch_from, not_baked, position_of, view,
+};
 import package::shared::fixed_point::{limits_of, settle, settle_in_any};
 import package::shared::march::march;
-import package::shared::pixel::{Linear, OTHER, Pixel, Shown, corner_of_target, linear_of, shown, surface_pixel};
+import package::shared::pixel::{OTHER, Pixel, surface_pixel};
 import package::shared::ray_end::{RayEnd, pixel_at_end};
-import package::shared::targets::{place_of_twin, store_linear, store_shown};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 
@@ -35,8 +36,8 @@ fn pixel_elsewhere(d: vec3f, span: vec2f, start: f32, source: u32) -> Pixel {
 }
 
 fn pixel(at: vec2f) -> Pixel {
-    let position = at - view.target_origin + view.piece_origin;
-    let d = view.corner + view.right * position.x + view.down * position.y;
+    let position = position_of(at);
+    let d = direction_of(position);
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
     let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
     let seed = depth_of(depths[view.first_cell + u32(cell.y * view.cell_columns + cell.x)]);
@@ -49,35 +50,4 @@ fn pixel(at: vec2f) -> Pixel {
         result = pixel_elsewhere(d, span, abs(seed.q), seed.source);
     }
     return result;
-}
-
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
-    return corner_of_target(index);
-}
-
-@fragment
-fn show(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at.xy));
-}
-
-@fragment
-fn keep(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at.xy));
-}
-
-@compute @workgroup_size(8, 8)
-fn show_twin(@builtin(global_invocation_id) id: vec3u) {
-    let place = place_of_twin(id.xy);
-    if place.inside {
-        store_shown(place.texel, pixel(place.at));
-    }
-}
-
-@compute @workgroup_size(8, 8)
-fn keep_twin(@builtin(global_invocation_id) id: vec3u) {
-    let place = place_of_twin(id.xy);
-    if place.inside {
-        store_linear(place.texel, pixel(place.at));
-    }
 }

@@ -7,25 +7,17 @@
 // nearly every pixel.
 
 import package::shared::cells::{Depth, depth_of};
-import package::shared::fetch::{SETTLED, crossing_of_bounds, fetch_from, view};
-import package::shared::pixel::{
-    Linear, Pixel, Shown, corner_of_target, linear_of, shown, sky_pixel, surface_pixel,
-};
-import package::shared::targets::{place_of_twin, store_linear, store_shown};
+import package::shared::fetch::{SETTLED, crossing_of_bounds, direction_of, fetch_from, position_of, view};
+import package::shared::pixel::{Pixel, sky_pixel, surface_pixel};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 // Pixels that are left over: their number for each piece of the chunk, then their places in the target, 16 bits each of
 // x and y.
 @group(0) @binding(10) var<storage, read_write> unsettled: array<atomic<u32>>;
 
-@vertex
-fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
-    return corner_of_target(index);
-}
-
 fn pixel(at: vec2f) -> Pixel {
-    let position = at - view.target_origin + view.piece_origin;
-    let d = view.corner + view.right * position.x + view.down * position.y;
+    let position = position_of(at);
+    let d = direction_of(position);
     let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
     let depth = depth_of(depths[view.first_cell + u32(cell.y * view.cell_columns + cell.x)]);
     let fetched = fetch_from(view.samples[depth.source], d, depth.q);
@@ -42,30 +34,4 @@ fn pixel(at: vec2f) -> Pixel {
         }
     }
     return pixel;
-}
-
-@fragment
-fn show(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at.xy));
-}
-
-@fragment
-fn keep(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at.xy));
-}
-
-@compute @workgroup_size(8, 8)
-fn show_twin(@builtin(global_invocation_id) id: vec3u) {
-    let place = place_of_twin(id.xy);
-    if place.inside {
-        store_shown(place.texel, pixel(place.at));
-    }
-}
-
-@compute @workgroup_size(8, 8)
-fn keep_twin(@builtin(global_invocation_id) id: vec3u) {
-    let place = place_of_twin(id.xy);
-    if place.inside {
-        store_linear(place.texel, pixel(place.at));
-    }
 }

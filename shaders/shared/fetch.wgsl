@@ -68,6 +68,16 @@ override omni: bool = false;
 @group(0) @binding(3) var nearest: sampler;
 @group(0) @binding(4) var bilinear: sampler;
 
+// Where a pixel of the target lies in its view, in sub-pixels.
+fn position_of(at: vec2f) -> vec2f {
+    return at - view.target_origin + view.piece_origin;
+}
+
+// The direction of a position in the view, at depth 1.
+fn direction_of(position: vec2f) -> vec3f {
+    return view.corner + view.right * position.x + view.down * position.y;
+}
+
 // A loop's bound, unchanged. Mesa's software driver bakes a uniform that bounds a loop into the machine code, and compiles
 // the shader again, tens of milliseconds, for each draw that comes with another; what depends on a texture, it does not.
 fn not_baked(bound: u32) -> u32 {

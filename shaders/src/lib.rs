@@ -2,9 +2,9 @@
 //!
 //! Programs lie beside this crate in a folder named after the crate that runs them
 //! (`shaders/sampler/x.wgsl` is the program of `sampler/src/passes/x.rs`); `shaders/shared` holds what
-//! programs import (`import package::shared::camera::…;`) and has no entry points. `build.rs` links and
-//! validates each at build time and reflects it, so that a workgroup size or a binding is typed once, in WGSL,
-//! and a program that does not exist does not compile.
+//! programs import (`import package::shared::camera::…;`) and has no entry points; `shaders/entry_points` holds those that
+//! several programs have. `build.rs` links and validates each at build time and reflects it, so that a workgroup size or a
+//! binding is typed once, in WGSL, and a program that does not exist does not compile.
 //!
 //! Structs that both sides know are declared with [`mirror!`] in [`layout`] and held to the WGSL by test.
 

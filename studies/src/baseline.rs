@@ -19,7 +19,7 @@ use serde_json::{Map, Value, json};
 
 use crate::bench::{Bench, Taken, compare};
 use crate::median::{mean, median};
-use crate::{Machine, Report, report};
+use crate::{Effort, Machine, Report, report};
 
 /// What is measured, and how long.
 #[derive(Debug, Clone)]
@@ -55,9 +55,8 @@ impl Default for Options {
     }
 }
 
-impl Options {
-    /// A few seconds, to see that everything works; its figures are noise.
-    pub fn quick() -> Self {
+impl Effort for Options {
+    fn quick() -> Self {
         Self {
             scenes: vec!["terrain:20000".to_owned()],
             sizes: vec![[96, 72]],

@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 
 use crate::calibration::{self, Answers, share, tally};
 use crate::median::{mean, median};
-use crate::{Machine, Report, report};
+use crate::{Effort, Machine, Report, report};
 
 /// What is measured.
 #[derive(Debug, Clone)]
@@ -53,9 +53,8 @@ impl Default for Options {
     }
 }
 
-impl Options {
-    /// Seconds, to see that everything works; its figures are noise.
-    pub fn quick() -> Self {
+impl Effort for Options {
+    fn quick() -> Self {
         Self {
             scenes: vec!["terrain:20000".to_owned()],
             calibration: 12,

@@ -17,7 +17,7 @@ use serde_json::json;
 use crate::bench::{Bench, Taken};
 use crate::median::median;
 use crate::plot::{Axis, Plot, Series};
-use crate::{Machine, Report, report};
+use crate::{Effort, Machine, Report, report};
 
 /// What is measured, and how long.
 #[derive(Debug, Clone)]
@@ -56,9 +56,8 @@ impl Default for Options {
     }
 }
 
-impl Options {
-    /// A few seconds, to see that everything works; its figures are noise.
-    pub fn quick() -> Self {
+impl Effort for Options {
+    fn quick() -> Self {
         Self {
             scenes: vec!["terrain:20000".to_owned()],
             size: [64, 48],

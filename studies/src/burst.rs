@@ -13,7 +13,7 @@ use serde_json::json;
 
 use crate::local_cluster::LocalCluster;
 use crate::median::{mean, median};
-use crate::{Machine, Report, report};
+use crate::{Effort, Machine, Report, report};
 
 /// What is measured, and how often.
 #[derive(Debug, Clone)]
@@ -37,9 +37,8 @@ impl Default for Options {
     }
 }
 
-impl Options {
-    /// A few seconds, to see that everything works; its figures are noise.
-    pub fn quick() -> Self {
+impl Effort for Options {
+    fn quick() -> Self {
         Self { scene: "terrain:20000".to_owned(), views: 16, size: [96, 72], rounds: 1, ..Self::default() }
     }
 }

@@ -16,7 +16,7 @@ use serde_json::{Map, Value, json};
 use crate::bench::{Bench, Judged};
 use crate::median::mean;
 use crate::plot::{Axis, Plot, Series};
-use crate::{Machine, Report, report};
+use crate::{Effort, Machine, Report, report};
 
 /// What is measured.
 #[derive(Debug, Clone)]
@@ -55,9 +55,8 @@ impl Default for Options {
     }
 }
 
-impl Options {
-    /// A few seconds, to see that everything works; its figures are noise.
-    pub fn quick() -> Self {
+impl Effort for Options {
+    fn quick() -> Self {
         Self {
             scene: "terrain:20000".to_owned(),
             size: [64, 48],

@@ -18,7 +18,7 @@ use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
 use crate::median::{mean, median};
-use crate::{Machine, Report};
+use crate::{Effort, Machine, Report};
 
 /// What is measured, and how long.
 #[derive(Debug, Clone)]
@@ -48,9 +48,8 @@ impl Default for Options {
     }
 }
 
-impl Options {
-    /// A few seconds, to see that everything works; its figures are noise.
-    pub fn quick() -> Self {
+impl Effort for Options {
+    fn quick() -> Self {
         Self {
             scenes: vec!["terrain:20000".to_owned()],
             sizes: vec![[96, 72]],

@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use crate::burst::{connect, patient};
 use crate::local_cluster::LocalCluster;
 use crate::median::{mean, median};
-use crate::{Machine, Report};
+use crate::{Effort, Machine, Report};
 
 /// What is measured, and for how long.
 #[derive(Debug, Clone)]
@@ -57,9 +57,8 @@ impl Default for Options {
     }
 }
 
-impl Options {
-    /// A few seconds, to see that everything works; its figures are noise.
-    pub fn quick() -> Self {
+impl Effort for Options {
+    fn quick() -> Self {
         Self {
             scene: "terrain:20000".to_owned(),
             views: 8,

@@ -20,7 +20,7 @@ use serde_json::json;
 use crate::bench::{Bench, Judged, Truth, WRONG_SURFACE};
 use crate::median::{mean, median};
 use crate::plot::{Axis, Mark, Plot, Series, pareto_front};
-use crate::{Machine, Report, report};
+use crate::{Effort, Machine, Report, report};
 
 /// What is measured, and how long.
 #[derive(Debug, Clone)]
@@ -73,9 +73,8 @@ impl Default for Options {
     }
 }
 
-impl Options {
-    /// A few seconds, to see that everything works; its figures are noise.
-    pub fn quick() -> Self {
+impl Effort for Options {
+    fn quick() -> Self {
         Self {
             scene: "terrain:20000".to_owned(),
             size: [96, 72],

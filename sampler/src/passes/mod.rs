@@ -9,7 +9,10 @@ mod resolve_sample;
 mod resolve_view;
 mod shade;
 mod trace;
+mod trace_cutouts;
 mod visibility;
+
+use std::sync::Arc;
 
 use argus_gpu::{Gpu, wgpu};
 
@@ -31,7 +34,7 @@ pub(crate) use visibility::Rasteriser;
 
 /// A tile about to be rendered: all that its passes have in common.
 pub(crate) struct TileContext<'a> {
-    pub(crate) gpu: &'a Gpu,
+    pub(crate) gpu: &'a Arc<Gpu>,
     pub(crate) resident: &'a Resident,
     pub(crate) eye: &'a Eye,
     pub(crate) tile: &'a Tile,

@@ -9,6 +9,7 @@ use argus_shaders::sampler::TRACE;
 use glam::DVec3;
 
 use super::TileContext;
+use super::trace_cutouts::TraceCutouts;
 use crate::bvh::{Hierarchy, PlacedObject};
 use crate::resident::upload;
 use crate::wide::Wide;
@@ -23,16 +24,15 @@ const LANES: u32 = 8;
 /// Traces packets of rays, a subgroup to each.
 pub(crate) struct Trace {
     wide: Wide,
-    children: wgpu::TextureView,
-    triangles: wgpu::TextureView,
+    pub(super) children: wgpu::TextureView,
+    pub(super) triangles: wgpu::TextureView,
     /// Distance before which nothing is seen, in units of the rays' directions.
     near: f32,
-    has_cutouts: bool,
     /// Set by packets that were not followed to their end.
-    unfinished: wgpu::Buffer,
+    pub(super) unfinished: wgpu::Buffer,
     /// By the logarithm of the rows that a lane follows.
     opaque: [OnceLock<ComputePipeline>; 4],
-    cutouts: OnceLock<ComputePipeline>,
+    cutouts: Option<TraceCutouts>,
 }
 
 impl Trace {
@@ -65,9 +65,8 @@ impl Trace {
                 wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
             ),
             near,
-            has_cutouts,
             opaque: Default::default(),
-            cutouts: OnceLock::new(),
+            cutouts: has_cutouts.then(TraceCutouts::default),
         })
     }
 
@@ -81,7 +80,7 @@ impl Trace {
         context: &TileContext<'_>,
         hierarchy: &Hierarchy,
     ) -> Result<(), RenderError> {
-        let TileContext { gpu, resident, eye, targets, tile, rays, .. } = context;
+        let TileContext { gpu, eye, targets, tile, rays, .. } = context;
         let (top, _) = self.wide.top(hierarchy, eye.position);
         let placed: Vec<PlacedTree> = hierarchy.placed.iter().map(|p| self.about(p, eye.position)).collect();
         let storage = wgpu::BufferUsages::STORAGE;
@@ -90,7 +89,14 @@ impl Trace {
         let [width, height] = tile.sub_samples();
         commands.clear(&self.unfinished);
         let log = rows_log(hierarchy, [width, height]);
-        let pipeline = self.opaque[log as usize].get_or_init(|| self.pipeline(gpu, "trace_opaque", 1 << log));
+        let pipeline = self.opaque[log as usize].get_or_init(|| {
+            let constants = [
+                ("rows", f64::from(1 << log)),
+                ("nearest_inverse", self.nearest_inverse()),
+                ("has_cutouts", f64::from(u8::from(self.cutouts.is_some()))),
+            ];
+            gpu.compute_pipeline_with(&TRACE, "trace_opaque", &constants)
+        });
         commands
             .compute("trace", pipeline)
             .read("rays", rays)
@@ -102,27 +108,8 @@ impl Trace {
             .write("inverse_distances", &targets.shaded)
             .write("unfinished", &self.unfinished)
             .dispatch([width.div_ceil(8), height.div_ceil(8 << log), 1]);
-        if self.has_cutouts {
-            let pipeline = self.cutouts.get_or_init(|| self.pipeline(gpu, "trace_cutouts", 1));
-            commands
-                .compute("trace cut-outs", pipeline)
-                .read("rays", rays)
-                .read("children", &self.children)
-                .read("triangles", &self.triangles)
-                .read("top", &top)
-                .read("placed", &placed)
-                .read("attributes", &resident.attributes)
-                .read("indices", &resident.indices)
-                .read("meshes", &resident.meshes)
-                .read("instances", &eye.instances)
-                .read("materials", &resident.materials)
-                .read("slots", &resident.slots)
-                .read("texel_levels", &resident.texel_levels)
-                .read("texels", &resident.texels)
-                .write("visibility", &targets.visibility)
-                .write("inverse_distances", &targets.shaded)
-                .write("unfinished", &self.unfinished)
-                .dispatch([width.div_ceil(8), height.div_ceil(8), 1]);
+        if let Some(cutouts) = &self.cutouts {
+            cutouts.record(commands, context, self, &top, &placed);
         }
         Ok(())
     }
@@ -137,13 +124,9 @@ impl Trace {
         unfinished.iter().all(|&byte| byte == 0)
     }
 
-    fn pipeline(&self, gpu: &Gpu, entry: &str, rows: u32) -> ComputePipeline {
-        let constants = [
-            ("rows", f64::from(rows)),
-            ("nearest_inverse", 1.0 / f64::from(self.near)),
-            ("has_cutouts", f64::from(u8::from(self.has_cutouts))),
-        ];
-        gpu.compute_pipeline_with(&TRACE, entry, &constants)
+    /// Inverse distance of what is nearest, in units of the rays' directions.
+    pub(super) fn nearest_inverse(&self) -> f64 {
+        1.0 / f64::from(self.near)
     }
 
     fn about(&self, placed: &PlacedObject, eye: DVec3) -> PlacedTree {

@@ -9,6 +9,7 @@
 pub(crate) mod emitters;
 mod from_octree;
 mod knobs;
+mod light;
 pub(crate) mod maps;
 pub(crate) mod paths;
 pub(crate) mod sequence;
@@ -29,6 +30,7 @@ use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
 
 pub use knobs::{Indirect, MapSource, VplKnobs};
+pub(crate) use light::IndirectLight;
 
 use crate::packets::PacketTracer;
 use crate::passes::{

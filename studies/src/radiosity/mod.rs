@@ -22,11 +22,10 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-pub use light::LightSpec;
-
 use crate::median::median;
+use crate::megaviews::Emitter;
 use crate::plot::{Axis, Plot, Series};
-use crate::{Machine, Report, report};
+use crate::{Effort, Machine, Report, report};
 
 /// What is measured, and how long.
 #[derive(Debug, Clone)]
@@ -34,7 +33,7 @@ pub struct Options {
     /// As [`argus_scene::open`] takes it.
     pub scene: String,
     /// In place of the scene's lights and sky.
-    pub light: Option<LightSpec>,
+    pub light: Option<Emitter>,
     /// Where the view is from; the scene's first camera otherwise.
     pub camera: Option<Camera>,
     /// Pixels of the view.
@@ -92,9 +91,8 @@ impl Default for Options {
     }
 }
 
-impl Options {
-    /// A few seconds, to see that everything works; its figures are noise.
-    pub fn quick() -> Self {
+impl Effort for Options {
+    fn quick() -> Self {
         Self {
             scene: "terrain:2000".to_owned(),
             size: [48, 36],
@@ -112,7 +110,9 @@ impl Options {
             ..Self::default()
         }
     }
+}
 
+impl Options {
     /// The first row, and one for each departure from it.
     fn rows(&self) -> Vec<(&'static str, VplKnobs)> {
         let base = self.base;
@@ -278,8 +278,8 @@ fn plot(options: &Options, points: &[(&'static str, f64, f64)]) -> Plot {
 impl Stage {
     fn new(gpu: &Arc<Gpu>, options: &Options, progress: &ProgressBar) -> Result<Self> {
         let mut scene = argus_scene::open(&options.scene)?;
-        if let Some(light) = options.light {
-            light.light(&mut scene);
+        if let Some(emitter) = &options.light {
+            light::replace(&mut scene, emitter);
         }
         let camera = options.camera.unwrap_or_else(|| scene.default_camera());
         progress.set_message("tracing the reference");

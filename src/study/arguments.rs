@@ -1,0 +1,97 @@
+//! Arguments that several studies share. What is left out keeps the study's default.
+
+use anyhow::Context as _;
+use argus_studies::Report;
+use indicatif::ProgressBar;
+
+use crate::args;
+
+/// One scene.
+#[derive(clap::Args)]
+pub(super) struct Scene {
+    /// A file or `terrain[:TRIANGLES]`
+    #[arg(long = "scene", value_name = "S")]
+    name: Option<String>,
+}
+
+impl Scene {
+    pub(super) fn replace(self, default: &mut String) {
+        if let Some(name) = self.name {
+            *default = name;
+        }
+    }
+}
+
+/// Scenes, each measured for itself.
+#[derive(clap::Args)]
+pub(super) struct Scenes {
+    /// A file or `terrain[:TRIANGLES]`; may be given more than once
+    #[arg(long = "scene", value_name = "S")]
+    names: Vec<String>,
+}
+
+impl Scenes {
+    pub(super) fn replace(self, default: &mut Vec<String>) {
+        if !self.names.is_empty() {
+            *default = self.names;
+        }
+    }
+}
+
+/// One size of views.
+#[derive(clap::Args)]
+pub(super) struct Size {
+    /// Pixels of a view
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Option<[u32; 2]>,
+}
+
+impl Size {
+    pub(super) fn replace(self, default: &mut [u32; 2]) {
+        if let Some(size) = self.size {
+            *default = size;
+        }
+    }
+}
+
+/// Sizes of views, each measured for itself.
+#[derive(clap::Args)]
+pub(super) struct Sizes {
+    /// Pixels of a view; may be given more than once
+    #[arg(long = "size", value_name = "WxH", value_parser = args::size)]
+    sizes: Vec<[u32; 2]>,
+}
+
+impl Sizes {
+    pub(super) fn replace(self, default: &mut Vec<[u32; 2]>) {
+        if !self.sizes.is_empty() {
+            *default = self.sizes;
+        }
+    }
+}
+
+/// Processes of a cluster on this machine.
+#[derive(clap::Args)]
+pub(super) struct Workers {
+    /// Worker processes [default: 2]
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
+    workers: Option<u16>,
+}
+
+impl Workers {
+    pub(super) fn replace(self, default: &mut usize) {
+        if let Some(workers) = self.workers {
+            *default = usize::from(workers);
+        }
+    }
+}
+
+/// Runs a study that waits for the GPU away from the threads that serve I/O.
+pub(super) async fn blocking<O: Send + 'static>(
+    options: O,
+    progress: &ProgressBar,
+    study: impl FnOnce(&O, &ProgressBar) -> anyhow::Result<Report> + Send + 'static,
+) -> anyhow::Result<Report> {
+    let bar = progress.clone();
+    tokio::task::spawn_blocking(move || study(&options, &bar)).await.context("the study panicked")?
+}

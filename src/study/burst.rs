@@ -1,0 +1,31 @@
+//! Arguments of `argus study burst`.
+
+use argus_studies::burst::{Options, run};
+use argus_studies::{Effort as _, Report};
+use indicatif::ProgressBar;
+
+use super::arguments::{Scene, Workers};
+
+/// Many views at once, by gRPC, from a cluster that has no samples yet, against all of them rendered directly
+///
+/// Without --scene: terrain:500000.
+#[derive(clap::Args)]
+pub(super) struct Burst {
+    #[command(flatten)]
+    scene: Scene,
+    /// Views [default: 290]
+    #[arg(long, value_name = "N")]
+    views: Option<u32>,
+    #[command(flatten)]
+    workers: Workers,
+}
+
+impl Burst {
+    pub(super) async fn run(self, quick: bool, progress: &ProgressBar) -> anyhow::Result<Report> {
+        let mut options = Options::of(quick);
+        self.scene.replace(&mut options.scene);
+        options.views = self.views.unwrap_or(options.views);
+        self.workers.replace(&mut options.workers);
+        run(&std::env::current_exe()?, &options, progress).await
+    }
+}

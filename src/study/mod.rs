@@ -1,0 +1,113 @@
+//! `argus study`: the experiments behind the figures. One file for each says what may be asked of it.
+
+mod arguments;
+mod baseline;
+mod bounds;
+mod break_even;
+mod burst;
+mod cells;
+mod hard_cases;
+mod megaviews;
+mod radiosity;
+mod visibility;
+mod walk;
+mod warp;
+
+use std::path::PathBuf;
+
+use argus_studies::Report;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::output;
+
+/// Measures what approximations cost and what they are worth, on this machine.
+///
+/// Each study prints a Markdown table; with --out it also writes Markdown, CSV, JSON and, where it draws one, a plot. On
+/// the software driver, LP_NUM_THREADS=1 keeps samplers and compositors comparable: only its fragment work uses threads.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  LP_NUM_THREADS=1 argus study baseline --out figures
+  argus study baseline --scene model.glb --quick
+  LP_NUM_THREADS=1 argus study warp --scene terrain:500000 --out figures
+  argus study burst --scene terrain:500000 --views 290
+  argus study walk --scene sponza.glb --laps 8")]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    study: Study,
+    #[command(flatten)]
+    form: Form,
+}
+
+#[derive(clap::Subcommand)]
+enum Study {
+    Baseline(baseline::Baseline),
+    Burst(burst::Burst),
+    Warp(warp::Warp),
+    Bounds(bounds::Bounds),
+    Walk(walk::Walk),
+    Visibility(visibility::Visibility),
+    Cells(cells::Cells),
+    BreakEven(break_even::BreakEven),
+    HardCases(hard_cases::HardCases),
+    #[command(name = "megaviews")]
+    MegaViews(megaviews::MegaViews),
+    Radiosity(radiosity::Radiosity),
+}
+
+/// How long a study may take, and what becomes of its figures.
+#[derive(clap::Args)]
+struct Form {
+    /// A few seconds, to see that everything works; the figures are noise
+    #[arg(long, global = true)]
+    quick: bool,
+    /// Print one JSON object: scene, machine, rows (one object a table row)
+    #[arg(long, global = true)]
+    json: bool,
+    /// Folder for the figures as Markdown, CSV and JSON, and for plots
+    #[arg(long, global = true, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
+    let progress = ProgressBar::no_length();
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>3}/{len} {msg} ({elapsed})") {
+        progress.set_style(style);
+    }
+    let (name, report) = match study {
+        Study::Baseline(study) => ("baseline", study.run(form.quick, &progress).await?),
+        Study::Burst(study) => ("burst", study.run(form.quick, &progress).await?),
+        Study::Warp(study) => ("warp", study.run(form.quick, &progress).await?),
+        Study::Bounds(study) => ("bounds", study.run(form.quick, &progress).await?),
+        Study::Walk(study) => ("walk", study.run(form.quick, &progress).await?),
+        Study::Visibility(study) => ("visibility", study.run(form.quick, &progress).await?),
+        Study::Cells(study) => ("cells", study.run(form.quick, &progress).await?),
+        Study::BreakEven(study) => ("break-even", study.run(form.quick, &progress).await?),
+        Study::MegaViews(study) => ("megaviews", study.run(form.quick, &progress).await?),
+        Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
+        Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
+    };
+    progress.finish_and_clear();
+    publish(name, &form, &report)?;
+    let failed = report.rows.iter().filter(|row| row.get("passed") == Some(&false.into())).count();
+    anyhow::ensure!(failed == 0, "{failed} of {} cases are out of bounds", report.rows.len());
+    Ok(())
+}
+
+fn publish(name: &str, form: &Form, report: &Report) -> anyhow::Result<()> {
+    if let Some(folder) = &form.out {
+        for path in report.write(folder, name)? {
+            eprintln!("written: {}", path.display());
+        }
+    }
+    if form.json {
+        return output::json(report);
+    }
+    let machine = &report.machine;
+    println!(
+        "{} ({} cores), {}, LP_NUM_THREADS={}\n",
+        machine.cpu, machine.cores, machine.gpu, machine.driver_threads
+    );
+    print!("{}", report.markdown());
+    Ok(())
+}

@@ -1,0 +1,39 @@
+//! Arguments of `argus study warp`.
+
+use argus_studies::warp::{Options, run};
+use argus_studies::{Effort as _, Report};
+use indicatif::ProgressBar;
+
+use super::arguments::{Scene, Size, blocking};
+use crate::args;
+
+/// What accuracy costs in time: every search × its steps × samples × supersampling, over a walk past what hides
+/// other things
+///
+/// Without --scene: terrain:500000; without --size: 200x150.
+#[derive(clap::Args)]
+pub(super) struct Warp {
+    #[command(flatten)]
+    scene: Scene,
+    #[command(flatten)]
+    size: Size,
+    /// Views of the walk [default: 12]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    views: Option<u16>,
+    #[command(flatten)]
+    rig: args::Rig,
+}
+
+impl Warp {
+    pub(super) async fn run(self, quick: bool, progress: &ProgressBar) -> anyhow::Result<Report> {
+        let mut options = Options::of(quick);
+        self.scene.replace(&mut options.scene);
+        self.size.replace(&mut options.size);
+        options.views = self.views.map_or(options.views, usize::from);
+        options.rig = self.rig.knobs();
+        if let Some(samples) = self.rig.samples {
+            options.samples = vec![samples as usize];
+        }
+        blocking(options, progress, run).await
+    }
+}
