@@ -1,7 +1,7 @@
 //! What several subcommands take: points, sizes, servers, rigs and plans.
 
-use argus_sampler::{Indirect, MapSource, SamplerKnobs, Visibility, VplKnobs};
-use argus_scene::{Holes, Output, PlanRequest, Preset, RigKind, RigKnobs, Search};
+use argus_sampler::{Indirect, MapSource, SamplerKnobs, VplKnobs};
+use argus_scene::{Holes, Output, PlanRequest, Preset, RigKind, RigKnobs, Search, Visibility};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
@@ -66,14 +66,10 @@ impl Rig {
     }
 }
 
-/// How workers render from triangles.
+/// How workers render samples.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Samplers")]
 pub(crate) struct Sampling {
-    /// How triangles are seen: by the device's rasteriser, by packets of rays on the processor (cpu), or by whichever
-    /// each worker measures to be cheapest for the scene (auto). Ways may differ along edges
-    #[arg(long, value_name = "WAY", default_value = "raster", value_parser = visibility())]
-    pub(crate) visibility: Visibility,
     /// Sub-samples of a texel of a sample: 1, 4 or 16
     #[arg(long, value_name = "N", default_value = "4", value_parser = ["1", "4", "16"])]
     pub(crate) sub_samples: String,
@@ -145,21 +141,48 @@ impl Sampling {
     pub(crate) fn knobs(&self) -> SamplerKnobs {
         let default = SamplerKnobs::default();
         let sub_samples = self.sub_samples.parse().unwrap_or(default.sub_samples);
-        SamplerKnobs { sub_samples, visibility: self.visibility, indirect: self.indirect.knobs(), ..default }
+        SamplerKnobs { sub_samples, indirect: self.indirect.knobs(), ..default }
     }
 
     /// The same as arguments of a subcommand that runs in a process of its own.
     pub(crate) fn to_arguments(&self) -> Vec<String> {
-        let visibility = format!("--visibility={}", self.visibility.name());
-        let mut arguments = vec![visibility, format!("--sub-samples={}", self.sub_samples)];
+        let mut arguments = vec![format!("--sub-samples={}", self.sub_samples)];
         arguments.extend(self.indirect.to_arguments());
         arguments
     }
 }
 
-fn visibility() -> impl TypedValueParser<Value = Visibility> {
-    PossibleValuesParser::new(Visibility::ALL.map(Visibility::name))
-        .map(|name| Visibility::ALL.into_iter().find(|v| v.name() == name).unwrap_or_default())
+/// How the workers of a cluster see triangles.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Samplers")]
+pub(crate) struct Seeing {
+    /// How triangles are seen: by the device's rasteriser, by packets of rays in compute (trace) or on the processor
+    /// (cpu), or by whichever of them the first worker measures to be cheapest for the scene (auto). Ways may differ
+    /// along edges
+    #[arg(long, value_name = "WAY", default_value = AUTO, value_parser = visibility())]
+    visibility: Way,
+}
+
+/// A way to see triangles; none where it is to be measured.
+type Way = Option<Visibility>;
+
+const AUTO: &str = "auto";
+
+impl Seeing {
+    /// The way, if the user said which.
+    pub(crate) fn visibility(&self) -> Way {
+        self.visibility
+    }
+
+    /// The same as arguments of a subcommand that runs in a process of its own.
+    pub(crate) fn to_arguments(&self) -> Vec<String> {
+        vec![format!("--visibility={}", self.visibility.map_or(AUTO, Visibility::name))]
+    }
+}
+
+fn visibility() -> impl TypedValueParser<Value = Way> {
+    let names = std::iter::once(AUTO).chain(Visibility::ALL.map(Visibility::name));
+    PossibleValuesParser::new(names).map(|name| Visibility::ALL.into_iter().find(|v| v.name() == name))
 }
 
 /// How a view is to be answered; what is left out the service chooses.

@@ -59,6 +59,8 @@ pub(crate) struct Service {
     model: Option<PathBuf>,
     #[command(flatten)]
     rig: args::Rig,
+    #[command(flatten)]
+    seeing: args::Seeing,
     /// Milliseconds until the next moment of an animated scene is rendered, at the least
     #[arg(long, value_name = "MS", default_value = "100", value_parser = args::positive)]
     epoch_ms: f64,
@@ -115,6 +117,7 @@ impl Service {
         config.core = core::Config {
             samplers_composite: self.samplers_composite,
             refining_share: self.refining_share,
+            visibility: self.seeing.visibility(),
             epoch: Duration::try_from_secs_f64(self.epoch_ms * 1e-3).context("--epoch-ms")?,
             samples_per_view: self.rig.samples.unwrap_or(config.core.samples_per_view),
             ..config.core

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use argus_proto::convert::scene_hash_bytes;
+use argus_proto::convert::{scene_hash_bytes, visibility};
 use argus_proto::{PROTOCOL_VERSION, v1};
-use argus_scene::{InvalidField, Limits, SampleSetInfo};
+use argus_scene::{InvalidField, Limits, SampleSetInfo, Visibility};
 
 use crate::SceneRef;
 use crate::core::quality::Observed;
@@ -78,6 +78,11 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         compositing_busy_ms: busy(wire.compositing_busy_ms),
         held: wire.held.into_iter().map(Into::into).collect(),
         leaving: wire.leaving,
+        ways: wire
+            .ways
+            .into_iter()
+            .filter_map(|way| Some((visibility(way.visibility, "ways").ok()?, way.ms)))
+            .collect(),
     }
 }
 
@@ -99,8 +104,13 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         compositing_busy_ms: report.compositing_busy_ms,
         held: report.held.into_iter().map(Into::into).collect(),
         leaving: report.leaving,
+        ways: report.ways.into_iter().map(way_cost).collect(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }
+}
+
+fn way_cost((visibility, ms): (Visibility, f64)) -> v1::WayCost {
+    v1::WayCost { visibility: v1::Visibility::from(visibility) as i32, ms }
 }
 
 /// What every assignment of a coordinator says alike.
@@ -125,6 +135,7 @@ pub(crate) fn assignment(assignment: Assignment, standing: &Standing, set: &Samp
         set: Some(set.into()),
         sources: sources(assignment.ahead),
         kept_from: assignment.kept_from,
+        measure_ways: assignment.measure_ways,
         limits: Some(standing.limits.into()),
         report_interval_ms: u32::try_from(standing.report_interval.as_millis()).unwrap_or(u32::MAX),
     }

@@ -4,7 +4,7 @@ use argus_scene::scene::NamedCamera;
 use argus_scene::{
     Bounds, Camera, Effect, Frame, Holes, Light, Lighting, Limits, OmniLayout, Output, Outputs, Plan,
     PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, Prediction, Preset, Provenance, Rig, Sample,
-    SampleCamera, SampleId, SampleSetInfo, SceneHash, Search, Served, Sky, Stage, View, Warp,
+    SampleCamera, SampleId, SampleSetInfo, SceneHash, Search, Served, Sky, Stage, View, Visibility, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -113,8 +113,9 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
 }
 
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
-    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting()).prop_map(
-        |(scene, bounds, rig, (epoch, generation), epoch_secs, lighting)| SampleSetInfo {
+    let visibility = prop::sample::select(Visibility::ALL.to_vec());
+    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), visibility).prop_map(
+        |(scene, bounds, rig, (epoch, generation), epoch_secs, lighting, visibility)| SampleSetInfo {
             scene,
             bounds,
             rig,
@@ -122,6 +123,7 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
             epoch_secs,
             generation,
             lighting,
+            visibility,
         },
     )
 }

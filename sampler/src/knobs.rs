@@ -15,35 +15,6 @@ pub enum RadianceFormat {
     HalfFloat,
 }
 
-/// How triangles are seen. All ways agree but along edges; which is cheapest depends on device, scene and size.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Visibility {
-    /// Whichever way is measured to be cheapest, at the first sample and at the first direct view.
-    Auto,
-    /// By the device's rasteriser.
-    #[default]
-    Raster,
-    /// By packets of rays in compute, where the device's subgroups have 8 lanes or more; elsewhere by the rasteriser.
-    Trace,
-    /// By packets of rays on the processor.
-    Cpu,
-}
-
-impl Visibility {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Auto, Self::Raster, Self::Trace, Self::Cpu];
-
-    /// As users write it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::Raster => "raster",
-            Self::Trace => "trace",
-            Self::Cpu => "cpu",
-        }
-    }
-}
-
 /// Quality of samples; each knob trades it for time or bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerKnobs {
@@ -53,8 +24,6 @@ pub struct SamplerKnobs {
     pub range_bits: u32,
     /// How radiance is stored.
     pub radiance: RadianceFormat,
-    /// How triangles are seen.
-    pub visibility: Visibility,
     /// Whether surfaces light one another.
     pub indirect: Indirect,
 }
@@ -65,7 +34,6 @@ impl Default for SamplerKnobs {
             sub_samples: 4,
             range_bits: 16,
             radiance: RadianceFormat::default(),
-            visibility: Visibility::default(),
             indirect: Indirect::default(),
         }
     }

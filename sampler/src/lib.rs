@@ -26,7 +26,7 @@ mod view;
 mod ways;
 mod wide;
 
-pub use knobs::{RadianceFormat, SamplerKnobs, Visibility};
+pub use knobs::{RadianceFormat, SamplerKnobs};
 pub use plan::PassPlan;
 pub use radiosity::{Indirect, IndirectReport, MapSource, VplKnobs};
 pub use sampler::GpuSampler;

@@ -3,8 +3,7 @@
 use argus_scene::{Effect, Scene};
 
 use crate::resident::{DrawClass, Resident};
-use crate::ways::{Choice, Choices, Way};
-use crate::{Indirect, SamplerKnobs, Visibility};
+use crate::{Indirect, SamplerKnobs};
 
 /// Whether one piece of work runs for this scene.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -18,12 +17,7 @@ pub struct PassPlan {
 }
 
 /// The plan for a scene as it lies on the device.
-pub(crate) fn plan(
-    scene: &Scene,
-    resident: &Resident,
-    knobs: &SamplerKnobs,
-    choices: &Choices,
-) -> Vec<PassPlan> {
+pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> Vec<PassPlan> {
     let effects = scene.effects();
     let has = |effect| effects.contains(&effect);
     let count = |test: &dyn Fn(DrawClass) -> bool| -> usize {
@@ -34,27 +28,13 @@ pub(crate) fn plan(
     let lights = scene.lighting.lights.len();
     let textures = scene.textures.len();
     let features = resident.features;
-    let chosen = |choice: &Option<Choice>| match choice {
-        Some(choice) => format!("{} ({})", choice.way.name(), choice.why),
-        None => knobs.visibility.name().to_owned(),
-    };
-    let by = format!("samples by {}, direct views by {}", chosen(&choices.samples), chosen(&choices.views));
-    // A way may run until both choices are made for another one.
-    let may = |way| {
-        [&choices.samples, &choices.views].into_iter().any(|choice| match choice {
-            Some(choice) => choice.way == way,
-            None => knobs.visibility == Visibility::Auto || Way::wished(knobs.visibility) == Some(way),
-        })
-    };
     let said = |present, yes: &str, no: &str| if present { yes.to_owned() } else { no.to_owned() };
     vec![
         row(
-            "rasterise",
-            opaque + cutouts > 0 && may(Way::Raster),
-            format!("{} instances can be seen; {by}", opaque + cutouts),
+            "see triangles",
+            opaque + cutouts > 0,
+            format!("{} instances can be seen; rasterised or traced, as the job says", opaque + cutouts),
         ),
-        row("trace", opaque + cutouts > 0 && may(Way::Trace), by.clone()),
-        row("trace on the CPU", opaque + cutouts > 0 && may(Way::Cpu), by.clone()),
         row("trace rays", true, "pixels that no sample saw".to_owned()),
         row("test alpha", cutouts > 0, format!("{cutouts} of them have alpha-tested materials")),
         row("shade view", true, "direct views, with what their eyes see reflected".to_owned()),

@@ -3,27 +3,27 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use argus_gpu::{Gpu, GpuError, Submitted, wgpu};
-use argus_scene::frame::{INDIRECT_BY, TRIANGLES_BY};
+use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
+use argus_scene::frame::INDIRECT_BY;
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
-    Sample, SampleCamera, SampleId, SampleJob, Sampler, Scene, Stage, ViewJob,
+    Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Scene, Stage, ViewJob, Visibility,
 };
 use argus_shaders::layout::sampler::Rays;
 use glam::DVec3;
+use tracing::warn;
 
 use crate::eye::Eye;
-use crate::passes::{ResolveSample, ResolveView, Shade, Shading, TileContext};
+use crate::passes::{IndirectScratch, ResolveSample, ResolveView, Shade, Shading, TileContext};
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
-use crate::radiosity::{Indirect, IndirectLight, IndirectReport, VplKnobs};
+use crate::radiosity::{Indirect, IndirectReport, Radiosity, VplKnobs};
 use crate::resident::Resident;
 use crate::scratch::{Scratch, Targets};
-use crate::seeing::{Images, Seeing};
+use crate::seeing::Seeing;
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
-use crate::ways::Way;
-use crate::{SamplerKnobs, Visibility, timing};
+use crate::{SamplerKnobs, timing};
 
 /// Renders a scene from its triangles, on one device.
 ///
@@ -45,7 +45,8 @@ pub struct GpuSampler {
     resolve_sample: ResolveSample,
     resolve_view: ResolveView,
     scratch: Scratch,
-    indirect: IndirectLight,
+    /// Light from surface to surface, made when it is first needed.
+    radiosity: Option<Radiosity>,
 }
 
 impl GpuSampler {
@@ -71,9 +72,9 @@ impl GpuSampler {
         let resident = Resident::new(&gpu, &scene)?;
         let glossy = resident.features.specular;
         Ok(Self {
-            seeing: Seeing::new(&gpu, &scene, &resident, knobs.visibility),
+            seeing: Seeing::new(&gpu, &scene, &resident),
             shade: Shade::new(&gpu, resident.features, knobs.indirect != Indirect::Off),
-            indirect: IndirectLight::new(&gpu, &scene, knobs.indirect),
+            radiosity: None,
             resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
@@ -90,7 +91,7 @@ impl GpuSampler {
 
     /// Which passes this scene calls for, and why.
     pub fn plan(&self) -> Vec<PassPlan> {
-        plan(&self.scene, &self.resident, &self.knobs, self.seeing.choices())
+        plan(&self.scene, &self.resident, &self.knobs)
     }
 
     /// One sample: per tile, find what is visible, shade it, choose a surface for each texel.
@@ -112,18 +113,17 @@ impl GpuSampler {
         stages.extend(self.light(&job.info.lighting)?);
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let planes = self.resolve_sample.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
-        let way = self.way_of(Images::Samples, &eye, &tiles)?;
+        let way = self.ready(job.info.visibility);
 
         let mut under_way: Vec<Submitted> = Vec::new();
         for tile in &tiles {
             check_wanted(cancel)?;
             let mut commands = self.gpu.commands("render sample");
             let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), self.glossy);
-            let indirect = self.indirect.scratch(tile);
+            let indirect = self.indirect_scratch(tile);
             let context = TileContext { indirect, ..context(&self.gpu, &self.resident, &eye, tile, targets) };
             self.seeing.see(&mut commands, &context, way, &mut stages)?;
-            self.shade.record(&mut commands, &context, Shading::Sample);
-            self.indirect.record(&mut commands, &context);
+            self.shade(&mut commands, &context, Shading::Sample);
             self.resolve_sample.record(&mut commands, &context, &self.knobs, &planes);
             under_way.push(commands.submit());
         }
@@ -168,7 +168,7 @@ impl GpuSampler {
         let eye = self.eye(view.camera.eye, &lighting)?;
 
         let color_tiles = tiles(&faces, side);
-        let way = self.way_of(Images::Views, &eye, &color_tiles)?;
+        let way = self.ready(view.visibility);
         let mut parts = ViewParts::default();
         if view.outputs.color {
             let mut image = Image::new([width, height], 3);
@@ -176,12 +176,11 @@ impl GpuSampler {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render view");
                 let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-                let indirect = self.indirect.scratch(&tile);
+                let indirect = self.indirect_scratch(&tile);
                 let context =
                     TileContext { indirect, ..context(&self.gpu, &self.resident, &eye, &tile, targets) };
                 self.seeing.see(&mut commands, &context, way, &mut stages)?;
-                self.shade.record(&mut commands, &context, Shading::View);
-                self.indirect.record(&mut commands, &context);
+                self.shade(&mut commands, &context, Shading::View);
                 let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                 image.finish(&tile, commands, ticket, &mut stages)?;
             }
@@ -215,19 +214,32 @@ impl GpuSampler {
         let pose = self.scene.at(time_secs);
         self.resident.place(&self.scene, &pose.instances);
         self.seeing.pose(&self.resident);
-        self.indirect.pose(&self.resident);
+        if let Some(radiosity) = &mut self.radiosity {
+            radiosity.place(&self.resident.instances);
+        }
         self.lighting = pose.lighting;
         self.posed_secs = time_secs;
         vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
     }
 
-    /// Makes indirect light ready, if it is asked for; what that cost.
-    fn light(&mut self, lighting: &Lighting) -> Result<Vec<Stage>, RenderError> {
-        if !self.indirect.is_on() {
-            return Ok(Vec::new());
+    /// Makes ready what a way needs; where the device does not have it, triangles are rasterised.
+    fn ready(&mut self, way: Visibility) -> Visibility {
+        match self.seeing.ready(&self.gpu, &self.resident, way) {
+            Ok(()) => way,
+            Err(reason) => {
+                warn!(reason, "this device cannot see triangles by {}, they are rasterised", way.name());
+                Visibility::Raster
+            }
         }
-        self.seeing.ready_packets(&self.resident);
-        self.indirect.ready(&self.resident, self.seeing.packets()?, lighting)
+    }
+
+    /// Makes the indirect light ready, if it is asked for; what that cost.
+    fn light(&mut self, lighting: &Lighting) -> Result<Vec<Stage>, RenderError> {
+        let Indirect::Vpl(knobs) = self.knobs.indirect else { return Ok(Vec::new()) };
+        let packets = self.seeing.ready_packets(&self.resident);
+        let (gpu, scene, placements) = (&self.gpu, &self.scene, &self.resident.instances);
+        let radiosity = self.radiosity.get_or_insert_with(|| Radiosity::new(gpu, scene, placements, knobs));
+        radiosity.ready(gpu, packets, lighting)
     }
 
     /// What is known of the indirect light, and what was culled since the last call; none before it was needed.
@@ -235,7 +247,7 @@ impl GpuSampler {
     /// # Errors
     /// A lost device.
     pub fn indirect(&self) -> Result<Option<IndirectReport>, RenderError> {
-        self.indirect.report()
+        self.radiosity.as_ref().map_or(Ok(None), |radiosity| radiosity.report(&self.gpu))
     }
 
     /// Gathers indirect light by other knobs from now on.
@@ -243,29 +255,36 @@ impl GpuSampler {
     /// # Errors
     /// A knob that is out of range; a sampler that was made without indirect light.
     pub fn set_indirect(&mut self, knobs: VplKnobs) -> Result<(), RenderError> {
-        self.indirect.set_knobs(knobs)?;
+        knobs.validate()?;
+        if self.knobs.indirect == Indirect::Off {
+            return Err(InvalidField::new("indirect", "this sampler was made without indirect light").into());
+        }
         self.knobs.indirect = Indirect::Vpl(knobs);
+        if let Some(radiosity) = &mut self.radiosity {
+            radiosity.set_knobs(knobs);
+        }
         Ok(())
     }
 
-    /// How images see triangles, settled on the first tile of the first one.
-    fn way_of(&mut self, images: Images, eye: &Eye, tiles: &[Tile]) -> Result<Way, RenderError> {
-        let (None, Some(tile)) = (self.seeing.settled(images), tiles.first()) else {
-            return Ok(self.seeing.settled(images).unwrap_or(Way::Raster));
-        };
-        let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-        let context = context(&self.gpu, &self.resident, eye, tile, targets);
-        self.seeing.settle(images, &context)
+    /// Memory for a tile's indirect light, if it has any.
+    fn indirect_scratch(&mut self, tile: &Tile) -> Option<IndirectScratch> {
+        let gpu = &self.gpu;
+        self.radiosity.as_mut().map(|radiosity| radiosity.scratch(gpu, tile.sub_samples()))
     }
 
-    /// Kind of device as the provenance of direct views has it: with the way, unless it is the rasteriser, since ids
-    /// may differ along edges, and with the knobs of indirect light, if there is any.
-    fn device_seeing_by(&self, way: Way) -> String {
-        let seen = match way {
-            Way::Raster => self.gpu.kind().to_owned(),
-            _ => format!("{}{TRIANGLES_BY}{}", self.gpu.kind(), way.name()),
-        };
-        match self.indirect.knob() {
+    /// Shades what a tile sees, and adds indirect light.
+    fn shade(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
+        self.shade.record(commands, context, shading);
+        if let Some(radiosity) = &self.radiosity {
+            radiosity.record(commands, context);
+        }
+    }
+
+    /// Device as the provenance of direct views has it: with the way triangles were seen, and the knobs of indirect
+    /// light, if there is any.
+    fn device_seeing_by(&self, way: Visibility) -> String {
+        let seen = way.on_device(self.gpu.kind());
+        match &self.knobs.indirect {
             Indirect::Off => seen,
             Indirect::Vpl(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
         }
@@ -275,8 +294,8 @@ impl GpuSampler {
     /// for the sky; and how long it took, with the tracer built and what the device needs compiled.
     ///
     /// # Errors
-    /// [`RenderError::Invalid`] for [`Visibility::Auto`], for a view larger than a tile, and for a way that this
-    /// device does not have; a lost device.
+    /// [`RenderError::Invalid`] for a view larger than a tile, and for a way that this device does not have; a lost
+    /// device.
     pub fn identify(
         &mut self,
         camera: &Camera,
@@ -285,22 +304,20 @@ impl GpuSampler {
         visibility: Visibility,
     ) -> Result<(Vec<[u32; 2]>, Duration), RenderError> {
         self.check_alive()?;
-        let way = Way::wished(visibility)
-            .ok_or_else(|| InvalidField::new("visibility", "one way must be named"))?;
         let [width, height] = size;
         let faces = SampleCamera::Perspective { camera: *camera, width, height }.faces();
         let [tile] = tiles(&faces, side)[..] else {
             return Err(InvalidField::new("width", "the view must fit a tile").into());
         };
         self.seeing
-            .ready(&self.gpu, &self.resident, way)
+            .ready(&self.gpu, &self.resident, visibility)
             .map_err(|reason| InvalidField::new("visibility", reason))?;
         let eye = self.eye(camera.eye, &self.lighting)?;
         let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
         let context = context(&self.gpu, &self.resident, &eye, &tile, targets);
         let begin = Instant::now();
         let mut commands = self.gpu.commands("identify");
-        self.seeing.see(&mut commands, &context, way, &mut Vec::new())?;
+        self.seeing.see(&mut commands, &context, visibility, &mut Vec::new())?;
         commands.submit().wait()?;
         let took = begin.elapsed();
         let mut commands = self.gpu.commands("read ids");
@@ -338,12 +355,11 @@ impl GpuSampler {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render pixels");
                 let targets = self.scratch.targets(&self.gpu, listing.compact.sub_samples(), false);
-                let indirect = if images { self.indirect.scratch(&listing.compact) } else { None };
+                let indirect = if images { self.indirect_scratch(&listing.compact) } else { None };
                 let context = TileContext { indirect, ..self.list_context(&eye, listing, targets) };
                 self.seeing.see_list(&context, listing, &mut stages)?;
                 let (ticket, out, bytes) = if images {
-                    self.shade.record(&mut commands, &context, Shading::View);
-                    self.indirect.record(&mut commands, &context);
+                    self.shade(&mut commands, &context, Shading::View);
                     let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                     (ticket, &mut color, 3)
                 } else {
@@ -384,6 +400,16 @@ impl GpuSampler {
 impl Sampler for GpuSampler {
     fn device(&self) -> &str {
         self.gpu.kind()
+    }
+
+    fn ways(&mut self, info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
+        self.check_alive()?;
+        let camera = info.rig.camera(0)?;
+        let tiles = sample_tiles(&camera, self.knobs.side())?;
+        let Some(tile) = tiles.first() else { return Ok(vec![(Visibility::Raster, 0.0)]) };
+        let eye = self.eye(camera.center(), &info.lighting)?;
+        let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
+        self.seeing.measure(&context(&self.gpu, &self.resident, &eye, tile, targets))
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {

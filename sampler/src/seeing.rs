@@ -1,12 +1,11 @@
-//! What a tile sees: the ways to fill a visibility buffer, and which of them serves samples and direct views.
+//! What a tile sees: the ways to fill a visibility buffer.
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, wgpu};
-use argus_scene::{RenderError, Scene, Stage};
+use argus_scene::{RenderError, Scene, Stage, Visibility};
 
-use crate::Visibility;
 use crate::draws::{self, DrawList};
 use crate::packets::PacketTracer;
 use crate::passes::{Rasteriser, TileContext, Trace};
@@ -14,46 +13,22 @@ use crate::pixels::Listing;
 use crate::resident::{Resident, upload};
 use crate::scratch::Targets;
 use crate::timing;
-use crate::ways::{self, Building, Choice, Choices, Way};
-
-/// Which images a choice of way is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Images {
-    Samples,
-    Views,
-}
+use crate::ways;
 
 /// The rasteriser, and the tracers once something needs them.
 pub(crate) struct Seeing {
     scene: Arc<Scene>,
-    wish: Visibility,
-    choices: Choices,
     rasteriser: Rasteriser,
     packets: Option<PacketTracer>,
     /// The tracer on the device, or why there is none.
     trace: Option<Result<Trace, String>>,
-    building: Option<Building>,
 }
 
 impl Seeing {
     /// For a scene that is on the device.
-    pub(crate) fn new(gpu: &Gpu, scene: &Arc<Scene>, resident: &Resident, wish: Visibility) -> Self {
-        let near = draws::near(&resident.bounds);
-        Self {
-            // What may be needed at first use is built while the scene's first order is on its way.
-            building: (wish != Visibility::Raster).then(|| Building::start(scene, &resident.instances, near)),
-            scene: Arc::clone(scene),
-            wish,
-            choices: Choices::default(),
-            rasteriser: Rasteriser::new(gpu, resident),
-            packets: None,
-            trace: None,
-        }
-    }
-
-    /// What was chosen so far, and why.
-    pub(crate) fn choices(&self) -> &Choices {
-        &self.choices
+    pub(crate) fn new(gpu: &Gpu, scene: &Arc<Scene>, resident: &Resident) -> Self {
+        let rasteriser = Rasteriser::new(gpu, resident);
+        Self { scene: Arc::clone(scene), rasteriser, packets: None, trace: None }
     }
 
     /// Puts everything where it is now.
@@ -63,44 +38,15 @@ impl Seeing {
         }
     }
 
-    /// How images see triangles, if that was settled.
-    pub(crate) fn settled(&self, images: Images) -> Option<Way> {
-        let choice = match images {
-            Images::Samples => &self.choices.samples,
-            Images::Views => &self.choices.views,
-        };
-        choice.as_ref().map(|choice| choice.way)
-    }
-
-    /// Settles how images see triangles: measured on one of their tiles, if the user leaves it open.
-    pub(crate) fn settle(&mut self, images: Images, context: &TileContext<'_>) -> Result<Way, RenderError> {
-        let what = match images {
-            Images::Samples => "samples",
-            Images::Views => "direct views",
-        };
-        let choice = self.choose(what, context)?;
-        let way = choice.way;
-        match images {
-            Images::Samples => self.choices.samples = Some(choice),
-            Images::Views => self.choices.views = Some(choice),
-        }
-        Ok(way)
-    }
-
-    fn choose(&mut self, what: &str, context: &TileContext<'_>) -> Result<Choice, RenderError> {
+    /// Milliseconds that each way which the device has takes for a tile.
+    pub(crate) fn measure(
+        &mut self,
+        context: &TileContext<'_>,
+    ) -> Result<Vec<(Visibility, f64)>, RenderError> {
         let TileContext { gpu, resident, .. } = context;
-        if let Some(way) = Way::wished(self.wish) {
-            return Ok(match self.ready(gpu, resident, way) {
-                Ok(()) => Choice { way, why: "asked for".to_owned() },
-                Err(reason) => {
-                    let why = format!("this device cannot trace: {reason}");
-                    Choice { way: Way::Raster, why }
-                }
-            });
-        }
-        let all = [Way::Raster, Way::Cpu, Way::Trace];
-        let ways: Vec<Way> = all.into_iter().filter(|&way| self.ready(gpu, resident, way).is_ok()).collect();
-        ways::choose(what, &ways, |way| {
+        let mut ways = Visibility::ALL.to_vec();
+        ways.retain(|&way| self.ready(gpu, resident, way).is_ok());
+        ways::measure(&ways, |way| {
             let mut commands = gpu.commands("measure");
             self.see(&mut commands, context, way, &mut Vec::new())?;
             commands.submit().wait()?;
@@ -109,17 +55,18 @@ impl Seeing {
     }
 
     /// Builds what a way needs, once, or says why the device does not have it.
-    pub(crate) fn ready(&mut self, gpu: &Gpu, resident: &Resident, way: Way) -> Result<(), String> {
+    pub(crate) fn ready(&mut self, gpu: &Gpu, resident: &Resident, way: Visibility) -> Result<(), String> {
         match way {
-            Way::Raster => Ok(()),
-            Way::Cpu => {
+            Visibility::Raster => Ok(()),
+            Visibility::Cpu => {
                 self.ready_packets(resident);
                 Ok(())
             }
-            Way::Trace => {
-                self.ready_packets(resident);
-                if let (None, Some(packets)) = (&self.trace, &self.packets) {
-                    self.trace = Some(Trace::new(gpu, packets.hierarchy(), draws::near(&resident.bounds)));
+            Visibility::Trace => {
+                if self.trace.is_none() {
+                    let near = draws::near(&resident.bounds);
+                    let trace = Trace::new(gpu, self.ready_packets(resident).hierarchy(), near);
+                    self.trace = Some(trace);
                 }
                 match &self.trace {
                     Some(Err(reason)) => Err(reason.clone()),
@@ -129,17 +76,16 @@ impl Seeing {
         }
     }
 
-    /// Waits for the tracer of packets, or builds it.
-    pub(crate) fn ready_packets(&mut self, resident: &Resident) {
-        if self.packets.is_none() {
+    /// The tracer of packets, built when it is first needed.
+    pub(crate) fn ready_packets(&mut self, resident: &Resident) -> &PacketTracer {
+        self.packets.get_or_insert_with(|| {
             let near = draws::near(&resident.bounds);
-            let build = || ways::build(&self.scene, &resident.instances, near);
-            let mut packets = self.building.take().map_or_else(build, Building::finish);
+            let mut packets = PacketTracer::new(&self.scene, &resident.instances, near);
             if self.scene.is_animated() {
                 packets.pose(&self.scene, &resident.instances);
             }
-            self.packets = Some(packets);
-        }
+            packets
+        })
     }
 
     /// The tracer of packets; [`Self::ready_packets`] comes first.
@@ -152,13 +98,13 @@ impl Seeing {
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        way: Way,
+        way: Visibility,
         stages: &mut Vec<Stage>,
     ) -> Result<(), RenderError> {
         match way {
-            Way::Raster => self.rasterise(commands, context, stages),
-            Way::Trace => self.trace(commands, context, stages),
-            Way::Cpu => {
+            Visibility::Raster => self.rasterise(commands, context, stages),
+            Visibility::Trace => self.trace(commands, context, stages),
+            Visibility::Cpu => {
                 let begin = Instant::now();
                 let ids = self.packets()?.trace(context.eye.position, &context.tile.rays());
                 write_ids(context.gpu, &context.targets, context.tile.sub_samples(), &ids);

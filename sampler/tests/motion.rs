@@ -4,11 +4,10 @@ mod common;
 
 use std::sync::Arc;
 
-use argus_sampler::SamplerKnobs;
 use argus_scene::animation::{Animation, Channel, Interpolation, Node, Parts, Rest, Track};
 use argus_scene::reference::Tracer;
 use argus_scene::{
-    Bounds, Camera, Light, PixelJob, PlaneKind, SampleId, SampleSetInfo, Sampler, Scene, ViewJob,
+    Bounds, Camera, Light, PixelJob, PlaneKind, SampleId, SampleSetInfo, Sampler, Scene, ViewJob, Visibility,
 };
 use common::*;
 use glam::{DAffine3, DVec3, Quat, Vec3};
@@ -78,21 +77,21 @@ fn at_epoch(job: &ViewJob, epoch: u64) -> ViewJob {
     ViewJob { epoch, time_secs: epoch as f64 * EPOCH_SECS, ..job.clone() }
 }
 
+fn by_cpu(job: &ViewJob) -> ViewJob {
+    ViewJob { visibility: Visibility::Cpu, ..job.clone() }
+}
+
 #[test]
 fn every_epoch_shows_the_scene_as_the_reference_has_it_at_that_time() {
     let scene = Arc::new(scene());
     let mut sampler = sampler(&scene);
-    let mut traced = sampler_with(
-        &scene,
-        SamplerKnobs { visibility: argus_sampler::Visibility::Cpu, ..SamplerKnobs::default() },
-    );
     let tracer = Tracer::new(scene.clone());
     let job = view_job(camera(), SIZE, 4);
     let mut seen = Vec::new();
     for epoch in [0, 3, 6, 11] {
         let frame = direct(&mut sampler, &at_epoch(&job, epoch));
         assert_eq!(frame.provenance.epoch, epoch);
-        let by_rays = image_of(&direct(&mut traced, &at_epoch(&job, epoch)));
+        let by_rays = image_of(&direct(&mut sampler, &by_cpu(&at_epoch(&job, epoch))));
         let difference = flip(&format!("epoch-{epoch}-traced"), &by_rays, &image_of(&frame));
         assert!(difference < 0.001, "epoch {epoch}: traced and rasterised differ by FLIP {difference}");
         let truth = tracer.at(epoch as f64 * EPOCH_SECS).render(&camera(), SIZE[0], SIZE[1], 4, |_| {});

@@ -6,19 +6,16 @@ mod common;
 use std::path::Path;
 use std::sync::Arc;
 
-use argus_sampler::{GpuSampler, SamplerKnobs, Visibility};
+use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::material::{AlphaMode, Wrap};
 use argus_scene::{
-    Camera, Cancel, Material, PixelJob, Sampler, Scene, Texture, TextureRef, ViewJob, procedural,
+    Camera, Cancel, Material, PixelJob, Rig, RigKnobs, Sampler, Scene, Texture, TextureRef, ViewJob,
+    Visibility, procedural,
 };
-use common::{direct, empty_scene, gpu, quad, sampler_with, view_job};
+use common::{direct, empty_scene, quad, sampler_with, view_job};
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
 const SIZE: [u32; 2] = [320, 240];
-
-fn by(visibility: Visibility) -> SamplerKnobs {
-    SamplerKnobs { visibility, ..SamplerKnobs::default() }
-}
 
 fn real_scene(path: &str) -> Option<Arc<Scene>> {
     let Some(folder) = std::env::var_os("ARGUS_SCENES") else {
@@ -143,9 +140,9 @@ fn equal_ids_give_equal_bytes_and_differing_ones_are_rare() {
 
 fn equal_ids_give_equal_bytes(scene: &Arc<Scene>, camera: &Camera, job: &ViewJob, other: Visibility) {
     let [a, b] = [Visibility::Raster, other].map(|way| {
-        let mut sampler = sampler_with(scene, by(way));
+        let mut sampler = sampler_with(scene, SamplerKnobs::default());
         let ids = sampler.identify(camera, SIZE, 1, way).unwrap().0;
-        (ids, direct(&mut sampler, job))
+        (ids, direct(&mut sampler, &ViewJob { visibility: way, ..job.clone() }))
     });
     let colors = [&a.1, &b.1].map(|frame| frame.color.clone().unwrap());
     let mut equal = 0;
@@ -167,9 +164,10 @@ fn a_list_of_pixels_holds_what_the_traced_view_holds_byte_for_byte() {
     for (scene, camera) in
         [(&terrain, terrain.default_camera()), (&odd, Camera::look_at(DVec3::ZERO, DVec3::NEG_Z))]
     {
-        let mut sampler = sampler_with(scene, by(Visibility::Cpu));
+        let mut sampler = sampler_with(scene, SamplerKnobs::default());
         for samples in [1, 4] {
-            let frame = direct(&mut sampler, &view_job(camera, SIZE, samples));
+            let view = ViewJob { visibility: Visibility::Cpu, ..view_job(camera, SIZE, samples) };
+            let frame = direct(&mut sampler, &view);
             // Scattered, in no order, and a run of neighbours.
             let mut pixels: Vec<u32> = (0..SIZE[0] * SIZE[1]).step_by(97).chain(4000..4400).collect();
             pixels.sort_unstable();
@@ -216,15 +214,19 @@ fn no_pixels_cost_nothing_and_a_pixel_beyond_the_view_is_refused() {
 }
 
 #[test]
-fn the_measured_choice_is_one_of_the_ways_and_is_told() {
+fn each_way_is_measured_and_a_frame_says_which_it_was_seen_by() {
     let scene = Arc::new(procedural::terrain(20_000));
-    let mut sampler = GpuSampler::with_knobs(gpu(), Arc::clone(&scene), by(Visibility::Auto)).unwrap();
-    let row =
-        |sampler: &GpuSampler| sampler.plan().into_iter().find(|row| row.name == "rasterise").unwrap().why;
-    assert!(row(&sampler).contains("direct views by auto"), "{}", row(&sampler));
-    direct(&mut sampler, &view_job(scene.default_camera(), SIZE, 1));
-    assert!(row(&sampler).contains("measured: raster"), "{}", row(&sampler));
-    assert!(row(&sampler).contains("samples by auto"), "{}", row(&sampler));
+    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+    let rig = Rig::for_scene(&scene, &RigKnobs::default()).unwrap();
+    let info = &common::sample_job(&scene, rig, 0, true).info;
+    let ways = sampler.ways(info).unwrap();
+    assert!(ways.iter().any(|(way, _)| *way == Visibility::Cpu));
+    assert!(ways.iter().all(|(_, ms)| *ms > 0.0), "{ways:?}");
+    for (visibility, _) in ways {
+        let job = ViewJob { visibility, ..view_job(scene.default_camera(), SIZE, 1) };
+        let device = direct(&mut sampler, &job).provenance.device;
+        assert_eq!(Visibility::of_device(&device), (sampler.device(), Some(visibility)));
+    }
 }
 
 #[test]

@@ -32,17 +32,8 @@ impl Stage {
     }
 }
 
-/// Stands in [`Provenance::device`] between the kind of device and the way in which triangles were seen.
-pub const TRIANGLES_BY: &str = "; triangles by ";
-
 /// Stands in [`Provenance::device`] before the knobs of indirect light, where a sampler adds any.
 pub const INDIRECT_BY: &str = "; indirect light by ";
-
-/// The kind of device in a [`Provenance::device`].
-pub fn device_kind(device: &str) -> &str {
-    let kind = device.split_once(INDIRECT_BY).map_or(device, |(kind, _)| kind);
-    kind.split_once(TRIANGLES_BY).map_or(kind, |(kind, _)| kind)
-}
 
 /// All that a frame's bytes are a function of, together with its camera, size and outputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -55,9 +46,9 @@ pub struct Provenance {
     pub generation: u64,
     /// How it was answered, sample ids included.
     pub plan: Plan,
-    /// Kind of device: adapter, driver and version; of a direct view whose triangles were not rasterised followed by
-    /// [`TRIANGLES_BY`] and the way they were seen, since ways may differ along edges; and of one with indirect light
-    /// by [`INDIRECT_BY`] and its knobs. Empty in a pin means any.
+    /// Kind of device: adapter, driver and version; followed by the way in which triangles were seen, of the view or of
+    /// its samples, since ways may differ along edges ([`crate::Visibility::on_device`]), and of a direct view with
+    /// indirect light by [`INDIRECT_BY`] and its knobs. Empty in a pin means any.
     pub device: String,
 }
 

@@ -26,6 +26,7 @@ pub mod shading;
 pub mod texture;
 pub mod tone;
 pub mod view;
+mod visibility;
 
 #[cfg(feature = "loaders")]
 pub mod load;
@@ -53,3 +54,4 @@ pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob
 pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo};
 pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash, SharedScene};
 pub use view::{Holes, Limits, Output, Outputs, Plan, PlanRequest, Preset, Search, View, Warp};
+pub use visibility::Visibility;

@@ -8,7 +8,7 @@ use bytes::Bytes;
 
 use crate::{
     Camera, Frame, InvalidField, Outputs, Plan, RenderError, Sample, SampleId, SampleSet, SampleSetInfo,
-    Stage,
+    Stage, Visibility,
 };
 
 /// A flag that whoever waits for a result raises when it no longer does. Renders look at it between
@@ -61,6 +61,8 @@ pub struct ViewJob {
     pub epoch: u64,
     /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
     pub time_secs: f64,
+    /// How triangles are seen, of a view whose plan is [`Plan::Direct`].
+    pub visibility: Visibility,
 }
 
 /// An order for some pixels of a view: those that no sample saw.
@@ -98,6 +100,15 @@ pub trait Sampler: Send {
     /// Kind of device, as [`crate::Provenance::device`] has it.
     fn device(&self) -> &str;
 
+    /// The ways to see triangles that this device has, and the milliseconds that each takes for a tile of a sample of
+    /// such a set. One way, as here, need not be measured.
+    ///
+    /// # Errors
+    /// Those of rendering the tile.
+    fn ways(&mut self, _info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
+        Ok(vec![(Visibility::Raster, 0.0)])
+    }
+
     /// Renders the samples of `job`, one result each, in order.
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>>;
 
@@ -118,6 +129,7 @@ pub trait Sampler: Send {
                 plan: Plan::Direct { samples_per_pixel: job.samples_per_pixel },
                 epoch: job.epoch,
                 time_secs: job.time_secs,
+                visibility: Visibility::default(),
             })
             .collect();
         let frames = self.render_views(&views, cancel);

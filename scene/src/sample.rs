@@ -7,7 +7,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Bounds, Lighting, Rig, SampleCamera, Scene, SceneHash, Stage};
+use crate::{Bounds, Lighting, Rig, SampleCamera, Scene, SceneHash, Stage, Visibility};
 
 /// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig, `epoch` when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -133,6 +133,8 @@ pub struct SampleSetInfo {
     pub generation: u64,
     /// Lights, sky and exposure that the samples were shaded with.
     pub lighting: Lighting,
+    /// How their triangles are seen: alike in all of them, whoever renders them.
+    pub visibility: Visibility,
 }
 
 impl SampleSetInfo {

@@ -50,6 +50,8 @@ pub(crate) struct Args {
     rig: args::Rig,
     #[command(flatten)]
     sampling: args::Sampling,
+    #[command(flatten)]
+    seeing: args::Seeing,
 }
 
 /// Samples a pixel, a side, of the views that are taken for the truth.
@@ -78,6 +80,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     let program = std::env::current_exe().context("cannot find this program's own file")?;
     let (scene, mut more) = (args.scene.clone(), args.rig.to_arguments());
     more.extend(args.sampling.to_arguments());
+    more.extend(args.seeing.to_arguments());
     let starting = move || LocalCluster::start(&program, &scene, workers, &more);
     let cluster = tokio::task::spawn_blocking(starting).await??;
     let first = connect(&cluster, workers).await?;

@@ -22,8 +22,6 @@ Examples:
 pub(super) struct Radiosity {
     #[command(flatten)]
     scene: Scene,
-    #[command(flatten)]
-    size: Size,
     /// One light in place of the scene's lights and sky: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG
     #[arg(long, value_name = "LIGHT", value_parser = parse_light, allow_hyphen_values = true)]
     light: Option<Emitter>,
@@ -33,6 +31,8 @@ pub(super) struct Radiosity {
     /// What the viewer looks at
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "eye")]
     target: Option<DVec3>,
+    #[command(flatten)]
+    size: Size,
     /// Reflections between the light and what is seen, at most [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4))]
     bounces: Option<u32>,

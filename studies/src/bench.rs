@@ -12,7 +12,7 @@ use argus_scene::reference::{Tracer, cache};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
-    Sampler as _, Scene, ViewJob,
+    Sampler as _, Scene, ViewJob, Visibility,
 };
 use glam::{DVec2, DVec3};
 use image::RgbImage;
@@ -78,6 +78,7 @@ impl Bench {
             epoch_secs: 0.0,
             generation: 1,
             lighting: scene.lighting.clone(),
+            visibility: Visibility::default(),
         });
         let sampler = GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), sampler)?;
         let compositor = GpuCompositor::new(Arc::clone(gpu))?;
@@ -97,6 +98,11 @@ impl Bench {
         self.info =
             Arc::new(SampleSetInfo { rig, generation: self.info.generation + 1, ..(*self.info).clone() });
         Ok(())
+    }
+
+    /// Sees triangles in another way from now on, in samples and in direct views.
+    pub(crate) fn see_by(&mut self, visibility: Visibility) {
+        self.info = Arc::new(SampleSetInfo { visibility, ..(*self.info).clone() });
     }
 
     /// The cameras that the scene suggests, or one that shows it.
@@ -151,7 +157,8 @@ impl Bench {
         plan: Plan,
     ) -> ViewJob {
         let (epoch, time_secs) = (self.info.epoch, self.info.time_secs());
-        ViewJob { camera, width, height, outputs, plan, epoch, time_secs }
+        let visibility = self.info.visibility;
+        ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility }
     }
 
     /// Milliseconds that a batch takes, and its frames. All jobs are direct, or none is.

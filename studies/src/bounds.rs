@@ -104,10 +104,6 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
             let path = calibration::keep(&model)?;
             progress.suspend(|| eprintln!("model: {}", path.display()));
         }
-        if let Some(folder) = std::env::var_os("ARGUS_TRIALS") {
-            let path = std::path::Path::new(&folder).join(format!("{}.json", spec.replace(['/', ':'], "_")));
-            std::fs::write(path, serde_json::to_vec(&json!({"calibration": trials, "tests": tests}))?)?;
-        }
         rows.extend(options.bounds.iter().map(|factor| row(spec, &model, &tests, *factor)));
     }
     Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))

@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::{SamplerKnobs, Visibility};
-use argus_scene::{Camera, Outputs, Plan, RigKnobs, ViewJob, Warp, path};
+use argus_sampler::SamplerKnobs;
+use argus_scene::{Camera, Outputs, Plan, RigKnobs, ViewJob, Visibility, Warp, path};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -73,7 +73,6 @@ impl Effort for Options {
 /// One way to see triangles: what its samples and its direct views cost.
 struct Way {
     visibility: Visibility,
-    bench: Bench,
     taken: Taken,
     direct_ms: Vec<f64>,
 }
@@ -102,21 +101,18 @@ fn scene(
 ) -> Result<()> {
     let opened = Arc::new(argus_scene::open(spec)?);
     let mut ways = Vec::new();
-    let mut cameras: Vec<Camera> = Vec::new();
-    for visibility in Visibility::ALL.into_iter().filter(|&way| way != Visibility::Auto) {
-        let knobs = SamplerKnobs { visibility, ..SamplerKnobs::default() };
-        let mut bench = Bench::of(gpu, Arc::clone(&opened), &options.rig, knobs)?;
-        cameras = path::viewpoints(&bench.suggested(), options.most);
-        let ids = bench.all_ids(&cameras, options.samples);
+    let mut bench = Bench::of(gpu, Arc::clone(&opened), &options.rig, SamplerKnobs::default())?;
+    let cameras: Vec<Camera> = path::viewpoints(&bench.suggested(), options.most);
+    let ids = bench.all_ids(&cameras, options.samples);
+    for visibility in Visibility::ALL {
+        bench.see_by(visibility);
+        // The samples of the last way are composed from: by any way they are the same but along edges.
         let taken = bench.take(ids.clone(), 1)?;
-        if !ways.is_empty() {
-            // The samples are the same by any way, so the first one's compositor stands for all.
-            bench.forget(&ids);
-        }
-        ways.push(Way { visibility, bench, taken, direct_ms: Vec::new() });
+        ways.push(Way { visibility, taken, direct_ms: Vec::new() });
     }
-    let direct = |bench: &Bench, camera: &Camera| {
-        bench.job(*camera, options.size, Outputs::COLOR, Plan::Direct { samples_per_pixel: 1 })
+    let direct = |bench: &Bench, camera: &Camera, visibility| ViewJob {
+        visibility,
+        ..bench.job(*camera, options.size, Outputs::COLOR, Plan::Direct { samples_per_pixel: 1 })
     };
     let warped = |bench: &Bench, camera: &Camera| {
         let samples = bench.sample_ids(camera, options.samples);
@@ -125,16 +121,18 @@ fn scene(
     let mut warp_ms = Vec::new();
     for round in 0..=options.rounds {
         for way in &mut ways {
-            let jobs: Vec<ViewJob> =
-                cameras.iter().take(options.direct).map(|camera| direct(&way.bench, camera)).collect();
-            let (ms, _) = way.bench.time(&jobs)?;
+            let jobs: Vec<ViewJob> = cameras
+                .iter()
+                .take(options.direct)
+                .map(|camera| direct(&bench, camera, way.visibility))
+                .collect();
+            let (ms, _) = bench.time(&jobs)?;
             // The first round also makes the pipelines' machine code.
             if round > 0 {
                 way.direct_ms.push(ms / jobs.len() as f64);
             }
         }
-        let bench = &mut ways[0].bench;
-        let jobs: Vec<ViewJob> = cameras.iter().map(|camera| warped(bench, camera)).collect();
+        let jobs: Vec<ViewJob> = cameras.iter().map(|camera| warped(&bench, camera)).collect();
         let (mut total, mut done) = (0.0, 0);
         // All of them in the last round, so that the largest number is not an extrapolation.
         let many = if round == options.rounds { jobs.len() } else { options.batch.min(jobs.len()) };

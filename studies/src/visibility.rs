@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::{GpuSampler, SamplerKnobs, Visibility};
+use argus_sampler::GpuSampler;
 use argus_scene::{
     Camera, Cancel, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob, SampleSetInfo,
-    Sampler as _, Scene, ViewJob, path,
+    Sampler as _, Scene, ViewJob, Visibility, path,
 };
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -62,8 +62,6 @@ impl Effort for Options {
 
 /// The ways that are compared, where the device has them; a row names the cheapest.
 const WAYS: [Visibility; 3] = [Visibility::Raster, Visibility::Cpu, Visibility::Trace];
-/// Where the CPU is among them: every device has it.
-const CPU: usize = 1;
 
 /// Runs the study; `progress` counts rows.
 ///
@@ -77,9 +75,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         progress.set_message(spec.clone());
         let scene = Arc::new(argus_scene::open(spec)?);
         let mut bench = Bench::new(&gpu, &scene)?;
-        let sample_ms = (0..bench.ways.len())
-            .map(|way| bench.sample_ms(way, options.rounds))
-            .collect::<Result<Vec<_>>>()?;
+        let ways = bench.ways.clone();
+        let sample_ms =
+            ways.into_iter().map(|way| bench.sample_ms(way, options.rounds)).collect::<Result<Vec<_>>>()?;
         let suggested: Vec<Camera> = match scene.cameras.as_slice() {
             [] => vec![scene.default_camera()],
             cameras => cameras.iter().map(|named| named.camera).collect(),
@@ -95,37 +93,33 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))
 }
 
-/// One scene, and a sampler for each way, so that each measures what it would do alone.
+/// One scene, and the ways that the device has.
 struct Bench {
     scene: Arc<Scene>,
     ways: Vec<Visibility>,
-    samplers: Vec<GpuSampler>,
+    sampler: GpuSampler,
     build_ms: f64,
 }
 
 impl Bench {
     fn new(gpu: &Arc<Gpu>, scene: &Arc<Scene>) -> Result<Self> {
-        let sampler = |&visibility: &Visibility| {
-            let knobs = SamplerKnobs { visibility, ..SamplerKnobs::default() };
-            GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(scene), knobs)
-        };
-        let mut samplers = WAYS.iter().map(sampler).collect::<Result<Vec<_>, RenderError>>()?;
+        let mut sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(scene))?;
         // Afresh, so that nothing of the other's work is beside it.
         let begin = Instant::now();
-        samplers[0].identify(&scene.default_camera(), [8, 8], 1, Visibility::Cpu)?;
+        sampler.identify(&scene.default_camera(), [8, 8], 1, Visibility::Cpu)?;
         let build_ms = ms(begin.elapsed());
-        let has = |way: &Visibility| match samplers[0].identify(&scene.default_camera(), [8, 8], 1, *way) {
+        let has = |way: &Visibility| match sampler.identify(&scene.default_camera(), [8, 8], 1, *way) {
             Ok(_) => Ok(Some(*way)),
             Err(RenderError::Invalid(_)) => Ok(None),
             Err(error) => Err(error),
         };
         let ways = WAYS.iter().map(has).collect::<Result<Vec<_>, RenderError>>()?;
         let ways = ways.into_iter().flatten().collect();
-        Ok(Self { scene: Arc::clone(scene), ways, samplers, build_ms })
+        Ok(Self { scene: Arc::clone(scene), ways, sampler, build_ms })
     }
 
     /// Time of one sample, in the middle of the scene's rig.
-    fn sample_ms(&mut self, way: usize, rounds: usize) -> Result<f64> {
+    fn sample_ms(&mut self, way: Visibility, rounds: usize) -> Result<f64> {
         let scene = &self.scene;
         let rig = Rig::for_scene(scene, &RigKnobs::default())?;
         let camera = scene.cameras.first().map_or_else(|| scene.default_camera(), |named| named.camera);
@@ -138,10 +132,11 @@ impl Bench {
             epoch_secs: 0.0,
             generation: 1,
             lighting: scene.lighting.clone(),
+            visibility: way,
         };
         let ids = vec![SampleId { epoch: 0, generation: 1, index }];
         let job = SampleJob { info: Arc::new(info), ids, to_host: false };
-        let sampler = &mut self.samplers[way];
+        let sampler = &mut self.sampler;
         timed(rounds, || {
             sampler.render_samples(&job, &Cancel::new()).into_iter().collect::<Result<Vec<_>, _>>()
         })
@@ -164,7 +159,7 @@ impl Bench {
         for camera in cameras {
             let mut found = Vec::new();
             for (i, &way) in ways.iter().enumerate() {
-                let sampler = &mut self.samplers[0];
+                let sampler = &mut self.sampler;
                 let mut times = Vec::new();
                 let mut ids = Vec::new();
                 // Once more than is counted, for what the driver compiles.
@@ -185,8 +180,9 @@ impl Bench {
                     plan: Plan::Direct { samples_per_pixel: samples },
                     epoch: 0,
                     time_secs: 0.0,
+                    visibility: way,
                 };
-                let sampler = &mut self.samplers[i];
+                let sampler = &mut self.sampler;
                 let cancel = Cancel::new();
                 direct[i].push(timed(rounds, || {
                     sampler
@@ -201,7 +197,7 @@ impl Bench {
             }
             for (percent, times) in [(1, &mut few), (5, &mut some)] {
                 let job = pixels(camera, size, samples, percent);
-                let sampler = &mut self.samplers[CPU];
+                let sampler = &mut self.sampler;
                 let cancel = Cancel::new();
                 times.push(timed(rounds, || {
                     sampler

@@ -393,6 +393,7 @@ fn texels(rig: &Rig) -> String {
 
 #[cfg(test)]
 mod tests {
+    use argus_scene::Visibility;
     use glam::DVec3;
 
     use super::*;
@@ -407,6 +408,7 @@ mod tests {
             plan: Plan::Direct { samples_per_pixel: 1 },
             epoch: 0,
             time_secs: 0.0,
+            visibility: Visibility::default(),
         };
         let taken = |count| -> Vec<u32> {
             every((0..12).map(job).collect(), count).iter().map(|j| j.width).collect()

@@ -15,7 +15,7 @@ use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::cluster_server::ClusterServer;
 use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
-use argus_scene::{InvalidField, Rig, SampleSetInfo};
+use argus_scene::{InvalidField, Rig, SampleSetInfo, Visibility};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::server::TcpIncoming;
@@ -52,6 +52,8 @@ pub async fn serve(
         epoch_secs: if scene.is_animated() { epoch_secs(&config).map_err(ServeError::Time)? } else { 0.0 },
         generation: FIRST_GENERATION,
         lighting: scene.lighting.clone(),
+        // As the configuration says, or as is measured.
+        visibility: Visibility::default(),
     });
     let standing = Standing {
         term: config.term.unwrap_or_else(milliseconds_since_1970),

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use argus_scene::Limits;
+use argus_scene::{Limits, Visibility};
 use serde::Serialize;
 
 /// How the core decides. Every duration is on the clock that the shell hands in.
@@ -61,6 +61,8 @@ pub struct Config {
     pub samples_per_view: u32,
     /// Linear steps where a request leaves them open: beyond 64 the cluster paper's search gains little.
     pub linear_steps: u32,
+    /// How triangles are seen. `None`: by whichever way is measured to be cheapest, by the first worker.
+    pub visibility: Option<Visibility>,
     /// The largest view that is accepted.
     pub limits: Limits,
 }
@@ -89,6 +91,7 @@ impl Default for Config {
             epoch_patience: Duration::from_secs(15),
             samples_per_view: 4,
             linear_steps: 64,
+            visibility: Some(Visibility::default()),
             limits: Limits::default(),
         }
     }

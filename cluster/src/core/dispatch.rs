@@ -4,8 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::frame::device_kind;
-use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, View};
+use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, View, Visibility};
 
 use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
 use super::machine::Core;
@@ -35,13 +34,18 @@ pub(super) struct Pending {
     /// Its plan was pinned: what it lacks says nothing of the plans made here.
     pinned: bool,
     /// Pinned kind of device; empty: any.
-    device: String,
+    device_kind: String,
     /// When its answer is worthless, and how long that was when it was asked.
     deadline: Option<(Uptime, Duration)>,
     asked: Uptime,
     attempt: u32,
     worker: Option<WorkerId>,
     tried: BTreeSet<WorkerId>,
+}
+
+/// The kind of device in a frame's.
+fn device_kind(device: &str) -> &str {
+    Visibility::of_device(device).0
 }
 
 impl Pending {
@@ -105,7 +109,11 @@ impl Core {
                     pinned: view.pin.is_some(),
                     expected,
                     quest,
-                    device: view.pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default(),
+                    device_kind: view
+                        .pin
+                        .as_ref()
+                        .map(|pin| device_kind(&pin.device).to_owned())
+                        .unwrap_or_default(),
                     deadline: deadline.map(|d| (now.after(d), d)),
                     asked: now,
                     attempt: 0,
@@ -181,7 +189,7 @@ impl Core {
         let (mut direct_full, mut warp_full) = (false, false);
         while let Some(ticket) = self.waiting.pop_front() {
             let Some(view) = self.views.get(&ticket) else { continue };
-            let (direct, bound) = (view.is_direct(), !view.device.is_empty() || !view.tried.is_empty());
+            let (direct, bound) = (view.is_direct(), !view.device_kind.is_empty() || !view.tried.is_empty());
             if (if direct { direct_full } else { warp_full }) && !bound {
                 stay.push(ticket);
             } else if !self.place(ticket, now, actions) {
@@ -270,9 +278,7 @@ impl Core {
         let able: Vec<&Worker> = self
             .workers
             .values()
-            .filter(|w| {
-                w.is_ready() && (view.device.is_empty() || w.hello.device == device_kind(&view.device))
-            })
+            .filter(|w| w.is_ready() && (view.device_kind.is_empty() || w.hello.device == view.device_kind))
             .collect();
         let untried: Vec<&Worker> = able.iter().filter(|w| !view.tried.contains(&w.id)).copied().collect();
         let open = if untried.is_empty() { able } else { untried };

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Plan, Prediction, SampleId, View};
+use argus_scene::{Plan, Prediction, SampleId, View, Visibility};
 use serde::Serialize;
 
 use super::quality::Observed;
@@ -94,6 +94,8 @@ pub struct Report {
     pub held: Vec<SampleId>,
     /// It is about to leave.
     pub leaving: bool,
+    /// What each way to see triangles costs there, ms for a tile of a sample; where it was told to measure.
+    pub ways: Vec<(Visibility, f64)>,
 }
 
 /// How an attempt at a view ended without its frame.
@@ -197,6 +199,8 @@ pub struct Assignment {
     pub ahead: Vec<Source>,
     /// Samples of epochs before this one are of no use any more.
     pub kept_from: u64,
+    /// It shall measure what each way to see triangles costs, and report that with this assignment.
+    pub measure_ways: bool,
 }
 
 /// Who holds or can render a sample, best first. Empty: the worker renders it itself.

@@ -86,6 +86,8 @@ pub struct Core {
     pub(super) split: Split,
     pub(super) counters: Counters,
     pub(super) draining: bool,
+    /// Whether it is known how triangles are seen.
+    pub(super) way_is_settled: bool,
     tick_began: Uptime,
 }
 
@@ -96,6 +98,11 @@ impl Core {
         let cost = || Smoothed::new(config.smoothing);
         let every = (set.epoch_secs > 0.0).then_some(config.epoch);
         let epochs = Epochs::new(every, config.epoch_interest, config.epoch_patience);
+        let way_is_settled = config.visibility.is_some();
+        let set = match config.visibility {
+            Some(visibility) => Arc::new(SampleSetInfo { visibility, ..(*set).clone() }),
+            None => set,
+        };
         let idle_secs = config.tick.as_secs_f64() * config.idle_fraction;
         Self {
             hysteresis: Hysteresis::new(config.margin, config.dwell, idle_secs),
@@ -120,6 +127,7 @@ impl Core {
             split: Split::Nobody,
             counters: Counters::default(),
             draining: false,
+            way_is_settled,
             tick_began: Uptime::default(),
         }
     }
@@ -181,12 +189,13 @@ impl Core {
             self.lose(older, now, actions);
         }
         self.counters.workers_joined += 1;
-        let worker = Worker::new(id, hello, self.role_of_newcomer(), now);
+        let worker = Worker::new(id, hello, self.role_of_newcomer(), self.way_is_settled, now);
         actions.push(Action::Assign { worker: id, assignment: worker.assigned().clone() });
         self.workers.insert(id, worker);
+        self.seek_way(actions);
     }
 
-    fn report(&mut self, id: WorkerId, report: Report, now: Uptime, actions: &mut Vec<Action>) {
+    fn report(&mut self, id: WorkerId, mut report: Report, now: Uptime, actions: &mut Vec<Action>) {
         let Some(worker) = self.workers.get_mut(&id) else {
             let reason = "its lease ran out, or it was replaced".to_owned();
             actions.push(Action::Expel { worker: id, reason });
@@ -212,10 +221,12 @@ impl Core {
             // Joined again after a coordinator's restart: what it was busy with before is not this tick's.
             worker.busy_at_tick_ms = report.sampling_busy_ms + report.compositing_busy_ms;
         }
+        let ways = std::mem::take(&mut report.ways);
         worker.take_report(report, now);
         if worker.is_ready() != was_ready {
             self.processes_changed(actions);
         }
+        self.settle_way(&ways, actions);
         if self.epochs.moves() {
             // It may hold what the next epoch waits for.
             self.advance(now);
@@ -240,6 +251,7 @@ impl Core {
             self.retry(ticket, now, actions);
         }
         self.processes_changed(actions);
+        self.seek_way(actions);
     }
 
     fn tick(&mut self, now: Uptime, actions: &mut Vec<Action>) {

@@ -26,6 +26,7 @@ mod roles;
 pub mod smooth;
 mod status;
 mod time;
+mod ways;
 mod wishes;
 mod worker;
 
@@ -41,7 +42,7 @@ mod scenarios;
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, SceneHash};
+    use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, SceneHash, Visibility};
     use glam::DVec3;
 
     pub(super) fn set_info() -> SampleSetInfo {
@@ -54,6 +55,7 @@ mod tests {
             epoch_secs: 0.0,
             generation: 1,
             lighting: Lighting::default(),
+            visibility: Visibility::default(),
         }
     }
 }

@@ -2,7 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Holes, InvalidField, Plan, Preset, Provenance, Rig, SampleId, SampleSetInfo, Search, View, Warp,
+    Holes, InvalidField, Plan, Preset, Provenance, Rig, SampleId, SampleSetInfo, Search, View, Visibility,
+    Warp,
 };
 
 use super::config::Config;
@@ -58,7 +59,7 @@ pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) 
     }))
 }
 
-/// Whether a pinned provenance is one that this cluster can repeat. The device is not looked at here: it
+/// Whether a pinned provenance is one that this cluster can repeat. The kind of device is not looked at here: it
 /// decides which workers may answer.
 fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     let differs = |what: &str, theirs: String, ours: String| {
@@ -71,6 +72,13 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     let sampled = matches!(pin.plan, Plan::Warp(_));
     if sampled && pin.generation != set.generation {
         return differs("generation", pin.generation.to_string(), set.generation.to_string());
+    }
+    match Visibility::of_device(&pin.device).1 {
+        None => return Err(Fault::Pin(format!("{:?} names no way to see triangles", pin.device))),
+        Some(way) if sampled && !pin.device.is_empty() && way != set.visibility => {
+            return differs("triangles seen by", way.name().to_owned(), set.visibility.name().to_owned());
+        }
+        Some(_) => (),
     }
     Ok(check_plan(&pin.plan, &set.rig, (pin.epoch, set.generation))?)
 }

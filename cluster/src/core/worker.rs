@@ -20,8 +20,10 @@ pub(super) struct Worker {
     acting: Option<Role>,
     /// What it was told last.
     assigned: Assignment,
-    /// Sequence of the first assignment that told it its role.
+    /// Sequence of the first assignment that told it its role, and the set that it serves.
     role_told: u64,
+    /// Whether it was told the set that samples are rendered of.
+    knows_set: bool,
     /// Views sent to it and not answered.
     pub(super) views: BTreeSet<Ticket>,
     /// Views ever sent to it: whose turn it is among equals.
@@ -35,15 +37,16 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    pub(super) fn new(id: WorkerId, hello: Hello, role: Role, now: Uptime) -> Self {
+    pub(super) fn new(id: WorkerId, hello: Hello, role: Role, knows_set: bool, now: Uptime) -> Self {
         Self {
             id,
             hello,
             last_report: now,
             report: Report::default(),
             acting: None,
-            assigned: Assignment { sequence: 1, role, ahead: Vec::new(), kept_from: 0 },
+            assigned: Assignment { sequence: 1, role, ahead: Vec::new(), kept_from: 0, measure_ways: false },
             role_told: 1,
+            knows_set,
             views: BTreeSet::new(),
             dispatched: 0,
             held: BTreeSet::new(),
@@ -95,6 +98,23 @@ impl Worker {
         self.assigned.clone()
     }
 
+    /// Tells it to measure what each way to see triangles costs; what to send it.
+    pub(super) fn measure_ways(&mut self) -> Assignment {
+        self.assigned.sequence += 1;
+        self.assigned.measure_ways = true;
+        self.assigned.clone()
+    }
+
+    /// Tells it which set is served; what to send it. It is ready once it says that it serves that.
+    pub(super) fn serve_another_set(&mut self) -> Assignment {
+        self.assigned.sequence += 1;
+        self.assigned.measure_ways = false;
+        self.role_told = self.assigned.sequence;
+        self.knows_set = true;
+        self.acting = None;
+        self.assigned.clone()
+    }
+
     /// Tells it what to have at hand, and of which epochs; what to send it, if that is news.
     pub(super) fn order_ahead(&mut self, ahead: Vec<Source>, kept_from: u64) -> Option<Assignment> {
         if self.assigned.ahead == ahead && self.assigned.kept_from == kept_from {
@@ -110,7 +130,8 @@ impl Worker {
     pub(super) fn take_report(&mut self, report: Report, now: Uptime) -> bool {
         self.last_report = now;
         // A later assignment of the same role says so too.
-        let acknowledged = report.applied >= self.role_told && self.acting != Some(self.assigned.role);
+        let acknowledged =
+            self.knows_set && report.applied >= self.role_told && self.acting != Some(self.assigned.role);
         if acknowledged {
             self.acting = Some(self.assigned.role);
         }

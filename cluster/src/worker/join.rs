@@ -41,6 +41,8 @@ struct Duty {
     ahead: Vec<(SampleId, Vec<String>)>,
     /// Samples of earlier epochs are of no use any more.
     kept_from: u64,
+    /// What each way to see triangles costs is to be measured.
+    measure_ways: bool,
 }
 
 /// Stays with the coordinator until `shutdown`.
@@ -177,6 +179,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         set,
         ahead,
         kept_from: wire.kept_from,
+        measure_ways: wire.measure_ways,
         limits: wire.limits.ok_or_else(|| missing("limits"))?.try_into()?,
     })
 }
@@ -235,6 +238,10 @@ async fn take_up(
     let new_scene = node.serve_set(&scene, duty.set, duty.limits);
     if duty.role.samples() && (new_scene || !node.acting().is_some_and(Role::samples)) {
         node.prepare_sampler().await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
+    }
+    match duty.measure_ways {
+        true => node.measure_ways().await.map_err(|error| Ended::Fatal(RunError::Device(error)))?,
+        false => node.forget_ways(),
     }
     if let Some(before) = node.acting() {
         loop {

@@ -15,7 +15,7 @@ use super::ahead::Ahead;
 use super::claim::claim;
 use super::fetch::Fetches;
 use super::meter::Meter;
-use super::queue::{Backlog, PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
+use super::queue::{Backlog, PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
@@ -34,6 +34,8 @@ struct Told {
     acting: Option<Role>,
     applied: u64,
     leaving: bool,
+    /// What was measured for the newest assignment, if it asked for that.
+    ways: Ways,
 }
 
 /// A worker.
@@ -189,6 +191,7 @@ impl Node {
             queued_views: (backlog.views + backlog.direct + backlog.pixels) as u32,
             held: self.store.ids(),
             leaving: told.leaving,
+            ways: told.ways.clone(),
             ..Report::default()
         };
         drop(told);
@@ -216,6 +219,22 @@ impl Node {
         let (reply, done) = oneshot::channel();
         self.queue.order(Work::Prepare(reply));
         done.await.unwrap_or_else(|_| Err(stopped()))
+    }
+
+    /// Measures what each way to see triangles costs, to be said in every report until the next assignment.
+    pub(super) async fn measure_ways(&self) -> Result<(), RenderError> {
+        let info = self.told.lock().set.clone();
+        let Some(info) = info else { return Err(RenderError::Internal("no set yet".to_owned())) };
+        let (reply, done) = oneshot::channel();
+        self.queue.order(Work::Ways(info, reply));
+        let ways = done.await.unwrap_or_else(|_| Err(stopped()))?;
+        self.told.lock().ways = ways;
+        Ok(())
+    }
+
+    /// Forgets what was measured: it was taken in.
+    pub(super) fn forget_ways(&self) {
+        self.told.lock().ways = Ways::new();
     }
 
     /// Renders a view, its samples being at hand. Dropping the future takes it back.

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_scene::{
-    Frame, PixelJob, Pixels, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob,
+    Frame, PixelJob, Pixels, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob, Visibility,
 };
 use parking_lot::{Condvar, Mutex};
 use tokio::sync::oneshot;
@@ -56,12 +56,17 @@ pub(super) struct PixelTask {
     pub(super) reply: oneshot::Sender<Result<Pixels, RenderError>>,
 }
 
+/// What each way to see triangles costs, ms.
+pub(super) type Ways = Vec<(Visibility, f64)>;
+
 /// What the render thread does next.
 pub(super) enum Work {
     /// This is the scene from now on.
     Scene(Arc<Scene>),
     /// Make the sampler, so that the first sample does not wait for it.
     Prepare(oneshot::Sender<Result<(), RenderError>>),
+    /// Measure what each way to see triangles costs.
+    Ways(Arc<SampleSetInfo>, oneshot::Sender<Result<Ways, RenderError>>),
     Samples(Vec<SampleTask>),
     Pixels(Vec<PixelTask>),
     Views(Vec<ViewTask>),

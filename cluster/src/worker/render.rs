@@ -73,6 +73,9 @@ impl Renderer {
                     // Nobody waits for it once the assignment is overtaken.
                     let _ = reply.send(self.sampler().map(|_| ()));
                 }
+                Work::Ways(info, reply) => {
+                    let _ = reply.send(self.sampler().and_then(|sampler| sampler.ways(&info)));
+                }
                 Work::Samples(tasks) => self.samples(tasks),
                 Work::Pixels(tasks) => self.pixels(tasks),
                 Work::Views(tasks) => self.views(tasks),

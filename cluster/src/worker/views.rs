@@ -12,7 +12,7 @@ use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::{
     Frame, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleId, SampleSetInfo, Stage, View,
-    ViewJob,
+    ViewJob, Visibility,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -137,6 +137,10 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         samples.push((*id, addresses.remove(id).unwrap_or_default()));
     }
     let View { camera, width, height, outputs, pin, .. } = view;
+    // A view from triangles can be repeated in the way that it was seen, whichever is this cluster's.
+    let pinned_way =
+        pin.as_ref().filter(|pin| !pin.device.is_empty()).map(|pin| Visibility::of_device(&pin.device).1);
+    let visibility = pinned_way.flatten().unwrap_or(info.visibility);
     let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
     let time_secs = info.time_secs();
     let asked = outputs;
@@ -145,7 +149,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         true => outputs.with(Output::Color).with(Output::Confidence),
         false => outputs,
     };
-    let job = ViewJob { camera, width, height, outputs, plan, epoch: order.epoch, time_secs };
+    let job = ViewJob { camera, width, height, outputs, plan, epoch: order.epoch, time_secs, visibility };
     Ok(Ordered { job, info, samples, outputs: asked, tracers: order.tracers, pinned: pin.is_some(), device })
 }
 
@@ -199,7 +203,7 @@ async fn render(node: &Arc<Node>, ordered: &Ordered, job: &ViewJob) -> Result<Fr
         let rendered = node.render_view(job.clone(), ordered.info.clone(), samples, again).await;
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
-                // The coordinator knows the kind of device alone; how triangles are seen, the sampler decides.
+                // Where the device does not have the way that was asked for, the sampler takes another one.
                 let device = &frame.provenance.device;
                 if !(ordered.device.is_empty() || ordered.device == *device) {
                     let reason = format!("{device:?} answered, not the device {:?}", ordered.device);

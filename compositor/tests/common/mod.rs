@@ -13,7 +13,7 @@ use argus_scene::tone::display_from_radiance;
 use argus_scene::{
     Bounds, Camera, Cancel, Compositor as _, Frame, Light, Lighting, OmniLayout, Outputs, Plan, Plane,
     PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
-    SampleSetInfo, SceneHash, Search, Sky, ViewJob, Warp,
+    SampleSetInfo, SceneHash, Search, Sky, ViewJob, Visibility, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -295,6 +295,7 @@ pub(crate) fn sample_set(
         epoch_secs: 0.1,
         generation: 1,
         lighting: subject.lighting(),
+        visibility: Visibility::default(),
     };
     let samples = cameras
         .iter()
@@ -330,7 +331,16 @@ pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], se
     });
     let samples = samples.iter().map(|sample| sample.id).collect();
     let plan = Plan::Warp(Warp { search, samples, ..Warp::default() });
-    ViewJob { camera, width, height, outputs: EVERYTHING, plan, epoch: 3, time_secs: 0.3 }
+    ViewJob {
+        camera,
+        width,
+        height,
+        outputs: EVERYTHING,
+        plan,
+        epoch: 3,
+        time_secs: 0.3,
+        visibility: Visibility::default(),
+    }
 }
 
 pub(crate) fn compose_one(compositor: &mut GpuCompositor, job: &ViewJob) -> Result<Frame, RenderError> {

@@ -11,6 +11,7 @@ mod scene;
 mod view;
 
 pub use describe::Description;
+pub use scene::visibility;
 
 use argus_scene::{InvalidField, SceneHash};
 use bytes::Bytes;

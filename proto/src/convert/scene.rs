@@ -1,6 +1,8 @@
 //! Light, rigs, and what a sample set's samples have in common.
 
-use argus_scene::{Bounds, Effect, InvalidField, Light, Lighting, Rig, SampleId, SampleSetInfo, Sky, Stage};
+use argus_scene::{
+    Bounds, Effect, InvalidField, Light, Lighting, Rig, SampleId, SampleSetInfo, Sky, Stage, Visibility,
+};
 use glam::DVec3;
 
 use super::{duration_ms, finite, point, required, rgb, scene_hash, scene_hash_bytes, unspecified};
@@ -212,6 +214,7 @@ impl From<&SampleSetInfo> for v1::SampleSetInfo {
             epoch_secs: info.epoch_secs,
             generation: info.generation,
             lighting: Some((&info.lighting).into()),
+            visibility: v1::Visibility::from(info.visibility) as i32,
         }
     }
 }
@@ -228,7 +231,31 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
             epoch_secs: epoch_secs(wire.epoch_secs, "set.epoch_secs")?,
             generation: wire.generation,
             lighting: required(wire.lighting, "set.lighting")?.try_into()?,
+            visibility: visibility(wire.visibility, "set.visibility")?,
         })
+    }
+}
+
+impl From<Visibility> for v1::Visibility {
+    fn from(visibility: Visibility) -> Self {
+        match visibility {
+            Visibility::Raster => Self::Raster,
+            Visibility::Trace => Self::Trace,
+            Visibility::Cpu => Self::Cpu,
+        }
+    }
+}
+
+/// A way to see triangles.
+///
+/// # Errors
+/// If the number names none.
+pub fn visibility(number: i32, field: &'static str) -> Result<Visibility, InvalidField> {
+    match v1::Visibility::try_from(number) {
+        Ok(v1::Visibility::Raster) => Ok(Visibility::Raster),
+        Ok(v1::Visibility::Trace) => Ok(Visibility::Trace),
+        Ok(v1::Visibility::Cpu) => Ok(Visibility::Cpu),
+        _ => Err(InvalidField::new(field, format!("{number} names no way to see triangles"))),
     }
 }
 

@@ -11,11 +11,13 @@ mod single;
 
 use std::ops::Range;
 use std::sync::Arc;
+use std::time::Instant;
 
 use argus_scene::Scene;
 use argus_shaders::layout::sampler::Rays;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
+use tracing::info;
 
 use crate::bvh::{Hierarchy, Node, OF_OBJECT, Triangle};
 use crate::resident::Placement;
@@ -59,7 +61,12 @@ struct ObjectAbout {
 }
 
 impl PacketTracer {
-    pub(crate) fn new(scene: &Arc<Scene>, hierarchy: Hierarchy, near: f32) -> Self {
+    /// Builds the hierarchy of a scene whose instances are placed so. Nothing nearer than `near` is seen.
+    pub(crate) fn new(scene: &Arc<Scene>, placements: &[Placement], near: f32) -> Self {
+        let begin = Instant::now();
+        let hierarchy = Hierarchy::new(scene, placements);
+        let (triangles, objects) = (hierarchy.triangles.len(), hierarchy.placed.len());
+        info!(ms = begin.elapsed().as_secs_f64() * 1e3, triangles, objects, "hierarchy built");
         Self { hierarchy, cutouts: Cutouts::new(scene), near }
     }
 

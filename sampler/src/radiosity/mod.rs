@@ -9,7 +9,6 @@
 pub(crate) mod emitters;
 mod from_octree;
 mod knobs;
-mod light;
 pub(crate) mod maps;
 pub(crate) mod paths;
 pub(crate) mod sequence;
@@ -30,7 +29,6 @@ use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
 
 pub use knobs::{Indirect, MapSource, VplKnobs};
-pub(crate) use light::IndirectLight;
 
 use crate::packets::PacketTracer;
 use crate::passes::{

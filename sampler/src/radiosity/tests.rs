@@ -7,7 +7,7 @@ use glam::{DAffine3, Vec4};
 use super::*;
 use crate::packets::PacketTracer;
 use crate::radiosity::sequence::mixed;
-use crate::{resident, ways};
+use crate::resident;
 
 /// What VPLs are made from.
 struct World {
@@ -35,7 +35,7 @@ impl World {
             warnings: Vec::new(),
         });
         let placements = resident::placed(&scene);
-        let tracer = ways::build(&scene, &placements, 1e-3);
+        let tracer = PacketTracer::new(&scene, &placements, 1e-3);
         let surfaces = Surfaces::new(&scene, &placements);
         Self { scene, tracer, surfaces }
     }

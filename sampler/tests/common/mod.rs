@@ -10,6 +10,7 @@ use argus_scene::rig::Rig;
 use argus_scene::{
     Bounds, Camera, Cancel, Frame, Instance, Light, Lighting, Material, Mesh, Outputs, Plan, PlaneData,
     PlaneKind, Sample, SampleId, SampleJob, SampleSetInfo, Sampler, Scene, SceneHash, Sky, ViewJob,
+    Visibility,
 };
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use image::RgbImage;
@@ -40,6 +41,7 @@ pub(crate) fn view_job(camera: Camera, size: [u32; 2], samples_per_pixel: u32) -
         plan: Plan::Direct { samples_per_pixel },
         epoch: 0,
         time_secs: 0.0,
+        visibility: Visibility::default(),
     }
 }
 
@@ -74,6 +76,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         epoch_secs: 0.0,
         generation: 7,
         lighting: scene.lighting.clone(),
+        visibility: Visibility::default(),
     };
     SampleJob { info: Arc::new(info), ids: vec![SampleId { epoch: 0, generation: 7, index }], to_host }
 }

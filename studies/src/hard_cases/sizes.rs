@@ -22,7 +22,11 @@ const THIN: &[Excuse] = &[Excuse {
 
 pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     let usual = Camera::look_at(DVec3::new(-9.0, 9.0, -13.0), DVec3::new(0.0, 0.5, 0.0));
-    let limits = Limits::new(0.035, 0.03).but(THIN);
+    let limits = Limits::new(0.035, 0.03)
+        .because(
+            "a texel of the samples is as wide as six pixels and more here, and rims are as wide as a texel",
+        )
+        .but(THIN);
     let flat = Camera { fov_deg: 0.2, ..usual };
     // The colour of a pixel that shows all of the scene is its footprint's, not its central ray's.
     let one = Limits::ranges(0.0, 0.0).but(&[Excuse {

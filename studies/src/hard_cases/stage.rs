@@ -12,7 +12,7 @@ use argus_scene::reference::Tracer;
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Output, Outputs, Plan, RenderError, SampleJob, Sampler as _,
-    Search, ViewJob, Warp,
+    Search, ViewJob, Visibility, Warp,
 };
 
 use super::Row;
@@ -153,6 +153,7 @@ impl Stages {
             epoch_secs: 0.0,
             generation: self.generation,
             lighting: scene.lighting.clone(),
+            visibility: Visibility::default(),
         });
         let mut ids: Vec<SampleId> =
             poses.iter().flat_map(|pose| nearest(&info, &pose.camera, pose.samples)).collect();
@@ -229,7 +230,16 @@ impl Stage {
         let [width, height] = pose.size;
         let outputs =
             [Output::Range, Output::Mask, Output::Source].into_iter().fold(Outputs::COLOR, Outputs::with);
-        ViewJob { camera: pose.camera, width, height, outputs, plan, epoch: 0, time_secs: 0.0 }
+        ViewJob {
+            camera: pose.camera,
+            width,
+            height,
+            outputs,
+            plan,
+            epoch: 0,
+            time_secs: 0.0,
+            visibility: Visibility::default(),
+        }
     }
 }
 

@@ -17,7 +17,7 @@ use argus_sampler::{GpuSampler, Indirect, MapSource, SamplerKnobs, VplKnobs};
 use argus_scene::metrics::{Comparison, compare};
 use argus_scene::reference::{Indirect as Paths, Tracer, cache};
 use argus_scene::tone::linear_from_srgb;
-use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Sampler as _, ViewJob};
+use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Sampler as _, ViewJob, Visibility};
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -307,6 +307,7 @@ impl Stage {
             plan: Plan::Direct { samples_per_pixel: 1 },
             epoch: 0,
             time_secs: 0.0,
+            visibility: Visibility::default(),
         };
         let sampler = |indirect| {
             let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };

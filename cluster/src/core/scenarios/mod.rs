@@ -6,4 +6,5 @@ mod property;
 mod roles;
 mod sim;
 mod views;
+mod ways;
 mod wishes;
