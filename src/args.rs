@@ -91,8 +91,8 @@ pub(crate) struct IndirectLight {
     /// Reflections between a light and what is seen, at most
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4))]
     pub(crate) bounces: Option<u32>,
-    /// Where shadows of virtual point lights come from: nowhere, rays through the centres of maps' texels, or random
-    /// points splatted into maps
+    /// Where shadows of virtual point lights come from: nowhere, rays through the centres of maps' texels, random
+    /// points splatted into maps, or an octree of the scene, rendered for all of them together or for each by itself
     #[arg(long, value_name = "SOURCE", value_parser = PossibleValuesParser::new(MapSource::ALL.map(MapSource::name)))]
     pub(crate) vpl_maps: Option<String>,
     /// Texels on a side of a hemisphere of such a map: a power of two, 4 to 256

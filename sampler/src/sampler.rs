@@ -261,7 +261,7 @@ impl GpuSampler {
         }
         self.knobs.indirect = Indirect::Vpl(knobs);
         if let Some(radiosity) = &mut self.radiosity {
-            radiosity.set_knobs(&self.gpu, knobs);
+            radiosity.set_knobs(knobs);
         }
         Ok(())
     }

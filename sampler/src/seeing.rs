@@ -89,7 +89,7 @@ impl Seeing {
     }
 
     /// The tracer of packets; [`Self::ready_packets`] comes first.
-    fn packets(&self) -> Result<&PacketTracer, RenderError> {
+    pub(crate) fn packets(&self) -> Result<&PacketTracer, RenderError> {
         self.packets.as_ref().ok_or_else(|| RenderError::Internal("the tracer was not built".to_owned()))
     }
 

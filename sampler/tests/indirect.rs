@@ -112,9 +112,12 @@ fn a_room_lit_by_vpls_looks_like_the_path_traced_one_wherever_it_stands() {
         };
         let (with, without) = (flip_of(Indirect::Vpl(vpl), "exact"), flip_of(Indirect::Off, "off"));
         assert!(with < 0.08 && with < 0.5 * without, "{name}: {with} with, {without} without");
-        let imperfect = VplKnobs { maps: MapSource::Imperfect, ..vpl };
-        let imperfect = flip_of(Indirect::Vpl(imperfect), "imperfect");
-        assert!(imperfect < 0.16 && imperfect < 0.5 * without, "{name}: {imperfect} by imperfect maps");
+        for (maps, most) in
+            [(MapSource::Imperfect, 0.16), (MapSource::MegaViews, 0.12), (MapSource::ManyLods, 0.12)]
+        {
+            let found = flip_of(Indirect::Vpl(VplKnobs { maps, levels: 7, ..vpl }), maps.name());
+            assert!(found < most && found < 0.5 * without, "{name}: {found} by {maps:?} maps");
+        }
     }
 }
 
@@ -220,15 +223,18 @@ fn pixels_of_a_list_look_like_those_of_the_view() {
 
 #[test]
 fn scenes_with_nothing_to_light_or_to_light_with_render_as_without() {
-    let vpl = knobs(VplKnobs { vpls: 64, ..VplKnobs::default() });
     let job = view_job(view_of_room(DVec3::ZERO), [16, 16], 1);
     let empty = Arc::new(empty_scene());
-    assert_eq!(direct(&mut sampler_with(&empty, vpl), &job).color, direct(&mut sampler(&empty), &job).color);
     let mut dark = Scene::clone(&box_of_cornell(DVec3::ZERO));
     dark.lighting = lit_by(Vec::new());
     let dark = Arc::new(dark);
-    let frame = direct(&mut sampler_with(&dark, vpl), &job);
-    assert!(frame.color.expect("asked for").iter().all(|&b| b == 0));
+    for maps in MapSource::ALL {
+        let vpl = knobs(VplKnobs { vpls: 64, maps, levels: 4, ..VplKnobs::default() });
+        let plain = direct(&mut sampler(&empty), &job).color;
+        assert_eq!(direct(&mut sampler_with(&empty, vpl), &job).color, plain, "{maps:?}");
+        let frame = direct(&mut sampler_with(&dark, vpl), &job);
+        assert!(frame.color.expect("asked for").iter().all(|&b| b == 0), "{maps:?}");
+    }
 }
 
 #[test]

@@ -5,6 +5,8 @@ import package::shared::linear::{LINEAR_GROUP, linear_index};
 struct QueueStep {
     // Entry of `counters` for the queue.
     counters: u32,
+    // Entry that says whether a queue of this part of the frame overflowed; the first of all is the maps'.
+    overflow: u32,
     // Where the three numbers of workgroups go.
     arguments: u32,
     // Pairs that a workgroup takes.
@@ -37,7 +39,7 @@ fn arguments_for(groups: u32) {
 // After an overflow nothing follows: the frame is run again.
 @compute @workgroup_size(1)
 fn prepare() {
-    let overflowed = atomicLoad(&counters[0]) != 0u;
+    let overflowed = (atomicLoad(&counters[0]) | atomicLoad(&counters[step.overflow])) != 0u;
     let pairs = select(atomicLoad(&counters[step.counters]), 0u, overflowed);
     arguments_for((pairs + step.group - 1u) / step.group);
 }
@@ -54,7 +56,7 @@ fn prepare_fusion() {
 @compute @workgroup_size(1)
 fn seed_roots() {
     if map_total[0] > step.maps {
-        atomicMax(&counters[0], 2u);
+        atomicMax(&counters[0], 1u);
     }
     queue[0] = vec2u(step.scene_node, levels[0].x);
     atomicStore(&counters[step.counters], 1u);

@@ -23,6 +23,8 @@ struct PairStep {
     // Entries of `counters` for this step's queue and the one that it fills.
     counters_in: u32,
     counters_out: u32,
+    // Entry that says whether a queue of this part of the frame overflowed.
+    overflow: u32,
     // The only octant of the view node that this pass follows; 8: all.
     octant: u32,
     // 1: the pairs of this step are counted (by the first of the passes that share them).
@@ -50,7 +52,7 @@ override reach: u32 = 1u;
 @group(0) @binding(5) var<storage, read_write> next: array<vec2u>;
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Entries of a step in `counters`; the first word of all says whether a queue overflowed.
+// Entries of a step in `counters`.
 const QUEUED: u32 = 0u;
 const TESTED: u32 = 1u;
 const CULLED: u32 = 2u;
@@ -219,7 +221,7 @@ fn divide(
     }
     base = subgroupBroadcastFirst(base) + before;
     if queued > 0u && base + queued > step.capacity {
-        atomicMax(&counters[0], 1u);
+        atomicMax(&counters[step.overflow], 1u);
         kept = 0u;
     }
     var to = base;

@@ -2,7 +2,9 @@
 // a group is left out only if none of its VPLs faces any of the block's surfaces, or none of those faces it, or all
 // are beyond the cut-off (MegaViews, sections 3.2.1 and 5.1, with the roles of scene and views exchanged).
 
-import package::shared::vpl::{BLOCK, Gathering, LIST_WORDS, MOST_GROUPS, Receiver, VplNode, receiver_of};
+import package::shared::vpl::{
+    BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, MOST_GROUPS, Receiver, VplNode, receiver_of,
+};
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;
@@ -48,6 +50,22 @@ fn is_dark(node: VplNode, receivers: Receivers) -> bool {
     return unlit || unseen || length(d) - reach > gathering.cutoff;
 }
 
+// About how much light a group may bring to a block: never 0, since its VPLs may still be chosen. Cosines are those of
+// the middles, widened by the cones and by how large both appear to each other.
+fn worth(node: VplNode, receivers: Receivers) -> f32 {
+    let d = receivers.center - node.center;
+    let distance = max(length(d), 1e-20);
+    let size = node.radius + receivers.radius;
+    let wider = size / distance;
+    let leaving = dot(node.axis, d) / distance + sqrt(max(1.0 - node.cosine * node.cosine, 0.0)) + wider;
+    let arriving =
+        -dot(receivers.axis, d) / distance + sqrt(max(1.0 - receivers.cosine * receivers.cosine, 0.0)) + wider;
+    let cosines = select(clamp(leaving, 0.05, 1.0), 1.0, node.cosine <= 0.0)
+        * select(clamp(arriving, 0.05, 1.0), 1.0, receivers.cosine <= 0.0);
+    let nearest = max(gathering.least_distance, 0.5 * size);
+    return max(node.power * cosines / max(distance * distance, nearest * nearest), 1e-30);
+}
+
 @compute @workgroup_size(64)
 fn cull_vpls(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= gathering.blocks.x * gathering.blocks.y {
@@ -66,6 +84,7 @@ fn cull_vpls(@builtin(global_invocation_id) id: vec3u) {
     let list = id.x * LIST_WORDS;
     lists[list] = 0u;
     lists[list + 1u] = 0u;
+    lists[list + 2u] = 0u;
     if low.x > high.x {
         return;
     }
@@ -80,14 +99,19 @@ fn cull_vpls(@builtin(global_invocation_id) id: vec3u) {
     receivers.cosine = select(-1.0, receivers.cosine - 1e-4, length_of_sum > 1e-3);
     var groups = 0u;
     var lights = 0u;
+    var sum_of_worth = 0.0;
     var index = 0u;
     loop {
         let node = nodes[min(index, arrayLength(&nodes) - 1u)];
         let dark = (gathering.culls != 0u) & is_dark(node, receivers);
         if !dark && node.leaf != 0u && groups < MOST_GROUPS {
             lights += node.count;
-            lists[list + 2u + 2u * groups] = node.first;
-            lists[list + 3u + 2u * groups] = lights;
+            let weighed = worth(node, receivers);
+            sum_of_worth += select(f32(node.count), weighed, gathering.weighs != 0u);
+            let entry = list + LIST_HEAD + GROUP_WORDS * groups;
+            lists[entry] = node.first;
+            lists[entry + 1u] = lights;
+            lists[entry + 2u] = bitcast<u32>(sum_of_worth);
             groups += 1u;
         }
         index = select(index + 1u, node.skip, dark);
@@ -97,6 +121,7 @@ fn cull_vpls(@builtin(global_invocation_id) id: vec3u) {
     }
     lists[list] = groups;
     lists[list + 1u] = lights;
+    lists[list + 2u] = bitcast<u32>(sum_of_worth);
     atomicAdd(&kept[0], 1u);
     atomicAdd(&kept[1], groups);
 }

@@ -1,20 +1,29 @@
 // Program of `sampler/src/passes/gather.rs`: irradiance by π that each sub-sample's surface receives from VPLs. Each
-// takes every so-many-th VPL of its block's list, from another beginning than its neighbours, so that a square of them
-// takes all (Keller, Heidrich: "Interleaved Sampling", 2001).
+// steps through its block's list in equal steps of what groups are worth, from another beginning than its neighbours, so
+// that a square of them takes many (Keller, Heidrich: "Interleaved Sampling", 2001). Each VPL that is taken stands for
+// as many as its share of the worth says, so that nothing is lost on average.
 
 import package::shared::finite::{finite_or_zero};
 import package::shared::paraboloid::{paraboloid_index};
-import package::shared::vpl::{BLOCK, Gathering, LIST_WORDS, Vpl, receiver_of};
+import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, Vpl, receiver_of};
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;
 @group(0) @binding(2) var<storage, read> vpls: array<Vpl>;
 @group(0) @binding(3) var<storage, read> lists: array<u32>;
-// Of each VPL a dual-paraboloid map of distances, f32 bits.
-@group(0) @binding(4) var<storage, read> maps: array<u32>;
-@group(0) @binding(5) var<storage, read_write> gathered: array<vec4f>;
+@group(0) @binding(4) var<storage, read_write> gathered: array<vec4f>;
+// Of each VPL where its map is seen from, relative to the root as f32 bits, and which map it is.
+@group(0) @binding(5) var<storage, read> eyes: array<vec4u>;
+// Dual-paraboloid maps of distances, or of inverse ones where 0 is nothing; f32 bits.
+@group(0) @binding(6) var<storage, read> maps0: array<u32>;
+@group(0) @binding(7) var<storage, read> maps1: array<u32>;
+@group(0) @binding(8) var<storage, read> maps2: array<u32>;
+@group(0) @binding(9) var<storage, read> maps3: array<u32>;
 
 override has_maps: bool = true;
+override has_inverse_maps: bool = false;
+// Arrays that maps are spread over.
+override arrays: u32 = 1u;
 
 // Steepest slope against the direction to a VPL that the bias makes up for.
 const STEEPEST: f32 = 4.0;
@@ -36,18 +45,40 @@ fn beginning(at: vec2u) -> f32 {
     return (f32(order) + random(square.x + (square.y << 16u))) / 16.0;
 }
 
-// Whether the VPL sees a surface at `d` from it, whose normal has that cosine with the direction back.
-fn sees(vpl: Vpl, d: vec3f, distance: f32, cosine: f32) -> bool {
+// A texel of a map, metres.
+fn nearest_in(map: u32, texel: u32) -> f32 {
     let side = gathering.map_side;
-    let texel = vpl.map * 2u * side * side + paraboloid_index(d, side);
-    let nearest = bitcast<f32>(maps[min(texel, arrayLength(&maps) - 1u)]);
-    // Angle that a texel spans in a stereographic map.
-    let width = 2.0 / f32(side) * (1.0 + abs(d.x) / distance) * distance;
-    let slope = min(sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, 1e-3), STEEPEST);
-    return distance <= nearest + gathering.bias * width * max(slope, 0.1);
+    let array_ = map >> gathering.map_shift;
+    let at = (map - (array_ << gathering.map_shift)) * 2u * side * side + texel;
+    var word = 0u;
+    if arrays == 1u || array_ == 0u {
+        word = maps0[min(at, arrayLength(&maps0) - 1u)];
+    } else if arrays == 2u || array_ == 1u {
+        word = maps1[min(at, arrayLength(&maps1) - 1u)];
+    } else if arrays == 3u || array_ == 2u {
+        word = maps2[min(at, arrayLength(&maps2) - 1u)];
+    } else {
+        word = maps3[min(at, arrayLength(&maps3) - 1u)];
+    }
+    let value = bitcast<f32>(word);
+    return select(value, 1.0 / max(value, 1e-30), has_inverse_maps);
 }
 
-fn light_of(vpl: Vpl, position: vec3f, normal: vec3f) -> vec3f {
+// Whether a VPL's map sees a surface.
+fn sees(eye: vec4u, position: vec3f, normal: vec3f) -> bool {
+    let d = position - bitcast<vec3f>(eye.xyz);
+    let distance = max(length(d), 1e-20);
+    let side = gathering.map_side;
+    let nearest = nearest_in(eye.w, paraboloid_index(d, side));
+    // Angle that a texel spans in a stereographic map, and how much nearer a plane may be at its other end.
+    let width = 2.0 / f32(side) * (1.0 + abs(d.x) / distance) * distance;
+    let cosine = abs(dot(normal, d)) / distance;
+    let slope = min(sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, 1e-3), STEEPEST);
+    return distance <= nearest + gathering.bias * width * max(slope, 0.1) + gathering.slack * max(slope, 1.0);
+}
+
+fn light_of(index: u32, position: vec3f, normal: vec3f) -> vec3f {
+    let vpl = vpls[index];
     let d = position - vpl.position;
     let distance = length(d);
     let leaving = dot(vpl.normal, d) / distance;
@@ -58,26 +89,56 @@ fn light_of(vpl: Vpl, position: vec3f, normal: vec3f) -> vec3f {
     let nearer = max(distance, gathering.least_distance);
     var lit = true;
     if has_maps {
-        lit = sees(vpl, d, distance, arriving);
+        lit = sees(eyes[min(index, arrayLength(&eyes) - 1u)], position, normal);
     }
     return select(vec3f(0.0), vpl.intensity * (leaving * arriving / (nearer * nearer)), lit);
 }
 
-// The VPL that stands at a place in a block's list: the first group whose share ends beyond it, by halving.
-fn listed(list: u32, place: u32) -> u32 {
+// A VPL and how many it stands for.
+struct Taken {
+    index: u32,
+    share: f32,
+}
+
+// The VPL at a place in a block's list, in worth from its beginning; the group is found by halving.
+fn taken_at(list: u32, place: f32) -> Taken {
     var low = 0u;
     var high = lists[list] - 1u;
     for (var i = 0u; i < 8u; i++) {
         let middle = (low + high) / 2u;
-        let beyond = lists[list + 3u + 2u * middle] > place;
+        let beyond = bitcast<f32>(lists[list + LIST_HEAD + GROUP_WORDS * middle + 2u]) > place;
         high = select(high, middle, beyond);
         low = select(min(middle + 1u, high), low, beyond);
     }
+    let entry = list + LIST_HEAD + GROUP_WORDS * low;
+    var lights_before = 0u;
+    var worth_before = 0.0;
+    if low > 0u {
+        lights_before = lists[entry - GROUP_WORDS + 1u];
+        worth_before = bitcast<f32>(lists[entry - GROUP_WORDS + 2u]);
+    }
+    let lights = lists[entry + 1u] - lights_before;
+    let worth = max(bitcast<f32>(lists[entry + 2u]) - worth_before, 1e-37);
+    let within = min(u32(max(place - worth_before, 0.0) / worth * f32(lights)), lights - 1u);
+    return Taken(lists[entry] + within, f32(lights) / worth);
+}
+
+// The VPL of that number in a block's list.
+fn listed(list: u32, number: u32) -> u32 {
+    var low = 0u;
+    var high = lists[list] - 1u;
+    for (var i = 0u; i < 8u; i++) {
+        let middle = (low + high) / 2u;
+        let beyond = lists[list + LIST_HEAD + GROUP_WORDS * middle + 1u] > number;
+        high = select(high, middle, beyond);
+        low = select(min(middle + 1u, high), low, beyond);
+    }
+    let entry = list + LIST_HEAD + GROUP_WORDS * low;
     var before = 0u;
     if low > 0u {
-        before = lists[list + 1u + 2u * low];
+        before = lists[entry - GROUP_WORDS + 1u];
     }
-    return lists[list + 2u + 2u * low] + place - before;
+    return lists[entry] + number - before;
 }
 
 @compute @workgroup_size(8, 8)
@@ -93,19 +154,26 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
     var sum = vec3f(0.0);
     if receiver.exists && lights > 0u {
         let position = receiver.position + gathering.root_from_eye;
+        let all = gathering.samples >= lights;
         let count = min(gathering.samples, lights);
-        let stride = f32(lights) / f32(count);
+        let step = bitcast<f32>(lists[list + 2u]) / f32(count);
         let begin = beginning(gathering.origin + id.xy);
         var i = 0u;
         loop {
-            let place = min(u32((f32(i) + begin) * stride), lights - 1u);
-            sum += light_of(vpls[min(listed(list, place), arrayLength(&vpls) - 1u)], position, receiver.normal);
+            var taken = Taken(0u, 1.0);
+            if all {
+                taken.index = listed(list, i);
+            } else {
+                taken = taken_at(list, (f32(i) + begin) * step);
+                taken.share *= step;
+            }
+            let index = min(taken.index, arrayLength(&vpls) - 1u);
+            sum += light_of(index, position, receiver.normal) * taken.share;
             i += 1u;
             if i >= count {
                 break;
             }
         }
-        sum *= stride;
     }
     gathered[at] = vec4f(finite_or_zero(sum), 0.0);
 }

@@ -4,16 +4,17 @@ import package::shared::encode::{unit_from_octahedral};
 
 // Most groups of VPLs that a block's list holds.
 const MOST_GROUPS: u32 = 256u;
-// Words of a list: how many groups, how many VPLs, then for each group its first VPL and the end of its share.
-const LIST_WORDS: u32 = 2u + 2u * MOST_GROUPS;
+// Words of a list: how many groups, how many VPLs, the sum of what groups are worth (f32); then for each group its
+// first VPL, the number of VPLs up to its last, and the sum of worth up to its own.
+const LIST_HEAD: u32 = 3u;
+const GROUP_WORDS: u32 = 3u;
+const LIST_WORDS: u32 = LIST_HEAD + GROUP_WORDS * MOST_GROUPS;
 // Sub-samples on a side of a block that shares a list.
 const BLOCK: u32 = 16u;
 
 // Positions are relative to the root, the middle of the scene.
 struct Vpl {
     position: vec3f,
-    // Which map is its own.
-    map: u32,
     // Unit normal; light leaves by its cosine.
     normal: vec3f,
     // Flux by π², so that a sum of cosines by squared distance is irradiance by π.
@@ -33,6 +34,8 @@ struct VplNode {
     // The node after all that are below this one.
     skip: u32,
     leaf: u32,
+    // Sum of the intensities, mean of the channels.
+    power: f32,
 }
 
 struct Gathering {
@@ -47,6 +50,8 @@ struct Gathering {
     origin: vec2u,
     // Texels on a side of a hemisphere's map.
     map_side: u32,
+    // Maps of one array: 2 to the power of this.
+    map_shift: u32,
     // Sub-samples that the filter reaches on each side.
     reach: u32,
     // Metres: nearer than this no VPL lights more strongly.
@@ -55,8 +60,12 @@ struct Gathering {
     cutoff: f32,
     // Widths of a texel.
     bias: f32,
+    // Metres by which the maps' surfaces may lie before the true ones.
+    slack: f32,
     // Whether groups are left out.
     culls: u32,
+    // Whether groups are chosen by what they are worth rather than by how many VPLs they have.
+    weighs: u32,
 }
 
 struct Receiver {

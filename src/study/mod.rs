@@ -7,6 +7,7 @@ mod break_even;
 mod burst;
 mod cells;
 mod hard_cases;
+mod megaviews;
 mod radiosity;
 mod visibility;
 mod walk;
@@ -49,6 +50,8 @@ enum Study {
     Cells(cells::Cells),
     BreakEven(break_even::BreakEven),
     HardCases(hard_cases::HardCases),
+    #[command(name = "megaviews")]
+    MegaViews(megaviews::MegaViews),
     Radiosity(radiosity::Radiosity),
 }
 
@@ -80,6 +83,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Visibility(study) => ("visibility", study.run(form.quick, &progress).await?),
         Study::Cells(study) => ("cells", study.run(form.quick, &progress).await?),
         Study::BreakEven(study) => ("break-even", study.run(form.quick, &progress).await?),
+        Study::MegaViews(study) => ("megaviews", study.run(form.quick, &progress).await?),
         Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
     };

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use argus_scene::Camera;
-use argus_studies::radiosity::{LightSpec, Options, run};
+use argus_studies::megaviews::{Emitter, parse_light};
+use argus_studies::radiosity::{Options, run};
 use argus_studies::{Effort as _, Report};
 use glam::DVec3;
 use indicatif::ProgressBar;
@@ -15,12 +16,15 @@ use crate::args;
 ///
 /// Without --scene: terrain:50000; without --size: 192x144.
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus study radiosity --scene sponza.glb --light spot:0,10,0:0,-1,0:35 --eye=-11,3,0 --target 0,4,0 --out figures")]
 pub(super) struct Radiosity {
     #[command(flatten)]
     scene: Scene,
     /// One light in place of the scene's lights and sky: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG
-    #[arg(long, value_name = "LIGHT", allow_hyphen_values = true)]
-    light: Option<LightSpec>,
+    #[arg(long, value_name = "LIGHT", value_parser = parse_light, allow_hyphen_values = true)]
+    light: Option<Emitter>,
     /// Where the viewer stands, metres; the scene's first camera otherwise
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "target")]
     eye: Option<DVec3>,

@@ -16,6 +16,7 @@ mod effort;
 pub mod hard_cases;
 mod local_cluster;
 mod median;
+pub mod megaviews;
 mod plot;
 pub mod radiosity;
 mod report;

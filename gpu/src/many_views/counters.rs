@@ -3,8 +3,9 @@
 use argus_scene::Stage;
 
 use super::schedule::Step;
+use super::traverse::Part;
 
-/// Words at the beginning: whether a queue overflowed.
+/// Words at the beginning: whether there are more maps than there is room for.
 pub(super) const HEAD: u32 = 8;
 /// Words of an entry.
 pub(super) const ENTRY: u32 = 8;
@@ -14,7 +15,12 @@ pub(super) fn entry(pass: u32, step: usize, steps: usize) -> u32 {
     HEAD + (pass * (steps as u32 + 1) + step as u32) * ENTRY
 }
 
-/// What one step did, over all passes.
+/// The word that says whether a queue of a part overflowed: the last of its seeds' entry.
+pub(super) fn overflow(pass: u32, steps: usize) -> u32 {
+    entry(pass, 0, steps) + ENTRY - 1
+}
+
+/// What one step did, over all parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StepStats {
     /// Level of the scene's nodes in the pairs tested.
@@ -38,10 +44,12 @@ pub struct StepStats {
 pub struct FrameStats {
     /// Step by step.
     pub steps: Vec<StepStats>,
-    /// Times that all queues were split in eight: 0 where one pass held all pairs.
+    /// Times that what overflowed was split in eight: 0 where one pass held all pairs.
     pub multipass_level: u32,
     /// Frames that were thrown away because a queue or the maps overflowed.
     pub reruns: u32,
+    /// Whether each view was traversed by itself because too few shared anything in a frame before.
+    pub fell_back: bool,
     /// Maps, those of inner nodes counted.
     pub maps: u32,
     /// Nodes of the view octree; the views where there is none.
@@ -87,12 +95,12 @@ impl FrameStats {
     }
 }
 
-/// Sums the entries of all passes.
-pub(super) fn read(words: &[u32], steps: &[Step], passes: u32) -> Vec<StepStats> {
+/// Sums the entries of all parts.
+pub(super) fn read(words: &[u32], steps: &[Step], parts: &[Part]) -> Vec<StepStats> {
     let of_step = |(index, step): (usize, &Step)| {
         let mut stats =
             StepStats { scene_level: step.scene_level, view_level: step.view_level, ..StepStats::default() };
-        for pass in 0..passes {
+        for (pass, _) in (0..).zip(parts).filter(|(_, part)| part.counts(step)) {
             let at = entry(pass, index + 1, steps.len()) as usize;
             let word = |i: usize| words.get(at + i).copied().map_or(0, u64::from);
             stats.queued += word(0);

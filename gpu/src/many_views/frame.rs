@@ -15,12 +15,12 @@ use super::{Knobs, MapSet, ViewList};
 use crate::hierarchy::{HierarchyError, Octree};
 use crate::{Commands, Gpu};
 
-/// Most times that queues are split in eight.
-const MAX_SPLIT: u32 = 5;
+/// Parts of a frame beyond which none is split further: their dispatches alone would take longer than the pairs.
+const MAX_PARTS: usize = 1024;
 /// Bytes of a queue where nobody says otherwise, at most.
 const QUEUE_BYTES: u64 = 1 << 30;
 
-/// Renders maps of one octree, frame after frame; remembers at which split and with how many maps the last one fitted.
+/// Renders maps of one octree, frame after frame; remembers with which parts and how many maps the last one fitted.
 #[derive(Debug)]
 pub struct ManyViews {
     gpu: Arc<Gpu>,
@@ -32,7 +32,12 @@ pub struct ManyViews {
     views: ViewOctree,
     maps: MapSet,
     queues: Queues,
-    split: u32,
+    /// What is traversed one after the other, so that the queues hold it.
+    parts: Vec<Part>,
+    /// Times that a part was split.
+    multipass_level: u32,
+    /// Whether views are traversed each by itself though they might share.
+    fell_back: bool,
 }
 
 impl ManyViews {
@@ -54,7 +59,9 @@ impl ManyViews {
             views: ViewOctree::new(gpu, 0, 0)?,
             maps,
             queues: Queues::new(gpu, pairs, 0),
-            split: 0,
+            parts: Vec::new(),
+            multipass_level: 0,
+            fell_back: false,
             gpu: Arc::clone(gpu),
             octree,
             knobs,
@@ -62,7 +69,8 @@ impl ManyViews {
     }
 
     /// Renders the maps of all views. A frame in which a queue or the maps overflowed is thrown away and run again,
-    /// split in eight once more; the next frame begins with that split.
+    /// the parts that overflowed split in eight: what lies below each child of a view node, or fewer views. The next
+    /// frame begins with those parts. Bytes do not depend on the parts.
     ///
     /// # Errors
     /// Maps or queues that do not fit into this device's memory however they are split, or a fault of the device.
@@ -72,51 +80,69 @@ impl ManyViews {
         let mut reruns = 0;
         loop {
             let steps = steps(self.octree.depth, self.view_depth(), views.edge);
-            let passes = 1 << (3 * self.split);
-            self.make_counters(entry(passes, 0, steps.len()));
+            let words = entry(self.parts.len() as u32, 0, steps.len());
+            self.make_counters(words);
             let mut commands = self.gpu.commands("many views");
             self.record(&mut commands, views, &steps);
-            let words =
-                commands.read_buffer(&self.queues.counters, 0..u64::from(entry(passes, 0, steps.len())) * 4);
+            let words = commands.read_buffer(&self.queues.counters, 0..u64::from(words) * 4);
             let map_total = commands.read_buffer(self.views.map_total(), 0..4);
             let levels = commands.read_buffer(&self.views.nodes.levels, 0..88);
             let mut finished = commands.submit().wait()?;
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(&finished.take(words)[..]);
             let map_total: Vec<u32> = bytemuck::pod_collect_to_vec(&finished.take(map_total)[..4]);
             let levels: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&finished.take(levels)[..88]);
-            let singles = [views.count; 3];
             let sizes = [map_total[0], levels[0][0] + 1, levels[self.view_depth() as usize][1]];
-            let [maps, view_nodes, view_leaves] = if self.knobs.sharing { sizes } else { singles };
-            match words[0] {
-                0 => {
-                    return Ok(FrameStats {
-                        steps: counters::read(&words, &steps, passes),
-                        multipass_level: self.split,
-                        reruns,
-                        maps,
-                        view_nodes,
-                        view_leaves,
-                        frame_ms: begin.elapsed().as_secs_f64() * 1e3,
-                        stages: finished.stages,
-                        map_bytes: self.maps.bytes(),
-                        queue_bytes: self.queues.pairs.iter().map(Buffer::size).sum(),
-                        view_bytes: self.views.bytes(),
-                    });
-                }
-                _ if maps > self.maps.capacity => {
-                    // Views move: a little room saves the next frames from the same.
-                    let roomy = maps.saturating_add(maps / 16);
-                    self.set_maps(roomy).or_else(|_| self.set_maps(maps))?;
-                }
-                _ if self.split < MAX_SPLIT && self.split < self.deepest_split(views) => self.split += 1,
-                _ => {
-                    let needed = words.iter().copied().map(u64::from).max().unwrap_or(0) * 8;
-                    let limit = self.queues.pairs[0].size();
-                    return Err(HierarchyError::TooLarge { what: "pairs of scene and views", needed, limit });
-                }
+            let [maps, view_nodes, view_leaves] = if self.shares() { sizes } else { [views.count; 3] };
+            if maps > self.maps.capacity {
+                // Views move: a little room saves the next frames from the same.
+                let roomy = maps.saturating_add(maps / 16);
+                self.set_maps(roomy).or_else(|_| self.set_maps(maps))?;
+            } else if !self.split_what_overflowed(&words, steps.len())? {
+                let stats = FrameStats {
+                    fell_back: self.fell_back,
+                    steps: counters::read(&words, &steps, &self.parts),
+                    multipass_level: self.multipass_level,
+                    reruns,
+                    maps,
+                    view_nodes,
+                    view_leaves,
+                    frame_ms: begin.elapsed().as_secs_f64() * 1e3,
+                    stages: finished.stages,
+                    map_bytes: self.maps.bytes(),
+                    queue_bytes: self.queues.pairs.iter().map(Buffer::size).sum(),
+                    view_bytes: self.views.bytes(),
+                };
+                let alone = self.knobs.falls_back && stats.views_per_node() < Knobs::WORTH_SHARING;
+                self.fell_back |= self.shares() && alone;
+                return Ok(stats);
             }
             reruns += 1;
         }
+    }
+
+    /// Splits the parts of the frame whose queues overflowed in eight; whether there were any.
+    fn split_what_overflowed(&mut self, words: &[u32], steps: usize) -> Result<bool, HierarchyError> {
+        let has_overflowed = |pass: u32| words[counters::overflow(pass, steps) as usize] != 0;
+        let depth = self.view_depth();
+        let mut parts = Vec::with_capacity(self.parts.len());
+        let mut any = false;
+        for (pass, part) in (0..).zip(&self.parts) {
+            if !has_overflowed(pass) {
+                parts.push(*part);
+                continue;
+            }
+            let smaller = part.split(depth);
+            if smaller.is_empty() || self.parts.len() > MAX_PARTS {
+                let needed = words.iter().copied().map(u64::from).max().unwrap_or(0) * 8;
+                let limit = self.queues.pairs[0].size();
+                return Err(HierarchyError::TooLarge { what: "pairs of scene and views", needed, limit });
+            }
+            any = true;
+            parts.extend(smaller);
+        }
+        self.parts = parts;
+        self.multipass_level += u32::from(any);
+        Ok(any)
     }
 
     /// The maps of the latest frame.
@@ -127,6 +153,18 @@ impl ManyViews {
     /// A word a view of the latest frame: its map, which views of one leaf share.
     pub fn map_of_view(&self) -> &Buffer {
         &self.views.leaf_of_view
+    }
+
+    /// The map of each view of the latest frame, read back.
+    ///
+    /// # Errors
+    /// A fault of the device.
+    pub fn map_of_views(&self, views: usize) -> Result<Vec<u32>, HierarchyError> {
+        let size = views as u64 * 4;
+        let mut commands = self.gpu.commands("maps of views");
+        let ticket = commands.read_buffer(&self.views.leaf_of_view, 0..size);
+        let bytes = commands.submit().wait()?.take(ticket);
+        Ok(bytemuck::pod_collect_to_vec(&bytes[..size as usize]))
     }
 
     /// Four words a map of the latest frame: the position that it is rendered from (f32, edges of the octree's root),
@@ -167,40 +205,41 @@ impl ManyViews {
         for array in &self.maps.arrays {
             commands.clear(array);
         }
-        let parts = 1u32 << (3 * self.split);
-        if !self.knobs.sharing {
+        if self.shares() {
+            self.builder.build(commands, views, &self.knobs, &self.views);
+        } else {
             self.builder.singles(commands, views, &self.knobs, &self.views);
-            let each = views.count.div_ceil(parts).max(1);
-            for (pass, first) in (0..views.count).step_by(each as usize).enumerate() {
-                let count = each.min(views.count - first);
-                self.traverse.run(commands, &work, pass as u32, Part::Views { first, count });
-            }
-            return;
         }
-        self.builder.build(commands, views, &self.knobs, &self.views);
-        for path in 0..parts {
-            self.traverse.run(commands, &work, path, Part::Octants { path, level: self.split });
+        for (pass, part) in (0..).zip(&self.parts) {
+            self.traverse.run(commands, &work, pass, *part);
         }
-        if self.knobs.fusion {
+        if self.shares() && self.knobs.fusion {
             self.fuse.run(commands, &self.traverse, &work);
         }
     }
 
-    /// Levels of the hierarchy over the views; 0 without one.
-    fn view_depth(&self) -> u32 {
-        if self.knobs.sharing { self.knobs.view_depth } else { 0 }
+    /// Whether the next frame has a hierarchy over the views.
+    fn shares(&self) -> bool {
+        self.knobs.sharing && !self.fell_back
     }
 
-    fn deepest_split(&self, views: &ViewList) -> u32 {
-        if self.knobs.sharing { self.knobs.view_depth } else { views.count.ilog2() / 3 + 1 }
+    /// Levels of the hierarchy over the views; 0 without one.
+    fn view_depth(&self) -> u32 {
+        if self.shares() { self.knobs.view_depth } else { 0 }
     }
 
     /// Room for the views and, to begin with, for about as many maps.
     fn make_room(&mut self, views: &ViewList) -> Result<(), HierarchyError> {
+        if self.views.capacity != views.count {
+            self.fell_back = false;
+        }
         if self.views.capacity != views.count || self.views.depth != self.view_depth() {
             self.views = ViewOctree::new(&self.gpu, views.count, self.view_depth())?;
-            let maps = if self.knobs.sharing { views.count.min(1 << 14) } else { views.count };
+            let maps = if self.shares() { views.count.min(1 << 14) } else { views.count };
             self.set_maps(maps)?;
+            let whole = Part::Views { first: 0, count: views.count };
+            self.parts = vec![if self.shares() { Part::Octants { path: 0, level: 0 } } else { whole }];
+            self.multipass_level = 0;
         }
         Ok(())
     }

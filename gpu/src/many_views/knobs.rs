@@ -42,6 +42,9 @@ pub struct Knobs {
     /// Whether views share what looks alike from all of them (MegaViews); otherwise each is traversed by itself
     /// (ManyLoDs).
     pub sharing: bool,
+    /// Whether views are traversed each by itself after a frame in which rendered pairs were shared by fewer than
+    /// [`Knobs::WORTH_SHARING`] views in the mean.
+    pub falls_back: bool,
     /// Levels of the view octree below its root, 1 to [`MAX_DEPTH`].
     pub view_depth: u32,
     /// What bounds the views of a node.
@@ -55,6 +58,10 @@ pub struct Knobs {
 }
 
 impl Knobs {
+    /// Views that share a rendered pair, in the mean, below which an octree over the views costs more pairs than it
+    /// saves.
+    pub const WORTH_SHARING: f64 = 1.4;
+
     /// Maps of 16² texels of a scene octree of that depth, shared by a view octree as deep.
     pub fn for_depth(depth: u32) -> Self {
         Self {
@@ -62,6 +69,7 @@ impl Knobs {
             texel: Texel::Range,
             threshold: 1.0,
             sharing: true,
+            falls_back: true,
             view_depth: depth,
             bounding: Bounding::Tight,
             culling: true,

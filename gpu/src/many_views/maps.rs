@@ -1,5 +1,7 @@
 //! Where maps are.
 
+use std::sync::Arc;
+
 use wgpu::{Buffer, BufferUsages};
 
 use super::{Knobs, Texel};
@@ -60,6 +62,23 @@ impl MapSet {
     /// Bytes of all arrays.
     pub fn bytes(&self) -> u64 {
         self.arrays.iter().map(Buffer::size).sum()
+    }
+
+    /// Reads one map back: for each texel, the bits of its inverse range, and its node or 0.
+    ///
+    /// # Errors
+    /// A fault of the device.
+    pub fn read(&self, gpu: &Arc<Gpu>, map: u32) -> Result<Vec<[u32; 2]>, HierarchyError> {
+        let size = 2 * u64::from(self.side) * u64::from(self.side) * self.texel.bytes();
+        let at = u64::from(map & ((1u32 << self.shift) - 1)) * size;
+        let mut commands = gpu.commands("read map");
+        let ticket = commands.read_buffer(&self.arrays[(map >> self.shift) as usize], at..at + size);
+        let bytes = commands.submit().wait()?.take(ticket);
+        let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[..size as usize]);
+        Ok(match self.texel {
+            Texel::RangeAndNode => words.chunks_exact(2).map(|texel| [texel[1], texel[0]]).collect(),
+            Texel::Range => words.into_iter().map(|range| [range, 0]).collect(),
+        })
     }
 
     /// What stands behind each of the eight names that programs give to arrays.

@@ -6,6 +6,7 @@
 //!
 //! - [`ViewList`]: where the views are and which way they look;
 //! - [`Knobs`]: resolution, texels, threshold, depth of the view octree, what is shared, culled and fused;
+//! - [`RasterViews`]: the same maps without any hierarchy, to compare with;
 //! - [`FrameStats`]: what a frame did, pair by pair, and how long it took.
 
 mod counters;
@@ -13,6 +14,7 @@ mod frame;
 mod fuse;
 mod knobs;
 mod maps;
+mod raster;
 mod schedule;
 mod traverse;
 mod view_list;
@@ -22,4 +24,5 @@ pub use counters::{FrameStats, StepStats};
 pub use frame::ManyViews;
 pub use knobs::{Bounding, Knobs, Texel};
 pub use maps::MapSet;
+pub use raster::RasterViews;
 pub use view_list::{ViewList, ViewPoint};

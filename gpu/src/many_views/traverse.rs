@@ -4,7 +4,7 @@ use argus_shaders::gpu::{FILL, QUEUE, TRAVERSE};
 use argus_shaders::layout::gpu::{FillStep, PairStep, QueueStep};
 use wgpu::{Buffer, BufferUsages};
 
-use super::counters::entry;
+use super::counters::{entry, overflow};
 use super::schedule::Step;
 use super::view_octree::ViewOctree;
 use super::{Knobs, MapSet, Texel};
@@ -43,12 +43,46 @@ pub(super) struct Work<'a> {
 }
 
 /// A part of the frame whose queues are held at once.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Part {
     /// What lies below one node of the view octree, `level` levels below its root: three bits of `path` a level.
     Octants { path: u32, level: u32 },
     /// A range of single views.
     Views { first: u32, count: u32 },
+}
+
+impl Part {
+    /// The parts that a part is split into; none where it is one view, or a leaf of the octree over them.
+    pub(super) fn split(self, view_depth: u32) -> Vec<Self> {
+        match self {
+            Self::Octants { path, level } if level < view_depth => {
+                (0..8).map(|octant| Self::Octants { path: path << 3 | octant, level: level + 1 }).collect()
+            }
+            Self::Views { first, count } if count > 1 => {
+                let each = count.div_ceil(8);
+                let part = |at| Self::Views { first: first + at, count: each.min(count - at) };
+                (0..count).step_by(each as usize).map(part).collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// The octant that a part follows on its way to a level.
+    fn octant(self, at: u32) -> u32 {
+        match self {
+            Self::Octants { path, level } if at <= level => path >> (3 * (level - at)) & 7,
+            _ => 0,
+        }
+    }
+
+    /// Whether it counts the pairs of a step. Those above its own node are met by every part below them: the first of
+    /// those counts them.
+    pub(super) fn counts(self, step: &Step) -> bool {
+        match self {
+            Self::Octants { level, .. } => (step.view_level + 1..=level).all(|at| self.octant(at) == 0),
+            Self::Views { .. } => true,
+        }
+    }
 }
 
 impl Queues {
@@ -103,6 +137,7 @@ impl Traverse {
         let first = entry(pass, 0, steps.len());
         let mut seed = QueueStep {
             counters: first,
+            overflow: overflow(pass, steps.len()),
             arguments: 0,
             group: 64,
             scene_node: octree.root_node(),
@@ -130,17 +165,16 @@ impl Traverse {
             }
         }
         for (index, step) in steps.iter().enumerate() {
-            self.prepare(commands, queues, entry(pass, index, steps.len()), 64);
+            self.prepare(commands, queues, entry(pass, index, steps.len()), overflow(pass, steps.len()));
             self.divide(commands, work, pass, index, step, part);
         }
         let last = entry(pass, steps.len(), steps.len());
-        self.prepare(commands, queues, last, 64);
+        self.prepare(commands, queues, last, overflow(pass, steps.len()));
         self.fill(commands, work, last);
     }
 
-    fn prepare(&self, commands: &mut Commands, queues: &Queues, counters: u32, group: u32) {
-        let step =
-            QueueStep { counters, arguments: 0, group, scene_node: 0, first_view: 0, views: 0, maps: 0 };
+    fn prepare(&self, commands: &mut Commands, queues: &Queues, counters: u32, overflow: u32) {
+        let step = QueueStep { counters, overflow, group: 64, ..bytemuck::Zeroable::zeroed() };
         commands
             .compute("prepare", &self.prepare)
             .write("counters", &queues.counters)
@@ -169,17 +203,16 @@ impl Traverse {
             capacity: queues.capacity,
             counters_in: entry(pass, index, steps.len()),
             counters_out: entry(pass, index + 1, steps.len()),
+            overflow: overflow(pass, steps.len()),
             octant: 8,
             counted: 1,
             map_shift: maps.shift,
         };
-        if let Part::Octants { path, level } = part {
-            let octant = |at: u32| path >> (3 * (level - at)) & 7;
+        if let Part::Octants { level, .. } = part {
             if step.divides_views && step.view_level <= level {
-                pairs.octant = octant(step.view_level);
+                pairs.octant = part.octant(step.view_level);
             }
-            // Pairs above the part's own node are met by every part below them: the first of those counts them.
-            pairs.counted = u32::from((step.view_level + 1..=level).all(|at| octant(at) == 0));
+            pairs.counted = u32::from(part.counts(step));
         }
         let pipeline = &self.divide[usize::from(step.divides_views)][usize::from(step.leaves)];
         let name = if step.divides_views { "divide views" } else { "divide scene" };
@@ -223,13 +256,10 @@ impl Traverse {
         let texels = 2 * work.knobs.side * work.knobs.side;
         for level in 0..=work.views.depth {
             let step = QueueStep {
-                counters: 0,
                 arguments: 4 * level,
                 group: texels.div_ceil(64),
-                scene_node: 0,
-                first_view: 0,
                 views: level,
-                maps: 0,
+                ..bytemuck::Zeroable::zeroed()
             };
             commands
                 .compute("prepare", &self.prepare_fusion)

@@ -59,15 +59,44 @@ impl Gathered<'_> {
     }
 }
 
+/// Most arrays that maps are spread over.
+pub(crate) const MOST_ARRAYS: usize = 4;
+
+/// How far VPLs see: dual-paraboloid maps.
+pub(crate) struct Maps {
+    /// One to [`MOST_ARRAYS`] of them.
+    pub(crate) arrays: Vec<wgpu::Buffer>,
+    /// Maps of one array: 2 to the power of this.
+    pub(crate) shift: u32,
+    /// Whether texels are inverse distances, 0 where there is nothing, rather than distances.
+    pub(crate) inverse: bool,
+    /// Metres by which what is in the maps may lie before the surface that it stands for.
+    pub(crate) slack: f64,
+    /// Of each VPL where its map is seen from, relative to the root, and which map it is.
+    pub(crate) eyes: wgpu::Buffer,
+}
+
+impl Maps {
+    /// Bytes of all.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.arrays.iter().map(wgpu::Buffer::size).sum()
+    }
+}
+
 /// Gathers light.
 pub(crate) struct Gather {
     pipeline: ComputePipeline,
 }
 
 impl Gather {
-    /// From VPLs that have maps, or have none.
-    pub(crate) fn new(gpu: &Gpu, has_maps: bool) -> Self {
-        let constants = [("has_maps", f64::from(u8::from(has_maps)))];
+    /// From VPLs with such maps, or without any.
+    pub(crate) fn new(gpu: &Gpu, has_maps: bool, maps: &Maps) -> Self {
+        let flag = |set: bool| f64::from(u8::from(set));
+        let constants = [
+            ("has_maps", flag(has_maps)),
+            ("has_inverse_maps", flag(maps.inverse)),
+            ("arrays", maps.arrays.len() as f64),
+        ];
         Self { pipeline: gpu.compute_pipeline_with(&GATHER, "gather", &constants) }
     }
 
@@ -77,16 +106,23 @@ impl Gather {
         commands: &mut Commands,
         gathered: &Gathered<'_>,
         vpls: &wgpu::Buffer,
-        maps: &wgpu::Buffer,
+        maps: &Maps,
     ) {
         let [width, height] = gathered.scratch.size;
+        // Arrays that there are not stand behind no texel.
+        let array = |i: usize| maps.arrays.get(i).unwrap_or(&maps.arrays[0]);
+        let arrays: [&wgpu::Buffer; MOST_ARRAYS] = std::array::from_fn(array);
         commands
             .compute("gather VPLs", &self.pipeline)
             .read("gathering", &gathered.gathering)
             .read("guides", &gathered.scratch.guides)
             .read("vpls", vpls)
             .read("lists", &gathered.scratch.lists)
-            .read("maps", maps)
+            .read("eyes", &maps.eyes)
+            .read("maps0", arrays[0])
+            .read("maps1", arrays[1])
+            .read("maps2", arrays[2])
+            .read("maps3", arrays[3])
             .write("gathered", &gathered.scratch.light[0])
             .dispatch_threads([width, height, 1]);
     }

@@ -1,5 +1,6 @@
 //! The passes of a tile, one file each; the program of `x.rs` is `shaders/sampler/x.wgsl`.
 
+mod adopt_maps;
 mod cull_vpls;
 mod filter_indirect;
 mod gather;
@@ -20,9 +21,10 @@ use crate::resident::Resident;
 use crate::scratch::Targets;
 use crate::tile::Tile;
 
+pub(crate) use adopt_maps::AdoptMaps;
 pub(crate) use cull_vpls::CullVpls;
 pub(crate) use filter_indirect::FilterIndirect;
-pub(crate) use gather::{Gather, Gathered, IndirectScratch, blocks};
+pub(crate) use gather::{Gather, Gathered, IndirectScratch, Maps, blocks};
 pub(crate) use imperfect::Imperfect;
 pub(crate) use resolve_sample::ResolveSample;
 pub(crate) use resolve_view::ResolveView;

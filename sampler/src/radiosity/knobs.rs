@@ -26,11 +26,17 @@ pub enum MapSource {
     /// Random points on surfaces, each splatted into one map, and the gaps filled from coarser levels (Ritschel et
     /// al., "Imperfect Shadow Maps for Efficient Computation of Indirect Illumination", 2008).
     Imperfect,
+    /// An octree of the scene and one of the VPLs traversed together, so that near VPLs share what looks alike from
+    /// them (MegaViews, Kol et al. 2018).
+    MegaViews,
+    /// The same octree of the scene, traversed for each VPL by itself (ManyLoDs, Holländer et al. 2011).
+    ManyLods,
 }
 
 impl MapSource {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Unshadowed, Self::Exact, Self::Imperfect];
+    pub const ALL: [Self; 5] =
+        [Self::Unshadowed, Self::Exact, Self::Imperfect, Self::MegaViews, Self::ManyLods];
 
     /// As users write it.
     pub fn name(self) -> &'static str {
@@ -38,6 +44,8 @@ impl MapSource {
             Self::Unshadowed => "unshadowed",
             Self::Exact => "exact",
             Self::Imperfect => "imperfect",
+            Self::MegaViews => "megaviews",
+            Self::ManyLods => "manylods",
         }
     }
 }
@@ -55,12 +63,17 @@ pub struct VplKnobs {
     pub maps: MapSource,
     /// Random surface points splatted into each map, where maps are imperfect.
     pub points: u32,
+    /// Levels of the scene's octree, 1 to 10, where maps are made from one.
+    pub levels: u32,
     /// VPLs that a sub-sample gathers from, each standing for as many as were left out.
     pub samples: u32,
     /// Sub-samples on each side that the cross-bilateral filter reaches; 0 for no filter.
     pub filter: u32,
     /// Whether groups of VPLs that cannot light a block of the image are left out before samples are drawn.
     pub cull: bool,
+    /// Whether groups of VPLs are drawn by about how much light they bring to a block, rather than by their number;
+    /// without bias, and with less noise.
+    pub weigh: bool,
     /// Share of the scene's diagonal beyond which VPLs are left out, which costs energy; 0 for none.
     pub cutoff: f64,
     /// Share of the scene's diagonal nearer than which a VPL lights no more strongly: what bounds the bright spots
@@ -80,9 +93,11 @@ impl Default for VplKnobs {
             map_side: 16,
             maps: MapSource::default(),
             points: 1024,
+            levels: 8,
             samples: 16,
             filter: 4,
             cull: true,
+            weigh: true,
             cutoff: 0.0,
             clamp: 0.02,
             bias: 0.5,
@@ -94,15 +109,32 @@ impl Default for VplKnobs {
 impl fmt::Display for VplKnobs {
     /// All of them in a few words: what a frame's provenance has.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { vpls, bounces, map_side, maps, points, samples, filter, cull, cutoff, clamp, bias, seed } =
-            self;
+        let Self {
+            vpls,
+            bounces,
+            map_side,
+            maps,
+            points,
+            levels,
+            samples,
+            filter,
+            cull,
+            weigh,
+            cutoff,
+            clamp,
+            bias,
+            seed,
+        } = self;
         write!(f, "{vpls} VPLs of {bounces} bounces, {} maps of {map_side}", maps.name())?;
         if *maps == MapSource::Imperfect {
             write!(f, " from {points} points")?;
         }
+        if matches!(maps, MapSource::MegaViews | MapSource::ManyLods) {
+            write!(f, " from {levels} levels")?;
+        }
         write!(
             f,
-            ", gather {samples}, filter {filter}, cull {cull} {cutoff}, clamp {clamp}, bias {bias}, seed {seed}"
+            ", gather {samples}, filter {filter}, cull {cull} {cutoff}, weigh {weigh}, clamp {clamp}, bias {bias}, seed {seed}"
         )
     }
 }
@@ -119,10 +151,12 @@ impl VplKnobs {
         };
         within("indirect.vpls", self.vpls, 1..=1 << 20)?;
         within("indirect.bounces", self.bounces, 1..=4)?;
-        within("indirect.map_side", self.map_side, 4..=256)?;
         within("indirect.points", self.points, 1..=1 << 20)?;
+        within("indirect.levels", self.levels, 1..=10)?;
         within("indirect.samples", self.samples, 1..=1 << 16)?;
         within("indirect.filter", self.filter, 0..=32)?;
+        let from_octree = matches!(self.maps, MapSource::MegaViews | MapSource::ManyLods);
+        within("indirect.map_side", self.map_side, if from_octree { 8..=256 } else { 4..=256 })?;
         if !self.map_side.is_power_of_two() {
             let reason = format!("must be a power of two, not {}", self.map_side);
             return Err(InvalidField::new("indirect.map_side", reason));
@@ -152,6 +186,7 @@ mod tests {
             (VplKnobs { map_side: 12, ..default }, "indirect.map_side"),
             (VplKnobs { map_side: 512, ..default }, "indirect.map_side"),
             (VplKnobs { points: 0, ..default }, "indirect.points"),
+            (VplKnobs { levels: 11, ..default }, "indirect.levels"),
             (VplKnobs { samples: 0, ..default }, "indirect.samples"),
             (VplKnobs { filter: 33, ..default }, "indirect.filter"),
             (VplKnobs { cutoff: f64::NAN, ..default }, "indirect.cutoff"),

@@ -4,6 +4,7 @@ use argus_scene::{Bounds, paraboloid};
 use rayon::prelude::*;
 
 use super::Vpl;
+use super::surfaces::Surfaces;
 use crate::packets::PacketTracer;
 
 /// Distances as bits of f32, two hemispheres of `side`² texels a VPL; the largest f32 where nothing is seen, and
@@ -27,28 +28,16 @@ pub(crate) fn exact(tracer: &PacketTracer, vpls: &[Vpl], side: u32) -> Vec<u32> 
 }
 
 /// Random points on the surfaces of a scene, evenly by area, relative to `root`.
-pub(crate) fn surface_points(
-    surfaces: &super::surfaces::Surfaces,
-    bounds: Bounds,
-    count: u32,
-    seed: u32,
-) -> Vec<[f32; 4]> {
-    let scene = surfaces.scene();
+pub(crate) fn surface_points(surfaces: &Surfaces, bounds: Bounds, count: u32, seed: u32) -> Vec<[f32; 4]> {
     let root = bounds.center();
     let mut triangles = Vec::new();
     let mut area = 0.0;
-    for placement in surfaces.placements() {
-        let mesh = &scene.meshes[placement.mesh as usize];
-        for corners in mesh.indices.as_chunks::<3>().0 {
-            let at = corners.map(|i| {
-                let p = mesh.positions.get(i as usize).copied().unwrap_or(glam::Vec3::NAN);
-                placement.origin + placement.world_from_mesh * p.as_dvec3() - root
-            });
-            let own = (at[1] - at[0]).cross(at[2] - at[0]).length() * 0.5;
-            if own > 0.0 && own.is_finite() {
-                area += own;
-                triangles.push((area, at));
-            }
+    for corners in surfaces.triangles() {
+        let at = corners.map(|corner| corner - root);
+        let own = (at[1] - at[0]).cross(at[2] - at[0]).length() * 0.5;
+        if own > 0.0 && own.is_finite() {
+            area += own;
+            triangles.push((area, at));
         }
     }
     let point = |index: u32| {

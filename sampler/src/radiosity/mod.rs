@@ -7,6 +7,7 @@
 //! all views that are made of them.
 
 pub(crate) mod emitters;
+mod from_octree;
 mod knobs;
 pub(crate) mod maps;
 pub(crate) mod paths;
@@ -19,6 +20,7 @@ pub(crate) mod tree;
 use std::sync::Arc;
 use std::time::Instant;
 
+use argus_gpu::hierarchy::Octree;
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::{Bounds, Lighting, RenderError, Scene, Stage};
 use argus_shaders::layout::sampler as layout;
@@ -30,7 +32,8 @@ pub use knobs::{Indirect, MapSource, VplKnobs};
 
 use crate::packets::PacketTracer;
 use crate::passes::{
-    CullVpls, FilterIndirect, Gather, Gathered, Imperfect, IndirectScratch, TileContext, blocks,
+    AdoptMaps, CullVpls, FilterIndirect, Gather, Gathered, Imperfect, IndirectScratch, Maps, TileContext,
+    blocks,
 };
 use crate::resident::{Placement, upload};
 use emitters::Emitters;
@@ -62,8 +65,10 @@ pub struct IndirectReport {
     pub trace_ms: f64,
     /// Of the tree.
     pub tree_ms: f64,
-    /// Of the maps.
+    /// Of the maps; the scene's octree apart, which only what moves makes anew.
     pub maps_ms: f64,
+    /// Of the scene's octree, where maps are made from it.
+    pub octree_ms: f64,
     /// Share of groups of VPLs that were left out, over all blocks of 16×16 sub-samples that see a surface; NaN
     /// before anything was rendered.
     pub culled: f64,
@@ -75,26 +80,15 @@ pub(crate) struct Radiosity {
     surfaces: Surfaces,
     bounds: Bounds,
     passes: Passes,
+    /// Of the surfaces where they are, once maps are made from it; with its number of levels.
+    octree: Option<(u32, Arc<Octree>)>,
     scratch: Vec<IndirectScratch>,
     lit: Option<Lit>,
 }
 
 struct Passes {
     cull: CullVpls,
-    gather: Gather,
     filter: FilterIndirect,
-    imperfect: Option<Imperfect>,
-}
-
-impl Passes {
-    fn new(gpu: &Gpu, maps: MapSource) -> Self {
-        Self {
-            cull: CullVpls::new(gpu),
-            gather: Gather::new(gpu, maps != MapSource::Unshadowed),
-            filter: FilterIndirect::new(gpu),
-            imperfect: (maps == MapSource::Imperfect).then(|| Imperfect::new(gpu)),
-        }
-    }
 }
 
 /// VPLs at one moment.
@@ -103,7 +97,8 @@ struct Lit {
     vpls: wgpu::Buffer,
     nodes: wgpu::Buffer,
     groups: usize,
-    maps: wgpu::Buffer,
+    maps: Maps,
+    gather: Gather,
     /// Blocks that saw anything, groups that they kept.
     kept: wgpu::Buffer,
     report: IndirectReport,
@@ -112,22 +107,23 @@ struct Lit {
 /// Most points of the pool that imperfect maps draw theirs from.
 const MOST_POINTS: u64 = 1 << 20;
 
+/// Cells of an octree by which its maps may lie before the surface.
+const CELLS_BEFORE: f64 = 1.5;
+
 /// Tiles whose memory is kept: one of samples, one of views.
 const KEPT: usize = 2;
 
 impl Radiosity {
     /// For a scene whose instances are where `placements` says.
     pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Arc<Scene>, placements: &[Placement], knobs: VplKnobs) -> Self {
-        let passes = Passes::new(gpu, knobs.maps);
+        let passes = Passes { cull: CullVpls::new(gpu), filter: FilterIndirect::new(gpu) };
         let surfaces = Surfaces::new(scene, placements);
-        Self { knobs, surfaces, bounds: scene.bounds(), passes, scratch: Vec::new(), lit: None }
+        let bounds = scene.bounds();
+        Self { knobs, surfaces, bounds, passes, octree: None, scratch: Vec::new(), lit: None }
     }
 
     /// Takes other knobs, by which the scene is lit anew.
-    pub(crate) fn set_knobs(&mut self, gpu: &Gpu, knobs: VplKnobs) {
-        if knobs.maps != self.knobs.maps {
-            self.passes = Passes::new(gpu, knobs.maps);
-        }
+    pub(crate) fn set_knobs(&mut self, knobs: VplKnobs) {
         self.knobs = knobs;
         self.lit = None;
     }
@@ -135,6 +131,7 @@ impl Radiosity {
     /// Puts instances where they are now; what lit the scene before does not light it any more.
     pub(crate) fn place(&mut self, placements: &[Placement]) {
         self.surfaces.place(placements);
+        self.octree = None;
         self.lit = None;
     }
 
@@ -160,10 +157,19 @@ impl Radiosity {
         let nodes = tree::build(&mut vpls, MOST_GROUPS.ilog2(), self.bounds.size().length());
         let tree_ms = elapsed_ms(begin);
 
+        let from_octree = matches!(self.knobs.maps, MapSource::MegaViews | MapSource::ManyLods);
+        let levels = self.knobs.levels;
+        if self.octree.as_ref().is_some_and(|(had, _)| !from_octree || *had != levels) {
+            self.octree = None;
+        }
+        if from_octree && !vpls.is_empty() && self.octree.is_none() {
+            self.octree = Some((levels, from_octree::octree(gpu, &self.surfaces, self.bounds, levels)?));
+        }
+
         let begin = Instant::now();
         let storage = wgpu::BufferUsages::STORAGE;
         let root = self.bounds.center();
-        let data: Vec<layout::Vpl> = (0..).zip(&vpls).map(|(map, vpl)| vpl_about(vpl, map, root)).collect();
+        let data: Vec<layout::Vpl> = vpls.iter().map(|vpl| vpl_about(vpl, root)).collect();
         let vpl_buffer = upload(gpu, "VPLs", &data, storage)?;
         let node_data: Vec<layout::VplNode> = nodes.iter().map(|node| node_about(node, root)).collect();
         let maps = self.maps(gpu, tracer, &vpls, &vpl_buffer)?;
@@ -172,7 +178,8 @@ impl Radiosity {
         let report = IndirectReport {
             vpls: vpls.len(),
             flux: paths::total_flux(&vpls),
-            map_bytes: maps.size(),
+            map_bytes: maps.bytes(),
+            octree_ms: self.octree.as_ref().map_or(0.0, |(_, octree)| octree.times.total_ms),
             trace_ms,
             tree_ms,
             maps_ms,
@@ -183,6 +190,7 @@ impl Radiosity {
             vpls: vpl_buffer,
             nodes: upload(gpu, "groups of VPLs", &node_data, storage)?,
             groups: nodes.iter().filter(|node| node.leaf).count(),
+            gather: Gather::new(gpu, self.knobs.maps != MapSource::Unshadowed && !vpls.is_empty(), &maps),
             maps,
             kept: gpu.upload("kept groups", &[0u32; 2], counted),
             report,
@@ -200,25 +208,21 @@ impl Radiosity {
         tracer: &PacketTracer,
         vpls: &[Vpl],
         vpl_buffer: &wgpu::Buffer,
-    ) -> Result<wgpu::Buffer, RenderError> {
-        let side = self.knobs.map_side;
+    ) -> Result<Maps, RenderError> {
         let storage = wgpu::BufferUsages::STORAGE;
-        let none = || gpu.upload("no maps", &[f32::MAX.to_bits()], storage);
+        let source = self.knobs.maps;
+        let side = self.knobs.map_side;
         let bytes = vpls.len() as u64 * 8 * u64::from(side) * u64::from(side);
-        let limits = gpu.device.limits();
-        let most = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
-        if self.knobs.maps != MapSource::Unshadowed && bytes > most {
-            let (mib, most, count) = (bytes.div_ceil(1 << 20), most >> 20, vpls.len());
-            let message = format!(
-                "maps of {count} VPLs with {side}² texels take {mib} MiB, and this device binds at most {most} MiB"
-            );
-            return Err(RenderError::OutOfMemory(message));
-        }
-        match self.knobs.maps {
-            _ if vpls.is_empty() => Ok(none()),
-            MapSource::Unshadowed => Ok(none()),
-            MapSource::Exact => upload(gpu, "maps of VPLs", &maps::exact(tracer, vpls, side), storage),
+        let array = match source {
+            MapSource::Unshadowed => None,
+            _ if vpls.is_empty() => None,
+            MapSource::MegaViews | MapSource::ManyLods => return self.maps_from_octree(gpu, vpls),
+            MapSource::Exact => {
+                fits(gpu, vpls.len(), side, bytes)?;
+                Some(upload(gpu, "maps of VPLs", &maps::exact(tracer, vpls, side), storage)?)
+            }
             MapSource::Imperfect => {
+                fits(gpu, vpls.len(), side, bytes)?;
                 let pool = (u64::from(self.knobs.points) * 64).min(MOST_POINTS) as u32;
                 let points = maps::surface_points(&self.surfaces, self.bounds, pool, self.knobs.seed);
                 let points = upload(gpu, "surface points", &points, storage)?;
@@ -230,14 +234,48 @@ impl Radiosity {
                     seed: self.knobs.seed,
                     ..layout::Imperfect::zeroed()
                 };
-                if let Some(imperfect) = &self.passes.imperfect {
-                    let mut commands = gpu.commands("imperfect maps");
-                    imperfect.record(gpu, &mut commands, [vpl_buffer, &points, &maps], parameters);
-                    commands.submit().wait()?;
-                }
-                Ok(maps)
+                let mut commands = gpu.commands("imperfect maps");
+                Imperfect::new(gpu).record(gpu, &mut commands, [vpl_buffer, &points, &maps], parameters);
+                commands.submit().wait()?;
+                Some(maps)
             }
-        }
+        };
+        let root = self.bounds.center();
+        let eye = |(map, vpl): (u32, &Vpl)| {
+            let [x, y, z] = (vpl.position - root).as_vec3().to_array().map(f32::to_bits);
+            [x, y, z, map]
+        };
+        let eyes: Vec<[u32; 4]> = (0..).zip(vpls).map(eye).collect();
+        let none = || gpu.upload("no maps", &[f32::MAX.to_bits()], storage);
+        Ok(Maps {
+            arrays: vec![array.unwrap_or_else(none)],
+            shift: 31,
+            inverse: false,
+            slack: 0.0,
+            eyes: upload(gpu, "eyes of VPLs", &eyes, storage)?,
+        })
+    }
+
+    fn maps_from_octree(&self, gpu: &Arc<Gpu>, vpls: &[Vpl]) -> Result<Maps, RenderError> {
+        let Some((_, octree)) = &self.octree else {
+            return Err(RenderError::Internal("the octree was not built".to_owned()));
+        };
+        let views = from_octree::render(gpu, octree, vpls, &self.knobs)?;
+        let eyes = gpu.buffer("eyes of VPLs", vpls.len() as u64 * 16, wgpu::BufferUsages::STORAGE);
+        let parameters = layout::AdoptMaps {
+            octree_from_root: (octree.root.origin - self.bounds.center()).as_vec3().to_array(),
+            edge: octree.root.edge as f32,
+            count: vpls.len() as u32,
+            ..layout::AdoptMaps::zeroed()
+        };
+        let mut commands = gpu.commands("adopt maps");
+        AdoptMaps::new(gpu).record(gpu, &mut commands, &views, parameters, &eyes);
+        commands.submit().wait()?;
+        let maps = views.maps();
+        // A cell stands for what it holds anywhere in it.
+        let cell = octree.root.edge * (-f64::from(octree.depth)).exp2();
+        let (arrays, shift) = (maps.arrays.clone(), maps.shift);
+        Ok(Maps { arrays, shift, inverse: true, slack: CELLS_BEFORE * cell, eyes })
     }
 
     /// Memory for a tile of that many sub-samples.
@@ -271,16 +309,20 @@ impl Radiosity {
             size: scratch.size(),
             origin: context.tile.begin.map(|texels| texels * context.tile.side),
             map_side: knobs.map_side,
+            map_shift: lit.maps.shift,
             reach: if is_list { 0 } else { knobs.filter },
             least_distance: (knobs.clamp * diagonal).max(1e-6) as f32,
             cutoff: if knobs.cutoff > 0.0 { (knobs.cutoff * diagonal) as f32 } else { 3e38 },
             bias: knobs.bias as f32,
+            slack: lit.maps.slack as f32,
             culls: u32::from(knobs.cull),
+            weighs: u32::from(knobs.weigh),
+            ..layout::Gathering::zeroed()
         };
         let gathering = context.gpu.upload("gathering", &[gathering], wgpu::BufferUsages::UNIFORM);
         let gathered = Gathered { scratch, gathering };
         self.passes.cull.record(commands, &gathered, &lit.nodes, &lit.kept);
-        self.passes.gather.record(commands, &gathered, &lit.vpls, &lit.maps);
+        lit.gather.record(commands, &gathered, &lit.vpls, &lit.maps);
         self.passes.filter.record(commands, &gathered, &context.targets.shaded);
     }
 
@@ -299,10 +341,22 @@ impl Radiosity {
     }
 }
 
-fn vpl_about(vpl: &Vpl, map: u32, root: DVec3) -> layout::Vpl {
+/// Whether maps of that many bytes can be bound.
+fn fits(gpu: &Gpu, vpls: usize, side: u32, bytes: u64) -> Result<(), RenderError> {
+    let limits = gpu.device.limits();
+    let most = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
+    if bytes <= most {
+        return Ok(());
+    }
+    let (mib, most) = (bytes.div_ceil(1 << 20), most >> 20);
+    Err(RenderError::OutOfMemory(format!(
+        "maps of {vpls} VPLs with {side}² texels take {mib} MiB, and this device binds at most {most} MiB"
+    )))
+}
+
+fn vpl_about(vpl: &Vpl, root: DVec3) -> layout::Vpl {
     layout::Vpl {
         position: (vpl.position - root).as_vec3().to_array(),
-        map,
         normal: vpl.normal.to_array(),
         intensity: (vpl.flux * (std::f32::consts::FRAC_1_PI * std::f32::consts::FRAC_1_PI)).to_array(),
         ..layout::Vpl::zeroed()
@@ -319,6 +373,8 @@ fn node_about(node: &tree::Node, root: DVec3) -> layout::VplNode {
         count: node.count,
         skip: node.skip,
         leaf: u32::from(node.leaf),
+        power: (node.power * (std::f64::consts::PI * std::f64::consts::PI).recip()) as f32,
+        ..layout::VplNode::zeroed()
     }
 }
 

@@ -18,6 +18,8 @@ pub(crate) struct Node {
     pub(crate) axis: DVec3,
     /// Cosine of the cone's half angle, −1 for all directions.
     pub(crate) cosine: f64,
+    /// Sum of their flux, mean of the channels, watts.
+    pub(crate) power: f64,
     /// The first of them.
     pub(crate) first: u32,
     /// How many.
@@ -77,6 +79,7 @@ fn around(vpls: &[Vpl], first: u32) -> Node {
         radius: radius * 1.000_01,
         axis,
         cosine: if wide { -1.0 } else { (cosine - 1e-5).max(-1.0) },
+        power: vpls.iter().map(|vpl| f64::from(vpl.flux.element_sum()) / 3.0).sum(),
         first,
         count: vpls.len() as u32,
         skip: 0,

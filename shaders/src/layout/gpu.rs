@@ -13,6 +13,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     QueueStep::MIRROR,
     FillStep::MIRROR,
     Fusion::MIRROR,
+    RasterStep::MIRROR,
 ];
 
 mirror! {
@@ -98,6 +99,8 @@ mirror! {
         pub counters_in: u32,
         /// Entry for the queue that it fills.
         pub counters_out: u32,
+        /// Entry that says whether a queue of this part of the frame overflowed.
+        pub overflow: u32,
         /// The only octant that this pass follows; 8: all.
         pub octant: u32,
         /// 1: the pairs of this step are counted.
@@ -112,6 +115,8 @@ mirror! {
     pub struct QueueStep {
         /// Entry of the counters for the queue.
         pub counters: u32,
+        /// Entry that says whether a queue of this part of the frame overflowed.
+        pub overflow: u32,
         /// Where the three numbers of workgroups go.
         pub arguments: u32,
         /// Pairs that a workgroup takes.
@@ -158,5 +163,21 @@ mirror! {
         pub map_shift: u32,
         /// Level of the maps, or number of queries.
         pub level: u32,
+    }
+}
+
+mirror! {
+    /// Every triangle for every view: `gpu/raster_views.wgsl`.
+    pub struct RasterStep {
+        /// Triangles.
+        pub triangles: u32,
+        /// The first of the views that are rendered.
+        pub first_view: u32,
+        /// Texels of a hemisphere's side.
+        pub side: u32,
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
     }
 }

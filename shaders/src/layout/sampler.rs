@@ -17,6 +17,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     Vpl::MIRROR,
     VplNode::MIRROR,
     Gathering::MIRROR,
+    AdoptMaps::MIRROR,
     Imperfect::MIRROR,
 ];
 
@@ -195,16 +196,16 @@ mirror! {
     pub struct Vpl {
         /// Relative to the root, the middle of the scene.
         pub position: [f32; 3],
-        /// Which map is its own.
-        pub map: u32,
+        /// WGSL aligns what follows.
+        pub _pad: f32,
         /// Unit normal.
         pub normal: [f32; 3],
         /// WGSL aligns what follows.
-        pub _pad: f32,
+        pub _pad2: f32,
         /// Flux by π².
         pub intensity: [f32; 3],
         /// WGSL rounds the struct up to 16 bytes.
-        pub _pad2: f32,
+        pub _pad3: f32,
     }
 }
 
@@ -227,6 +228,10 @@ mirror! {
         pub skip: u32,
         /// Whether none is below it.
         pub leaf: u32,
+        /// Sum of the intensities, mean of the channels.
+        pub power: f32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: [u32; 3],
     }
 }
 
@@ -236,7 +241,7 @@ pub mod vpl {
     /// Most groups of a list.
     pub const MOST_GROUPS: u32 = 256;
     /// Words of a list.
-    pub const LIST_WORDS: u32 = 2 + 2 * MOST_GROUPS;
+    pub const LIST_WORDS: u32 = 3 + 3 * MOST_GROUPS;
     /// Sub-samples on a side of a block.
     pub const BLOCK: u32 = 16;
 }
@@ -256,6 +261,8 @@ mirror! {
         pub origin: [u32; 2],
         /// Texels on a side of a hemisphere's map.
         pub map_side: u32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
         /// Sub-samples that the filter reaches on each side.
         pub reach: u32,
         /// Metres: nearer than this no VPL lights more strongly.
@@ -264,8 +271,14 @@ mirror! {
         pub cutoff: f32,
         /// Widths of a texel.
         pub bias: f32,
+        /// Metres by which the maps' surfaces may lie before the true ones.
+        pub slack: f32,
         /// Whether groups are left out.
         pub culls: u32,
+        /// Whether groups are chosen by what they are worth rather than by how many VPLs they have.
+        pub weighs: u32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: u32,
     }
 }
 
@@ -288,5 +301,19 @@ mirror! {
         pub count: u32,
         /// Sets one choice of points apart from another.
         pub seed: u32,
+    }
+}
+
+mirror! {
+    /// What `sampler/adopt_maps.wgsl` is told.
+    pub struct AdoptMaps {
+        /// From the middle of the scene to the corner of the octree's root.
+        pub octree_from_root: [f32; 3],
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// VPLs.
+        pub count: u32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: [u32; 3],
     }
 }

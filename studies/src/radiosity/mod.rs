@@ -22,9 +22,8 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-pub use light::LightSpec;
-
 use crate::median::median;
+use crate::megaviews::Emitter;
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
@@ -34,7 +33,7 @@ pub struct Options {
     /// As [`argus_scene::open`] takes it.
     pub scene: String,
     /// In place of the scene's lights and sky.
-    pub light: Option<LightSpec>,
+    pub light: Option<Emitter>,
     /// Where the view is from; the scene's first camera otherwise.
     pub camera: Option<Camera>,
     /// Pixels of the view.
@@ -47,6 +46,8 @@ pub struct Options {
     pub sides: Vec<u32>,
     /// Where maps come from.
     pub sources: Vec<MapSource>,
+    /// Levels of the scene's octree.
+    pub levels: Vec<u32>,
     /// VPLs that a pixel gathers from.
     pub samples: Vec<u32>,
     /// Reaches of the filter.
@@ -77,6 +78,7 @@ impl Default for Options {
             vpls: vec![256, 1024, 4096, 16384],
             sides: vec![8, 16, 32, 64],
             sources: MapSource::ALL.to_vec(),
+            levels: vec![7, 8, 9],
             samples: vec![4, 16, 64, 256],
             filters: vec![0, 4, 8],
             cutoffs: vec![0.1, 0.2, 0.4],
@@ -97,6 +99,7 @@ impl Effort for Options {
             base: VplKnobs { vpls: 256, ..VplKnobs::default() },
             vpls: vec![64],
             sides: vec![8],
+            levels: vec![4],
             samples: vec![64],
             filters: vec![0],
             cutoffs: vec![0.2],
@@ -120,11 +123,19 @@ impl Options {
         rows.extend(self.samples.iter().map(|&samples| ("samples", VplKnobs { samples, ..base })));
         rows.extend(self.filters.iter().map(|&filter| ("filter", VplKnobs { filter, ..base })));
         rows.extend(self.clamps.iter().map(|&clamp| ("clamp", VplKnobs { clamp, ..base })));
-        // What culling is worth shows where nothing is smoothed.
-        for cull in [false, true] {
-            rows.push(("culling", VplKnobs { cull, filter: 0, ..base }));
+        rows.extend(
+            self.levels
+                .iter()
+                .map(|&levels| ("octree levels", VplKnobs { maps: MapSource::MegaViews, levels, ..base })),
+        );
+        // What culling and weighing are worth shows where nothing is smoothed.
+        let bare = VplKnobs { filter: 0, ..base };
+        for (cull, weigh) in [(false, false), (true, false), (false, true), (true, true)] {
+            rows.push(("culling", VplKnobs { cull, weigh, ..bare }));
         }
-        rows.extend(self.cutoffs.iter().map(|&cutoff| ("cut-off", VplKnobs { cutoff, filter: 0, ..base })));
+        rows.extend(
+            self.cutoffs.iter().map(|&cutoff| ("cut-off", VplKnobs { cutoff, weigh: false, ..bare })),
+        );
         // As many texels as the first row has, in few large maps.
         let few = (base.vpls * base.map_side * base.map_side / (128 * 128)).max(1);
         let large = VplKnobs { vpls: few, map_side: 128, samples: base.samples.min(few), ..base };
@@ -208,18 +219,22 @@ fn row(
     [traced, by_vpls]: [Comparison; 2],
     energy: f64,
 ) -> serde_json::Map<String, serde_json::Value> {
+    let from_octree = matches!(knobs.maps, MapSource::MegaViews | MapSource::ManyLods);
     report::row(json!({
         "differs": differs,
         "vpls": lit.vpls,
         "resolution": knobs.map_side,
         "maps": knobs.maps.name(),
+        "levels": from_octree.then_some(knobs.levels),
         "samples": knobs.samples,
         "filter": knobs.filter,
         "cull": knobs.cull,
+        "weigh": knobs.weigh,
         "cutoff": knobs.cutoff,
         "clamp": knobs.clamp,
         "view_ms": unlit_ms,
         "trace_ms": lit.trace_ms,
+        "octree_ms": lit.octree_ms,
         "maps_ms": lit.maps_ms,
         "gather_ms": gather_ms,
         "map_bytes": lit.map_bytes,
@@ -263,8 +278,8 @@ fn plot(options: &Options, points: &[(&'static str, f64, f64)]) -> Plot {
 impl Stage {
     fn new(gpu: &Arc<Gpu>, options: &Options, progress: &ProgressBar) -> Result<Self> {
         let mut scene = argus_scene::open(&options.scene)?;
-        if let Some(light) = options.light {
-            light.light(&mut scene);
+        if let Some(emitter) = &options.light {
+            light::replace(&mut scene, emitter);
         }
         let camera = options.camera.unwrap_or_else(|| scene.default_camera());
         progress.set_message("tracing the reference");

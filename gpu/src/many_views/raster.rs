@@ -1,0 +1,116 @@
+//! Maps of many views without any hierarchy: every triangle for every view, texel by texel. Program:
+//! `shaders/gpu/raster_views.wgsl`.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use argus_shaders::gpu::RASTER_VIEWS;
+use argus_shaders::layout::gpu::RasterStep;
+use wgpu::{Buffer, BufferUsages};
+
+use super::traverse::with_maps;
+use super::{FrameStats, Knobs, MapSet, Texel, ViewList};
+use crate::hierarchy::{HierarchyError, RootCube, Triangle, fits};
+use crate::{ComputePipeline, Gpu};
+
+/// What hierarchies are compared with, in time and in accuracy: a texel's range is that of its own ray.
+#[derive(Debug)]
+pub struct RasterViews {
+    gpu: Arc<Gpu>,
+    knobs: Knobs,
+    root: RootCube,
+    triangles: Buffer,
+    count: u32,
+    maps: MapSet,
+    raster: Option<(usize, ComputePipeline)>,
+}
+
+/// Views of one dispatch.
+const AT_ONCE: u32 = 1024;
+
+impl RasterViews {
+    /// Brings the triangles that have an area to the GPU; of the knobs, resolution and texels count.
+    ///
+    /// # Errors
+    /// A knob out of range, no triangle, or more than one array holds.
+    pub fn new(
+        gpu: &Arc<Gpu>,
+        root: RootCube,
+        triangles: impl IntoIterator<Item = Triangle>,
+        knobs: Knobs,
+    ) -> Result<Self, HierarchyError> {
+        knobs.validate()?;
+        let unit = |t: Triangle| t.corners.map(|corner| root.unit_from_world(corner).as_vec3().to_array());
+        let corners: Vec<[[f32; 3]; 3]> =
+            triangles.into_iter().filter(Triangle::is_surface).map(unit).collect();
+        if corners.is_empty() {
+            return Err(HierarchyError::Empty);
+        }
+        fits(gpu, "corners of triangles", corners.len() as u64 * 36)?;
+        Ok(Self {
+            triangles: gpu.upload("corners of triangles", &corners, BufferUsages::STORAGE),
+            count: corners.len() as u32,
+            maps: MapSet::new(gpu, &knobs, 1)?,
+            raster: None,
+            gpu: Arc::clone(gpu),
+            knobs,
+            root,
+        })
+    }
+
+    /// Renders a map for each view; map and view have the same number.
+    ///
+    /// # Errors
+    /// Maps that do not fit, or a fault of the device.
+    pub fn render(&mut self, views: &ViewList) -> Result<FrameStats, HierarchyError> {
+        let begin = Instant::now();
+        if self.maps.capacity != views.count {
+            self.maps = MapSet::new(&self.gpu, &self.knobs, views.count)?;
+        }
+        let arrays = self.maps.arrays.len();
+        let pipeline = match self.raster.take() {
+            Some((made_for, pipeline)) if made_for == arrays => pipeline,
+            _ => {
+                let wide = f64::from(self.knobs.texel == Texel::RangeAndNode);
+                let constants = [("wide", wide), ("arrays", arrays as f64)];
+                self.gpu.compute_pipeline_with(&RASTER_VIEWS, "raster", &constants)
+            }
+        };
+        let mut commands = self.gpu.commands("raster views");
+        self.maps.arrays.iter().for_each(|array| {
+            commands.clear(array);
+        });
+        for first_view in (0..views.count).step_by(AT_ONCE as usize) {
+            let step = RasterStep {
+                triangles: self.count,
+                first_view,
+                side: self.knobs.side,
+                edge: self.root.edge as f32,
+                map_shift: self.maps.shift,
+            };
+            let call = commands.compute("raster", &pipeline).read("triangles", &self.triangles);
+            let call = call.read("views", &views.buffer);
+            with_maps(call, &self.maps).immediates(bytemuck::bytes_of(&step)).dispatch([
+                self.count.div_ceil(64),
+                AT_ONCE.min(views.count - first_view),
+                1,
+            ]);
+        }
+        let finished = commands.submit().wait()?;
+        self.raster = Some((arrays, pipeline));
+        Ok(FrameStats {
+            maps: views.count,
+            view_nodes: views.count,
+            view_leaves: views.count,
+            frame_ms: begin.elapsed().as_secs_f64() * 1e3,
+            stages: finished.stages,
+            map_bytes: self.maps.bytes(),
+            ..FrameStats::default()
+        })
+    }
+
+    /// The maps of the latest frame.
+    pub fn maps(&self) -> &MapSet {
+        &self.maps
+    }
+}

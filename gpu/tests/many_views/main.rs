@@ -1,0 +1,105 @@
+//! Maps of many views against the same on the CPU, in f64.
+
+mod culling;
+mod hard_cases;
+mod oracle;
+mod sharing;
+
+use std::sync::{Arc, OnceLock};
+
+use argus_gpu::hierarchy::{Octree, OctreeBuilder, RootCube, Triangle, stream};
+use argus_gpu::many_views::{FrameStats, Knobs, ManyViews, Texel, ViewList, ViewPoint};
+use argus_gpu::wgpu::Buffer;
+use argus_gpu::{Gpu, GpuOptions};
+use glam::{DVec3, Vec3};
+use rand::rngs::SmallRng;
+use rand::{Rng as _, SeedableRng as _};
+
+/// One device for all tests.
+fn gpu() -> Arc<Gpu> {
+    static GPU: OnceLock<Arc<Gpu>> = OnceLock::new();
+    let open = || {
+        Gpu::new(&GpuOptions::default())
+            .expect("these tests need a Vulkan driver; scripts/setup installs one")
+    };
+    Arc::clone(GPU.get_or_init(open))
+}
+
+/// What a buffer holds.
+fn read<T: bytemuck::Pod>(buffer: &Buffer, count: usize) -> Vec<T> {
+    let mut commands = gpu().commands("read back");
+    let ticket = commands.read_buffer(buffer, 0..(count * size_of::<T>()) as u64);
+    let bytes = commands.submit().wait().unwrap().take(ticket);
+    bytemuck::pod_collect_to_vec(&bytes[..count * size_of::<T>()])
+}
+
+fn quad(corner: DVec3, u: DVec3, v: DVec3) -> [Triangle; 2] {
+    let color = Vec3::splat(0.5);
+    let [a, b, c, d] = [corner, corner + u, corner + v, corner + u + v];
+    [Triangle { corners: [a, b, c], color }, Triangle { corners: [b, d, c], color }]
+}
+
+/// A room of 8 m with a few blocks in it.
+fn room() -> Vec<Triangle> {
+    let boxes = [
+        (DVec3::ZERO, DVec3::splat(8.0)),
+        (DVec3::new(1.0, 0.0, 1.5), DVec3::new(1.5, 3.0, 1.0)),
+        (DVec3::new(4.7, 0.0, 4.1), DVec3::new(0.3, 5.0, 2.2)),
+        (DVec3::new(2.1, 4.2, 5.0), DVec3::new(1.7, 0.2, 1.1)),
+    ];
+    let sides = |(low, size): (DVec3, DVec3)| {
+        let [x, y, z] = [DVec3::X * size.x, DVec3::Y * size.y, DVec3::Z * size.z];
+        [(low, x, y), (low, y, z), (low, z, x), (low + z, x, y), (low + x, y, z), (low + y, z, x)]
+    };
+    boxes.into_iter().flat_map(sides).flat_map(|(corner, u, v)| quad(corner, u, v)).collect()
+}
+
+fn octree_of(triangles: &[Triangle], depth: u32) -> Arc<Octree> {
+    let root = RootCube::around(&stream::bounds(triangles.iter().copied()));
+    Arc::new(OctreeBuilder::new(&gpu()).build(root, depth, triangles.iter().copied()).unwrap())
+}
+
+/// Points in the room that look anywhere, by fields of view from narrow to everything, half of them close together.
+fn scattered(count: usize, seed: u64) -> Vec<ViewPoint> {
+    let mut random = SmallRng::seed_from_u64(seed);
+    let mut point = move || DVec3::new(random.random(), random.random(), random.random());
+    (0..count)
+        .map(|i| {
+            let spread = if i % 2 == 0 { 8.0 } else { 0.7 };
+            let position = DVec3::new(0.0, 1.0, 0.0) * f64::from(u8::from(spread < 8.0)) + point() * spread;
+            let half_fov =
+                [0.1, 0.5, 1.0, std::f64::consts::FRAC_PI_2, 2.0, 3.0, std::f64::consts::PI][i % 7];
+            ViewPoint { position, direction: point() - 0.5, half_fov }
+        })
+        .collect()
+}
+
+/// A frame, read back: for each view, the texels of its map.
+struct Frame {
+    many: ManyViews,
+    stats: FrameStats,
+    map_of_view: Vec<u32>,
+    /// Bits of inverse range and node of each texel of each map.
+    maps: Vec<Vec<[u32; 2]>>,
+}
+
+impl Frame {
+    fn new(octree: &Arc<Octree>, knobs: Knobs, views: &[ViewPoint]) -> Self {
+        let mut many = ManyViews::new(&gpu(), Arc::clone(octree), knobs).unwrap();
+        let list = ViewList::new(&gpu(), &octree.root, views).unwrap();
+        let stats = many.render(&list).unwrap();
+        let maps = (0..stats.maps).map(|map| many.maps().read(&gpu(), map).unwrap()).collect();
+        let map_of_view = read(many.map_of_view(), views.len());
+        Self { many, stats, map_of_view, maps }
+    }
+
+    /// The map of a view.
+    fn of(&self, view: usize) -> &[[u32; 2]] {
+        &self.maps[self.map_of_view[view] as usize]
+    }
+}
+
+/// Knobs whose texels name their node.
+fn wide(depth: u32, side: u32, sharing: bool) -> Knobs {
+    Knobs { side, sharing, falls_back: false, texel: Texel::RangeAndNode, ..Knobs::for_depth(depth) }
+}

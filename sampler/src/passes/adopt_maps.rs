@@ -1,0 +1,36 @@
+//! Program: `shaders/sampler/adopt_maps.wgsl`. Maps of many views as the maps of VPLs.
+
+use argus_gpu::many_views::ManyViews;
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::layout::sampler::AdoptMaps as Parameters;
+use argus_shaders::sampler::ADOPT_MAPS;
+
+/// Finds the map of each VPL.
+pub(crate) struct AdoptMaps {
+    pipeline: ComputePipeline,
+}
+
+impl AdoptMaps {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self { pipeline: gpu.compute_pipeline(&ADOPT_MAPS, "adopt_maps") }
+    }
+
+    /// Where the map of each of the views of the latest frame is seen from, and which it is.
+    pub(crate) fn record(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        views: &ManyViews,
+        parameters: Parameters,
+        eyes: &wgpu::Buffer,
+    ) {
+        let uniform = gpu.upload("adopt maps", &[parameters], wgpu::BufferUsages::UNIFORM);
+        commands
+            .compute("adopt maps", &self.pipeline)
+            .read("adopt", &uniform)
+            .read("map_of_view", views.map_of_view())
+            .read("middles", views.middles())
+            .write("eyes", eyes)
+            .dispatch_threads([parameters.count, 1, 1]);
+    }
+}

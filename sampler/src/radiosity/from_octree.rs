@@ -1,0 +1,60 @@
+//! Maps of VPLs from an octree of the scene, all at once.
+
+use std::f64::consts::FRAC_PI_2;
+use std::sync::Arc;
+
+use argus_gpu::Gpu;
+use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Triangle};
+use argus_gpu::many_views::{Knobs, ManyViews, ViewList, ViewPoint};
+use argus_scene::{Bounds, InvalidField, RenderError};
+use glam::Vec3;
+
+use super::surfaces::Surfaces;
+use super::{MapSource, Vpl, VplKnobs};
+
+/// The octree of a scene's surfaces.
+pub(crate) fn octree(
+    gpu: &Arc<Gpu>,
+    surfaces: &Surfaces,
+    bounds: Bounds,
+    levels: u32,
+) -> Result<Arc<Octree>, RenderError> {
+    let triangles = surfaces.triangles().map(|corners| Triangle { corners, color: Vec3::ONE });
+    let octree = OctreeBuilder::new(gpu).build(RootCube::around(&bounds), levels, triangles);
+    octree.map(Arc::new).map_err(into_render)
+}
+
+/// The maps of VPLs, each a view of the half space before its surface.
+pub(crate) fn render(
+    gpu: &Arc<Gpu>,
+    octree: &Arc<Octree>,
+    vpls: &[Vpl],
+    knobs: &VplKnobs,
+) -> Result<ManyViews, RenderError> {
+    let views: Vec<ViewPoint> = vpls
+        .iter()
+        .map(|vpl| ViewPoint {
+            position: vpl.position,
+            direction: vpl.normal.as_dvec3(),
+            half_fov: FRAC_PI_2,
+        })
+        .collect();
+    let list = ViewList::new(gpu, &octree.root, &views)?;
+    let told = Knobs {
+        side: knobs.map_side,
+        sharing: knobs.maps == MapSource::MegaViews,
+        ..Knobs::for_depth(octree.depth)
+    };
+    let mut many = ManyViews::new(gpu, Arc::clone(octree), told).map_err(into_render)?;
+    many.render(&list).map_err(into_render)?;
+    Ok(many)
+}
+
+fn into_render(error: HierarchyError) -> RenderError {
+    match error {
+        HierarchyError::Gpu(error) => error.into(),
+        HierarchyError::OutOfRange { .. } => InvalidField::new("indirect.levels", error.to_string()).into(),
+        HierarchyError::TooLarge { .. } => RenderError::OutOfMemory(error.to_string()),
+        HierarchyError::Empty => RenderError::Internal(error.to_string()),
+    }
+}

@@ -1,0 +1,90 @@
+// Program of gpu/src/many_views/raster.rs: maps of many views from the scene's triangles, every triangle for every view.
+// Each texel whose ray meets a triangle holds its range: what hierarchies are compared with.
+
+import package::shared::map_texels::{MapTexel, put_texel, texel_place};
+import package::shared::paraboloid::paraboloid_ray;
+
+struct RasterStep {
+    triangles: u32,
+    first_view: u32,
+    side: u32,
+    // Length of the root's edge, metres.
+    edge: f32,
+    map_shift: u32,
+}
+
+var<immediate> step: RasterStep;
+
+@group(0) @binding(0) var<storage, read> triangles: array<f32>;
+// Two a view: position and half the field of view; direction.
+@group(0) @binding(1) var<storage, read> views: array<vec4f>;
+
+fn corner(triangle: u32, index: u32) -> vec3f {
+    let at = triangle * 9u + index * 3u;
+    return vec3f(triangles[at], triangles[at + 1u], triangles[at + 2u]);
+}
+
+// First texel and number of texels, in each direction, that a ball covers in a hemisphere.
+fn covered(d: vec3f, radius: f32, hemisphere: u32) -> vec4u {
+    let side = f32(step.side);
+    let x = select(d.x, -d.x, hemisphere == 1u);
+    let squared = dot(d, d);
+    let over = x + sqrt(max(squared - radius * radius, 0.0));
+    let is_disc = squared > radius * radius && over > 0.05 * sqrt(squared);
+    let center = d.yz / max(over, 1e-37);
+    let disc = radius / max(over, 1e-37);
+    let least = ceil(((center - disc) * 0.5 + 0.5) * side - 1.5);
+    let most = floor(((center + disc) * 0.5 + 0.5) * side + 1.5);
+    let first = vec2u(clamp(select(vec2f(0.0), least, is_disc), vec2f(0.0), vec2f(side)));
+    let end = vec2u(clamp(select(vec2f(side), most, is_disc), vec2f(0.0), vec2f(side)));
+    return vec4u(first, max(end, first) - first);
+}
+
+@compute @workgroup_size(64)
+fn raster(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) local: u32) {
+    let triangle = group.x * 64u + local;
+    if triangle >= step.triangles {
+        return;
+    }
+    let view = step.first_view + group.y;
+    let eye = views[2u * view];
+    let a = corner(triangle, 0u) - eye.xyz;
+    let b = corner(triangle, 1u) - eye.xyz;
+    let c = corner(triangle, 2u) - eye.xyz;
+    let center = (a + b + c) / 3.0;
+    let radius = max(max(distance(a, center), distance(b, center)), distance(c, center)) * 1.001 + 1e-7;
+    let normal = cross(b - a, c - a);
+    let height = dot(normal, a);
+    // Nothing of it in what a hemisphere looks at.
+    let unseen = eye.w < 1.5708 && dot(views[2u * view + 1u].xyz, center) < -radius;
+    let one_side = covered(center, radius, 0u);
+    let other_side = covered(center, radius, 1u);
+    let texels = one_side.z * one_side.w;
+    let all_texels = select(texels + other_side.z * other_side.w, 0u, unseen);
+    let side = f32(step.side);
+    var area = one_side;
+    var hemisphere = 0u;
+    var cell = area.xy;
+    for (var i = 0u; i < all_texels; i++) {
+        if i == texels {
+            area = other_side;
+            hemisphere = 1u;
+            cell = area.xy;
+        }
+        let ray = paraboloid_ray(hemisphere, cell, side);
+        // Signed volumes of the ray with each edge: all of one sign inside.
+        let u = dot(ray, cross(b, a));
+        let v = dot(ray, cross(c, b));
+        let w = dot(ray, cross(a, c));
+        let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
+        let along = height / select(dot(normal, ray), 1e-37, dot(normal, ray) == 0.0);
+        // The surface that a view lies on is not seen from there.
+        if inside && along * length(ray) > 1e-6 {
+            let texel = (hemisphere * step.side + cell.y) * step.side + cell.x;
+            let value = MapTexel(1.0 / (along * length(ray) * step.edge), triangle);
+            put_texel(texel_place(view, step.map_shift, step.side, texel), value);
+        }
+        let ends_row = cell.x + 1u == area.x + area.z;
+        cell = select(vec2u(cell.x + 1u, cell.y), vec2u(area.x, cell.y + 1u), ends_row);
+    }
+}

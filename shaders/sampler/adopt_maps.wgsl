@@ -1,0 +1,28 @@
+// Program of `sampler/src/passes/adopt_maps.rs`: which of many views' maps each VPL looks its shadows up in, and where
+// that map is seen from, since views of one leaf share one.
+
+struct AdoptMaps {
+    // From the middle of the scene to the corner of the octree's root.
+    octree_from_root: vec3f,
+    // Length of the root's edge, metres.
+    edge: f32,
+    // VPLs.
+    count: u32,
+}
+
+@group(0) @binding(0) var<uniform> adopt: AdoptMaps;
+@group(0) @binding(1) var<storage, read> map_of_view: array<u32>;
+// Positions in edges of the octree's root, f32 bits.
+@group(0) @binding(2) var<storage, read> middles: array<vec4u>;
+@group(0) @binding(3) var<storage, read_write> eyes: array<vec4u>;
+
+@compute @workgroup_size(64)
+fn adopt_maps(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let at = id.y * groups.x * 64u + id.x;
+    if at >= adopt.count {
+        return;
+    }
+    let map = map_of_view[at];
+    let middle = bitcast<vec3f>(middles[min(map, arrayLength(&middles) - 1u)].xyz);
+    eyes[at] = vec4u(bitcast<vec3u>(middle * adopt.edge + adopt.octree_from_root), map);
+}

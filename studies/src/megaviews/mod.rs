@@ -1,0 +1,445 @@
+//! Time and memory of many views at once, against their number, resolution and placement: MegaViews beside ManyLoDs
+//! beside brute force, in one run (the paper's figures 10 to 12).
+
+mod placement;
+mod shadows;
+
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result, ensure};
+use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
+use argus_gpu::many_views::{FrameStats, Knobs, ManyViews, RasterViews, ViewList, ViewPoint};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_scene::reference::Tracer;
+use argus_scene::{Bounds, Light, Pose, Scene};
+use glam::DVec3;
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+pub use self::placement::{Emitter, Placement};
+use self::shadows::Shadows;
+use crate::median::median;
+use crate::plot::{Axis, Plot, Series};
+use crate::{Effort, Machine, Report};
+
+/// How maps are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Scene and views traversed together.
+    MegaViews,
+    /// The scene's octree traversed for each view.
+    ManyLods,
+    /// Every triangle for every view.
+    Raster,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::MegaViews, Self::ManyLods, Self::Raster];
+
+    /// As options and tables have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MegaViews => "megaviews",
+            Self::ManyLods => "manylods",
+            Self::Raster => "raster",
+        }
+    }
+}
+
+/// What is measured.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// A scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Numbers of views, ascending.
+    pub views: Vec<u32>,
+    /// Where views are.
+    pub placements: Vec<Placement>,
+    /// Texels of a hemisphere's side.
+    pub resolutions: Vec<u32>,
+    /// Levels of the scene's octree below its root.
+    pub levels: Vec<u32>,
+    /// Levels of the view octree; `None`: two fewer than the scene's.
+    pub view_levels: Option<u32>,
+    /// What is compared.
+    pub methods: Vec<Method>,
+    /// Where light comes from; `None`: the scene's first point or spot light, and where it has none, a point in the
+    /// middle of its bounds.
+    pub light: Option<Emitter>,
+    /// Frames that medians are taken over.
+    pub rounds: usize,
+    /// Seconds that one frame may take; what is expected to take longer is extrapolated.
+    pub patience_secs: f64,
+    /// The rest of what a traversal may be told.
+    pub knobs: Knobs,
+}
+
+impl Default for Options {
+    /// Some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scene: "terrain:50000".to_owned(),
+            views: vec![256, 1024, 4096, 16384, 65536],
+            placements: Placement::ALL.to_vec(),
+            resolutions: vec![16],
+            levels: vec![9],
+            view_levels: None,
+            methods: Method::ALL.to_vec(),
+            light: None,
+            rounds: 3,
+            patience_secs: 60.0,
+            knobs: Knobs::for_depth(9),
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "terrain:20000".to_owned(),
+            views: vec![64, 256],
+            levels: vec![5],
+            rounds: 1,
+            knobs: Knobs::for_depth(5),
+            ..Self::default()
+        }
+    }
+}
+
+/// Runs the study; `progress` counts rows.
+///
+/// # Errors
+/// A scene that cannot be opened, a light that reaches nothing, no GPU, or a frame that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    let scene = Arc::new(argus_scene::open(&options.scene)?);
+    let bench = Bench::new(&gpu, &scene, options)?;
+    let runs =
+        options.levels.len() * options.placements.len() * options.resolutions.len() * options.methods.len();
+    progress.set_length((runs * options.views.len()) as u64);
+    let mut rows = Vec::new();
+    for &levels in &options.levels {
+        let triangles = || stream::triangles(&scene, &bench.pose);
+        let octree = OctreeBuilder::new(&gpu).build(bench.root, levels, triangles())?;
+        let octree = Arc::new(octree);
+        for &placement in &options.placements {
+            for &resolution in &options.resolutions {
+                for &method in &options.methods {
+                    progress.set_message(format!("{} {} {resolution}²", method.name(), placement.name()));
+                    let subject = Subject { octree: &octree, placement, resolution, method };
+                    rows.extend(bench.series(&subject, progress)?);
+                }
+            }
+        }
+    }
+    let plots = plots(&rows, options);
+    let mut report = Report::new(options.scene.clone(), Machine::here(gpu.kind()), rows);
+    report.plots = plots;
+    report.notes = vec![
+        "Pairs are counted once however the frame was split; the peak of untested pairs is what a queue would hold if \
+         pairs were queued before they are tested. Rows marked extrapolated grow in proportion from the row before, or \
+         for raster from a few views."
+            .to_owned(),
+    ];
+    Ok(report)
+}
+
+/// One scene, made ready.
+struct Bench<'a> {
+    gpu: &'a Arc<Gpu>,
+    scene: &'a Arc<Scene>,
+    options: &'a Options,
+    pose: Pose,
+    bounds: Bounds,
+    root: RootCube,
+    tracer: Tracer,
+    emitter: Emitter,
+}
+
+/// What a series of rows has in common.
+struct Subject<'a> {
+    octree: &'a Arc<Octree>,
+    placement: Placement,
+    resolution: u32,
+    method: Method,
+}
+
+/// Views that brute force is measured with.
+const RASTER_VIEWS: u32 = 16;
+
+impl<'a> Bench<'a> {
+    fn new(gpu: &'a Arc<Gpu>, scene: &'a Arc<Scene>, options: &'a Options) -> Result<Self> {
+        let pose = scene.at(0.0);
+        let bounds = stream::bounds(stream::triangles(scene, &pose));
+        let emitter = options.light.unwrap_or_else(|| default_light(&pose, &bounds));
+        let tracer = Tracer::new(Arc::clone(scene));
+        Ok(Self { gpu, scene, options, bounds, root: RootCube::around(&bounds), tracer, emitter, pose })
+    }
+
+    fn views(&self, placement: Placement, count: u32) -> Result<Vec<ViewPoint>> {
+        let Self { tracer, pose, bounds, emitter, .. } = self;
+        let views = placement::place(tracer, pose, bounds, emitter, placement, count as usize, 1);
+        ensure!(
+            views.len() == count as usize,
+            "light from {emitter:?} reaches {} points only: move it with --light",
+            views.len()
+        );
+        Ok(views)
+    }
+
+    /// A row for each number of views.
+    fn series(&self, subject: &Subject<'_>, progress: &ProgressBar) -> Result<Vec<Map<String, Value>>> {
+        let mut rows = Vec::new();
+        let mut before: Option<(u32, Measured)> = None;
+        for &count in &self.options.views {
+            let expected_secs =
+                before.as_ref().map_or(0.0, |(n, m)| m.frame_ms * 1e-3 * f64::from(count) / f64::from(*n));
+            let affordable = expected_secs <= self.options.patience_secs;
+            let measured = match affordable {
+                true => self.measure(subject, count)?,
+                false => None,
+            };
+            let measured = match (measured, &before) {
+                (Some(measured), _) => measured,
+                (None, Some((n, last))) => last.scaled(f64::from(count) / f64::from(*n)),
+                (None, None) => {
+                    progress.inc(1);
+                    continue;
+                }
+            };
+            rows.push(row(subject, self.options, count, &measured));
+            before = Some((count, measured));
+            progress.inc(1);
+        }
+        Ok(rows)
+    }
+
+    /// `None` where it does not fit into memory.
+    fn measure(&self, subject: &Subject<'_>, count: u32) -> Result<Option<Measured>> {
+        let &Subject { octree, placement, resolution, method } = subject;
+        let views = self.views(placement, count)?;
+        let depth = self.options.view_levels.unwrap_or(octree.depth.saturating_sub(2).max(1));
+        let knobs = Knobs {
+            side: resolution,
+            sharing: method == Method::MegaViews,
+            view_depth: depth,
+            ..self.options.knobs
+        };
+        let shadows = Shadows::new(&self.tracer, &views, octree.root.edge / f64::from(1u32 << octree.depth));
+        if method == Method::Raster {
+            let few = &views[..views.len().min(RASTER_VIEWS as usize)];
+            let list = ViewList::new(self.gpu, &self.root, few)?;
+            let triangles = stream::triangles(self.scene, &self.pose);
+            let mut raster = RasterViews::new(self.gpu, self.root, triangles, knobs)?;
+            let frames = frames(self.options.rounds, || raster.render(&list))?;
+            let wrong = shadows.wrong(few.len(), |view| Ok(raster.maps().read(self.gpu, view as u32)?))?;
+            let measured = Measured::of(frames, octree, wrong);
+            let share = f64::from(count) / few.len() as f64;
+            return Ok(Some(if share > 1.0 { measured.scaled(share) } else { measured }));
+        }
+        let list = ViewList::new(self.gpu, &self.root, &views)?;
+        let mut many = match ManyViews::new(self.gpu, Arc::clone(octree), knobs) {
+            Err(HierarchyError::TooLarge { .. }) => return Ok(None),
+            many => many?,
+        };
+        let frames = match frames(self.options.rounds, || many.render(&list)) {
+            Err(HierarchyError::TooLarge { .. }) => return Ok(None),
+            frames => frames?,
+        };
+        let maps = many.map_of_views(views.len())?;
+        let wrong = shadows.wrong(views.len(), |view| Ok(many.maps().read(self.gpu, maps[view])?))?;
+        Ok(Some(Measured::of(frames, octree, wrong)))
+    }
+}
+
+/// Where light comes from if nobody says.
+fn default_light(pose: &Pose, bounds: &Bounds) -> Emitter {
+    let of = |light: &Light| match *light {
+        Light::Point { position, .. } => Some(Emitter::Point { position }),
+        Light::Spot { position, direction, outer_cone, .. } => {
+            Some(Emitter::Spot { position, direction, half_angle: outer_cone })
+        }
+        Light::Directional { .. } => None,
+    };
+    let above = bounds.center() + DVec3::Y * 0.45 * bounds.size().y;
+    let spot = Emitter::Spot { position: above, direction: DVec3::NEG_Y, half_angle: 1.2 };
+    pose.lighting.lights.iter().find_map(of).unwrap_or(spot)
+}
+
+/// Frames after the first, which finds out how it must be split and how many maps there are.
+fn frames(
+    rounds: usize,
+    mut render: impl FnMut() -> Result<FrameStats, HierarchyError>,
+) -> Result<Vec<FrameStats>, HierarchyError> {
+    render()?;
+    (0..rounds.max(1)).map(|_| render()).collect()
+}
+
+/// What a row says.
+struct Measured {
+    frame_ms: f64,
+    stages: Map<String, Value>,
+    last: FrameStats,
+    octree_bytes: u64,
+    wrong_shadow_fraction: f64,
+    extrapolated: bool,
+}
+
+impl Measured {
+    fn of(mut frames: Vec<FrameStats>, octree: &Octree, wrong_shadow_fraction: f64) -> Self {
+        let times: Vec<f64> = frames.iter().map(|frame| frame.frame_ms).collect();
+        let last = frames.pop().unwrap_or_default();
+        let mut stages = Map::new();
+        for stage in &last.stages {
+            stages.insert(stage.name.clone(), json!((stage.ms * 1e3).round() / 1e3));
+        }
+        let octree_bytes = octree.bytes();
+        Self {
+            frame_ms: median(&times),
+            stages,
+            last,
+            octree_bytes,
+            wrong_shadow_fraction,
+            extrapolated: false,
+        }
+    }
+
+    /// As many times the views, each as dear.
+    fn scaled(&self, factor: f64) -> Self {
+        let times = |n: u64| (n as f64 * factor) as u64;
+        let mut last = self.last.clone();
+        for step in &mut last.steps {
+            for count in
+                [&mut step.tested, &mut step.culled, &mut step.rendered, &mut step.queued, &mut step.sharing]
+            {
+                *count = times(*count);
+            }
+        }
+        last.map_bytes = times(last.map_bytes);
+        last.view_bytes = times(last.view_bytes);
+        Self { frame_ms: self.frame_ms * factor, stages: Map::new(), last, extrapolated: true, ..*self }
+    }
+}
+
+fn row(subject: &Subject<'_>, options: &Options, views: u32, measured: &Measured) -> Map<String, Value> {
+    let last = &measured.last;
+    let depth = subject.octree.depth;
+    let view_levels = (subject.method == Method::MegaViews)
+        .then(|| options.view_levels.unwrap_or(depth.saturating_sub(2).max(1)));
+    // What the queue would hold unsplit, and what the maps, the view octree and the scene's octree do hold.
+    let bytes = json!({
+        "queue": last.peak_queued() * 8,
+        "maps": last.map_bytes,
+        "views": last.view_bytes,
+        "scene": measured.octree_bytes,
+    });
+    let pairs = [
+        ("method", json!(subject.method.name())),
+        ("placement", json!(subject.placement.name())),
+        ("views", json!(views)),
+        ("resolution", json!(subject.resolution)),
+        ("levels", json!(depth)),
+        ("view_levels", json!(view_levels)),
+        ("frame_ms", json!(measured.frame_ms)),
+        ("extrapolated", json!(measured.extrapolated)),
+        ("fell_back", json!(last.fell_back)),
+        ("pairs_processed", json!(last.processed())),
+        ("pairs_rendered", json!(last.rendered())),
+        ("pairs_peak", json!(last.peak_queued())),
+        ("pairs_peak_untested", json!(last.peak_untested())),
+        ("views_per_node", json!(last.views_per_node())),
+        ("multipass_level", json!(last.multipass_level)),
+        ("maps", json!(last.maps)),
+        ("wrong_shadow_fraction", json!(measured.wrong_shadow_fraction)),
+        ("stages_ms", Value::Object(measured.stages.clone())),
+        ("bytes", bytes),
+    ];
+    pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+/// Time against the number of views, for each placement; and against resolution where there are several.
+fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
+    let number =
+        |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let draw = |name: &str, x: &str, label: &str, fixed: &str, value: f64| {
+        let series = options.placements.iter().flat_map(|placement| {
+            options.methods.iter().map(move |method| (placement.name(), method.name()))
+        });
+        let series = series.map(|(placement, method)| {
+            let of = |row: &&Map<String, Value>| {
+                row["placement"] == placement && row["method"] == method && number(row, fixed) == value
+            };
+            let points =
+                rows.iter().filter(of).map(|row| (number(row, x), number(row, "frame_ms"))).collect();
+            Series { name: format!("{method}, {placement}"), points, line: true }
+        });
+        Plot {
+            name: name.to_owned(),
+            title: format!("Maps of many views: {}", options.scene),
+            x: Axis::log(label),
+            y: Axis::log("time of a frame, ms"),
+            series: series.collect(),
+            ..Plot::default()
+        }
+    };
+    let first = f64::from(*options.resolutions.first().unwrap_or(&16));
+    let mut plots = vec![draw("views", "views", "views", "resolution", first)];
+    if options.resolutions.len() > 1 {
+        let views = f64::from(*options.views.last().unwrap_or(&0));
+        plots.push(draw("resolution", "resolution", "texels of a hemisphere's side", "views", views));
+    }
+    plots
+}
+
+/// `point:X,Y,Z` or `spot:X,Y,Z:DX,DY,DZ:HALF_DEG`, metres and degrees.
+///
+/// # Errors
+/// What it should have been.
+pub fn parse_light(text: &str) -> Result<Emitter> {
+    let vector = |text: &str| -> Result<DVec3> {
+        let parts = text.split(',').map(str::parse::<f64>).collect::<Result<Vec<_>, _>>();
+        let [x, y, z] =
+            parts.ok().and_then(|p| p.try_into().ok()).with_context(|| format!("`{text}` is not X,Y,Z"))?;
+        let vector = DVec3::new(x, y, z);
+        ensure!(vector.is_finite(), "`{text}` must be finite");
+        Ok(vector)
+    };
+    match text.split(':').collect::<Vec<_>>()[..] {
+        ["point", position] => Ok(Emitter::Point { position: vector(position)? }),
+        ["spot", position, direction, angle] => {
+            let half_deg: f64 =
+                angle.parse().with_context(|| format!("`{angle}` is not a number of degrees"))?;
+            ensure!(
+                half_deg > 0.0 && half_deg <= 180.0,
+                "the half angle must be above 0 and at most 180 degrees"
+            );
+            let direction = vector(direction)?;
+            ensure!(direction.length() > 0.0, "the direction must have a length");
+            Ok(Emitter::Spot { position: vector(position)?, direction, half_angle: half_deg.to_radians() })
+        }
+        _ => anyhow::bail!("a light is point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG, not `{text}`"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lights_are_read_and_what_is_none_is_told_what_it_should_be() {
+        let spot = parse_light("spot:0,10,0:0,-1,0:35").unwrap();
+        let Emitter::Spot { position, half_angle, .. } = spot else { panic!("{spot:?}") };
+        assert_eq!(position, DVec3::new(0.0, 10.0, 0.0));
+        assert!((half_angle.to_degrees() - 35.0).abs() < 1e-12);
+        assert_eq!(
+            parse_light("point:1,2,-3").unwrap(),
+            Emitter::Point { position: DVec3::new(1.0, 2.0, -3.0) }
+        );
+        for wrong in
+            ["sun", "point:1,2", "point:1,2,nan", "spot:0,0,0:0,0,0:35", "spot:0,0,0:0,1,0:0", "spot:0,0,0"]
+        {
+            assert!(parse_light(wrong).is_err(), "{wrong}");
+        }
+    }
+}
