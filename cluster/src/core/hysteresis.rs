@@ -29,8 +29,7 @@ enum Direction {
 fn samplers_of(split: Split, processes: u32) -> u32 {
     match split {
         Split::Nobody => 0,
-        Split::Alone => 1,
-        Split::AllDirect => processes,
+        Split::Shared | Split::AllDirect => processes,
         Split::Divided(k) => k,
     }
 }
