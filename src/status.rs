@@ -29,7 +29,11 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
 }
 
 fn print(status: &ClusterStatus) {
-    println!("{}, generation {}, epoch {}", status.scene, status.generation, status.epoch);
+    let seen = if status.visibility.is_empty() { "to be measured" } else { &status.visibility };
+    println!(
+        "{}, generation {}, epoch {}; triangles by {seen}",
+        status.scene, status.generation, status.epoch
+    );
     println!(
         "  P {} processes = K {} samplers + {} compositors",
         status.processes, status.samplers, status.compositors

@@ -106,3 +106,49 @@ fn the_radiosity_study_departs_in_each_knob_and_light_brings_images_closer_to_th
     let plot = std::fs::read_to_string(folder.path().join("radiosity-pareto.svg")).unwrap();
     assert!(plot.starts_with("<svg"));
 }
+
+#[test]
+fn the_megaviews_study_counts_fewer_pairs_than_manylods_and_says_what_it_extrapolates() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = json(&["study", "megaviews", "--quick", "--json", "--out", out]);
+    let of = |method: &str, placement: &str, views: u64| {
+        let found = rows(&study)
+            .iter()
+            .find(|row| row["method"] == method && row["placement"] == placement && row["views"] == views);
+        found.unwrap_or_else(|| panic!("{method} {placement} {views}: {study:#}"))
+    };
+    for placement in ["single-bounce", "four-bounce", "random"] {
+        let [shared, alone] = ["megaviews", "manylods"].map(|method| of(method, placement, 256));
+        assert!(
+            number(shared, "pairs_processed") <= number(alone, "pairs_processed"),
+            "{shared:#} {alone:#}"
+        );
+        assert!(number(shared, "views_per_node") > 1.0 || shared["fell_back"] == true, "{shared:#}");
+        assert_eq!(number(alone, "views_per_node"), 1.0);
+        // Pairs are tested before they are queued.
+        assert!(number(shared, "pairs_peak") <= 0.3 * number(shared, "pairs_peak_untested"), "{shared:#}");
+        for row in [shared, alone] {
+            assert_eq!(row["extrapolated"], false);
+            assert!(number(&row["bytes"], "maps") > 0.0 && number(row, "frame_ms") > 0.0);
+            assert!(row["stages_ms"].as_object().unwrap().contains_key("divide scene"), "{row:#}");
+        }
+        // Exact maps of low resolution err too, and less.
+        let exact = of("raster", placement, 256);
+        assert_eq!(exact["extrapolated"], true, "of 96 views");
+        assert!(number(exact, "wrong_shadow_fraction") < number(alone, "wrong_shadow_fraction"));
+    }
+    let plot = std::fs::read_to_string(folder.path().join("megaviews-views.svg")).unwrap();
+    assert!(plot.contains("megaviews, four-bounce"));
+}
+
+#[test]
+fn a_light_that_is_none_is_refused_with_what_it_should_be() {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_argus"))
+        .args(["study", "megaviews", "--light", "spot:0,1:0,0,0"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(message.contains("spot:X,Y,Z:DX,DY,DZ:HALF_DEG"), "{message}");
+}

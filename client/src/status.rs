@@ -1,5 +1,6 @@
 //! What a cluster does, as a client shows it.
 
+use argus_proto::convert::visibility;
 use argus_proto::v1;
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +38,8 @@ pub struct ClusterStatus {
     pub rays_per_tick: f64,
     /// g_ray: cost of a single ray, milliseconds.
     pub ray_ms: f64,
+    /// How triangles are seen: `raster`, `trace` or `cpu`; empty until that is measured.
+    pub visibility: String,
     /// Samples beside the rig's own cameras, taken where views have holes.
     pub refinements: Refinements,
     /// What the balance formula says a tick takes, milliseconds.
@@ -129,6 +132,8 @@ impl From<v1::StatusResponse> for ClusterStatus {
             view_ms: number(wire.view_ms),
             direct_views_per_tick: number(wire.direct_views_per_tick),
             direct_ms: number(wire.direct_ms),
+            visibility: visibility(wire.visibility, "visibility")
+                .map_or_else(|_| String::new(), |way| way.name().to_owned()),
             refinements: wire.refinements.map(Into::into).unwrap_or_default(),
             rays_per_tick: number(wire.rays_per_tick),
             ray_ms: number(wire.ray_ms),

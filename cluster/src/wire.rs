@@ -196,6 +196,7 @@ pub(crate) fn status(status: Status, standing: &Standing, set: &SampleSetInfo) -
             placed: status.refinements.placed,
             usable: status.refinements.usable,
         }),
+        visibility: status.visibility.map_or(v1::Visibility::Unspecified, v1::Visibility::from) as i32,
         rays_per_tick: status.rays_per_tick,
         ray_ms: status.ray_ms,
     }

@@ -3,7 +3,7 @@
 
 import package::shared::linear::linear_index;
 import package::shared::map_texels::{MapTexel, put_texel, texel_place};
-import package::shared::paraboloid::paraboloid_ray;
+import package::shared::paraboloid::{paraboloid_area, paraboloid_ray};
 
 struct FillStep {
     // Cells along an edge of the scene's root, and the radius of a cell's sphere.
@@ -27,27 +27,6 @@ var<immediate> step: FillStep;
 @group(0) @binding(3) var<storage, read> queue: array<vec2u>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
 
-// First texel and number of texels, in each direction, that a ball covers in a hemisphere; all of them where it holds
-// the eye or the opposite pole.
-fn covered(d: vec3f, hemisphere: u32) -> vec4u {
-    let side = f32(step.side);
-    let x = select(d.x, -d.x, hemisphere == 1u);
-    let squared = dot(d, d);
-    // A little larger than the cell's own ball, so that no corner of it is lost to rounding.
-    let radius = step.radius * 1.001;
-    let over = x + sqrt(max(squared - radius * radius, 0.0));
-    let is_disc = squared > radius * radius && over > 0.05 * sqrt(squared);
-    let center = d.yz / max(over, 1e-37);
-    let disc = radius / max(over, 1e-37);
-    // Sample points are texels' centres, but for those that the rim cuts.
-    let rim = select(0.0, 1.0, length(center) + disc > 1.0 - 2.0 / side);
-    let least = ceil(((center - disc) * 0.5 + 0.5) * side - 0.5 - rim);
-    let most = floor(((center + disc) * 0.5 + 0.5) * side + 0.5 + rim);
-    let first = vec2u(clamp(select(vec2f(0.0), least, is_disc), vec2f(0.0), vec2f(side)));
-    let end = vec2u(clamp(select(vec2f(side), most, is_disc), vec2f(0.0), vec2f(side)));
-    return vec4u(first, max(end, first) - first);
-}
-
 @compute @workgroup_size(64)
 fn fill(
     @builtin(workgroup_id) group: vec3u,
@@ -67,11 +46,12 @@ fn fill(
     let map = view_maps[pair.y].x;
     let half_cell = 0.5 / step.cells;
     let to_center = (floor(mean * step.cells) + 0.5) / step.cells - eye;
-    let one_side = covered(to_center, 0u);
-    let other_side = covered(to_center, 1u);
+    let side = f32(step.side);
+    // A little larger than the cell's own ball, so that no corner of it is lost to rounding.
+    let one_side = paraboloid_area(to_center, step.radius * 1.001, 0u, side);
+    let other_side = paraboloid_area(to_center, step.radius * 1.001, 1u, side);
     let texels = one_side.z * one_side.w;
     let all_texels = texels + other_side.z * other_side.w;
-    let side = f32(step.side);
     var area = one_side;
     var hemisphere = 0u;
     var cell = area.xy;

@@ -4,6 +4,7 @@
 // Coordinates are in edges of the root cube, 0..1.
 
 import package::shared::cone::{cos_of_sum, direction_of, widened};
+import package::shared::corners::corner;
 import package::shared::linear::linear_index;
 import package::shared::morton::morton_cell;
 
@@ -17,7 +18,6 @@ struct Average {
 
 var<immediate> average: Average;
 
-@group(0) @binding(0) var<storage, read> triangles: array<f32>;
 // Linear reflectance of each triangle, eight bits a channel.
 @group(0) @binding(1) var<storage, read> triangle_colors: array<u32>;
 @group(0) @binding(2) var<storage, read> sorted: array<vec2u>;
@@ -34,11 +34,6 @@ var<immediate> average: Average;
 
 // A mean stays inside its cell by a share of the cell's size, so that the cell can be told from the mean.
 const INSIDE: f32 = 0.499;
-
-fn corner(triangle: u32, index: u32) -> vec3f {
-    let at = triangle * 9u + index * 3u;
-    return vec3f(triangles[at], triangles[at + 1u], triangles[at + 2u]);
-}
 
 // What one triangle adds to a cell.
 struct Share {

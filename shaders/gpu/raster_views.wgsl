@@ -1,8 +1,9 @@
 // Program of gpu/src/many_views/raster.rs: maps of many views from the scene's triangles, every triangle for every view.
 // Each texel whose ray meets a triangle holds its range: what hierarchies are compared with.
 
+import package::shared::corners::corner;
 import package::shared::map_texels::{MapTexel, put_texel, texel_place};
-import package::shared::paraboloid::paraboloid_ray;
+import package::shared::paraboloid::{paraboloid_area, paraboloid_ray};
 
 struct RasterStep {
     triangles: u32,
@@ -15,30 +16,8 @@ struct RasterStep {
 
 var<immediate> step: RasterStep;
 
-@group(0) @binding(0) var<storage, read> triangles: array<f32>;
 // Two a view: position and half the field of view; direction.
 @group(0) @binding(1) var<storage, read> views: array<vec4f>;
-
-fn corner(triangle: u32, index: u32) -> vec3f {
-    let at = triangle * 9u + index * 3u;
-    return vec3f(triangles[at], triangles[at + 1u], triangles[at + 2u]);
-}
-
-// First texel and number of texels, in each direction, that a ball covers in a hemisphere.
-fn covered(d: vec3f, radius: f32, hemisphere: u32) -> vec4u {
-    let side = f32(step.side);
-    let x = select(d.x, -d.x, hemisphere == 1u);
-    let squared = dot(d, d);
-    let over = x + sqrt(max(squared - radius * radius, 0.0));
-    let is_disc = squared > radius * radius && over > 0.05 * sqrt(squared);
-    let center = d.yz / max(over, 1e-37);
-    let disc = radius / max(over, 1e-37);
-    let least = ceil(((center - disc) * 0.5 + 0.5) * side - 1.5);
-    let most = floor(((center + disc) * 0.5 + 0.5) * side + 1.5);
-    let first = vec2u(clamp(select(vec2f(0.0), least, is_disc), vec2f(0.0), vec2f(side)));
-    let end = vec2u(clamp(select(vec2f(side), most, is_disc), vec2f(0.0), vec2f(side)));
-    return vec4u(first, max(end, first) - first);
-}
 
 @compute @workgroup_size(64)
 fn raster(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) local: u32) {
@@ -57,11 +36,11 @@ fn raster(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     let height = dot(normal, a);
     // Nothing of it in what a hemisphere looks at.
     let unseen = eye.w < 1.5708 && dot(views[2u * view + 1u].xyz, center) < -radius;
-    let one_side = covered(center, radius, 0u);
-    let other_side = covered(center, radius, 1u);
+    let side = f32(step.side);
+    let one_side = paraboloid_area(center, radius, 0u, side);
+    let other_side = paraboloid_area(center, radius, 1u, side);
     let texels = one_side.z * one_side.w;
     let all_texels = select(texels + other_side.z * other_side.w, 0u, unseen);
-    let side = f32(step.side);
     var area = one_side;
     var hemisphere = 0u;
     var cell = area.xy;

@@ -107,8 +107,11 @@ fn verdict(mean: vec3f, view: ViewNode) -> u32 {
     return select(DIVIDE, RENDER, nearest > step.radius && step.side * step.radius < texels_over);
 }
 
+// A node's disc in radii of its cell's sphere: discs around the middles of cells, an edge apart, cover a plane.
+const DISC: f32 = 0.8165;
+
 // Leaves a node in the texels whose sample points its disc covers, as seen from the views' mean position. Returns
-// whether it is larger than `reach` texels there.
+// whether its cell's sphere is larger than the threshold there.
 fn render(mean: vec3f, node: u32, view: ViewNode) -> bool {
     let d = mean - view.mean;
     let range = length(d);
@@ -125,7 +128,7 @@ fn render(mean: vec3f, node: u32, view: ViewNode) -> bool {
     let side = u32(step.side);
     if reach == 1u {
         let cell = min(vec2u((at * 0.5 + 0.5) * step.side), vec2u(side - 1u));
-        if distance(paraboloid_sample(cell, step.side), at) <= disc {
+        if distance(paraboloid_sample(cell, step.side), at) <= DISC * disc {
             let texel = (hemisphere * side + cell.y) * side + cell.x;
             put_texel(texel_place(map, step.map_shift, side, texel), value);
         }
@@ -133,7 +136,7 @@ fn render(mean: vec3f, node: u32, view: ViewNode) -> bool {
         let first = vec2u(max(((at - disc) * 0.5 + 0.5) * step.side, vec2f(0.0)));
         for (var i = 0u; i < (reach + 1u) * (reach + 1u); i++) {
             let cell = first + vec2u(i % (reach + 1u), i / (reach + 1u));
-            if all(cell < vec2u(side)) && distance(paraboloid_sample(cell, step.side), at) <= disc {
+            if all(cell < vec2u(side)) && distance(paraboloid_sample(cell, step.side), at) <= DISC * disc {
                 let texel = (hemisphere * side + cell.y) * side + cell.x;
             put_texel(texel_place(map, step.map_shift, side, texel), value);
             }

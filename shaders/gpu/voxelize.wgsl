@@ -4,6 +4,7 @@
 // Solid Voxelization on GPUs", 2010, section 3.1), a separating axis test, with cells that are larger than they are by
 // more than f32 rounds: a triangle is never lost, and a cell that it all but touches may be kept.
 
+import package::shared::corners::corner;
 import package::shared::linear::linear_index;
 import package::shared::morton::{morton_cell, octant_corner};
 
@@ -16,7 +17,6 @@ struct Split {
 
 var<immediate> split: Split;
 
-@group(0) @binding(0) var<storage, read> triangles: array<f32>;
 // Triangle and Morton code of a cell: as one 64-bit number, ordered by cell.
 @group(0) @binding(1) var<storage, read> pieces: array<vec2u>;
 @group(0) @binding(2) var<storage, read_write> masks: array<u32>;
@@ -26,11 +26,6 @@ var<immediate> split: Split;
 
 // More than all that the test rounds, and a thousandth of the smallest cell.
 const MARGIN: f32 = 1e-6;
-
-fn corner(triangle: u32, index: u32) -> vec3f {
-    let at = triangle * 9u + index * 3u;
-    return vec3f(triangles[at], triangles[at + 1u], triangles[at + 2u]);
-}
 
 // An edge's line in one plane of projection, against squares of `side` whose least corner is p: dot(xy, p) + z is
 // not negative where the square reaches the inner side of the line.

@@ -63,3 +63,21 @@ fn paraboloid_cell(index: u32, side: f32) -> vec3u {
     let hemisphere = select(0u, 1u, row >= u32(side));
     return vec3u(hemisphere, index - row * u32(side), row - hemisphere * u32(side));
 }
+
+// First texel and number of texels, in each direction, whose sample points a ball may cover in a hemisphere; all of
+// them where it holds the eye or the opposite pole.
+fn paraboloid_area(to_center: vec3f, radius: f32, hemisphere: u32, side: f32) -> vec4u {
+    let x = select(to_center.x, -to_center.x, hemisphere == 1u);
+    let squared = dot(to_center, to_center);
+    let over = x + sqrt(max(squared - radius * radius, 0.0));
+    let is_disc = squared > radius * radius && over > 0.05 * sqrt(squared);
+    let center = to_center.yz / max(over, 1e-37);
+    let disc = radius / max(over, 1e-37);
+    // Sample points are texels' centres, but for those that the rim cuts.
+    let rim = select(0.0, 1.0, length(center) + disc > 1.0 - 2.0 / side);
+    let least = ceil(((center - disc) * 0.5 + 0.5) * side - 0.5 - rim);
+    let most = floor(((center + disc) * 0.5 + 0.5) * side + 0.5 + rim);
+    let first = vec2u(clamp(select(vec2f(0.0), least, is_disc), vec2f(0.0), vec2f(side)));
+    let end = vec2u(clamp(select(vec2f(side), most, is_disc), vec2f(0.0), vec2f(side)));
+    return vec4u(first, max(end, first) - first);
+}

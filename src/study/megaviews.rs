@@ -31,7 +31,7 @@ pub(super) struct MegaViews {
     /// Levels of the scene's octree below its root [default: 9]
     #[arg(long, value_name = "L", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=10))]
     levels: Vec<u32>,
-    /// Levels of the view octree [default: two fewer than the scene's]
+    /// Levels of the view octree [default: one fewer than the scene's]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     view_levels: Option<u32>,
     /// What is compared [default: all]
@@ -47,6 +47,9 @@ pub(super) struct MegaViews {
     /// Leave maps sparse, to be looked up texel by texel
     #[arg(long)]
     no_fusion: bool,
+    /// Frames that times are the median of, after one that is not counted [default: 3]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    rounds: Option<u16>,
     /// Seconds that a frame may take; what would take longer is extrapolated [default: 60]
     #[arg(long, value_name = "SECONDS", value_parser = crate::args::positive)]
     patience: Option<f64>,
@@ -73,6 +76,7 @@ impl MegaViews {
         replace(self.method, &mut options.methods);
         options.views.sort_unstable();
         options.view_levels = self.view_levels.or(options.view_levels);
+        options.rounds = self.rounds.map_or(options.rounds, usize::from);
         options.light = self.light.or(options.light);
         options.patience_secs = self.patience.unwrap_or(options.patience_secs);
         options.knobs.culling = !self.no_culling;

@@ -1,5 +1,6 @@
 //! What `Status` answers: a snapshot of everything that was decided and of what it was decided on.
 
+use argus_scene::Visibility;
 use serde::Serialize;
 
 use super::balance::{Load, tick_secs};
@@ -37,6 +38,8 @@ pub struct Status {
     pub tick_predicted_ms: f64,
     /// How long the busiest worker really worked per tick; never more than a tick.
     pub tick_measured_ms: f64,
+    /// How triangles are seen; `None` until that is measured.
+    pub visibility: Option<Visibility>,
     /// Samples beside the rig's own cameras.
     pub refinements: Refinements,
     /// Every worker, ready or not, oldest first.
@@ -81,6 +84,7 @@ impl Core {
             ray_ms: costs.ray_secs * 1e3,
             tick_predicted_ms: if predicted.is_finite() { predicted } else { alone } * 1e3,
             tick_measured_ms: self.costs.tick_secs * 1e3,
+            visibility: self.way_is_settled.then_some(self.set.visibility),
             refinements: self.placement.counts(),
             workers: self
                 .workers

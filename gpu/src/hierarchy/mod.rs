@@ -15,8 +15,8 @@ mod voxelize;
 
 pub use error::HierarchyError;
 pub(crate) use levels::{LevelBuffers, LevelBuilder};
-pub(crate) use octree::fits;
 pub use octree::{Octree, OctreeBuilder, OctreeTimes};
+pub(crate) use octree::{fits, largest_array};
 pub use root::{RootCube, Triangle};
 pub use scan::{Scan, ScanSums};
 pub use sort::{Sort, SortScratch};

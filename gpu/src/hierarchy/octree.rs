@@ -67,10 +67,15 @@ pub struct OctreeTimes {
     pub total_ms: f64,
 }
 
+/// Bytes of the largest array that a program may bind on this device.
+pub(crate) fn largest_array(gpu: &Gpu) -> u64 {
+    let limits = gpu.device.limits();
+    limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+}
+
 /// Fails where one array is larger than a program may bind.
 pub(crate) fn fits(gpu: &Gpu, what: &'static str, needed: u64) -> Result<(), HierarchyError> {
-    let limits = gpu.device.limits();
-    let limit = u64::from(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
+    let limit = largest_array(gpu);
     if needed > limit { Err(HierarchyError::TooLarge { what, needed, limit }) } else { Ok(()) }
 }
 

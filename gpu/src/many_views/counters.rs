@@ -69,9 +69,9 @@ pub struct FrameStats {
 }
 
 impl FrameStats {
-    /// Pairs tested, both roots' counted.
+    /// Pairs tested.
     pub fn processed(&self) -> u64 {
-        1 + self.steps.iter().map(|step| step.tested).sum::<u64>()
+        self.steps.iter().map(|step| step.tested).sum::<u64>()
     }
 
     /// Pairs rendered.

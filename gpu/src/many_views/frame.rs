@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use glam::{DVec3, Vec3};
 use wgpu::{Buffer, BufferUsages};
 
 use super::counters::{self, FrameStats, HEAD, entry};
@@ -12,7 +13,7 @@ use super::schedule::{Step, steps};
 use super::traverse::{Part, Queues, Traverse, Work};
 use super::view_octree::{ViewOctree, ViewOctreeBuilder};
 use super::{Knobs, MapSet, ViewList};
-use crate::hierarchy::{HierarchyError, Octree};
+use crate::hierarchy::{HierarchyError, Octree, largest_array};
 use crate::{Commands, Gpu};
 
 /// Parts of a frame beyond which none is split further: their dispatches alone would take longer than the pairs.
@@ -47,9 +48,7 @@ impl ManyViews {
     /// A knob out of range, or a device that lacks what it takes.
     pub fn new(gpu: &Arc<Gpu>, octree: Arc<Octree>, knobs: Knobs) -> Result<Self, HierarchyError> {
         knobs.validate()?;
-        let limits = gpu.device.limits();
-        let limit = u64::from(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
-        let pairs = (limit.min(QUEUE_BYTES) / 8) as u32;
+        let pairs = (largest_array(gpu).min(QUEUE_BYTES) / 8) as u32;
         let pairs = knobs.queue_pairs.map_or(pairs, |n| n.min(pairs));
         let maps = MapSet::new(gpu, &knobs, 1)?;
         Ok(Self {
@@ -165,6 +164,19 @@ impl ManyViews {
         let ticket = commands.read_buffer(&self.views.leaf_of_view, 0..size);
         let bytes = commands.submit().wait()?.take(ticket);
         Ok(bytemuck::pod_collect_to_vec(&bytes[..size as usize]))
+    }
+
+    /// The position that each map of the latest frame is rendered from, world space, read back.
+    ///
+    /// # Errors
+    /// A fault of the device.
+    pub fn middles_of_maps(&self) -> Result<Vec<DVec3>, HierarchyError> {
+        let size = u64::from(self.maps.capacity) * 16;
+        let mut commands = self.gpu.commands("middles of maps");
+        let ticket = commands.read_buffer(&self.views.maps, 0..size.min(self.views.maps.size()));
+        let words: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&commands.submit().wait()?.take(ticket)[..]);
+        let world = |w: &[f32; 4]| self.octree.root.world_from_unit(Vec3::new(w[0], w[1], w[2]).as_dvec3());
+        Ok(words.iter().map(world).collect())
     }
 
     /// Four words a map of the latest frame: the position that it is rendered from (f32, edges of the octree's root),

@@ -6,7 +6,7 @@ use wgpu::{Buffer, BufferUsages};
 
 use super::{Knobs, Texel};
 use crate::Gpu;
-use crate::hierarchy::HierarchyError;
+use crate::hierarchy::{HierarchyError, largest_array};
 
 /// Most arrays that programs know.
 pub(super) const MAX_ARRAYS: u32 = 4;
@@ -39,8 +39,7 @@ pub(super) fn map_bytes(knobs: &Knobs) -> u64 {
 impl MapSet {
     /// Room for at least so many maps.
     pub(super) fn new(gpu: &Gpu, knobs: &Knobs, maps: u32) -> Result<Self, HierarchyError> {
-        let limits = gpu.device.limits();
-        let limit = u64::from(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
+        let limit = largest_array(gpu);
         let each = map_bytes(knobs);
         let shift = (limit / each).max(1).ilog2().min(31);
         let count = (u64::from(maps).max(1)).div_ceil(1 << shift);

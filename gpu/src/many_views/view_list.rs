@@ -48,8 +48,8 @@ impl ViewPoint {
                 format!("must be above 0, not {}", self.half_fov),
             ));
         }
-        let omni = self.half_fov >= std::f64::consts::PI;
-        if !omni && !(self.direction.is_finite() && self.direction.length() > 0.0) {
+        let looks_somewhere = self.direction.is_finite() && self.direction.length() > 0.0;
+        if self.half_fov < std::f64::consts::PI && !looks_somewhere {
             let reason = format!("must be finite and have a length, not {}", self.direction);
             return Err(InvalidField::new("view.direction", reason));
         }

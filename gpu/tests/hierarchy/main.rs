@@ -1,4 +1,5 @@
 //! Hierarchies against the same on the CPU, in f64.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod octree;
 mod oracle;

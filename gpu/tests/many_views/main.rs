@@ -1,4 +1,5 @@
 //! Maps of many views against the same on the CPU, in f64.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod culling;
 mod hard_cases;

@@ -60,7 +60,7 @@ pub struct Options {
     pub resolutions: Vec<u32>,
     /// Levels of the scene's octree below its root.
     pub levels: Vec<u32>,
-    /// Levels of the view octree; `None`: two fewer than the scene's.
+    /// Levels of the view octree; `None`: one fewer than the scene's.
     pub view_levels: Option<u32>,
     /// What is compared.
     pub methods: Vec<Method>,
@@ -165,9 +165,6 @@ struct Subject<'a> {
     method: Method,
 }
 
-/// Views that brute force is measured with.
-const RASTER_VIEWS: u32 = 16;
-
 impl<'a> Bench<'a> {
     fn new(gpu: &'a Arc<Gpu>, scene: &'a Arc<Scene>, options: &'a Options) -> Result<Self> {
         let pose = scene.at(0.0);
@@ -219,7 +216,7 @@ impl<'a> Bench<'a> {
     fn measure(&self, subject: &Subject<'_>, count: u32) -> Result<Option<Measured>> {
         let &Subject { octree, placement, resolution, method } = subject;
         let views = self.views(placement, count)?;
-        let depth = self.options.view_levels.unwrap_or(octree.depth.saturating_sub(2).max(1));
+        let depth = self.options.view_levels.unwrap_or(octree.depth.saturating_sub(1).max(1));
         let knobs = Knobs {
             side: resolution,
             sharing: method == Method::MegaViews,
@@ -228,12 +225,13 @@ impl<'a> Bench<'a> {
         };
         let shadows = Shadows::new(&self.tracer, &views, octree.root.edge / f64::from(1u32 << octree.depth));
         if method == Method::Raster {
-            let few = &views[..views.len().min(RASTER_VIEWS as usize)];
-            let list = ViewList::new(self.gpu, &self.root, few)?;
+            let few: Vec<ViewPoint> = shadows.asked().into_iter().map(|view| views[view]).collect();
+            let list = ViewList::new(self.gpu, &self.root, &few)?;
             let triangles = stream::triangles(self.scene, &self.pose);
             let mut raster = RasterViews::new(self.gpu, self.root, triangles, knobs)?;
             let frames = frames(self.options.rounds, || raster.render(&list))?;
-            let wrong = shadows.wrong(few.len(), |view| Ok(raster.maps().read(self.gpu, view as u32)?))?;
+            let wrong =
+                shadows.wrong(|nth| Ok((raster.maps().read(self.gpu, nth as u32)?, few[nth].position)))?;
             let measured = Measured::of(frames, octree, wrong);
             let share = f64::from(count) / few.len() as f64;
             return Ok(Some(if share > 1.0 { measured.scaled(share) } else { measured }));
@@ -248,7 +246,12 @@ impl<'a> Bench<'a> {
             frames => frames?,
         };
         let maps = many.map_of_views(views.len())?;
-        let wrong = shadows.wrong(views.len(), |view| Ok(many.maps().read(self.gpu, maps[view])?))?;
+        let asked = shadows.asked();
+        let middles = many.middles_of_maps()?;
+        let wrong = shadows.wrong(|nth| {
+            let map = maps[asked[nth]];
+            Ok((many.maps().read(self.gpu, map)?, middles[map as usize]))
+        })?;
         Ok(Some(Measured::of(frames, octree, wrong)))
     }
 }
@@ -326,7 +329,7 @@ fn row(subject: &Subject<'_>, options: &Options, views: u32, measured: &Measured
     let last = &measured.last;
     let depth = subject.octree.depth;
     let view_levels = (subject.method == Method::MegaViews)
-        .then(|| options.view_levels.unwrap_or(depth.saturating_sub(2).max(1)));
+        .then(|| options.view_levels.unwrap_or(depth.saturating_sub(1).max(1)));
     // What the queue would hold unsplit, and what the maps, the view octree and the scene's octree do hold.
     let bytes = json!({
         "queue": last.peak_queued() * 8,

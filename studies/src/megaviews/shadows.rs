@@ -7,8 +7,8 @@ use argus_scene::reference::Tracer;
 use glam::DVec3;
 
 /// Views asked, and points asked of each.
-const VIEWS: usize = 48;
-const POINTS: usize = 64;
+const VIEWS: usize = 96;
+const POINTS: usize = 96;
 
 /// Points that views may see or not.
 pub(super) struct Shadows<'a> {
@@ -23,17 +23,21 @@ impl<'a> Shadows<'a> {
         Self { tracer, views, cell }
     }
 
+    /// Indices of the views that are asked.
+    pub(super) fn asked(&self) -> Vec<usize> {
+        spread(VIEWS, self.views.len())
+    }
+
     /// The share of points, on other views' surfaces and in what a view looks at, of which a map says otherwise than
-    /// a ray. `map` gives the texels of one of the first `count` views. A point is in shadow where the map's range is
-    /// shorter than its own by more than two cells and 5%.
-    pub(super) fn wrong(&self, count: usize, map: impl Fn(usize) -> Result<Vec<[u32; 2]>>) -> Result<f64> {
+    /// a ray. `map` gives the texels of the nth of the views that are asked, and where its map is rendered from. A point is in
+    /// shadow where the map's range is shorter than its own by more than two cells and 5%.
+    pub(super) fn wrong(&self, map: impl Fn(usize) -> Result<(Vec<[u32; 2]>, DVec3)>) -> Result<f64> {
         let (mut asked, mut wrong) = (0u32, 0u32);
-        let stride = |n: usize, of: usize| (of / n.max(1)).max(1);
-        for view in (0..count).step_by(stride(VIEWS, count)).take(VIEWS) {
-            let texels = map(view)?;
+        for (nth, view) in self.asked().into_iter().enumerate() {
+            let (texels, middle) = map(nth)?;
             let side = ((texels.len() / 2) as f64).sqrt() as u32;
             let eye = &self.views[view];
-            for at in (0..self.views.len()).step_by(stride(POINTS, self.views.len())).take(POINTS) {
+            for at in spread(POINTS, self.views.len()) {
                 let to = self.views[at].position - eye.position;
                 let range = to.length();
                 let faces =
@@ -41,9 +45,11 @@ impl<'a> Shadows<'a> {
                 if !(range > 4.0 * self.cell && faces) {
                     continue;
                 }
-                let texel = paraboloid::texel_of(to, side) as usize;
-                let inverse = f64::from(f32::from_bits(texels[texel][0]));
-                let told = inverse > 0.0 && 1.0 / inverse < range * 0.95 - 2.0 * self.cell;
+                // As the map sees it: views of a leaf share one, rendered from their middle.
+                let in_map = self.views[at].position - middle;
+                let inverse =
+                    f64::from(f32::from_bits(texels[paraboloid::texel_of(in_map, side) as usize][0]));
+                let told = inverse > 0.0 && 1.0 / inverse < in_map.length() * 0.95 - 2.0 * self.cell;
                 asked += 1;
                 wrong += u32::from(told != self.is_blocked(eye, to));
             }
@@ -57,4 +63,9 @@ impl<'a> Shadows<'a> {
         let range = to.length();
         self.tracer.trace(origin, to).is_some_and(|hit| hit.range < range - 0.1 * self.cell)
     }
+}
+
+/// At most `most` of `count` indices, spread evenly.
+fn spread(most: usize, count: usize) -> Vec<usize> {
+    (0..most.min(count)).map(|i| i * count / most.min(count)).collect()
 }
