@@ -81,6 +81,33 @@ fn the_break_even_study_says_from_how_many_views_samples_pay() {
 }
 
 #[test]
+fn the_radiosity_study_departs_in_each_knob_and_light_brings_images_closer_to_the_path_traced_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = json(&["study", "radiosity", "--quick", "--json", "--out", out, "--light", "point:0,60,0"]);
+    let differs = |name: &str| rows(&study).iter().filter(|row| row["differs"] == name).count();
+    for name in
+        ["as given", "VPLs", "resolution", "source", "octree levels", "samples", "filter", "clamp", "culling"]
+    {
+        assert!(differs(name) > 0, "{name}: {study:#}");
+    }
+    for row in rows(&study) {
+        for key in ["flip", "flip_by_vpls"] {
+            assert!((0.0..1.0).contains(&number(row, key)), "{key}: {row:#}");
+        }
+        assert!(
+            number(row, "trace_ms") >= 0.0 && number(row, "gather_ms") >= 0.0 && number(row, "vpls") > 0.0
+        );
+        let culled = number(row, "culled_fraction");
+        assert!(if row["cull"] == true { (0.0..1.0).contains(&culled) } else { culled == 0.0 }, "{row:#}");
+    }
+    let note = study["notes"][0].as_str().unwrap();
+    assert!(note.contains("path-traced"), "{note}");
+    let plot = std::fs::read_to_string(folder.path().join("radiosity-pareto.svg")).unwrap();
+    assert!(plot.starts_with("<svg"));
+}
+
+#[test]
 fn the_megaviews_study_counts_fewer_pairs_than_manylods_and_says_what_it_extrapolates() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();

@@ -10,7 +10,9 @@
 //!   environment BRDF.
 //!
 //! What is simulated and what is not, stated once:
-//! - lights cast no shadows and no light bounces between surfaces; the sky is not occluded;
+//! - lights cast no shadows on what is seen, and the sky is not occluded;
+//! - light that surfaces emit or reflect onto one another is added where a sampler is asked for it (`--indirect`): with
+//!   shadows, both of the lights on the surfaces that reflect and of those surfaces, and without the sky's share;
 //! - mirrors (smooth metals) reflect lights and the sky, not the scene;
 //! - transmission keeps the diffuse lobe: glass looks like its base colour with a sheen;
 //! - albedo is base colour · (1 − metallic), without Fresnel's attenuation, since that would depend on the

@@ -99,7 +99,7 @@ impl Default for VplKnobs {
             cull: true,
             weigh: true,
             cutoff: 0.0,
-            clamp: 0.02,
+            clamp: 0.01,
             bias: 0.5,
             seed: 1,
         }

@@ -56,6 +56,10 @@ pub struct Options {
     pub cutoffs: Vec<f64>,
     /// Distances nearer than which VPLs light no more strongly, shares of the scene's diagonal.
     pub clamps: Vec<f64>,
+    /// How far behind a map's distance a surface may lie, widths of a texel.
+    pub biases: Vec<f64>,
+    /// Points splatted into each imperfect map.
+    pub points: Vec<u32>,
     /// VPLs and side of maps of the truth by VPLs.
     pub most: (u32, u32),
     /// Paths from each pixel of the path-traced truth.
@@ -83,6 +87,8 @@ impl Default for Options {
             filters: vec![0, 4, 8],
             cutoffs: vec![0.1, 0.2, 0.4],
             clamps: vec![0.0, 0.01, 0.05],
+            biases: vec![0.0, 0.25, 1.0],
+            points: vec![256, 4096],
             most: (4096, 64),
             paths: 1024,
             rounds: 3,
@@ -104,6 +110,8 @@ impl Effort for Options {
             filters: vec![0],
             cutoffs: vec![0.2],
             clamps: vec![0.05],
+            biases: vec![1.0],
+            points: vec![64],
             most: (512, 32),
             paths: 16,
             rounds: 1,
@@ -232,6 +240,8 @@ fn row(
         "weigh": knobs.weigh,
         "cutoff": knobs.cutoff,
         "clamp": knobs.clamp,
+        "bias": knobs.bias,
+        "points": (knobs.maps == MapSource::Imperfect).then_some(knobs.points),
         "view_ms": unlit_ms,
         "trace_ms": lit.trace_ms,
         "octree_ms": lit.octree_ms,
@@ -262,8 +272,10 @@ fn plot(options: &Options, points: &[(&'static str, f64, f64)]) -> Plot {
             None => series.push(Series { name: differs.to_owned(), points: vec![(ms, flip)], line: false }),
         }
     }
-    // Told apart by seven shapes and colours.
-    series.truncate(7);
+    // What is smoothed less or costs energy is no alternative to the others, and shapes tell seven apart.
+    const SHOWN: [&str; 7] =
+        ["as given", "VPLs", "resolution", "source", "octree levels", "samples", "few large maps"];
+    series.retain(|series| SHOWN.contains(&series.name.as_str()));
     let [width, height] = options.size;
     Plot {
         name: "pareto".to_owned(),
