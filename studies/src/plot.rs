@@ -29,6 +29,8 @@ pub struct Plot {
     pub front: Vec<Mark>,
     /// Vertical lines, each with a word.
     pub guides: Vec<(f64, String)>,
+    /// Whether the legend stands at the upper left, where what rises leaves room, rather than at the upper right.
+    pub rises: bool,
 }
 
 /// An axis.
@@ -241,7 +243,11 @@ impl Plot {
         }
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
+            .position(if self.rises {
+                SeriesLabelPosition::UpperLeft
+            } else {
+                SeriesLabelPosition::UpperRight
+            })
             .background_style(WHITE.mix(0.85))
             .border_style(BLACK.mix(0.3))
             .label_font(("sans-serif", 16))

@@ -372,6 +372,7 @@ impl<'a> Study<'a> {
             series: series.filter(|series| !series.points.is_empty()).collect(),
             front: pareto_front(&points).into_iter().map(mark).collect(),
             guides: vec![(fetch_ms, "one fetch a pixel".to_owned())],
+            ..Plot::default()
         }
     }
 }

@@ -365,6 +365,7 @@ fn row(subject: &Subject<'_>, options: &Options, views: u32, measured: &Measured
 fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
     let number =
         |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let scene = options.scene.rsplit('/').next().unwrap_or_default();
     let draw = |name: &str, x: &str, label: &str, fixed: &str, value: f64| {
         let series = options.placements.iter().flat_map(|placement| {
             options.methods.iter().map(move |method| (placement.name(), method.name()))
@@ -379,10 +380,11 @@ fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
         });
         Plot {
             name: name.to_owned(),
-            title: format!("Maps of many views: {}", options.scene),
+            title: format!("Maps of many views: {scene}"),
             x: Axis::log(label),
             y: Axis::log("time of a frame, ms"),
             series: series.collect(),
+            rises: true,
             ..Plot::default()
         }
     };
