@@ -1,4 +1,4 @@
-//! Which texels of a sample a view is splatted from: tiles inside of its frustum, every texel or every second.
+//! Which texels of a sample a view is splatted from: tiles inside of its frustum, every texel or every second, fourth or eighth.
 //!
 //! The tiles' ranges are known from when the sample was taken in, so this is done on the host, in f64, some
 //! thousand multiplications a view; the density of what is visible also says how large the view's cells must be.
@@ -9,8 +9,17 @@ use argus_scene::camera::Face;
 
 use crate::geometry::{PixelFromFace, ViewGeometry};
 
-/// Edge of a tile in texels; `compositor/bounds.wgsl` has the same, held to it by test.
-pub(crate) const TILE: u32 = 16;
+/// Edge of a face's tiles in texels: some thirty tiles a side, whatever the face's size, so that the host's work for a view
+/// does not grow with its samples.
+pub(crate) fn tile_side(face: &Face) -> u32 {
+    (face.size[0].max(face.size[1]) / TILES).next_power_of_two().clamp(2 * BLOCK, 8 * BLOCK)
+}
+
+/// Tiles on a face's longer side, about.
+const TILES: u32 = 32;
+
+/// Texels on a side that a workgroup splats.
+const BLOCK: u32 = 8;
 
 /// Range of what one face's tiles show.
 #[derive(Debug, Clone, Default)]
@@ -41,9 +50,10 @@ pub(crate) fn visible_tiles(
     tiles: &FaceTiles,
 ) -> Vec<VisibleTile> {
     let texel = 2.0 * face.tan_half_fov / DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
+    let side = tile_side(face);
     let corner = |column: u32, row: u32| {
-        let x = f64::from((column * TILE).min(face.size[0])) * texel.x - face.tan_half_fov.x;
-        let y = f64::from((row * TILE).min(face.size[1])) * texel.y - face.tan_half_fov.y;
+        let x = f64::from((column * side).min(face.size[0])) * texel.x - face.tan_half_fov.x;
+        let y = f64::from((row * side).min(face.size[1])) * texel.y - face.tan_half_fov.y;
         DVec3::new(x, -y, -1.0)
     };
     // Each corner is four tiles': projected once.
@@ -63,7 +73,7 @@ pub(crate) fn visible_tiles(
         let four = [&corners[at], &corners[at + 1], &corners[at + edge], &corners[at + edge + 1]];
         let longest = four.iter().fold(0.0, |l: f64, c| l.max(c.length));
         // The shortest direction of the tile is at least as long as at its corners, less its own extent.
-        let extent = texel.max_element() * f64::from(TILE);
+        let extent = texel.max_element() * f64::from(side);
         let shortest = (four.iter().fold(f64::MAX, |l: f64, c| l.min(c.length)) - extent).max(1.0);
         let depths = [1.0 / (f64::from(most) * longest), 1.0 / (f64::from(least) * shortest)];
         let Some((min, max, w)) = footprint(&four, depths, offset, view.size) else { continue };
@@ -173,16 +183,19 @@ pub(crate) fn push_blocks(
     blocks: &mut Vec<u32>,
 ) -> u32 {
     let before = blocks.len();
+    let side = tile_side(face);
     for tile in tiles {
         if tile.max.cmplt(part[0]).any() || tile.min.cmpgt(part[1]).any() {
             continue;
         }
-        // Every second texel where even those are dense enough.
-        let stride = if 2.0 * tile.pixels_per_texel <= DENSITY * f64::from(cell) { 2 } else { 1 };
-        let step = 8 * stride;
-        for y in (0..TILE).step_by(step as usize) {
-            for x in (0..TILE).step_by(step as usize) {
-                let (x, y) = (tile.column * TILE + x, tile.row * TILE + y);
+        // Every second texel, fourth or eighth where even those are dense enough.
+        let dense_enough =
+            |stride: &u32| f64::from(*stride) * tile.pixels_per_texel <= DENSITY * f64::from(cell);
+        let stride = [8, 4, 2].into_iter().filter(|s| s * BLOCK <= side).find(dense_enough).unwrap_or(1);
+        let step = BLOCK * stride;
+        for y in (0..side).step_by(step as usize) {
+            for x in (0..side).step_by(step as usize) {
+                let (x, y) = (tile.column * side + x, tile.row * side + y);
                 if x < face.size[0] && y < face.size[1] {
                     blocks.push(x | y << 14 | stride << 28);
                 }

@@ -15,9 +15,9 @@ import package::shared::pixel::{
 };
 import package::shared::shading::sky_radiance;
 
-// Levels by which what is averaged in sRGB is looked up coarser than what is averaged in linear radiance: a dark texel beside
-// a bright one weighs less there, so that stripes alias more.
-const COARSER: f32 = 0.1;
+// Share of its level by which what is averaged in sRGB is looked up coarser than what is averaged in linear radiance: a dark
+// texel beside a bright one weighs less there, so that stripes alias more.
+const COARSER: f32 = 1.08;
 
 // Pixels of the view are of a size between two levels' texels; else the finer of them serves all.
 override between_levels: bool = false;
@@ -39,7 +39,7 @@ fn pixel(at: vec2f) -> Pixel {
     if between_levels {
         // A level of the texture would be a number a pixel, at three times the price.
         let texel = textureSampleLevel(coarser, bilinear, within_face(fetched.uv, finer + 1.0), fetched.layer, 0.0);
-        shown = mix(shown, texel, clamp(fetched.level + COARSER - finer, 0.0, 1.0));
+        shown = mix(shown, texel, clamp(fetched.level * COARSER - finer, 0.0, 1.0));
     }
     let sky = sky_radiance(view.lighting, normalize(d));
     let clear = bits == CLEAR;

@@ -65,7 +65,7 @@ impl Default for Options {
                 Search::Seeded => &[2, 4],
                 Search::Splat | Search::Pyramid => &[],
             },
-            resolutions: vec![0.5, 1.5],
+            resolutions: vec![0.5, 1.5, 2.0, 4.0],
             rounds: 3,
             round_ms: 600.0,
             reference_samples: 16,

@@ -208,6 +208,10 @@ mirror! {
         pub tile_columns: u32,
         /// Rows of tiles.
         pub tile_rows: u32,
+        /// Texels on the edge of a tile.
+        pub tile_side: u32,
+        /// WGSL rounds the struct up to 8 bytes.
+        pub _pad: u32,
     }
 }
 
