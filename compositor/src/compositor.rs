@@ -21,12 +21,14 @@ use crate::knobs::{CompositorKnobs, Twin};
 use crate::layout::{Chunk, Extent, Piece, chunks};
 use crate::lights::light_about;
 use crate::passes::bounds::BoundsPass;
+use crate::passes::clear::ClearPass;
 use crate::passes::fill::FillPass;
 use crate::passes::fixed_point::FixedPointPass;
 use crate::passes::floor::FloorPass;
 use crate::passes::halve::HalvePass;
+use crate::passes::highlight::HighlightPass;
 use crate::passes::linear::LinearPass;
-use crate::passes::mend::MendPass;
+use crate::passes::mend::{COUNTS, MendPass};
 use crate::passes::mips::MipsPass;
 use crate::passes::pyramid::PyramidPass;
 use crate::passes::resolve::ResolvePass;
@@ -51,8 +53,10 @@ pub struct GpuCompositor {
     mips: MipsPass,
     splat: SplatPass,
     fill: FillPass,
+    clear: ClearPass,
     warp: WarpPass,
     mend: MendPass,
+    highlight: HighlightPass,
     linear: LinearPass,
     fixed_point: FixedPointPass,
     seeded: SeededPass,
@@ -81,7 +85,8 @@ struct ChunkData {
     splatted: Splatted,
     cell_bytes: u64,
     splats: Vec<SplatCall>,
-    fills: Vec<Fill>,
+    /// One a piece whose search splats.
+    fills: BTreeMap<usize, Fill>,
     /// By search and pipeline: indices into the chunk's pieces.
     draws: BTreeMap<(Search, Variant), Vec<usize>>,
 }
@@ -128,8 +133,10 @@ impl GpuCompositor {
             mips: MipsPass::new(&gpu),
             splat: SplatPass::new(&gpu),
             fill: FillPass::new(&gpu),
+            clear: ClearPass::default(),
             warp: WarpPass::new(),
             mend: MendPass::default(),
+            highlight: HighlightPass::default(),
             linear: LinearPass::new(),
             fixed_point: FixedPointPass::new(),
             seeded: SeededPass::new(),
@@ -287,20 +294,34 @@ impl GpuCompositor {
 
         let mut commands = self.gpu.commands("compose views");
         let pool = self.holdings.pool(chunk.pieces.first().map_or(0, |piece| views[piece.view].pool))?;
+        let shared = Shared { pool, nearest: &self.nearest, bilinear: &self.bilinear, lights: &data.lights };
         if !data.fills.is_empty() {
             // Cells that no texel reaches stay 0: infinitely far.
             commands.encoder().clear_buffer(&data.splatted.cells, 0, Some(data.cell_bytes));
-            commands.encoder().clear_buffer(&data.splatted.unsettled, 0, Some(4 * chunk.pieces.len() as u64));
             let inverse_range = pool.view(PlaneKind::InverseRange)?;
             self.splat.record(&mut commands, &data.splats, inverse_range, &data.blocks, &data.splatted.cells);
-            self.fill.record(&mut commands, &data.fills, &data.splatted.cells, &data.splatted.depths);
+            let fills: Vec<Fill> = data.fills.values().copied().collect();
+            self.fill.record(&mut commands, &fills, &data.splatted.cells, &data.splatted.depths);
         }
-        let shared = Shared { pool, nearest: &self.nearest, bilinear: &self.bilinear, lights: &data.lights };
         for (&(search, variant), pieces) in &data.draws {
             let draws: Vec<Draw<'_>> = pieces
                 .iter()
-                .map(|&i| Draw { piece: chunk.pieces[i], view: part(&data.views, i, VIEW_STRIDE) })
+                .map(|&i| {
+                    let piece = chunk.pieces[i];
+                    let fill = data.fills.get(&i).copied();
+                    let cell = views[piece.view].cell;
+                    Draw {
+                        piece,
+                        fill,
+                        cell,
+                        level: views[piece.view].level,
+                        view: part(&data.views, i, VIEW_STRIDE),
+                    }
+                })
                 .collect();
+            if search == Search::Splat && work == Work::Views {
+                self.clear.record(&self.gpu, &mut commands, &draws, &shared, &data.splatted)?;
+            }
             let twin = self.trials.entry(search).or_default().next(self.knobs.twin);
             let canvas = Canvas { variant, twin, shared: &shared, draws: &draws, targets: drawn };
             match search {
@@ -308,6 +329,9 @@ impl GpuCompositor {
                 Search::Splat => {
                     self.warp.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
                     self.mend.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
+                    if variant.glossy {
+                        self.highlight.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
+                    }
                 }
                 Search::Linear => self.linear.record(&self.gpu, &mut commands, &canvas)?,
                 Search::FixedPoint => self.fixed_point.record(&self.gpu, &mut commands, &canvas)?,
@@ -372,10 +396,9 @@ impl GpuCompositor {
     fn upload(&mut self, chunk: &Chunk, views: &[PreparedView], jobs: &[ViewJob]) -> ChunkData {
         let mut uniforms: Vec<ViewUniform> = Vec::with_capacity(chunk.pieces.len());
         let (mut lights, mut blocks) = (Vec::new(), Vec::new());
-        let (mut splats, mut fills) = (Vec::new(), Vec::new());
+        let (mut splats, mut fills) = (Vec::new(), BTreeMap::new());
         let mut draws: BTreeMap<(Search, Variant), Vec<usize>> = BTreeMap::new();
-        // The list of unsettled pixels begins with their number for each piece.
-        let mut first = First { unsettled: chunk.pieces.len() as u32, ..First::default() };
+        let mut first = First::default();
         for (i, piece) in chunk.pieces.iter().enumerate() {
             let view = &views[piece.view];
             let job = &jobs[view.job];
@@ -387,14 +410,15 @@ impl GpuCompositor {
             }
             if view.splats_first() {
                 splats.append(&mut view.splats(piece, first.cell, &mut blocks));
-                fills.push(view.fill(piece, first.cell));
+                fills.insert(i, view.fill(piece, first.cell));
                 first.cell += view.cell_count(piece);
-                first.unsettled += piece.part.width * piece.part.height * piece.side * piece.side;
+                first.unsettled += piece.part.width * piece.part.height * piece.side * piece.side + COUNTS;
             }
             let fine = view.side > 1;
             let confident = job.outputs.confidence;
             let range = fine || confident || job.outputs.range;
-            let variant = Variant { omni: view.omni, glossy: view.glossy, fine, range, confident };
+            let (omni, glossy, between_levels) = (view.omni, view.glossy, view.between_levels);
+            let variant = Variant { omni, glossy, fine, range, confident, between_levels };
             draws.entry((view.search, variant)).or_default().push(i);
         }
         let mut upload = |label, bytes: &[u8], usage| {

@@ -1,4 +1,4 @@
-//! Which texels of a sample a view is splatted from: tiles inside of its frustum, every texel or every second.
+//! Which texels of a sample a view is splatted from: tiles inside of its frustum, every texel or every second, fourth or eighth.
 //!
 //! The tiles' ranges are known from when the sample was taken in, so this is done on the host, in f64, some
 //! thousand multiplications a view; the density of what is visible also says how large the view's cells must be.
@@ -9,8 +9,17 @@ use argus_scene::camera::Face;
 
 use crate::geometry::{PixelFromFace, ViewGeometry};
 
-/// Edge of a tile in texels; `compositor/bounds.wgsl` has the same, held to it by test.
-pub(crate) const TILE: u32 = 16;
+/// Edge of a face's tiles in texels: some thirty tiles a side, whatever the face's size, so that the host's work for a view
+/// does not grow with its samples.
+pub(crate) fn tile_side(face: &Face) -> u32 {
+    (face.size[0].max(face.size[1]) / TILES).next_power_of_two().clamp(2 * BLOCK, 8 * BLOCK)
+}
+
+/// Tiles on a face's longer side, about.
+const TILES: u32 = 32;
+
+/// Texels on a side that a workgroup splats.
+const BLOCK: u32 = 8;
 
 /// Range of what one face's tiles show.
 #[derive(Debug, Clone, Default)]
@@ -41,9 +50,10 @@ pub(crate) fn visible_tiles(
     tiles: &FaceTiles,
 ) -> Vec<VisibleTile> {
     let texel = 2.0 * face.tan_half_fov / DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
+    let side = tile_side(face);
     let corner = |column: u32, row: u32| {
-        let x = f64::from((column * TILE).min(face.size[0])) * texel.x - face.tan_half_fov.x;
-        let y = f64::from((row * TILE).min(face.size[1])) * texel.y - face.tan_half_fov.y;
+        let x = f64::from((column * side).min(face.size[0])) * texel.x - face.tan_half_fov.x;
+        let y = f64::from((row * side).min(face.size[1])) * texel.y - face.tan_half_fov.y;
         DVec3::new(x, -y, -1.0)
     };
     // Each corner is four tiles': projected once.
@@ -63,7 +73,7 @@ pub(crate) fn visible_tiles(
         let four = [&corners[at], &corners[at + 1], &corners[at + edge], &corners[at + edge + 1]];
         let longest = four.iter().fold(0.0, |l: f64, c| l.max(c.length));
         // The shortest direction of the tile is at least as long as at its corners, less its own extent.
-        let extent = texel.max_element() * f64::from(TILE);
+        let extent = texel.max_element() * f64::from(side);
         let shortest = (four.iter().fold(f64::MAX, |l: f64, c| l.min(c.length)) - extent).max(1.0);
         let depths = [1.0 / (f64::from(most) * longest), 1.0 / (f64::from(least) * shortest)];
         let Some((min, max, w)) = footprint(&four, depths, offset, view.size) else { continue };
@@ -123,11 +133,12 @@ fn footprint(
 /// Share of the image that may have sparser texels than its cells hold.
 const SPARSE: f64 = 0.5;
 
-/// Pixels on an edge of the view's cells: so many that most of the image has a texel of some sample in each.
-///
-/// A sample that is denser than the view gives cells of one pixel; of one that is sparser, one-pixel cells would
-/// stay empty between its texels.
-pub(crate) fn cell_size<'a>(tiles: impl Iterator<Item = &'a VisibleTile>, size: DVec2) -> u32 {
+/// Share of the image that has texels not much denser.
+const DENSE: f64 = 0.9;
+
+/// Pixels of the view on the edge of a texel: nearly all of the image has none that are denser than the first, most of it
+/// has a texel of some sample as near as the second.
+pub(crate) fn spacings<'a>(tiles: impl Iterator<Item = &'a VisibleTile>, size: DVec2) -> [f64; 2] {
     let mut spacing: Vec<(f64, f64)> = tiles
         .map(|tile| {
             let covered = (tile.max.min(size) - tile.min.max(DVec2::ZERO)).max(DVec2::ZERO);
@@ -135,15 +146,32 @@ pub(crate) fn cell_size<'a>(tiles: impl Iterator<Item = &'a VisibleTile>, size: 
         })
         .collect();
     spacing.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut left = SPARSE * spacing.iter().map(|&(_, area)| area).sum::<f64>();
-    let widest = spacing.iter().find(|&&(_, area)| {
-        left -= area;
-        left <= 0.0
-    });
-    let pixels = widest.map_or(1.0, |&(pixels, _)| pixels.ceil());
+    let area: f64 = spacing.iter().map(|&(_, area)| area).sum();
+    // The spacing that this share of the image has at least.
+    let at = |share: f64| {
+        let mut left = share * area;
+        let found = spacing.iter().find(|&&(_, area)| {
+            left -= area;
+            left <= 0.0
+        });
+        found.map_or(1.0, |&(pixels, _)| pixels)
+    };
+    [at(DENSE), at(SPARSE)]
+}
+
+/// Pixels on an edge of the view's cells: so many that most of the image has a texel of some sample in each.
+///
+/// A sample that is denser than the view gives cells of one pixel; of one that is sparser, one-pixel cells would
+/// stay empty between its texels.
+pub(crate) fn cell_size(spacing: f64, size: DVec2) -> u32 {
+    let pixels = spacing.ceil();
     // Cells beyond the image's size would all be one.
     pixels.clamp(1.0, size.max_element().max(1.0)) as u32
 }
+
+/// Cells on the distance of texels that are splatted. Denser ones would cost more and show less: of several texels in a cell
+/// the nearest stays, so that what is in front grows (terrain, 800x600 texels: FLIP 0.0371 at 0.8, 0.0366 at 1.2).
+const DENSITY: f64 = 1.2;
 
 /// Appends the blocks of 8×8 texels that reach into a part of the image (in pixels) to `blocks`, and returns how
 /// many.
@@ -155,16 +183,19 @@ pub(crate) fn push_blocks(
     blocks: &mut Vec<u32>,
 ) -> u32 {
     let before = blocks.len();
+    let side = tile_side(face);
     for tile in tiles {
         if tile.max.cmplt(part[0]).any() || tile.min.cmpgt(part[1]).any() {
             continue;
         }
-        // Every second texel where even those are denser than the cells.
-        let stride = if 2.0 * tile.pixels_per_texel <= 0.8 * f64::from(cell) { 2 } else { 1 };
-        let step = 8 * stride;
-        for y in (0..TILE).step_by(step as usize) {
-            for x in (0..TILE).step_by(step as usize) {
-                let (x, y) = (tile.column * TILE + x, tile.row * TILE + y);
+        // Every second texel, fourth or eighth where even those are dense enough.
+        let dense_enough =
+            |stride: &u32| f64::from(*stride) * tile.pixels_per_texel <= DENSITY * f64::from(cell);
+        let stride = [8, 4, 2].into_iter().filter(|s| s * BLOCK <= side).find(dense_enough).unwrap_or(1);
+        let step = BLOCK * stride;
+        for y in (0..side).step_by(step as usize) {
+            for x in (0..side).step_by(step as usize) {
+                let (x, y) = (tile.column * side + x, tile.row * side + y);
                 if x < face.size[0] && y < face.size[1] {
                     blocks.push(x | y << 14 | stride << 28);
                 }

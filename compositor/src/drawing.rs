@@ -7,6 +7,7 @@ use argus_gpu::{
 };
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::Program;
+use argus_shaders::layout::compositor::Fill;
 
 use crate::knobs::Twin;
 use crate::layout::Piece;
@@ -35,6 +36,8 @@ pub(crate) struct Variant {
     pub(crate) range: bool,
     /// Confidence is found and written; range is, too.
     pub(crate) confident: bool,
+    /// The splat's warp blends between two levels of the samples.
+    pub(crate) between_levels: bool,
 }
 
 impl Variant {
@@ -49,8 +52,8 @@ impl Variant {
     }
 
     /// Values of the programs' `override`s.
-    pub(crate) fn constants(self) -> [(&'static str, f64); 3] {
-        [("omni", self.omni), ("glossy", self.glossy), ("confident", self.confident)]
+    pub(crate) fn constants(self) -> [(&'static str, f64); 4] {
+        [("omni", self.omni), ("glossy", self.glossy), ("confident", self.confident), ("linear", self.fine)]
             .map(|(name, on)| (name, f64::from(u8::from(on))))
     }
 
@@ -87,6 +90,15 @@ impl<'a> Shared<'a> {
             Extra::read("lights", self.lights),
         ])
     }
+
+    /// The same, and for programs that look at it a level of the display plane, with the next coarser one.
+    pub(crate) fn bindings_of_level(&self, level: u32) -> Result<Vec<Extra<'a>>, RenderError> {
+        let mut bindings = self.bindings()?;
+        let display = self.pool.display()?;
+        bindings.push(Extra::read("display", display.level(level)));
+        bindings.push(Extra::read("coarser", display.level(level + 1)));
+        Ok(bindings)
+    }
 }
 
 /// A resource under the name that a program has for it.
@@ -122,6 +134,12 @@ pub(crate) struct Splatted {
 #[derive(Debug)]
 pub(crate) struct Draw<'a> {
     pub(crate) piece: Piece,
+    /// Its cells, if its search has any.
+    pub(crate) fill: Option<Fill>,
+    /// Sub-pixels on the edge of a cell.
+    pub(crate) cell: u32,
+    /// Level of the display plane whose texels are no larger than most of the view's pixels.
+    pub(crate) level: u32,
     pub(crate) view: wgpu::BufferBinding<'a>,
 }
 
@@ -168,13 +186,20 @@ pub(crate) struct Drawing {
     program: &'static Program,
     /// Its row in the timing table.
     name: &'static str,
+    /// It looks at the display plane.
+    of_display: bool,
     fragment: BTreeMap<Variant, RenderPipeline>,
     compute: BTreeMap<Variant, ComputePipeline>,
 }
 
 impl Drawing {
     pub(crate) fn new(program: &'static Program, name: &'static str) -> Self {
-        Self { program, name, fragment: BTreeMap::new(), compute: BTreeMap::new() }
+        Self { program, name, of_display: false, fragment: BTreeMap::new(), compute: BTreeMap::new() }
+    }
+
+    /// Of a program that looks at the display plane.
+    pub(crate) fn of_display(program: &'static Program, name: &'static str) -> Self {
+        Self { of_display: true, ..Self::new(program, name) }
     }
 
     /// Draws pieces; `extras` is what this search reads and writes beside what all do.
@@ -185,8 +210,15 @@ impl Drawing {
         canvas: &Canvas<'_>,
         extras: &[Extra<'_>],
     ) -> Result<(), RenderError> {
-        let mut bindings = canvas.shared.bindings()?;
-        bindings.extend_from_slice(extras);
+        let bindings = |draw: &Draw<'_>| {
+            let mut bindings = match self.of_display {
+                true => canvas.shared.bindings_of_level(draw.level)?,
+                false => canvas.shared.bindings()?,
+            };
+            bindings.extend_from_slice(extras);
+            Ok(bindings)
+        };
+        let bindings = canvas.draws.iter().map(bindings).collect::<Result<Vec<_>, RenderError>>()?;
         match canvas.twin {
             Twin::Compute => self.record_compute(gpu, commands, canvas, &bindings),
             _ => self.record_fragment(gpu, commands, canvas, &bindings),
@@ -194,15 +226,24 @@ impl Drawing {
         Ok(())
     }
 
+    /// Values of the program's `override`s.
+    fn constants(&self, variant: Variant) -> Vec<(&'static str, f64)> {
+        let mut constants = variant.constants().to_vec();
+        if self.of_display {
+            constants.push(("between_levels", f64::from(u8::from(variant.between_levels))));
+        }
+        constants
+    }
+
     fn record_fragment(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
         canvas: &Canvas<'_>,
-        bindings: &[Extra<'_>],
+        bindings: &[Vec<Extra<'_>>],
     ) {
         let variant = canvas.variant;
-        let program = self.program;
+        let (program, constants) = (self.program, self.constants(variant));
         let pipeline = self.fragment.entry(variant).or_insert_with(|| {
             gpu.render_pipeline(&RenderPipelineDesc {
                 program,
@@ -212,12 +253,12 @@ impl Drawing {
                 targets: &variant.formats(),
                 depth: None,
                 primitive: wgpu::PrimitiveState::default(),
-                constants: &variant.constants(),
+                constants: &constants,
             })
         });
         let targets = canvas.targets.attachments(variant);
         let mut pass = commands.render(self.name, &targets, None);
-        for draw in canvas.draws {
+        for (draw, bindings) in canvas.draws.iter().zip(bindings) {
             let [x, y] = draw.piece.fine_target();
             let [width, height] = draw.piece.fine_size();
             pass.viewport(x, y, width, height);
@@ -237,18 +278,18 @@ impl Drawing {
         gpu: &Gpu,
         commands: &mut Commands,
         canvas: &Canvas<'_>,
-        bindings: &[Extra<'_>],
+        bindings: &[Vec<Extra<'_>>],
     ) {
         // What is written to a range that is not there is dropped: one pipeline does.
         let variant = Variant { range: true, ..canvas.variant };
-        let program = self.program;
+        let (program, constants) = (self.program, self.constants(variant));
         let pipeline = self.compute.entry(variant).or_insert_with(|| {
             let entry = format!("{}_twin", variant.entry_point());
-            gpu.compute_pipeline_with(program, &entry, &variant.constants())
+            gpu.compute_pipeline_with(program, &entry, &constants)
         });
         let storage = canvas.targets.storage(variant);
         let mut pass = commands.compute_pass(self.name);
-        for draw in canvas.draws {
+        for (draw, bindings) in canvas.draws.iter().zip(bindings) {
             let mut call = pass.call(pipeline).read("view", &draw.view);
             for extra in bindings.iter().chain(&storage) {
                 call = match extra.writes {

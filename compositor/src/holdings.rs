@@ -112,7 +112,7 @@ impl Holdings {
                 }
             }
         }
-        match self.write(gpu, bounds, mips, &placed) {
+        match self.write(gpu, bounds, mips, &set.info, &placed) {
             Ok(tiles) => {
                 for ((sample, pool, layer), tiles) in placed.into_iter().zip(tiles) {
                     self.release(&[sample.id]);
@@ -161,12 +161,13 @@ impl Holdings {
         }
     }
 
-    /// Copies samples into their layers and finds their tiles' ranges.
+    /// Copies samples into their layers, makes what is derived from them and finds their tiles' ranges.
     fn write(
         &self,
         gpu: &Arc<Gpu>,
         bounds: &BoundsPass,
         mips: &MipsPass,
+        info: &SampleSetInfo,
         placed: &[(&Sample, usize, u32)],
     ) -> Result<Vec<Vec<FaceTiles>>, RenderError> {
         let mut all = Vec::with_capacity(placed.len());
@@ -178,7 +179,7 @@ impl Holdings {
             let layers: Vec<u32> =
                 placed.iter().filter(|(_, pool, _)| *pool == index).map(|(_, _, layer)| *layer).collect();
             if !layers.is_empty() {
-                mips.run(gpu, self.pool(index)?, &layers)?;
+                mips.run(gpu, self.pool(index)?, &layers, info.lighting.exposure)?;
             }
         }
         bounds.run(gpu, &all)

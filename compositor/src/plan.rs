@@ -35,8 +35,15 @@ pub(crate) fn plan(plan: &Plan, outputs: Outputs, glossy: bool, splatting: usize
     vec![
         row("splat samples", splats, &format!("{searched}; the first {count} samples leave their depth")),
         row("fill cells", splats, &searched),
+        row("clear cells", is(Search::Splat), "cells that no texel came near are sky if the samples say so"),
         row(WarpPass::NAME, is(Search::Splat), &searched),
+        row("collect pixels", is(Search::Splat), "pixels that the warp left over are listed"),
         row("mend pixels", is(Search::Splat), "pixels that one sample did not settle are tried in all"),
+        row(
+            "add highlights",
+            is(Search::Splat) && glossy,
+            "glossy pixels are lit one by one, so that the others do not pay",
+        ),
         row(LinearPass::NAME, is(Search::Linear), &stepped),
         row(FixedPointPass::NAME, is(Search::FixedPoint), &stepped),
         row(SeededPass::NAME, is(Search::Seeded), &stepped),

@@ -22,6 +22,9 @@ pub(crate) struct PoolClass {
     pub(crate) omni: bool,
 }
 
+/// The texture format of the display plane: sRGB, and whether it is glossy.
+pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
 impl PoolClass {
     fn planes(&self) -> Vec<(PlaneKind, PlaneFormat)> {
         let mut planes =
@@ -48,24 +51,75 @@ impl PoolClass {
             let levels = (0..self.levels(kind)).map(|level| texels >> (2 * level)).sum::<u64>();
             format.texel_bytes() as u64 * levels
         };
-        self.planes().iter().map(plane).sum()
+        let display =
+            (0..self.levels(PlaneKind::Radiance)).map(|level| 4 * (texels >> (2 * level))).sum::<u64>();
+        self.planes().iter().map(plane).sum::<u64>() + display
     }
 }
 
-/// One plane's array, and the view that passes bind.
+/// One plane's array, and the views that passes bind.
 #[derive(Debug)]
-struct Array {
-    kind: PlaneKind,
-    format: PlaneFormat,
-    texture: wgpu::Texture,
-    view: wgpu::TextureView,
+pub(crate) struct Array {
+    pub(crate) texture: wgpu::Texture,
+    /// All levels.
+    pub(crate) view: wgpu::TextureView,
+    /// Each level alone.
+    pub(crate) levels: Vec<wgpu::TextureView>,
+}
+
+impl Array {
+    fn new(gpu: &Gpu, desc: &wgpu::TextureDescriptor<'_>) -> Self {
+        let texture = gpu.device.create_texture(desc);
+        let view = |base_mip_level, mip_level_count| {
+            texture.create_view(&wgpu::TextureViewDescriptor {
+                // Said outright, since a pool of one layer would be seen as no array.
+                dimension: Some(wgpu::TextureViewDimension::D2Array),
+                base_mip_level,
+                mip_level_count,
+                ..Default::default()
+            })
+        };
+        let levels = (0..desc.mip_level_count).map(|level| view(level, Some(1))).collect();
+        Self { view: view(0, None), levels, texture }
+    }
+
+    /// A level alone, or the coarsest if there is none so coarse.
+    pub(crate) fn level(&self, level: u32) -> &wgpu::TextureView {
+        &self.levels[(level as usize).min(self.levels.len() - 1)]
+    }
+
+    /// Copies the layers of a smaller array.
+    fn copy_from(&self, old: &Self, encoder: &mut wgpu::CommandEncoder) {
+        for mip_level in 0..self.texture.mip_level_count() {
+            let kept = wgpu::Extent3d {
+                width: self.texture.width() >> mip_level,
+                height: self.texture.height() >> mip_level,
+                depth_or_array_layers: old.texture.depth_or_array_layers(),
+            };
+            let level = |texture| wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level,
+                origin: wgpu::Origin3d::ZERO,
+                aspect: wgpu::TextureAspect::All,
+            };
+            encoder.copy_texture_to_texture(level(&old.texture), level(&self.texture), kept);
+        }
+    }
+}
+
+/// The arrays of a class.
+#[derive(Debug)]
+struct Arrays {
+    planes: Vec<(PlaneKind, Array)>,
+    /// What most views show of the samples, derived from the planes: `shaders/compositor/mips.wgsl`.
+    display: Array,
 }
 
 /// Samples of one class.
 #[derive(Debug)]
 pub(crate) struct Pool {
     pub(crate) class: PoolClass,
-    arrays: Vec<Array>,
+    arrays: Option<Arrays>,
     capacity: u32,
     free: Vec<u32>,
     pyramids: Option<Pyramids>,
@@ -83,29 +137,34 @@ const FIRST_LAYERS: u32 = 4;
 impl Pool {
     /// An empty pool; memory is taken with the first sample.
     pub(crate) fn new(class: PoolClass) -> Self {
-        Self { class, arrays: Vec::new(), capacity: 0, free: Vec::new(), pyramids: None }
+        Self { class, arrays: None, capacity: 0, free: Vec::new(), pyramids: None }
     }
 
     /// The array of a plane that the class has.
     ///
     /// # Errors
     /// [`RenderError::Internal`] for one that it has not.
-    pub(crate) fn view(&self, kind: PlaneKind) -> Result<&wgpu::TextureView, RenderError> {
-        let array = self.arrays.iter().find(|a| a.kind == kind);
-        array
-            .map(|a| &a.view)
-            .ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
+    pub(crate) fn array(&self, kind: PlaneKind) -> Result<&Array, RenderError> {
+        let planes = self.arrays.iter().flat_map(|arrays| &arrays.planes);
+        let array = planes.into_iter().find(|(of, _)| *of == kind).map(|(_, array)| array);
+        array.ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
     }
 
-    /// The array of a plane that the class has, as a texture.
+    /// All levels of a plane that the class has.
     ///
     /// # Errors
-    /// As [`Pool::view`].
-    pub(crate) fn texture(&self, kind: PlaneKind) -> Result<&wgpu::Texture, RenderError> {
-        let array = self.arrays.iter().find(|a| a.kind == kind);
-        array
-            .map(|a| &a.texture)
-            .ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
+    /// As [`Pool::array`].
+    pub(crate) fn view(&self, kind: PlaneKind) -> Result<&wgpu::TextureView, RenderError> {
+        Ok(&self.array(kind)?.view)
+    }
+
+    /// What views show of the samples.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] where no sample was ever held.
+    pub(crate) fn display(&self) -> Result<&Array, RenderError> {
+        let missing = || RenderError::Internal("a pool without samples has no display plane".to_owned());
+        self.arrays.as_ref().map(|arrays| &arrays.display).ok_or_else(missing)
     }
 
     /// The array of a plane, or that of radiance where the class has none: programs name what only glossy samples have, and
@@ -192,8 +251,8 @@ impl Pool {
     /// # Errors
     /// [`RenderError::Internal`] if they do not fit, which validation excludes.
     pub(crate) fn write(&self, gpu: &Gpu, sample: &Sample, layer: u32) -> Result<(), RenderError> {
-        for array in &self.arrays {
-            if let Some(plane) = sample.plane(array.kind) {
+        for (kind, array) in self.arrays.iter().flat_map(|arrays| &arrays.planes) {
+            if let Some(plane) = sample.plane(*kind) {
                 plane::copy_into_layer(gpu, plane, &array.texture, layer)?;
             }
         }
@@ -204,47 +263,36 @@ impl Pool {
         let [width, height] = self.class.size;
         let label = wgpu::CommandEncoderDescriptor { label: Some("grow sample pool") };
         let mut encoder = gpu.device.create_command_encoder(&label);
-        let old = std::mem::take(&mut self.arrays);
-        for (kind, format) in self.class.planes() {
-            let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("samples"),
-                size: wgpu::Extent3d { width, height, depth_or_array_layers: capacity },
-                mip_level_count: self.class.levels(kind),
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: texture_format(format),
-                usage: plane::USAGE,
-                view_formats: &[],
-            });
-            if let Some(old) = old.iter().find(|a| a.kind == kind) {
-                for mip_level in 0..self.class.levels(kind) {
-                    let kept = wgpu::Extent3d {
-                        width: width >> mip_level,
-                        height: height >> mip_level,
-                        depth_or_array_layers: self.capacity,
-                    };
-                    let level = |texture| wgpu::TexelCopyTextureInfo {
-                        texture,
-                        mip_level,
-                        origin: wgpu::Origin3d::ZERO,
-                        aspect: wgpu::TextureAspect::All,
-                    };
-                    encoder.copy_texture_to_texture(level(&old.texture), level(&texture), kept);
-                }
+        let array = |levels, format, usage| {
+            Array::new(
+                gpu,
+                &wgpu::TextureDescriptor {
+                    label: Some("samples"),
+                    size: wgpu::Extent3d { width, height, depth_or_array_layers: capacity },
+                    mip_level_count: levels,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format,
+                    usage,
+                    view_formats: &[],
+                },
+            )
+        };
+        let plane =
+            |(kind, format)| (kind, array(self.class.levels(kind), texture_format(format), plane::USAGE));
+        let display_usage = plane::USAGE | wgpu::TextureUsages::STORAGE_BINDING;
+        let new = Arrays {
+            planes: self.class.planes().into_iter().map(plane).collect(),
+            display: array(self.class.levels(PlaneKind::Radiance), DISPLAY, display_usage),
+        };
+        if let Some(old) = &self.arrays {
+            for ((_, new), (_, old)) in new.planes.iter().zip(&old.planes) {
+                new.copy_from(old, &mut encoder);
             }
-            // Said outright, since a pool of one layer would be seen as no array.
-            let view = texture.create_view(&wgpu::TextureViewDescriptor {
-                dimension: Some(wgpu::TextureViewDimension::D2Array),
-                ..Default::default()
-            });
-            self.arrays.push(Array { kind, format, texture, view });
+            new.display.copy_from(&old.display, &mut encoder);
         }
+        self.arrays = Some(new);
         gpu.queue.submit([encoder.finish()]);
-        tracing::debug!(
-            layers = capacity,
-            ?self.class,
-            bytes = self.arrays.iter().map(|a| a.format.texel_bytes()).sum::<usize>(),
-            "sample pool grown"
-        );
+        tracing::debug!(layers = capacity, ?self.class, "sample pool grown");
     }
 }

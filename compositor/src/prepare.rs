@@ -8,7 +8,7 @@ use argus_shaders::layout::compositor::{Fill, MAX_SAMPLES, Splat, ViewSample, Vi
 use bytemuck::Zeroable;
 use glam::DVec2;
 
-use crate::cull::{VisibleTile, cell_size, push_blocks, visible_tiles};
+use crate::cull::{VisibleTile, cell_size, push_blocks, spacings, visible_tiles};
 use crate::geometry::{PixelFromFace, ViewGeometry, bounds_about, view_sample};
 use crate::holdings::{Held, Holdings};
 use crate::layout::{Piece, Rect};
@@ -26,12 +26,19 @@ pub(crate) struct PreparedView {
     pub(crate) pool: usize,
     pub(crate) omni: bool,
     pub(crate) glossy: bool,
+    /// Level of the samples whose texels are no larger than most sub-pixels.
+    pub(crate) level: u32,
+    /// Whether sub-pixels are of a size between its texels and the next coarser one's.
+    pub(crate) between_levels: bool,
     geometry: ViewGeometry,
     steps: u32,
     /// Sub-pixels on the edge of a cell.
-    cell: u32,
+    pub(crate) cell: u32,
     sources: Vec<SplatSource>,
 }
+
+/// Texels of a level on the edge of a pixel, up to which it serves it alone: `fetch_from` in `shaders/shared/fetch.wgsl`.
+const LEVEL_TEXELS: f64 = 0.707;
 
 /// Cells of a splat that is only a search's beginning: so many times as large as those of one that is the search.
 const SEED: u32 = 4;
@@ -83,6 +90,8 @@ impl PreparedView {
             pool,
             omni: class.omni,
             glossy: class.glossy,
+            level: 0,
+            between_levels: false,
             geometry,
             steps: *steps,
             cell: 1,
@@ -105,8 +114,12 @@ impl PreparedView {
             }
         }
         let tiles = self.sources.iter().flat_map(|source| &source.tiles);
+        let [dense, spacing] = spacings(tiles, self.geometry.size);
         let coarser = if self.search == Search::Seeded { SEED } else { 1 };
-        self.cell = cell_size(tiles, self.geometry.size).saturating_mul(coarser);
+        self.cell = cell_size(spacing, self.geometry.size).saturating_mul(coarser);
+        let level = |spacing: f64| (LEVEL_TEXELS / spacing.max(1e-6)).log2().max(0.0);
+        self.level = level(spacing) as u32;
+        self.between_levels = self.search == Search::Splat && level(dense) > f64::from(self.level);
     }
 
     /// Whether its search begins with a splat.

@@ -244,7 +244,7 @@ fn malformed_samples_are_refused_and_change_nothing() {
 #[test]
 fn more_samples_than_memory_are_refused() {
     let set = garden_set(false);
-    let knobs = CompositorKnobs { max_sample_bytes: 100 * 75 * 10 * 3, ..CompositorKnobs::default() };
+    let knobs = CompositorKnobs { max_sample_bytes: 100 * 75 * 15 * 3, ..CompositorKnobs::default() };
     let mut compositor = GpuCompositor::with_knobs(gpu(), knobs).unwrap();
     assert!(matches!(compositor.hold(&set), Err(RenderError::OutOfMemory(_))));
     assert_eq!(compositor.held(), 0);

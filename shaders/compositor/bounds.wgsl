@@ -8,11 +8,11 @@ struct TileBounds {
     first_tile: u32,
     tile_columns: u32,
     tile_rows: u32,
+    // Texels on the edge of a tile.
+    tile_side: u32,
 }
 
 var<immediate> face: TileBounds;
-
-const TILE: u32 = 16u;
 
 @group(0) @binding(0) var inverse_range: texture_2d_array<f32>;
 // Least and greatest inverse range of a tile's surfaces; 0 and 0 where it shows none.
@@ -25,8 +25,10 @@ fn bound_tile(@builtin(global_invocation_id) id: vec3u) {
     }
     var least = 0.0;
     var most = 0.0;
-    for (var i = 0u; i < TILE * TILE; i++) {
-        let texel = id.xy * TILE + vec2u(i % TILE, i / TILE);
+    let side = face.tile_side;
+    // Not the bare immediate, see `not_baked` in shared/fetch.wgsl.
+    for (var i = 0u; i < min(side * side, arrayLength(&tiles) * 0x1000u); i++) {
+        let texel = id.xy * side + vec2u(i % side, i / side);
         let inside = all(texel < face.face_size);
         let stored = textureLoad(inverse_range, face.face_offset + min(texel, face.face_size - 1u), face.layer, 0).x;
         // Positive, finite and not NaN, by its bits.

@@ -3,9 +3,9 @@
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
 import package::shared::fetch::{
-    Fetch, POINTS, SETTLED, crossing_of_bounds, direction_of, fetch_from, is_better, not_baked, nothing_at, opinions_of,
-    position_of, view,
+    Fetch, SETTLED, direction_of, fetch_from, is_better, is_clear, not_baked, nothing_at, position_of, view,
 };
+import package::shared::left_over::{place_of, stretch_of};
 import package::shared::pixel::{CERTAIN, OTHER, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
 import package::shared::targets::{store_linear, store_shown};
 
@@ -47,18 +47,6 @@ fn farther(a: Depth, at: i32) -> Depth {
     return Depth(select(a.q, b.q, second), select(a.source, b.source, second));
 }
 
-// Whether at every point that is checked, eight of them up to where the ray leaves the scene's bounds, some sample looks
-// past it.
-fn is_clear(d: vec3f) -> bool {
-    let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
-    let step = (span.y - span.x) / f32(POINTS);
-    var clear = 0u;
-    for (var i = 0u; i < not_baked(view.sample_count) && clear != (1u << POINTS) - 1u; i++) {
-        clear |= opinions_of(view.samples[i], d, span.x, step).clear;
-    }
-    return clear == (1u << POINTS) - 1u;
-}
-
 fn mend(place: vec2u) -> Pixel {
     let position = position_of(vec2f(place) + 0.5);
     let d = direction_of(position);
@@ -76,12 +64,12 @@ fn mend(place: vec2u) -> Pixel {
     let became = depth_of(depths[at]);
     let trial = became.q < 0.0;
     var found = look_up(d, Depth(select(behind.q, -became.q, trial), select(behind.source, became.source, trial)));
-    for (var k = 0u; k < 1u && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
+    for (var k = 0u; k < not_baked(1u) && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
         found = look_up(d, was);
     }
     // A loop, since the software driver leaves one that no pixel needs, where it would run a branch.
     var clear = false;
-    for (var k = 0u; k < 1u && !found.settled; k++) {
+    for (var k = 0u; k < not_baked(1u) && !found.settled; k++) {
         clear = is_clear(d);
     }
     if found.settled {
@@ -98,24 +86,20 @@ fn mend(place: vec2u) -> Pixel {
     return unresolved_pixel(found.fetch, d);
 }
 
-// Place number `slot` of this piece's list.
-fn place_of(slot: u32) -> vec2u {
-    let packed = unsettled[view.first_unsettled + slot];
-    return vec2u(packed & 0xffffu, packed >> 16u);
-}
-
 @compute @workgroup_size(64)
 fn show(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
-        let place = place_of(slot);
+    let stretch = stretch_of(id.x, groups.x * 64u);
+    for (var i = 0u; i < unsettled[stretch.counts]; i++) {
+        let place = place_of(unsettled[stretch.first + i]);
         store_shown(place, mend(place));
     }
 }
 
 @compute @workgroup_size(64)
 fn keep(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    for (var slot = id.x; slot < unsettled[view.piece]; slot += groups.x * 64u) {
-        let place = place_of(slot);
+    let stretch = stretch_of(id.x, groups.x * 64u);
+    for (var i = 0u; i < unsettled[stretch.counts]; i++) {
+        let place = place_of(unsettled[stretch.first + i]);
         store_linear(place, mend(place));
     }
 }

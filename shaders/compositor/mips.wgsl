@@ -1,8 +1,12 @@
 // Program of compositor/src/passes/mips.rs: a coarser level of a sample's radiance from the next finer one. Each texel
 // averages those of four that are of one surface, as the sampler's texels do (one surface a texel): radiance averaged
 // across a silhouette would smear the foreground onto what is behind it.
+//
+// Beside each level of radiance lies one of the display plane: what a view shows of the texel, exposed and in sRGB, a byte
+// each, and whether it reflects what depends on the viewer. Software filters bytes at a quarter of what shared exponents
+// cost, and most pixels of a view need nothing else.
 
-import package::shared::encode::rgb9e5_from_radiance;
+import package::shared::encode::{display_from_radiance, rgb9e5_from_radiance};
 
 struct Mips {
     // Texels of this level and of the finer one.
@@ -17,6 +21,9 @@ struct Mips {
     // First word of this level's texels, and words from row to row.
     word: u32,
     pitch: u32,
+    exposure: f32,
+    // The samples carry what specular needs.
+    glossy: u32,
 }
 
 var<immediate> mips: Mips;
@@ -29,6 +36,10 @@ override wide: bool = false;
 @group(0) @binding(1) var radiance: texture_2d_array<f32>;
 @group(0) @binding(2) var<storage, read_write> ranges: array<f32>;
 @group(0) @binding(3) var<storage, read_write> words: array<u32>;
+// This level alone.
+// Any other where samples have none, and not looked at.
+@group(0) @binding(5) var specular: texture_2d_array<f32>;
+@group(0) @binding(4) var display: texture_storage_2d_array<rgba8unorm, write>;
 
 // Relative difference of inverse range within which two texels are of one surface: more than the steepest ground that is
 // worth averaging changes from texel to texel, less than most silhouettes.
@@ -44,6 +55,25 @@ fn range_at(texel: vec2u) -> f32 {
 // Which of four inverse ranges are of the surface of one of them, a bit each.
 fn like(four: vec4f, one: f32) -> vec4f {
     return select(vec4f(0.0), vec4f(1.0), abs(four - one) <= vec4f(ONE_SURFACE * one));
+}
+
+// What a view shows of a texel of this level.
+fn store_display(texel: vec2u, mean: vec3f) {
+    // One of the finest texels within.
+    let size = vec2f(textureDimensions(specular));
+    let place = vec2u((vec2f(texel) + 0.5) / vec2f(mips.size) * size);
+    let lobe = textureLoad(specular, select(vec2u(0u), place, mips.glossy != 0u), mips.layer, 0).rgb;
+    let is_glossy = mips.glossy != 0u && any(lobe > vec3f(0.0));
+    let shown = unpack4x8unorm(display_from_radiance(mean, mips.exposure)).rgb;
+    textureStore(display, texel, mips.layer, vec4f(shown, select(0.0, 1.0, is_glossy)));
+}
+
+// The finest level of the display plane.
+@compute @workgroup_size(8, 8)
+fn finest(@builtin(global_invocation_id) id: vec3u) {
+    if all(id.xy < mips.size) {
+        store_display(id.xy, textureLoad(radiance, id.xy, mips.layer, 0).rgb);
+    }
 }
 
 @compute @workgroup_size(8, 8)
@@ -79,6 +109,7 @@ fn coarsen(@builtin(global_invocation_id) id: vec3u) {
     sum += mask.w * textureLoad(radiance, d, mips.layer, 0).rgb;
     let mean = sum / count;
     ranges[mips.range + id.y * mips.size.x + id.x] = dot(mask, select(vec4f(0.0), four, mask > vec4f(0.0))) / count;
+    store_display(id.xy, mean);
     if wide {
         let at = mips.word + id.y * mips.pitch + 2u * id.x;
         words[at] = pack2x16float(mean.rg);

@@ -229,6 +229,20 @@ fn opinions_of(s: ViewSample, d: vec3f, start: f32, step: f32) -> Opinions {
     return all;
 }
 
+// Whether at every point that is checked, eight of them up to where the ray leaves the scene's bounds, some sample looks
+// past it.
+fn is_clear(d: vec3f) -> bool {
+    let all = (1u << POINTS) - 1u;
+    let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
+    let step = (span.y - span.x) / f32(POINTS);
+    // Nothing is outside of the bounds.
+    var clear = select(0u, all, span.x >= span.y);
+    for (var i = 0u; i < not_baked(view.sample_count) && clear != all; i++) {
+        clear |= opinions_of(view.samples[i], d, span.x, step).clear;
+    }
+    return clear == all;
+}
+
 // Depths at which a direction enters and leaves the scene's bounds, the entry at least 0; entry >= exit where it
 // misses them.
 fn crossing_of_bounds(bounds_min: vec3f, bounds_max: vec3f, d: vec3f) -> vec2f {

@@ -11,6 +11,9 @@ override glossy: bool = false;
 // The view asks for how sure its pixels are. Else no sample is looked up for it.
 override confident: bool = false;
 
+// Pixels are wanted as linear radiance: they are still to be averaged.
+override linear: bool = false;
+
 @group(0) @binding(6) var normal_plane: texture_2d_array<f32>;
 @group(0) @binding(7) var specular_plane: texture_2d_array<f32>;
 @group(0) @binding(8) var<storage, read> lights: array<Light>;
@@ -32,9 +35,16 @@ struct Pixel {
     position: vec3f,
     uv: vec2f,
     layer: u32,
+    // Its radiance is as the target has it: lit, and unless targets are linear exposed and in sRGB, 0..1.
+    drawn: bool,
 }
 
 const UNRESOLVED: u32 = 255u;
+
+// Marks of pixels that the warp leaves to others, in place of a source: one sample at the splatted depth did not settle it;
+// it is settled but for what its viewer alone sees.
+const LEFT_OVER: u32 = 254u;
+const HIGHLIGHT: u32 = 253u;
 
 // Added to the source where another sample serves the pixel than the one whose texel gave it its depth.
 const OTHER: u32 = 64u;
@@ -55,7 +65,7 @@ fn confidence_of(fetched: Fetch, index: u32, d: vec3f) -> u32 {
 }
 
 fn sky_pixel(d: vec3f) -> Pixel {
-    return Pixel(sky_radiance(view.lighting, normalize(d)), 0u, CERTAIN, 0.0, vec3f(0.0), vec2f(0.0), 0u);
+    return Pixel(sky_radiance(view.lighting, normalize(d)), 0u, CERTAIN, 0.0, vec3f(0.0), vec2f(0.0), 0u, false);
 }
 
 // Texture coordinates at which a fetch from a coarser level stays on the face of a cube that it is about: a face's ring is
@@ -79,7 +89,8 @@ fn surface_pixel(fetched: Fetch, index: u32, d: vec3f) -> Pixel {
     if confident {
         confidence = confidence_of(fetched, index, d);
     }
-    return Pixel(finite_or_zero(texel), index + 1u, confidence, length(position), position, fetched.uv, fetched.layer);
+    let range = length(position);
+    return Pixel(finite_or_zero(texel), index + 1u, confidence, range, position, fetched.uv, fetched.layer, false);
 }
 
 // A pixel that no sample saw shows what lies farthest where the first sample looks: background goes on behind
@@ -98,13 +109,12 @@ fn unresolved_pixel(fetched: Fetch, d: vec3f) -> Pixel {
 // The pixel with the highlight that its viewer, and not the sample, sees.
 fn with_specular(pixel: Pixel) -> Pixel {
     let stored = textureSampleLevel(specular_plane, bilinear, pixel.uv, pixel.layer, 0.0);
-    let encoded = textureSampleLevel(normal_plane, nearest, pixel.uv, pixel.layer, 0.0).xy;
     var result = pixel;
-    if pixel.range > 0.0 && any(stored.rgb > vec3f(0.0)) {
+    // A loop, since the software driver leaves one that none of its eight pixels needs, where it would run a branch.
+    for (var k = 0u; k < 1u && pixel.range > 0.0 && any(stored.rgb > vec3f(0.0)); k++) {
         let to_eye = -pixel.position / pixel.range;
-        let surface = Surface(
-            pixel.position, unit_from_octahedral(encoded), vec3f(0.0), vec3f(0.0), stored.rgb, stored.a,
-        );
+        let normal = unit_from_octahedral(textureSampleLevel(normal_plane, nearest, pixel.uv, pixel.layer, 0.0).xy);
+        let surface = Surface(pixel.position, normal, vec3f(0.0), vec3f(0.0), stored.rgb, stored.a);
         var sum = specular_sky(surface, to_eye, view.lighting);
         // Not the bare uniform: Mesa's software driver bakes a uniform that bounds a loop into the machine code, and
         // compiles the shader again (45 ms and more) for each draw that comes with another uniform buffer.
@@ -130,7 +140,7 @@ fn encoded(linear: vec3f) -> vec3f {
 
 // The pixel as its viewer sees it.
 fn lit(pixel: Pixel) -> Pixel {
-    if glossy {
+    if glossy && !pixel.drawn {
         return with_specular(pixel);
     }
     return pixel;
@@ -145,8 +155,9 @@ struct Shown {
 
 fn shown(found: Pixel) -> Shown {
     let pixel = lit(found);
-    let color = floor(encoded(pixel.radiance * view.lighting.exposure) * 255.0 + 0.5);
-    return Shown(vec4u(vec3u(color), pixel.source), pixel.range, pixel.confidence);
+    let is_shown = pixel.drawn && !linear;
+    let color = select(encoded(pixel.radiance * view.lighting.exposure), pixel.radiance, is_shown) * 255.0;
+    return Shown(vec4u(vec3u(floor(color + 0.5)), pixel.source), pixel.range, pixel.confidence);
 }
 
 // A pixel that is still to be averaged with others: linear radiance and the source.

@@ -65,7 +65,7 @@ impl Default for Options {
                 Search::Seeded => &[2, 4],
                 Search::Splat | Search::Pyramid => &[],
             },
-            resolutions: vec![0.5, 1.5],
+            resolutions: vec![0.5, 1.5, 2.0, 4.0],
             rounds: 3,
             round_ms: 600.0,
             reference_samples: 16,
@@ -172,12 +172,16 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let directs = [1, 4, 16].map(|samples_per_pixel| Way::Direct { samples_per_pixel });
     let ways: Vec<Way> = directs.into_iter().chain(study.grid(&bench)).collect();
     let rigs = options.resolutions.iter().map(|&factor| finer(&bench.info.rig, factor)).collect::<Vec<_>>();
-    progress.set_length(((ways.len() + 2 * rigs.len()) * (options.rounds + 1)) as u64);
+    let few = |samples| {
+        let way = move |&side: &u32| Way::Warp { search: Search::default(), steps: None, samples, side };
+        options.supersampling.iter().map(way)
+    };
+    let few: Vec<Way> = few(2).chain(few(4)).collect();
+    progress.set_length(((ways.len() + few.len() * rigs.len()) * (options.rounds + 1)) as u64);
     let fetch_ms = study.measure(&mut bench, &ways, progress)?;
     for rig in rigs {
-        let few = |samples| Way::Warp { search: Search::default(), steps: None, samples, side: 1 };
         bench.replace_rig(&rig, &study.held)?;
-        study.measure(&mut bench, &[few(2), few(4)], progress)?;
+        study.measure(&mut bench, &few, progress)?;
     }
     Ok(study.report(&bench, &gpu, fetch_ms))
 }

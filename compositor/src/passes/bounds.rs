@@ -8,7 +8,7 @@ use argus_scene::camera::Face;
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::layout::compositor::TileBounds;
 
-use crate::cull::{FaceTiles, TILE};
+use crate::cull::{FaceTiles, tile_side};
 use crate::pool::Pool;
 
 /// The pass, run once a sample.
@@ -28,7 +28,7 @@ impl BoundsPass {
         gpu: &Arc<Gpu>,
         samples: &[(&Pool, u32, Vec<Face>)],
     ) -> Result<Vec<Vec<FaceTiles>>, RenderError> {
-        let tiles_of = |face: &Face| face.size.map(|side| side.div_ceil(TILE));
+        let tiles_of = |face: &Face| face.size.map(|side| side.div_ceil(tile_side(face)));
         let count: u32 = samples
             .iter()
             .flat_map(|(_, _, faces)| faces)
@@ -48,6 +48,8 @@ impl BoundsPass {
                     first_tile,
                     tile_columns,
                     tile_rows,
+                    tile_side: tile_side(face),
+                    _pad: 0,
                 };
                 commands
                     .compute("bound tiles", &self.pipeline)

@@ -18,7 +18,7 @@ impl FloorPass {
         commands: &mut Commands,
         canvas: &Canvas<'_>,
     ) -> Result<(), RenderError> {
-        let variant = Variant { confident: false, ..canvas.variant };
+        let variant = Variant { confident: false, between_levels: false, ..canvas.variant };
         let pipeline = self.0.entry((variant.fine, variant.range)).or_insert_with(|| {
             gpu.render_pipeline(&RenderPipelineDesc {
                 program: &argus_shaders::compositor::FLOOR,

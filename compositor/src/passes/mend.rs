@@ -1,4 +1,5 @@
-//! Program: `shaders/compositor/mend.wgsl`. Tries pixels that the warp left over in all samples.
+//! Programs: `shaders/compositor/collect.wgsl` and `mend.wgsl`. Lists the pixels that the warp left over, and tries them in
+//! all samples.
 
 use std::collections::BTreeMap;
 
@@ -7,9 +8,27 @@ use argus_scene::RenderError;
 
 use crate::drawing::{Canvas, Extra, Splatted, Variant};
 
-/// The pass: one dispatch a piece.
+/// The pass: two dispatches a piece, the list and what is done with it.
 #[derive(Debug, Default)]
-pub(crate) struct MendPass(BTreeMap<Variant, ComputePipeline>);
+pub(crate) struct MendPass {
+    collect: BTreeMap<&'static str, ComputePipeline>,
+    mend: BTreeMap<Variant, ComputePipeline>,
+}
+
+/// Invocations of a workgroup; the programs', held to them by test.
+const GROUP: u32 = 64;
+
+/// The most of them.
+const GROUPS: u32 = 16;
+
+/// Places of a list beside one a pixel: two counts an invocation, and what is rounded up.
+pub(crate) const COUNTS: u32 = 3 * GROUP * GROUPS;
+
+/// Workgroups that share a piece's list on this device.
+pub(crate) fn groups(gpu: &Gpu) -> u32 {
+    // The software driver runs them one after another, and even those that find nothing to do are not free.
+    if gpu.is_software() { 1 } else { GROUPS }
+}
 
 impl MendPass {
     pub(crate) fn record(
@@ -20,24 +39,36 @@ impl MendPass {
         splatted: &Splatted,
     ) -> Result<(), RenderError> {
         // What is written to a range that is not there is dropped: one pipeline does.
-        let variant = Variant { range: true, ..canvas.variant };
-        let pipeline = self.0.entry(variant).or_insert_with(|| {
-            let program = &argus_shaders::compositor::MEND;
-            gpu.compute_pipeline_with(program, variant.entry_point(), &variant.constants())
+        let variant = Variant { range: true, between_levels: false, ..canvas.variant };
+        let entry = variant.entry_point();
+        let collect = self
+            .collect
+            .entry(entry)
+            .or_insert_with(|| gpu.compute_pipeline(&argus_shaders::compositor::COLLECT, entry));
+        let mend = self.mend.entry(variant).or_insert_with(|| {
+            gpu.compute_pipeline_with(&argus_shaders::compositor::MEND, entry, &variant.constants())
         });
-        let mut bindings = canvas.shared.bindings()?;
-        bindings.extend([
-            Extra::read("depths", &splatted.depths),
-            Extra::read("unsettled", &splatted.unsettled),
-            Extra::read("cells", &splatted.cells),
-        ]);
-        // Workgroups that share a piece's list. Its length is only known on the device, and an indirect dispatch costs
-        // more than workgroups that find nothing to do; on a software driver even those are not free.
-        let groups = if gpu.is_software() { 1 } else { 16 };
+        let groups = groups(gpu);
+        let image = if variant.fine { "linear_image" } else { "shown_image" };
+        let mut pass = commands.compute_pass("collect pixels");
+        for draw in canvas.draws {
+            pass.call(collect)
+                .read("view", &draw.view)
+                .read(image, &canvas.targets.color.view)
+                .write("unsettled", &splatted.unsettled)
+                .dispatch([groups, 1, 1]);
+        }
+        drop(pass);
         let storage = canvas.targets.storage(variant);
         let mut pass = commands.compute_pass("mend pixels");
         for draw in canvas.draws {
-            let mut call = pass.call(pipeline).read("view", &draw.view);
+            let mut call = pass.call(mend).read("view", &draw.view);
+            let mut bindings = canvas.shared.bindings()?;
+            bindings.extend([
+                Extra::read("depths", &splatted.depths),
+                Extra::read("unsettled", &splatted.unsettled),
+                Extra::read("cells", &splatted.cells),
+            ]);
             for extra in &bindings {
                 call = call.read(extra.name, extra.resource);
             }

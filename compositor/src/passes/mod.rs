@@ -1,10 +1,12 @@
 //! One file a pass; the first line of each names its program.
 
 pub(crate) mod bounds;
+pub(crate) mod clear;
 pub(crate) mod fill;
 pub(crate) mod fixed_point;
 pub(crate) mod floor;
 pub(crate) mod halve;
+pub(crate) mod highlight;
 pub(crate) mod linear;
 pub(crate) mod mend;
 pub(crate) mod mips;

@@ -14,7 +14,7 @@ impl WarpPass {
     pub(crate) const NAME: &str = "warp views";
 
     pub(crate) fn new() -> Self {
-        Self(Drawing::new(&argus_shaders::compositor::WARP, Self::NAME))
+        Self(Drawing::of_display(&argus_shaders::compositor::WARP, Self::NAME))
     }
 
     pub(crate) fn record(
@@ -24,8 +24,6 @@ impl WarpPass {
         canvas: &Canvas<'_>,
         splatted: &Splatted,
     ) -> Result<(), RenderError> {
-        let extras =
-            [Extra::read("depths", &splatted.depths), Extra::write("unsettled", &splatted.unsettled)];
-        self.0.record(gpu, commands, canvas, &extras)
+        self.0.record(gpu, commands, canvas, &[Extra::read("depths", &splatted.depths)])
     }
 }

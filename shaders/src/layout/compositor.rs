@@ -9,6 +9,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     ViewUniform::MIRROR,
     Splat::MIRROR,
     Fill::MIRROR,
+    Clear::MIRROR,
     Resolve::MIRROR,
     TileBounds::MIRROR,
     Halve::MIRROR,
@@ -141,6 +142,18 @@ mirror! {
 }
 
 mirror! {
+    /// The cells of one piece: `compositor/clear.wgsl`.
+    pub struct Clear {
+        /// Columns.
+        pub columns: u32,
+        /// Rows.
+        pub rows: u32,
+        /// Cells on the edge of a block.
+        pub side: u32,
+    }
+}
+
+mirror! {
     /// One supersampled piece: `compositor/resolve.wgsl`.
     pub struct Resolve {
         /// Where it lies in the supersampled target.
@@ -173,6 +186,10 @@ mirror! {
         pub word: u32,
         /// Words from row to row.
         pub pitch: u32,
+        /// Radiance to display-linear.
+        pub exposure: f32,
+        /// Whether samples carry what specular needs.
+        pub glossy: u32,
     }
 }
 
@@ -191,6 +208,10 @@ mirror! {
         pub tile_columns: u32,
         /// Rows of tiles.
         pub tile_rows: u32,
+        /// Texels on the edge of a tile.
+        pub tile_side: u32,
+        /// WGSL rounds the struct up to 8 bytes.
+        pub _pad: u32,
     }
 }
 

@@ -1,0 +1,48 @@
+//! Program: `shaders/compositor/clear.wgsl`. Finds the cells that show the sky.
+
+use std::collections::BTreeMap;
+
+use argus_gpu::{Commands, ComputePipeline, Gpu};
+use argus_scene::{PlaneKind, RenderError};
+use argus_shaders::layout::compositor::Clear;
+
+use crate::drawing::{Draw, Shared, Splatted};
+
+/// The pass: one dispatch a piece. Its pipelines are by whether samples are cubes.
+#[derive(Debug, Default)]
+pub(crate) struct ClearPass(BTreeMap<bool, ComputePipeline>);
+
+/// Sub-pixels on the edge of a block that one ray is followed for.
+const BLOCK: u32 = 4;
+
+impl ClearPass {
+    /// Looks at the cells of pieces.
+    pub(crate) fn record(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        draws: &[Draw<'_>],
+        shared: &Shared<'_>,
+        splatted: &Splatted,
+    ) -> Result<(), RenderError> {
+        let omni = shared.pool.class.omni;
+        let pipeline = self.0.entry(omni).or_insert_with(|| {
+            let constants = [("omni", f64::from(u8::from(omni)))];
+            gpu.compute_pipeline_with(&argus_shaders::compositor::CLEAR, "clear_block", &constants)
+        });
+        let inverse_range = shared.pool.view(PlaneKind::InverseRange)?;
+        let mut pass = commands.compute_pass("clear cells");
+        for (draw, fill) in draws.iter().filter_map(|draw| Some((draw, draw.fill?))) {
+            let side = (BLOCK / draw.cell).max(1);
+            let immediates = Clear { columns: fill.columns as u32, rows: fill.rows as u32, side };
+            pass.call(pipeline)
+                .read("view", &draw.view)
+                .read("inverse_range", inverse_range)
+                .read("nearest", shared.nearest)
+                .write("depths", &splatted.depths)
+                .immediates(bytemuck::bytes_of(&immediates))
+                .dispatch_threads([immediates.columns.div_ceil(side), immediates.rows.div_ceil(side), 1]);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,66 @@
+// Program of compositor/src/passes/mend.rs: lists the pixels of a piece that the warp marked, for `mend.wgsl`.
+
+import package::shared::fetch::view;
+import package::shared::left_over::{packed_place, stretch_of};
+import package::shared::pixel::{HIGHLIGHT, LEFT_OVER};
+
+@group(0) @binding(10) var<storage, read_write> unsettled: array<u32>;
+// What the warp wrote: one of the two.
+@group(0) @binding(17) var shown_image: texture_2d<u32>;
+@group(0) @binding(18) var linear_image: texture_2d<f32>;
+
+fn mark_in_shown(place: vec2u) -> u32 {
+    return textureLoad(shown_image, place, 0).a;
+}
+
+fn mark_in_linear(place: vec2u) -> u32 {
+    return u32(textureLoad(linear_image, place, 0).a);
+}
+
+// The place of the invocation's pixel number k.
+fn place_in_target(k: u32) -> vec2u {
+    // Integers are divided one by one on the software driver; a piece has so few pixels that a float is exact enough.
+    let row = floor((f32(k) + 0.5) / f32(view.piece_size.x));
+    return vec2u(view.target_origin) + vec2u(k - u32(row) * view.piece_size.x, u32(row));
+}
+
+// Adds a pixel to the invocation's stretch, where it has so many at its front and at its back.
+fn add(place: vec2u, mark: u32, first: u32, length: u32, have: vec2u) -> vec2u {
+    let is_front = mark == LEFT_OVER;
+    let slot = select(first + length - 1u - have.y, first + have.x, is_front);
+    unsettled[slot] = packed_place(place);
+    return have + select(vec2u(0u, 1u), vec2u(1u, 0u), is_front);
+}
+
+@compute @workgroup_size(64)
+fn show(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let stretch = stretch_of(id.x, groups.x * 64u);
+    // Not the bare uniform, see `not_baked` in shared/fetch.wgsl.
+    let pixels = min(view.piece_size.x * view.piece_size.y, arrayLength(&unsettled));
+    var have = vec2u(0u);
+    for (var k = id.x; k < pixels; k += groups.x * 64u) {
+        let place = place_in_target(k);
+        let mark = mark_in_shown(place);
+        for (var i = 0u; i < min(1u, pixels) && mark >= HIGHLIGHT && mark <= LEFT_OVER; i++) {
+            have = add(place, mark, stretch.first, stretch.length, have);
+        }
+    }
+    unsettled[stretch.counts] = have.x;
+    unsettled[stretch.counts + 1u] = have.y;
+}
+
+@compute @workgroup_size(64)
+fn keep(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let stretch = stretch_of(id.x, groups.x * 64u);
+    let pixels = min(view.piece_size.x * view.piece_size.y, arrayLength(&unsettled));
+    var have = vec2u(0u);
+    for (var k = id.x; k < pixels; k += groups.x * 64u) {
+        let place = place_in_target(k);
+        let mark = mark_in_linear(place);
+        for (var i = 0u; i < min(1u, pixels) && mark >= HIGHLIGHT && mark <= LEFT_OVER; i++) {
+            have = add(place, mark, stretch.first, stretch.length, have);
+        }
+    }
+    unsettled[stretch.counts] = have.x;
+    unsettled[stretch.counts + 1u] = have.y;
+}
