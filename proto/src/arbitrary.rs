@@ -154,23 +154,21 @@ pub(crate) fn plan_request() -> impl Strategy<Value = PlanRequest> {
     let real = || option::of(any::<f64>().prop_filter("comparable", |x| !x.is_nan()));
     (
         (any::<bool>(), option::of(search()), number(), number(), number()),
-        (option::of(holes()), option::of(preset()), real(), real(), any::<bool>()),
+        (option::of(holes()), option::of(preset()), real(), real()),
     )
         .prop_map(
-            |(
-                (direct, search, steps, supersampling, samples),
-                (holes, preset, max_error, deadline_ms, history),
-            )| PlanRequest {
-                direct,
-                search,
-                steps,
-                supersampling,
-                samples,
-                holes,
-                preset,
-                max_error,
-                deadline_ms,
-                history,
+            |((direct, search, steps, supersampling, samples), (holes, preset, max_error, deadline_ms))| {
+                PlanRequest {
+                    direct,
+                    search,
+                    steps,
+                    supersampling,
+                    samples,
+                    holes,
+                    preset,
+                    max_error,
+                    deadline_ms,
+                }
             },
         )
 }
@@ -183,9 +181,9 @@ pub(crate) fn plan() -> impl Strategy<Value = Plan> {
     let samples = prop::collection::vec(sample_id(), 1..=8);
     prop_oneof![
         (1..=16u32).prop_map(|side| Plan::Direct { samples_per_pixel: side * side }),
-        (search(), 1..=4096u32, 1..=8u32, samples, holes(), any::<bool>()).prop_map(
-            |(search, steps, supersampling, samples, holes, history)| {
-                Plan::Warp(Warp { search, steps, supersampling, samples, holes, history })
+        (search(), 1..=4096u32, 1..=8u32, samples, holes()).prop_map(
+            |(search, steps, supersampling, samples, holes)| {
+                Plan::Warp(Warp { search, steps, supersampling, samples, holes })
             }
         ),
     ]

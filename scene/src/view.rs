@@ -169,22 +169,12 @@ pub struct Warp {
     pub samples: Vec<SampleId>,
     /// What becomes of pixels that none of the samples saw.
     pub holes: Holes,
-    /// The search may start from the depth of the session's previous frame. Bytes then depend on more than the
-    /// provenance says, which is why it says so.
-    pub history: bool,
 }
 
 impl Default for Warp {
     /// The splat of no samples: for `..Warp::default()`.
     fn default() -> Self {
-        Self {
-            search: Search::Splat,
-            steps: 64,
-            supersampling: 1,
-            samples: Vec::new(),
-            holes: Holes::Mark,
-            history: false,
-        }
+        Self { search: Search::Splat, steps: 64, supersampling: 1, samples: Vec::new(), holes: Holes::Mark }
     }
 }
 
@@ -232,8 +222,6 @@ pub struct PlanRequest {
     pub max_error: Option<f64>,
     /// Milliseconds that rendering may take, above 0.
     pub deadline_ms: Option<f64>,
-    /// A session's frames may start their search from the depth of the frame before.
-    pub history: bool,
 }
 
 /// What a client asks for.

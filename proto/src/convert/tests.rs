@@ -141,7 +141,6 @@ fn a_pinned_plan_that_nobody_could_render_is_rejected_below_pin() {
             supersampling: 1,
             samples: vec![SampleId { epoch: 0, generation: 1, index: 0 }.into()],
             holes: v1::Holes::Unspecified as i32,
-            history: false,
         };
         change(&mut plan);
         Plan::try_from(v1::Plan { kind: Some(v1::plan::Kind::Warp(plan)) })

@@ -159,7 +159,6 @@ impl From<&PlanRequest> for v1::PlanRequest {
             preset: plan.preset.map(|preset| v1::Preset::from(preset) as i32),
             max_error: plan.max_error,
             deadline_ms: plan.deadline_ms,
-            history: plan.history,
         }
     }
 }
@@ -178,7 +177,6 @@ impl TryFrom<v1::PlanRequest> for PlanRequest {
             preset: wire.preset.map(preset).transpose()?.flatten(),
             max_error: wire.max_error,
             deadline_ms: wire.deadline_ms,
-            history: wire.history,
         })
     }
 }
@@ -196,7 +194,6 @@ impl From<&Plan> for v1::Plan {
                 supersampling: warp.supersampling,
                 samples: warp.samples.iter().map(|id| (*id).into()).collect(),
                 holes: v1::Holes::from(warp.holes) as i32,
-                history: warp.history,
             }),
         };
         Self { kind: Some(kind) }
@@ -239,7 +236,6 @@ impl TryFrom<v1::Plan> for Plan {
                     supersampling: within("plan.warp.supersampling", plan.supersampling, 1, 8)?,
                     samples: plan.samples.into_iter().map(Into::into).collect(),
                     holes: holes(plan.holes, "plan.warp.holes")?.unwrap_or_default(),
-                    history: plan.history,
                 })
             }
         })

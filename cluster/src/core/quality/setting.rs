@@ -49,7 +49,7 @@ impl Setting {
             Self::Warp { search, steps, supersampling, holes, .. } => {
                 // A number that means nothing is the same as in a plan that nobody chose.
                 let steps = if search.takes_steps() { steps } else { search.usual_steps() };
-                Plan::Warp(Warp { search, steps, supersampling, samples, holes, history: false })
+                Plan::Warp(Warp { search, steps, supersampling, samples, holes })
             }
         }
     }
