@@ -138,8 +138,8 @@ fn the_megaviews_study_counts_fewer_pairs_than_manylods_and_says_what_it_extrapo
         assert_eq!(exact["extrapolated"], true, "of 96 views");
         assert!(number(exact, "wrong_shadow_fraction") < number(alone, "wrong_shadow_fraction"));
     }
-    let plot = std::fs::read_to_string(folder.path().join("megaviews-views.svg")).unwrap();
-    assert!(plot.contains("megaviews, four-bounce"));
+    let plot = std::fs::read_to_string(folder.path().join("megaviews-views-four-bounce.svg")).unwrap();
+    assert!(plot.contains("megaviews") && plot.contains("raster"));
 }
 
 #[test]

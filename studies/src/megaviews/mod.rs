@@ -361,26 +361,25 @@ fn row(subject: &Subject<'_>, options: &Options, views: u32, measured: &Measured
     pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
-/// Time against the number of views, for each placement; and against resolution where there are several.
+/// For each placement, time against the number of views; and against resolution where there are several.
 fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
     let number =
         |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
     let scene = options.scene.rsplit('/').next().unwrap_or_default();
-    let draw = |name: &str, x: &str, label: &str, fixed: &str, value: f64| {
-        let series = options.placements.iter().flat_map(|placement| {
-            options.methods.iter().map(move |method| (placement.name(), method.name()))
-        });
-        let series = series.map(|(placement, method)| {
+    let draw = |placement: Placement, x: &str, label: &str, fixed: &str, value: f64| {
+        let series = options.methods.iter().map(|method| {
             let of = |row: &&Map<String, Value>| {
-                row["placement"] == placement && row["method"] == method && number(row, fixed) == value
+                row["placement"] == placement.name()
+                    && row["method"] == method.name()
+                    && number(row, fixed) == value
             };
             let points =
                 rows.iter().filter(of).map(|row| (number(row, x), number(row, "frame_ms"))).collect();
-            Series { name: format!("{method}, {placement}"), points, line: true }
+            Series { name: method.name().to_owned(), points, line: true }
         });
         Plot {
-            name: name.to_owned(),
-            title: format!("Maps of many views: {scene}"),
+            name: format!("{x}-{}", placement.name()),
+            title: format!("Maps of many views: {scene}, {}", placement.name()),
             x: Axis::log(label),
             y: Axis::log("time of a frame, ms"),
             series: series.collect(),
@@ -388,13 +387,14 @@ fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
             ..Plot::default()
         }
     };
-    let first = f64::from(*options.resolutions.first().unwrap_or(&16));
-    let mut plots = vec![draw("views", "views", "views", "resolution", first)];
-    if options.resolutions.len() > 1 {
-        let views = f64::from(*options.views.last().unwrap_or(&0));
-        plots.push(draw("resolution", "resolution", "texels of a hemisphere's side", "views", views));
-    }
-    plots
+    let resolution = f64::from(*options.resolutions.first().unwrap_or(&16));
+    let views = f64::from(*options.views.last().unwrap_or(&0));
+    let placements = || options.placements.iter().copied();
+    let against_views = placements().map(|p| draw(p, "views", "views", "resolution", resolution));
+    let against_resolution = placements()
+        .filter(|_| options.resolutions.len() > 1)
+        .map(|p| draw(p, "resolution", "texels of a hemisphere's side", "views", views));
+    against_views.chain(against_resolution).collect()
 }
 
 /// `point:X,Y,Z` or `spot:X,Y,Z:DX,DY,DZ:HALF_DEG`, metres and degrees.
