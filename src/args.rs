@@ -234,7 +234,6 @@ impl Plan {
             preset: self.preset,
             max_error: self.max_error,
             deadline_ms: self.deadline_ms,
-            ..PlanRequest::default()
         }
     }
 }

@@ -55,7 +55,6 @@ pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) 
         supersampling: side,
         holes: request.holes.unwrap_or(if exact { Holes::Trace } else { Holes::Mark }),
         samples: indices.into_iter().map(|index| SampleId { epoch, generation, index }).collect(),
-        ..Warp::default()
     }))
 }
 
