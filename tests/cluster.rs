@@ -224,10 +224,10 @@ fn same_pixels(a: &Frame, b: &Frame, what: &str) {
 #[tokio::test(flavor = "multi_thread")]
 async fn with_pinned_provenance_a_cluster_and_one_process_give_the_same_bytes() {
     let _alone = alone().await;
-    let cluster = Coordinator::start(SMALL, &[]);
+    let cluster = Coordinator::start(SMALL, &["--visibility=raster"]);
     let _workers = cluster.workers(3);
     cluster.wait_for_workers(3);
-    let single = Coordinator::start(SMALL, &[]);
+    let single = Coordinator::start(SMALL, &["--visibility=raster"]);
     let _worker = single.worker(&[]);
     let status = single.wait_for_workers(1);
     assert_eq!(status["workers"][0]["role"], "both", "{status:#}");

@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn views_spread_more_widely_than_the_scene_are_divided_until_they_are_not() {
-        assert_eq!(divided(2, 4, 3.9), "vvvsvs");
+        assert_eq!(divided(2, 4, 3.9), "vvsvsv");
     }
 
     #[test]
