@@ -49,12 +49,8 @@ pub(crate) struct Service {
     #[arg(long, hide = true)]
     exit_with_stdin: bool,
     /// Whether samplers that have nothing to sample also compose views
-    #[arg(long, value_name = "BOOL", default_value_t = false, action = clap::ArgAction::Set)]
+    #[arg(long, value_name = "BOOL", default_value_t = true, action = clap::ArgAction::Set)]
     samplers_composite: bool,
-    /// Have every worker play both roles, in place of the balance formula: more views a second in bursts, and views
-    /// that wait behind samples
-    #[arg(long, value_name = "BOOL", default_value_t = false, action = clap::ArgAction::Set)]
-    share_roles: bool,
     /// Share of the samplers' time that may go into samples where views have holes; 0: none are placed
     #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = args::share)]
     refining_share: f64,
@@ -120,7 +116,6 @@ impl Service {
         let mut config = Config { rig, time_scale, models, ..Config::default() };
         config.core = core::Config {
             samplers_composite: self.samplers_composite,
-            share_roles: self.share_roles,
             refining_share: self.refining_share,
             visibility: self.seeing.visibility(),
             epoch: Duration::try_from_secs_f64(self.epoch_ms * 1e-3).context("--epoch-ms")?,

@@ -94,8 +94,8 @@ pub struct Load {
 pub enum Split {
     /// There is no process.
     Nobody,
-    /// Every process plays both roles: where there is only one, and where roles are shared.
-    Shared,
+    /// The only process plays both roles.
+    Alone,
     /// All render directly; nobody composites.
     AllDirect,
     /// This many sample, at least one; the others composite, at least one.
@@ -142,7 +142,7 @@ pub fn split(demand: &Demand, costs: &Costs, processes: u32) -> Split {
     let only_direct = [demand.samples, demand.rays, demand.views].iter().all(|&n| measured(n) == 0.0);
     match processes {
         0 => Split::Nobody,
-        1 => Split::Shared,
+        1 => Split::Alone,
         _ if only_direct && measured(demand.direct) > 0.0 => Split::AllDirect,
         _ => Split::Divided(samplers(Load::of(demand, costs), processes)),
     }
@@ -158,7 +158,7 @@ pub fn tick_secs(load: Load, processes: u32, split: Split) -> f64 {
     };
     match split {
         Split::Nobody => stage(a + b, 0),
-        Split::Shared => stage(a + b, processes),
+        Split::Alone => a + b,
         Split::AllDirect => stage(a, processes).max(stage(b, 0)),
         Split::Divided(k) => stage(a, k.min(processes)).max(stage(b, processes.saturating_sub(k))),
     }
@@ -171,7 +171,7 @@ pub fn efficiency_bound(load: Load, processes: u32) -> f64 {
     if processes == 0 {
         return 0.0;
     }
-    let split = if processes == 1 { Split::Shared } else { Split::Divided(samplers(load, processes)) };
+    let split = if processes == 1 { Split::Alone } else { Split::Divided(samplers(load, processes)) };
     let tick = tick_secs(load, processes, split);
     if tick > 0.0 { (a / tick + b / tick) / f64::from(processes) } else { 1.0 }
 }
@@ -278,9 +278,9 @@ mod tests {
     #[test]
     fn one_process_plays_both_roles_and_none_plays_nothing() {
         let demand = Demand { samples: 4.0, views: 10.0, ..Demand::default() };
-        assert_eq!(split(&demand, &costs(), 1), Split::Shared);
+        assert_eq!(split(&demand, &costs(), 1), Split::Alone);
         assert_eq!(split(&demand, &costs(), 0), Split::Nobody);
-        assert!((tick_secs(Load::of(&demand, &costs()), 1, Split::Shared) - 0.42).abs() < 1e-12);
+        assert!((tick_secs(Load::of(&demand, &costs()), 1, Split::Alone) - 0.42).abs() < 1e-12);
         assert_eq!(tick_secs(load(1.0, 0.0), 0, Split::Nobody), f64::INFINITY);
     }
 

@@ -40,12 +40,8 @@ pub struct Config {
     /// A sample that a compositor lacks weighs as much as this many views in its queue: what a transfer costs.
     pub missing_sample_views: f64,
     /// Whether a sampler that has nothing to sample also composes views, where the formula's whole K would leave it
-    /// idle. `argus study burst` has a row for each.
+    /// idle. `argus study burst` has a row for each: a fifth less time for 290 views on two workers.
     pub samplers_composite: bool,
-    /// Whether every worker plays both roles, in place of K_fd: a tick is then (a + b)/P, with no process idle, but
-    /// views wait behind samples in one process, and every process renders the whole scene. `argus study burst` has a
-    /// row for it.
-    pub share_roles: bool,
     /// The share of the samplers' time that may go into samples at refinements of the rig, where views have holes:
     /// what a adds to K_fd is at most this share of K ticks. They are rendered when nothing else waits, so that
     /// even a half takes little from others. 0: the rig's own cameras alone.
@@ -88,7 +84,6 @@ impl Default for Config {
             patience: Duration::from_secs(30),
             missing_sample_views: 2.0,
             samplers_composite: false,
-            share_roles: false,
             refining_share: 0.5,
             refining_bytes: 1 << 30,
             epoch: Duration::from_millis(100),

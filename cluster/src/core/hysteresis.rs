@@ -29,7 +29,8 @@ enum Direction {
 fn samplers_of(split: Split, processes: u32) -> u32 {
     match split {
         Split::Nobody => 0,
-        Split::Shared | Split::AllDirect => processes,
+        Split::Alone => 1,
+        Split::AllDirect => processes,
         Split::Divided(k) => k,
     }
 }

@@ -17,10 +17,7 @@ impl Core {
     }
 
     fn wanted(&self, processes: u32) -> Split {
-        match (self.config.share_roles, processes) {
-            (true, 2..) => Split::Shared,
-            _ => balance::split(&self.demand(), &self.believed_costs(), processes),
-        }
+        balance::split(&self.demand(), &self.believed_costs(), processes)
     }
 
     /// The role a worker that joins now will most likely have once it is ready, so that it need not change:
@@ -29,7 +26,7 @@ impl Core {
         let processes = u32::try_from(self.workers.len()).unwrap_or(u32::MAX).saturating_add(1);
         let samplers = self.workers.values().filter(|w| w.assigned().role.samples()).count();
         match self.wanted(processes) {
-            Split::Nobody | Split::Shared => Role::Both,
+            Split::Nobody | Split::Alone => Role::Both,
             Split::AllDirect => Role::Sampler,
             Split::Divided(k) if (samplers as u32) < k => Role::Sampler,
             Split::Divided(_) => Role::Compositor,
@@ -44,8 +41,7 @@ impl Core {
         let wanted = self.wanted(processes);
         let split = match (processes, wanted, self.split) {
             (0, ..) => Split::Nobody,
-            (1, ..) => Split::Shared,
-            (_, Split::Shared, _) => Split::Shared,
+            (1, ..) => Split::Alone,
             (_, Split::AllDirect, Split::AllDirect) => Split::AllDirect,
             (p, wanted, before) => {
                 let k = match wanted {
@@ -91,7 +87,7 @@ impl Core {
         ranked.sort_unstable();
         for (place, (_, _, id)) in ranked.into_iter().enumerate() {
             let role = match split {
-                Split::Nobody | Split::Shared => Role::Both,
+                Split::Nobody | Split::Alone => Role::Both,
                 Split::AllDirect => Role::Sampler,
                 Split::Divided(k) if place < k as usize => Role::Sampler,
                 Split::Divided(_) => Role::Compositor,

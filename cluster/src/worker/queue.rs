@@ -206,10 +206,10 @@ impl State {
         if let Some(work) = self.orders.pop_front() {
             return Some(work);
         }
-        if !self.samples.is_empty() {
-            let batch: Vec<SampleTask> = self.samples.drain(..).collect();
-            self.in_work.samples = batch.len();
-            return Some(Work::Samples(batch));
+        // One at a time: a compositor that waits for the first of many begins while the next is rendered.
+        if let Some(task) = self.samples.pop_front() {
+            self.in_work.samples = 1;
+            return Some(Work::Samples(vec![task]));
         }
         if !self.pixels.is_empty() {
             let count = self.pixels.len().min(max_direct_batch);

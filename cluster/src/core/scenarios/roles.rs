@@ -28,20 +28,6 @@ fn one_worker_alone_plays_both_roles_and_a_second_takes_one_of_them() {
 }
 
 #[test]
-fn where_roles_are_shared_everybody_plays_both_and_nothing_moves() {
-    let mut sim = Sim::new(Config { share_roles: true, ..Config::default() });
-    for name in ["a", "b", "c"] {
-        sim.join(name);
-        sim.report_all();
-    }
-    assert_eq!(sim.roles(), (3, 3));
-    let settled = sim.roles_changed();
-    (0..10).for_each(|_| sim.second(400, 30));
-    assert_eq!((sim.roles(), sim.roles_changed()), ((3, 3), settled));
-    assert!(sim.refused.is_empty());
-}
-
-#[test]
 fn a_role_moves_when_demand_moves_and_only_then() {
     let mut sim = Sim::with_workers(3);
     (0..10).for_each(|_| sim.second(400, 0));
