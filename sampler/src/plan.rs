@@ -85,12 +85,18 @@ fn indirect(knob: Indirect, shines: bool) -> PassPlan {
     let row = |on, why| PassPlan { name: "gather VPLs", on, why };
     match knob {
         Indirect::Off => row(false, "indirect light was not asked for".to_owned()),
-        Indirect::Vpl(_) if !shines => row(false, "no light and no surface emits".to_owned()),
+        Indirect::Vpl(knobs) if !shines && knobs.particles == 0 => {
+            row(false, "no light and no surface emits".to_owned())
+        }
         Indirect::Vpl(knobs) => {
             let [vpls, bounces, side, samples] = [knobs.vpls, knobs.bounces, knobs.map_side, knobs.samples];
             let maps = knobs.maps.name();
+            let particles = match knobs.particles {
+                0 => String::new(),
+                count => format!(" and {count} particles"),
+            };
             let why = format!(
-                "{samples} of {vpls} VPLs a sub-sample, up to {bounces} reflections, {maps} maps of {side}² texels"
+                "{samples} of {vpls} VPLs{particles} a sub-sample, up to {bounces} reflections, {maps} maps of {side}² texels"
             );
             row(true, why)
         }

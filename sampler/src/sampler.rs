@@ -110,7 +110,7 @@ impl GpuSampler {
         let camera = job.info.rig.camera(id.index)?;
         let tiles = sample_tiles(&camera, self.knobs.side())?;
         let mut stages = self.pose(job.info.time_secs());
-        stages.extend(self.light(&job.info.lighting)?);
+        stages.extend(self.light(&job.info.lighting, job.info.time_secs())?);
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let planes = self.resolve_sample.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
         let way = self.ready(job.info.visibility);
@@ -163,7 +163,7 @@ impl GpuSampler {
         let mut stages = self.pose(view.time_secs);
         let lighting = self.lighting.clone();
         if view.outputs.color {
-            stages.extend(self.light(&lighting)?);
+            stages.extend(self.light(&lighting, view.time_secs)?);
         }
         let eye = self.eye(view.camera.eye, &lighting)?;
 
@@ -234,12 +234,12 @@ impl GpuSampler {
     }
 
     /// Makes the indirect light ready, if it is asked for; what that cost.
-    fn light(&mut self, lighting: &Lighting) -> Result<Vec<Stage>, RenderError> {
+    fn light(&mut self, lighting: &Lighting, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
         let Indirect::Vpl(knobs) = self.knobs.indirect else { return Ok(Vec::new()) };
         let packets = self.seeing.ready_packets(&self.resident);
         let (gpu, scene, placements) = (&self.gpu, &self.scene, &self.resident.instances);
         let radiosity = self.radiosity.get_or_insert_with(|| Radiosity::new(gpu, scene, placements, knobs));
-        radiosity.ready(gpu, packets, lighting)
+        radiosity.ready(gpu, packets, lighting, time_secs)
     }
 
     /// What is known of the indirect light, and what was culled since the last call; none before it was needed.
@@ -340,7 +340,7 @@ impl GpuSampler {
         self.seeing.ready_packets(&self.resident);
         let faces = SampleCamera::Perspective { camera: job.camera, width, height }.faces();
         let lighting = self.lighting.clone();
-        stages.extend(self.light(&lighting)?);
+        stages.extend(self.light(&lighting, job.time_secs)?);
         let eye = self.eye(job.camera.eye, &lighting)?;
         let mut color = vec![0; job.pixels.len() * 3];
         let mut range = vec![0; job.pixels.len() * 4];

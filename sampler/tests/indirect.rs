@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use argus_sampler::{Indirect, MapSource, SamplerKnobs, VplKnobs};
 use argus_scene::reference::{Indirect as Paths, ReferenceImage, Tracer};
-use argus_scene::{Camera, Cancel, Light, Lighting, Material, PixelJob, Sampler as _, Scene, Sky};
+use argus_scene::{Camera, Cancel, Light, Lighting, Material, PixelJob, Sampler as _, Scene, Sky, ViewJob};
 use common::*;
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 
@@ -247,4 +247,64 @@ fn maps_that_do_not_fit_are_refused_by_name_and_so_are_knobs() {
     let bad = knobs(VplKnobs { bounces: 9, ..VplKnobs::default() });
     let refused = argus_sampler::GpuSampler::with_knobs(gpu(), scene, bad).err().expect("refused");
     assert!(refused.to_string().contains("indirect.bounces"), "{refused}");
+}
+
+/// Particles alone, all of them gathered.
+fn particles(count: u32, maps: MapSource) -> VplKnobs {
+    VplKnobs {
+        vpls: 0,
+        particles: count,
+        samples: 1 << 16,
+        filter: 0,
+        clamp: 0.0,
+        map_side: 64,
+        maps,
+        levels: 7,
+        ..VplKnobs::default()
+    }
+}
+
+#[test]
+fn particles_without_shadows_light_as_point_lights_do_wherever_the_room_stands() {
+    for offset in [DVec3::ZERO, DVec3::new(1e6, -2e6, 3e6)] {
+        let mut dark = (*box_of_cornell(offset)).clone();
+        dark.lighting.lights.clear();
+        dark.materials.iter_mut().for_each(|material| material.emissive = Vec3::ZERO);
+        let mut lit = dark.clone();
+        let all = argus_scene::particles::glowing(&dark.bounds(), 24, VplKnobs::default().seed, 2.5);
+        let light = |p: &argus_scene::particles::Particle| Light::Point {
+            position: p.position,
+            intensity: p.flux / (4.0 * std::f32::consts::PI),
+            range: None,
+        };
+        lit.lighting.lights = all.iter().map(light).collect();
+        let job = ViewJob { time_secs: 2.5, ..view_job(view_of_room(offset), [48, 48], 1) };
+        let with = knobs(particles(24, MapSource::Unshadowed));
+        let ours = image_of(&direct(&mut sampler_with(&Arc::new(dark), with), &job));
+        let truth = image_of(&direct(&mut sampler(&Arc::new(lit)), &job));
+        let off = ours.iter().zip(truth.iter()).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+        assert!(off <= 2, "{off} of 255");
+        assert!(truth.iter().any(|&byte| byte > 60), "something is lit");
+    }
+}
+
+#[test]
+fn particles_drift_with_time_and_their_shadows_are_alike_by_all_kinds_of_maps() {
+    let mut scene = (*box_of_cornell(DVec3::ZERO)).clone();
+    scene.lighting.lights.clear();
+    scene.materials.iter_mut().for_each(|material| material.emissive = Vec3::ZERO);
+    let scene = Arc::new(scene);
+    let render = |maps, time_secs: f64| {
+        let job = ViewJob { time_secs, ..view_job(view_of_room(DVec3::ZERO), [48, 48], 1) };
+        image_of(&direct(&mut sampler_with(&scene, knobs(particles(60, maps))), &job))
+    };
+    let exact = render(MapSource::Exact, 1.0);
+    assert_eq!(exact, render(MapSource::Exact, 1.0), "the same moment looks the same");
+    assert_ne!(exact, render(MapSource::Exact, 1.4), "they move");
+    let unshadowed = render(MapSource::Unshadowed, 1.0);
+    let without = flip("particles-unshadowed", &unshadowed, &exact);
+    for maps in [MapSource::MegaViews, MapSource::ManyLods] {
+        let with = flip(&format!("particles-{}", maps.name()), &render(maps, 1.0), &exact);
+        assert!(with < 0.1 && with < 0.7 * without, "{with} by {maps:?} maps, {without} without shadows");
+    }
 }

@@ -17,6 +17,7 @@ pub mod frame;
 pub mod light;
 pub mod material;
 pub mod paraboloid;
+pub mod particles;
 pub mod path;
 pub mod rig;
 pub mod role;

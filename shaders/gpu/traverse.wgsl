@@ -5,8 +5,8 @@
 // which of the two is divided is known beforehand. Coordinates are in edges of the scene's root cube.
 
 import package::shared::linear::linear_index;
-import package::shared::map_texels::{MapTexel, put_texel, texel_place};
-import package::shared::paraboloid::paraboloid_sample;
+import package::shared::map_texels::{MapTexel, load_texel, put_texel, texel_place, wide};
+import package::shared::paraboloid::{paraboloid_area, paraboloid_sample};
 
 struct PairStep {
     // Of the pairs that are tested: cells along an edge of the scene's root, and the radius of a cell's sphere.
@@ -31,6 +31,11 @@ struct PairStep {
     counted: u32,
     // Maps of one of the arrays: 2 to the power of this.
     map_shift: u32,
+    // Only pairs whose centers are that far apart are rendered: from the first on, before the second.
+    near: f32,
+    far: f32,
+    // 1: the view nodes of the pairs tested are leaves.
+    leaf_views: u32,
 }
 
 var<immediate> step: PairStep;
@@ -43,6 +48,10 @@ override leaves: bool = false;
 override culls: bool = true;
 // Texels that a node may cover in each direction.
 override reach: u32 = 1u;
+// Whether pairs are met from near to far, and left out behind what a map already holds.
+override occludes: bool = false;
+// Whether every view is a node of its own.
+override alone: bool = false;
 
 @group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
 @group(0) @binding(1) var<storage, read> view_bounds: array<vec4f>;
@@ -80,6 +89,47 @@ fn view_node(index: u32) -> ViewNode {
 const CULL: u32 = 0u;
 const RENDER: u32 = 1u;
 const DIVIDE: u32 = 2u;
+const HIDE: u32 = 3u;
+// The next shell's, and nobody's in this one.
+const LATER: u32 = 4u;
+
+// Whether the pairs of this step have leaves of the view octree, whose maps are theirs alone.
+fn leaf_views() -> bool {
+    return step.leaf_views != 0u;
+}
+
+// Texels that are looked at to tell whether a node is hidden, at most.
+const LOOKED_AT: u32 = 16u;
+
+// Whether every texel that anything below a node may be written to holds what is nearer than all of it. What is rendered
+// of a node is its mean position, in a disc about that: both lie within twice the ball of its cell.
+fn is_hidden(center: vec3f, view: ViewNode) -> bool {
+    let d = center - view.mean;
+    let nearest = length(d) - step.radius * 1.0001;
+    if nearest <= step.radius || step.near == 0.0 {
+        return false;
+    }
+    // Nearer by more than rounding.
+    let least = 1.0001 / (nearest * step.edge);
+    let map = view_maps[view.node].x;
+    let side = u32(step.side);
+    let one_side = paraboloid_area(d, 2.0 * step.radius, 0u, step.side);
+    let other_side = paraboloid_area(d, 2.0 * step.radius, 1u, step.side);
+    let texels = one_side.z * one_side.w;
+    let all_texels = texels + other_side.z * other_side.w;
+    var hidden = all_texels <= LOOKED_AT && nearest > 2.0 * step.radius;
+    for (var i = 0u; i < LOOKED_AT; i++) {
+        if !hidden || i >= all_texels {
+            break;
+        }
+        let area = select(one_side, other_side, i >= texels);
+        let nth = select(i, i - texels, i >= texels);
+        let cell = area.xy + vec2u(nth % max(area.z, 1u), nth / max(area.z, 1u));
+        let texel = (select(0u, 1u, i >= texels) * side + cell.y) * side + cell.x;
+        hidden = load_texel(texel_place(map, step.map_shift, side, texel)).inverse_range > least;
+    }
+    return hidden;
+}
 
 // The verdict on a node of the scene and a node of views. Without a single angle: sines and cosines of the sums that
 // the paper's figures 4 and 6 compare follow from lengths.
@@ -99,6 +149,16 @@ fn verdict(mean: vec3f, view: ViewNode) -> u32 {
     if culls && beside > 0.0 && outside > (step.radius + view.radius) * 1.00001 + 1e-6 {
         return CULL;
     }
+    if occludes {
+        // Nothing below the pair lies in this shell; what lies in a nearer one was met before.
+        let apart = (step.radius + view.radius) * 1.00001 + 1e-6;
+        if length_ - apart >= step.far || length_ + apart < step.near {
+            return CULL;
+        }
+        if (alone || leaf_views()) && is_hidden(center, view) {
+            return HIDE;
+        }
+    }
     // A ball of radius R at the distance D and the angle α from the map's axis covers side · sin β / (cos α + cos β)
     // texels, sin β = R / D; D is that from the nearest of the views.
     let nearest = length_ - view.radius;
@@ -110,9 +170,32 @@ fn verdict(mean: vec3f, view: ViewNode) -> u32 {
 // A node's disc in radii of its cell's sphere: discs around the middles of cells, an edge apart, cover a plane.
 const DISC: f32 = 0.8165;
 
-// Leaves a node in the texels whose sample points its disc covers, as seen from the views' mean position. Returns
-// whether its cell's sphere is larger than the threshold there.
-fn render(mean: vec3f, node: u32, view: ViewNode) -> bool {
+// Whether a texel holds what a value would not take the place of.
+fn is_behind(place: vec2u, value: MapTexel) -> bool {
+    let there = load_texel(place);
+    let as_near = there.inverse_range == value.inverse_range && (!wide || there.node >= value.node);
+    return there.inverse_range > value.inverse_range || as_near;
+}
+
+// What becomes of a node that is rendered.
+const DRAWN: u32 = 0u;
+// Its cell's sphere is larger than the threshold.
+const LARGE: u32 = 1u;
+// Nothing of it is nearer than what is there.
+const BEHIND: u32 = 2u;
+
+// Leaves a value in a texel; what then becomes of the node.
+fn leave(map: u32, texel: u32, value: MapTexel, before: u32) -> u32 {
+    let place = texel_place(map, step.map_shift, u32(step.side), texel);
+    if occludes && is_behind(place, value) {
+        return before;
+    }
+    put_texel(place, value);
+    return DRAWN;
+}
+
+// Leaves a node in the texels whose sample points its disc covers, as seen from the views' mean position.
+fn render(mean: vec3f, node: u32, view: ViewNode) -> u32 {
     let d = mean - view.mean;
     let range = length(d);
     let tangent = sqrt(max(range * range - step.radius * step.radius, 0.0));
@@ -120,8 +203,10 @@ fn render(mean: vec3f, node: u32, view: ViewNode) -> bool {
     let at = d.yz / max(range + abs(d.x), 1e-37);
     let disc = step.radius / max(abs(d.x) + tangent, 1e-37);
     if leaves && !(range > step.radius && disc * step.side <= step.threshold) {
-        return true;
+        return LARGE;
     }
+    // What covers no sample point is behind none, and counts as rendered with and without occlusion.
+    var became = DRAWN;
     let hemisphere = select(0u, 1u, d.x < 0.0);
     let map = view_maps[view.node].x;
     let value = MapTexel(1.0 / max(range * step.edge, 1e-37), node);
@@ -130,19 +215,21 @@ fn render(mean: vec3f, node: u32, view: ViewNode) -> bool {
         let cell = min(vec2u((at * 0.5 + 0.5) * step.side), vec2u(side - 1u));
         if distance(paraboloid_sample(cell, step.side), at) <= DISC * disc {
             let texel = (hemisphere * side + cell.y) * side + cell.x;
-            put_texel(texel_place(map, step.map_shift, side, texel), value);
+            became = leave(map, texel, value, BEHIND);
         }
     } else {
+        var covered = false;
         let first = vec2u(max(((at - disc) * 0.5 + 0.5) * step.side, vec2f(0.0)));
         for (var i = 0u; i < (reach + 1u) * (reach + 1u); i++) {
             let cell = first + vec2u(i % (reach + 1u), i / (reach + 1u));
             if all(cell < vec2u(side)) && distance(paraboloid_sample(cell, step.side), at) <= DISC * disc {
                 let texel = (hemisphere * side + cell.y) * side + cell.x;
-            put_texel(texel_place(map, step.map_shift, side, texel), value);
+                became = leave(map, texel, value, select(BEHIND, became, covered));
+                covered = true;
             }
         }
     }
-    return false;
+    return became;
 }
 
 // A leaf so near that it covers many texels is kept for them, unless it is part of the surface that the views of a
@@ -190,15 +277,24 @@ fn divide(
         if leaves && outcome == DIVIDE {
             outcome = RENDER;
         }
+        if occludes && outcome == RENDER {
+            let between = distance(floor(mean * step.cells) + 0.5, view.center * step.cells) / step.cells;
+            outcome = select(LATER, RENDER, (between >= step.near) & (between < step.far));
+        }
         if outcome == RENDER {
-            rendered += 1u;
-            shared_ += view_maps[view.node].y;
-            if render(mean, scene_node, view) && fills(mean, view) {
+            let became = render(mean, scene_node, view);
+            if became == BEHIND {
+                culled += 1u;
+            } else {
+                rendered += 1u;
+                shared_ += view_maps[view.node].y;
+            }
+            if became == LARGE && fills(mean, view) {
                 kept |= 1u << i;
             }
         } else if outcome == DIVIDE {
             kept |= 1u << i;
-        } else {
+        } else if outcome != LATER {
             culled += 1u;
         }
     }

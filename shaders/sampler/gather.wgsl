@@ -81,7 +81,8 @@ fn light_of(index: u32, position: vec3f, normal: vec3f) -> vec3f {
     let vpl = vpls[index];
     let d = position - vpl.position;
     let distance = length(d);
-    let leaving = dot(vpl.normal, d) / distance;
+    // A particle has no normal, and shines everywhere.
+    let leaving = select(dot(vpl.normal, d) / distance, 1.0, all(vpl.normal == vec3f(0.0)));
     let arriving = -dot(normal, d) / distance;
     if !(leaving > 0.0 && arriving > 0.0 && distance <= gathering.cutoff) {
         return vec3f(0.0);

@@ -66,7 +66,7 @@ fn splat(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
     let vpl = vpls[map];
     let point = surface_points[hash(at ^ hash(imperfect.seed)) % arrayLength(&surface_points)].xyz;
     let d = point - vpl.position;
-    if dot(d, vpl.normal) > 0.0 {
+    if dot(d, vpl.normal) > 0.0 || all(vpl.normal == vec3f(0.0)) {
         let texel = paraboloid_index(d, imperfect.side);
         let index = map * 2u * imperfect.side * imperfect.side + texel;
         atomicMin(&splats[min(index, arrayLength(&splats) - 1u)], bitcast<u32>(length(d)));

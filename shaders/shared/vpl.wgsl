@@ -15,9 +15,9 @@ const BLOCK: u32 = 16u;
 // Positions are relative to the root, the middle of the scene.
 struct Vpl {
     position: vec3f,
-    // Unit normal; light leaves by its cosine.
+    // Unit normal, by whose cosine light leaves; zero for a particle, from which it leaves everywhere.
     normal: vec3f,
-    // Flux by π², so that a sum of cosines by squared distance is irradiance by π.
+    // Flux by π², of a particle by 4π², so that a sum of cosines by squared distance is irradiance by π.
     intensity: vec3f,
 }
 

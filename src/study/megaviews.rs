@@ -1,6 +1,6 @@
 //! Arguments of `argus study megaviews`.
 
-use argus_studies::megaviews::{Emitter, Method, Options, Placement, parse_light, run};
+use argus_studies::megaviews::{Emitter, Method, Occlusion, Options, Placement, parse_light, run};
 use argus_studies::{Effort as _, Report};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use indicatif::ProgressBar;
@@ -44,6 +44,10 @@ pub(super) struct MegaViews {
     /// Render what no view sees too
     #[arg(long)]
     no_culling: bool,
+    /// Leave out what is hidden behind what maps already hold (on), or not (off); maps are the same. What could be left
+    /// out if the finished maps were known beforehand (known) [default: off]
+    #[arg(long, value_name = "HOW", value_delimiter = ',', value_parser = occlusion())]
+    occlusion: Vec<Occlusion>,
     /// Leave maps sparse, to be looked up texel by texel
     #[arg(long)]
     no_fusion: bool,
@@ -60,6 +64,11 @@ fn placement() -> impl TypedValueParser<Value = Placement> {
         .map(|name| Placement::ALL.into_iter().find(|p| p.name() == name).unwrap_or(Placement::SingleBounce))
 }
 
+fn occlusion() -> impl TypedValueParser<Value = Occlusion> {
+    PossibleValuesParser::new(Occlusion::ALL.map(Occlusion::name))
+        .map(|name| Occlusion::ALL.into_iter().find(|how| how.name() == name).unwrap_or(Occlusion::Off))
+}
+
 fn method() -> impl TypedValueParser<Value = Method> {
     PossibleValuesParser::new(Method::ALL.map(Method::name))
         .map(|name| Method::ALL.into_iter().find(|m| m.name() == name).unwrap_or(Method::MegaViews))
@@ -74,6 +83,7 @@ impl MegaViews {
         replace(self.resolution, &mut options.resolutions);
         replace(self.levels, &mut options.levels);
         replace(self.method, &mut options.methods);
+        replace(self.occlusion, &mut options.occlusion);
         options.views.sort_unstable();
         options.view_levels = self.view_levels.or(options.view_levels);
         options.rounds = self.rounds.map_or(options.rounds, usize::from);

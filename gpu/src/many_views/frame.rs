@@ -12,7 +12,7 @@ use super::maps::MAX_ARRAYS;
 use super::schedule::{Step, steps};
 use super::traverse::{Part, Queues, Traverse, Work};
 use super::view_octree::{ViewOctree, ViewOctreeBuilder};
-use super::{Knobs, MapSet, ViewList};
+use super::{Knobs, MapSet, Occlusion, ViewList};
 use crate::hierarchy::{HierarchyError, Octree, largest_array};
 use crate::{Commands, Gpu};
 
@@ -79,7 +79,8 @@ impl ManyViews {
         let mut reruns = 0;
         loop {
             let steps = steps(self.octree.depth, self.view_depth(), views.edge);
-            let words = entry(self.parts.len() as u32, 0, steps.len());
+            let passes = self.passes();
+            let words = entry(passes.len() as u32, 0, steps.len());
             self.make_counters(words);
             let mut commands = self.gpu.commands("many views");
             self.record(&mut commands, views, &steps);
@@ -99,7 +100,7 @@ impl ManyViews {
             } else if !self.split_what_overflowed(&words, steps.len())? {
                 let stats = FrameStats {
                     fell_back: self.fell_back,
-                    steps: counters::read(&words, &steps, &self.parts),
+                    steps: counters::read(&words, &steps, &passes),
                     multipass_level: self.multipass_level,
                     reruns,
                     maps,
@@ -121,7 +122,11 @@ impl ManyViews {
 
     /// Splits the parts of the frame whose queues overflowed in eight; whether there were any.
     fn split_what_overflowed(&mut self, words: &[u32], steps: usize) -> Result<bool, HierarchyError> {
-        let has_overflowed = |pass: u32| words[counters::overflow(pass, steps) as usize] != 0;
+        let shells = self.knobs.shells().len() as u32;
+        let has_overflowed = |part: u32| {
+            let mut passes = part * shells..(part + 1) * shells;
+            passes.any(|pass| words[counters::overflow(pass, steps) as usize] != 0)
+        };
         let depth = self.view_depth();
         let mut parts = Vec::with_capacity(self.parts.len());
         let mut any = false;
@@ -214,20 +219,29 @@ impl ManyViews {
     fn record(&self, commands: &mut Commands, views: &ViewList, steps: &[Step]) {
         let work = self.work(steps);
         commands.clear(&self.queues.counters);
-        for array in &self.maps.arrays {
-            commands.clear(array);
+        if self.knobs.occlusion != Occlusion::Known {
+            for array in &self.maps.arrays {
+                commands.clear(array);
+            }
         }
         if self.shares() {
             self.builder.build(commands, views, &self.knobs, &self.views);
         } else {
             self.builder.singles(commands, views, &self.knobs, &self.views);
         }
-        for (pass, part) in (0..).zip(&self.parts) {
-            self.traverse.run(commands, &work, pass, *part);
+        let shells = self.knobs.shells();
+        for (pass, part) in (0..).zip(self.passes()) {
+            self.traverse.run(commands, &work, pass, part, shells[pass as usize % shells.len()]);
         }
         if self.shares() && self.knobs.fusion {
             self.fuse.run(commands, &self.traverse, &work);
         }
+    }
+
+    /// Each part once for each shell, one after the other.
+    fn passes(&self) -> Vec<Part> {
+        let shells = self.knobs.shells().len();
+        self.parts.iter().flat_map(|part| std::iter::repeat_n(*part, shells)).collect()
     }
 
     /// Whether the next frame has a hierarchy over the views.

@@ -21,6 +21,33 @@ impl Texel {
     }
 }
 
+/// Whether pairs are left out behind what a map already holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Occlusion {
+    /// No.
+    Off,
+    /// Pairs are met in shells, the near ones first, and left out where a map already holds what hides them. Strictly
+    /// conservative: maps are the same, byte for byte. What is counted may vary from run to run.
+    Shells,
+    /// Pairs are left out behind what the last frame's maps hold, which stay: how much the same test could leave out if
+    /// it knew all beforehand. To measure with, where nothing moves; else maps are wrong.
+    Known,
+}
+
+impl Occlusion {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Off, Self::Shells, Self::Known];
+
+    /// As options and tables have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Shells => "on",
+            Self::Known => "known",
+        }
+    }
+}
+
 /// What bounds the views of a node of their octree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Bounding {
@@ -51,6 +78,8 @@ pub struct Knobs {
     pub bounding: Bounding,
     /// Whether what no view sees is culled.
     pub culling: bool,
+    /// Whether pairs are left out behind what a map already holds.
+    pub occlusion: Occlusion,
     /// Whether maps take what the maps above them hold; else texels are looked up one by one.
     pub fusion: bool,
     /// Most pairs of a queue; `None`: what one binding holds.
@@ -61,6 +90,19 @@ impl Knobs {
     /// Views that share a rendered pair, in the mean, below which an octree over the views costs more pairs than it
     /// saves.
     pub const WORTH_SHARING: f64 = 1.4;
+
+    /// Where shells of pairs end, edges of the scene's root: nodes of a cut are about as many in each doubling.
+    pub(super) fn shells(&self) -> &'static [[f32; 2]] {
+        const ALL: [[f32; 2]; 1] = [[0.0, f32::MAX]];
+        const SHELLS: [[f32; 2]; 4] = [[0.0, 0.06], [0.06, 0.14], [0.14, 0.3], [0.3, f32::MAX]];
+        // Whatever is not the first shell is tested.
+        const TESTED: [[f32; 2]; 1] = [[1e-30, f32::MAX]];
+        match self.occlusion {
+            Occlusion::Off => &ALL,
+            Occlusion::Shells => &SHELLS,
+            Occlusion::Known => &TESTED,
+        }
+    }
 
     /// Maps of 16² texels of a scene octree of that depth, shared by a view octree as deep.
     pub fn for_depth(depth: u32) -> Self {
@@ -73,6 +115,7 @@ impl Knobs {
             view_depth: depth,
             bounding: Bounding::Tight,
             culling: true,
+            occlusion: Occlusion::Off,
             fusion: true,
             queue_pairs: None,
         }

@@ -6,12 +6,16 @@
 //!
 //! - [`ViewList`]: where the views are and which way they look;
 //! - [`Knobs`]: resolution, texels, threshold, depth of the view octree, what is shared, culled and fused;
-//! - [`RasterViews`]: the same maps without any hierarchy, to compare with;
+//! - [`ManyLods`]: a cut for each view, from frame to frame, through an octree or a sphere hierarchy ([`CutTree`]);
+//! - [`RasterViews`], [`ImperfectViews`]: the same maps without any hierarchy, exact or from random points, to compare
+//!   with;
 //! - [`FrameStats`]: what a frame did, pair by pair, and how long it took.
 
 mod counters;
+mod cuts;
 mod frame;
 mod fuse;
+mod imperfect;
 mod knobs;
 mod maps;
 mod raster;
@@ -21,8 +25,10 @@ mod view_list;
 mod view_octree;
 
 pub use counters::{FrameStats, StepStats};
+pub use cuts::{CutKnobs, CutMethod, CutStats, CutTree, ManyLods};
 pub use frame::ManyViews;
-pub use knobs::{Bounding, Knobs, Texel};
+pub use imperfect::ImperfectViews;
+pub use knobs::{Bounding, Knobs, Occlusion, Texel};
 pub use maps::MapSet;
 pub use raster::RasterViews;
 pub use view_list::{ViewList, ViewPoint};

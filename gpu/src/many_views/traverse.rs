@@ -7,7 +7,7 @@ use wgpu::{Buffer, BufferUsages};
 use super::counters::{entry, overflow};
 use super::schedule::Step;
 use super::view_octree::ViewOctree;
-use super::{Knobs, MapSet, Texel};
+use super::{Knobs, MapSet, Occlusion, Texel};
 use crate::hierarchy::Octree;
 use crate::{Commands, ComputeCall, ComputePipeline, Gpu};
 
@@ -117,6 +117,8 @@ impl Traverse {
                 ("wide", wide),
                 ("arrays", arrays),
                 ("culls", f64::from(knobs.culling)),
+                ("occludes", f64::from(knobs.occlusion != Occlusion::Off)),
+                ("alone", f64::from(!knobs.sharing)),
                 ("reach", f64::from(knobs.threshold.ceil())),
             ];
             gpu.compute_pipeline_with(&TRAVERSE, "divide", &constants)
@@ -131,8 +133,15 @@ impl Traverse {
         }
     }
 
-    /// Traverses one part; `pass` is its number.
-    pub(super) fn run(&self, commands: &mut Commands, work: &Work<'_>, pass: u32, part: Part) {
+    /// Traverses one part, as far as its pairs are in one shell; `pass` is its number.
+    pub(super) fn run(
+        &self,
+        commands: &mut Commands,
+        work: &Work<'_>,
+        pass: u32,
+        part: Part,
+        shell: [f32; 2],
+    ) {
         let Work { octree, views, queues, steps, .. } = work;
         let first = entry(pass, 0, steps.len());
         let mut seed = QueueStep {
@@ -166,7 +175,7 @@ impl Traverse {
         }
         for (index, step) in steps.iter().enumerate() {
             self.prepare(commands, queues, entry(pass, index, steps.len()), overflow(pass, steps.len()));
-            self.divide(commands, work, pass, index, step, part);
+            self.divide(commands, work, [pass, index as u32], step, part, shell);
         }
         let last = entry(pass, steps.len(), steps.len());
         self.prepare(commands, queues, last, overflow(pass, steps.len()));
@@ -187,12 +196,13 @@ impl Traverse {
         &self,
         commands: &mut Commands,
         work: &Work<'_>,
-        pass: u32,
-        index: usize,
+        [pass, index]: [u32; 2],
         step: &Step,
         part: Part,
+        [near, far]: [f32; 2],
     ) {
         let Work { octree, views, maps, queues, knobs, steps } = work;
+        let index = index as usize;
         let cells = (1u32 << step.scene_level) as f32;
         let mut pairs = PairStep {
             cells,
@@ -207,6 +217,9 @@ impl Traverse {
             octant: 8,
             counted: 1,
             map_shift: maps.shift,
+            near,
+            far,
+            leaf_views: u32::from(step.view_level == views.depth),
         };
         if let Part::Octants { level, .. } = part {
             if step.divides_views && step.view_level <= level {

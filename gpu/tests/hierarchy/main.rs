@@ -4,6 +4,7 @@
 mod octree;
 mod oracle;
 mod sort;
+mod spheres;
 
 use std::sync::{Arc, OnceLock};
 

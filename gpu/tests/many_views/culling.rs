@@ -1,10 +1,10 @@
 //! What no view sees is culled, and nothing else.
 
-use argus_gpu::many_views::{Bounding, Knobs, ViewPoint};
+use argus_gpu::many_views::{Bounding, Knobs, Occlusion, ViewList, ViewPoint};
 use glam::DVec3;
 
 use crate::oracle::Nodes;
-use crate::{Frame, octree_of, room, scattered, wide};
+use crate::{Frame, gpu, octree_of, room, scattered, wide};
 
 /// Every texel that holds a node of which any view of the map sees a part is the same as without culling.
 fn nothing_seen_is_lost(views: &[ViewPoint], knobs: Knobs) {
@@ -56,4 +56,30 @@ fn views_of_opposite_directions_in_one_cell_see_everything_together() {
     views.extend((0..20).map(|i| ViewPoint { position: at + DVec3::X * f64::from(i) * 0.2, ..up }));
     nothing_seen_is_lost(&views, wide(5, 16, true));
     nothing_seen_is_lost(&views, wide(5, 16, false));
+}
+
+#[test]
+fn what_is_left_out_behind_nearer_surfaces_changes_no_byte() {
+    let octree = octree_of(&room(), 6);
+    for (sharing, count) in [(false, 120), (true, 500)] {
+        for side in [16, 32] {
+            let views = scattered(count, 4);
+            let knobs = wide(6, side, sharing);
+            let all = Frame::new(&octree, knobs, &views);
+            let few = Frame::new(&octree, Knobs { occlusion: Occlusion::Shells, ..knobs }, &views);
+            assert_eq!(few.map_of_view, all.map_of_view);
+            assert!(few.maps == all.maps, "sharing {sharing}, {side}: other bytes");
+            let [fewer, more] = [few.stats.rendered(), all.stats.rendered()];
+            assert!(fewer < more, "{fewer} pairs of {more}");
+            // What could be left out by who knew the maps beforehand.
+            let mut known = Frame::new(&octree, Knobs { occlusion: Occlusion::Known, ..knobs }, &views);
+            let list = ViewList::new(&gpu(), &octree.root, &views).unwrap();
+            assert!(known.many.render(&list).unwrap().rendered() < fewer);
+            let maps = (0..known.stats.maps).map(|map| known.many.maps().read(&gpu(), map).unwrap());
+            assert!(
+                maps.eq(all.maps.iter().cloned()),
+                "sharing {sharing}, {side}: other bytes from known maps"
+            );
+        }
+    }
 }

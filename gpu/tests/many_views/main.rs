@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod culling;
+mod cuts;
 mod hard_cases;
 mod oracle;
 mod sharing;

@@ -1,6 +1,6 @@
 //! Maps of VPLs from an octree of the scene, all at once.
 
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
 use argus_gpu::Gpu;
@@ -24,7 +24,7 @@ pub(crate) fn octree(
     octree.map(Arc::new).map_err(into_render)
 }
 
-/// The maps of VPLs, each a view of the half space before its surface.
+/// The maps of VPLs, each a view of the half space before its surface, and of particles, which have none.
 pub(crate) fn render(
     gpu: &Arc<Gpu>,
     octree: &Arc<Octree>,
@@ -36,7 +36,7 @@ pub(crate) fn render(
         .map(|vpl| ViewPoint {
             position: vpl.position,
             direction: vpl.normal.as_dvec3(),
-            half_fov: FRAC_PI_2,
+            half_fov: if vpl.normal == Vec3::ZERO { PI } else { FRAC_PI_2 },
         })
         .collect();
     let list = ViewList::new(gpu, &octree.root, &views)?;

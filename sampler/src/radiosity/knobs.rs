@@ -53,8 +53,10 @@ impl MapSource {
 /// Instant radiosity's approximations; `argus study radiosity` shows what each costs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VplKnobs {
-    /// VPLs that are aimed at; a scene whose lights miss it has fewer.
+    /// VPLs that are aimed at; a scene whose lights miss it has fewer. 0 only beside particles.
     pub vpls: u32,
+    /// Glowing particles: lights without a surface that shine everywhere and drift with time, gathered like VPLs.
+    pub particles: u32,
     /// Reflections after which a path ends at the latest, 1 to 4.
     pub bounces: u32,
     /// Texels on a side of a hemisphere's map: a power of two, 4 to 256.
@@ -89,6 +91,7 @@ impl Default for VplKnobs {
     fn default() -> Self {
         Self {
             vpls: 4096,
+            particles: 0,
             bounces: 1,
             map_side: 16,
             maps: MapSource::default(),
@@ -111,6 +114,7 @@ impl fmt::Display for VplKnobs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             vpls,
+            particles,
             bounces,
             map_side,
             maps,
@@ -126,6 +130,9 @@ impl fmt::Display for VplKnobs {
             seed,
         } = self;
         write!(f, "{vpls} VPLs of {bounces} bounces, {} maps of {map_side}", maps.name())?;
+        if *particles > 0 {
+            write!(f, ", {particles} particles")?;
+        }
         if *maps == MapSource::Imperfect {
             write!(f, " from {points} points")?;
         }
@@ -149,7 +156,8 @@ impl VplKnobs {
             let reason = || format!("must be {} to {}, not {value}", range.start(), range.end());
             if range.contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
         };
-        within("indirect.vpls", self.vpls, 1..=1 << 20)?;
+        within("indirect.vpls", self.vpls, u32::from(self.particles == 0)..=1 << 20)?;
+        within("indirect.particles", self.particles, 0..=1 << 20)?;
         within("indirect.bounces", self.bounces, 1..=4)?;
         within("indirect.points", self.points, 1..=1 << 20)?;
         within("indirect.levels", self.levels, 1..=10)?;
@@ -180,8 +188,10 @@ mod tests {
     fn every_knob_out_of_range_is_named() {
         let default = VplKnobs::default();
         assert_eq!(default.validate(), Ok(()));
+        assert_eq!(VplKnobs { vpls: 0, particles: 1, ..default }.validate(), Ok(()));
         let cases = [
             (VplKnobs { vpls: 0, ..default }, "indirect.vpls"),
+            (VplKnobs { particles: (1 << 20) + 1, ..default }, "indirect.particles"),
             (VplKnobs { bounces: 5, ..default }, "indirect.bounces"),
             (VplKnobs { map_side: 12, ..default }, "indirect.map_side"),
             (VplKnobs { map_side: 512, ..default }, "indirect.map_side"),

@@ -1,6 +1,7 @@
 //! Maps of VPLs by rays through the centres of their texels: what no other way can do better at that resolution.
 
 use argus_scene::{Bounds, paraboloid};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Vpl;
@@ -11,14 +12,15 @@ use crate::packets::PacketTracer;
 /// where a VPL does not shine.
 pub(crate) fn exact(tracer: &PacketTracer, vpls: &[Vpl], side: u32) -> Vec<u32> {
     let texels = 2 * side * side;
-    let rays: Vec<(u32, glam::DVec3)> = (0..texels)
+    let rays: Vec<(u32, DVec3)> = (0..texels)
         .filter(|&texel| paraboloid::is_inside(texel, side))
         .map(|texel| (texel, paraboloid::center_of(texel, side)))
         .collect();
     let mut maps = vec![f32::MAX.to_bits(); vpls.len() * texels as usize];
     maps.par_chunks_mut(texels as usize).zip(vpls).for_each(|(map, vpl)| {
         let normal = vpl.normal.as_dvec3();
-        for &(texel, direction) in rays.iter().filter(|(_, direction)| direction.dot(normal) > 0.0) {
+        let shines = |direction: &DVec3| direction.dot(normal) > 0.0 || normal == DVec3::ZERO;
+        for &(texel, direction) in rays.iter().filter(|(_, direction)| shines(direction)) {
             if let Some(met) = tracer.nearest(vpl.position, direction, f64::from(f32::MAX)) {
                 map[texel as usize] = (met.t as f32).to_bits();
             }

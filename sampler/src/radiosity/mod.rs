@@ -1,4 +1,5 @@
-//! Instant radiosity: indirect diffuse light from virtual point lights (VPLs).
+//! Instant radiosity: indirect diffuse light from virtual point lights (VPLs). Glowing particles are lights of the same
+//! kind, without a surface: they are gathered with VPLs, by maps of the whole sphere.
 //!
 //! Once for a pose of the scene, paths from its lights leave VPLs on surfaces ([`paths`]), a tree groups them
 //! ([`tree`]), and each gets a map of how far it sees ([`MapSource`]). Then, for every tile, groups that cannot light
@@ -44,7 +45,7 @@ use surfaces::Surfaces;
 pub(crate) struct Vpl {
     /// World space, metres; a hair off its surface.
     pub(crate) position: DVec3,
-    /// Unit, on the side that is lit.
+    /// Unit, on the side that is lit; zero for a particle, which shines everywhere.
     pub(crate) normal: Vec3,
     /// Watts.
     pub(crate) flux: Vec3,
@@ -94,6 +95,8 @@ struct Passes {
 /// VPLs at one moment.
 struct Lit {
     lighting: Lighting,
+    /// Seconds; where nothing drifts, any time is the same.
+    time_secs: f64,
     vpls: wgpu::Buffer,
     nodes: wgpu::Buffer,
     groups: usize,
@@ -144,13 +147,17 @@ impl Radiosity {
         gpu: &Arc<Gpu>,
         tracer: &PacketTracer,
         lighting: &Lighting,
+        time_secs: f64,
     ) -> Result<Vec<Stage>, RenderError> {
-        if self.lit.as_ref().is_some_and(|lit| lit.lighting == *lighting) {
+        let drifts = self.knobs.particles > 0;
+        let is_now = |lit: &Lit| lit.lighting == *lighting && (!drifts || lit.time_secs == time_secs);
+        if self.lit.as_ref().is_some_and(is_now) {
             return Ok(Vec::new());
         }
         let begin = Instant::now();
         let emitters = Emitters::new(lighting, &self.surfaces, self.bounds);
         let mut vpls = paths::trace(tracer, &self.surfaces, &emitters, &self.knobs, self.bounds);
+        vpls.extend(particles(&self.knobs, self.bounds, time_secs));
         let trace_ms = elapsed_ms(begin);
 
         let begin = Instant::now();
@@ -187,6 +194,7 @@ impl Radiosity {
         };
         self.lit = Some(Lit {
             lighting: lighting.clone(),
+            time_secs,
             vpls: vpl_buffer,
             nodes: upload(gpu, "groups of VPLs", &node_data, storage)?,
             groups: nodes.iter().filter(|node| node.leaf).count(),
@@ -354,11 +362,19 @@ fn fits(gpu: &Gpu, vpls: usize, side: u32, bytes: u64) -> Result<(), RenderError
     )))
 }
 
+/// Particles as lights that VPLs are gathered with.
+fn particles(knobs: &VplKnobs, bounds: Bounds, time_secs: f64) -> impl Iterator<Item = Vpl> {
+    let all = argus_scene::particles::glowing(&bounds, knobs.particles, knobs.seed, time_secs);
+    all.into_iter().map(|p| Vpl { position: p.position, normal: Vec3::ZERO, flux: p.flux, bounces: 0 })
+}
+
 fn vpl_about(vpl: &Vpl, root: DVec3) -> layout::Vpl {
+    // Flux leaves a surface by the cosine, π of it in all, and a particle into the whole sphere.
+    let solid_angle = if vpl.normal == Vec3::ZERO { 4.0 } else { 1.0 } * std::f32::consts::PI;
     layout::Vpl {
         position: (vpl.position - root).as_vec3().to_array(),
         normal: vpl.normal.to_array(),
-        intensity: (vpl.flux * (std::f32::consts::FRAC_1_PI * std::f32::consts::FRAC_1_PI)).to_array(),
+        intensity: (vpl.flux * (std::f32::consts::FRAC_1_PI / solid_angle)).to_array(),
         ..layout::Vpl::zeroed()
     }
 }

@@ -14,6 +14,11 @@ pub(super) const MIRRORS: &[Mirror] = &[
     FillStep::MIRROR,
     Fusion::MIRROR,
     RasterStep::MIRROR,
+    SphereStep::MIRROR,
+    CellStep::MIRROR,
+    CutStep::MIRROR,
+    DrawStep::MIRROR,
+    ImperfectStep::MIRROR,
 ];
 
 mirror! {
@@ -107,6 +112,12 @@ mirror! {
         pub counted: u32,
         /// Maps of one array: 2 to the power of this.
         pub map_shift: u32,
+        /// Pairs whose centers are nearer, edges of the root, are not rendered.
+        pub near: f32,
+        /// Nor those whose centers are as far.
+        pub far: f32,
+        /// 1: the view nodes of the pairs tested are leaves.
+        pub leaf_views: u32,
     }
 }
 
@@ -179,5 +190,109 @@ mirror! {
         pub edge: f32,
         /// Maps of one array: 2 to the power of this.
         pub map_shift: u32,
+    }
+}
+
+mirror! {
+    /// One level of a tree of balls: `gpu/spheres.wgsl`.
+    pub struct SphereStep {
+        /// Points, or nodes of the level.
+        pub count: u32,
+        /// First node of the level.
+        pub first: u32,
+    }
+}
+
+mirror! {
+    /// One level of an octree that is cut: `gpu/cut_tree.wgsl`.
+    pub struct CellStep {
+        /// Nodes of the level.
+        pub count: u32,
+        /// The first of them.
+        pub first: u32,
+        /// Cells along an edge of the root on the level.
+        pub cells: f32,
+        /// By how much a ball is larger than its cell's.
+        pub pad: f32,
+    }
+}
+
+mirror! {
+    /// A step of finding cuts: `gpu/cut.wgsl`.
+    pub struct CutStep {
+        /// Views.
+        pub views: u32,
+        /// The tree's root.
+        pub root: u32,
+        /// Texels of a hemisphere's side by the threshold.
+        pub scale: f32,
+        /// Motion of a view, edges of the root, beyond which it starts over.
+        pub jump: f32,
+        /// Entries that the queues and the cut hold.
+        pub capacity: u32,
+        /// Chunks of the cut.
+        pub chunks: u32,
+        /// Entry of the counters for the queue that is read.
+        pub queue_in: u32,
+        /// Entry for the queue that is filled.
+        pub queue_out: u32,
+        /// Where numbers of workgroups go.
+        pub arguments: u32,
+        /// Units of motion by which chunks may be overdue while views move.
+        pub lag: u32,
+        /// 1: every view starts over.
+        pub restart: u32,
+        /// 0: of this step's queue only what started over is divided.
+        pub deep: u32,
+    }
+}
+
+mirror! {
+    /// Drawing cuts: `gpu/cut_draw.wgsl`.
+    pub struct DrawStep {
+        /// Views.
+        pub views: u32,
+        /// Texels of a hemisphere's side.
+        pub side: u32,
+        /// How large a node may appear and be drawn whole, texels.
+        pub threshold: f32,
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
+        /// Entries that the queue holds.
+        pub capacity: u32,
+        /// Its entry of the counters.
+        pub queue: u32,
+        /// Where the number of workgroups goes.
+        pub arguments: u32,
+    }
+}
+
+mirror! {
+    /// Random points splatted, and levels between which gaps are filled: `gpu/imperfect_views.wgsl`.
+    pub struct ImperfectStep {
+        /// Maps.
+        pub count: u32,
+        /// Points to each.
+        pub points: u32,
+        /// Points to choose from.
+        pub pool: u32,
+        /// Where those begin among the nodes.
+        pub first: u32,
+        /// Texels of a hemisphere's side.
+        pub side: u32,
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
+        /// Texels on a side of the level that is written.
+        pub to_side: u32,
+        /// Texels on a side of the level that is read.
+        pub from_side: u32,
+        /// Where the level that is written begins in the pyramid.
+        pub to_begin: u32,
+        /// Where the level that is read begins in the pyramid.
+        pub from_begin: u32,
     }
 }

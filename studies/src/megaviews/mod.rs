@@ -1,8 +1,8 @@
 //! Time and memory of many views at once, against their number, resolution and placement: MegaViews beside ManyLoDs
 //! beside brute force, in one run (the paper's figures 10 to 12).
 
-mod placement;
-mod shadows;
+pub(crate) mod placement;
+pub(crate) mod shadows;
 
 use std::sync::Arc;
 
@@ -15,6 +15,8 @@ use argus_scene::{Bounds, Light, Pose, Scene};
 use glam::DVec3;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
+
+pub use argus_gpu::many_views::Occlusion;
 
 pub use self::placement::{Emitter, Placement};
 use self::shadows::Shadows;
@@ -71,6 +73,8 @@ pub struct Options {
     pub rounds: usize,
     /// Seconds that one frame may take; what is expected to take longer is extrapolated.
     pub patience_secs: f64,
+    /// Whether what is hidden behind what maps already hold is left out, each way measured.
+    pub occlusion: Vec<Occlusion>,
     /// The rest of what a traversal may be told.
     pub knobs: Knobs,
 }
@@ -89,6 +93,7 @@ impl Default for Options {
             light: None,
             rounds: 3,
             patience_secs: 60.0,
+            occlusion: vec![Occlusion::Off],
             knobs: Knobs::for_depth(9),
         }
     }
@@ -115,8 +120,14 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     let scene = Arc::new(argus_scene::open(&options.scene)?);
     let bench = Bench::new(&gpu, &scene, options)?;
-    let runs =
-        options.levels.len() * options.placements.len() * options.resolutions.len() * options.methods.len();
+    let methods: Vec<(Method, Occlusion)> = options
+        .methods
+        .iter()
+        .flat_map(|&method| options.occlusion.iter().map(move |&occlusion| (method, occlusion)))
+        // Every triangle is rasterised either way.
+        .filter(|(method, occlusion)| *method != Method::Raster || *occlusion == options.occlusion[0])
+        .collect();
+    let runs = options.levels.len() * options.placements.len() * options.resolutions.len() * methods.len();
     progress.set_length((runs * options.views.len()) as u64);
     let mut rows = Vec::new();
     for &levels in &options.levels {
@@ -125,9 +136,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         let octree = Arc::new(octree);
         for &placement in &options.placements {
             for &resolution in &options.resolutions {
-                for &method in &options.methods {
+                for &(method, occlusion) in &methods {
                     progress.set_message(format!("{} {} {resolution}²", method.name(), placement.name()));
-                    let subject = Subject { octree: &octree, placement, resolution, method };
+                    let subject = Subject { octree: &octree, placement, resolution, method, occlusion };
                     rows.extend(bench.series(&subject, progress)?);
                 }
             }
@@ -137,6 +148,10 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut report = Report::new(options.scene.clone(), Machine::here(gpu.kind()), rows);
     report.plots = plots;
     report.notes = vec![
+        "Occlusion on: pairs are met in four shells, near ones first, so that more are tested; known: pairs are tested against \
+         the finished maps, which says how many any order could leave out. Pairs that cover no texel's sample point are \
+         hidden by none, and count as rendered either way."
+            .to_owned(),
         "Pairs are counted once however the frame was split; the peak of untested pairs is what a queue would hold if \
          pairs were queued before they are tested. Rows marked extrapolated grow in proportion from the row before, or \
          for raster from a few views."
@@ -163,6 +178,7 @@ struct Subject<'a> {
     placement: Placement,
     resolution: u32,
     method: Method,
+    occlusion: Occlusion,
 }
 
 impl<'a> Bench<'a> {
@@ -214,13 +230,14 @@ impl<'a> Bench<'a> {
 
     /// `None` where it does not fit into memory.
     fn measure(&self, subject: &Subject<'_>, count: u32) -> Result<Option<Measured>> {
-        let &Subject { octree, placement, resolution, method } = subject;
+        let &Subject { octree, placement, resolution, method, occlusion } = subject;
         let views = self.views(placement, count)?;
         let depth = self.options.view_levels.unwrap_or(octree.depth.saturating_sub(1).max(1));
         let knobs = Knobs {
             side: resolution,
             sharing: method == Method::MegaViews,
             view_depth: depth,
+            occlusion,
             ..self.options.knobs
         };
         let shadows = Shadows::new(&self.tracer, &views, octree.root.edge / f64::from(1u32 << octree.depth));
@@ -241,6 +258,13 @@ impl<'a> Bench<'a> {
             Err(HierarchyError::TooLarge { .. }) => return Ok(None),
             many => many?,
         };
+        if occlusion == Occlusion::Known {
+            // Maps are known from the second frame on that is traversed in the same way: the next may fall back.
+            match many.render(&list) {
+                Err(HierarchyError::TooLarge { .. }) => return Ok(None),
+                first => first?,
+            };
+        }
         let frames = match frames(self.options.rounds, || many.render(&list)) {
             Err(HierarchyError::TooLarge { .. }) => return Ok(None),
             frames => frames?,
@@ -257,7 +281,7 @@ impl<'a> Bench<'a> {
 }
 
 /// Where light comes from if nobody says.
-fn default_light(pose: &Pose, bounds: &Bounds) -> Emitter {
+pub(crate) fn default_light(pose: &Pose, bounds: &Bounds) -> Emitter {
     let of = |light: &Light| match *light {
         Light::Point { position, .. } => Some(Emitter::Point { position }),
         Light::Spot { position, direction, outer_cone, .. } => {
@@ -345,6 +369,7 @@ fn row(subject: &Subject<'_>, options: &Options, views: u32, measured: &Measured
         ("levels", json!(depth)),
         ("view_levels", json!(view_levels)),
         ("frame_ms", json!(measured.frame_ms)),
+        ("occlusion", json!((subject.method != Method::Raster).then_some(subject.occlusion.name()))),
         ("extrapolated", json!(measured.extrapolated)),
         ("fell_back", json!(last.fell_back)),
         ("pairs_processed", json!(last.processed())),
@@ -371,6 +396,7 @@ fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
             let of = |row: &&Map<String, Value>| {
                 row["placement"] == placement.name()
                     && row["method"] == method.name()
+                    && (row["occlusion"].is_null() || row["occlusion"] == options.occlusion[0].name())
                     && number(row, fixed) == value
             };
             let points =

@@ -57,7 +57,7 @@ impl Placement {
 const PATIENCE: usize = 64;
 
 /// So many views, the same for the same seed; fewer where the light reaches nothing.
-pub(super) fn place(
+pub(crate) fn place(
     tracer: &Tracer,
     pose: &Pose,
     bounds: &Bounds,

@@ -11,7 +11,7 @@ const VIEWS: usize = 96;
 const POINTS: usize = 96;
 
 /// Points that views may see or not.
-pub(super) struct Shadows<'a> {
+pub(crate) struct Shadows<'a> {
     tracer: &'a Tracer,
     views: &'a [ViewPoint],
     /// Edge of the octree's cells, metres.
@@ -19,19 +19,19 @@ pub(super) struct Shadows<'a> {
 }
 
 impl<'a> Shadows<'a> {
-    pub(super) fn new(tracer: &'a Tracer, views: &'a [ViewPoint], cell: f64) -> Self {
+    pub(crate) fn new(tracer: &'a Tracer, views: &'a [ViewPoint], cell: f64) -> Self {
         Self { tracer, views, cell }
     }
 
     /// Indices of the views that are asked.
-    pub(super) fn asked(&self) -> Vec<usize> {
+    pub(crate) fn asked(&self) -> Vec<usize> {
         spread(VIEWS, self.views.len())
     }
 
     /// The share of points, on other views' surfaces and in what a view looks at, of which a map says otherwise than
     /// a ray. `map` gives the texels of the nth of the views that are asked, and where its map is rendered from. A point is in
     /// shadow where the map's range is shorter than its own by more than two cells and 5%.
-    pub(super) fn wrong(&self, map: impl Fn(usize) -> Result<(Vec<[u32; 2]>, DVec3)>) -> Result<f64> {
+    pub(crate) fn wrong(&self, map: impl Fn(usize) -> Result<(Vec<[u32; 2]>, DVec3)>) -> Result<f64> {
         let (mut asked, mut wrong) = (0u32, 0u32);
         for (nth, view) in self.asked().into_iter().enumerate() {
             let (texels, middle) = map(nth)?;

@@ -1,0 +1,259 @@
+//! A perfect binary tree of balls over points of the scene's surfaces. Program: `shaders/gpu/spheres.wgsl`.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use argus_shaders::gpu::SPHERES;
+use argus_shaders::layout::gpu::SphereStep;
+use wgpu::{Buffer, BufferUsages};
+
+use super::samples::{SurfaceSample, surface_samples};
+use super::{HierarchyError, RootCube, Scan, Sort, SortScratch, Triangle, fits};
+use crate::{Commands, ComputePipeline, Gpu};
+
+/// Most levels below the root of a tree of balls: its nodes must be numbered in 24 bits.
+pub const MAX_SPHERE_DEPTH: u32 = 22;
+
+/// Makes trees of balls and fits them to triangles that move; holds the pipelines.
+#[derive(Debug)]
+pub struct SphereBuilder {
+    gpu: Arc<Gpu>,
+    scan: Scan,
+    sort: Sort,
+    sample_keys: ComputePipeline,
+    order_samples: ComputePipeline,
+    fit_leaves: ComputePipeline,
+    fit_nodes: ComputePipeline,
+    sum_moves: ComputePipeline,
+}
+
+/// The perfect binary bounding-sphere hierarchy of ManyLoDs (Holländer et al. 2011, section 4).
+///
+/// Its 2^depth leaves are points of triangles in barycentric coordinates, in the order of a Hilbert curve through where
+/// they were when the tree was made. Nodes are in the order of a heap: the root is node 0, the children of node n are 2n + 1
+/// and 2n + 2. Every ball holds those of its children with room to spare for what f32 rounds, and every cone theirs.
+#[derive(Debug)]
+pub struct SphereHierarchy {
+    /// The cube that coordinates are relative to.
+    pub root: RootCube,
+    /// Levels below the root.
+    pub depth: u32,
+    /// Four words a node: the mean position of its leaves (f32, edges of the root); and 256 times its first child plus
+    /// 3, or 0 for a leaf.
+    pub nodes: Buffer,
+    /// Four f32 a node: middle and radius of its ball, edges of the root.
+    pub spheres: Buffer,
+    /// Four f32 a node: the axis of the cone of its normals, and the cosine of the cone's half angle.
+    pub cones: Buffer,
+    /// A word a node: its parent; the root's is itself.
+    pub parents: Buffer,
+    /// Two words that only grow: how far balls moved, and how much their radii changed, at most and summed over all
+    /// updates, in 2^-22 edges of the root, rounded up; two more for what is being added.
+    pub moved: Buffer,
+    /// How long the latest build, rebuild or update took.
+    pub times: SphereTimes,
+    samples: Buffer,
+    ordered: Buffer,
+    corners: Buffer,
+    triangles: u32,
+}
+
+/// How long making or fitting a tree of balls took, milliseconds by the clock.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SphereTimes {
+    /// Points chosen on triangles; 0 unless the tree was made from nothing.
+    pub sample_ms: f64,
+    /// Triangles brought to the GPU.
+    pub upload_ms: f64,
+    /// Points put in order; 0 in an update.
+    pub sort_ms: f64,
+    /// Balls and cones fitted.
+    pub fit_ms: f64,
+    /// All of it.
+    pub total_ms: f64,
+}
+
+impl SphereBuilder {
+    /// Makes the pipelines.
+    pub fn new(gpu: &Arc<Gpu>) -> Self {
+        let pipeline = |entry| gpu.compute_pipeline(&SPHERES, entry);
+        Self {
+            scan: Scan::new(gpu),
+            sort: Sort::new(gpu),
+            sample_keys: pipeline("sample_keys"),
+            order_samples: pipeline("order_samples"),
+            fit_leaves: pipeline("fit_leaves"),
+            fit_nodes: pipeline("fit_nodes"),
+            sum_moves: pipeline("sum_moves"),
+            gpu: Arc::clone(gpu),
+        }
+    }
+
+    /// A tree `depth` levels deep (1 to [`MAX_SPHERE_DEPTH`]) over as many points as it has leaves.
+    ///
+    /// # Errors
+    /// No triangle has an area, a depth out of range, an array too large for the device, or the device itself.
+    pub fn build(
+        &self,
+        root: RootCube,
+        depth: u32,
+        triangles: &[Triangle],
+    ) -> Result<SphereHierarchy, HierarchyError> {
+        if !(1..=MAX_SPHERE_DEPTH).contains(&depth) {
+            let range = format!("1 to {MAX_SPHERE_DEPTH}");
+            let value = depth.to_string();
+            return Err(HierarchyError::OutOfRange { field: "levels of balls", range, value });
+        }
+        let (gpu, begin) = (&self.gpu, Instant::now());
+        let nodes = (2u64 << depth) - 1;
+        fits(gpu, "nodes of the tree of balls", nodes * 16)?;
+        fits(gpu, "corners of triangles", triangles.len() as u64 * 36)?;
+        let samples = surface_samples(triangles, 1 << depth);
+        if samples.is_empty() {
+            return Err(HierarchyError::Empty);
+        }
+        let sample_ms = ms(begin);
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
+        let mut tree = SphereHierarchy {
+            root,
+            depth,
+            nodes: gpu.buffer("nodes of balls", nodes * 16, usage),
+            spheres: gpu.buffer("balls", nodes * 16, usage),
+            cones: gpu.buffer("normals of balls", nodes * 16, usage),
+            parents: gpu.buffer("parents of balls", nodes * 4, usage),
+            moved: gpu.buffer("motion of balls", 16, usage),
+            times: SphereTimes::default(),
+            samples: gpu.upload("points of surfaces", &samples, BufferUsages::STORAGE),
+            ordered: gpu.buffer(
+                "points in order",
+                (samples.len() * size_of::<SurfaceSample>()) as u64,
+                usage,
+            ),
+            corners: gpu.buffer("corners of triangles", (triangles.len() as u64 * 36).max(36), usage),
+            triangles: triangles.len() as u32,
+        };
+        self.rebuild(&mut tree, triangles)?;
+        tree.times.sample_ms = sample_ms;
+        tree.times.total_ms = ms(begin);
+        Ok(tree)
+    }
+
+    /// Fits the balls, bottom-up, to where the same triangles are now. Points stay where they are on their triangles,
+    /// and the tree keeps its shape.
+    ///
+    /// # Errors
+    /// Another number of triangles than the tree was made of, or a fault of the device.
+    pub fn update(&self, tree: &mut SphereHierarchy, triangles: &[Triangle]) -> Result<(), HierarchyError> {
+        let begin = Instant::now();
+        self.set_corners(tree, triangles)?;
+        let upload_ms = ms(begin);
+        let began = Instant::now();
+        let mut commands = self.gpu.commands("fit balls");
+        self.fit(&mut commands, tree);
+        commands.submit().wait()?;
+        tree.times =
+            SphereTimes { upload_ms, fit_ms: ms(began), total_ms: ms(begin), ..SphereTimes::default() };
+        Ok(())
+    }
+
+    /// The same, and puts the points in order anew, which makes tighter balls of what has moved apart.
+    ///
+    /// # Errors
+    /// As [`Self::update`].
+    pub fn rebuild(&self, tree: &mut SphereHierarchy, triangles: &[Triangle]) -> Result<(), HierarchyError> {
+        let (gpu, begin) = (&self.gpu, Instant::now());
+        self.set_corners(tree, triangles)?;
+        let upload_ms = ms(begin);
+
+        let began = Instant::now();
+        let count = 1u32 << tree.depth;
+        let scratch = SortScratch::new(gpu, u64::from(count));
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
+        let keys = gpu.buffer("cells of points", u64::from(count) * 8, usage);
+        let step = SphereStep { count, first: 0 };
+        let mut commands = gpu.commands("order points");
+        commands
+            .compute("order points", &self.sample_keys)
+            .read("triangles", &tree.corners)
+            .read("samples", &tree.samples)
+            .write("keys", &keys)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch_linear(u64::from(count));
+        let sorted = self.sort.run(&mut commands, &self.scan, &keys, count, 32..62, &scratch);
+        commands
+            .compute("order points", &self.order_samples)
+            .read("samples", &tree.samples)
+            .read("sorted", sorted)
+            .write("ordered", &tree.ordered)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch_linear(u64::from(count));
+        commands.submit().wait()?;
+        let sort_ms = ms(began);
+
+        let began = Instant::now();
+        let mut commands = gpu.commands("fit balls");
+        self.fit(&mut commands, tree);
+        commands.submit().wait()?;
+        let fit_ms = ms(began);
+        tree.times = SphereTimes { sample_ms: 0.0, upload_ms, sort_ms, fit_ms, total_ms: ms(begin) };
+        Ok(())
+    }
+
+    /// From the leaves up; then what moved is added to what did before.
+    fn fit(&self, commands: &mut Commands, tree: &SphereHierarchy) {
+        for level in (0..=tree.depth).rev() {
+            let step = SphereStep { count: 1 << level, first: (1 << level) - 1 };
+            let leaves = level == tree.depth;
+            let pipeline = if leaves { &self.fit_leaves } else { &self.fit_nodes };
+            let mut call = commands.compute("fit balls", pipeline);
+            if leaves {
+                call = call.read("triangles", &tree.corners).read("samples", &tree.ordered);
+            }
+            call.write("nodes", &tree.nodes)
+                .write("spheres", &tree.spheres)
+                .write("cones", &tree.cones)
+                .write("parents", &tree.parents)
+                .write("moved", &tree.moved)
+                .immediates(bytemuck::bytes_of(&step))
+                .dispatch_linear(1 << level);
+        }
+        commands.compute("fit balls", &self.sum_moves).write("moved", &tree.moved).dispatch([1, 1, 1]);
+    }
+
+    fn set_corners(&self, tree: &SphereHierarchy, triangles: &[Triangle]) -> Result<(), HierarchyError> {
+        if triangles.len() as u32 != tree.triangles {
+            return Err(HierarchyError::OutOfRange {
+                field: "triangles",
+                range: format!("the {} that the tree was made of", tree.triangles),
+                value: triangles.len().to_string(),
+            });
+        }
+        // What is nowhere is in the middle: nothing computed of it is NaN.
+        let unit = |corner| {
+            let unit = tree.root.unit_from_world(corner).as_vec3();
+            if unit.is_finite() { unit.to_array() } else { [0.5; 3] }
+        };
+        let corners: Vec<[[f32; 3]; 3]> = triangles.iter().map(|t| t.corners.map(unit)).collect();
+        self.gpu.queue.write_buffer(&tree.corners, 0, bytemuck::cast_slice(&corners));
+        Ok(())
+    }
+}
+
+impl SphereHierarchy {
+    /// Nodes of all levels.
+    pub fn node_count(&self) -> u32 {
+        (2 << self.depth) - 1
+    }
+
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        [&self.nodes, &self.spheres, &self.cones, &self.parents, &self.ordered]
+            .into_iter()
+            .map(Buffer::size)
+            .sum()
+    }
+}
+
+fn ms(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}

@@ -1,0 +1,219 @@
+//! ManyLoDs (Holländer et al. 2011): a cut through a tree of balls for every view at once, found anew in every frame or
+//! from the last frame's, and a map of inverse range drawn from each.
+
+mod counters;
+mod draw;
+mod knobs;
+mod passes;
+mod pool;
+mod tree;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use wgpu::{Buffer, BufferUsages};
+
+pub use self::counters::CutStats;
+use self::counters::{OVERFLOW, WORDS, WRAPPED};
+use self::draw::DrawPasses;
+pub use self::knobs::{CutKnobs, CutMethod};
+use self::passes::{CutPasses, CutWork};
+use self::pool::{CHUNK, Pool, most_entries};
+pub use self::tree::CutTree;
+use super::{MapSet, ViewList};
+use crate::Gpu;
+use crate::hierarchy::HierarchyError;
+use crate::many_views::Knobs;
+
+/// Most views: their numbers have as many bits in the entries of cuts.
+const MAX_VIEWS: u32 = 1 << 24;
+/// Nodes of a view's cut that there is room for to begin with.
+const FIRST_GUESS: u64 = 1024;
+/// Bytes of what is known of a view: `Eye` of `shaders/shared/cut.wgsl`.
+const EYE_BYTES: u64 = 48;
+/// The clock's reading beyond which it is set back, by starting over.
+const LATE: u32 = 1 << 31;
+
+/// Cuts of many views through one tree, frame after frame.
+#[derive(Debug)]
+pub struct ManyLods {
+    gpu: Arc<Gpu>,
+    tree: CutTree,
+    knobs: CutKnobs,
+    passes: CutPasses,
+    draw: Option<(usize, DrawPasses)>,
+    pool: Pool,
+    eyes: Buffer,
+    maps: Option<MapSet>,
+    /// Views of the last frame; 0: there are no cuts to begin with.
+    views: u32,
+}
+
+impl ManyLods {
+    /// Makes the pipelines.
+    ///
+    /// # Errors
+    /// A knob out of range.
+    pub fn new(gpu: &Arc<Gpu>, tree: CutTree, knobs: CutKnobs) -> Result<Self, HierarchyError> {
+        knobs.validate()?;
+        let ordered = knobs.method != CutMethod::Basic;
+        Ok(Self {
+            passes: CutPasses::new(gpu, &knobs),
+            draw: None,
+            pool: Pool::new(gpu, CHUNK, ordered)?,
+            eyes: gpu.buffer("eyes", EYE_BYTES, BufferUsages::STORAGE),
+            maps: None,
+            views: 0,
+            gpu: Arc::clone(gpu),
+            tree,
+            knobs,
+        })
+    }
+
+    /// Finds the cuts of all views, and draws none. A view has the number that it had in the last frame.
+    ///
+    /// # Errors
+    /// Cuts that do not fit into this device's memory, or a fault of the device.
+    pub fn select(&mut self, views: &ViewList) -> Result<CutStats, HierarchyError> {
+        self.frame(views, false)
+    }
+
+    /// Finds the cuts of all views and draws their maps; map and view have the same number.
+    ///
+    /// # Errors
+    /// As [`Self::select`], of maps too.
+    pub fn render(&mut self, views: &ViewList) -> Result<CutStats, HierarchyError> {
+        self.frame(views, true)
+    }
+
+    fn frame(&mut self, views: &ViewList, draws: bool) -> Result<CutStats, HierarchyError> {
+        let begin = Instant::now();
+        let mut restart = self.make_room(views, draws)?;
+        let mut reruns = 0;
+        loop {
+            let mut commands = self.gpu.commands("cuts of many views");
+            let work = CutWork {
+                tree: &self.tree,
+                knobs: &self.knobs,
+                pool: &self.pool,
+                eyes: &self.eyes,
+                views,
+                restart,
+            };
+            if let (Some(maps), true) = (&self.maps, draws) {
+                maps.arrays.iter().for_each(|array| {
+                    commands.clear(array);
+                });
+            }
+            self.passes.run(&mut commands, &work);
+            if let (Some(maps), Some((_, draw)), true) = (&self.maps, &self.draw, draws) {
+                draw.run(&mut commands, &work, maps);
+            }
+            let words = commands.read_buffer(&self.pool.counters, 0..u64::from(WORDS) * 4);
+            let state = commands.read_buffer(&self.pool.state, 0..4);
+            let mut finished = commands.submit().wait()?;
+            let words: Vec<u32> = bytemuck::pod_collect_to_vec(&finished.take(words)[..]);
+            let clock: u32 = bytemuck::pod_read_unaligned(&finished.take(state)[..4]);
+            if words[OVERFLOW] == 0 && words[WRAPPED] == 0 {
+                self.views = if clock < LATE { views.count } else { 0 };
+                return Ok(CutStats {
+                    reruns,
+                    frame_ms: begin.elapsed().as_secs_f64() * 1e3,
+                    stages: finished.stages,
+                    cut_bytes: self.pool.bytes(),
+                    map_bytes: self.maps.as_ref().map_or(0, MapSet::bytes),
+                    ..CutStats::of(&words)
+                });
+            }
+            // What had gathered over frames may fit once it is put in order anew; what did not fit by itself does not.
+            if words[OVERFLOW] != 0 && restart {
+                self.grow()?;
+            }
+            restart = true;
+            reruns += 1;
+        }
+    }
+
+    /// The maps of the latest frame that drew any.
+    pub fn maps(&self) -> Option<&MapSet> {
+        self.maps.as_ref()
+    }
+
+    /// The cuts of the latest frame, read back: node and view of each entry, in order of views and of nodes.
+    ///
+    /// # Errors
+    /// A fault of the device.
+    pub fn cuts(&self) -> Result<Vec<[u32; 2]>, HierarchyError> {
+        let mut commands = self.gpu.commands("read cuts");
+        let tickets = [&self.pool.entries, &self.pool.chunks, &self.pool.state, &self.eyes]
+            .map(|buffer| commands.read_buffer(buffer, 0..buffer.size()));
+        let mut finished = commands.submit().wait()?;
+        let [entries, chunks, state, eyes] = tickets.map(|ticket| finished.take(ticket));
+        let entries: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&entries[..]);
+        let chunks: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&chunks[..]);
+        let state: Vec<u32> = bytemuck::pod_collect_to_vec(&state[..]);
+        let eyes: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&eyes[..]);
+        // As many chunks as were ever in use; stale entries have another generation than their view.
+        let used = chunks.iter().take(state[4] as usize).zip(entries.chunks_exact(CHUNK as usize));
+        let is_current = |entry: &&[u32; 2]| eyes[3 * (entry[1] & 0xff_ffff) as usize][3] == entry[1] >> 24;
+        let mut cuts: Vec<[u32; 2]> = used
+            .flat_map(|(chunk, entries)| entries[..chunk[1] as usize].iter().filter(is_current))
+            .map(|entry| [entry[0], entry[1] & 0xff_ffff])
+            .collect();
+        cuts.sort_unstable_by_key(|entry| (entry[1], entry[0]));
+        Ok(cuts)
+    }
+
+    /// Forgets the cuts: the next frame begins at the root.
+    pub fn forget(&mut self) {
+        self.views = 0;
+    }
+
+    /// Room for the views; whether their cuts begin at the root.
+    fn make_room(&mut self, views: &ViewList, draws: bool) -> Result<bool, HierarchyError> {
+        if views.count > MAX_VIEWS {
+            return Err(HierarchyError::OutOfRange {
+                field: "views",
+                range: format!("at most {MAX_VIEWS}"),
+                value: views.count.to_string(),
+            });
+        }
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
+        if self.eyes.size() != u64::from(views.count) * EYE_BYTES {
+            self.eyes = self.gpu.buffer("eyes", u64::from(views.count) * EYE_BYTES, usage);
+            self.views = 0;
+        }
+        let guess = u64::from(views.count) * FIRST_GUESS;
+        let wanted = self.knobs.entries.unwrap_or(guess.min(u64::from(most_entries(&self.gpu))) as u32);
+        if self.pool.capacity < wanted {
+            self.pool = Pool::new(&self.gpu, wanted, self.knobs.method != CutMethod::Basic)?;
+            self.views = 0;
+        }
+        if draws && self.maps.as_ref().is_none_or(|maps| maps.capacity != views.count) {
+            let told = Knobs { side: self.knobs.side, texel: self.knobs.texel, ..Knobs::for_depth(1) };
+            let maps = MapSet::new(&self.gpu, &told, views.count)?;
+            let arrays = maps.arrays.len();
+            if self.draw.as_ref().is_none_or(|(made_for, _)| *made_for != arrays) {
+                self.draw =
+                    Some((arrays, DrawPasses::new(&self.gpu, &self.knobs, self.tree.surfels, arrays)));
+            }
+            self.maps = Some(maps);
+        }
+        Ok(self.views != views.count || self.knobs.method == CutMethod::Basic)
+    }
+
+    fn grow(&mut self) -> Result<(), HierarchyError> {
+        let most = self.knobs.entries.unwrap_or_else(|| most_entries(&self.gpu));
+        if self.pool.capacity >= most {
+            let needed = u64::from(most) * 8;
+            return Err(HierarchyError::TooLarge {
+                what: "cuts of all views",
+                needed: needed + 8,
+                limit: needed,
+            });
+        }
+        let capacity = self.pool.capacity.saturating_mul(2).min(most);
+        self.pool = Pool::new(&self.gpu, capacity, self.knobs.method != CutMethod::Basic)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,200 @@
+//! Finding the cuts of all views. Program: `shaders/gpu/cut.wgsl`.
+
+use argus_shaders::gpu::CUT;
+use argus_shaders::layout::gpu::CutStep;
+use wgpu::Buffer;
+
+use super::counters::QUEUES;
+use super::pool::Pool;
+use super::{CutKnobs, CutMethod, CutTree};
+use crate::many_views::ViewList;
+use crate::{Commands, ComputeCall, ComputePipeline, Gpu};
+
+/// Units of motion in an edge of the root; `UNITS` of the program.
+const UNITS: f64 = (1u32 << 22) as f64;
+
+/// The pipelines, for one choice of culling and order.
+#[derive(Debug)]
+pub(super) struct CutPasses {
+    reset_chunks: ComputePipeline,
+    move_views: ComputePipeline,
+    tick: ComputePipeline,
+    find_due: ComputePipeline,
+    prepare_visits: ComputePipeline,
+    visit: ComputePipeline,
+    prepare: ComputePipeline,
+    split: ComputePipeline,
+    allot: ComputePipeline,
+    place: ComputePipeline,
+}
+
+/// What the passes work on.
+pub(super) struct CutWork<'a> {
+    pub(super) tree: &'a CutTree,
+    pub(super) knobs: &'a CutKnobs,
+    pub(super) pool: &'a Pool,
+    pub(super) eyes: &'a Buffer,
+    pub(super) views: &'a ViewList,
+    /// Whether every view starts over.
+    pub(super) restart: bool,
+}
+
+impl CutPasses {
+    pub(super) fn new(gpu: &Gpu, knobs: &CutKnobs) -> Self {
+        let flag = |set: bool| f64::from(u8::from(set));
+        let constants = [("culls", flag(knobs.culling)), ("ordered", flag(knobs.method != CutMethod::Basic))];
+        // Only programs whose entry points use an override may be given it.
+        let pipeline = |entry, names: &[&str]| {
+            let given: Vec<_> = constants.into_iter().filter(|(name, _)| names.contains(name)).collect();
+            gpu.compute_pipeline_with(&CUT, entry, &given)
+        };
+        let both = ["culls", "ordered"];
+        Self {
+            reset_chunks: pipeline("reset_chunks", &both),
+            move_views: pipeline("move_views", &both),
+            tick: pipeline("tick", &both),
+            find_due: pipeline("find_due", &both),
+            prepare_visits: pipeline("prepare_visits", &both),
+            visit: pipeline("visit", &both),
+            prepare: pipeline("prepare", &both),
+            split: pipeline("split", &both),
+            allot: pipeline("allot", &both),
+            place: pipeline("place", &both),
+        }
+    }
+
+    /// One frame's cuts.
+    pub(super) fn run(&self, commands: &mut Commands, work: &CutWork<'_>) {
+        let CutWork { tree, knobs, pool, restart, .. } = *work;
+        let step = CutStep {
+            views: work.views.count,
+            root: tree.root_node,
+            scale: knobs.side as f32 / knobs.threshold,
+            jump: knobs.jump as f32,
+            capacity: pool.capacity,
+            chunks: pool.chunk_count,
+            queue_in: QUEUES,
+            queue_out: QUEUES,
+            arguments: 0,
+            lag: if matches!(knobs.method, CutMethod::Lazy { .. }) { (knobs.lag * UNITS) as u32 } else { 0 },
+            restart: u32::from(restart),
+            deep: 1,
+        };
+        let ordered = knobs.method != CutMethod::Basic;
+        commands.clear(&pool.counters);
+        if restart && ordered {
+            commands
+                .compute("restart", &self.reset_chunks)
+                .write("chunks", &pool.chunks)
+                .write("free", &pool.free)
+                .write("state", &pool.state)
+                .read("moved", &tree.moved)
+                .immediates(bytemuck::bytes_of(&step))
+                .dispatch_linear(u64::from(pool.chunk_count));
+        }
+        let call = commands
+            .compute("move views", &self.move_views)
+            .read("spheres", &tree.spheres)
+            .read("views", &work.views.buffer)
+            .write("eyes", work.eyes)
+            .write("next", &pool.queues[0]);
+        settling(call, pool)
+            .immediates(bytemuck::bytes_of(&step))
+            .dispatch_linear(u64::from(work.views.count));
+        if ordered && !restart {
+            self.look_again(commands, work, step);
+        }
+        let most = match knobs.method {
+            CutMethod::Lazy { edges } => edges,
+            _ => u32::MAX,
+        };
+        for level in 0..tree.depth {
+            let step = CutStep {
+                queue_in: QUEUES + level,
+                queue_out: QUEUES + level + 1,
+                deep: u32::from(level < most),
+                ..step
+            };
+            commands
+                .compute("prepare", &self.prepare)
+                .write("counters", &pool.counters)
+                .write("arguments", &pool.arguments)
+                .immediates(bytemuck::bytes_of(&step))
+                .dispatch([1, 1, 1]);
+            let call = commands
+                .compute("split", &self.split)
+                .read("nodes", &tree.nodes)
+                .read("spheres", &tree.spheres)
+                .write("eyes", work.eyes)
+                .write("state", &pool.state)
+                .read("queue", &pool.queues[level as usize % 2])
+                .write("next", &pool.queues[(level as usize + 1) % 2]);
+            settling(call, pool).immediates(bytemuck::bytes_of(&step)).dispatch_indirect(&pool.arguments, 0);
+        }
+        self.keep(commands, pool, &step);
+    }
+
+    /// The last frame's cuts, as far as they may have changed.
+    fn look_again(&self, commands: &mut Commands, work: &CutWork<'_>, step: CutStep) {
+        let CutWork { tree, pool, .. } = *work;
+        let step = bytemuck::bytes_of(&step);
+        commands
+            .compute("due", &self.tick)
+            .read("moved", &tree.moved)
+            .write("state", &pool.state)
+            .write("counters", &pool.counters)
+            .write("arguments", &pool.arguments)
+            .immediates(step)
+            .dispatch([1, 1, 1]);
+        commands
+            .compute("due", &self.find_due)
+            .write("chunks", &pool.chunks)
+            .write("free", &pool.free)
+            .write("due", &pool.due)
+            .write("counters", &pool.counters)
+            .write("state", &pool.state)
+            .immediates(step)
+            .dispatch_indirect(&pool.arguments, 0);
+        commands
+            .compute("due", &self.prepare_visits)
+            .write("counters", &pool.counters)
+            .write("arguments", &pool.arguments)
+            .immediates(step)
+            .dispatch([1, 1, 1]);
+        let call = commands
+            .compute("visit", &self.visit)
+            .read("nodes", &tree.nodes)
+            .read("spheres", &tree.spheres)
+            .read("parents", &tree.parents)
+            .write("eyes", work.eyes)
+            .write("due", &pool.due)
+            .write("state", &pool.state)
+            .write("next", &pool.queues[0]);
+        settling(call, pool).immediates(step).dispatch_indirect(&pool.arguments, 0);
+    }
+
+    /// Puts what was settled where it stays.
+    fn keep(&self, commands: &mut Commands, pool: &Pool, step: &CutStep) {
+        commands
+            .compute("place", &self.allot)
+            .write("counters", &pool.counters)
+            .write("state", &pool.state)
+            .write("arguments", &pool.arguments)
+            .immediates(bytemuck::bytes_of(step))
+            .dispatch([1, 1, 1]);
+        let call = commands
+            .compute("place", &self.place)
+            .write("chunks", &pool.chunks)
+            .write("state", &pool.state)
+            .write("free", &pool.free);
+        settling(call, pool).immediates(bytemuck::bytes_of(step)).dispatch_indirect(&pool.arguments, 0);
+    }
+}
+
+/// Binds what entries are settled in.
+fn settling<'a>(call: ComputeCall<'a>, pool: &'a Pool) -> ComputeCall<'a> {
+    call.write("settled", &pool.settled)
+        .write("places", &pool.places)
+        .write("entries", &pool.entries)
+        .write("counters", &pool.counters)
+}

@@ -1,0 +1,108 @@
+//! The trees that cuts go through. Program: `shaders/gpu/cut_tree.wgsl`.
+
+use std::sync::Arc;
+
+use argus_shaders::gpu::CUT_TREE;
+use argus_shaders::layout::gpu::CellStep;
+use wgpu::{Buffer, BufferUsages};
+
+use crate::Gpu;
+use crate::hierarchy::{HierarchyError, Octree, RootCube, SphereHierarchy, fits};
+
+/// A tree of balls over a scene: what cuts need of an octree or of a sphere hierarchy, whichever it is. It shares their
+/// arrays, so that an update of a sphere hierarchy is one of this.
+#[derive(Debug, Clone)]
+pub struct CutTree {
+    pub(super) root: RootCube,
+    /// Index of the root among the nodes.
+    pub(super) root_node: u32,
+    /// Levels below the root.
+    pub(super) depth: u32,
+    /// Mean position and links to children.
+    pub(super) nodes: Buffer,
+    /// Balls: middle and radius.
+    pub(super) spheres: Buffer,
+    pub(super) cones: Buffer,
+    pub(super) parents: Buffer,
+    /// How far balls have moved since they were first fitted.
+    pub(super) moved: Buffer,
+    /// Whether its leaves are points of surfaces rather than cells.
+    pub(super) surfels: bool,
+}
+
+impl CutTree {
+    /// The balls around an octree's cells.
+    ///
+    /// # Errors
+    /// An array too large for the device, or the device itself.
+    pub fn of_octree(gpu: &Arc<Gpu>, octree: &Octree) -> Result<Self, HierarchyError> {
+        let nodes = u64::from(octree.node_count());
+        fits(gpu, "balls of the octree", nodes * 16)?;
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
+        let tree = Self {
+            root: octree.root,
+            root_node: octree.root_node(),
+            depth: octree.depth,
+            nodes: octree.nodes.clone(),
+            spheres: gpu.buffer("balls of the octree", nodes * 16, usage),
+            cones: octree.cones.clone(),
+            parents: gpu.buffer("parents of the octree", nodes * 4, usage),
+            moved: gpu.upload("motion of balls", &[0u32; 4], usage),
+            surfels: false,
+        };
+        let pipeline = gpu.compute_pipeline(&CUT_TREE, "cells");
+        let mut commands = gpu.commands("balls of the octree");
+        for (level, [first, count]) in (0u32..).zip(&octree.levels) {
+            let step = CellStep {
+                count: *count,
+                first: *first,
+                cells: (1u32 << level) as f32,
+                pad: 2e-6 * (1 + octree.depth - level) as f32,
+            };
+            commands
+                .compute("balls of the octree", &pipeline)
+                .read("nodes", &tree.nodes)
+                .write("spheres", &tree.spheres)
+                .write("parents", &tree.parents)
+                .immediates(bytemuck::bytes_of(&step))
+                .dispatch_linear(u64::from(*count));
+        }
+        commands.submit().wait()?;
+        Ok(tree)
+    }
+
+    /// A sphere hierarchy.
+    pub fn of_spheres(tree: &SphereHierarchy) -> Self {
+        Self {
+            root: tree.root,
+            root_node: 0,
+            depth: tree.depth,
+            nodes: tree.nodes.clone(),
+            spheres: tree.spheres.clone(),
+            cones: tree.cones.clone(),
+            parents: tree.parents.clone(),
+            moved: tree.moved.clone(),
+            surfels: true,
+        }
+    }
+
+    /// The cube that coordinates are relative to.
+    pub fn root(&self) -> &RootCube {
+        &self.root
+    }
+
+    /// Middle and radius of each node's ball, edges of the root: four f32.
+    pub fn spheres(&self) -> &Buffer {
+        &self.spheres
+    }
+
+    /// Mean position (three f32, edges of the root) and links (256 times the first child plus a bit a child) of each node.
+    pub fn nodes(&self) -> &Buffer {
+        &self.nodes
+    }
+
+    /// Index of the root among the nodes.
+    pub fn root_node(&self) -> u32 {
+        self.root_node
+    }
+}

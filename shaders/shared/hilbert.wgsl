@@ -1,0 +1,30 @@
+// Position along a Hilbert curve of ten levels: neighbours along the curve are neighbours in space, so that any run of
+// it is one blob, where a Morton curve's may be two (Skilling, "Programming the Hilbert curve", 2004).
+
+import package::shared::morton::morton_spread;
+
+// The first axis and another one, turned or exchanged below a bit by whether the other has it.
+fn hilbert_turned(first: u32, own: u32, bit: u32) -> vec2u {
+    let below = bit - 1u;
+    let differ = (first ^ own) & below;
+    return select(vec2u(first ^ differ, own ^ differ), vec2u(first ^ below, own), (own & bit) != 0u);
+}
+
+fn hilbert_code(cell: vec3u) -> u32 {
+    var x = cell;
+    for (var bit = 512u; bit > 1u; bit = bit >> 1u) {
+        x.x = select(x.x, x.x ^ (bit - 1u), (x.x & bit) != 0u);
+        let y = hilbert_turned(x.x, x.y, bit);
+        let z = hilbert_turned(y.x, x.z, bit);
+        x = vec3u(z.x, y.y, z.y);
+    }
+    x.y = x.y ^ x.x;
+    x.z = x.z ^ x.y;
+    var all = 0u;
+    for (var bit = 512u; bit > 1u; bit = bit >> 1u) {
+        all = select(all, all ^ (bit - 1u), (x.z & bit) != 0u);
+    }
+    x = x ^ vec3u(all);
+    // The first axis has the highest bit of each level.
+    return (morton_spread(x.x) << 2u) | (morton_spread(x.y) << 1u) | morton_spread(x.z);
+}

@@ -1,0 +1,79 @@
+//! Arguments of `argus study particles`.
+
+use std::path::PathBuf;
+
+use argus_scene::Camera;
+use argus_studies::particles::{Options, run};
+use argus_studies::{Effort as _, Report};
+use glam::DVec3;
+use indicatif::ProgressBar;
+
+use super::arguments::{Scene, Size, blocking};
+use crate::args;
+
+/// Glowing particles that drift through a scene: time of their maps by MegaViews beside ManyLoDs and exact maps, and how
+/// far shadows by those maps, and a view that they light, are from shadows by rays
+///
+/// Without --scene: terrain:50000; without --size: 192x144.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus study particles --scene sponza.glb --eye=-11,3,0 --target 0,4,0 --out figures --images pictures
+  argus study particles --scene sponza.glb --particles 1024,4096 --levels 7 --json")]
+pub(super) struct Particles {
+    #[command(flatten)]
+    scene: Scene,
+    /// Numbers of particles, ascending [default: 4096,65536]
+    #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    particles: Vec<u32>,
+    /// Texels of a hemisphere's side [default: 16]
+    #[arg(long, value_name = "TEXELS", value_parser = clap::value_parser!(u32).range(8..=256))]
+    resolution: Option<u32>,
+    /// Levels of the scene's octree below its root [default: 8]
+    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
+    levels: Option<u32>,
+    /// Levels of the octree over the particles [default: two fewer than the scene's]
+    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
+    view_levels: Option<u32>,
+    /// Frames that times are the median of, after one that is not counted [default: 3]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    rounds: Option<u16>,
+    /// Particles that light the view that is judged [default: 256]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    lights: Option<u32>,
+    /// Where the viewer stands, metres; the scene's first camera otherwise
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "target")]
+    eye: Option<DVec3>,
+    /// What the viewer looks at
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "eye")]
+    target: Option<DVec3>,
+    #[command(flatten)]
+    size: Size,
+    /// Folder for the images of all rows
+    #[arg(long, value_name = "DIR")]
+    images: Option<PathBuf>,
+}
+
+impl Particles {
+    pub(super) async fn run(self, quick: bool, progress: &ProgressBar) -> anyhow::Result<Report> {
+        let mut options = Options::of(quick);
+        self.scene.replace(&mut options.scene);
+        self.size.replace(&mut options.size);
+        if !self.particles.is_empty() {
+            options.particles = self.particles;
+            options.particles.sort_unstable();
+        }
+        options.resolution = self.resolution.unwrap_or(options.resolution);
+        options.levels = self.levels.unwrap_or(options.levels);
+        options.view_levels = self.view_levels.or(options.view_levels);
+        options.rounds = self.rounds.map_or(options.rounds, usize::from);
+        options.lights = self.lights.unwrap_or(options.lights);
+        if let (Some(eye), Some(target)) = (self.eye, self.target) {
+            let camera = Camera { fov_deg: 60.0, ..Camera::look_at(eye, target) };
+            camera.validate()?;
+            options.camera = Some(camera);
+        }
+        options.images = self.images;
+        blocking(options, progress, run).await
+    }
+}

@@ -1,0 +1,62 @@
+//! How views and scenes move.
+
+use argus_gpu::hierarchy::{Triangle, stream};
+use argus_gpu::many_views::ViewPoint;
+use glam::DVec3;
+
+use super::Stage;
+
+/// What moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Path {
+    /// All views, together.
+    Views,
+    /// The scene: by its own animation, or bent back and forth where it has none.
+    Scene,
+}
+
+impl Path {
+    pub(super) const ALL: [Self; 2] = [Self::Views, Self::Scene];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Views => "views",
+            Self::Scene => "scene",
+        }
+    }
+}
+
+/// Radius of the circle that views follow, a share of the scene's extent: they stay near where they were placed.
+const CIRCLE: f64 = 0.1;
+
+/// The views after they have gone so far, metres, along a circle that leans a little.
+pub(super) fn views_at(stage: &Stage<'_>, way: f64) -> Vec<ViewPoint> {
+    let radius = CIRCLE * stage.extent();
+    let turn = way / radius;
+    let along = DVec3::new(turn.sin(), 0.3 * (1.0 - turn.cos()), 1.0 - turn.cos()) * radius / 1.02;
+    let moved = |view: &ViewPoint| ViewPoint { position: view.position + along, ..*view };
+    stage.views.iter().map(moved).collect()
+}
+
+/// The triangles after what moves fastest has gone so far, metres.
+pub(super) fn triangles_at(stage: &Stage<'_>, way: f64) -> Vec<Triangle> {
+    if stage.scene.is_animated() {
+        // Motion by the clock: so many metres a second as an extent takes ten.
+        let seconds = way / (0.1 * stage.extent());
+        let pose = stage.scene.at(seconds);
+        return stream::triangles(stage.scene, &pose).collect();
+    }
+    // A triangle wave of a tenth of the extent: what is bent most goes at an even speed.
+    let most = 0.1 * stage.extent();
+    let phase = (way / most).rem_euclid(4.0);
+    let amount = most * if phase < 2.0 { phase - 1.0 } else { 3.0 - phase } + most;
+    let amount = 0.5 * amount;
+    let (low, size) = (stage.bounds.min, stage.bounds.size().max(DVec3::splat(1e-9)));
+    let bend = |p: DVec3| {
+        // Nothing at the walls, most in the middle.
+        let unit = (p - low) / size;
+        let hill = |x: f64| (4.0 * x * (1.0 - x)).max(0.0);
+        p + DVec3::new(0.0, 2.0 * amount * hill(unit.x) * hill(unit.z) * 0.5, 0.0)
+    };
+    stage.triangles.iter().map(|t| Triangle { corners: t.corners.map(bend), ..*t }).collect()
+}

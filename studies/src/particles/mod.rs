@@ -1,0 +1,384 @@
+//! Glowing particles: time and error of the maps of thousands of lights that move (MegaViews, figure 17).
+//!
+//! A view is lit by some of the particles, the same for all rows, with shadows by rays and by each kind of maps. Times
+//! are of whole frames in which every particle has moved on, from its place to its map.
+
+mod lit;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
+use argus_gpu::many_views::{
+    CutKnobs, CutMethod, CutTree, Knobs, ManyLods, ManyViews, MapSet, RasterViews, ViewList, ViewPoint,
+};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_scene::metrics::compare;
+use argus_scene::particles::{Particle, glowing};
+use argus_scene::reference::Tracer;
+use argus_scene::{Bounds, Camera, Scene};
+use glam::DVec3;
+use image::RgbImage;
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use self::lit::{Lit, ParticleMap, Visible, exposure};
+use crate::median::median;
+use crate::plot::{Axis, Plot, Series};
+use crate::{Effort, Machine, Report, report};
+
+/// What is measured.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// A scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Numbers of particles, ascending.
+    pub particles: Vec<u32>,
+    /// Texels of a hemisphere's side.
+    pub resolution: u32,
+    /// Levels of the scene's octree.
+    pub levels: u32,
+    /// Levels of the octree over the particles; `None`: two fewer than the scene's.
+    pub view_levels: Option<u32>,
+    /// Frames that medians are taken over.
+    pub rounds: usize,
+    /// Seconds of scene time from frame to frame.
+    pub frame_secs: f64,
+    /// Particles that light the view that is judged.
+    pub lights: u32,
+    /// Where the view is from; the scene's first camera otherwise.
+    pub camera: Option<Camera>,
+    /// Pixels of the view.
+    pub size: [u32; 2],
+    /// Folder for the images of all rows.
+    pub images: Option<PathBuf>,
+}
+
+impl Default for Options {
+    /// Some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scene: "terrain:50000".to_owned(),
+            particles: vec![4096, 65536],
+            resolution: 16,
+            levels: 8,
+            view_levels: None,
+            rounds: 3,
+            frame_secs: 1.0 / 60.0,
+            lights: 256,
+            camera: None,
+            size: [192, 144],
+            images: None,
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "terrain:20000".to_owned(),
+            particles: vec![256, 1024],
+            levels: 5,
+            rounds: 1,
+            lights: 64,
+            size: [64, 48],
+            ..Self::default()
+        }
+    }
+}
+
+/// How maps are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Method {
+    MegaViews,
+    ManyLods,
+    Incremental,
+    Exact,
+    Unshadowed,
+}
+
+impl Method {
+    const ALL: [Self; 5] =
+        [Self::MegaViews, Self::ManyLods, Self::Incremental, Self::Exact, Self::Unshadowed];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::MegaViews => "megaviews",
+            Self::ManyLods => "manylods",
+            Self::Incremental => "manylods, incremental",
+            Self::Exact => "exact maps",
+            Self::Unshadowed => "no shadows",
+        }
+    }
+}
+
+/// Runs the study; `progress` counts rows.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a frame that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    let scene = Arc::new(argus_scene::open(&options.scene)?);
+    progress.set_length((options.particles.len() * Method::ALL.len()) as u64);
+    let stage = Stage::new(&gpu, &scene, options)?;
+    let mut rows = Vec::new();
+    for &count in &options.particles {
+        rows.extend(stage.rows(count, progress)?);
+    }
+    let plot = plot(&rows, options);
+    let mut report = Report::new(options.scene.clone(), Machine::here(gpu.kind()), rows);
+    report.plots = vec![plot];
+    report.notes = vec![
+        format!(
+            "The view has {}×{} pixels and is lit by {} of the particles, each standing for its share; wrong_shadow_fraction \
+             is of all tests of one of those against a pixel that faces it, flip and psnr_db of the view, against shadows by \
+             rays. Where there are fewer views a node than pay, megaviews traverses each particle by itself: fell_back.",
+            options.size[0],
+            options.size[1],
+            options.lights.min(options.particles.iter().copied().max().unwrap_or(0)),
+        ),
+        "Exact maps are rendered for the particles of the view alone; their time is of them in proportion. Rows without a \
+         time did not fit into this device's memory."
+            .to_owned(),
+    ];
+    Ok(report)
+}
+
+/// One scene, made ready.
+struct Stage<'a> {
+    gpu: &'a Arc<Gpu>,
+    scene: &'a Arc<Scene>,
+    options: &'a Options,
+    bounds: Bounds,
+    octree: Arc<Octree>,
+    tracer: Tracer,
+    lit: Lit,
+}
+
+/// What a method's frames took, and the maps of the particles that are asked.
+#[derive(Default)]
+struct Made {
+    frame_ms: Option<f64>,
+    views_per_node: Option<f64>,
+    fell_back: bool,
+    pairs: Option<u64>,
+    map_bytes: Option<u64>,
+    maps: Vec<ParticleMap>,
+}
+
+impl<'a> Stage<'a> {
+    fn new(gpu: &'a Arc<Gpu>, scene: &'a Arc<Scene>, options: &'a Options) -> Result<Self> {
+        let pose = scene.at(0.0);
+        let bounds = stream::bounds(stream::triangles(scene, &pose));
+        let root = RootCube::around(&bounds);
+        let octree = OctreeBuilder::new(gpu).build(root, options.levels, stream::triangles(scene, &pose))?;
+        let tracer = Tracer::new(Arc::clone(scene));
+        let camera = options.camera.unwrap_or_else(|| scene.default_camera());
+        let lit = Lit::new(&tracer, &camera, options.size, bounds.size().length());
+        Ok(Self { gpu, scene, options, bounds, octree: Arc::new(octree), tracer, lit })
+    }
+
+    fn rows(&self, count: u32, progress: &ProgressBar) -> Result<Vec<Map<String, Value>>> {
+        let last = self.options.rounds as f64 * self.options.frame_secs;
+        let all = glowing(&self.bounds, count, 1, last);
+        let asked: Vec<usize> = {
+            let lights = self.options.lights.min(count);
+            (0..lights).map(|i| (u64::from(i) * u64::from(count) / u64::from(lights)) as usize).collect()
+        };
+        let lights: Vec<Particle> = asked.iter().map(|&i| all[i]).collect();
+        let share = f64::from(count) / lights.len() as f64;
+        progress.set_message(format!("shadows of {count} by rays"));
+        let truth = self.lit.by_rays(&lights, &self.tracer);
+        let radiance = self.lit.shade(&lights, &truth, share);
+        let exposure = exposure(&radiance);
+        let true_image = self.lit.image(&radiance, exposure);
+        self.save(&true_image, &format!("{count}-rays"))?;
+        let cell = self.octree.root.edge / f64::from(1u32 << self.octree.depth);
+        let mut rows = Vec::new();
+        for method in Method::ALL {
+            progress.set_message(format!("{count} by {}", method.name()));
+            let made = self.make(method, count, &asked, &lights)?;
+            let slack = if method == Method::Exact { 0.0 } else { 1.5 * cell };
+            let visible: Option<Visible> = match method {
+                Method::Unshadowed => Some(self.lit.everything(&lights)),
+                _ if made.maps.is_empty() => None,
+                _ => Some(self.lit.by_maps(&lights, &made.maps, slack)),
+            };
+            let compared = match &visible {
+                Some(visible) => {
+                    let image = self.lit.image(&self.lit.shade(&lights, visible, share), exposure);
+                    self.save(&image, &format!("{count}-{}", method.name().replace([' ', ','], "-")))?;
+                    Some(compare(&true_image, &image)?)
+                }
+                None => None,
+            };
+            let wrong = visible.as_ref().map(|visible| self.lit.wrong(&lights, &truth, visible));
+            rows.push(report::row(json!({
+                "particles": count,
+                "method": method.name(),
+                "resolution": self.options.resolution,
+                "levels": self.options.levels,
+                "frame_ms": made.frame_ms,
+                "fell_back": made.fell_back,
+                "views_per_node": made.views_per_node,
+                "pairs_processed": made.pairs,
+                "map_bytes": made.map_bytes,
+                "wrong_shadow_fraction": wrong,
+                "flip": compared.as_ref().map(|c| c.flip_mean),
+                "psnr_db": compared.as_ref().map(|c| c.psnr_db).filter(|db| db.is_finite()),
+                "ssim": compared.as_ref().map(|c| c.ssim),
+            })));
+            progress.inc(1);
+        }
+        Ok(rows)
+    }
+
+    fn save(&self, image: &RgbImage, name: &str) -> Result<()> {
+        if let Some(folder) = &self.options.images {
+            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+            image.save(folder.join(format!("particles-{name}.png")))?;
+        }
+        Ok(())
+    }
+
+    /// The particles' views at a frame.
+    fn views(&self, count: u32, frame: usize) -> Result<ViewList> {
+        let particles = glowing(&self.bounds, count, 1, frame as f64 * self.options.frame_secs);
+        let views: Vec<ViewPoint> = particles.iter().map(|p| ViewPoint::everywhere(p.position)).collect();
+        Ok(ViewList::new(self.gpu, &self.octree.root, &views)?)
+    }
+
+    /// Frames of a method; nothing where they do not fit.
+    fn make(&self, method: Method, count: u32, asked: &[usize], lights: &[Particle]) -> Result<Made> {
+        let made = match method {
+            Method::MegaViews | Method::ManyLods => self.traversed(method, count, asked),
+            Method::Incremental => self.cut(count, asked, lights),
+            Method::Exact => self.rastered(count, lights),
+            Method::Unshadowed => Ok(Made::default()),
+        };
+        match made {
+            Err(error) if is_too_large(&error) => Ok(Made::default()),
+            made => made,
+        }
+    }
+
+    fn traversed(&self, method: Method, count: u32, asked: &[usize]) -> Result<Made> {
+        let depth = self.options.view_levels.unwrap_or(self.options.levels.saturating_sub(2).max(1));
+        let knobs = Knobs {
+            side: self.options.resolution,
+            sharing: method == Method::MegaViews,
+            view_depth: depth,
+            ..Knobs::for_depth(self.octree.depth)
+        };
+        let mut many = ManyViews::new(self.gpu, Arc::clone(&self.octree), knobs)?;
+        let mut last = None;
+        let frame_ms = self.times(count, |list| {
+            last = Some(many.render(list)?);
+            Ok(())
+        })?;
+        let stats = last.context("no frame was rendered")?;
+        let (map_of_view, middles) = (many.map_of_views(count as usize)?, many.middles_of_maps()?);
+        let map = |&view: &usize| {
+            let map = map_of_view[view];
+            Ok(ParticleMap { texels: many.maps().read(self.gpu, map)?, middle: middles[map as usize] })
+        };
+        Ok(Made {
+            frame_ms: Some(frame_ms),
+            views_per_node: Some(stats.views_per_node()),
+            fell_back: stats.fell_back,
+            pairs: Some(stats.processed()),
+            map_bytes: Some(stats.map_bytes),
+            maps: asked.iter().map(map).collect::<Result<_>>()?,
+        })
+    }
+
+    fn cut(&self, count: u32, asked: &[usize], lights: &[Particle]) -> Result<Made> {
+        let knobs =
+            CutKnobs { method: CutMethod::Incremental, side: self.options.resolution, ..CutKnobs::default() };
+        let mut cuts = ManyLods::new(self.gpu, CutTree::of_octree(self.gpu, &self.octree)?, knobs)?;
+        let mut last = None;
+        let frame_ms = self.times(count, |list| {
+            last = Some(cuts.render(list)?);
+            Ok(())
+        })?;
+        let stats = last.context("no frame was rendered")?;
+        let maps = cuts.maps().context("no maps were drawn")?;
+        let indices: Vec<u32> = asked.iter().map(|&view| view as u32).collect();
+        Ok(Made {
+            frame_ms: Some(frame_ms),
+            views_per_node: Some(1.0),
+            pairs: Some(stats.visits),
+            map_bytes: Some(stats.map_bytes),
+            maps: self.own(maps, &indices, lights)?,
+            ..Made::default()
+        })
+    }
+
+    fn rastered(&self, count: u32, lights: &[Particle]) -> Result<Made> {
+        let knobs = Knobs { side: self.options.resolution, ..Knobs::for_depth(self.octree.depth) };
+        let pose = self.scene.at(0.0);
+        let triangles = stream::triangles(self.scene, &pose);
+        let mut raster = RasterViews::new(self.gpu, self.octree.root, triangles, knobs)?;
+        let views: Vec<ViewPoint> = lights.iter().map(|p| ViewPoint::everywhere(p.position)).collect();
+        let list = ViewList::new(self.gpu, &self.octree.root, &views)?;
+        raster.render(&list)?;
+        let frame_ms = raster.render(&list)?.frame_ms;
+        let share = f64::from(count) / lights.len() as f64;
+        let indices: Vec<u32> = (0..lights.len() as u32).collect();
+        Ok(Made {
+            frame_ms: Some(frame_ms * share),
+            views_per_node: Some(1.0),
+            map_bytes: Some((raster.maps().bytes() as f64 * share) as u64),
+            maps: self.own(raster.maps(), &indices, lights)?,
+            ..Made::default()
+        })
+    }
+
+    /// Maps that are rendered from where their particles are.
+    fn own(&self, maps: &MapSet, indices: &[u32], lights: &[Particle]) -> Result<Vec<ParticleMap>> {
+        let map = |(&index, light): (&u32, &Particle)| {
+            let middle: DVec3 = light.position;
+            Ok(ParticleMap { texels: maps.read(self.gpu, index)?, middle })
+        };
+        indices.iter().zip(lights).map(map).collect()
+    }
+
+    /// The median time of frames in which particles move on, the first left out; milliseconds.
+    fn times(&self, count: u32, mut render: impl FnMut(&ViewList) -> Result<()>) -> Result<f64> {
+        let mut times = Vec::new();
+        for frame in 0..=self.options.rounds {
+            let begin = Instant::now();
+            render(&self.views(count, frame)?)?;
+            times.push(begin.elapsed().as_secs_f64() * 1e3);
+        }
+        Ok(median(&times[1..]))
+    }
+}
+
+/// Whether something did not fit into memory, rather than going wrong.
+fn is_too_large(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(HierarchyError::TooLarge { .. }))
+}
+
+fn plot(rows: &[Map<String, Value>], options: &Options) -> Plot {
+    let number = |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64);
+    let series = |method: &Method| {
+        let of = rows.iter().filter(|row| row["method"] == method.name());
+        let points = of.filter_map(|row| Some((number(row, "particles")?, number(row, "frame_ms")?)));
+        Series { name: method.name().to_owned(), points: points.collect(), line: true }
+    };
+    Plot {
+        name: "time".to_owned(),
+        title: format!(
+            "Maps of particles that move: {}",
+            options.scene.rsplit('/').next().unwrap_or_default()
+        ),
+        x: Axis::log("particles"),
+        y: Axis::log("time of a frame, ms"),
+        series: Method::ALL[..4].iter().map(series).collect(),
+        rises: true,
+        ..Plot::default()
+    }
+}
