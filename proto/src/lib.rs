@@ -11,6 +11,7 @@ pub mod codec;
 pub mod convert;
 mod error;
 pub mod status;
+pub mod trace;
 pub mod transport;
 
 pub use convert::Description;
