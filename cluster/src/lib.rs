@@ -18,8 +18,15 @@
 pub mod coordinator;
 pub mod core;
 mod handed_in;
+mod incoming;
+pub mod leadership;
 mod net;
+mod observe;
+pub mod security;
+#[doc(hidden)]
+pub mod untrusted;
 mod wire;
 pub mod worker;
 
 pub use handed_in::{BundleFile, RoleFactory, SceneOpener, SceneRef, SceneSource};
+pub use observe::LIVE;

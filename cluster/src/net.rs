@@ -2,12 +2,17 @@
 //! and reconnected by themselves.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
 use argus_proto::transport::tuned;
 use parking_lot::Mutex;
 use tonic::transport::{Channel, Endpoint, Server};
+use tower::layer::util::{Identity, Stack};
+
+use crate::security::Security;
+use crate::security::guard::{Guard, Guarded};
 
 /// Both ends probe an idle connection this often, so that a machine that vanished is noticed.
 const KEEPALIVE: Duration = Duration::from_secs(10);
@@ -25,38 +30,93 @@ const MAX_RESETS: usize = 1 << 12;
 /// an adaptive window begins at 64 KiB, where three hundred requests sent at once do.
 const CONNECTION_WINDOW: u32 = 64 << 20;
 
-/// How an address is connected to.
+/// How an address is connected to: by TLS, and to a member of the cluster alone, where there is security.
 ///
 /// # Errors
-/// What is wrong with the address, in one line.
-pub(crate) fn endpoint(address: &str, connect_timeout: Duration) -> Result<Endpoint, String> {
+/// What is wrong with the address, or with the certificates, in one line.
+pub(crate) fn endpoint(
+    address: &str,
+    connect_timeout: Duration,
+    security: Option<&Security>,
+) -> Result<Endpoint, String> {
+    let scheme = scheme(security);
     let endpoint =
         Endpoint::from_shared(address.to_owned()).map_err(|_| format!("{address} is not a URL"))?;
-    if endpoint.uri().scheme_str() != Some("http") || endpoint.uri().authority().is_none() {
-        return Err(format!("{address} is not of the form http://HOST:PORT"));
+    if endpoint.uri().scheme_str() != Some(scheme) || endpoint.uri().authority().is_none() {
+        let why = match (security, endpoint.uri().scheme_str()) {
+            (Some(_), Some("http")) => ": this process has a certificate, so that its connections are TLS",
+            (None, Some("https")) => {
+                ": TLS needs a certificate of the cluster, in [security] of the configuration"
+            }
+            _ => "",
+        };
+        return Err(format!("{address} is not of the form {scheme}://HOST:PORT{why}"));
     }
-    Ok(tuned(endpoint).connect_timeout(connect_timeout))
+    let endpoint = tuned(endpoint).connect_timeout(connect_timeout);
+    match security {
+        None => Ok(endpoint),
+        Some(security) => endpoint.tls_config(security.of_connection()).map_err(|error| root_cause(&error)),
+    }
+}
+
+/// How addresses of members begin.
+pub(crate) fn scheme(security: Option<&Security>) -> &'static str {
+    if security.is_some() { "https" } else { "http" }
+}
+
+/// The innermost reason, which is the one that says something ("connection refused").
+pub(crate) fn root_cause(error: &dyn std::error::Error) -> String {
+    let mut cause = error;
+    while let Some(inner) = cause.source() {
+        cause = inner;
+    }
+    cause.to_string()
 }
 
 /// How both kinds of process serve.
-pub(crate) fn server() -> Server {
-    Server::builder()
+///
+/// # Errors
+/// Certificates that are none.
+pub(crate) fn server(
+    guarded: Guarded,
+    security: Option<&Arc<Security>>,
+) -> Result<Server<Stack<Guard, Identity>>, tonic::transport::Error> {
+    let mut server = Server::builder();
+    if let Some(security) = security {
+        server = server.tls_config(security.of_listener())?;
+    }
+    Ok(server
+        // Metrics and probes are asked for over plain HTTP.
+        .accept_http1(true)
         .initial_connection_window_size(CONNECTION_WINDOW)
         .http2_keepalive_interval(Some(KEEPALIVE))
         .max_concurrent_streams(Some(MAX_STREAMS))
         .http2_max_pending_accept_reset_streams(Some(MAX_RESETS))
+        .layer(Guard::new(guarded, security.cloned())))
+}
+
+/// Whether what a connection broke with is that one side's certificate is not one that the other trusts, or that it
+/// does not speak TLS. The transport keeps the words alone.
+pub(crate) fn is_distrust(reason: &str) -> bool {
+    ["certificate", "fatal alert", "corrupt message"].iter().any(|word| reason.contains(word))
 }
 
 /// The channels of a process.
 #[derive(Debug)]
 pub(crate) struct Channels {
     connect_timeout: Duration,
+    security: Option<Arc<Security>>,
     by_address: Mutex<HashMap<String, Channel>>,
 }
 
 impl Channels {
-    pub(crate) fn new(connect_timeout: Duration) -> Self {
-        Self { connect_timeout, by_address: Mutex::default() }
+    pub(crate) fn new(connect_timeout: Duration, security: Option<Arc<Security>>) -> Self {
+        Self { connect_timeout, security, by_address: Mutex::default() }
+    }
+
+    /// By which they are secured.
+    pub(crate) fn security(&self) -> Option<&Security> {
+        self.security.as_deref()
     }
 
     /// The channel to an address.
@@ -67,7 +127,8 @@ impl Channels {
         if let Some(channel) = self.by_address.lock().get(address) {
             return Ok(channel.clone());
         }
-        let endpoint = endpoint(address, self.connect_timeout).map_err(Fault::Unavailable)?;
+        let endpoint = endpoint(address, self.connect_timeout, self.security.as_deref());
+        let endpoint = endpoint.map_err(Fault::Unavailable)?;
         let mut channels = self.by_address.lock();
         Ok(channels.entry(address.to_owned()).or_insert_with(|| endpoint.connect_lazy()).clone())
     }

@@ -9,6 +9,7 @@ use argus_scene::{InvalidField, Limits, SampleSetInfo, Visibility};
 use crate::SceneRef;
 use crate::core::quality::Observed;
 use crate::core::{Assignment, Hello, Report, Role, Source, Status, WorkerStatus};
+use crate::security::Security;
 
 /// Longest name of a worker: it stands in every frame and log line.
 const MAX_NAME: usize = 128;
@@ -31,12 +32,12 @@ pub(crate) fn role_from(number: i32) -> Result<Role, InvalidField> {
     }
 }
 
-pub(crate) fn hello_from(wire: v1::Hello) -> Result<Hello, InvalidField> {
+pub(crate) fn hello_from(wire: v1::Hello, security: Option<&Security>) -> Result<Hello, InvalidField> {
     if wire.worker_id.is_empty() || wire.worker_id.len() > MAX_NAME {
         let reason = format!("must be 1 to {MAX_NAME} bytes long, not {}", wire.worker_id.len());
         return Err(InvalidField::new("hello.worker_id", reason));
     }
-    crate::net::endpoint(&wire.address, Duration::from_secs(1))
+    crate::net::endpoint(&wire.address, Duration::from_secs(1), security)
         .map_err(|reason| InvalidField::new("hello.address", reason))?;
     Ok(Hello {
         name: wire.worker_id,
@@ -113,10 +114,9 @@ fn way_cost((visibility, ms): (Visibility, f64)) -> v1::WayCost {
     v1::WayCost { visibility: v1::Visibility::from(visibility) as i32, ms }
 }
 
-/// What every assignment of a coordinator says alike.
+/// What every assignment of a coordinator says alike, whatever its term.
 #[derive(Debug, Clone)]
 pub(crate) struct Standing {
-    pub(crate) term: u64,
     pub(crate) scene: SceneRef,
     pub(crate) limits: Limits,
     pub(crate) report_interval: Duration,
@@ -126,9 +126,14 @@ pub(crate) fn scene_ref(scene: &SceneRef) -> v1::SceneRef {
     v1::SceneRef { name: scene.name.clone(), hash: scene_hash_bytes(scene.hash) }
 }
 
-pub(crate) fn assignment(assignment: Assignment, standing: &Standing, set: &SampleSetInfo) -> v1::Assignment {
+pub(crate) fn assignment(
+    assignment: Assignment,
+    term: u64,
+    standing: &Standing,
+    set: &SampleSetInfo,
+) -> v1::Assignment {
     v1::Assignment {
-        term: standing.term,
+        term,
         sequence: assignment.sequence,
         role: role(assignment.role) as i32,
         scene: Some(scene_ref(&standing.scene)),
@@ -159,12 +164,17 @@ pub(crate) fn sources(sources: Vec<Source>) -> Vec<v1::SampleSource> {
         .collect()
 }
 
-pub(crate) fn status(status: Status, standing: &Standing, set: &SampleSetInfo) -> v1::StatusResponse {
+pub(crate) fn status(
+    status: Status,
+    term: u64,
+    standing: &Standing,
+    set: &SampleSetInfo,
+) -> v1::StatusResponse {
     let counters = status.counters;
     v1::StatusResponse {
         protocol_version: PROTOCOL_VERSION,
         scene: Some(scene_ref(&standing.scene)),
-        term: standing.term,
+        term,
         generation: set.generation,
         epoch: set.epoch,
         processes: status.processes,

@@ -207,10 +207,15 @@ async fn health_and_reflection_answer_beside_both_kinds_of_process() {
         (channel(&cluster.workers[0].url()), vec!["argus.v1.Views", "argus.v1.Samples"]),
     ];
     for (channel, services) in processes {
-        for service in services.iter().copied().chain([""]) {
-            let request = HealthCheckRequest { service: service.to_owned() };
-            let answer = HealthClient::new(channel.clone()).check(request).await.unwrap().into_inner();
-            assert_eq!(answer.status(), ServingStatus::Serving, "{service}");
+        for service in services.iter().copied().chain(["", argus_cluster::LIVE]) {
+            // Readiness is looked at ten times a second.
+            let mut client = HealthClient::new(channel.clone());
+            let health = client.watch(HealthCheckRequest { service: service.to_owned() });
+            let mut states = health.await.unwrap().into_inner();
+            let serving = async {
+                while states.message().await.unwrap().unwrap().status() != ServingStatus::Serving {}
+            };
+            tokio::time::timeout(common::LIMIT, serving).await.expect(service);
         }
         let list = ServerReflectionRequest {
             host: String::new(),

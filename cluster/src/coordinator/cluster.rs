@@ -10,7 +10,7 @@ use argus_proto::v1::cluster_server::Cluster;
 use argus_proto::v1::worker_report::Body;
 use argus_scene::InvalidField;
 use futures::{Stream, StreamExt};
-use tokio_stream::wrappers::UnboundedReceiverStream;
+use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
 use super::hub::Hub;
@@ -41,8 +41,8 @@ impl Cluster for ClusterService {
             return Err(invalid(InvalidField::new("hello", "must be the first message")));
         };
         check_version(hello.protocol_version)?;
-        let hello = wire::hello_from(hello).map_err(invalid)?;
-        let (worker, assignments, expelled) = self.hub.seat(hello);
+        let hello = wire::hello_from(hello, self.hub.channels.security()).map_err(invalid)?;
+        let (worker, assignments, expelled) = self.hub.seat(hello)?;
         let hub = self.hub.clone();
         tokio::spawn(async move {
             let _seat = Seat { hub: hub.clone(), worker };
@@ -63,7 +63,7 @@ impl Cluster for ClusterService {
             }
         });
         let closing = self.hub.closing.clone().cancelled_owned();
-        let assignments = UnboundedReceiverStream::new(assignments).take_until(closing);
+        let assignments = ReceiverStream::new(assignments).take_until(closing);
         Ok(Response::new(Box::pin(assignments)))
     }
 

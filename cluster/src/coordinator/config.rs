@@ -1,11 +1,13 @@
 //! What a coordinator can be told, and why it may not start.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use argus_scene::{InvalidField, RigKnobs};
 use serde::Serialize;
 
 use crate::core;
+use crate::security::Security;
 
 /// What a coordinator can be told; `Config::default()` serves any scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -16,15 +18,23 @@ pub struct Config {
     pub rig: RigKnobs,
     /// Seconds that an animated scene moves on in a second; 0 holds it still.
     pub time_scale: f64,
+    /// Whether time changes what is seen though nothing of the scene moves: where workers are told of lights that do.
+    pub drifts: bool,
     /// What calibration measured; those that speak of another scene or rig are passed over.
     pub models: Vec<core::quality::Model>,
-    /// Its term of leadership; `None`: milliseconds since 1970, so that a coordinator that is started again
-    /// has a higher one.
-    pub term: Option<u64>,
+    /// Where others reach it, told to whoever asks another one that stands by; `None`: where it listens.
+    pub advertise: Option<String>,
     /// How long requests in work may take to finish after a shutdown began.
     pub grace: Duration,
     /// How long a connection to a worker may take.
     pub connect_timeout: Duration,
+    /// Bytes of a client's request. The largest one that means anything, a view with a pinned plan, is some hundred.
+    pub max_request_bytes: usize,
+    /// Connections that are open at the same time; further ones wait.
+    pub max_connections: usize,
+    /// Who may ask and join; `None`: plaintext, and everybody.
+    #[serde(skip)]
+    pub security: Option<Arc<Security>>,
 }
 
 impl Default for Config {
@@ -33,10 +43,14 @@ impl Default for Config {
             core: core::Config::default(),
             rig: RigKnobs::default(),
             time_scale: 1.0,
+            drifts: false,
             models: Vec::new(),
-            term: None,
+            advertise: None,
             grace: Duration::from_secs(5),
             connect_timeout: Duration::from_secs(2),
+            max_request_bytes: 256 << 10,
+            max_connections: 16384,
+            security: None,
         }
     }
 }

@@ -7,41 +7,72 @@ use std::time::Duration;
 use argus_proto::{Fault, v1};
 use argus_scene::{Prediction, View};
 use parking_lot::Mutex;
-use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::sync::mpsc::error::TrySendError;
+use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver, UnboundedSender, channel, unbounded_channel};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 use tracing::{debug, info, warn};
 
 use super::Config;
+use super::watch::Frames;
 use crate::SceneSource;
 use crate::core::quality::Observed;
-use crate::core::{Action, Core, Event, Failure, Hello, Order, Ticket, Uptime, WorkerId};
+use crate::core::{Action, Client, Core, Event, Failure, Hello, Order, Ticket, Uptime, WorkerId};
+use crate::leadership::Held;
 use crate::net::Channels;
 use crate::wire::{self, Standing};
+
+/// Assignments that a worker has yet to read. Each replaces those before it and they come a few a second, so that one with
+/// so many to read does not read.
+const MOST_ASSIGNMENTS: usize = 64;
 
 /// What every service of a coordinator shares.
 pub(super) struct Hub {
     pub(super) source: Arc<dyn SceneSource>,
     pub(super) standing: Standing,
     pub(super) channels: Channels,
+    /// What is recorded of the frames that pass.
+    pub(super) frames: Frames,
     /// Cancelled when streams without an end of their own must end.
     pub(super) closing: CancellationToken,
-    started: Instant,
+    /// The lease, while it is held.
+    pub(super) held: Mutex<Option<Held>>,
+    /// A core of a leadership that begins.
+    fresh: Box<dyn Fn() -> Core + Send + Sync>,
     state: Mutex<State>,
 }
 
 struct State {
     core: Core,
+    leading: Option<Leading>,
+    /// Who leads in its place, as far as it is known.
+    leader: Option<String>,
     next_id: u64,
     seats: HashMap<WorkerId, Seat>,
     views: HashMap<Ticket, UnboundedSender<Verdict>>,
 }
 
+/// A leadership.
+#[derive(Debug, Clone, Copy)]
+struct Leading {
+    term: u64,
+    /// The core's uptime counts from here.
+    since: Instant,
+    /// Its lease may lapse after this.
+    until: Option<Instant>,
+}
+
+impl Leading {
+    fn has_lapsed(&self) -> bool {
+        self.until.is_some_and(|until| Instant::now() >= until)
+    }
+}
+
 /// A worker's stream.
 struct Seat {
     hello: Hello,
-    assignments: UnboundedSender<Result<v1::Assignment, Status>>,
+    assignments: Sender<Result<v1::Assignment, Status>>,
     expelled: CancellationToken,
 }
 
@@ -62,40 +93,65 @@ pub(super) enum Ruling {
 }
 
 impl Hub {
-    pub(super) fn new(config: &Config, core: Core, source: Arc<dyn SceneSource>, standing: Standing) -> Self {
+    /// A coordinator that does not lead yet.
+    pub(super) fn new(
+        config: &Config,
+        fresh: impl Fn() -> Core + Send + Sync + 'static,
+        source: Arc<dyn SceneSource>,
+        standing: Standing,
+    ) -> Self {
+        let (seats, views) = (HashMap::new(), HashMap::new());
+        let state = State { core: fresh(), leading: None, leader: None, next_id: 1, seats, views };
         Self {
             source,
             standing,
-            channels: Channels::new(config.connect_timeout),
+            channels: Channels::new(config.connect_timeout, config.security.clone()),
+            frames: Frames::default(),
             closing: CancellationToken::new(),
-            started: Instant::now(),
-            state: Mutex::new(State { core, next_id: 1, seats: HashMap::new(), views: HashMap::new() }),
+            held: Mutex::new(None),
+            fresh: Box::new(fresh),
+            state: Mutex::new(state),
         }
     }
 
-    /// Takes an event to the core and its actions to whom they concern. Never blocks: channels are unbounded,
-    /// and bounded in fact by the core's own limits.
+    /// Takes an event to the core and its actions to whom they concern. Never blocks: a view's channel holds no more
+    /// than the core says of one view, a ruling for each attempt and judgement, and that of a worker is bounded.
     pub(super) fn step(&self, event: Event) {
         let mut state = self.state.lock();
         self.step_locked(&mut state, event);
     }
 
     fn step_locked(&self, state: &mut State, event: Event) {
-        let now = Uptime(self.started.elapsed());
+        let Some(leading) = state.leading else { return };
+        // A process that stood still for a while may find itself here with another one leading in its place.
+        if leading.has_lapsed() {
+            self.step_down_locked(state, "its lease lapsed");
+            return;
+        }
+        let now = Uptime(leading.since.elapsed());
         for action in state.core.step(event, now) {
             match action {
                 Action::Assign { worker, assignment } => {
                     let Some(seat) = state.seats.get(&worker) else { continue };
                     let ahead = assignment.ahead.len();
                     debug!(worker = seat.hello.name, role = ?assignment.role, ahead, "assigned");
-                    let message = wire::assignment(assignment, &self.standing, state.core.set());
-                    // A stream that just ended: its end is the next event.
-                    let _ = seat.assignments.send(Ok(message));
+                    let message =
+                        wire::assignment(assignment, leading.term, &self.standing, state.core.set());
+                    match seat.assignments.try_send(Ok(message)) {
+                        Ok(()) => {}
+                        Err(TrySendError::Full(_)) => {
+                            warn!(worker = seat.hello.name, "worker reads no assignments: its stream ends");
+                            seat.expelled.cancel();
+                        }
+                        // A stream that just ended: its end is the next event.
+                        Err(TrySendError::Closed(_)) => {}
+                    }
                 }
                 Action::Expel { worker, reason } => {
                     let Some(seat) = state.seats.remove(&worker) else { continue };
                     warn!(worker = seat.hello.name, reason, "worker expelled");
-                    let _ = seat.assignments.send(Err(Status::aborted(reason)));
+                    // One that reads nothing sees its stream end all the same.
+                    let _ = seat.assignments.try_send(Err(Status::aborted(reason)));
                     seat.expelled.cancel();
                     self.channels.forget(&seat.hello.address);
                 }
@@ -118,20 +174,96 @@ impl Hub {
         }
     }
 
+    /// Leads from now on, until the lease lapses or [`Hub::step_down`]. `expected` workers will probably join.
+    pub(super) fn lead(&self, term: u64, until: Option<Instant>, expected: usize) {
+        let mut state = self.state.lock();
+        state.core = (self.fresh)().expecting(expected);
+        state.leading = Some(Leading { term, since: Instant::now(), until });
+        state.leader = None;
+        info!(term, expected, "coordinator leads");
+    }
+
+    /// The lease will not lapse before this.
+    pub(super) fn lead_until(&self, until: Option<Instant>) {
+        if let Some(leading) = &mut self.state.lock().leading {
+            leading.until = until;
+        }
+    }
+
+    /// Whether it leads; it may have found by itself that it does no longer.
+    pub(super) fn leads(&self) -> bool {
+        self.state.lock().leading.is_some()
+    }
+
+    /// The term that it leads under; 0 while it stands by.
+    pub(super) fn term(&self) -> u64 {
+        self.state.lock().leading.map_or(0, |leading| leading.term)
+    }
+
+    /// Leads no more: workers look for another coordinator, and views are asked for again there.
+    pub(super) fn step_down(&self, reason: &str) {
+        let mut state = self.state.lock();
+        self.step_down_locked(&mut state, reason);
+    }
+
+    fn step_down_locked(&self, state: &mut State, reason: &str) {
+        if state.leading.take().is_none() {
+            return;
+        }
+        warn!(reason, "coordinator leads no more");
+        for (_, seat) in state.seats.drain() {
+            let _ = seat.assignments.try_send(Err(Status::unavailable("this coordinator leads no more")));
+            seat.expelled.cancel();
+            self.channels.forget(&seat.hello.address);
+        }
+        for (_, view) in state.views.drain() {
+            let _ = view.send(Err(stands_by(None)));
+        }
+        state.core = (self.fresh)();
+    }
+
+    /// Who leads in its place, for whoever asks here.
+    pub(super) fn stand_by(&self, leader: Option<String>) {
+        self.state.lock().leader = leader;
+    }
+
+    /// Why it does not answer, if it does not lead.
+    ///
+    /// # Errors
+    /// [`Fault::Unavailable`] with what is known of who does.
+    pub(super) fn check_leading(&self) -> Result<(), Fault> {
+        let state = self.state.lock();
+        match state.leading {
+            Some(_) => Ok(()),
+            None => Err(stands_by(state.leader.as_deref())),
+        }
+    }
+
+    /// Names of the workers that have joined.
+    pub(super) fn workers(&self) -> Vec<String> {
+        self.state.lock().seats.values().map(|seat| seat.hello.name.clone()).collect()
+    }
+
     /// A worker joined: its id, what to send it, and the token that ends its stream.
+    ///
+    /// # Errors
+    /// As [`Hub::check_leading`].
     pub(super) fn seat(
         &self,
         hello: Hello,
-    ) -> (WorkerId, UnboundedReceiver<Result<v1::Assignment, Status>>, CancellationToken) {
-        let (assignments, receiver) = unbounded_channel();
+    ) -> Result<(WorkerId, Receiver<Result<v1::Assignment, Status>>, CancellationToken), Fault> {
+        let (assignments, receiver) = channel(MOST_ASSIGNMENTS);
         let expelled = self.closing.child_token();
         let mut state = self.state.lock();
+        if state.leading.is_none() {
+            return Err(stands_by(state.leader.as_deref()));
+        }
         let worker = WorkerId(state.next_id);
         state.next_id += 1;
         info!(worker = hello.name, address = hello.address, device = hello.device, "worker joined");
         state.seats.insert(worker, Seat { hello: hello.clone(), assignments, expelled: expelled.clone() });
         self.step_locked(&mut state, Event::Joined { worker, hello });
-        (worker, receiver, expelled)
+        Ok((worker, receiver, expelled))
     }
 
     /// A worker's stream ended.
@@ -145,27 +277,45 @@ impl Hub {
     }
 
     /// Asks for a view; the verdicts come through what is returned.
-    pub(super) fn ask(self: &Arc<Self>, view: View, deadline: Option<Duration>) -> Asked {
+    pub(super) fn ask(self: &Arc<Self>, client: Client, view: View, deadline: Option<Duration>) -> Asked {
         let (sender, verdicts) = unbounded_channel();
         let mut state = self.state.lock();
         let ticket = Ticket(state.next_id);
         state.next_id += 1;
+        if state.leading.is_none() {
+            let _ = sender.send(Err(stands_by(state.leader.as_deref())));
+        }
         state.views.insert(ticket, sender);
-        self.step_locked(&mut state, Event::Asked { ticket, view: Box::new(view), deadline });
+        self.step_locked(&mut state, Event::Asked { ticket, client, view: Box::new(view), deadline });
         drop(state);
         Asked { hub: self.clone(), ticket, verdicts, open: true }
+    }
+
+    /// Counts a session, if its client may open one.
+    pub(super) fn open_session(&self, client: &Client) -> Result<(), Fault> {
+        let mut state = self.state.lock();
+        state.core.check_session(client)?;
+        self.step_locked(&mut state, Event::SessionOpened { client: client.clone() });
+        Ok(())
     }
 
     /// The answer to `Status`.
     pub(super) fn status(&self) -> v1::StatusResponse {
         let state = self.state.lock();
-        wire::status(state.core.status(), &self.standing, state.core.set())
+        let term = state.leading.map_or(0, |leading| leading.term);
+        wire::status(state.core.status(), term, &self.standing, state.core.set())
     }
 
     /// Looks at the core.
     pub(super) fn look<T>(&self, look: impl FnOnce(&Core) -> T) -> T {
         look(&self.state.lock().core)
     }
+}
+
+/// The answer of a coordinator that does not lead.
+fn stands_by(leader: Option<&str>) -> Fault {
+    let who = leader.map_or_else(|| "another one will lead".to_owned(), |leader| format!("{leader} leads"));
+    Fault::Unavailable(format!("this coordinator stands by, {who}"))
 }
 
 /// A view that was asked for. Dropping it before it ended cancels it.

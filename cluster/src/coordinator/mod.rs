@@ -3,13 +3,15 @@
 mod cluster;
 mod config;
 mod hub;
+mod lead;
 mod relay;
 mod scenes;
 mod session;
 mod views;
+mod watch;
 
 use std::sync::Arc;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::cluster_server::ClusterServer;
@@ -18,14 +20,19 @@ use argus_proto::v1::views_server::ViewsServer;
 use argus_scene::{InvalidField, Rig, SampleSetInfo, Visibility};
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
-use tonic::transport::server::TcpIncoming;
+use tonic::server::NamedService;
+use tonic::service::Routes;
 use tracing::info;
 
 pub use config::{Config, ServeError};
 
 use self::hub::Hub;
 use crate::core::{Core, Event};
+use crate::incoming::incoming;
+use crate::leadership::Registry;
 use crate::net;
+use crate::observe::{keep_health, with_pages};
+use crate::security::guard::Guarded;
 use crate::wire::Standing;
 use crate::{SceneRef, SceneSource};
 
@@ -35,12 +42,15 @@ const FIRST_GENERATION: u64 = 1;
 /// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled,
 /// then turns new requests away, lets those in work finish for [`Config::grace`], and returns.
 ///
+/// While another coordinator holds the lease of `registry` this one stands by: it turns workers and views away.
+///
 /// # Errors
 /// [`ServeError`], before anything is served if the scene cannot be.
 pub async fn serve(
     config: Config,
     listener: TcpListener,
     source: Arc<dyn SceneSource>,
+    registry: Arc<dyn Registry>,
     shutdown: CancellationToken,
 ) -> Result<(), ServeError> {
     let scene = source.scene();
@@ -49,27 +59,37 @@ pub async fn serve(
         bounds: scene.bounds(),
         rig: Rig::for_scene(scene, &config.rig)?,
         epoch: 0,
-        epoch_secs: if scene.is_animated() { epoch_secs(&config).map_err(ServeError::Time)? } else { 0.0 },
+        // What is sampled anew for every so many views, or under lights that drift, has epochs even where nothing moves.
+        epoch_secs: match scene.is_animated() || config.drifts || config.core.refresh_views > 0 {
+            true => epoch_secs(&config).map_err(ServeError::Time)?,
+            false => 0.0,
+        },
         generation: FIRST_GENERATION,
         lighting: scene.lighting.clone(),
         // As the configuration says, or as is measured.
         visibility: Visibility::default(),
     });
     let standing = Standing {
-        term: config.term.unwrap_or_else(milliseconds_since_1970),
         scene: SceneRef { name: scene.name.clone(), hash: scene.hash },
         limits: config.core.limits,
         report_interval: config.core.report_interval,
     };
     let address = listener.local_addr()?;
-    info!(%address, scene = scene.name, term = standing.term, "coordinator serves");
-    let core = Core::new(config.core.clone(), set).with_models(config.models.clone());
-    let hub = Arc::new(Hub::new(&config, core, source, standing));
+    info!(%address, scene = scene.name, "coordinator serves");
+    let (core, models) = (config.core.clone(), config.models.clone());
+    let fresh = move || Core::new(core.clone(), set.clone()).with_models(models.clone());
+    let hub = Arc::new(Hub::new(&config, fresh, source, standing));
+    let reached_at = config
+        .advertise
+        .clone()
+        .unwrap_or_else(|| format!("{}://{address}", net::scheme(config.security.as_deref())));
 
     let (health, health_service) = tonic_health::server::health_reporter();
-    health.set_serving::<ViewsServer<views::ViewsService>>().await;
+    // Workers join and fetch the scene whether or not there is anybody yet to answer a view.
     health.set_serving::<ClusterServer<cluster::ClusterService>>().await;
     health.set_serving::<ScenesServer<scenes::ScenesService>>().await;
+    let watch = Arc::new(watch::Watch(hub.clone()));
+    let kept = keep_health(watch.clone(), health, &[ViewsServer::<views::ViewsService>::NAME]);
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
@@ -81,8 +101,6 @@ pub async fn serve(
             shutdown.cancelled().await;
             info!("coordinator drains");
             hub.step(Event::Drain);
-            health.set_not_serving::<ViewsServer<views::ViewsService>>().await;
-            health.set_service_status("", tonic_health::ServingStatus::NotServing).await;
             let idle = async {
                 while hub.look(|core| core.views_in_flight()) > 0 {
                     tokio::time::sleep(Duration::from_millis(10)).await;
@@ -93,22 +111,28 @@ pub async fn serve(
             hub.closing.cancel();
         }
     };
-    let server = net::server()
-        .add_service(ViewsServer::new(views::ViewsService::new(hub.clone())))
+    let views = ViewsServer::new(views::ViewsService::new(hub.clone()));
+    let services = Routes::new(views.max_decoding_message_size(config.max_request_bytes))
         .add_service(ClusterServer::new(cluster::ClusterService { hub: hub.clone() }))
         .add_service(ScenesServer::new(scenes::ScenesService { hub: hub.clone() }))
         .add_service(health_service)
-        .add_service(reflection)
-        .serve_with_incoming_shutdown(TcpIncoming::from(listener).with_nodelay(Some(true)), draining);
+        .add_service(reflection);
+    let server = net::server(Guarded::Coordinator, config.security.as_ref())?
+        .add_routes(with_pages(services, watch, hub.frames.registry()))
+        .serve_with_incoming_shutdown(incoming(listener, config.max_connections), draining);
     let cut_off = async {
         hub.closing.cancelled().await;
         tokio::time::sleep(Duration::from_secs(1)).await;
     };
-    tokio::select! {
-        served = server => served?,
-        () = tick(&hub, &config) => {}
-        () = cut_off => {}
-    }
+    let served = tokio::select! {
+        served = server => served,
+        () = tick(&hub, &config) => Ok(()),
+        () = kept => Ok(()),
+        () = lead::lead(&hub, &registry, &reached_at) => Ok(()),
+        () = cut_off => Ok(()),
+    };
+    lead::give_up(&hub, registry.as_ref()).await;
+    served?;
     info!("coordinator stopped");
     Ok(())
 }
@@ -125,6 +149,7 @@ async fn tick(hub: &Hub, config: &Config) {
     loop {
         interval.tick().await;
         hub.step(Event::Tick);
+        hub.frames.ticked();
     }
 }
 
@@ -136,10 +161,4 @@ fn epoch_secs(config: &Config) -> Result<f64, InvalidField> {
         true => Ok(secs),
         false => Err(InvalidField::new("time_scale", format!("must be 0 to a day an epoch, not {secs} s"))),
     }
-}
-
-/// Not before 1970 on any machine whose clock was ever set.
-fn milliseconds_since_1970() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
 }

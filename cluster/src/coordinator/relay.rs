@@ -10,6 +10,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use argus_proto::trace::within;
 use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::{Fault, v1};
@@ -17,14 +18,16 @@ use argus_scene::{Prediction, Stage, View};
 use futures::Stream;
 use tokio::time::Instant;
 use tonic::{Code, Status, Streaming};
-use tracing::debug;
+use tracing::{Instrument, Span, debug};
 
 use super::hub::{Asked, Hub, Ruling, Verdict};
-use crate::core::Order;
+use crate::core::{Client, Order};
 use crate::wire;
 
 /// A view that is asked for.
 pub(super) struct Wanted {
+    /// Who asks.
+    pub(super) client: Client,
     /// Checked.
     pub(super) view: View,
     /// As it came, to be sent on.
@@ -34,6 +37,8 @@ pub(super) struct Wanted {
     pub(super) encoding: i32,
     /// When its request arrived.
     pub(super) arrived: Instant,
+    /// Its way through this process.
+    pub(super) span: Span,
 }
 
 /// What a client already has of a frame.
@@ -56,7 +61,7 @@ enum Broken {
 /// The frame of a view in chunks. Dropping the stream cancels the view.
 pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<v1::FrameChunk, Status>> {
     async_stream::try_stream! {
-        let mut asked = hub.ask(wanted.view.clone(), wanted.deadline);
+        let mut asked = hub.ask(wanted.client.clone(), wanted.view.clone(), wanted.deadline);
         let mut order = ordered(&mut asked).await?;
         let mut relayed = Relayed::default();
         loop {
@@ -67,7 +72,7 @@ pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<
                     match &mut chunks {
                         Some(chunks) => Ok((None, chunks.message().await?)),
                         None => {
-                            let mut opened = open(&hub, &wanted, &order).await?;
+                            let mut opened = open(&hub, &wanted, &order).instrument(wanted.span.clone()).await?;
                             let first = opened.message().await?;
                             Ok::<_, Status>((Some(opened), first))
                         }
@@ -99,6 +104,7 @@ pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<
                                 // Said before the client has it, who may go as soon as it does.
                                 let ms = relayed.rendering_ms(&order);
                                 asked.answered(order.attempt, relayed.uncovered(), ms);
+                                relayed.header.iter().for_each(|header| hub.frames.relayed(header));
                                 yield chunk;
                                 // Reading to the end lets the worker's stream close in order.
                                 if let Some(chunks) = &mut chunks {
@@ -183,7 +189,7 @@ async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1:
         deadline_ms: left,
         encoding: wanted.encoding,
         order: Some(v1::ViewOrder {
-            term: hub.standing.term,
+            term: hub.term(),
             epoch: order.epoch,
             plan: Some((&order.plan).into()),
             sources: wire::sources(order.sources.clone()),
@@ -193,7 +199,7 @@ async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1:
         }),
     };
     let mut client = ViewsClient::new(hub.channels.to(&order.address)?);
-    Ok(client.render(request).await?.into_inner())
+    Ok(client.render(within(&wanted.span, request)).await?.into_inner())
 }
 
 impl Relayed {

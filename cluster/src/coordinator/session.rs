@@ -7,20 +7,22 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use argus_proto::status::{invalid, invalid_field};
-use argus_proto::v1;
+use argus_proto::status::{invalid, invalid_field, retry_after};
+use argus_proto::trace::TARGET;
 use argus_proto::v1::session_request::Body as Asked;
 use argus_proto::v1::session_response::Body as Answer;
+use argus_proto::{Fault, v1};
 use futures::{Stream, StreamExt};
 use parking_lot::Mutex;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 use tonic::{Status, Streaming};
+use tracing::debug_span;
 
 use super::hub::Hub;
 use super::relay::{Wanted, relay};
 use super::views::{checked, checked_encoding};
-use crate::core::Event;
+use crate::core::{Client, Event};
 
 /// Frames on their way: one that arrives while the next one leaves keeps the line busy without a queue.
 const WINDOW: usize = 2;
@@ -46,28 +48,34 @@ struct Shared {
 }
 
 /// Counts the session while it lasts.
-struct Open(Arc<Hub>);
+pub(super) struct Open {
+    hub: Arc<Hub>,
+    client: Client,
+}
 
 impl Open {
-    fn new(hub: Arc<Hub>) -> Self {
-        hub.step(Event::SessionOpened);
-        Self(hub)
+    /// # Errors
+    /// If the client may not open one now.
+    pub(super) fn new(hub: Arc<Hub>, client: Client) -> Result<Self, Fault> {
+        hub.open_session(&client)?;
+        Ok(Self { hub, client })
     }
 }
 
 impl Drop for Open {
     fn drop(&mut self) {
-        self.0.step(Event::SessionClosed);
+        self.hub.step(Event::SessionClosed { client: self.client.clone() });
     }
 }
 
 /// Answers the cameras of one client until it closes its side, or the coordinator closes.
 pub(super) fn run(
-    hub: Arc<Hub>,
+    open: Open,
     requests: Streaming<v1::SessionRequest>,
 ) -> impl Stream<Item = Result<v1::SessionResponse, Status>> {
     async_stream::try_stream! {
-        let _open = Open::new(hub.clone());
+        let hub = open.hub.clone();
+        hub.check_leading()?;
         let shared = Arc::new(Shared::default());
         let reader = listen(hub.clone(), requests, shared.clone());
         tokio::pin!(reader);
@@ -82,7 +90,7 @@ pub(super) fn run(
                 () = hub.closing.cancelled() => None,
             };
             let Some((camera_seq, asked, arrived)) = taken else { return };
-            let answers = frames(hub.clone(), camera_seq, asked, arrived);
+            let answers = frames(hub.clone(), open.client.clone(), camera_seq, asked, arrived);
             tokio::pin!(answers);
             let mut failed = false;
             loop {
@@ -91,7 +99,11 @@ pub(super) fn run(
                     () = &mut reader, if reading => { reading = false; continue }
                 };
                 let Some(body) = answer else { break };
-                failed |= matches!(body, Answer::Failure(_));
+                if matches!(body, Answer::Failure(_)) {
+                    failed = true;
+                    // Another coordinator leads now: the session is to be opened there, and nothing has failed.
+                    hub.check_leading()?;
+                }
                 let superseded = shared.inbox.lock().superseded;
                 yield v1::SessionResponse { camera_seq, superseded, body: Some(body) };
             }
@@ -158,6 +170,7 @@ async fn take(shared: &Shared) -> Option<(u64, v1::SessionView, Instant)> {
 /// The frame of one camera, or its failure.
 fn frames(
     hub: Arc<Hub>,
+    client: Client,
     camera_seq: u64,
     asked: v1::SessionView,
     arrived: Instant,
@@ -173,12 +186,14 @@ fn frames(
             }
         };
         let wanted = Wanted {
+            client,
             view,
             wire: asked.view.unwrap_or_default(),
             view_id: camera_seq.to_string(),
             deadline: None,
             encoding,
             arrived,
+            span: debug_span!(target: TARGET, "relay", camera = camera_seq),
         };
         let chunks = relay(hub, wanted);
         tokio::pin!(chunks);
@@ -196,5 +211,7 @@ fn failure(status: &Status) -> Answer {
         code: status.code() as i32,
         message: status.message().to_owned(),
         field: invalid_field(status).map(|(field, _)| field).unwrap_or_default(),
+        retry_after_ms: retry_after(status)
+            .map_or(0, |after| u32::try_from(after.as_millis()).unwrap_or(u32::MAX).max(1)),
     })
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::status::{check_version, invalid};
+use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Description, v1};
 use argus_scene::scene::NamedCamera;
@@ -12,10 +13,12 @@ use argus_scene::{InvalidField, PlanRequest, Search, View};
 use futures::Stream;
 use tokio::time::Instant;
 use tonic::{Request, Response, Status, Streaming};
+use tracing::debug_span;
 
 use super::hub::Hub;
 use super::relay::{Wanted, relay};
 use super::session;
+use crate::security::guard::Caller;
 
 /// The longest `view_id` that is carried around.
 const MAX_VIEW_ID: usize = 128;
@@ -97,6 +100,9 @@ impl Views for ViewsService {
         request: Request<v1::RenderRequest>,
     ) -> Result<Response<Self::RenderStream>, Status> {
         let arrived = Instant::now();
+        let span = debug_span!(target: TARGET, "relay", view = request.get_ref().view_id);
+        continued(&span, request.metadata());
+        let client = Caller::of(&request).name;
         let request = request.into_inner();
         let view = checked(&self.hub, request.view.as_ref()).map_err(invalid)?;
         let encoding = checked_encoding(request.encoding).map_err(invalid)?;
@@ -111,12 +117,14 @@ impl Views for ViewsService {
             )));
         }
         let wanted = Wanted {
+            client,
             view,
             wire: request.view.unwrap_or_default(),
             view_id: request.view_id,
             deadline: (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into())),
             encoding,
             arrived,
+            span,
         };
         Ok(Response::new(Box::pin(relay(self.hub.clone(), wanted))))
     }
@@ -125,6 +133,7 @@ impl Views for ViewsService {
         &self,
         request: Request<Streaming<v1::SessionRequest>>,
     ) -> Result<Response<Self::SessionStream>, Status> {
-        Ok(Response::new(Box::pin(session::run(self.hub.clone(), request.into_inner()))))
+        let open = session::Open::new(self.hub.clone(), Caller::of(&request).name)?;
+        Ok(Response::new(Box::pin(session::run(open, request.into_inner()))))
     }
 }

@@ -42,6 +42,20 @@
 //! Whole K leaves one stage waiting: the processes do a + b seconds of work in P·T(K) seconds, so efficiency
 //! is at most (a + b) / (P·T(K_fd)) ([`efficiency_bound`]), 0.91 for one idle sampler of eleven processes.
 //!
+//! # Samplers that compose
+//!
+//! A sampler that has rendered its samples may compose until the next ones are due. All processes are then busy as long
+//! as sampling fits, and a tick takes max(a/K, (a + b)/P): every K that sampling fits into is as good. Composing beside
+//! sampling is a little dearer, though (batches are small, and a sample waits for the one in work), which counts here as
+//! [`HELPING`] of a compositor's pace: a tick's views are composed in (P − K)·T + h·(K·T − a) = b, so
+//!
+//! ```text
+//! T(K) = max(a / K, (b + h·a) / (P − K + h·K))
+//! ```
+//!
+//! The first term falls with K and the second rises, so the best K is one of the two whole numbers around the point
+//! where they meet, K = a·P / (a + b) ([`helping_samplers`]).
+//!
 //! # Where the formula is off
 //!
 //! * P = 0: nobody; P = 1: one process plays both roles and a tick takes a + b.
@@ -137,6 +151,35 @@ pub fn samplers(load: Load, processes: u32) -> u32 {
     (k as u32).clamp(1, processes - 1)
 }
 
+/// The pace of a sampler that composes in its spare time, as a part of a compositor's.
+pub const HELPING: f64 = 0.9;
+
+/// How many of `processes` shall sample where samplers compose in their spare time; as [`samplers`] otherwise.
+pub fn helping_samplers(load: Load, processes: u32) -> u32 {
+    if processes < 2 {
+        return processes;
+    }
+    let (a, b) = (measured(load.sampling_secs), measured(load.compositing_secs));
+    let larger = a.max(b);
+    if !(larger > 0.0) {
+        return 1;
+    }
+    let meeting = (a / larger) * f64::from(processes) / (a / larger + b / larger);
+    let within = |k: f64| (k as u32).clamp(1, processes - 1);
+    let (below, above) = (within(meeting.floor()), within(meeting.ceil()));
+    let tick = |k| helping_tick_secs(load, processes, Split::Divided(k));
+    if tick(above) < tick(below) { above } else { below }
+}
+
+/// Seconds a tick takes under a split where samplers compose in their spare time.
+pub fn helping_tick_secs(load: Load, processes: u32, split: Split) -> f64 {
+    let Split::Divided(k) = split else { return tick_secs(load, processes, split) };
+    let (a, b) = (measured(load.sampling_secs), measured(load.compositing_secs));
+    let k = f64::from(k.clamp(1, processes.max(1)));
+    let pace = f64::from(processes) - k + HELPING * k;
+    (a / k).max(b / pace + HELPING * a / pace)
+}
+
 /// The split of `processes` that a demand calls for.
 pub fn split(demand: &Demand, costs: &Costs, processes: u32) -> Split {
     let only_direct = [demand.samples, demand.rays, demand.views].iter().all(|&n| measured(n) == 0.0);
@@ -228,6 +271,18 @@ mod tests {
             }
             let bound = efficiency_bound(load(a, b), p);
             prop_assert!((0.0..=1.0 + 1e-12).contains(&bound), "{bound}");
+        }
+
+        #[test]
+        fn no_whole_k_is_faster_than_the_one_for_samplers_that_compose(
+            a in 0.0f64..10.0, b in 0.0f64..10.0, p in 2u32..300,
+        ) {
+            let (load, k) = (load(a, b), helping_samplers(load(a, b), p));
+            let tick = |k| helping_tick_secs(load, p, Split::Divided(k));
+            let best = (1..p).map(tick).fold(f64::INFINITY, f64::min);
+            prop_assert!((1..p).contains(&k) && tick(k) <= best * (1.0 + 1e-12), "K = {k}: {} {best}", tick(k));
+            // Nobody is faster than all processes busy all the time.
+            prop_assert!(tick(k) * f64::from(p) >= (a + b) * (1.0 - 1e-12));
         }
 
         #[test]

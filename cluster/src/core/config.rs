@@ -27,6 +27,17 @@ pub struct Config {
     pub report_interval: Duration,
     /// Views waiting or in work in the whole cluster; one more is turned away at once.
     pub max_views: usize,
+    /// … of one client: three quarters, so that nobody fills the cluster alone.
+    pub max_views_per_client: usize,
+    /// Sessions that are open at the same time. Each is a task and two frames on their way.
+    pub max_sessions: usize,
+    /// … of one client: three quarters.
+    pub max_sessions_per_client: usize,
+    /// Pixels, sub-pixels counted, that all clients may ask for in a second. `None`: as many as workers manage, which
+    /// [`Config::max_wait`] sees to.
+    pub pixels_per_sec: Option<f64>,
+    /// … one client.
+    pub pixels_per_sec_per_client: Option<f64>,
     /// A view that would probably wait longer than this, or than its own deadline, before its turn comes is
     /// turned away at once: by the measured costs of what is in flight before it.
     pub max_wait: Duration,
@@ -37,6 +48,9 @@ pub struct Config {
     pub max_attempts: u32,
     /// How long a view without a deadline waits for a worker.
     pub patience: Duration,
+    /// A view is given up after this long at the latest, whatever its deadline: one whose client takes nothing would
+    /// keep its place for ever. Ten minutes: longer than any view takes.
+    pub max_view_time: Duration,
     /// A sample that a compositor lacks weighs as much as this many views in its queue: what a transfer costs.
     pub missing_sample_views: f64,
     /// Whether a sampler that has nothing to sample also composes views, where the formula's whole K would leave it
@@ -57,6 +71,9 @@ pub struct Config {
     /// it lacks. Long, since samplers that do not keep up render what views wait for first: an epoch that is served
     /// before it is ready gives them more of that.
     pub epoch_patience: Duration,
+    /// The next epoch is issued no sooner than after so many views from samples; 0: by time alone. The ticks of the
+    /// cluster paper, which samples the scene anew for every V views: it serves to measure, also where nothing moves.
+    pub refresh_views: u64,
     /// Samples of a plan that a request leaves open.
     pub samples_per_view: u32,
     /// Linear steps where a request leaves them open: beyond 64 the cluster paper's search gains little.
@@ -78,10 +95,16 @@ impl Default for Config {
             lease: Duration::from_secs(5),
             report_interval: Duration::from_millis(250),
             max_views: 2048,
+            max_views_per_client: 1536,
+            max_sessions: 16384,
+            max_sessions_per_client: 12288,
+            pixels_per_sec: None,
+            pixels_per_sec_per_client: None,
             max_wait: Duration::from_secs(60),
             max_views_per_worker: 128,
             max_attempts: 4,
             patience: Duration::from_secs(30),
+            max_view_time: Duration::from_secs(600),
             missing_sample_views: 2.0,
             samplers_composite: false,
             refining_share: 0.5,
@@ -89,6 +112,7 @@ impl Default for Config {
             epoch: Duration::from_millis(100),
             epoch_interest: Duration::from_secs(1),
             epoch_patience: Duration::from_secs(15),
+            refresh_views: 0,
             samples_per_view: 4,
             linear_steps: 64,
             visibility: Some(Visibility::default()),

@@ -1,17 +1,21 @@
 //! Which sampler renders which sample, and who else has it.
 //!
-//! Every sample has an *owner*, the sampler that renders it where nobody holds it. Owners are chosen by
-//! rendezvous hashing of (sample, worker name): each sampler gets an equal share, the choice needs no memory,
-//! and a sampler that comes or goes moves only its own share. The samples of a static scene are rendered
+//! Every sample has an *owner*, the sampler that renders it where nobody holds it: the one that would have rendered its
+//! share of the epoch first, by how many it owns and what a sample takes it; among equals by rendezvous hashing of
+//! (sample, worker name). Hashing alone would give one of two samplers three of four samples as often as two, and the
+//! stage takes as long as its busiest. An owner stays one, so a sampler that comes or goes moves only its own share. The samples of a static scene are rendered
 //! once: as long as anybody holds one, it is served from there, and S does not count it again.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
 use argus_scene::SampleId;
 
 use super::event::{Source, WorkerId};
+use super::lines::Lines;
+use super::spread::Spread;
 use super::time::Uptime;
+use super::whereabouts::Whereabouts;
 use super::worker::Worker;
 
 /// A sample nobody asked for in this long, and nobody holds, is forgotten.
@@ -30,6 +34,8 @@ struct Entry {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Directory {
     owners: BTreeMap<SampleId, Entry>,
+    /// How many samples of an epoch each sampler owns.
+    shares: HashMap<(u64, WorkerId), usize>,
 }
 
 /// Rendezvous weight: FNV-1a over the worker's name and the sample, finished by a mix that spreads it over
@@ -45,61 +51,122 @@ fn weight(name: &str, id: SampleId) -> u64 {
     hash ^ (hash >> 33)
 }
 
+/// Workers that are named as holders of a sample, beside its owner: more would only make orders long.
+const MOST_NAMED: usize = 3;
+
+/// Where the directory looks things up.
+#[derive(Clone, Copy)]
+pub(super) struct Known<'a> {
+    pub(super) workers: &'a BTreeMap<WorkerId, Worker>,
+    pub(super) lines: &'a Lines,
+    pub(super) whereabouts: &'a Whereabouts,
+}
+
 impl Directory {
     /// Who renders a sample, chosen now if nobody was; `None` where nobody samples.
-    pub(super) fn owner(
-        &mut self,
-        id: SampleId,
-        workers: &BTreeMap<WorkerId, Worker>,
-        now: Uptime,
-    ) -> Option<WorkerId> {
-        let held_by = |w: &Worker| w.held.contains(&id);
-        let known = self.owners.get(&id).and_then(|entry| workers.get(&entry.owner));
-        let owner = match known.filter(|w| w.takes_samples()) {
+    pub(super) fn owner(&mut self, id: SampleId, known: Known<'_>, now: Uptime) -> Option<WorkerId> {
+        let before = self.owners.get(&id).and_then(|entry| known.workers.get(&entry.owner));
+        let owner = match before.filter(|w| w.takes_samples()) {
             Some(owner) => owner.id,
-            None => {
-                let best = |w: &&Worker| (held_by(w), weight(&w.hello.name, id), w.id);
-                workers.values().filter(|w| w.takes_samples()).max_by_key(best)?.id
-            }
+            None => self.best_owner(id, known)?,
         };
-        self.owners.insert(id, Entry { owner, used: now });
+        self.set(id, Entry { owner, used: now });
         Some(owner)
+    }
+
+    /// The sampler that shall render a sample: one that has it, or else the one that would have it first.
+    fn best_owner(&self, id: SampleId, known: Known<'_>) -> Option<WorkerId> {
+        let samplers = known.lines.samplers().iter().filter_map(|turn| known.workers.get(&turn.worker));
+        let done_ms = |w: &Worker| {
+            let share = self.shares.get(&(id.epoch, w.id)).copied().unwrap_or(0);
+            (share + 1) as f64 * w.report.sample_ms.or(w.report.direct_ms).unwrap_or(1.0)
+        };
+        samplers
+            .map(|w| (!w.has(id), done_ms(w), std::cmp::Reverse(weight(&w.hello.name, id)), w.id))
+            .min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then((a.2, a.3).cmp(&(b.2, b.3))))
+            .map(|best| best.3)
+    }
+
+    fn set(&mut self, id: SampleId, entry: Entry) {
+        let before = self.owners.insert(id, entry).map(|before| before.owner);
+        if before != Some(entry.owner) {
+            before.into_iter().for_each(|owner| self.unshare(id, owner));
+            *self.shares.entry((id.epoch, entry.owner)).or_default() += 1;
+        }
+    }
+
+    fn unshare(&mut self, id: SampleId, owner: WorkerId) {
+        if let Some(share) = self.shares.get_mut(&(id.epoch, owner)) {
+            *share -= 1;
+            if *share == 0 {
+                self.shares.remove(&(id.epoch, owner));
+            }
+        }
+    }
+
+    /// Forgets samples.
+    fn retain(&mut self, mut stays: impl FnMut(&SampleId, &Entry) -> bool) {
+        let mut gone = Vec::new();
+        self.owners.retain(|id, entry| {
+            let stays = stays(id, entry);
+            if !stays {
+                gone.push((*id, entry.owner));
+            }
+            stays
+        });
+        gone.into_iter().for_each(|(id, owner)| self.unshare(id, owner));
     }
 
     /// Where worker `reader` finds sample `id`, and whether it has to be rendered for this (then S counts it).
     ///
-    /// Best first: the owner if it holds the sample or nobody does; others that hold it; then an owner that
-    /// would have to render it. Without any sampler the reader renders it itself.
+    /// Best first: its parent where others wait for the sample as well ([`super::spread`]); the owner if it holds the
+    /// sample or nobody does; others that hold it; then an owner that would have to render it. Without any sampler
+    /// the reader renders it itself.
     pub(super) fn locate(
         &mut self,
         id: SampleId,
         reader: WorkerId,
-        workers: &BTreeMap<WorkerId, Worker>,
+        known: Known<'_>,
+        spread: &mut Spread,
         now: Uptime,
     ) -> (Source, bool) {
-        let held_by = |w: &Worker| w.held.contains(&id);
-        let holders = || workers.values().filter(|w| held_by(w) && w.id != reader);
-        let anyone_holds = workers.values().any(held_by);
-        let on_its_way = workers.values().any(|w| w.is_fetching(id));
+        let Known { workers, whereabouts, .. } = known;
+        let anyone_holds = whereabouts.is_held(id);
+        let on_its_way = whereabouts.is_on_its_way(id);
         // An owner stays one while it has the sample, renders it right now, or would render it again.
-        let known = self.owners.get(&id).and_then(|entry| workers.get(&entry.owner));
-        let owner = match known.filter(|w| held_by(w) || on_its_way || w.takes_samples()) {
+        let before = self.owners.get(&id).and_then(|entry| workers.get(&entry.owner));
+        let owner = match before.filter(|w| w.has(id) || on_its_way || w.takes_samples()) {
             Some(owner) => owner.id,
-            None => {
-                let best = |w: &&Worker| (held_by(w), weight(&w.hello.name, id), w.id);
-                workers.values().filter(|w| w.takes_samples()).max_by_key(best).map_or(reader, |w| w.id)
-            }
+            None => self.best_owner(id, known).unwrap_or(reader),
         };
-        self.owners.insert(id, Entry { owner, used: now });
+        self.set(id, Entry { owner, used: now });
+        let to_render = !anyone_holds && !on_its_way;
         let remote_owner = workers.get(&owner).filter(|w| w.id != reader);
-        let owner_first = !anyone_holds || remote_owner.is_some_and(held_by);
-        let others = holders().filter(|w| w.id != owner);
-        let ranked: Vec<&Worker> = match owner_first {
-            true => remote_owner.into_iter().chain(others).collect(),
-            false => others.chain(remote_owner).collect(),
+        let owner_first = !anyone_holds || remote_owner.is_some_and(|w| w.has(id));
+        // Only who lacks the sample has a place in the tree; others would fetch it only if they lost it.
+        let parent = match whereabouts.has(id, reader) || owner == reader {
+            true => None,
+            false => spread.tree(id).parent(reader).filter(|parent| *parent != owner),
         };
-        let addresses = ranked.into_iter().map(|w| w.hello.address.clone()).collect();
-        (Source { id, addresses }, !anyone_holds && !on_its_way)
+        // One that forgot the sample meanwhile has nothing to pass on.
+        let parent = parent.filter(|parent| whereabouts.is_near(id, *parent));
+        let parent = parent.and_then(|parent| workers.get(&parent));
+        // Each reader begins elsewhere, so that all of them do not ask the same one.
+        let near =
+            whereabouts.near(id, reader).filter(|w| whereabouts.has(id, *w) && *w != reader && *w != owner);
+        let others = near.take(MOST_NAMED).filter_map(|w| workers.get(&w));
+        let mut ranked: Vec<&Worker> = parent.into_iter().collect();
+        match owner_first {
+            true => ranked.extend(remote_owner.into_iter().chain(others)),
+            false => ranked.extend(others.chain(remote_owner)),
+        }
+        let mut addresses: Vec<String> = Vec::with_capacity(ranked.len());
+        for worker in ranked {
+            if !addresses.contains(&worker.hello.address) {
+                addresses.push(worker.hello.address.clone());
+            }
+        }
+        (Source { id, addresses }, to_render)
     }
 
     /// Whether that worker is the one who renders the sample.
@@ -107,26 +174,29 @@ impl Directory {
         self.owners.get(&id).is_some_and(|entry| entry.owner == worker)
     }
 
-    /// How many samples that worker owns: what would have to be rendered again without it, at most.
-    pub(super) fn owned_by(&self, worker: WorkerId) -> usize {
-        self.owners.values().filter(|entry| entry.owner == worker).count()
+    /// How many samples each worker owns: what would have to be rendered again without it, at most.
+    pub(super) fn owned(&self) -> HashMap<WorkerId, usize> {
+        let mut owned = HashMap::new();
+        self.owners.values().for_each(|entry| *owned.entry(entry.owner).or_default() += 1);
+        owned
     }
 
     /// Forgets samples of epochs before this one.
     pub(super) fn retire(&mut self, before_epoch: u64) {
-        self.owners.retain(|id, _| id.epoch >= before_epoch);
+        self.retain(|id, _| id.epoch >= before_epoch);
     }
 
     /// Forgets what nobody needs.
-    pub(super) fn prune(&mut self, workers: &BTreeMap<WorkerId, Worker>, now: Uptime) {
-        self.owners.retain(|id, entry| {
-            now.since(entry.used) < FORGET_AFTER || workers.values().any(|w| w.held.contains(id))
-        });
+    pub(super) fn prune(&mut self, whereabouts: &Whereabouts, now: Uptime) {
+        self.retain(|id, entry| now.since(entry.used) < FORGET_AFTER || whereabouts.is_held(*id));
         if self.owners.len() > MOST_REMEMBERED {
             let mut ages: Vec<(Uptime, SampleId)> = self.owners.iter().map(|(id, e)| (e.used, *id)).collect();
             ages.sort_unstable();
-            for (_, id) in ages.iter().take(self.owners.len() - MOST_REMEMBERED) {
-                self.owners.remove(id);
+            let most = self.owners.len() - MOST_REMEMBERED;
+            for (_, id) in ages.into_iter().take(most) {
+                if let Some(entry) = self.owners.remove(&id) {
+                    self.unshare(id, entry.owner);
+                }
             }
         }
     }

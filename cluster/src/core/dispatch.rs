@@ -1,27 +1,28 @@
 //! Views on their way: admitted or turned away, given to a worker, given to another if that one fails.
+//!
+//! Whom a view is given to is for `choose` to say.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use argus_proto::Fault;
 use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, View, Visibility};
 
+use super::admission::Client;
+use super::directory::Known;
 use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
 use super::machine::Core;
 use super::plan::plan;
 use super::time::Uptime;
 use super::wishes::{Planned, Quest};
-use super::worker::Worker;
 
-/// Samplers that are named in an order as those who can trace: a second and a third chance.
-const MOST_TRACERS: usize = 3;
-
-/// Views that a sampler with time to spare has at the same time: a small batch.
-const MOST_SPARE_VIEWS: usize = 16;
+/// Views bound to certain workers that are looked at in one go.
+const MOST_BOUND: usize = 64;
 
 /// An admitted view.
 #[derive(Debug, Clone)]
 pub(super) struct Pending {
+    client: Client,
     camera: Camera,
     /// How many the frame has.
     pub(super) pixels: u64,
@@ -34,13 +35,83 @@ pub(super) struct Pending {
     /// Its plan was pinned: what it lacks says nothing of the plans made here.
     pinned: bool,
     /// Pinned kind of device; empty: any.
-    device_kind: String,
+    pub(super) device_kind: String,
     /// When its answer is worthless, and how long that was when it was asked.
-    deadline: Option<(Uptime, Duration)>,
+    deadline: (Uptime, Duration),
     asked: Uptime,
+    /// When it is looked at next, to see whether its time is over.
+    due: Uptime,
     attempt: u32,
     worker: Option<WorkerId>,
-    tried: BTreeSet<WorkerId>,
+    pub(super) tried: BTreeSet<WorkerId>,
+}
+
+/// Views that no worker has room for yet. Tickets ascend with arrival, so the least is the oldest.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Waiting {
+    composed: BTreeSet<Ticket>,
+    direct: BTreeSet<Ticket>,
+    /// Those that only certain workers can answer: they hold nobody up.
+    bound: BTreeSet<Ticket>,
+}
+
+impl Waiting {
+    fn insert(&mut self, ticket: Ticket, view: &Pending) {
+        let line = match (view.is_bound(), view.is_direct()) {
+            (true, _) => &mut self.bound,
+            (_, true) => &mut self.direct,
+            _ => &mut self.composed,
+        };
+        line.insert(ticket);
+    }
+
+    fn remove(&mut self, ticket: Ticket) {
+        for line in [&mut self.composed, &mut self.direct, &mut self.bound] {
+            line.remove(&ticket);
+        }
+    }
+}
+
+/// Views in flight of each kind, and the epochs whose samples they need, each with how many need it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct InFlight {
+    direct: usize,
+    composed: usize,
+    epochs: BTreeMap<u64, usize>,
+}
+
+impl InFlight {
+    fn add(&mut self, view: &Pending) {
+        *if view.is_direct() { &mut self.direct } else { &mut self.composed } += 1;
+        if let Some(epoch) = view.sampled_epoch() {
+            *self.epochs.entry(epoch).or_default() += 1;
+        }
+    }
+
+    fn subtract(&mut self, view: &Pending) {
+        *if view.is_direct() { &mut self.direct } else { &mut self.composed } -= 1;
+        if let Some(epoch) = view.sampled_epoch()
+            && let Some(count) = self.epochs.get_mut(&epoch)
+        {
+            *count -= 1;
+            if *count == 0 {
+                self.epochs.remove(&epoch);
+            }
+        }
+    }
+
+    /// The epochs whose samples views in flight need, ascending.
+    pub(super) fn epochs(&self) -> impl Iterator<Item = u64> {
+        self.epochs.keys().copied()
+    }
+}
+
+/// What is rendered for a pixel.
+fn sub_pixels(plan: &Plan) -> u64 {
+    match plan {
+        Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
+        Plan::Warp(warp) => u64::from(warp.supersampling).pow(2),
+    }
 }
 
 /// The kind of device in a frame's.
@@ -50,7 +121,7 @@ fn device_kind(device: &str) -> &str {
 
 impl Pending {
     /// Its frame was not good enough: another is made, by whomever.
-    pub(super) fn begin_again(&mut self, plan: Plan, expected: Prediction, quest: Box<Quest>) {
+    fn begin_again(&mut self, plan: Plan, expected: Prediction, quest: Box<Quest>) {
         (self.plan, self.expected, self.quest) = (plan, Some(expected), Some(quest));
         (self.worker, self.tried) = (None, BTreeSet::new());
     }
@@ -60,7 +131,12 @@ impl Pending {
         self.attempt - self.quest.as_ref().map_or(0, |quest| quest.thrown_away())
     }
 
-    fn is_direct(&self) -> bool {
+    /// Whether not just anybody can answer it.
+    pub(super) fn is_bound(&self) -> bool {
+        !self.device_kind.is_empty() || !self.tried.is_empty()
+    }
+
+    pub(super) fn is_direct(&self) -> bool {
         matches!(self.plan, Plan::Direct { .. })
     }
 
@@ -73,7 +149,7 @@ impl Pending {
         self.samples().first().map(|id| id.epoch)
     }
 
-    fn samples(&self) -> &[SampleId] {
+    pub(super) fn samples(&self) -> &[SampleId] {
         match &self.plan {
             Plan::Direct { .. } => &[],
             Plan::Warp(warp) => &warp.samples,
@@ -85,13 +161,14 @@ impl Core {
     pub(super) fn ask(
         &mut self,
         ticket: Ticket,
+        client: Client,
         view: &View,
         deadline: Option<Duration>,
         now: Uptime,
         actions: &mut Vec<Action>,
     ) {
         self.wake(now);
-        match self.admit(view, deadline) {
+        match self.admit(&client, view, deadline, now) {
             Err(fault) => {
                 match fault {
                     Fault::Overloaded { .. } => self.counters.views_rejected += 1,
@@ -101,9 +178,14 @@ impl Core {
             }
             Ok(Planned { plan, expected, quest }) => {
                 let epoch = view.pin.as_ref().map_or(self.set.epoch, |pin| pin.epoch);
+                let longest = self.config.max_view_time;
+                let deadline = deadline.unwrap_or(longest).min(longest);
+                let pixels = u64::from(view.width) * u64::from(view.height);
+                self.admission.enter(&client, pixels.saturating_mul(sub_pixels(&plan)), &self.config, now);
                 let pending = Pending {
+                    client,
                     camera: view.camera,
-                    pixels: u64::from(view.width) * u64::from(view.height),
+                    pixels,
                     epoch,
                     plan,
                     pinned: view.pin.is_some(),
@@ -114,8 +196,9 @@ impl Core {
                         .as_ref()
                         .map(|pin| device_kind(&pin.device).to_owned())
                         .unwrap_or_default(),
-                    deadline: deadline.map(|d| (now.after(d), d)),
+                    deadline: (now.after(deadline), deadline),
                     asked: now,
+                    due: now,
                     attempt: 0,
                     worker: None,
                     tried: BTreeSet::new(),
@@ -127,13 +210,20 @@ impl Core {
                 if view.pin.is_none() {
                     self.epochs.used(pending.samples().iter().map(|id| id.index), now);
                 }
+                self.in_flight.add(&pending);
                 self.views.insert(ticket, pending);
-                self.waiting.push_back(ticket);
+                self.wait(ticket);
             }
         }
     }
 
-    fn admit(&self, view: &View, deadline: Option<Duration>) -> Result<Planned, Fault> {
+    fn admit(
+        &self,
+        client: &str,
+        view: &View,
+        deadline: Option<Duration>,
+        now: Uptime,
+    ) -> Result<Planned, Fault> {
         if self.draining {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
@@ -143,14 +233,15 @@ impl Core {
         let direct = matches!(planned.plan, Plan::Direct { .. });
         let expected = self.expected_wait(direct);
         let bearable = deadline.unwrap_or(Duration::MAX).min(self.config.max_wait);
+        // By then half of what is in flight is done.
+        let retry_after = (expected / 2).clamp(Duration::from_millis(50), Duration::from_secs(5));
         if self.views.len() >= self.config.max_views || expected > bearable {
             let (count, secs) = (self.views.len(), expected.as_secs_f64());
             let what =
                 format!("{count} views are waiting or in work, {secs:.1} s of it before this one's turn");
-            // By then half of what is in flight is done.
-            let retry_after = (expected / 2).clamp(Duration::from_millis(50), Duration::from_secs(5));
             return Err(Fault::Overloaded { what, retry_after });
         }
+        self.admission.check(client, &self.config, retry_after, now)?;
         if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
             let mut ready = self.workers.values().filter(|w| w.is_ready()).peekable();
             if ready.peek().is_some() && !ready.any(|w| w.hello.device == device_kind(device)) {
@@ -171,38 +262,74 @@ impl Core {
     /// cost was measured. Where nothing but direct views is in flight, all will soon render them.
     pub(super) fn expected_wait(&self, direct: bool) -> Duration {
         let costs = self.believed_costs();
-        let cost = if direct { costs.direct_secs } else { costs.view_secs };
-        let ahead = self.views.values().filter(|view| view.is_direct() == direct).count();
-        let all = direct && ahead == self.views.len();
-        let takes = |w: &&Worker| match direct {
-            true => w.takes_samples() || (all && w.is_ready()),
-            false => w.takes_views(),
+        let (cost, ahead) = match direct {
+            true => (costs.direct_secs, self.in_flight.direct),
+            false => (costs.view_secs, self.in_flight.composed),
         };
-        let hands = self.workers.values().filter(takes).count().max(1);
-        Duration::try_from_secs_f64(cost * ahead as f64 / hands as f64).unwrap_or(Duration::MAX)
+        let hands = match direct {
+            true if self.in_flight.composed == 0 => self.lines.ready(),
+            true => self.lines.samplers().len(),
+            false => self.lines.compositors().len(),
+        };
+        Duration::try_from_secs_f64(cost * ahead as f64 / hands.max(1) as f64).unwrap_or(Duration::MAX)
     }
 
-    /// Gives waiting views to workers with room, oldest first. Stops looking once a reconstructed and a direct
-    /// view had to wait; a view that is bound to certain workers holds nobody up.
+    /// A view waits for a worker, among the others by its age.
+    fn wait(&mut self, ticket: Ticket) {
+        let Some(view) = self.views.get_mut(&ticket) else { return };
+        self.waiting.insert(ticket, view);
+        self.due.remove(&(view.due, ticket));
+        let patient = view.asked.after(self.config.patience);
+        view.due = view.deadline.0.min(patient);
+        self.due.insert((view.due, ticket));
+    }
+
+    /// A view that was put back for another plan waits anew.
+    pub(super) fn begin_again(
+        &mut self,
+        ticket: Ticket,
+        plan: Plan,
+        expected: Prediction,
+        quest: Box<Quest>,
+    ) {
+        let Some(view) = self.views.get_mut(&ticket) else { return };
+        self.in_flight.subtract(view);
+        view.begin_again(plan, expected, quest);
+        self.in_flight.add(view);
+        self.wait(ticket);
+    }
+
+    /// A view is over.
+    pub(super) fn forget(&mut self, ticket: Ticket) -> Option<Pending> {
+        let view = self.views.remove(&ticket)?;
+        self.admission.leave(&view.client);
+        self.in_flight.subtract(&view);
+        self.due.remove(&(view.due, ticket));
+        self.waiting.remove(ticket);
+        Some(view)
+    }
+
+    /// Gives waiting views to workers with room, the oldest first of those that are reconstructed and of those
+    /// rendered directly, until one has to wait; a view that is bound to certain workers holds nobody up.
     pub(super) fn pump(&mut self, now: Uptime, actions: &mut Vec<Action>) {
-        let mut stay = Vec::new();
-        let (mut direct_full, mut warp_full) = (false, false);
-        while let Some(ticket) = self.waiting.pop_front() {
-            let Some(view) = self.views.get(&ticket) else { continue };
-            let (direct, bound) = (view.is_direct(), !view.device_kind.is_empty() || !view.tried.is_empty());
-            if (if direct { direct_full } else { warp_full }) && !bound {
-                stay.push(ticket);
-            } else if !self.place(ticket, now, actions) {
-                stay.push(ticket);
-                direct_full |= direct && !bound;
-                warp_full |= !direct && !bound;
-            }
-            if direct_full && warp_full {
-                break;
+        for ticket in self.waiting.bound.iter().copied().take(MOST_BOUND).collect::<Vec<_>>() {
+            if self.place(ticket, now, actions) {
+                self.waiting.bound.remove(&ticket);
             }
         }
-        for ticket in stay.into_iter().rev() {
-            self.waiting.push_front(ticket);
+        let (mut direct_full, mut composed_full) = (false, false);
+        loop {
+            let of = |full: bool, line: &BTreeSet<Ticket>| line.first().copied().filter(|_| !full);
+            let next = [of(direct_full, &self.waiting.direct), of(composed_full, &self.waiting.composed)];
+            let Some(ticket) = next.into_iter().flatten().min() else { return };
+            let direct = next[0] == Some(ticket);
+            if self.place(ticket, now, actions) {
+                self.waiting.remove(ticket);
+            } else if direct {
+                direct_full = true;
+            } else {
+                composed_full = true;
+            }
         }
     }
 
@@ -211,9 +338,10 @@ impl Core {
         let Some(view) = self.views.get(&ticket) else { return true };
         let Some(id) = self.choose(view) else { return false };
         let samples = view.samples().to_vec();
-        let mut sources = Vec::new();
+        let mut sources = Vec::with_capacity(samples.len());
         for &sample in &samples {
-            let (source, to_render) = self.directory.locate(sample, id, &self.workers, now);
+            let known = Known { workers: &self.workers, lines: &self.lines, whereabouts: &self.whereabouts };
+            let (source, to_render) = self.directory.locate(sample, id, known, &mut self.spread, now);
             self.rates.samples.count(to_render.into());
             sources.push(source);
         }
@@ -234,7 +362,8 @@ impl Core {
         let (Some(view), Some(worker)) = (self.views.get_mut(&ticket), self.workers.get_mut(&id)) else {
             return;
         };
-        worker.begin(ticket, samples);
+        worker.begin(ticket, samples, &mut self.whereabouts);
+        self.lines.update(worker);
         view.attempt += 1;
         view.worker = Some(id);
         view.tried.insert(id);
@@ -253,69 +382,13 @@ impl Core {
         actions.push(Action::Dispatch { ticket, order: Box::new(order) });
     }
 
-    /// Who traces pixels for a view that `reader` composes: itself if it samples, since that needs no transfer,
-    /// then samplers of the same kind of device, whose bytes are the same, then others; those with least to do
-    /// first; also those on their way to that role. None where nobody samples.
-    fn tracers(&self, reader: WorkerId) -> Vec<String> {
-        let device = self.workers.get(&reader).map(|w| &w.hello.device);
-        let rank = |w: &&Worker| (w.id != reader, Some(&w.hello.device) != device, w.views.len(), w.id);
-        let mut samplers: Vec<&Worker> =
-            self.workers.values().filter(|w| w.is_ready() && w.assigned().role.samples()).collect();
-        samplers.sort_by_key(rank);
-        samplers.into_iter().take(MOST_TRACERS).map(|w| w.hello.address.clone()).collect()
-    }
-
-    /// The worker that will probably answer first: fewest views in its queue, each missing sample counted as
-    /// [`super::Config::missing_sample_views`]; among equals the one that had the fewest views so far.
-    ///
-    /// Roles decide who is asked. Where nobody plays the role (the moment before roles change), or everybody
-    /// who does has failed at this view, anybody is: a worker can do both, it is only slower to start.
-    fn choose(&self, view: &Pending) -> Option<WorkerId> {
-        let takes = |w: &&Worker| match view.is_direct() {
-            true => w.takes_samples(),
-            false => w.takes_views() || self.may_help_out(w, view.samples()),
-        };
-        let able: Vec<&Worker> = self
-            .workers
-            .values()
-            .filter(|w| w.is_ready() && (view.device_kind.is_empty() || w.hello.device == view.device_kind))
-            .collect();
-        let untried: Vec<&Worker> = able.iter().filter(|w| !view.tried.contains(&w.id)).copied().collect();
-        let open = if untried.is_empty() { able } else { untried };
-        let suited: Vec<&Worker> = open.iter().filter(|w| takes(w)).copied().collect();
-        let asked = if suited.is_empty() { open } else { suited };
-        let cost = |w: &Worker| {
-            w.views.len() as f64 + w.missing(view.samples()) as f64 * self.config.missing_sample_views
-        };
-        asked
-            .into_iter()
-            .filter(|w| w.views.len() < self.config.max_views_per_worker)
-            .min_by(|a, b| {
-                cost(a).total_cmp(&cost(b)).then(a.dispatched.cmp(&b.dispatched)).then(a.id.cmp(&b.id))
-            })
-            .map(|w| w.id)
-    }
-
-    /// Whether a sampler has time to compose a view: it holds the view's samples, nobody waits for one that it has
-    /// yet to render, and it has few views, so that the next sample does not wait for long.
-    fn may_help_out(&self, sampler: &Worker, samples: &[SampleId]) -> bool {
-        let is_due = |id: SampleId| {
-            self.directory.is_owner(sampler.id, id) && !self.workers.values().any(|w| w.held.contains(&id))
-        };
-        self.config.samplers_composite
-            && sampler.takes_samples()
-            && sampler.views.len() < MOST_SPARE_VIEWS
-            && samples.iter().all(|id| sampler.held.contains(id))
-            && !self.workers.values().flat_map(Worker::fetching).any(is_due)
-    }
-
     pub(super) fn answered(&mut self, ticket: Ticket, attempt: u32, uncovered: u64, ms: Option<f64>) {
         if self.is_current(ticket, attempt) {
             if let Some(ms) = ms {
                 self.learn_pace(ticket, ms);
             }
             self.take_back(ticket, true);
-            if let Some(view) = self.views.remove(&ticket)
+            if let Some(view) = self.forget(ticket)
                 && !view.is_direct()
                 && !view.pinned
             {
@@ -342,7 +415,7 @@ impl Core {
             Failure::TryElsewhere => self.retry(ticket, now, actions),
             Failure::Final => {
                 self.take_back(ticket, false);
-                self.views.remove(&ticket);
+                self.forget(ticket);
                 self.counters.views_failed += 1;
             }
         }
@@ -353,7 +426,7 @@ impl Core {
         self.take_back(ticket, false);
         let Some(view) = self.views.get_mut(&ticket) else { return };
         view.worker = None;
-        if view.deadline.is_some_and(|(at, _)| now >= at) {
+        if now >= view.deadline.0 {
             return self.expire_one(ticket, now, actions);
         }
         if view.attempts() >= self.config.max_attempts {
@@ -361,32 +434,37 @@ impl Core {
             return self.refuse(ticket, fault, actions);
         }
         self.counters.views_retried += 1;
-        self.waiting.push_front(ticket);
+        self.wait(ticket);
     }
 
     /// Ends the deadlines and the patience that are over.
     pub(super) fn expire(&mut self, now: Uptime, actions: &mut Vec<Action>) {
-        let tickets: Vec<Ticket> = self.views.keys().copied().collect();
-        for ticket in tickets {
+        while let Some(&(due, ticket)) = self.due.first().filter(|(due, _)| now >= *due) {
+            self.due.remove(&(due, ticket));
             self.expire_one(ticket, now, actions);
         }
     }
 
     fn expire_one(&mut self, ticket: Ticket, now: Uptime, actions: &mut Vec<Action>) {
-        let Some(view) = self.views.get(&ticket) else { return };
-        if let Some((_, asked_for)) = view.deadline.filter(|(at, _)| now >= *at) {
+        let Some(view) = self.views.get_mut(&ticket) else { return };
+        let (at, asked_for) = view.deadline;
+        if now >= at {
             self.refuse(ticket, Fault::Deadline(asked_for), actions);
         } else if view.worker.is_none() && now.since(view.asked) >= self.config.patience {
             let secs = self.config.patience.as_secs_f64();
-            let ready = self.workers.values().filter(|w| w.is_ready()).count();
+            let ready = self.lines.ready();
             let fault = Fault::Unavailable(format!("none of {ready} ready workers had room within {secs} s"));
             self.refuse(ticket, fault, actions);
+        } else {
+            // In work: what is left is its deadline.
+            view.due = at;
+            self.due.insert((at, ticket));
         }
     }
 
     fn refuse(&mut self, ticket: Ticket, fault: Fault, actions: &mut Vec<Action>) {
         self.take_back(ticket, false);
-        self.views.remove(&ticket);
+        self.forget(ticket);
         self.counters.views_failed += 1;
         actions.push(Action::Refuse { ticket, fault });
     }
@@ -400,7 +478,8 @@ impl Core {
     pub(super) fn take_back(&mut self, ticket: Ticket, answered: bool) {
         let Some(view) = self.views.get(&ticket) else { return };
         if let Some(worker) = view.worker.and_then(|id| self.workers.get_mut(&id)) {
-            worker.end(ticket, view.samples(), answered);
+            worker.end(ticket, view.samples(), answered, &mut self.whereabouts);
+            self.lines.update(worker);
         }
     }
 }

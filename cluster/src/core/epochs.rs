@@ -8,13 +8,14 @@
 //!
 //! So nothing starves: views never wait for the next epoch, since they are answered in the one that is there;
 //! and the next epoch waits for a set of samples that was settled when it was issued, not for those that new
-//! viewpoints ask for meanwhile. If nothing comes for [`Epochs::patience`], a sampler being lost or busy with
+//! viewpoints ask for meanwhile. While one epoch is on its way to those who compose, samplers render the one after it.
+//! If nothing comes for [`Epochs::patience`], a sampler being lost or busy with
 //! what views wait for, the epoch is served as it is, and what it lacks is rendered on demand.
 //!
 //! An epoch that is no longer served is kept until the next change, and for as long as a view that was planned in
 //! it is in work. While nobody looks no epoch is issued: the next view begins the one of its own time.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 use super::time::Uptime;
@@ -28,6 +29,9 @@ struct Moment {
     epoch: u64,
     cameras: BTreeSet<u64>,
 }
+
+/// Epochs that are got ready at the same time: while one is on its way to those who compose, the next is rendered.
+const MOST_UPCOMING: usize = 2;
 
 /// An epoch that is got ready.
 #[derive(Debug, Clone)]
@@ -53,11 +57,16 @@ pub(super) struct Epochs {
     before: Moment,
     /// Older ones that views in work were planned in.
     past: Vec<Moment>,
-    upcoming: Option<Upcoming>,
+    /// Those that are got ready, oldest first.
+    upcoming: VecDeque<Upcoming>,
     /// When the newest epoch was issued.
     issued: Uptime,
     /// When plans named which cameras last.
     used: BTreeMap<u64, Uptime>,
+    /// An epoch is issued only after so many plans since the last one.
+    plans_each: u64,
+    /// Plans since the newest epoch was issued.
+    plans: u64,
 }
 
 impl Epochs {
@@ -70,10 +79,19 @@ impl Epochs {
             served: Moment::default(),
             before: Moment::default(),
             past: Vec::new(),
-            upcoming: None,
+            upcoming: VecDeque::new(),
             issued: Uptime::default(),
             used: BTreeMap::new(),
+            plans_each: 0,
+            plans: 0,
         }
+    }
+
+    /// … each of them issued only after so many plans: the ticks of the cluster paper, which samples the scene anew for
+    /// every V views, whatever time they take.
+    pub(super) fn with_plans(self, plans_each: u64) -> Self {
+        // The first is issued at once: while one is served, the next is on its way.
+        Self { plans_each, plans: plans_each, ..self }
     }
 
     /// The one that plans are made of.
@@ -88,7 +106,7 @@ impl Epochs {
 
     /// What was got ready, and what is: epochs with their cameras.
     pub(super) fn prepared(&self) -> impl Iterator<Item = (u64, u64)> {
-        let upcoming = self.upcoming.as_ref().map(|upcoming| &upcoming.moment);
+        let upcoming = self.upcoming.iter().map(|upcoming| &upcoming.moment);
         let moments = self.past.iter().chain([&self.before, &self.served]).chain(upcoming);
         moments.flat_map(|moment| moment.cameras.iter().map(|camera| (moment.epoch, *camera)))
     }
@@ -106,7 +124,7 @@ impl Epochs {
     /// Somebody looks: after a pause, the epoch of this moment is served at once. Whether it is another one.
     pub(super) fn wake(&mut self, now: Uptime) -> bool {
         self.forget(now);
-        if self.upcoming.is_some() || !self.used.is_empty() {
+        if !self.upcoming.is_empty() || !self.used.is_empty() {
             return false;
         }
         let at = self.at(now);
@@ -121,21 +139,23 @@ impl Epochs {
     /// A plan names these cameras.
     pub(super) fn used(&mut self, cameras: impl IntoIterator<Item = u64>, now: Uptime) {
         if self.every.is_some() {
+            self.plans += 1;
             self.used.extend(cameras.into_iter().map(|camera| (camera, now)));
         }
     }
 
-    /// Serves the next epoch if its samples are there (`is_there` of epoch and camera), and issues the one after
-    /// it when its time has come, for the cameras in use and those of `beside`. Whether anything changed; how many
-    /// samples were ordered.
+    /// Serves the next epoch if its samples are there (`is_there` of epoch and camera), and issues another one when its
+    /// time has come and the one before it is rendered (`is_rendered`), for the cameras in use and those of `beside`.
+    /// Whether anything changed; how many samples were ordered.
     pub(super) fn advance(
         &mut self,
         now: Uptime,
         beside: impl IntoIterator<Item = u64>,
-        is_there: impl Fn(u64, u64) -> bool,
+        mut is_there: impl FnMut(u64, u64) -> bool,
+        is_rendered: impl Fn(u64, u64) -> bool,
     ) -> (bool, usize) {
         let mut changed = false;
-        if let Some(upcoming) = &mut self.upcoming {
+        while let Some(upcoming) = self.upcoming.front_mut() {
             let Moment { epoch, cameras } = &upcoming.moment;
             let there = cameras.iter().filter(|&&camera| is_there(*epoch, camera)).count();
             if there > upcoming.there {
@@ -143,27 +163,43 @@ impl Epochs {
             }
             upcoming.there = there;
             if there < cameras.len() && now.since(upcoming.progressed) < self.patience {
-                return (false, 0);
+                break;
             }
             let moment = std::mem::take(&mut upcoming.moment);
+            self.upcoming.pop_front();
             self.serve(moment);
+            if let Some(next) = self.upcoming.front_mut() {
+                next.progressed = now;
+            }
             changed = true;
         }
         let Some(every) = self.every else { return (changed, 0) };
-        self.forget(now);
-        let epoch = self.at(now);
-        if epoch <= self.served.epoch || now.since(self.issued) < every || self.used.is_empty() {
+        let newest = self.upcoming.back().map(|upcoming| &upcoming.moment);
+        let in_work =
+            newest.is_some_and(|Moment { epoch, cameras }| !cameras.iter().all(|&c| is_rendered(*epoch, c)));
+        if in_work || self.upcoming.len() >= MOST_UPCOMING {
             return (changed, 0);
         }
+        let last = newest.map_or(self.served.epoch, |newest| newest.epoch);
+        self.forget(now);
+        let epoch = self.at(now);
+        if epoch <= last || now.since(self.issued) < every || self.used.is_empty() {
+            return (changed, 0);
+        }
+        if self.plans < self.plans_each {
+            return (changed, 0);
+        }
+        // What came late is not caught up with.
+        self.plans = (self.plans - self.plans_each).min(self.plans_each);
         let cameras: BTreeSet<u64> = self.used.keys().copied().chain(beside).collect();
         let ordered = cameras.len();
-        self.upcoming = Some(Upcoming { moment: Moment { epoch, cameras }, there: 0, progressed: now });
+        let upcoming = Upcoming { moment: Moment { epoch, cameras }, there: 0, progressed: now };
+        self.upcoming.push_back(upcoming);
         self.issued = now;
         (true, ordered)
     }
 
     fn serve(&mut self, moment: Moment) {
-        self.upcoming = None;
         let before = std::mem::replace(&mut self.served, moment);
         self.past.push(std::mem::replace(&mut self.before, before));
     }
@@ -205,10 +241,10 @@ mod tests {
         let mut still = Epochs::new(None, Duration::from_secs(1), Duration::from_secs(5));
         still.used([1, 2], ms(0));
         assert!(!still.wake(ms(5000)));
-        assert_eq!(still.advance(ms(10_000), [], |_, _| true), (false, 0));
+        assert_eq!(still.advance(ms(10_000), [], |_, _| true, |_, _| false), (false, 0));
         assert_eq!((still.served(), still.prepared().count()), (0, 0));
         assert_eq!(
-            Epochs::new(Some(Duration::ZERO), DT, DT).advance(ms(10_000), [], |_, _| true),
+            Epochs::new(Some(Duration::ZERO), DT, DT).advance(ms(10_000), [], |_, _| true, |_, _| false),
             (false, 0)
         );
     }
@@ -217,15 +253,22 @@ mod tests {
     fn an_epoch_is_served_once_all_of_its_samples_are_there() {
         let mut epochs = epochs();
         epochs.used([7, 9], ms(0));
-        assert_eq!(epochs.advance(ms(99), [], |_, _| false), (false, 0), "not before its time");
-        assert_eq!(epochs.advance(ms(100), [], |_, _| false), (true, 2));
+        assert_eq!(epochs.advance(ms(99), [], |_, _| false, |_, _| false), (false, 0), "not before its time");
+        assert_eq!(epochs.advance(ms(100), [], |_, _| false, |_, _| false), (true, 2));
         assert_eq!(epochs.prepared().collect::<Vec<_>>(), [(1, 7), (1, 9)]);
-        assert_eq!(epochs.advance(ms(140), [], |epoch, camera| (epoch, camera) == (1, 7)), (false, 0));
+        assert_eq!(
+            epochs.advance(ms(140), [], |epoch, camera| (epoch, camera) == (1, 7), |_, _| false),
+            (false, 0)
+        );
         assert_eq!(epochs.served(), 0);
-        assert_eq!(epochs.advance(ms(150), [], |epoch, _| epoch == 1), (true, 0));
+        assert_eq!(epochs.advance(ms(150), [], |epoch, _| epoch == 1, |_, _| false), (true, 0));
         assert_eq!((epochs.served(), epochs.oldest()), (1, 0));
-        assert_eq!(epochs.advance(ms(199), [], |_, _| true), (false, 0), "no sooner than Δt after the last");
-        assert_eq!(epochs.advance(ms(200), [3], |_, _| false), (true, 3));
+        assert_eq!(
+            epochs.advance(ms(199), [], |_, _| true, |_, _| false),
+            (false, 0),
+            "no sooner than Δt after the last"
+        );
+        assert_eq!(epochs.advance(ms(200), [3], |_, _| false, |_, _| false), (true, 3));
         let kept = [(1, 7), (1, 9), (2, 3), (2, 7), (2, 9)];
         assert_eq!(epochs.prepared().collect::<Vec<_>>(), kept, "the served epoch's stay");
     }
@@ -238,7 +281,15 @@ mod tests {
             epochs.used([1], ms(now));
             // A sample takes 700 ms.
             let issued = epochs.issued;
-            if epochs.advance(ms(now), [], |_, _| ms(now).since(issued) >= Duration::from_millis(700)).0 {
+            if epochs
+                .advance(
+                    ms(now),
+                    [],
+                    |_, _| ms(now).since(issued) >= Duration::from_millis(700),
+                    |_, _| false,
+                )
+                .0
+            {
                 served.push((now, epochs.served()));
             }
         }
@@ -251,6 +302,49 @@ mod tests {
     }
 
     #[test]
+    fn while_one_epoch_is_on_its_way_the_next_is_rendered_and_no_third() {
+        let mut epochs = epochs();
+        epochs.used([1], ms(0));
+        assert_eq!(epochs.advance(ms(100), [], |_, _| false, |_, _| false), (true, 1));
+        assert_eq!(
+            epochs.advance(ms(250), [], |_, _| false, |_, _| false),
+            (false, 0),
+            "it is being rendered"
+        );
+        assert_eq!(epochs.advance(ms(260), [], |_, _| false, |_, _| true), (true, 1), "and now on its way");
+        assert_eq!(epochs.advance(ms(400), [], |_, _| false, |_, _| true), (false, 0));
+        assert_eq!(epochs.prepared().collect::<Vec<_>>(), [(1, 1), (2, 1)]);
+        assert!(epochs.advance(ms(450), [], |epoch, _| epoch == 1, |_, _| false).0);
+        assert_eq!((epochs.served(), epochs.oldest()), (1, 0));
+    }
+
+    #[test]
+    fn an_epoch_for_every_so_many_plans_is_issued_after_them_and_no_sooner() {
+        let mut epochs = epochs().with_plans(3);
+        epochs.used([1], ms(100));
+        epochs.used([1], ms(200));
+        assert_eq!(
+            epochs.advance(ms(300), [], |_, _| true, |_, _| true),
+            (true, 1),
+            "the first one ahead of views"
+        );
+        assert_eq!(
+            epochs.advance(ms(420), [], |_, _| true, |_, _| true),
+            (true, 0),
+            "two plans: none is issued"
+        );
+        epochs.used([1], ms(430));
+        assert_eq!(epochs.advance(ms(440), [], |_, _| true, |_, _| true), (true, 1));
+        assert_eq!(epochs.advance(ms(600), [], |_, _| true, |_, _| true), (true, 0));
+        (0..30).for_each(|i| epochs.used([1], ms(600 + i)));
+        assert_eq!(epochs.advance(ms(700), [], |_, _| true, |_, _| true), (true, 1));
+        // Of nine epochs that were missed, one is made up for.
+        let issued =
+            (0..20).filter(|i| epochs.advance(ms(750 + i * 20), [], |_, _| true, |_, _| true).1 > 0).count();
+        assert_eq!(issued, 1);
+    }
+
+    #[test]
     fn new_viewpoints_do_not_hold_an_epoch_up() {
         let mut epochs = epochs();
         epochs.used([0], ms(0));
@@ -258,7 +352,8 @@ mod tests {
         for now in (100..3000).step_by(50) {
             epochs.used([now], ms(now));
             // What was of interest when the epoch was issued is there 50 ms later; later comers never are.
-            changes += u64::from(epochs.advance(ms(now), [], |epoch, camera| camera <= epoch * 100).0);
+            changes +=
+                u64::from(epochs.advance(ms(now), [], |epoch, camera| camera <= epoch * 100, |_, _| false).0);
         }
         assert!(changes > 25 && epochs.served() >= 27, "{changes}, epoch {}", epochs.served());
     }
@@ -267,25 +362,33 @@ mod tests {
     fn an_epoch_whose_samples_never_come_is_served_when_patience_ends() {
         let mut epochs = epochs();
         epochs.used([1, 2], ms(0));
-        epochs.advance(ms(100), [], |_, _| false);
-        assert_eq!(epochs.advance(ms(4000), [], |_, camera| camera == 1), (false, 0));
-        assert_eq!(epochs.advance(ms(8900), [], |_, camera| camera == 1), (false, 0), "one came at 4 s");
-        assert!(epochs.advance(ms(9000), [], |_, camera| camera == 1).0);
+        epochs.advance(ms(100), [], |_, _| false, |_, _| false);
+        assert_eq!(epochs.advance(ms(4000), [], |_, camera| camera == 1, |_, _| false), (false, 0));
+        assert_eq!(
+            epochs.advance(ms(8900), [], |_, camera| camera == 1, |_, _| false),
+            (false, 0),
+            "one came at 4 s"
+        );
+        assert!(epochs.advance(ms(9000), [], |_, camera| camera == 1, |_, _| false).0);
         assert_eq!((epochs.served(), epochs.oldest()), (1, 0));
     }
 
     #[test]
     fn while_nobody_looks_nothing_is_issued_and_the_next_view_sees_its_own_time() {
         let mut epochs = epochs();
-        assert_eq!(epochs.advance(ms(700), [], |_, _| true), (false, 0));
+        assert_eq!(epochs.advance(ms(700), [], |_, _| true, |_, _| false), (false, 0));
         assert!(epochs.wake(ms(750)));
         assert_eq!(epochs.served(), 7);
         epochs.used([1], ms(750));
         assert!(!epochs.wake(ms(790)), "it is looked at");
-        assert_eq!(epochs.advance(ms(850), [], |_, _| true), (true, 1));
-        assert_eq!(epochs.advance(ms(900), [], |_, _| true), (true, 0));
+        assert_eq!(epochs.advance(ms(850), [], |_, _| true, |_, _| false), (true, 1));
+        assert_eq!(epochs.advance(ms(900), [], |_, _| true, |_, _| false), (true, 0));
         assert_eq!(epochs.served(), 8);
-        assert_eq!(epochs.advance(ms(1800), [], |_, _| true), (false, 0), "the last view was a second ago");
+        assert_eq!(
+            epochs.advance(ms(1800), [], |_, _| true, |_, _| false),
+            (false, 0),
+            "the last view was a second ago"
+        );
         assert!(epochs.wake(ms(60_050)));
         assert_eq!((epochs.served(), epochs.oldest()), (600, 8));
     }

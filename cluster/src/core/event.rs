@@ -6,6 +6,7 @@ use argus_proto::Fault;
 use argus_scene::{Plan, Prediction, SampleId, View, Visibility};
 use serde::Serialize;
 
+use super::admission::Client;
 use super::quality::Observed;
 
 /// One joining of one worker process. A process that joins again gets another, so that what its earlier
@@ -133,6 +134,8 @@ pub enum Event {
     Asked {
         /// Given by the shell, never used before.
         ticket: Ticket,
+        /// Who asks.
+        client: Client,
         /// What is asked for.
         view: Box<View>,
         /// The answer is worthless after this.
@@ -175,10 +178,16 @@ pub enum Event {
         /// Which view.
         ticket: Ticket,
     },
-    /// A client opened a session.
-    SessionOpened,
+    /// A client opened a session; [`super::Core::check_session`] let it.
+    SessionOpened {
+        /// Who.
+        client: Client,
+    },
     /// A session ended.
-    SessionClosed,
+    SessionClosed {
+        /// Whose.
+        client: Client,
+    },
     /// A session's camera was overtaken by a newer one before it was rendered.
     CameraSuperseded,
     /// No new views from here on.

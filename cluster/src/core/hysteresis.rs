@@ -2,13 +2,32 @@
 //!
 //! A change of roles drains a worker and moves samples, so it must pay: the predicted tick must shrink by a
 //! margin, and be predicted to for a dwell time without a break. Costs and demand that merely tremble about a
-//! boundary of K_fd then never move a role. One case does not wait: a stage with work and nobody to do it,
-//! whose predicted tick is infinite.
+//! boundary of K_fd then never move a role. Among a thousand processes K can be far from the best and yet within that
+//! margin: a gain of [`LEAST_GAIN`] is taken as well, once it has been predicted on the mean for
+//! [`PATIENT_DWELLS`] times as long, which trembling does not outlast. One case does not wait: a stage with work and
+//! nobody to do it, whose predicted tick is infinite.
 
 use std::time::Duration;
 
-use super::balance::{Load, Split, tick_secs};
+use super::balance::Split;
 use super::time::Uptime;
+
+/// The least gain that a change is made for.
+const LEAST_GAIN: f64 = 1.03;
+
+/// Dwell times that a gain below the margin must be predicted for.
+const PATIENT_DWELLS: u32 = 8;
+
+/// Dwell times over which the gain is averaged, and how much it trembles.
+const MEAN_DWELLS: f64 = 1.0;
+const TREMBLE_DWELLS: f64 = 10.0;
+
+/// How many times as much as it trembles the mean must gain, at the least.
+const TREMBLES: f64 = 3.0;
+
+/// The same of small gains, over so many dwell times: the longer the mean, the less it trembles.
+const LONG_DWELLS: f64 = 10.0;
+const LONG_TREMBLES: f64 = 2.0;
 
 /// Decides between the split there is and the split the formula wants.
 #[derive(Debug, Clone)]
@@ -16,7 +35,18 @@ pub struct Hysteresis {
     margin: f64,
     dwell: Duration,
     idle_secs: f64,
+    /// Since when a gain of the margin has been predicted, and of what.
     pending: Option<(Direction, Uptime)>,
+    /// … a mean gain of [`LEAST_GAIN`].
+    patient: Option<(Direction, Uptime)>,
+    /// Mean of the logarithm of the gain, positive towards more samplers.
+    mean: f64,
+    /// … over a longer time.
+    long_mean: f64,
+    /// How far it is from that mean, on the mean.
+    tremble: f64,
+    /// When it was looked at.
+    looked: Option<Uptime>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,50 +69,92 @@ impl Hysteresis {
     /// A change pays if it divides the tick by `margin` or more; it is never made while the predicted tick is
     /// below `idle_secs`.
     pub fn new(margin: f64, dwell: Duration, idle_secs: f64) -> Self {
-        Self { margin, dwell, idle_secs, pending: None }
+        Self {
+            margin,
+            dwell,
+            idle_secs,
+            pending: None,
+            patient: None,
+            mean: 0.0,
+            long_mean: 0.0,
+            tremble: 0.0,
+            looked: None,
+        }
     }
 
-    /// Whether to change now from `current` to `wanted`. Called once a tick or more often.
-    pub fn pays(&mut self, now: Uptime, load: Load, processes: u32, current: Split, wanted: Split) -> bool {
-        if current == wanted {
-            self.pending = None;
-            return false;
-        }
-        let tick = tick_secs(load, processes, current);
-        let better = tick_secs(load, processes, wanted);
-        if tick.is_infinite() {
-            self.pending = None;
+    /// Whether to change now from `current` to `wanted`, each with the seconds that a tick is predicted to take under
+    /// it. Called once a tick or more often.
+    pub fn pays(&mut self, now: Uptime, current: (Split, f64), wanted: (Split, f64), processes: u32) -> bool {
+        let ((current, tick), (wanted, better)) = (current, wanted);
+        if tick.is_infinite() && current != wanted {
+            self.reset();
             return better.is_finite();
-        }
-        if !(tick >= better * self.margin && tick > self.idle_secs) {
-            self.pending = None;
-            return false;
         }
         let direction = match samplers_of(wanted, processes) > samplers_of(current, processes) {
             true => Direction::MoreSamplers,
             false => Direction::FewerSamplers,
         };
-        let since = match self.pending {
-            Some((pending, since)) if pending == direction => since,
-            _ => now,
+        // Written so that NaN is no gain.
+        let gain =
+            if current != wanted && tick > self.idle_secs && tick > better { tick / better } else { 1.0 };
+        let lasting = |since: &mut Option<(Direction, Uptime)>, goes: Option<Direction>| {
+            *since = match (*since, goes) {
+                (_, None) => None,
+                (Some((pending, since)), Some(direction)) if pending == direction => Some((pending, since)),
+                (_, Some(direction)) => Some((direction, now)),
+            };
+            since.map(|(_, since)| now.since(since))
         };
-        self.pending = Some((direction, since));
-        if now.since(since) >= self.dwell {
-            self.pending = None;
-            return true;
+        // Counts of a few dear views a tick tremble by more than any margin that would still follow demand: it is the
+        // mean that must gain, and by more the more it trembles.
+        let signed = if direction == Direction::MoreSamplers { gain.ln() } else { -gain.ln() };
+        let passed = self.looked.map_or(0.0, |looked| now.since(looked).as_secs_f64());
+        let dwell = self.dwell.as_secs_f64().max(1e-9);
+        let weight = |dwells: f64| -(-passed / (dwells * dwell)).exp_m1();
+        self.mean += weight(MEAN_DWELLS) * (signed - self.mean);
+        self.long_mean += weight(LONG_DWELLS) * (signed - self.long_mean);
+        // A change of demand is no trembling, however large.
+        let apart = (signed - self.mean).abs().min(self.margin.ln());
+        self.tremble += weight(TREMBLE_DWELLS) * (apart - self.tremble);
+        self.looked = Some(now);
+        let towards = |mean: f64, least: f64| match mean {
+            mean if mean >= least => Some(Direction::MoreSamplers),
+            mean if mean <= -least => Some(Direction::FewerSamplers),
+            _ => None,
+        };
+        let at_once = towards(self.mean, self.margin.ln().max(TREMBLES * self.tremble));
+        let in_time = towards(self.long_mean, LEAST_GAIN.ln().max(LONG_TREMBLES * self.tremble));
+        let goes = (gain >= self.margin).then_some(direction);
+        let lasted = lasting(&mut self.pending, goes);
+        let margin = lasted.is_some_and(|lasted| lasted >= self.dwell) && at_once == Some(direction);
+        let lasted = lasting(&mut self.patient, in_time);
+        let patience = lasted.is_some_and(|lasted| lasted >= self.dwell * PATIENT_DWELLS);
+        let pays = margin || (patience && in_time == Some(direction) && gain >= LEAST_GAIN);
+        if pays {
+            self.reset();
         }
-        false
+        pays
     }
 
     /// Starts the dwell anew, because the processes changed.
     pub fn reset(&mut self) {
-        self.pending = None;
+        (self.pending, self.patient, self.looked) = (None, None, None);
+        (self.mean, self.long_mean) = (0.0, 0.0);
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::balance::{Load, tick_secs};
     use super::*;
+
+    impl Hysteresis {
+        /// … by the formula's own prediction.
+        fn pays_for(&mut self, now: Uptime, load: Load, processes: u32, from: Split, to: Split) -> bool {
+            let with = |split| (split, tick_secs(load, processes, split));
+            self.pays(now, with(from), with(to), processes)
+        }
+    }
 
     fn at(secs: f64) -> Uptime {
         Uptime(Duration::from_secs_f64(secs))
@@ -98,19 +170,19 @@ mod tests {
     fn a_change_that_pays_is_made_after_the_dwell_and_not_before() {
         let mut h = hysteresis();
         for secs in [0.0, 1.0, 2.0, 2.9] {
-            assert!(!h.pays(at(secs), HEAVY, 4, Split::Divided(1), Split::Divided(3)), "{secs}");
+            assert!(!h.pays_for(at(secs), HEAVY, 4, Split::Divided(1), Split::Divided(3)), "{secs}");
         }
-        assert!(h.pays(at(3.0), HEAVY, 4, Split::Divided(1), Split::Divided(3)));
+        assert!(h.pays_for(at(3.0), HEAVY, 4, Split::Divided(1), Split::Divided(3)));
     }
 
     #[test]
     fn a_break_starts_the_dwell_anew() {
         let mut h = hysteresis();
-        assert!(!h.pays(at(0.0), HEAVY, 4, Split::Divided(1), Split::Divided(3)));
-        assert!(!h.pays(at(2.0), HEAVY, 4, Split::Divided(1), Split::Divided(1)));
-        assert!(!h.pays(at(3.5), HEAVY, 4, Split::Divided(1), Split::Divided(3)));
-        assert!(!h.pays(at(5.0), HEAVY, 4, Split::Divided(2), Split::Divided(1)), "the other direction");
-        assert!(!h.pays(at(6.0), HEAVY, 4, Split::Divided(1), Split::Divided(3)));
+        assert!(!h.pays_for(at(0.0), HEAVY, 4, Split::Divided(1), Split::Divided(3)));
+        assert!(!h.pays_for(at(2.0), HEAVY, 4, Split::Divided(1), Split::Divided(1)));
+        assert!(!h.pays_for(at(3.5), HEAVY, 4, Split::Divided(1), Split::Divided(3)));
+        assert!(!h.pays_for(at(5.0), HEAVY, 4, Split::Divided(2), Split::Divided(1)), "the other direction");
+        assert!(!h.pays_for(at(6.0), HEAVY, 4, Split::Divided(1), Split::Divided(3)));
     }
 
     #[test]
@@ -119,8 +191,27 @@ mod tests {
         // On either side of a tie the tick is nearly the same.
         let tie = Load { sampling_secs: 1.01, compositing_secs: 1.0 };
         for secs in 0..100 {
-            assert!(!h.pays(at(f64::from(secs)), tie, 3, Split::Divided(1), Split::Divided(2)));
+            assert!(!h.pays_for(at(f64::from(secs)), tie, 3, Split::Divided(1), Split::Divided(2)));
         }
+    }
+
+    #[test]
+    fn a_small_gain_that_lasts_is_taken_and_one_that_trembles_is_not() {
+        let (few, more) = (Split::Divided(60), Split::Divided(64));
+        let gains = |h: &mut Hysteresis, gain: &dyn Fn(u32) -> f64| {
+            (0..240)
+                .map(|i| h.pays(at(f64::from(i) * 0.25), (few, gain(i)), (more, 1.0), 1024))
+                .position(|p| p)
+        };
+        let when = gains(&mut hysteresis(), &|_| 1.07).unwrap();
+        assert!(
+            (96..320).contains(&when),
+            "after eight dwells of 3 s, and not at {when} quarters of a second"
+        );
+        assert!(gains(&mut hysteresis(), &|i| if i % 16 == 0 { 1.0 } else { 1.07 }).is_some(), "on the mean");
+        assert_eq!(gains(&mut hysteresis(), &|i| if i % 4 == 0 { 1.07 } else { 1.0 }), None);
+        assert_eq!(gains(&mut hysteresis(), &|_| 1.02), None);
+        assert_eq!(gains(&mut hysteresis(), &|_| f64::NAN), None);
     }
 
     #[test]
@@ -128,13 +219,13 @@ mod tests {
         let mut h = hysteresis();
         let idle = Load { sampling_secs: 0.004, compositing_secs: 0.0001 };
         for secs in 0..100 {
-            assert!(!h.pays(at(f64::from(secs)), idle, 4, Split::Divided(1), Split::Divided(3)));
+            assert!(!h.pays_for(at(f64::from(secs)), idle, 4, Split::Divided(1), Split::Divided(3)));
         }
     }
 
     #[test]
     fn work_that_nobody_does_is_not_kept_waiting() {
         let mut h = hysteresis();
-        assert!(h.pays(at(0.0), HEAVY, 4, Split::AllDirect, Split::Divided(3)));
+        assert!(h.pays_for(at(0.0), HEAVY, 4, Split::AllDirect, Split::Divided(3)));
     }
 }

@@ -1,22 +1,27 @@
 //! The machine itself: state, and which part of it each event concerns.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use argus_proto::Fault;
 use argus_scene::SampleSetInfo;
 use serde::Serialize;
 
+use super::admission::Admission;
 use super::balance::{Costs, Demand, Split};
 use super::config::Config;
 use super::directory::Directory;
-use super::dispatch::Pending;
+use super::dispatch::{InFlight, Pending, Waiting};
 use super::epochs::Epochs;
 use super::event::{Action, Event, Hello, Report, Ticket, WorkerId};
 use super::hysteresis::Hysteresis;
+use super::lines::Lines;
 use super::placement::Placement;
 use super::quality::{Model, Pace};
 use super::smooth::{Rate, Smoothed};
+use super::spread::Spread;
 use super::time::Uptime;
+use super::whereabouts::Whereabouts;
 use super::worker::Worker;
 
 /// What happened since the coordinator started.
@@ -71,8 +76,20 @@ pub struct Core {
     pub(super) set: Arc<SampleSetInfo>,
     pub(super) workers: BTreeMap<WorkerId, Worker>,
     pub(super) views: BTreeMap<Ticket, Pending>,
-    /// Views that no worker has room for yet, oldest first.
-    pub(super) waiting: VecDeque<Ticket>,
+    /// What clients have of what they may.
+    pub(super) admission: Admission,
+    pub(super) in_flight: InFlight,
+    /// Views that no worker has room for yet.
+    pub(super) waiting: Waiting,
+    /// When which view's deadline or patience is over.
+    pub(super) due: BTreeSet<(Uptime, Ticket)>,
+    pub(super) lines: Lines,
+    pub(super) whereabouts: Whereabouts,
+    pub(super) spread: Spread,
+    /// By camera: one who composes from the last epoch's sample and lacks the next one's.
+    pub(super) laggards: BTreeMap<u64, WorkerId>,
+    /// Whether what workers shall have at hand may be another than they were told.
+    pub(super) to_refine: bool,
     pub(super) directory: Directory,
     pub(super) placement: Placement,
     pub(super) epochs: Epochs,
@@ -88,6 +105,8 @@ pub struct Core {
     pub(super) draining: bool,
     /// Whether it is known how triangles are seen.
     pub(super) way_is_settled: bool,
+    /// Workers that will probably join.
+    pub(super) expected: usize,
     tick_began: Uptime,
 }
 
@@ -97,7 +116,8 @@ impl Core {
         let rate = || Rate::new(config.smoothing);
         let cost = || Smoothed::new(config.smoothing);
         let every = (set.epoch_secs > 0.0).then_some(config.epoch);
-        let epochs = Epochs::new(every, config.epoch_interest, config.epoch_patience);
+        let epochs =
+            Epochs::new(every, config.epoch_interest, config.epoch_patience).with_plans(config.refresh_views);
         let way_is_settled = config.visibility.is_some();
         let set = match config.visibility {
             Some(visibility) => Arc::new(SampleSetInfo { visibility, ..(*set).clone() }),
@@ -120,7 +140,15 @@ impl Core {
             set,
             workers: BTreeMap::new(),
             views: BTreeMap::new(),
-            waiting: VecDeque::new(),
+            admission: Admission::default(),
+            in_flight: InFlight::default(),
+            waiting: Waiting::default(),
+            due: BTreeSet::new(),
+            lines: Lines::default(),
+            whereabouts: Whereabouts::default(),
+            spread: Spread::default(),
+            laggards: BTreeMap::new(),
+            to_refine: false,
             directory: Directory::default(),
             placement: Placement::default(),
             epochs,
@@ -128,6 +156,7 @@ impl Core {
             counters: Counters::default(),
             draining: false,
             way_is_settled,
+            expected: 0,
             tick_began: Uptime::default(),
         }
     }
@@ -148,6 +177,23 @@ impl Core {
         self.views.len()
     }
 
+    /// The same, where so many workers are expected to join: the first ones then take the roles that they will have
+    /// among all, and not those of a cluster of one or two.
+    pub fn expecting(mut self, workers: usize) -> Self {
+        self.expected = workers;
+        self
+    }
+
+    /// Whether a view that is asked for now has somebody to render it.
+    pub fn can_answer(&self) -> bool {
+        !self.draining && self.members().next().is_some()
+    }
+
+    /// Whether new views are turned away since the process is about to end.
+    pub fn is_draining(&self) -> bool {
+        self.draining
+    }
+
     /// Takes one event in, at `now`, which never goes back. The actions are to be done in order.
     pub fn step(&mut self, event: Event, now: Uptime) -> Vec<Action> {
         let mut actions = Vec::new();
@@ -155,7 +201,9 @@ impl Core {
             Event::Joined { worker, hello } => self.join(worker, hello, now, &mut actions),
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.leave(worker, now, &mut actions),
-            Event::Asked { ticket, view, deadline } => self.ask(ticket, &view, deadline, now, &mut actions),
+            Event::Asked { ticket, client, view, deadline } => {
+                self.ask(ticket, client, &view, deadline, now, &mut actions);
+            }
             Event::Judged { ticket, attempt, observed, ms } => {
                 self.judge(ticket, attempt, observed, ms, &mut actions);
             }
@@ -167,18 +215,28 @@ impl Core {
             }
             Event::Cancelled { ticket } => {
                 self.take_back(ticket, false);
-                self.views.remove(&ticket);
+                self.forget(ticket);
             }
-            Event::SessionOpened => self.counters.sessions_open += 1,
-            Event::SessionClosed => {
-                self.counters.sessions_open = self.counters.sessions_open.saturating_sub(1);
-            }
+            Event::SessionOpened { client } => self.admission.open_session(&client),
+            Event::SessionClosed { client } => self.admission.close_session(&client),
             Event::CameraSuperseded => self.counters.cameras_superseded += 1,
             Event::Drain => self.draining = true,
             Event::Tick => self.tick(now, &mut actions),
         }
+        self.counters.sessions_open = self.admission.sessions() as u64;
         self.pump(now, &mut actions);
         actions
+    }
+
+    /// Whether that client may open a session now; what is decided is so until the next event.
+    ///
+    /// # Errors
+    /// [`Fault::Overloaded`].
+    pub fn check_session(&self, client: &str) -> Result<(), Fault> {
+        match self.draining {
+            true => Err(Fault::Unavailable("the coordinator is shutting down".to_owned())),
+            false => self.admission.check_session(client, &self.config),
+        }
     }
 
     fn join(&mut self, id: WorkerId, hello: Hello, now: Uptime, actions: &mut Vec<Action>) {
@@ -191,7 +249,9 @@ impl Core {
         self.counters.workers_joined += 1;
         let worker = Worker::new(id, hello, self.role_of_newcomer(), self.way_is_settled, now);
         actions.push(Action::Assign { worker: id, assignment: worker.assigned().clone() });
+        self.lines.update(&worker);
         self.workers.insert(id, worker);
+        self.to_refine = true;
         self.seek_way(actions);
     }
 
@@ -222,14 +282,17 @@ impl Core {
             worker.busy_at_tick_ms = report.sampling_busy_ms + report.compositing_busy_ms;
         }
         let ways = std::mem::take(&mut report.ways);
-        worker.take_report(report, now);
+        let (could_compose, could_sample) = (worker.takes_views(), worker.takes_samples());
+        let news = worker.take_report(report, now, &mut self.whereabouts);
+        self.lines.update(worker);
+        self.to_refine |=
+            news || (could_compose, could_sample) != (worker.takes_views(), worker.takes_samples());
         if worker.is_ready() != was_ready {
             self.processes_changed(actions);
         }
         self.settle_way(&ways, actions);
-        if self.epochs.moves() {
-            // It may hold what the next epoch waits for.
-            self.advance(now);
+        // It may have what the next epoch waits for; then the one after it is issued at once.
+        if news && self.epochs.moves() && self.advance(now) {
             self.refine(now, actions);
         }
     }
@@ -244,6 +307,10 @@ impl Core {
     /// Forgets a worker; its views go to others.
     fn lose(&mut self, id: WorkerId, now: Uptime, actions: &mut Vec<Action>) {
         let Some(worker) = self.workers.remove(&id) else { return };
+        worker.vanish(&mut self.whereabouts);
+        self.lines.remove(id);
+        self.spread.forget(id);
+        self.to_refine = true;
         if !worker.report.leaving {
             self.counters.workers_lost += 1;
         }
@@ -275,10 +342,14 @@ impl Core {
                 rate.roll();
             }
             self.measure_tick(elapsed.as_secs_f64());
-            self.directory.prune(&self.workers, now);
+            self.directory.prune(&self.whereabouts, now);
+            self.admission.prune(now);
+            self.to_refine = true;
         }
         self.rebalance(now, actions);
-        self.refine(now, actions);
+        if self.to_refine {
+            self.refine(now, actions);
+        }
     }
 
     /// The busiest worker's time in the tick that ends: what the formula's tick predicts.

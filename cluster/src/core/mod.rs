@@ -3,19 +3,24 @@
 //! [`Core::step`] takes an [`Event`] and the time, and says what to do as [`Action`]s. It reads no clock,
 //! opens no socket and throws no dice: the same events at the same times give the same actions, which is what
 //! the tests here rely on. The parts: [`balance`] says how many sample, [`hysteresis`] when that is worth a
-//! change, `roles` who changes; `dispatch` admits views and gives them to workers, `directory` knows who
-//! renders and who holds which sample, `placement` where more samples are needed and `refine` who gets them,
+//! change, `roles` who changes; `admission` keeps what clients may ask for; `dispatch` admits views and gives them to
+//! workers, which `choose` picks from those at the front of `lines`; `whereabouts` knows who has which sample,
+//! `directory` who renders it, `spread` how it reaches the others, `placement` where more samples are needed and
+//! `refine` who gets them,
 //! `epochs` which moment of an animated scene is served and `moments` what follows from it, [`plan`] how a view is
 //! answered, with what error and cost [`quality`], `wishes` what becomes of requests that state what they want,
 //! `status` tells it all.
 
+mod admission;
 pub mod balance;
+mod choose;
 mod config;
 mod directory;
 mod dispatch;
 mod epochs;
 mod event;
 pub mod hysteresis;
+mod lines;
 mod machine;
 mod moments;
 mod placement;
@@ -24,12 +29,15 @@ pub mod quality;
 mod refine;
 mod roles;
 pub mod smooth;
+mod spread;
 mod status;
 mod time;
 mod ways;
+mod whereabouts;
 mod wishes;
 mod worker;
 
+pub use admission::Client;
 pub use config::Config;
 pub use event::{Action, Assignment, Event, Failure, Hello, Order, Report, Role, Source, Ticket, WorkerId};
 pub use machine::{Core, Counters};

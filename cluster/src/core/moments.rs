@@ -12,6 +12,9 @@ use super::machine::Core;
 use super::time::Uptime;
 use super::worker::Worker;
 
+/// Samplers that may compose are sent what others render only where that is no more than this, all epochs together.
+const MOST_HELPED: usize = 64;
+
 impl Core {
     /// A view is asked for: after a pause, it sees the scene as it is now.
     pub(super) fn wake(&mut self, now: Uptime) {
@@ -20,52 +23,75 @@ impl Core {
         }
     }
 
-    /// Serves the next epoch once it is ready, and issues the one after it. S counts its samples.
-    pub(super) fn advance(&mut self, now: Uptime) {
+    /// Serves the next epoch once it is ready, and issues the one after it. S counts its samples. Whether anything
+    /// changed.
+    pub(super) fn advance(&mut self, now: Uptime) -> bool {
         if !self.epochs.moves() {
-            return;
+            return false;
         }
-        let (workers, served, generation) = (&self.workers, self.epochs.served(), self.set.generation);
+        let (workers, whereabouts, laggards) = (&self.workers, &self.whereabouts, &mut self.laggards);
+        let (served, generation) = (self.epochs.served(), self.set.generation);
         let is_there = |epoch, index| {
             let next = SampleId { epoch, generation, index };
             let last = SampleId { epoch: served, ..next };
+            if !whereabouts.is_held(next) {
+                return false;
+            }
             // Whoever composes from the last epoch's sample composes from this one's: it has been sent there.
-            let waits = |w: &Worker| w.takes_views() && w.held.contains(&last) && !w.held.contains(&next);
-            workers.values().any(|w| w.held.contains(&next)) && !workers.values().any(waits)
+            let waits = |worker: &WorkerId| {
+                workers.get(worker).is_some_and(|w| w.takes_views() && w.has(last) && !w.has(next))
+            };
+            // The one that was seen to wait the last time probably still does.
+            if laggards.get(&index).is_some_and(waits) {
+                return false;
+            }
+            let waiting = whereabouts.holders(last).find(waits);
+            waiting.map(|worker| laggards.insert(index, worker));
+            waiting.is_none()
         };
         let refined: Vec<u64> = self.placement.placed().collect();
-        let (changed, ordered) = self.epochs.advance(now, refined, is_there);
+        let is_rendered = |epoch, index| whereabouts.is_held(SampleId { epoch, generation, index });
+        let (changed, ordered) = self.epochs.advance(now, refined, is_there, is_rendered);
         self.rates.samples.count(ordered as u64);
         if changed {
             self.serve_epoch();
         }
+        changed
     }
 
     fn serve_epoch(&mut self) {
         let epoch = self.epochs.served();
+        self.to_refine = true;
         if self.set.epoch != epoch {
+            self.laggards.clear();
             self.set = Arc::new(SampleSetInfo { epoch, ..(*self.set).clone() });
             self.directory.retire(self.kept_from());
-            let needed: BTreeSet<u64> = self.views.values().filter_map(|view| view.sampled_epoch()).collect();
+            let needed: BTreeSet<u64> = self.in_flight.epochs().collect();
             self.epochs.retire(|epoch| needed.contains(&epoch));
         }
     }
 
     /// Samples of epochs before this one are of no use to anybody.
     pub(super) fn kept_from(&self) -> u64 {
-        let in_work = self.views.values().filter_map(|view| view.sampled_epoch()).min();
-        in_work.map_or(self.epochs.oldest(), |epoch| epoch.min(self.epochs.oldest()))
+        self.in_flight.epochs().next().map_or(self.epochs.oldest(), |epoch| epoch.min(self.epochs.oldest()))
     }
 
     /// Samples that are got ready, and those that were and stay a while, each with the workers that compose from the
-    /// same camera's already, or did: they shall have it before views ask for it.
+    /// same camera's already, or did: they shall have it before views ask for it. So shall samplers that may compose,
+    /// each of which renders but a part of them.
     pub(super) fn prepared(&self) -> Vec<(SampleId, Vec<WorkerId>)> {
         let (served, generation) = (self.epochs.served(), self.set.generation);
+        let few = self.epochs.prepared().take(MOST_HELPED + 1).count() <= MOST_HELPED;
+        let helpers = || self.lines.samplers().iter().map(|turn| turn.worker);
+        let helpers: BTreeSet<WorkerId> =
+            if self.config.samplers_composite && few { helpers().collect() } else { BTreeSet::new() };
         let with_readers = |(epoch, index)| {
             let id = SampleId { epoch, generation, index };
             let last = SampleId { epoch: served, ..id };
-            let reads = |w: &&Worker| w.takes_views() && (w.held.contains(&id) || w.held.contains(&last));
-            (id, self.workers.values().filter(reads).map(|w| w.id).collect())
+            let holders = self.whereabouts.holders(id).chain(self.whereabouts.holders(last));
+            let reads = |worker: &WorkerId| self.workers.get(worker).is_some_and(Worker::takes_views);
+            let readers: BTreeSet<WorkerId> = holders.filter(reads).chain(helpers.iter().copied()).collect();
+            (id, readers.into_iter().collect())
         };
         self.epochs.prepared().map(with_readers).collect()
     }

@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 
 use argus_scene::SampleId;
 
+use super::directory::Known;
 use super::event::{Action, Source, WorkerId};
+use super::lines::Turn;
 use super::machine::Core;
 use super::placement::Budget;
 use super::time::Uptime;
@@ -21,7 +23,7 @@ const TEXEL_BYTES: u64 = 8;
 impl Core {
     /// Ticks have passed: places the samples that the budget allows. S counts them.
     pub(super) fn place_samples(&mut self, ticks: f64) {
-        let samplers = self.workers.values().filter(|w| w.takes_samples()).count();
+        let samplers = self.lines.samplers().len();
         if samplers == 0 || !(self.config.refining_share > 0.0) {
             return;
         }
@@ -38,29 +40,59 @@ impl Core {
 
     /// Tells workers what to have at hand, where that is news, and sees what views may use.
     pub(super) fn refine(&mut self, now: Uptime, actions: &mut Vec<Action>) {
-        // Refinements are for all who compose; what the next epoch needs, for those who compose from it.
+        self.to_refine = false;
+        // Refinements are for all who compose, each told once whoever feeds it has the sample: there is no hurry. What
+        // the next epoch needs is for those who compose from the last one; they are told at once, and wait.
         let mut wanted: BTreeMap<SampleId, Option<Vec<WorkerId>>> =
             self.prepared().into_iter().map(|(id, readers)| (id, Some(readers))).collect();
         wanted.extend(self.placement.placed().map(|index| (self.refined(index), None)));
+        self.spread.retain(|id| wanted.contains_key(&id) || self.whereabouts.is_on_its_way(id));
         let mut lists: BTreeMap<WorkerId, Vec<Source>> = BTreeMap::new();
+        let mut to_render = Vec::new();
         for (id, readers) in wanted {
-            let Some(owner) = self.directory.owner(id, &self.workers, now) else { continue };
-            // Others fetch what is there: asked for earlier, it would be rendered before what views wait for.
+            let known = Known { workers: &self.workers, lines: &self.lines, whereabouts: &self.whereabouts };
+            let Some(owner) = self.directory.owner(id, known, now) else { continue };
             // A new owner fetches as well, from those who have it from the old one.
-            let has = |w: &&Worker| w.held.contains(&id);
-            let holder = self.workers.get(&owner).filter(has).or_else(|| self.workers.values().find(has));
-            let from = |reader| holder.filter(|w| w.id != reader).map(|w| w.hello.address.clone());
-            let source = |reader| Source { id, addresses: from(reader).into_iter().collect() };
-            lists.entry(owner).or_default().push(source(owner));
-            if holder.is_some() {
-                let reads = |w: &&Worker| {
-                    w.id != owner && w.takes_views() && readers.as_ref().is_none_or(|r| r.contains(&w.id))
-                };
-                for reader in self.workers.values().filter(reads) {
-                    lists.entry(reader.id).or_default().push(source(reader.id));
+            let holder = match self.whereabouts.has(id, owner) {
+                true => Some(owner),
+                false => self.whereabouts.holders(id).next(),
+            };
+            if holder.is_none() {
+                to_render.push(id);
+            }
+            let address = |worker: WorkerId| self.workers.get(&worker).map(|w| w.hello.address.clone());
+            let from = holder.filter(|holder| *holder != owner).and_then(address);
+            lists.entry(owner).or_default().push(Source { id, addresses: from.into_iter().collect() });
+            let root = holder.unwrap_or(owner);
+            let reads = |worker: &WorkerId| *worker != owner && *worker != root;
+            let hurry = readers.is_some();
+            let readers: Vec<WorkerId> = match (readers, holder) {
+                (Some(readers), _) => readers.into_iter().filter(reads).collect(),
+                (None, Some(_)) => {
+                    let composes = |w: &&Worker| w.takes_views() && reads(&w.id);
+                    self.workers.values().filter(composes).map(|w| w.id).collect()
                 }
+                (None, None) => Vec::new(),
+            };
+            let Some(root_address) = address(root) else { continue };
+            // Trees of different samples have different roots and leaves, so that nobody feeds others with all.
+            let tree = self.spread.tree(id);
+            let turn = id.index.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
+            for reader in readers.iter().cycle().skip(turn as usize).take(readers.len()) {
+                let parent = tree.parent(*reader).filter(|p| *p != root);
+                let (has, fed) = (
+                    self.whereabouts.has(id, *reader),
+                    parent.is_none_or(|p| hurry || self.whereabouts.has(id, p)),
+                );
+                if !(has || fed) {
+                    continue;
+                }
+                let mut addresses: Vec<String> = parent.and_then(address).into_iter().collect();
+                addresses.push(root_address.clone());
+                lists.entry(*reader).or_default().push(Source { id, addresses });
             }
         }
+        self.whereabouts.order(to_render.into_iter());
         let kept_from = self.kept_from();
         for worker in self.workers.values_mut().filter(|w| w.is_ready()) {
             let list = lists.remove(&worker.id).unwrap_or_default();
@@ -68,15 +100,18 @@ impl Core {
                 actions.push(Action::Assign { worker: worker.id, assignment });
             }
         }
-        let (workers, set) = (&self.workers, &self.set);
+        let (lines, whereabouts, set) = (&self.lines, &self.whereabouts, &self.set);
         let refined = |index| SampleId { epoch: set.epoch, generation: set.generation, index };
-        let readers: Vec<&Worker> = workers.values().filter(|w| w.takes_views()).collect();
-        let held_by = |index| readers.iter().filter(|w| w.held.contains(&refined(index))).count();
+        // Samplers are few; all others who have a sample compose.
+        let held_by = |index| {
+            let id = refined(index);
+            let only_samples = |t: &&Turn| whereabouts.has(id, t.worker) && !lines.compositors().contains(t);
+            whereabouts.count(id) - lines.samplers().iter().filter(only_samples).count()
+        };
+        let readers = lines.compositors().len();
         // A view that goes to one of the few who lack it fetches it like any other sample.
-        self.placement.update(
-            |index| !readers.is_empty() && 2 * held_by(index) >= readers.len(),
-            |index| held_by(index) > 0,
-        );
+        self.placement
+            .update(|index| readers > 0 && 2 * held_by(index) >= readers, |index| held_by(index) > 0);
     }
 
     fn refined(&self, index: u64) -> SampleId {

@@ -13,17 +13,32 @@ impl Core {
     }
 
     fn processes(&self) -> u32 {
-        u32::try_from(self.members().count()).unwrap_or(u32::MAX)
+        u32::try_from(self.lines.ready()).unwrap_or(u32::MAX)
     }
 
     fn wanted(&self, processes: u32) -> Split {
-        balance::split(&self.demand(), &self.believed_costs(), processes)
+        let (demand, costs) = (self.demand(), self.believed_costs());
+        match balance::split(&demand, &costs, processes) {
+            Split::Divided(_) if self.config.samplers_composite => {
+                Split::Divided(balance::helping_samplers(Load::of(&demand, &costs), processes))
+            }
+            split => split,
+        }
+    }
+
+    /// Seconds that a tick's work is predicted to take under a split.
+    pub(super) fn predicted_tick_secs(&self, load: Load, processes: u32, split: Split) -> f64 {
+        match self.config.samplers_composite {
+            true => balance::helping_tick_secs(load, processes, split),
+            false => balance::tick_secs(load, processes, split),
+        }
     }
 
     /// The role a worker that joins now will most likely have once it is ready, so that it need not change:
     /// workers that are still starting count, since all of a cluster may start at once.
     pub(super) fn role_of_newcomer(&self) -> Role {
-        let processes = u32::try_from(self.workers.len()).unwrap_or(u32::MAX).saturating_add(1);
+        let processes = self.expected.max(self.workers.len().saturating_add(1));
+        let processes = u32::try_from(processes).unwrap_or(u32::MAX);
         let samplers = self.workers.values().filter(|w| w.assigned().role.samples()).count();
         match self.wanted(processes) {
             Split::Nobody | Split::Alone => Role::Both,
@@ -67,7 +82,9 @@ impl Core {
         }
         let load = Load::of(&self.demand(), &self.believed_costs());
         let wanted = self.wanted(processes);
-        if self.hysteresis.pays(now, load, processes, self.split, wanted) {
+        let tick_secs = |split| self.predicted_tick_secs(load, processes, split);
+        let (tick, better) = (tick_secs(self.split), tick_secs(wanted));
+        if self.hysteresis.pays(now, (self.split, tick), (wanted, better), processes) {
             self.apply(wanted, actions);
         }
     }
@@ -76,12 +93,14 @@ impl Core {
     /// for the samples it owns, a compositor for those it holds.
     fn apply(&mut self, split: Split, actions: &mut Vec<Action>) {
         self.split = split;
+        let owned = self.directory.owned();
+        let owns = |worker: WorkerId| owned.get(&worker).copied().unwrap_or(0);
         let mut ranked: Vec<(u8, usize, WorkerId)> = self
             .members()
             .map(|w| match w.role() {
-                Some(Role::Sampler) => (0, usize::MAX - self.directory.owned_by(w.id), w.id),
-                Some(Role::Both) => (1, usize::MAX - self.directory.owned_by(w.id), w.id),
-                _ => (2, w.held.len(), w.id),
+                Some(Role::Sampler) => (0, usize::MAX - owns(w.id), w.id),
+                Some(Role::Both) => (1, usize::MAX - owns(w.id), w.id),
+                _ => (2, w.holdings(), w.id),
             })
             .collect();
         ranked.sort_unstable();
@@ -95,7 +114,9 @@ impl Core {
             let Some(worker) = self.workers.get_mut(&id) else { continue };
             if worker.assigned().role != role {
                 self.counters.roles_changed += 1;
+                self.to_refine = true;
                 actions.push(Action::Assign { worker: id, assignment: worker.assign(role) });
+                self.lines.update(worker);
             }
         }
     }

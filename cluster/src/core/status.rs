@@ -3,7 +3,7 @@
 use argus_scene::Visibility;
 use serde::Serialize;
 
-use super::balance::{Load, tick_secs};
+use super::balance::Load;
 use super::event::{Hello, Report, Role};
 use super::machine::{Core, Counters};
 use super::placement::Refinements;
@@ -33,7 +33,7 @@ pub struct Status {
     pub rays_per_tick: f64,
     /// g_ray; 0 until measured.
     pub ray_ms: f64,
-    /// max(a/K, b/(P−K)): what the work demanded per tick takes the slower stage. More than a tick means that
+    /// max(a/K, b/(P−K)), or less where samplers compose as well: what the work demanded per tick takes the slower stage. More than a tick means that
     /// demand exceeds what the cluster can do. With work and nobody to do it, what one worker would take.
     pub tick_predicted_ms: f64,
     /// How long the busiest worker really worked per tick; never more than a tick.
@@ -68,7 +68,7 @@ impl Core {
         let processes = self.members().count() as u32;
         let count = |plays: fn(Role) -> bool| self.members().filter(|w| w.role().is_some_and(plays)).count();
         let load = Load::of(&demand, &costs);
-        let predicted = tick_secs(load, processes, self.split);
+        let predicted = self.predicted_tick_secs(load, processes, self.split);
         let alone = load.sampling_secs + load.compositing_secs;
         Status {
             processes,

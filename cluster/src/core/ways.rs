@@ -32,6 +32,7 @@ impl Core {
         self.set = Arc::new(SampleSetInfo { visibility, ..(*self.set).clone() });
         for worker in self.workers.values_mut() {
             actions.push(Action::Assign { worker: worker.id, assignment: worker.serve_another_set() });
+            self.lines.update(worker);
         }
     }
 }

@@ -136,10 +136,7 @@ impl Core {
                     true => self.rates.direct.count(1),
                     false => self.rates.views.count(1),
                 }
-                if let Some(view) = self.views.get_mut(&ticket) {
-                    view.begin_again(plan, expected, quest);
-                    self.waiting.push_front(ticket);
-                }
+                self.begin_again(ticket, plan, expected, quest);
             }
         }
     }

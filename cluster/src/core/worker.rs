@@ -6,6 +6,7 @@ use argus_scene::SampleId;
 
 use super::event::{Assignment, Hello, Report, Role, Source, Ticket, WorkerId};
 use super::time::Uptime;
+use super::whereabouts::Whereabouts;
 
 /// A worker that joined and was not lost.
 #[derive(Debug, Clone)]
@@ -29,7 +30,9 @@ pub(super) struct Worker {
     /// Views ever sent to it: whose turn it is among equals.
     pub(super) dispatched: u64,
     /// What it said it holds, and what it must hold because it used it.
-    pub(super) held: BTreeSet<SampleId>,
+    held: BTreeSet<SampleId>,
+    /// Whether that is what its newest report says.
+    held_as_reported: bool,
     /// Samples that views in its queue need, with how many need each: it will hold them.
     fetching: BTreeMap<SampleId, usize>,
     /// Busy milliseconds when the current tick began.
@@ -50,6 +53,7 @@ impl Worker {
             views: BTreeSet::new(),
             dispatched: 0,
             held: BTreeSet::new(),
+            held_as_reported: true,
             fetching: BTreeMap::new(),
             busy_at_tick_ms: 0.0,
         }
@@ -126,8 +130,8 @@ impl Worker {
         Some(self.assigned.clone())
     }
 
-    /// Takes a report in. Whether it acknowledged its newest role with it.
-    pub(super) fn take_report(&mut self, report: Report, now: Uptime) -> bool {
+    /// Takes a report in. Whether it has samples that it was not known to have.
+    pub(super) fn take_report(&mut self, report: Report, now: Uptime, whereabouts: &mut Whereabouts) -> bool {
         self.last_report = now;
         // A later assignment of the same role says so too.
         let acknowledged =
@@ -135,24 +139,40 @@ impl Worker {
         if acknowledged {
             self.acting = Some(self.assigned.role);
         }
-        self.held = report.held.iter().copied().collect();
+        let mut news = false;
+        if !self.held_as_reported || self.report.held != report.held {
+            let held: BTreeSet<SampleId> = report.held.iter().copied().collect();
+            self.held.difference(&held).for_each(|&id| whereabouts.lost(id, self.id));
+            for &id in held.difference(&self.held) {
+                whereabouts.gained(id, self.id);
+                news = true;
+            }
+            self.held = held;
+            self.held_as_reported = true;
+        }
         self.report = report;
-        acknowledged
+        news
+    }
+
+    /// It is gone, and what it had and wanted with it.
+    pub(super) fn vanish(&self, whereabouts: &mut Whereabouts) {
+        self.held.iter().for_each(|&id| whereabouts.lost(id, self.id));
+        self.fetching.keys().for_each(|&id| whereabouts.unwanted(id, self.id));
+    }
+
+    /// Whether it has a sample.
+    pub(super) fn has(&self, id: SampleId) -> bool {
+        self.held.contains(&id)
+    }
+
+    /// How many samples it has.
+    pub(super) fn holdings(&self) -> usize {
+        self.held.len()
     }
 
     /// Milliseconds it has been busy since its process started.
     pub(super) fn busy_ms(&self) -> f64 {
         self.report.sampling_busy_ms + self.report.compositing_busy_ms
-    }
-
-    /// Whether a view in its queue needs that sample, so that it is being rendered or fetched for it.
-    pub(super) fn is_fetching(&self, id: SampleId) -> bool {
-        self.fetching.contains_key(&id)
-    }
-
-    /// Samples that views in its queue need.
-    pub(super) fn fetching(&self) -> impl Iterator<Item = SampleId> {
-        self.fetching.keys().copied()
     }
 
     /// How many of `samples` it neither holds nor is about to.
@@ -161,28 +181,40 @@ impl Worker {
     }
 
     /// A view was sent to it.
-    pub(super) fn begin(&mut self, ticket: Ticket, samples: &[SampleId]) {
+    pub(super) fn begin(&mut self, ticket: Ticket, samples: &[SampleId], whereabouts: &mut Whereabouts) {
         self.views.insert(ticket);
         self.dispatched += 1;
-        for id in samples {
-            *self.fetching.entry(*id).or_default() += 1;
+        for &id in samples {
+            let count = self.fetching.entry(id).or_default();
+            *count += 1;
+            if *count == 1 {
+                whereabouts.wanted(id, self.id);
+            }
         }
     }
 
     /// A view it had is answered, failed or taken back; having answered it, it holds what the view needed.
-    pub(super) fn end(&mut self, ticket: Ticket, samples: &[SampleId], answered: bool) {
+    pub(super) fn end(
+        &mut self,
+        ticket: Ticket,
+        samples: &[SampleId],
+        answered: bool,
+        whereabouts: &mut Whereabouts,
+    ) {
         if !self.views.remove(&ticket) {
             return;
         }
-        for id in samples {
-            if let Some(count) = self.fetching.get_mut(id) {
+        for &id in samples {
+            if answered && self.held.insert(id) {
+                self.held_as_reported = false;
+                whereabouts.gained(id, self.id);
+            }
+            if let Some(count) = self.fetching.get_mut(&id) {
                 *count -= 1;
                 if *count == 0 {
-                    self.fetching.remove(id);
+                    self.fetching.remove(&id);
+                    whereabouts.unwanted(id, self.id);
                 }
-            }
-            if answered {
-                self.held.insert(*id);
             }
         }
     }

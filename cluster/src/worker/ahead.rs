@@ -2,19 +2,23 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{SampleId, SampleSetInfo};
+use argus_scene::{Sample, SampleId, SampleSetInfo};
 use parking_lot::Mutex;
 use tokio::sync::Semaphore;
 use tokio::task::AbortHandle;
 use tracing::debug;
 
-use super::fetch;
+use super::fetch::{self, For};
 use super::node::Node;
 
 /// Samples that are fetched at the same time: the others' views come first.
 const FETCHES: usize = 2;
+
+/// After a sample could not be had, it is asked for again after this long.
+const PAUSE: Duration = Duration::from_millis(500);
 
 /// What the newest assignment wants at hand.
 pub(super) struct Ahead {
@@ -56,10 +60,14 @@ async fn bring(
     addresses: Vec<String>,
     to_host: bool,
 ) {
-    match at_hand(&node, &info, id, &addresses, to_host).await {
-        // The coordinator lets views use it as soon as it knows.
-        Ok(()) => node.news.notify_one(),
-        Err(fault) => debug!(%id, %fault, "not at hand ahead of demand"),
+    // Until it is there, or nobody wants it any more: then this task ends.
+    loop {
+        match at_hand(&node, &info, id, &addresses, to_host).await {
+            // The coordinator lets views use it as soon as it knows.
+            Ok(()) => return node.news.notify_one(),
+            Err(fault) => debug!(%id, %fault, "not at hand ahead of demand"),
+        }
+        tokio::time::sleep(PAUSE).await;
     }
 }
 
@@ -70,25 +78,42 @@ async fn at_hand(
     addresses: &[String],
     to_host: bool,
 ) -> Result<(), Fault> {
-    let held = || if to_host { node.store.get_on_host(id) } else { node.store.get(id) };
-    if held().is_some() {
+    let held = if to_host { node.store.get_on_host(id) } else { node.store.get(id) };
+    if held.is_some() {
         return Ok(());
     }
-    if addresses.is_empty() {
-        return node.render_sample_ahead(id, info.clone(), to_host).await;
-    }
+    // Others who are fed from here join it.
+    let fetch = node.fetches.join((id, For::Later), || {
+        let (node, info, addresses) = (node.clone(), info.clone(), addresses.to_vec());
+        match addresses.is_empty() {
+            true => Box::pin(async move { node.render_sample_ahead(id, info, to_host).await }),
+            false => Box::pin(async move { fetched(&node, &info, id, &addresses).await }),
+        }
+    });
+    fetch.await.map(|_| ())
+}
+
+/// The sample from the first of the others who has it, or is about to.
+async fn fetched(
+    node: &Node,
+    info: &SampleSetInfo,
+    id: SampleId,
+    addresses: &[String],
+) -> Result<Arc<Sample>, Fault> {
     let closed = |_| Fault::Unavailable("the worker is shutting down".to_owned());
-    let _turn = node.ahead.turns.acquire().await.map_err(closed)?;
+    // Where the scene stands still, what is to be fetched is there. Samples of the next moment may have to be waited
+    // for, by whoever feeds this worker as well: with turns, two could wait for each other.
+    let _turn = match info.epoch_secs == 0.0 {
+        true => Some(node.ahead.turns.acquire().await.map_err(closed)?),
+        false => None,
+    };
     let mut last = Fault::NotFound("nobody is said to have it".to_owned());
     for address in addresses {
-        if held().is_some() {
-            return Ok(());
+        if let Some(sample) = node.store.get(id) {
+            return Ok(sample);
         }
-        match fetch::from_other(node, info, id, address).await {
-            Ok(sample) => {
-                node.store.insert(sample);
-                return Ok(());
-            }
+        match fetch::from_other(node, info, id, address, true).await {
+            Ok(sample) => return Ok(node.store.insert(sample)),
             Err(fault) => last = fault,
         }
     }

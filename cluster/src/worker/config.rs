@@ -1,17 +1,20 @@
 //! What a worker can be told, and why it may stop.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use argus_scene::RenderError;
 use serde::Serialize;
 
+use crate::security::Security;
+
 /// What a worker can be told; only [`Config::new`]'s argument has no default.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Config {
-    /// Where the coordinator is, such as `http://127.0.0.1:7400`.
+    /// Where the coordinator is, such as `http://127.0.0.1:7400`; several, with commas between them, of which one leads.
     pub coordinator: String,
-    /// Where others reach this worker; `None`: `http://` and the listener's address, which must then not be
-    /// an unspecified one such as `0.0.0.0`.
+    /// Where others reach this worker; `None`: `http://` (`https://` with security) and the listener's address or, where
+    /// that is an unspecified one such as `0.0.0.0`, the one that this machine has on the way to the coordinator.
     pub advertise: Option<String>,
     /// Its name; `None`: drawn at random. The same name joining again replaces the older process.
     pub id: Option<String>,
@@ -41,6 +44,16 @@ pub struct Config {
     pub max_bundle_bytes: u64,
     /// How long views in work may take to finish after a shutdown began.
     pub grace: Duration,
+    /// A render thread that has been at one piece of work for this long is wedged, and the process says that it
+    /// should be started again. Long: a software driver may take minutes over the first sample of a large scene.
+    pub wedged_after: Duration,
+    /// Requests in work, those included that wait for samples: what the coordinator sends, and what other workers fetch.
+    pub max_requests: usize,
+    /// Connections that are open at the same time; further ones wait.
+    pub max_connections: usize,
+    /// By which the coordinator and other workers know this one; `None`: plaintext.
+    #[serde(skip)]
+    pub security: Option<Arc<Security>>,
 }
 
 impl Config {
@@ -62,6 +75,10 @@ impl Config {
             trace_timeout: Duration::from_secs(20),
             max_bundle_bytes: 8 << 30,
             grace: Duration::from_secs(5),
+            wedged_after: Duration::from_secs(300),
+            max_requests: 2048,
+            max_connections: 4096,
+            security: None,
         }
     }
 }
@@ -78,6 +95,17 @@ pub enum RunError {
         /// Where it was looked for.
         url: String,
         /// What the last attempt said.
+        reason: String,
+    },
+    /// Either side's certificate is not one that the other trusts.
+    #[error(
+        "the coordinator at {url} and this worker do not trust each other ({reason}): both need certificates of \
+         the cluster's authority"
+    )]
+    Untrusted {
+        /// Where it is.
+        url: String,
+        /// What the handshake said.
         reason: String,
     },
     /// The coordinator does not want this worker.

@@ -11,30 +11,56 @@
 
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 use argus_proto::chunks::{Received, SampleAssembler};
 use argus_proto::convert::scene_hash_bytes;
+use argus_proto::trace::{TARGET, within};
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
 use argus_scene::{Sample, SampleId, SampleSetInfo};
 use futures::FutureExt;
 use futures::future::{BoxFuture, Shared, WeakShared};
 use parking_lot::Mutex;
-use tracing::warn;
+use tokio::sync::Notify;
+use tokio::time::Instant;
+use tracing::{Instrument, Span, debug_span, warn};
 
 use super::node::Node;
+use crate::core::Role;
 
-type Fetch = BoxFuture<'static, Result<Arc<Sample>, Fault>>;
+pub(super) type Fetch = BoxFuture<'static, Result<Arc<Sample>, Fault>>;
 
-/// Fetches under way, by sample and by whether its planes must be in host memory. A fetch whose last waiter
-/// gives up is dropped with it.
+/// What a sample is fetched for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum For {
+    /// A view of this process.
+    View,
+    /// Another process: its planes must be in host memory.
+    Other,
+    /// Views to come.
+    Later,
+}
+
+/// How long another worker's request waits for a sample that is said to be on its way here, until it begins to come:
+/// whoever sent the other one here has told this one, too, or is about to.
+const ANNOUNCED: Duration = Duration::from_secs(1);
+
+/// … and until it is there.
+const COMING: Duration = Duration::from_secs(20);
+
+/// Fetches under way, by sample and purpose. A fetch whose last waiter gives up is dropped with it.
 #[derive(Default)]
-pub(super) struct Fetches(Mutex<HashMap<(SampleId, bool), WeakShared<Fetch>>>);
+pub(super) struct Fetches {
+    under_way: Mutex<HashMap<(SampleId, For), WeakShared<Fetch>>>,
+    /// Rings when another one begins.
+    begun: Notify,
+}
 
 impl Fetches {
     /// Joins the fetch of that sample, or starts it.
-    fn join(&self, key: (SampleId, bool), start: impl FnOnce() -> Fetch) -> Shared<Fetch> {
-        let mut under_way = self.0.lock();
+    pub(super) fn join(&self, key: (SampleId, For), start: impl FnOnce() -> Fetch) -> Shared<Fetch> {
+        let mut under_way = self.under_way.lock();
         if let Some(fetch) = under_way.get(&key).and_then(WeakShared::upgrade)
             && fetch.peek().is_none()
         {
@@ -43,7 +69,18 @@ impl Fetches {
         under_way.retain(|_, fetch| fetch.upgrade().is_some_and(|fetch| fetch.peek().is_none()));
         let fetch = start().shared();
         under_way.extend(fetch.downgrade().map(|weak| (key, weak)));
+        drop(under_way);
+        self.begun.notify_waiters();
         fetch
+    }
+
+    /// The fetch of that sample for one of these purposes, if there is one.
+    fn find(&self, id: SampleId, purposes: &[For]) -> Option<Shared<Fetch>> {
+        let under_way = self.under_way.lock();
+        purposes.iter().find_map(|purpose| {
+            let fetch = under_way.get(&(id, *purpose)).and_then(WeakShared::upgrade)?;
+            fetch.peek().is_none().then_some(fetch)
+        })
     }
 }
 
@@ -57,7 +94,7 @@ pub(super) async fn at_hand(
     if let Some(sample) = node.store.get(id) {
         return Ok(sample);
     }
-    let fetch = node.fetches.join((id, false), || {
+    let fetch = node.fetches.join((id, For::View), || {
         let node = node.clone();
         Box::pin(async move {
             // Another fetch may have ended between the look above and this one.
@@ -65,7 +102,7 @@ pub(super) async fn at_hand(
                 return Ok(sample);
             }
             for address in addresses.iter().filter(|address| **address != node.hello.address) {
-                match from_other(&node, &info, id, address).await {
+                match from_other(&node, &info, id, address, false).await {
                     Ok(sample) => return Ok(node.store.insert(sample)),
                     Err(fault) => warn!(%id, address, %fault, "sample not to be had there"),
                 }
@@ -76,16 +113,28 @@ pub(super) async fn at_hand(
     fetch.await
 }
 
-/// The sample for another process.
+/// The sample for another process. Who samples renders it, at once unless it is wanted `ahead` of demand and is about to
+/// be rendered here anyway; who does not passes on what it is fetching itself.
 pub(super) async fn on_host(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
     id: SampleId,
+    ahead: bool,
 ) -> Result<Arc<Sample>, Fault> {
     if let Some(sample) = node.store.get_on_host(id) {
         return Ok(sample);
     }
-    let fetch = node.fetches.join((id, true), || {
+    let samples = node.acting().is_none_or(Role::samples);
+    if ahead || !samples {
+        match tokio::time::timeout(COMING, passed_on(&node, id)).await {
+            Ok(Some(sample)) => return Ok(sample),
+            Ok(None) if samples => {}
+            Ok(None) | Err(_) => {
+                return Err(Fault::NotFound(format!("sample {id} is neither here nor on its way here")));
+            }
+        }
+    }
+    let fetch = node.fetches.join((id, For::Other), || {
         let node = node.clone();
         Box::pin(async move {
             match node.store.get_on_host(id) {
@@ -97,12 +146,47 @@ pub(super) async fn on_host(
     fetch.await
 }
 
+/// The sample, once it has come here; `None` if it does not begin to come, or comes to nothing.
+async fn passed_on(node: &Node, id: SampleId) -> Option<Arc<Sample>> {
+    let announced = Instant::now() + ANNOUNCED;
+    loop {
+        let begun = node.fetches.begun.notified();
+        tokio::pin!(begun);
+        // From here on no bell is missed.
+        begun.as_mut().enable();
+        if let Some(sample) = node.store.get_on_host(id) {
+            return Some(sample);
+        }
+        match node.fetches.find(id, &[For::View, For::Later]) {
+            Some(fetch) => {
+                let fetched = fetch.await;
+                return fetched.ok().and_then(|_| node.store.get_on_host(id));
+            }
+            None => tokio::time::timeout_at(announced, begun).await.ok()?,
+        }
+    }
+}
+
 /// The sample as another worker has it, or renders it.
 pub(super) async fn from_other(
     node: &Node,
     info: &SampleSetInfo,
     id: SampleId,
     address: &str,
+    ahead: bool,
+) -> Result<Sample, Fault> {
+    let span = debug_span!(target: TARGET, "fetch sample", %id, address);
+    let from_there = received(node, info, id, address, ahead, &span).instrument(span.clone());
+    from_there.await
+}
+
+async fn received(
+    node: &Node,
+    info: &SampleSetInfo,
+    id: SampleId,
+    address: &str,
+    ahead: bool,
+    span: &Span,
 ) -> Result<Sample, Fault> {
     let mut client = SamplesClient::new(node.channels.to(address)?);
     let request = v1::SubscribeRequest {
@@ -111,11 +195,13 @@ pub(super) async fn from_other(
         generation: info.generation,
         indices: vec![id.index],
         have: Vec::new(),
+        ahead,
     };
     let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
     let silent = |_| Fault::Unavailable(format!("{address} fell silent"));
     let limit = node.config.fetch_timeout;
-    let opened = tokio::time::timeout(limit, client.subscribe(request)).await.map_err(silent)?;
+    let opened =
+        tokio::time::timeout(limit, client.subscribe(within(span, request))).await.map_err(silent)?;
     let mut chunks = opened.map_err(unavailable)?.into_inner();
     let mut assembler = SampleAssembler::new(info.clone(), [id.index]);
     loop {

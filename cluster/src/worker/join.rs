@@ -11,7 +11,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
-use tonic::transport::Channel;
+use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
 use tracing::{info, warn};
 
@@ -56,13 +56,19 @@ pub(super) async fn stay(
 ) -> Result<(), RunError> {
     let url = node.config.coordinator.clone();
     let address = |reason| RunError::Address { what: "the coordinator's URL", reason };
-    let endpoint = net::endpoint(&url, node.config.connect_timeout).map_err(address)?;
+    let endpoints = url
+        .split(',')
+        .map(|url| net::endpoint(url.trim(), node.config.connect_timeout, node.config.security.as_deref()));
+    let endpoints: Vec<Endpoint> = endpoints.collect::<Result<_, _>>().map_err(address)?;
+    // In turns, beginning anew at each attempt: whoever leads now is found within as many as there are.
+    let mut turn = endpoints.iter().cycle();
     let began = Instant::now();
     let mut joined_once = false;
     let mut pause = FIRST_PAUSE;
     loop {
+        let Some(endpoint) = turn.next() else { return Err(address("none is given".to_owned())) };
         let attempt = async {
-            let channel = endpoint.connect().await.map_err(|e| Ended::Lost(root_cause(&e)))?;
+            let channel = endpoint.connect().await.map_err(|e| Ended::Lost(net::root_cause(&e)))?;
             once(&node, opener.clone(), channel, &mut joined_once, &mut pause).await
         };
         let ended = tokio::select! {
@@ -75,6 +81,9 @@ pub(super) async fn stay(
             Err(Ended::Fatal(error)) => return Err(error),
             Err(Ended::Lost(reason)) => (false, reason),
         };
+        if !joined_once && net::is_distrust(&reason) {
+            return Err(RunError::Untrusted { url, reason });
+        }
         if !joined_once && began.elapsed() >= node.config.join_timeout {
             return Err(RunError::Unreachable { url, reason });
         }
@@ -87,7 +96,9 @@ pub(super) async fn stay(
             () = tokio::time::sleep(pause) => {}
             () = shutdown.cancelled() => return Ok(()),
         }
-        pause = (pause * 2).min(node.config.rejoin_pause.max(FIRST_PAUSE));
+        // While another coordinator may already lead, it is not worth waiting long.
+        let longest = node.config.rejoin_pause / endpoints.len() as u32;
+        pause = (pause * 2).min(longest.max(FIRST_PAUSE));
     }
 }
 
@@ -97,15 +108,6 @@ enum Ended {
     Lost(String),
     /// It will not.
     Fatal(RunError),
-}
-
-/// The innermost reason, which is the one that says something ("connection refused").
-fn root_cause(error: &dyn std::error::Error) -> String {
-    let mut cause = error;
-    while let Some(inner) = cause.source() {
-        cause = inner;
-    }
-    cause.to_string()
 }
 
 /// One stream, from hello to its end.
@@ -153,13 +155,27 @@ async fn once(
 }
 
 fn turned_away(node: &Node, status: &Status) -> Ended {
-    let reason = status.message().to_owned();
+    // A transport that broke says more than "transport error" further down.
+    let broke = std::error::Error::source(status).map(net::root_cause);
+    let reason = broke.unwrap_or_else(|| status.message().to_owned());
     match status.code() {
-        Code::FailedPrecondition | Code::InvalidArgument | Code::Unimplemented => {
+        Code::FailedPrecondition
+        | Code::InvalidArgument
+        | Code::Unimplemented
+        | Code::Unauthenticated
+        | Code::PermissionDenied => {
             Ended::Fatal(RunError::TurnedAway { url: node.config.coordinator.clone(), reason })
         }
         _ => Ended::Lost(reason),
     }
+}
+
+/// Whether an assignment makes sense.
+///
+/// # Errors
+/// The field that does not.
+pub(crate) fn checked_assignment(wire: v1::Assignment) -> Result<(), InvalidField> {
+    duty(wire).map(drop)
 }
 
 fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {

@@ -18,8 +18,9 @@ mod scene;
 mod store;
 mod trace;
 mod views;
+mod watch;
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -27,15 +28,19 @@ use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::samples_server::SamplesServer;
 use argus_proto::v1::views_server::ViewsServer;
 use argus_scene::RenderError;
+use prometheus_client::registry::Registry;
 use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
-use tonic::transport::server::TcpIncoming;
+use tonic::codegen::http::Uri;
+use tonic::server::NamedService;
+use tonic::service::Routes;
 use tracing::{info, warn};
 
 pub use config::{Config, RunError};
+pub(crate) use join::checked_assignment;
 
 use self::meter::Meter;
 use self::node::Node;
@@ -43,7 +48,10 @@ use self::queue::Queue;
 use self::render::Renderer;
 use self::store::Store;
 use crate::core::Hello;
+use crate::incoming::incoming;
 use crate::net;
+use crate::observe::{PREFIX, keep_health, with_pages};
+use crate::security::guard::Guarded;
 use crate::{RoleFactory, SceneOpener};
 
 /// Joins the coordinator and serves views and samples on `listener` until `shutdown` is cancelled, then says
@@ -60,7 +68,7 @@ pub async fn run(
     opener: Arc<dyn SceneOpener>,
     shutdown: CancellationToken,
 ) -> Result<(), RunError> {
-    let address = advertised(&config, listener.local_addr()?)?;
+    let address = advertised(&config, listener.local_addr()?).await?;
     let name =
         config.id.clone().unwrap_or_else(|| format!("w-{:08x}", SmallRng::from_os_rng().random::<u32>()));
     let queue = Arc::new(Queue::new(&config));
@@ -94,20 +102,22 @@ async fn serve_and_stay(
     shutdown: CancellationToken,
 ) -> Result<(), RunError> {
     let (health, health_service) = tonic_health::server::health_reporter();
-    health.set_serving::<ViewsServer<views::ViewsService>>().await;
-    health.set_serving::<SamplesServer<samples::SamplesService>>().await;
+    let watch = Arc::new(watch::Watch(node.clone()));
+    let offered = [ViewsServer::<views::ViewsService>::NAME, SamplesServer::<samples::SamplesService>::NAME];
+    let kept = keep_health(watch.clone(), health, &offered);
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
         .build_v1()?;
     let closing = CancellationToken::new();
-    let server = net::server()
-        .add_service(ViewsServer::new(views::ViewsService { node: node.clone() }))
+    let services = Routes::new(ViewsServer::new(views::ViewsService { node: node.clone() }))
         .add_service(SamplesServer::new(samples::SamplesService { node: node.clone() }))
         .add_service(health_service)
-        .add_service(reflection)
+        .add_service(reflection);
+    let server = net::server(Guarded::Worker, node.config.security.as_ref())?
+        .add_routes(with_pages(services, watch, Registry::with_prefix(PREFIX)))
         .serve_with_incoming_shutdown(
-            TcpIncoming::from(listener).with_nodelay(Some(true)),
+            incoming(listener, node.config.max_connections),
             closing.clone().cancelled_owned(),
         );
     // The stay outlives the shutdown's beginning by the time that what is in work takes: until then the
@@ -117,7 +127,6 @@ async fn serve_and_stay(
     let leave = async {
         shutdown.cancelled().await;
         info!("worker drains");
-        health.set_service_status("", tonic_health::ServingStatus::NotServing).await;
         node.leave();
         let idle = async {
             // Orders that were sent before the coordinator heard of it are still on their way.
@@ -148,6 +157,8 @@ async fn serve_and_stay(
     let result = tokio::select! {
         left = left => left,
         served = &mut server => return served.map_err(RunError::from),
+        // Never ends.
+        () = kept => Ok(()),
     };
     closing.cancel();
     // Connections that others keep open do not keep the process.
@@ -199,16 +210,48 @@ async fn start_rendering(
     Ok((device, Rendering { thread, ended }))
 }
 
-/// Where others reach this worker.
-fn advertised(config: &Config, local: SocketAddr) -> Result<String, RunError> {
-    let Some(address) = &config.advertise else {
-        if local.ip().is_unspecified() {
-            let reason = format!("listening on {local} says nothing of where that is; give --advertise");
-            return Err(RunError::Address { what: "the listener's address", reason });
-        }
-        return Ok(format!("http://{local}"));
+/// This machine's address on the way to the coordinator: who can be reached by it reaches this worker by it, too.
+async fn outgoing(coordinator: &str) -> Result<IpAddr, RunError> {
+    let address = |reason: String| {
+        let reason = format!("{reason}; say with --advertise where others reach this worker");
+        RunError::Address { what: "an unspecified address", reason }
     };
-    match net::endpoint(address, config.connect_timeout) {
+    let uri: Uri = coordinator.parse().map_err(|_| address(format!("{coordinator} is not a URL")))?;
+    let host = uri.host().unwrap_or_default().trim_matches(['[', ']']);
+    let port = uri.port_u16().unwrap_or(80);
+    let found = tokio::net::lookup_host((host, port)).await;
+    let found = found.map_err(|error| address(format!("{host} is not known here ({error})")))?;
+    // Nothing is sent: the operating system only chooses the way.
+    let chosen = found.map(|remote| {
+        let any: IpAddr = match remote {
+            SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+            SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+        };
+        let socket = UdpSocket::bind((any, 0))?;
+        socket.connect(remote)?;
+        socket.local_addr()
+    });
+    let chosen = chosen.reduce(|first, other| first.or(other));
+    match chosen {
+        Some(Ok(address)) => Ok(address.ip()),
+        Some(Err(error)) => Err(address(format!("no way leads to {host} ({error})"))),
+        None => Err(address(format!("{host} has no address"))),
+    }
+}
+
+/// Where others reach this worker.
+async fn advertised(config: &Config, local: SocketAddr) -> Result<String, RunError> {
+    let Some(address) = &config.advertise else {
+        let local = match local.ip().is_unspecified() {
+            true => SocketAddr::new(
+                outgoing(config.coordinator.split(',').next().unwrap_or_default().trim()).await?,
+                local.port(),
+            ),
+            false => local,
+        };
+        return Ok(format!("{}://{local}", net::scheme(config.security.as_deref())));
+    };
+    match net::endpoint(address, config.connect_timeout, config.security.as_deref()) {
         Ok(_) => Ok(address.clone()),
         Err(reason) => Err(RunError::Address { what: "the advertised address", reason }),
     }

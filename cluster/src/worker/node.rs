@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use argus_proto::Fault;
 use argus_scene::{Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob};
 use parking_lot::Mutex;
-use tokio::sync::{Notify, oneshot};
+use tokio::sync::{Notify, Semaphore, oneshot};
 
 use super::Config;
 use super::ahead::Ahead;
@@ -19,6 +19,9 @@ use super::queue::{Backlog, PixelTask, Queue, Rendered, SampleTask, ViewTask, Wa
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
+
+/// When a full worker may have room again: a few batches later.
+const RETRY: Duration = Duration::from_millis(250);
 
 /// Epochs whose sets are kept: those of views in work, and the next one.
 const EPOCHS_AT_HAND: usize = 8;
@@ -48,6 +51,9 @@ pub(super) struct Node {
     pub(super) ahead: Ahead,
     /// Rings when a report is due before its time.
     pub(super) news: Notify,
+    /// Turns of packing frames and samples: as many at a time as leave the render thread its core. A batch ends with
+    /// all of its frames at once, and as many threads would keep the next batch waiting.
+    pub(super) packing: Semaphore,
     queue: Arc<Queue>,
     meter: Arc<Meter>,
     told: Mutex<Told>,
@@ -75,7 +81,8 @@ impl Node {
         meter: Arc<Meter>,
     ) -> Arc<Self> {
         Arc::new(Self {
-            channels: Channels::new(config.connect_timeout),
+            packing: Semaphore::new((hello.cores as usize).saturating_sub(1).max(1)),
+            channels: Channels::new(config.connect_timeout, config.security.clone()),
             config,
             hello,
             store,
@@ -181,6 +188,16 @@ impl Node {
         self.news.notify_one();
     }
 
+    /// Whether it is about to leave.
+    pub(super) fn is_leaving(&self) -> bool {
+        self.told.lock().leaving
+    }
+
+    /// How long the render thread has been at what it does now.
+    pub(super) fn busy_for(&self) -> Duration {
+        self.queue.busy_for()
+    }
+
     /// The state of things.
     pub(super) fn report(&self) -> Report {
         let backlog = self.queue.backlog();
@@ -204,9 +221,17 @@ impl Node {
     }
 
     /// Counts a request until what is returned is dropped.
-    pub(super) fn begin(self: &Arc<Self>) -> Active {
-        self.active.fetch_add(1, Ordering::AcqRel);
-        Active(self.clone())
+    ///
+    /// # Errors
+    /// [`Fault::Overloaded`] if too many are in work.
+    pub(super) fn begin(self: &Arc<Self>) -> Result<Active, Fault> {
+        let before = self.active.fetch_add(1, Ordering::AcqRel);
+        let active = Active(self.clone());
+        if before >= self.config.max_requests {
+            let (what, retry_after) = (format!("{before} requests are in work here"), RETRY);
+            return Err(Fault::Overloaded { what, retry_after });
+        }
+        Ok(active)
     }
 
     /// Whether no request is in work.
@@ -270,8 +295,8 @@ impl Node {
         id: SampleId,
         info: Arc<SampleSetInfo>,
         to_host: bool,
-    ) -> Result<(), Fault> {
-        self.render_sample_in(id, info, to_host, true).await.map(|_| ())
+    ) -> Result<Arc<Sample>, Fault> {
+        self.render_sample_in(id, info, to_host, true).await
     }
 
     async fn render_sample_in(
@@ -321,7 +346,7 @@ impl Node {
     fn overloaded(&self, what: &str) -> Fault {
         let Backlog { samples, views, direct, .. } = self.queue.backlog();
         let what = format!("{samples} samples and {} views wait here, no more {what} fit", views + direct);
-        Fault::Overloaded { what, retry_after: Duration::from_millis(250) }
+        Fault::Overloaded { what, retry_after: RETRY }
     }
 
     /// Ends the render thread once it has done what it is doing; nobody waits for the rest.

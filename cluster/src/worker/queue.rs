@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use argus_scene::{
     Frame, PixelJob, Pixels, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob, Visibility,
@@ -92,6 +92,8 @@ struct State {
     direct: VecDeque<ViewTask>,
     ahead: VecDeque<SampleTask>,
     in_work: Backlog,
+    /// When what is in work was taken.
+    taken: Option<Instant>,
     direct_had_its_turn: bool,
     stopped: bool,
 }
@@ -172,13 +174,20 @@ impl Queue {
     pub(super) fn next(&self) -> Work {
         let mut state = self.state.lock();
         state.in_work = Backlog::default();
+        state.taken = None;
         loop {
             state.forget_the_gone();
             if let Some(work) = state.take(self.max_batch, self.max_direct_batch) {
+                state.taken = Some(Instant::now());
                 return work;
             }
             self.filled.wait(&mut state);
         }
+    }
+
+    /// How long the render thread has been at what it took last; zero while it waits.
+    pub(super) fn busy_for(&self) -> Duration {
+        self.state.lock().taken.map_or(Duration::ZERO, |taken| taken.elapsed())
     }
 
     pub(super) fn backlog(&self) -> Backlog {

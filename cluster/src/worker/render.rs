@@ -31,7 +31,16 @@ pub(super) struct Renderer {
     sampler: Option<Box<dyn Sampler>>,
     compositor: Option<Box<dyn Compositor>>,
     /// What the compositor holds; a sample that only this map knows of is released.
-    held: HashMap<SampleId, Weak<Sample>>,
+    held: HashMap<SampleId, Held>,
+    /// Counts batches of views.
+    batches: u64,
+}
+
+/// A sample that the compositor holds.
+struct Held {
+    sample: Weak<Sample>,
+    /// The last batch that it was for.
+    used: u64,
 }
 
 /// Results of a call into a role, or the news that the role is of no use any more.
@@ -56,6 +65,7 @@ impl Renderer {
             sampler: None,
             compositor: Some(compositor),
             held: HashMap::new(),
+            batches: 0,
         };
         Ok((renderer, device))
     }
@@ -203,6 +213,7 @@ impl Renderer {
             return;
         }
         let began = Instant::now();
+        self.batches += 1;
         let tasks: Vec<ViewTask> = tasks.into_iter().filter_map(|task| self.holding(task)).collect();
         if tasks.is_empty() {
             return;
@@ -228,23 +239,42 @@ impl Renderer {
     /// Makes the compositor hold what a view needs, and no longer what the store has forgotten.
     fn hold(&mut self, task: &ViewTask) -> Result<(), RenderError> {
         let gone: Vec<SampleId> =
-            self.held.iter().filter(|(_, sample)| sample.strong_count() == 0).map(|(id, _)| *id).collect();
+            self.held.iter().filter(|(_, held)| held.sample.strong_count() == 0).map(|(id, _)| *id).collect();
         if !gone.is_empty() {
             self.compositor()?.release(&gone);
             self.held.retain(|id, _| !gone.contains(id));
         }
         let is_held = |sample: &Arc<Sample>| {
             let held = self.held.get(&sample.id);
-            held.is_some_and(|held| std::ptr::eq(held.as_ptr(), Arc::as_ptr(sample)))
+            held.is_some_and(|held| std::ptr::eq(held.sample.as_ptr(), Arc::as_ptr(sample)))
         };
+        let used = self.batches;
         let samples: Vec<Arc<Sample>> = task.samples.iter().filter(|s| !is_held(s)).cloned().collect();
+        for sample in &task.samples {
+            if let Some(held) = self.held.get_mut(&sample.id) {
+                held.used = used;
+            }
+        }
         if samples.is_empty() {
             return Ok(());
         }
         let set = SampleSet { info: task.info.clone(), samples };
-        self.compositor()?.hold(&set)?;
-        self.held.extend(set.samples.iter().map(|sample| (sample.id, Arc::downgrade(sample))));
+        while let Err(error) = self.compositor()?.hold(&set) {
+            let full = matches!(error, RenderError::OutOfMemory(_));
+            let Some(oldest) = self.least_recently_used().filter(|_| full) else { return Err(error) };
+            self.compositor()?.release(&[oldest]);
+            self.held.remove(&oldest);
+        }
+        self.held.extend(
+            set.samples.iter().map(|sample| (sample.id, Held { sample: Arc::downgrade(sample), used })),
+        );
         Ok(())
+    }
+
+    /// The sample that the compositor can do without for longest, none of this batch's.
+    fn least_recently_used(&self) -> Option<SampleId> {
+        let unused = self.held.iter().filter(|(_, held)| held.used < self.batches);
+        unused.min_by_key(|(id, held)| (held.used, **id)).map(|(id, _)| *id)
     }
 
     fn record<T>(&self, kind: Kind, results: &Results<T>, rendering: Instant, began: Instant) {

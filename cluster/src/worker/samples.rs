@@ -6,12 +6,14 @@ use std::sync::Arc;
 
 use argus_proto::chunks::{pixel_chunks, sample_chunks, sample_hash, unchanged_chunk};
 use argus_proto::convert::scene_hash;
+use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::samples_server::Samples;
 use argus_proto::{Fault, v1};
 use argus_scene::{InvalidField, SampleId, SampleSetInfo};
 use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
 use tonic::{Request, Response, Status};
+use tracing::{Instrument, debug_span};
 
 use super::node::Node;
 use super::{fetch, trace};
@@ -35,18 +37,23 @@ impl Samples for SamplesService {
     type SubscribeStream = Chunks;
 
     async fn subscribe(&self, request: Request<v1::SubscribeRequest>) -> Result<Response<Chunks>, Status> {
-        let active = self.node.begin();
+        let active = self.node.begin()?;
+        let worker = self.node.hello.name.as_str();
+        let span =
+            debug_span!(target: TARGET, "serve samples", worker, count = request.get_ref().indices.len());
+        continued(&span, request.metadata());
         let request = request.into_inner();
         let info = check(&self.node, &request)?;
         let have: HashMap<u64, Bytes> =
             request.have.into_iter().map(|held| (held.index, held.hash)).collect();
-        let node = self.node.clone();
+        let (node, ahead) = (self.node.clone(), request.ahead);
         let one = move |index: u64| {
             let (node, info, have) = (node.clone(), info.clone(), have.get(&index).cloned());
             async move {
-                let chunks = packed(node, info, index, have).await?;
+                let chunks = packed(node, info, index, have, ahead).await?;
                 Ok::<_, Status>(futures::stream::iter(chunks.into_iter().map(Ok)))
             }
+            .instrument(debug_span!(target: TARGET, parent: &span, "sample", index))
         };
         // Sample by sample, each whole before the next one: that is what the receiver puts together.
         let chunks = futures::stream::iter(request.indices).map(one).buffer_unordered(IN_WORK).try_flatten();
@@ -59,9 +66,11 @@ impl Samples for SamplesService {
     type TraceStream = Streamed<v1::TraceChunk>;
 
     async fn trace(&self, request: Request<v1::TraceRequest>) -> Result<Response<Self::TraceStream>, Status> {
-        let active = self.node.begin();
+        let active = self.node.begin()?;
+        let span = debug_span!(target: TARGET, "trace pixels", worker = self.node.hello.name);
+        continued(&span, request.metadata());
         let job = trace::check(&self.node, request.into_inner())?;
-        let pixels = self.node.render_pixels(&job).await?;
+        let pixels = self.node.render_pixels(&job).instrument(span).await?;
         let chunks = pixel_chunks(&pixels).map_err(Fault::from)?.into_iter().map(move |chunk| {
             let _in_work_until_sent = &active;
             Ok(chunk)
@@ -87,15 +96,17 @@ fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInf
     Ok(info)
 }
 
-/// A sample in chunks, rendered if it is not held.
+/// A sample in chunks, rendered if it is neither held nor on its way here.
 async fn packed(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
     index: u64,
     have: Option<Bytes>,
+    ahead: bool,
 ) -> Result<Vec<v1::SampleChunk>, Fault> {
     let id = SampleId { epoch: info.epoch, generation: info.generation, index };
-    let sample = fetch::on_host(node, info, id).await?;
+    let sample = fetch::on_host(node.clone(), info, id, ahead).await?;
+    let _turn = node.packing.acquire().await.map_err(|e| Fault::Unavailable(e.to_string()))?;
     let pack = move || {
         if let Some(have) = have {
             let hash = sample_hash(&sample)?;

@@ -60,6 +60,11 @@ impl Store {
         Some(entry.sample.clone())
     }
 
+    /// Texel bytes of what is held.
+    pub(super) fn bytes(&self) -> u64 {
+        self.state.lock().bytes
+    }
+
     /// Whether it is held; being asked is no use of it.
     pub(super) fn has(&self, id: SampleId) -> bool {
         self.state.lock().entries.contains_key(&id)

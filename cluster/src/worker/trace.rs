@@ -7,12 +7,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::chunks::{PixelAssembler, joined, trace_requests};
+use argus_proto::trace::within;
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
 use argus_scene::{Frame, PixelJob, Pixels, SceneHash, Stage, ViewJob, Warp};
 use bytes::Bytes;
 use tokio::time::Instant;
-use tracing::warn;
+use tracing::{Span, warn};
 
 use super::node::Node;
 
@@ -91,7 +92,8 @@ async fn by_other(node: &Node, job: &PixelJob, scene: SceneHash, address: &str) 
     let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
     let mut parts = Vec::new();
     for (request, count) in trace_requests(job, scene) {
-        let mut chunks = client.trace(request).await.map_err(unavailable)?.into_inner();
+        let mut chunks =
+            client.trace(within(&Span::current(), request)).await.map_err(unavailable)?.into_inner();
         let mut assembler = PixelAssembler::new(count);
         while let Some(chunk) = chunks.message().await.map_err(unavailable)? {
             assembler.push(chunk)?;

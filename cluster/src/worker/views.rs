@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use argus_proto::chunks::{FrameMeta, frame_chunks};
 use argus_proto::status::invalid;
+use argus_proto::trace::{TARGET, continued, stages};
 use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
@@ -18,7 +19,7 @@ use futures::Stream;
 use futures::future::try_join_all;
 use tokio::time::Instant;
 use tonic::{Request, Response, Status, Streaming};
-use tracing::warn;
+use tracing::{Instrument, debug_span, warn};
 
 use super::node::Node;
 use super::queue::Rendered;
@@ -32,6 +33,9 @@ pub(super) struct ViewsService {
 }
 
 type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+
+/// The stage of waiting for samples.
+const SAMPLES: &str = "samples";
 
 /// A view as ordered, checked.
 struct Ordered {
@@ -66,7 +70,10 @@ impl Views for ViewsService {
         request: Request<v1::RenderRequest>,
     ) -> Result<Response<Self::RenderStream>, Status> {
         let arrived = Instant::now();
-        let active = self.node.begin();
+        let worker = self.node.hello.name.as_str();
+        let span = debug_span!(target: TARGET, "render", view = request.get_ref().view_id, worker);
+        continued(&span, request.metadata());
+        let active = self.node.begin()?;
         let request = request.into_inner();
         let Some(order) = request.order else { return Err(ask_the_coordinator()) };
         self.node.check_term(order.term)?;
@@ -77,7 +84,7 @@ impl Views for ViewsService {
         let deadline = (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into()));
         // What is left of it is for packing a frame whose holes could not be traced in time.
         let trace_until = deadline.map(|deadline| arrived + deadline.mul_f64(0.9));
-        let answer = traced(&self.node, &ordered, trace_until);
+        let answer = traced(&self.node, &ordered, trace_until).instrument(span.clone());
         let frame = match request.deadline_ms {
             0 => answer.await?,
             ms => {
@@ -86,13 +93,18 @@ impl Views for ViewsService {
                 tokio::time::timeout(deadline, answer).await.map_err(late)??
             }
         };
+        // Fetching samples has spans of its own.
+        let measured = frame.stages.iter().filter(|stage| stage.name != SAMPLES);
+        stages(&span, measured.map(|stage| (stage.name.as_str(), stage.ms)));
         let meta = FrameMeta { view_id: request.view_id, worker: self.node.hello.name.clone(), age_ms };
         let pack = move || {
             let observed = if observe { Observed::of(&frame) } else { None };
             encode(&with_only(frame, outputs), meta, encoding, arrived, observed)
         };
+        let turn = self.node.packing.acquire().await.map_err(|e| Status::internal(e.to_string()))?;
         let chunks =
             tokio::task::spawn_blocking(pack).await.map_err(|e| Status::internal(e.to_string()))??;
+        drop((turn, span));
         let stream = futures::stream::iter(chunks.into_iter().map(move |chunk| {
             let _in_work_until_sent = &active;
             Ok(chunk)
@@ -211,7 +223,7 @@ async fn render(node: &Arc<Node>, ordered: &Ordered, job: &ViewJob) -> Result<Fr
                 }
                 let mut stages = vec![Stage::new("queue", queue_ms)];
                 if !ordered.samples.is_empty() {
-                    stages.insert(0, Stage::new("samples", samples_ms));
+                    stages.insert(0, Stage::new(SAMPLES, samples_ms));
                 }
                 frame.stages.splice(0..0, stages);
                 return Ok(frame);

@@ -13,6 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
+use argus_cluster::leadership::{LocalRegistry, Registry};
 use argus_cluster::{BundleFile, SceneOpener, SceneRef, SceneSource, coordinator, core, worker};
 use argus_proto::chunks::{FrameAssembler, FrameMeta};
 use argus_proto::v1::cluster_client::ClusterClient;
@@ -195,8 +196,17 @@ pub fn start_coordinator_at(
     address: Option<SocketAddr>,
     source: Source,
 ) -> Coordinator {
+    start_coordinator_of(config, address, source, Arc::new(LocalRegistry::alone()))
+}
+
+pub fn start_coordinator_of(
+    config: coordinator::Config,
+    address: Option<SocketAddr>,
+    source: Source,
+    registry: Arc<dyn Registry>,
+) -> Coordinator {
     Process::start(address, |listener, shutdown| {
-        coordinator::serve(config, listener, Arc::new(source), shutdown)
+        coordinator::serve(config, listener, Arc::new(source), registry, shutdown)
     })
 }
 
@@ -205,8 +215,17 @@ pub fn start_worker(coordinator: &str, knobs: &Arc<Knobs>) -> Worker {
 }
 
 pub fn start_worker_with(config: worker::Config, knobs: &Arc<Knobs>, opener: Arc<Opener>) -> Worker {
+    start_worker_at(None, config, knobs, opener)
+}
+
+pub fn start_worker_at(
+    address: Option<SocketAddr>,
+    config: worker::Config,
+    knobs: &Arc<Knobs>,
+    opener: Arc<Opener>,
+) -> Worker {
     let factory = Arc::new(Factory { knobs: knobs.clone() });
-    Process::start(None, |listener, shutdown| worker::run(config, listener, factory, opener, shutdown))
+    Process::start(address, |listener, shutdown| worker::run(config, listener, factory, opener, shutdown))
 }
 
 /// One coordinator and its workers.

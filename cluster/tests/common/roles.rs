@@ -31,6 +31,10 @@ pub struct Knobs {
     pub samples_read_back: AtomicUsize,
     pub largest_batch: AtomicUsize,
     pub cancelled: AtomicUsize,
+    /// Samples that a compositor has memory for; 0: any number.
+    pub compositor_holds: AtomicUsize,
+    /// The most that one held.
+    pub most_held: AtomicUsize,
     /// Compositors refuse to be made.
     pub no_device: AtomicBool,
 }
@@ -202,6 +206,12 @@ impl Compositor for FakeCompositor {
     }
 
     fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError> {
+        let new = set.samples.iter().filter(|sample| !self.held.contains_key(&sample.id)).count();
+        let most = self.knobs.compositor_holds.load(Ordering::SeqCst);
+        if most > 0 && self.held.len() + new > most {
+            return Err(RenderError::OutOfMemory(format!("{most} samples fit")));
+        }
+        self.knobs.most_held.fetch_max(self.held.len() + new, Ordering::SeqCst);
         for sample in &set.samples {
             let bytes = |plane: &Plane| match &plane.data {
                 PlaneData::Host(bytes) => Ok(bytes.clone()),

@@ -54,7 +54,7 @@ fn pinned(sim: &mut Sim, epoch: u64, plan: Plan) -> Ticket {
         plan: PlanRequest::default(),
         pin: Some(Provenance { scene, epoch, generation, plan, device }),
     });
-    sim.step(Event::Asked { ticket, view, deadline: None });
+    sim.step(Event::Asked { ticket, client: "a client".into(), view, deadline: None });
     ticket
 }
 

@@ -189,7 +189,7 @@ impl Sim {
         self.next += 1;
         let view =
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
-        self.step(Event::Asked { ticket, view, deadline });
+        self.step(Event::Asked { ticket, client: "a client".into(), view, deadline });
         ticket
     }
 

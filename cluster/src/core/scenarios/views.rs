@@ -211,7 +211,7 @@ fn a_sampler_that_has_nothing_to_sample_composes_as_well() {
         sim.report(sampler);
         let second: Vec<Ticket> = (0..60).map(|_| sim.ask(false)).collect();
         // Few at a time.
-        assert_eq!(to_it(&sim, &second), if helps { 16 } else { 0 });
+        assert_eq!(to_it(&sim, &second), if helps { 32 } else { 0 });
         // What is due to be sampled goes first.
         sim.answer_all();
         let elsewhere = Camera::look_at(DVec3::new(-9.0, 30.0, -9.0), DVec3::new(-8.0, 0.0, -8.0));
@@ -258,7 +258,7 @@ fn a_pinned_device_is_waited_for_or_refused() {
                 device: device.to_owned(),
             }),
         });
-        sim.step(Event::Asked { ticket, view, deadline: None });
+        sim.step(Event::Asked { ticket, client: "a client".into(), view, deadline: None });
         ticket
     };
     let (same, other, any) = (pinned("device"), pinned("another"), pinned(""));

@@ -1,0 +1,142 @@
+//! Which worker a view is given to: the one that will probably answer first.
+//!
+//! That is the one with the fewest views in its queue, each sample that it lacks counted as
+//! [`super::Config::missing_sample_views`]; among equals the one that had the fewest views so far. So views go where
+//! their samples are as long as nobody there is much busier than others, and load spreads.
+//!
+//! In a large cluster not everybody is looked at: those with the shortest queues, and those who have the rarest of
+//! the view's samples, hold the best one or one nearly as good.
+
+use super::dispatch::Pending;
+use super::event::WorkerId;
+use super::lines::Turn;
+use super::machine::Core;
+use super::worker::Worker;
+
+/// Samplers that are named in an order as those who can trace: a second and a third chance.
+const MOST_TRACERS: usize = 3;
+
+/// Views that a sampler with time to spare has at the same time: half a batch, of which half are rendered while the
+/// others are packed and sent.
+const MOST_SPARE_VIEWS: usize = 32;
+
+/// In a cluster of so many workers each one is looked at; in a larger one so many of each kind.
+const LOOKED_AT: usize = 64;
+
+impl Core {
+    /// The best worker with room for a view, if any has room.
+    ///
+    /// Roles decide who is asked. Where nobody plays the role (the moment before roles change), or everybody
+    /// who does has failed at this view, anybody is: a worker can do both, it is only slower to start.
+    pub(super) fn choose(&self, view: &Pending) -> Option<WorkerId> {
+        let line = if view.is_direct() { self.lines.samplers() } else { self.lines.compositors() };
+        let few = self.lines.ready() <= LOOKED_AT || line.len() <= view.tried.len();
+        if few || !view.device_kind.is_empty() {
+            return self.choose_among_all(view);
+        }
+        let mut best: Option<(f64, Turn)> = None;
+        // A worker costs what its queue is long, at the least.
+        let beaten = |best: &Option<(f64, Turn)>, turn: &Turn| {
+            turn.queued >= self.config.max_views_per_worker
+                || best.is_some_and(|(cost, _)| cost <= turn.queued as f64)
+        };
+        let consider = |best: &mut Option<(f64, Turn)>, turn: Turn| {
+            let untried = self.workers.get(&turn.worker).filter(|w| !view.tried.contains(&w.id));
+            let Some(worker) = untried else { return };
+            let offer = (self.cost(worker, view), turn);
+            if best.is_none_or(|best| offer.0.total_cmp(&best.0).then(offer.1.cmp(&best.1)).is_lt()) {
+                *best = Some(offer);
+            }
+        };
+        for turn in line.iter().take(LOOKED_AT) {
+            if beaten(&best, turn) {
+                break;
+            }
+            consider(&mut best, *turn);
+        }
+        if view.is_direct() {
+            return best.map(|(_, turn)| turn.worker);
+        }
+        for turn in self.lines.samplers().iter().take(LOOKED_AT) {
+            if turn.queued >= MOST_SPARE_VIEWS || beaten(&best, turn) {
+                break;
+            }
+            if self.workers.get(&turn.worker).is_some_and(|w| self.may_help_out(w, view)) {
+                consider(&mut best, *turn);
+            }
+        }
+        let lacks = |turn: Turn| self.workers.get(&turn.worker).is_none_or(|w| w.missing(view.samples()) > 0);
+        if best.is_none_or(|(_, turn)| lacks(turn)) {
+            let counted = view.samples().iter().map(|&id| (self.whereabouts.count_near(id), id));
+            let rarest = counted.filter(|(count, _)| *count > 0).min();
+            // Whoever is looked at first changes from view to view.
+            let from = best.map_or(WorkerId(0), |(_, turn)| turn.worker);
+            let near = rarest.into_iter().flat_map(|(_, id)| self.whereabouts.near(id, from));
+            for worker in near.take(LOOKED_AT).filter_map(|id| self.workers.get(&id)) {
+                let (queued, dispatched) = (worker.views.len(), worker.dispatched);
+                if worker.takes_views() && queued < self.config.max_views_per_worker {
+                    consider(&mut best, Turn { queued, dispatched, worker: worker.id });
+                }
+            }
+        }
+        best.map(|(_, turn)| turn.worker)
+    }
+
+    fn cost(&self, worker: &Worker, view: &Pending) -> f64 {
+        worker.views.len() as f64 + worker.missing(view.samples()) as f64 * self.config.missing_sample_views
+    }
+
+    fn choose_among_all(&self, view: &Pending) -> Option<WorkerId> {
+        let takes = |w: &&Worker| match view.is_direct() {
+            true => w.takes_samples(),
+            false => w.takes_views() || self.may_help_out(w, view),
+        };
+        let able: Vec<&Worker> = self
+            .workers
+            .values()
+            .filter(|w| w.is_ready() && (view.device_kind.is_empty() || w.hello.device == view.device_kind))
+            .collect();
+        let untried: Vec<&Worker> = able.iter().filter(|w| !view.tried.contains(&w.id)).copied().collect();
+        let open = if untried.is_empty() { able } else { untried };
+        let suited: Vec<&Worker> = open.iter().filter(|w| takes(w)).copied().collect();
+        let asked = if suited.is_empty() { open } else { suited };
+        asked
+            .into_iter()
+            .filter(|w| w.views.len() < self.config.max_views_per_worker)
+            .map(|w| (self.cost(w, view), w))
+            .min_by(|(a_cost, a), (b_cost, b)| {
+                a_cost.total_cmp(b_cost).then(a.dispatched.cmp(&b.dispatched)).then(a.id.cmp(&b.id))
+            })
+            .map(|(_, w)| w.id)
+    }
+
+    /// Whether a sampler has time to compose a view: it holds the view's samples, there is none that it has yet to
+    /// render, and it has few views, so that the next sample does not wait for long.
+    fn may_help_out(&self, sampler: &Worker, view: &Pending) -> bool {
+        self.config.samplers_composite
+            && sampler.takes_samples()
+            && sampler.views.len() < MOST_SPARE_VIEWS
+            && view.samples().iter().all(|id| sampler.has(*id))
+            && !self.whereabouts.to_render().any(|id| self.directory.is_owner(sampler.id, id))
+    }
+
+    /// Who traces pixels for a view that `reader` composes: itself if it samples, since that needs no transfer,
+    /// then samplers of the same kind of device, whose bytes are the same, then others; those with least to do
+    /// first; also those on their way to that role. None where nobody samples.
+    pub(super) fn tracers(&self, reader: WorkerId) -> Vec<String> {
+        let itself = self.workers.get(&reader);
+        let device = itself.map(|w| &w.hello.device);
+        let rank = |w: &&Worker| (w.id != reader, Some(&w.hello.device) != device, w.views.len(), w.id);
+        let mut samplers: Vec<&Worker> = match self.lines.ready() <= LOOKED_AT {
+            true => self.workers.values().filter(|w| w.is_ready() && w.assigned().role.samples()).collect(),
+            false => {
+                let front = self.lines.samplers().iter().take(LOOKED_AT);
+                let others = front.filter(|turn| turn.worker != reader);
+                let others = others.filter_map(|turn| self.workers.get(&turn.worker));
+                itself.filter(|w| w.takes_samples()).into_iter().chain(others).collect()
+            }
+        };
+        samplers.sort_by_key(rank);
+        samplers.into_iter().take(MOST_TRACERS).map(|w| w.hello.address.clone()).collect()
+    }
+}

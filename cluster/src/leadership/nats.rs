@@ -1,0 +1,149 @@
+//! A registry in NATS JetStream's key-value store.
+//!
+//! The lease is one key in a bucket whose entries live as long as the lease: it is acquired by *create*, which the server
+//! refuses while the key is there, and renewed by *update* of the revision that was written last. Revisions ascend over
+//! the bucket's whole life, so the revision of an acquisition is the term. A read may be answered by a server that lags
+//! behind, so nothing is decided by one; an entry that expires leaves no marker, so who waits for it asks again. Servers
+//! from 2.9 on will do: they need not know lifetimes of single keys.
+
+use std::future::Future;
+use std::time::Duration;
+
+use async_nats::jetstream;
+use async_nats::jetstream::kv::{CreateErrorKind, Store, UpdateErrorKind};
+use async_nats::jetstream::stream::{Config, DiscardPolicy, StorageType};
+use bytes::Bytes;
+use tracing::debug;
+
+use super::{Held, Registry, RegistryError};
+
+const LEASES: &str = "argus-lease";
+const MEMBERS: &str = "argus-members";
+const KEY: &str = "leader";
+const WORKERS: &str = "workers";
+
+/// No answer of the server is worth more than this part of a lease.
+const PATIENCE: u32 = 3;
+
+/// How long it is remembered what workers there were: a few leases, since they look for the new leader that long.
+const REMEMBERED: u32 = 10;
+
+/// A registry at a NATS server, or a cluster of them.
+#[derive(Debug)]
+pub struct NatsRegistry {
+    url: String,
+    lease: Duration,
+    leases: Store,
+    members: Store,
+}
+
+impl NatsRegistry {
+    /// Connects, and makes the buckets where they are not there yet. Where they are, theirs is the lease that counts.
+    ///
+    /// # Errors
+    /// [`RegistryError`] if nobody answers at `url`, such as `nats://127.0.0.1:4222`, or JetStream is not enabled there.
+    pub async fn connect(url: &str, lease: Duration) -> Result<Self, RegistryError> {
+        let failed = |reason: String| RegistryError { url: url.to_owned(), reason };
+        let options =
+            async_nats::ConnectOptions::new().connection_timeout(lease).request_timeout(Some(lease));
+        let client = options.connect(url).await.map_err(|error| failed(error.to_string()))?;
+        let context = jetstream::new(client);
+        let bucket = async |name: &str, max_age: Duration, storage| {
+            if let Ok(store) = context.get_key_value(name).await {
+                return Ok(store);
+            }
+            // A bucket is a stream of this form. The library's own way to make one first asks about the account, which
+            // servers before 2.10 answer otherwise than it expects.
+            let stream = Config {
+                name: format!("KV_{name}"),
+                subjects: vec![format!("$KV.{name}.>")],
+                max_messages_per_subject: 1,
+                max_bytes: -1,
+                max_messages: -1,
+                max_consumers: -1,
+                max_message_size: -1,
+                max_age,
+                duplicate_window: max_age,
+                discard: DiscardPolicy::New,
+                storage,
+                num_replicas: 1,
+                allow_rollup: true,
+                deny_delete: true,
+                allow_direct: true,
+                ..Config::default()
+            };
+            let refused = |reason: &dyn std::fmt::Display| {
+                let hint = "start it with `nats-server -js`";
+                failed(format!("cannot make the bucket {name} ({reason}); if JetStream is off, {hint}"))
+            };
+            context.create_stream(stream).await.map_err(|error| refused(&error))?;
+            context.get_key_value(name).await.map_err(|error| refused(&error))
+        };
+        // In a file, so that terms ascend over a restart of the server, too.
+        let leases = bucket(LEASES, lease, StorageType::File).await?;
+        let members = bucket(MEMBERS, lease * REMEMBERED, StorageType::Memory).await?;
+        let status = leases.status().await.map_err(|error| failed(error.to_string()))?;
+        Ok(Self { url: url.to_owned(), lease: status.max_age(), leases, members })
+    }
+
+    fn failed(&self, reason: &dyn std::fmt::Display) -> RegistryError {
+        RegistryError { url: self.url.clone(), reason: reason.to_string() }
+    }
+
+    /// What comes too late says nothing about now.
+    async fn timely<T>(&self, answer: impl Future<Output = T>) -> Result<T, RegistryError> {
+        let limit = self.lease / PATIENCE;
+        let silent = |_| self.failed(&format!("no answer within {} ms", limit.as_millis()));
+        tokio::time::timeout(limit, answer).await.map_err(silent)
+    }
+}
+
+#[tonic::async_trait]
+impl Registry for NatsRegistry {
+    fn lease(&self) -> Option<Duration> {
+        Some(self.lease)
+    }
+
+    async fn acquire(&self, address: &str) -> Result<Option<Held>, RegistryError> {
+        let value = Bytes::from(address.to_owned());
+        match self.timely(self.leases.create(KEY, value)).await? {
+            Ok(revision) => Ok(Some(Held { term: revision, revision })),
+            Err(error) if error.kind() == CreateErrorKind::AlreadyExists => Ok(None),
+            Err(error) => Err(self.failed(&error)),
+        }
+    }
+
+    async fn renew(&self, held: Held, address: &str) -> Result<Option<Held>, RegistryError> {
+        let value = Bytes::from(address.to_owned());
+        match self.timely(self.leases.update(KEY, value, held.revision)).await? {
+            Ok(revision) => Ok(Some(Held { revision, ..held })),
+            Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => Ok(None),
+            Err(error) => Err(self.failed(&error)),
+        }
+    }
+
+    async fn release(&self, held: Held) {
+        let released = self.timely(self.leases.delete_expect_revision(KEY, Some(held.revision))).await;
+        if !matches!(released, Ok(Ok(()))) {
+            debug!("the lease was not given up; it lapses by itself");
+        }
+    }
+
+    async fn leader(&self) -> Option<String> {
+        let value = self.timely(self.leases.get(KEY)).await.ok()?.ok()??;
+        String::from_utf8(value.into()).ok().filter(|address| !address.is_empty())
+    }
+
+    async fn note_workers(&self, names: &[String]) {
+        let Ok(text) = serde_json::to_vec(names) else { return };
+        if !matches!(self.timely(self.members.put(WORKERS, text.into())).await, Ok(Ok(_))) {
+            debug!("the workers were not written down");
+        }
+    }
+
+    async fn noted_workers(&self) -> Vec<String> {
+        let noted = self.timely(self.members.get(WORKERS)).await;
+        let Ok(Ok(Some(text))) = noted else { return Vec::new() };
+        serde_json::from_slice(&text).unwrap_or_default()
+    }
+}

@@ -1,0 +1,87 @@
+//! Metrics, written at the moment they are asked for from what a process knows anyway: nothing is counted twice.
+
+use std::fmt;
+
+use prometheus_client::encoding::{
+    DescriptorEncoder, EncodeLabel, EncodeLabelSet, LabelSetEncoder, MetricEncoder, NoLabelSet,
+};
+use prometheus_client::metrics::MetricType;
+
+/// Where metrics are written to.
+pub(crate) struct Exposition<'a>(DescriptorEncoder<'a>);
+
+/// Labels of one row.
+type Labels<'l, const N: usize> = [(&'l str, &'l str); N];
+
+/// Labels as the library wants them.
+#[derive(Debug)]
+struct LabelSet<'l, const N: usize>(Labels<'l, N>);
+
+impl<const N: usize> EncodeLabelSet for LabelSet<'_, N> {
+    fn encode(&self, encoder: &mut LabelSetEncoder<'_>) -> fmt::Result {
+        for label in &self.0 {
+            label.encode(encoder.encode_label())?;
+        }
+        Ok(())
+    }
+}
+
+impl<'a> Exposition<'a> {
+    pub(super) fn new(encoder: DescriptorEncoder<'a>) -> Self {
+        Self(encoder)
+    }
+
+    /// A number that goes up and down. What is not a number is left out.
+    pub(crate) fn gauge(&mut self, name: &str, help: &str, value: f64) -> fmt::Result {
+        self.gauges(name, help, [([], value)])
+    }
+
+    /// Such a number for each set of labels.
+    pub(crate) fn gauges<'l, const N: usize>(
+        &mut self,
+        name: &str,
+        help: &str,
+        rows: impl IntoIterator<Item = (Labels<'l, N>, f64)>,
+    ) -> fmt::Result {
+        let rows = rows.into_iter().filter(|(_, value)| value.is_finite());
+        self.family(name, help, MetricType::Gauge, rows, |mut encoder, value| encoder.encode_gauge(&value))
+    }
+
+    /// A number that only grows while the process lives; `_total` is added to its name.
+    pub(crate) fn counter(&mut self, name: &str, help: &str, value: u64) -> fmt::Result {
+        self.counters(name, help, [([], value as f64)])
+    }
+
+    /// Such a number for each set of labels.
+    pub(crate) fn counters<'l, const N: usize>(
+        &mut self,
+        name: &str,
+        help: &str,
+        rows: impl IntoIterator<Item = (Labels<'l, N>, f64)>,
+    ) -> fmt::Result {
+        self.family(name, help, MetricType::Counter, rows.into_iter(), |mut encoder, value| {
+            encoder.encode_counter::<NoLabelSet, _, f64>(&value, None)
+        })
+    }
+
+    fn family<'l, const N: usize>(
+        &mut self,
+        name: &str,
+        help: &str,
+        kind: MetricType,
+        rows: impl Iterator<Item = (Labels<'l, N>, f64)>,
+        encode: impl Fn(MetricEncoder<'_>, f64) -> fmt::Result,
+    ) -> fmt::Result {
+        let mut encoder = self.0.encode_descriptor(name, help, None, kind)?;
+        for (labels, value) in rows {
+            match N {
+                0 => {
+                    // The one row that there can be.
+                    return encode(encoder, value);
+                }
+                _ => encode(encoder.encode_family(&LabelSet(labels))?, value)?,
+            }
+        }
+        Ok(())
+    }
+}

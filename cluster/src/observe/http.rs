@@ -1,0 +1,71 @@
+//! The pages of a process, on the port of its gRPC services.
+
+use std::fmt;
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use prometheus_client::collector::Collector;
+use prometheus_client::encoding::{DescriptorEncoder, text};
+use prometheus_client::registry::Registry;
+use tonic::service::Routes;
+
+use super::{Exposition, Watched};
+
+const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// What the pages are made from.
+#[derive(Clone)]
+struct Pages {
+    watched: Arc<dyn Watched>,
+    registry: Arc<Registry>,
+}
+
+/// The services with `/metrics`, `/readyz` and `/livez` beside them. `recorded` holds what the process counts as it
+/// happens, such as histograms.
+pub(crate) fn with_pages(services: Routes, watched: Arc<dyn Watched>, mut recorded: Registry) -> Routes {
+    recorded.register_collector(Box::new(AtHand(watched.clone())));
+    let pages = Pages { watched, registry: Arc::new(recorded) };
+    let pages = Router::new()
+        .route("/metrics", get(metrics))
+        .route("/readyz", get(async |State(pages): State<Pages>| told(pages.watched.ready(), "ready")))
+        .route("/livez", get(async |State(pages): State<Pages>| told(pages.watched.live(), "live")))
+        .with_state(pages);
+    let mut services = services.prepare();
+    let router = services.axum_router_mut();
+    *router = std::mem::take(router).merge(pages);
+    services
+}
+
+async fn metrics(State(pages): State<Pages>) -> Response {
+    let mut text = String::new();
+    match text::encode(&mut text, &pages.registry) {
+        Ok(()) => ([(header::CONTENT_TYPE, OPEN_METRICS)], text).into_response(),
+        Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
+    }
+}
+
+fn told(well: Result<(), String>, word: &'static str) -> Response {
+    match well {
+        Ok(()) => (StatusCode::OK, format!("{word}\n")).into_response(),
+        Err(reason) => (StatusCode::SERVICE_UNAVAILABLE, format!("{reason}\n")).into_response(),
+    }
+}
+
+/// A process's own figures, collected when they are asked for.
+struct AtHand(Arc<dyn Watched>);
+
+impl fmt::Debug for AtHand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("AtHand")
+    }
+}
+
+impl Collector for AtHand {
+    fn encode(&self, encoder: DescriptorEncoder<'_>) -> fmt::Result {
+        self.0.expose(&mut Exposition::new(encoder))
+    }
+}

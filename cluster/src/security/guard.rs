@@ -1,0 +1,285 @@
+//! Stands before every service of a listener: who calls, and whether they may.
+//!
+//! What a call needs follows from its path alone and is decided before any of it is read; a path that is not known
+//! needs what members have.
+
+use std::sync::Arc;
+use std::task::{Context, Poll};
+
+use futures::future::{Either, Ready, ready};
+use rustls_pki_types::{CertificateDer, ServerName};
+use tonic::body::Body;
+use tonic::codegen::http;
+use tonic::transport::server::{TcpConnectInfo, TlsConnectInfo};
+use tonic::{Code, Status};
+use tower::{Layer, Service};
+use tracing::warn;
+use webpki::EndEntityCert;
+
+use super::{CLUSTER_NAME, Security};
+
+/// What a caller may do; each may do what those before it may.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Rank {
+    /// Ask for health.
+    Anybody,
+    /// Ask for views.
+    View,
+    /// Ask for the state of the cluster.
+    Admin,
+    /// Be part of it.
+    Member,
+}
+
+/// Who calls: in the extensions of every request that was let in.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Caller {
+    /// A client's limits are counted under it: the name of its token, or else its address.
+    pub(crate) name: Arc<str>,
+}
+
+impl Caller {
+    /// Of a request that was let in.
+    pub(crate) fn of<T>(request: &tonic::Request<T>) -> Self {
+        let unknown = || Self { name: "unknown".into() };
+        request.extensions().get::<Self>().cloned().unwrap_or_else(unknown)
+    }
+}
+
+/// Whose services are guarded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Guarded {
+    Coordinator,
+    Worker,
+}
+
+/// What a call needs.
+fn needed(guarded: Guarded, path: &str) -> Rank {
+    match (guarded, path) {
+        (_, path) if path.starts_with("/grpc.health.v1.Health/") => Rank::Anybody,
+        (_, "/livez" | "/readyz") => Rank::Anybody,
+        (_, "/metrics") => Rank::Admin,
+        (Guarded::Coordinator, path) if path.starts_with("/argus.v1.Views/") => Rank::View,
+        (Guarded::Coordinator, path) if path.starts_with("/grpc.reflection.") => Rank::View,
+        (Guarded::Coordinator, "/argus.v1.Cluster/Status") => Rank::Admin,
+        _ => Rank::Member,
+    }
+}
+
+/// The layer that puts a guard before services.
+#[derive(Debug, Clone)]
+pub(crate) struct Guard {
+    guarded: Guarded,
+    security: Option<Arc<Security>>,
+}
+
+impl Guard {
+    pub(crate) fn new(guarded: Guarded, security: Option<Arc<Security>>) -> Self {
+        Self { guarded, security }
+    }
+
+    /// Who calls.
+    ///
+    /// # Errors
+    /// What they lack.
+    fn admit(&self, path: &str, headers: &http::HeaderMap, peer: &Peer<'_>) -> Result<Caller, Status> {
+        let Some(security) = &self.security else { return Ok(Caller { name: peer.address.clone() }) };
+        let needs = needed(self.guarded, path);
+        if peer.is_member() {
+            return Ok(Caller { name: peer.address.clone() });
+        }
+        if needs == Rank::Member {
+            // Whatever token is shown: none opens this.
+            return Err(Status::permission_denied(format!(
+                "only the cluster's own processes may ask for this: a certificate of its authority with the name \
+                 {CLUSTER_NAME} is wanted"
+            )));
+        }
+        let token = match headers.get(http::header::AUTHORIZATION) {
+            None => None,
+            Some(value) => {
+                let bearer = value.as_bytes().strip_prefix(b"Bearer ");
+                let malformed = || Status::unauthenticated("authorization must be `Bearer TOKEN`");
+                let known = security.tokens.find(bearer.ok_or_else(malformed)?);
+                Some(
+                    known
+                        .ok_or_else(|| Status::unauthenticated("the token is not one that is known here"))?,
+                )
+            }
+        };
+        let (rank, name) = match token {
+            Some(known) => known,
+            None => (Rank::Anybody, peer.address.clone()),
+        };
+        if rank >= needs {
+            return Ok(Caller { name });
+        }
+        Err(match rank {
+            Rank::Anybody => Status::unauthenticated("a token is wanted: give one with --token-file"),
+            _ => Status::permission_denied(format!(
+                "a token of the role admin is wanted, that of {name} has the role view"
+            )),
+        })
+    }
+}
+
+/// What a connection says of who is at its other end.
+struct Peer<'a> {
+    address: Arc<str>,
+    certificate: Option<&'a CertificateDer<'static>>,
+}
+
+impl Peer<'_> {
+    /// Whether it has a certificate of a member. That the authority signed it was checked by the handshake.
+    fn is_member(&self) -> bool {
+        let Some(certificate) = self.certificate else { return false };
+        let (Ok(certificate), Ok(name)) =
+            (EndEntityCert::try_from(certificate), ServerName::try_from(CLUSTER_NAME))
+        else {
+            return false;
+        };
+        certificate.verify_is_valid_for_subject_name(&name).is_ok()
+    }
+}
+
+impl<S> Layer<S> for Guard {
+    type Service = Gate<S>;
+
+    fn layer(&self, inner: S) -> Gate<S> {
+        Gate { guard: self.clone(), inner }
+    }
+}
+
+/// A service behind a guard.
+#[derive(Debug, Clone)]
+pub(crate) struct Gate<S> {
+    guard: Guard,
+    inner: S,
+}
+
+impl<S, B> Service<http::Request<B>> for Gate<S>
+where
+    S: Service<http::Request<B>, Response = http::Response<Body>>,
+{
+    type Response = S::Response;
+    type Error = S::Error;
+    type Future = Either<Ready<Result<S::Response, S::Error>>, S::Future>;
+
+    fn poll_ready(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), S::Error>> {
+        self.inner.poll_ready(cx)
+    }
+
+    fn call(&mut self, mut request: http::Request<B>) -> Self::Future {
+        let extensions = request.extensions();
+        let secured = extensions.get::<TlsConnectInfo<TcpConnectInfo>>();
+        let certificates = secured.and_then(TlsConnectInfo::peer_certs);
+        let connection = secured.map(TlsConnectInfo::get_ref).or_else(|| extensions.get::<TcpConnectInfo>());
+        let address = connection.and_then(TcpConnectInfo::remote_addr);
+        let peer = Peer {
+            address: address.map_or_else(|| "unknown".into(), |address| address.ip().to_string().into()),
+            certificate: certificates.as_deref().and_then(|chain| chain.first()),
+        };
+        let path = request.uri().path();
+        match self.guard.admit(path, request.headers(), &peer) {
+            Ok(caller) => {
+                request.extensions_mut().insert(caller);
+                Either::Right(self.inner.call(request))
+            }
+            Err(status) => {
+                warn!(peer = %peer.address, path, reason = status.message(), "refused");
+                let code = status.code();
+                let mut response = status.into_http();
+                // A page is not asked for by gRPC, whose refusals are successes of HTTP.
+                if matches!(path, "/metrics" | "/livez" | "/readyz") {
+                    *response.status_mut() = match code {
+                        Code::Unauthenticated => http::StatusCode::UNAUTHORIZED,
+                        _ => http::StatusCode::FORBIDDEN,
+                    };
+                }
+                Either::Left(ready(Ok(response)))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+
+    use super::super::Tokens;
+    use super::*;
+
+    const VIEW: &str = "AAAAAAAAAAAAAAAAAAAAAAAAAAAA";
+    const ADMIN: &str = "BBBBBBBBBBBBBBBBBBBBBBBBBBBB";
+
+    fn guard(guarded: Guarded) -> Guard {
+        let tokens = Tokens::parse(&format!("view shop {VIEW}\nadmin ops {ADMIN}")).unwrap();
+        let security = Security {
+            certificate: Vec::new(),
+            key: Vec::new(),
+            ca: Vec::new(),
+            tokens,
+            require_client_certificates: false,
+        };
+        Guard::new(guarded, Some(Arc::new(security)))
+    }
+
+    fn call(guard: &Guard, path: &str, authorization: Option<&str>) -> Result<Arc<str>, Code> {
+        let mut headers = http::HeaderMap::new();
+        if let Some(value) = authorization {
+            headers.insert(http::header::AUTHORIZATION, value.parse().unwrap());
+        }
+        let peer = Peer { address: "10.0.0.1".into(), certificate: None };
+        guard.admit(path, &headers, &peer).map(|caller| caller.name).map_err(|status| status.code())
+    }
+
+    #[test]
+    fn a_token_opens_what_its_role_may_and_no_more() {
+        let guard = guard(Guarded::Coordinator);
+        let (view, admin) = (format!("Bearer {VIEW}"), format!("Bearer {ADMIN}"));
+        let (none, view, admin) = (None, Some(view.as_str()), Some(admin.as_str()));
+        let (render, status) = ("/argus.v1.Views/Render", "/argus.v1.Cluster/Status");
+        assert_eq!(call(&guard, render, none), Err(Code::Unauthenticated));
+        assert_eq!(call(&guard, render, view).as_deref(), Ok("shop"));
+        assert_eq!(call(&guard, render, admin).as_deref(), Ok("ops"));
+        assert_eq!(call(&guard, status, none), Err(Code::Unauthenticated));
+        assert_eq!(call(&guard, status, view), Err(Code::PermissionDenied));
+        assert_eq!(call(&guard, status, admin).as_deref(), Ok("ops"));
+        for members_only in
+            ["/argus.v1.Cluster/Join", "/argus.v1.Scenes/Fetch", "/argus.v1.Samples/Trace", "/x"]
+        {
+            for token in [none, view, admin] {
+                assert_eq!(call(&guard, members_only, token), Err(Code::PermissionDenied), "{members_only}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_wrong_token_is_refused_even_where_none_is_needed() {
+        let guard = guard(Guarded::Coordinator);
+        let health = "/grpc.health.v1.Health/Check";
+        assert!(call(&guard, health, None).is_ok());
+        for wrong in ["Bearer ", "Bearer AAAA", VIEW, "Basic QQ=="] {
+            assert_eq!(call(&guard, health, Some(wrong)), Err(Code::Unauthenticated), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_worker_serves_members_alone_but_for_health() {
+        let guard = guard(Guarded::Worker);
+        let admin = format!("Bearer {ADMIN}");
+        assert!(call(&guard, "/grpc.health.v1.Health/Watch", None).is_ok());
+        for path in [
+            "/argus.v1.Views/Render",
+            "/argus.v1.Samples/Subscribe",
+            "/grpc.reflection.v1.ServerReflection/X",
+        ] {
+            assert_eq!(call(&guard, path, Some(&admin)), Err(Code::PermissionDenied), "{path}");
+        }
+    }
+
+    #[test]
+    fn without_security_callers_are_their_addresses() {
+        let open = Guard::new(Guarded::Coordinator, None);
+        assert_eq!(call(&open, "/argus.v1.Cluster/Join", None).as_deref(), Ok("10.0.0.1"));
+    }
+}

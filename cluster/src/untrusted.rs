@@ -1,0 +1,129 @@
+//! What the processes of a cluster make of messages, for fuzzing: all of it is what they run, none of it is of other use.
+
+use std::sync::Arc;
+
+use argus_proto::v1;
+use argus_proto::v1::worker_report::Body;
+use argus_scene::{Bounds, InvalidField, Lighting, Rig, SampleSetInfo, SceneHash, View, Visibility};
+use glam::DVec3;
+use prost::Message;
+
+use crate::SceneRef;
+use crate::core::{Assignment, Config, Core, Event, Hello, Report, Role, Source, Ticket, Uptime, WorkerId};
+use crate::wire::{self, Standing};
+use crate::worker;
+
+fn set() -> Arc<SampleSetInfo> {
+    let bounds = Bounds { min: DVec3::splat(-10.0), max: DVec3::splat(10.0) };
+    Arc::new(SampleSetInfo {
+        scene: SceneHash([1; 32]),
+        bounds,
+        rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [40, 30] },
+        epoch: 0,
+        epoch_secs: 0.0,
+        generation: 1,
+        lighting: Lighting::default(),
+        visibility: Visibility::default(),
+    })
+}
+
+fn hello() -> Hello {
+    let (name, address) = ("w".to_owned(), "http://127.0.0.1:1".to_owned());
+    Hello { name, pid: 1, address, device: "none".to_owned(), cores: 1 }
+}
+
+/// A coordinator with one worker that is ready.
+fn core() -> Core {
+    let mut core = Core::new(Config::default(), set());
+    let worker = WorkerId(1);
+    core.step(Event::Joined { worker, hello: hello() }, Uptime::default());
+    let report = Report { applied: 1, ..Report::default() };
+    core.step(Event::Reported { worker, report }, Uptime::default());
+    core
+}
+
+fn ask(core: &mut Core, view: View, now: Uptime) {
+    let event = Event::Asked { ticket: Ticket(2), client: "c".into(), view: Box::new(view), deadline: None };
+    core.step(event, now);
+}
+
+fn pass_time(core: &mut Core) {
+    for secs in 1..4 {
+        let now = Uptime(std::time::Duration::from_secs(secs));
+        core.step(Event::Tick, now);
+    }
+    let _ = wire::status(core.status(), 1, &standing(), core.set());
+}
+
+fn standing() -> Standing {
+    Standing {
+        scene: SceneRef { name: "s".to_owned(), hash: SceneHash([1; 32]) },
+        limits: argus_scene::Limits::default(),
+        report_interval: Config::default().report_interval,
+    }
+}
+
+/// What a coordinator makes of a worker's message: time passes, and its state can be told.
+///
+/// # Errors
+/// The field that is refused.
+pub fn report(message: v1::WorkerReport) -> Result<(), InvalidField> {
+    let mut core = core();
+    match message.body {
+        Some(Body::Hello(hello)) => {
+            let hello = wire::hello_from(hello, None)?;
+            core.step(Event::Joined { worker: WorkerId(3), hello }, Uptime::default());
+        }
+        Some(Body::Measurements(measurements)) => {
+            let report = wire::report_from(measurements);
+            core.step(Event::Reported { worker: WorkerId(1), report }, Uptime::default());
+        }
+        None => {}
+    }
+    pass_time(&mut core);
+    Ok(())
+}
+
+/// What a coordinator makes of a view that passed its checks.
+pub fn view(view: View) {
+    let mut core = core();
+    ask(&mut core, view, Uptime::default());
+    pass_time(&mut core);
+}
+
+/// What a worker makes of an assignment.
+///
+/// # Errors
+/// The field that is refused.
+pub fn assignment(message: v1::Assignment) -> Result<(), InvalidField> {
+    worker::checked_assignment(message)
+}
+
+/// Valid messages by their names.
+pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
+    let id = argus_scene::SampleId { epoch: 0, generation: 1, index: 2 };
+    let measured = Report {
+        applied: 1,
+        sample_ms: Some(10.0),
+        view_ms: Some(1.0),
+        samples_rendered: 4,
+        views_composed: 9,
+        sampling_busy_ms: 40.0,
+        held: vec![id],
+        ways: vec![(Visibility::default(), 3.0)],
+        ..Report::default()
+    };
+    let assignment = Assignment {
+        sequence: 1,
+        role: Role::Both,
+        ahead: vec![Source { id, addresses: vec!["http://127.0.0.1:1".to_owned()] }],
+        kept_from: 0,
+        measure_ways: false,
+    };
+    vec![
+        ("WorkerReport", wire::hello(&hello()).encode_to_vec()),
+        ("WorkerReport", wire::report(measured, Role::Both).encode_to_vec()),
+        ("Assignment", wire::assignment(assignment, 1, &standing(), &set()).encode_to_vec()),
+        ("StatusResponse", wire::status(core().status(), 1, &standing(), &set()).encode_to_vec()),
+    ]
+}

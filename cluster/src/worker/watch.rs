@@ -1,0 +1,67 @@
+//! What a worker is watched by.
+
+use std::fmt;
+use std::sync::Arc;
+
+use super::node::Node;
+use crate::core::Role;
+use crate::observe::{Exposition, Watched};
+
+/// A worker, as it is watched.
+pub(super) struct Watch(pub(super) Arc<Node>);
+
+impl Watched for Watch {
+    fn ready(&self) -> Result<(), String> {
+        match (self.0.is_leaving(), self.0.acting()) {
+            (true, _) => Err("the worker is shutting down".to_owned()),
+            (_, Some(_)) => Ok(()),
+            (_, None) => Err("no coordinator has given the worker a role yet".to_owned()),
+        }
+    }
+
+    fn live(&self) -> Result<(), String> {
+        let busy = self.0.busy_for();
+        match busy < self.0.config.wedged_after {
+            true => Ok(()),
+            false => Err(format!("one piece of work has kept the render thread for {} s", busy.as_secs())),
+        }
+    }
+
+    fn expose(&self, to: &mut Exposition<'_>) -> fmt::Result {
+        let (report, backlog) = (self.0.report(), self.0.backlog());
+        let acts = |role| f64::from(self.0.acting() == Some(role));
+        to.gauges(
+            "worker_role",
+            "1 for the role it plays",
+            [
+                ([("role", "sampler")], acts(Role::Sampler)),
+                ([("role", "compositor")], acts(Role::Compositor)),
+                ([("role", "both")], acts(Role::Both)),
+            ],
+        )?;
+        let kinds = ["sample", "view", "direct", "ray"].map(|kind| [("kind", kind)]);
+        let done = [report.samples_rendered, report.views_composed, report.views_direct, report.rays_traced];
+        let done = kinds.into_iter().zip(done.map(|count| count as f64));
+        to.counters("worker_rendered", "What it rendered", done)?;
+        let waiting = [backlog.samples, backlog.views, backlog.direct, backlog.pixels];
+        let waiting = kinds.into_iter().zip(waiting.map(|count| count as f64));
+        to.gauges("worker_queued", "What waits for its render thread or is in work", waiting)?;
+        let cost = [report.sample_ms, report.view_ms, report.direct_ms, report.ray_ms];
+        let cost = cost.map(|ms| ms.map_or(f64::NAN, |ms| ms * 1e-3));
+        to.gauges(
+            "worker_cost_seconds",
+            "What one takes; absent until measured",
+            kinds.into_iter().zip(cost),
+        )?;
+        to.counters(
+            "worker_busy_seconds",
+            "Time its render thread worked",
+            [
+                ([("role", "sampler")], report.sampling_busy_ms * 1e-3),
+                ([("role", "compositor")], report.compositing_busy_ms * 1e-3),
+            ],
+        )?;
+        to.gauge("worker_samples_held", "Samples it can serve", report.held.len() as f64)?;
+        to.gauge("worker_held_bytes", "Texel bytes of samples that it keeps", self.0.store.bytes() as f64)
+    }
+}

@@ -1,0 +1,146 @@
+//! What clients may ask for, and what becomes of what is beyond it: said at once, with a hint when to come again.
+
+mod common;
+
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use argus_cluster::{coordinator, core};
+use argus_proto::status::retry_after;
+use argus_scene::{PlanRequest, View};
+use common::session::Session;
+use common::{Cluster, direct, quick, render, request, view};
+use futures::future::join_all;
+use tokio::time::Instant;
+use tonic::Code;
+
+fn with(limits: impl FnOnce(&mut core::Config)) -> coordinator::Config {
+    let mut config = quick();
+    limits(&mut config.core);
+    config
+}
+
+/// Far less than anything that waits for room would take.
+const AT_ONCE: Duration = Duration::from_secs(5);
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_clients_views_in_flight_are_bounded_and_room_is_made_by_answers() {
+    let cluster = Cluster::start_with(with(|core| core.max_views_per_client = 3), 1).await;
+    cluster.render(&view(0)).await.unwrap();
+    cluster.knobs.set(400_000, 0);
+    let began = Instant::now();
+    let all = join_all((0..8).map(|i| {
+        let cluster = &cluster;
+        async move { (cluster.render(&view(i)).await, began.elapsed()) }
+    }));
+    let (refused, answered): (Vec<_>, Vec<_>) =
+        all.await.into_iter().partition(|(result, _)| result.is_err());
+    assert_eq!((answered.len(), refused.len()), (3, 5));
+    for (result, took) in refused {
+        let status = result.unwrap_err();
+        assert_eq!(status.code(), Code::ResourceExhausted, "{status}");
+        assert!(status.message().contains("3 views of 127.0.0.1"), "{status}");
+        assert!(retry_after(&status).is_some_and(|hint| hint >= Duration::from_millis(50)), "{status}");
+        assert!(took < AT_ONCE);
+    }
+    cluster.knobs.set(0, 0);
+    cluster.render(&view(1)).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn pixels_a_second_are_bounded_and_sub_pixels_count() {
+    // A view is 768 pixels; four sub-pixels each are four times that.
+    let cluster = Cluster::start_with(with(|core| core.pixels_per_sec_per_client = Some(800.0)), 1).await;
+    let plan = PlanRequest { supersampling: Some(2), ..PlanRequest::default() };
+    cluster.render(&View { plan, ..view(0) }).await.unwrap();
+    let status = cluster.render(&view(1)).await.unwrap_err();
+    assert_eq!(status.code(), Code::ResourceExhausted);
+    assert!(status.message().contains("800 pixels a second"), "{status}");
+    let hint = retry_after(&status).unwrap();
+    assert!(hint > Duration::from_secs(1) && hint <= Duration::from_secs(5), "{hint:?}");
+    tokio::time::sleep(hint).await;
+    cluster.render(&view(1)).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn sessions_are_bounded_and_one_that_ends_leaves_its_place() {
+    let limits = |core: &mut core::Config| (core.max_sessions, core.max_sessions_per_client) = (8, 2);
+    let cluster = Cluster::start_with(with(limits), 1).await;
+    let first = Session::open(&cluster).await;
+    let mut second = Session::open(&cluster).await;
+    let refused = cluster.views().session(futures::stream::pending()).await.err().unwrap();
+    assert_eq!(refused.code(), Code::ResourceExhausted, "{refused}");
+    assert!(
+        refused.message().contains("2 sessions of 127.0.0.1") && retry_after(&refused).is_some(),
+        "{refused}"
+    );
+    drop(first);
+    cluster.wait_for(|status| status.counters.is_some_and(|counters| counters.sessions_open == 1)).await;
+    let _third = Session::open(&cluster).await;
+    second.ask(1, &view(0)).await;
+    assert!(matches!(second.answer().await, Some((1, 0, Ok(())))));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_session_that_asks_too_much_is_told_when_to_go_on() {
+    let cluster = Cluster::start_with(with(|core| core.pixels_per_sec = Some(100.0)), 1).await;
+    let mut session = Session::open(&cluster).await;
+    // More than a second's worth, and let in: it is owed for half a minute.
+    session.ask(1, &View { width: 64, height: 48, ..view(0) }).await;
+    assert!(matches!(session.answer().await, Some((1, 0, Ok(())))));
+    session.acknowledge(1).await;
+    session.ask(2, &view(0)).await;
+    let failure = session.answer().await.unwrap().2.unwrap_err();
+    assert_eq!(Code::from_i32(failure.code), Code::ResourceExhausted);
+    assert!(failure.message.contains("all clients ask for more than 100 pixels"), "{failure:?}");
+    assert!(failure.retry_after_ms > 0, "{failure:?}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_request_beyond_its_size_is_refused_unread() {
+    let config = coordinator::Config { max_request_bytes: 4096, ..quick() };
+    let cluster = Cluster::start_with(config, 1).await;
+    let mut large = request(&view(0), 0);
+    large.view_id = "x".repeat(5000);
+    let status = cluster.views().render(large).await.err().unwrap();
+    assert_eq!(status.code(), Code::OutOfRange, "{status}");
+    cluster.render(&view(0)).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_deadline_that_passes_in_the_queue_ends_the_view_before_it_is_rendered() {
+    // Nobody has measured yet what a direct view costs, so that all are let in.
+    let cluster = Cluster::start_with(with(|core| core.max_views_per_worker = 1), 1).await;
+    cluster.knobs.set(0, 600_000);
+    let views = cluster.views();
+    let long = tokio::spawn(async move { render(views, &direct(0), 0).await });
+    cluster.wait_for(|status| status.workers.iter().any(|worker| worker.queued_views > 0)).await;
+    let began = Instant::now();
+    let status = render(cluster.views(), &direct(1), 100).await.unwrap_err();
+    assert_eq!(status.code(), Code::DeadlineExceeded, "{status}");
+    assert!(began.elapsed() < Duration::from_millis(500), "{:?}", began.elapsed());
+    long.await.unwrap().unwrap();
+    let status =
+        cluster.wait_for(|status| status.workers.iter().all(|worker| worker.views_direct == 1)).await;
+    assert_eq!(status.counters.unwrap().views_failed, 1);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_compositor_that_is_full_forgets_what_was_used_longest_ago_and_no_frame_differs() {
+    let several_tiles = || {
+        let mut config = quick();
+        config.rig.tiles = Some([4, 4]);
+        config
+    };
+    let (free, full) =
+        (Cluster::start_with(several_tiles(), 1).await, Cluster::start_with(several_tiles(), 1).await);
+    full.knobs.compositor_holds.store(6, Ordering::SeqCst);
+    for i in 0..24 {
+        let (expected, _) = free.render(&view(i)).await.unwrap();
+        let (frame, _) = full.render(&common::pinned(i, expected.provenance.clone())).await.unwrap();
+        assert_eq!(frame.color, expected.color, "view {i}");
+    }
+    let most = |cluster: &Cluster| cluster.knobs.most_held.load(Ordering::SeqCst);
+    assert!(most(&free) > 6, "{} samples are too few to show anything", most(&free));
+    assert!(most(&full) <= 6);
+}
