@@ -11,8 +11,10 @@ use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::{Description, PROTOCOL_VERSION, v1};
 use argus_scene::InvalidField;
 use tonic::Code;
+use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
 
+use crate::credentials::{Bearer, Credentials};
 use crate::error::root_cause;
 use crate::{ClientError, ClusterStatus};
 
@@ -24,11 +26,13 @@ pub struct ConnectOptions {
     pub connections: usize,
     /// For a connection to be made and the server to describe itself.
     pub timeout: Duration,
+    /// For `https://`.
+    pub credentials: Credentials,
 }
 
 impl Default for ConnectOptions {
     fn default() -> Self {
-        Self { connections: 1, timeout: Duration::from_secs(5) }
+        Self { connections: 1, timeout: Duration::from_secs(5), credentials: Credentials::default() }
     }
 }
 
@@ -38,7 +42,11 @@ pub struct Client(Arc<Shared>);
 
 #[derive(Debug)]
 struct Shared {
-    channels: Vec<Channel>,
+    /// Of each server, the connections to it.
+    servers: Vec<Vec<Channel>>,
+    /// The server that is asked.
+    server: AtomicUsize,
+    bearer: Bearer,
     turn: AtomicUsize,
     description: Description,
     /// Makes view ids unique among clients.
@@ -47,11 +55,12 @@ struct Shared {
 }
 
 impl Client {
-    /// Connects to a server such as `http://127.0.0.1:7400` and checks that it speaks our version.
+    /// Connects to a server such as `http://127.0.0.1:7400` and checks that it speaks our version. Of several, with
+    /// commas between them, one leads: requests that another turns away go to the next.
     ///
     /// # Errors
-    /// [`ClientError::Address`], [`ClientError::NobodyListens`], [`ClientError::NotArgus`] or
-    /// [`ClientError::Version`].
+    /// [`ClientError::Address`], [`ClientError::NobodyListens`], [`ClientError::Untrusted`],
+    /// [`ClientError::Refused`], [`ClientError::NotArgus`] or [`ClientError::Version`].
     pub async fn connect(url: &str) -> Result<Self, ClientError> {
         Self::connect_with(url, &ConnectOptions::default()).await
     }
@@ -63,16 +72,32 @@ impl Client {
     pub async fn connect_with(url: &str, options: &ConnectOptions) -> Result<Self, ClientError> {
         let nobody = |reason: String| ClientError::NobodyListens { url: url.to_owned(), reason };
         let connecting = async {
-            let endpoint = endpoint(url, options.timeout)?;
-            let mut channels = Vec::new();
-            for _ in 0..options.connections.max(1) {
-                channels.push(endpoint.connect().await.map_err(|error| nobody(root_cause(&error)))?);
+            let urls: Vec<&str> = url.split(',').map(str::trim).collect();
+            let endpoints = urls.iter().map(|url| endpoint(url, options));
+            let endpoints = endpoints.collect::<Result<Vec<Endpoint>, _>>()?;
+            let bearer = Bearer(options.credentials.token.clone());
+            // The first that answers will do for a description; the others are connected to when they are needed.
+            let mut first = None;
+            for (at, (endpoint, url)) in endpoints.iter().zip(&urls).enumerate() {
+                let described = async { describe(&connected(endpoint, url).await?, &bearer, url).await };
+                match described.await {
+                    Ok(description) => {
+                        first = Some(Ok((at, description)));
+                        break;
+                    }
+                    Err(error) => first = first.or(Some(Err(error))),
+                }
             }
-            let description = describe(&channels[0], url).await?;
-            let (turn, views) = (AtomicUsize::new(0), AtomicU64::new(0));
+            let (server, description) =
+                first.unwrap_or_else(|| Err(nobody("no address is given".to_owned())))?;
+            let lazily = |endpoint: &Endpoint| {
+                (0..options.connections.max(1)).map(|_| endpoint.connect_lazy()).collect()
+            };
+            let servers = endpoints.iter().map(lazily).collect();
+            let (server, turn, views) = (AtomicUsize::new(server), AtomicUsize::new(0), AtomicU64::new(0));
             // The one source of randomness in the standard library.
             let identity = RandomState::new().hash_one(std::process::id());
-            Ok(Self(Arc::new(Shared { channels, turn, description, identity, views })))
+            Ok(Self(Arc::new(Shared { servers, server, bearer, turn, description, identity, views })))
         };
         match tokio::time::timeout(options.timeout, connecting).await {
             Ok(outcome) => outcome,
@@ -90,21 +115,23 @@ impl Client {
     /// # Errors
     /// [`ClientError::Server`] if it cannot be reached, [`ClientError::Version`] if it has been replaced.
     pub async fn describe(&self) -> Result<Description, ClientError> {
-        describe(&self.channel(), "the server").await
+        describe(&self.channel(), &self.0.bearer, "the server").await
     }
 
     /// Workers, their roles, and the balance between them.
     ///
     /// # Errors
-    /// [`ClientError::Server`] if the server cannot be reached or is no coordinator.
+    /// [`ClientError::Refused`] if this client's token has not the role admin, [`ClientError::Server`] if the server
+    /// cannot be reached or is no coordinator.
     pub async fn status(&self) -> Result<ClusterStatus, ClientError> {
-        let response = ClusterClient::new(self.channel()).status(v1::StatusRequest {}).await?;
+        let mut cluster = ClusterClient::with_interceptor(self.channel(), self.0.bearer.clone());
+        let response = cluster.status(v1::StatusRequest {}).await?;
         Ok(response.into_inner().into())
     }
 
     /// The service for rendering, on the connection whose turn it is.
-    pub(crate) fn views(&self) -> ViewsClient<Channel> {
-        ViewsClient::new(self.channel())
+    pub(crate) fn views(&self) -> ViewsClient<InterceptedService<Channel, Bearer>> {
+        ViewsClient::with_interceptor(self.channel(), self.0.bearer.clone())
     }
 
     /// A view id that no other request of any client has.
@@ -112,37 +139,96 @@ impl Client {
         format!("{:016x}-{}", self.0.identity, self.0.views.fetch_add(1, Ordering::Relaxed))
     }
 
+    /// A number from 0 to 1, another one each time.
+    pub(crate) fn random(&self) -> f64 {
+        f64::from((RandomState::new().hash_one(self.0.identity) >> 32) as u32) / f64::from(u32::MAX)
+    }
+
     fn channel(&self) -> Channel {
+        let channels = &self.0.servers[self.0.server.load(Ordering::Relaxed) % self.0.servers.len()];
         let turn = self.0.turn.fetch_add(1, Ordering::Relaxed);
-        self.0.channels[turn % self.0.channels.len()].clone()
+        channels[turn % channels.len()].clone()
+    }
+
+    /// Which server is asked now, to be said to [`Client::try_another`] if it does not answer.
+    pub(crate) fn server(&self) -> usize {
+        self.0.server.load(Ordering::Relaxed)
+    }
+
+    /// Asks the next server from now on, unless that happened since `tried` was asked.
+    pub(crate) fn try_another(&self, tried: usize) {
+        let (next, order) = (tried.wrapping_add(1), Ordering::Relaxed);
+        // Whoever was first has done it for all.
+        let _ = self.0.server.compare_exchange(tried, next, order, order);
     }
 }
 
-fn endpoint(url: &str, timeout: Duration) -> Result<Endpoint, ClientError> {
+/// A connection to whatever listens there.
+pub(crate) async fn channel(url: &str, options: &ConnectOptions) -> Result<Channel, ClientError> {
+    connected(&endpoint(url, options)?, url).await
+}
+
+async fn connected(endpoint: &Endpoint, url: &str) -> Result<Channel, ClientError> {
+    endpoint.connect().await.map_err(|error| unconnected(url, root_cause(&error)))
+}
+
+fn endpoint(url: &str, options: &ConnectOptions) -> Result<Endpoint, ClientError> {
+    let ConnectOptions { timeout, credentials, .. } = options;
     let address = |reason: &str| ClientError::Address { url: url.to_owned(), reason: reason.to_owned() };
     let endpoint = Endpoint::from_shared(url.to_owned()).map_err(|error| address(&root_cause(&error)))?;
     match endpoint.uri().scheme_str() {
+        Some("http") if credentials.token.is_some() => {
+            return Err(address("a token is sent over https:// only"));
+        }
         Some("http") => {}
+        Some("https") if credentials.ca.is_none() => {
+            return Err(address(
+                "https:// needs the authority that signed the server's certificate, by --ca",
+            ));
+        }
+        Some("https") => {
+            let tls = endpoint.tls_config(credentials.tls());
+            return match tls {
+                Ok(endpoint) => Ok(tuned(endpoint.connect_timeout(*timeout))),
+                Err(error) => Err(address(&format!("its certificates: {}", root_cause(&error)))),
+            };
+        }
         Some(scheme) => return Err(address(&format!("{scheme}:// is not supported"))),
         None => return Err(address("http:// is missing")),
     }
-    Ok(tuned(endpoint.connect_timeout(timeout)))
+    Ok(tuned(endpoint.connect_timeout(*timeout)))
 }
 
-async fn describe(channel: &Channel, url: &str) -> Result<Description, ClientError> {
+/// Why there is no connection: the transport keeps nothing but words.
+fn unconnected(url: &str, reason: String) -> ClientError {
+    let url = url.to_owned();
+    match ["certificate", "fatal alert", "corrupt message"].iter().any(|word| reason.contains(word)) {
+        true => ClientError::Untrusted { url, reason },
+        false => ClientError::NobodyListens { url, reason },
+    }
+}
+
+async fn describe(channel: &Channel, bearer: &Bearer, url: &str) -> Result<Description, ClientError> {
     let not_argus = |reason: String| ClientError::NotArgus { url: url.to_owned(), reason };
     let request = v1::DescribeRequest { protocol_version: PROTOCOL_VERSION };
-    let response = match ViewsClient::new(channel.clone()).describe(request).await {
-        Ok(response) => response.into_inner(),
-        Err(status) if status.code() == Code::Unimplemented => {
-            return Err(not_argus("it has no service argus.v1.Views".to_owned()));
-        }
-        // A connection that opens and then breaks at the first request speaks something else than HTTP/2.
-        Err(status) => match ClientError::from(status) {
-            ClientError::Server { broken: true, message, .. } => return Err(not_argus(message)),
-            error => return Err(error),
-        },
-    };
+    let response =
+        match ViewsClient::with_interceptor(channel.clone(), bearer.clone()).describe(request).await {
+            Ok(response) => response.into_inner(),
+            Err(status) if status.code() == Code::Unimplemented => {
+                return Err(not_argus("it has no service argus.v1.Views".to_owned()));
+            }
+            // A connection that opens and then breaks at the first request speaks something else than HTTP/2.
+            Err(status) => match ClientError::from(status) {
+                ClientError::Server { broken: true, message, .. } => {
+                    // A server that wants this client's certificate says so after the handshake.
+                    return Err(match unconnected(url, message.clone()) {
+                        untrusted @ ClientError::Untrusted { .. } => untrusted,
+                        _ => not_argus(message),
+                    });
+                }
+                error => return Err(error),
+            },
+        };
     if response.protocol_version != PROTOCOL_VERSION {
         return Err(ClientError::Version { url: url.to_owned(), theirs: response.protocol_version });
     }

@@ -24,8 +24,27 @@ pub enum ClientError {
         /// What the operating system says.
         reason: String,
     },
+    /// The handshake failed: one side's certificate is not one that the other trusts, or there is none.
+    #[error(
+        "the server at {url} and this client do not trust each other ({reason}): give the authority that signed the \
+         server's certificate with --ca, and check that the address is one of the certificate's"
+    )]
+    Untrusted {
+        /// As given.
+        url: String,
+        /// What the handshake said.
+        reason: String,
+    },
+    /// The server does not do this for this client.
+    #[error("not allowed: {reason}")]
+    Refused {
+        /// What it wants.
+        reason: String,
+    },
     /// Something listens, but it is not Argus.
-    #[error("what listens at {url} is not an Argus server ({reason}): check the address")]
+    #[error(
+        "what listens at {url} is not an Argus server ({reason}): check the address, and whether it is https://"
+    )]
     NotArgus {
         /// As given.
         url: String,
@@ -104,6 +123,9 @@ impl From<Status> for ClientError {
                 retry_after: status::retry_after(&status),
                 message: status.message().to_owned(),
             },
+            (Code::Unauthenticated | Code::PermissionDenied, _) => {
+                Self::Refused { reason: status.message().to_owned() }
+            }
             (code, _) => Self::Server { code, message: root_cause(&status), broken },
         }
     }

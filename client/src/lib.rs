@@ -19,7 +19,9 @@
 //! ```
 
 mod connect;
+mod credentials;
 mod error;
+mod health;
 pub mod load;
 mod outbox;
 mod render;
@@ -30,7 +32,9 @@ mod status;
 pub use argus_proto::chunks::FrameMeta;
 pub use argus_proto::{Description, v1::Encoding};
 pub use connect::{Client, ConnectOptions};
+pub use credentials::{Credentials, Key, Token};
 pub use error::ClientError;
+pub use health::{Health, health};
 pub use render::{Answer, RenderOptions};
 pub use session::{Session, SessionEvent, SessionOptions};
 pub use status::{ClusterStatus, CounterStatus, Refinements, WorkerStatus};

@@ -6,10 +6,12 @@
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use argus_proto::v1::{self, session_request::Body};
 use futures::Stream;
 use tokio::sync::Notify;
+use tokio::time::Instant;
 
 /// Shared between a session and the stream of its requests.
 #[derive(Debug, Default)]
@@ -27,6 +29,8 @@ struct State {
     closed: bool,
     /// Cameras that were replaced before they were sent.
     superseded: u64,
+    /// No camera leaves before.
+    quiet_until: Option<Instant>,
 }
 
 impl Outbox {
@@ -43,6 +47,12 @@ impl Outbox {
     /// Puts back the newest camera after it was sent in vain; nothing changes if it still waits.
     pub(crate) fn put_back(&self, camera_seq: u64, view: v1::SessionView) {
         self.lock().camera.get_or_insert((camera_seq, view));
+    }
+
+    /// Keeps cameras back for that long.
+    pub(crate) fn quiet_for(&self, time: Duration) {
+        self.lock().quiet_until = Some(Instant::now() + time);
+        self.changed.notify_one();
     }
 
     /// Queues an acknowledgement.
@@ -78,14 +88,19 @@ impl Outbox {
                 let changed = outbox.changed.notified();
                 match outbox.next(incarnation) {
                     ControlFlow::Break(request) => return request.map(|sent| (sent, Arc::clone(&outbox))),
-                    ControlFlow::Continue(()) => changed.await,
+                    ControlFlow::Continue(None) => changed.await,
+                    ControlFlow::Continue(Some(until)) => {
+                        // Whichever comes first.
+                        let _ = tokio::time::timeout_at(until, changed).await;
+                    }
                 }
             }
         })
     }
 
-    /// The next request or the end of the stream; `Continue` if there is nothing to send yet.
-    fn next(&self, incarnation: u64) -> ControlFlow<Option<v1::SessionRequest>> {
+    /// The next request or the end of the stream; `Continue` if there is nothing to send yet, with the time until which a
+    /// camera waits if one does.
+    fn next(&self, incarnation: u64) -> ControlFlow<Option<v1::SessionRequest>, Option<Instant>> {
         let mut state = self.lock();
         if state.incarnation != incarnation {
             return ControlFlow::Break(None);
@@ -97,9 +112,14 @@ impl Outbox {
         if state.closed {
             return ControlFlow::Break(None);
         }
+        if state.camera.is_some()
+            && let Some(until) = state.quiet_until.filter(|until| Instant::now() < *until)
+        {
+            return ControlFlow::Continue(Some(until));
+        }
         match state.camera.take() {
             Some((camera_seq, view)) => ControlFlow::Break(request(camera_seq, Body::View(view))),
-            None => ControlFlow::Continue(()),
+            None => ControlFlow::Continue(None),
         }
     }
 
@@ -137,6 +157,22 @@ mod tests {
         }
         let sent: Vec<_> = stream.take(3).collect().await;
         assert_eq!(seqs(&sent), [(5, true), (6, true), (6, false)]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn cameras_wait_out_a_hint_while_acknowledgements_do_not() {
+        let outbox = Arc::new(Outbox::default());
+        let mut stream = Box::pin(outbox.stream());
+        let begin = Instant::now();
+        outbox.quiet_for(Duration::from_secs(2));
+        outbox.put(1, v1::SessionView::default());
+        outbox.acknowledge(0);
+        assert_eq!(seqs(&[stream.next().await.unwrap()]), [(0, true)]);
+        assert!(begin.elapsed() < Duration::from_secs(1));
+        outbox.put(2, v1::SessionView::default());
+        assert_eq!(seqs(&[stream.next().await.unwrap()]), [(2, false)]);
+        assert!(begin.elapsed() >= Duration::from_secs(2));
+        assert_eq!(outbox.superseded(), 1);
     }
 
     #[tokio::test]

@@ -4,9 +4,11 @@ use std::time::Duration;
 
 use argus_proto::WireError;
 use argus_proto::chunks::{FrameAssembler, FrameMeta};
+use argus_proto::trace::{TARGET, within};
 use argus_proto::v1::{Encoding, RenderRequest};
 use argus_scene::{Frame, InvalidField, Limits, Output, Outputs, View};
 use tokio::time::{Instant, sleep, timeout_at};
+use tracing::Instrument;
 
 use crate::retry::Backoff;
 use crate::{Client, ClientError};
@@ -18,13 +20,21 @@ pub struct RenderOptions {
     pub deadline: Duration,
     /// How images travel; unspecified leaves it to the server.
     pub encoding: Encoding,
+    /// What to do when the service has too much to do: wait for as long as it says and ask again while the deadline lasts,
+    /// or, if false, give up at once, as a load that must not wait for the service does.
+    pub wait_for_room: bool,
     /// Names the view in logs; one is made up if absent. Repetitions carry the same.
     pub view_id: Option<String>,
 }
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self { deadline: Duration::from_secs(30), encoding: Encoding::Unspecified, view_id: None }
+        Self {
+            deadline: Duration::from_secs(30),
+            encoding: Encoding::Unspecified,
+            wait_for_room: true,
+            view_id: None,
+        }
     }
 }
 
@@ -47,11 +57,11 @@ const DAMAGED_ATTEMPTS: u32 = 3;
 
 impl Client {
     /// Renders a view. Sends it again, under the same id, while the service is unavailable, the connection
-    /// breaks, or a frame arrives damaged.
+    /// breaks, or a frame arrives damaged; and where the service has too much to do, no sooner than it says.
     ///
     /// # Errors
-    /// [`ClientError::Invalid`] and [`ClientError::Overloaded`] at once, [`ClientError::Deadline`] when time
-    /// is up, [`ClientError::Damaged`] after three damaged answers, [`ClientError::Server`] for what else the
+    /// [`ClientError::Invalid`] at once, [`ClientError::Overloaded`] when the deadline leaves no time to wait for room
+    /// ([`RenderOptions::wait_for_room`]), [`ClientError::Deadline`] when time is up, [`ClientError::Damaged`] after three damaged answers, [`ClientError::Server`] for what else the
     /// server reports.
     pub async fn render(&self, view: &View, options: &RenderOptions) -> Result<Answer, ClientError> {
         let begin = Instant::now();
@@ -69,6 +79,7 @@ impl Client {
         let (mut attempts, mut damaged) = (0, 0);
         loop {
             attempts += 1;
+            let server = self.server();
             let left = end.saturating_duration_since(Instant::now());
             // 0 would mean "never" to the server.
             request.deadline_ms = u32::try_from(left.as_millis()).unwrap_or(u32::MAX).max(1);
@@ -80,10 +91,25 @@ impl Client {
                 Err(_) => return Err(ClientError::Deadline { after: options.deadline, last }),
             };
             damaged += u32::from(matches!(error, ClientError::Damaged(_)));
-            if !error.is_transient() || damaged >= DAMAGED_ATTEMPTS {
+            let room = match &error {
+                ClientError::Overloaded { retry_after, .. } if options.wait_for_room => *retry_after,
+                _ => None,
+            };
+            if (!error.is_transient() && room.is_none()) || damaged >= DAMAGED_ATTEMPTS {
                 return Err(deadline_of(error, options.deadline));
             }
             tracing::debug!(view_id = request.view_id, attempts, %error, "sending the view again");
+            if let Some(after) = room {
+                // Up to half as long again, so that those who were turned away together do not come back together.
+                let pause = after + after.mul_f64(0.5 * self.random());
+                if Instant::now() + pause >= end {
+                    return Err(error);
+                }
+                last = error.to_string();
+                sleep(pause).await;
+                continue;
+            }
+            self.try_another(server);
             let pause = backoff.pause();
             if Instant::now() + pause >= end {
                 return Err(ClientError::Deadline { after: options.deadline, last: error.to_string() });
@@ -94,7 +120,17 @@ impl Client {
     }
 
     async fn attempt(&self, view: &View, request: RenderRequest) -> Result<(Frame, FrameMeta), ClientError> {
-        let mut stream = self.views().render(request).await?.into_inner();
+        let span = tracing::debug_span!(target: TARGET, "view", view = request.view_id);
+        self.attempt_in(&span, view, request).instrument(span.clone()).await
+    }
+
+    async fn attempt_in(
+        &self,
+        span: &tracing::Span,
+        view: &View,
+        request: RenderRequest,
+    ) -> Result<(Frame, FrameMeta), ClientError> {
+        let mut stream = self.views().render(within(span, request)).await?.into_inner();
         // Exactly the size that was asked for, so that no header can make this client set aside more.
         let (max_side, max_pixels) =
             (view.width.max(view.height), u64::from(view.width) * u64::from(view.height));

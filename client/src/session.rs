@@ -16,6 +16,9 @@ use crate::render::answers;
 use crate::retry::Backoff;
 use crate::{Client, ClientError};
 
+/// A server's hint keeps a session quiet for this long at most: a camera is worth more than a mistaken number.
+const LONGEST_QUIET: Duration = Duration::from_secs(10);
+
 /// How a session behaves.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SessionOptions {
@@ -43,7 +46,8 @@ pub enum SessionEvent {
         /// Who made it.
         meta: FrameMeta,
     },
-    /// A view that could not be rendered; the session goes on.
+    /// A view that could not be rendered; the session goes on. Where the service had too much to do, cameras wait here,
+    /// newer ones in place of older ones, for as long as it said.
     Failed {
         /// What [`Session::send`] returned.
         camera_seq: u64,
@@ -125,6 +129,7 @@ impl Session {
     /// [`ClientError::Deadline`] when it could not be opened again for as long as the options allow.
     pub async fn next(&mut self) -> Result<SessionEvent, ClientError> {
         loop {
+            let server = self.client.server();
             let error = match self.receive().await {
                 Ok(None) => continue,
                 Ok(Some(event)) => {
@@ -137,6 +142,7 @@ impl Session {
             if !error.is_transient() {
                 return Err(error);
             }
+            self.client.try_another(server);
             let after = self.options.patience;
             let end = *self.broken_since.get_or_insert_with(Instant::now) + after;
             let pause = self.backoff.pause();
@@ -168,7 +174,11 @@ impl Session {
                 if !self.settle(camera_seq) {
                     return Ok(None);
                 }
-                Ok(Some(SessionEvent::Failed { camera_seq, error: error_of(failure) }))
+                let error = error_of(failure);
+                if let ClientError::Overloaded { retry_after: Some(after), .. } = &error {
+                    self.outbox.quiet_for(*after);
+                }
+                Ok(Some(SessionEvent::Failed { camera_seq, error }))
             }
             Body::Chunk(chunk) => {
                 if *self.arriving.get_or_insert(camera_seq) != camera_seq {
@@ -230,14 +240,18 @@ impl Drop for Session {
 }
 
 fn error_of(failure: v1::SessionFailure) -> ClientError {
-    let v1::SessionFailure { code, message, field } = failure;
+    let v1::SessionFailure { code, message, field, retry_after_ms } = failure;
     match Code::from_i32(code) {
         Code::InvalidArgument if !field.is_empty() => ClientError::Invalid {
             // The message repeats the field, as all statuses of an invalid field do.
             reason: message.strip_prefix(&format!("{field}: ")).unwrap_or(&message).to_owned(),
             field,
         },
-        Code::ResourceExhausted => ClientError::Overloaded { message, retry_after: None },
+        Code::ResourceExhausted => {
+            let retry_after =
+                (retry_after_ms > 0).then(|| Duration::from_millis(retry_after_ms.into()).min(LONGEST_QUIET));
+            ClientError::Overloaded { message, retry_after }
+        }
         code => ClientError::Server { code, message, broken: false },
     }
 }

@@ -16,7 +16,8 @@ pub(super) async fn run(client: Client, options: LoadOptions, schedule: Schedule
         sleep_until(begin + due).await;
         tally.sent += 1;
         let deadline = (begin + due + options.deadline).saturating_duration_since(Instant::now());
-        let render = RenderOptions { deadline, encoding: options.encoding, view_id: None };
+        let render =
+            RenderOptions { deadline, encoding: options.encoding, wait_for_room: false, view_id: None };
         let client = client.clone();
         flying.spawn(async move {
             let outcome = client.render(&view, &render).await;

@@ -267,7 +267,7 @@ impl Views for Handler {
                     Err(status) => {
                         let field = status::invalid_field(&status).unwrap_or_default().0;
                         let (code, message) = (status.code() as i32, status.message().to_owned());
-                        let failure = v1::SessionFailure { code, message, field };
+                        let failure = v1::SessionFailure { code, message, field, retry_after_ms: 0 };
                         let _ = responses.send(Ok(respond(Body::Failure(failure)))).await;
                         continue;
                     }

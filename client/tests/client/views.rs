@@ -129,13 +129,28 @@ async fn bad_views_and_overload_are_answered_at_once_and_not_repeated() {
         other => panic!("{other:?}"),
     }
     let server = Fake { overloaded: true, ..Fake::default() }.serve().await;
-    match server.client().await.render(&view(1.0), &RenderOptions::default()).await.unwrap_err() {
+    let impatient = RenderOptions { wait_for_room: false, ..RenderOptions::default() };
+    match server.client().await.render(&view(1.0), &impatient).await.unwrap_err() {
         ClientError::Overloaded { retry_after, .. } => {
             assert_eq!(retry_after, Some(Duration::from_millis(100)));
         }
         other => panic!("{other:?}"),
     }
     assert_eq!(lock(&server.fake.view_ids).len(), 1);
+}
+
+#[tokio::test]
+async fn a_client_that_waits_for_room_comes_back_no_sooner_than_told() {
+    let server = Fake { overloaded: true, ..Fake::default() }.serve().await;
+    let client = server.client().await;
+    let begin = Instant::now();
+    let options = RenderOptions { deadline: Duration::from_millis(450), ..RenderOptions::default() };
+    let error = client.render(&view(1.0), &options).await.unwrap_err();
+    assert!(matches!(error, ClientError::Overloaded { .. }), "{error:?}");
+    // The hint is 100 ms, and up to half as much is added.
+    let asked = lock(&server.fake.view_ids).len();
+    assert!((2..=5).contains(&asked), "asked {asked} times in {:?}", begin.elapsed());
+    assert!(begin.elapsed() < Duration::from_millis(450), "it waited though no time was left to ask again");
 }
 
 #[tokio::test]
