@@ -1,16 +1,76 @@
 //! What several subcommands take: points, sizes, servers, rigs and plans.
 
+use std::path::PathBuf;
+
+use argus_client::{Client, ConnectOptions};
 use argus_sampler::{Indirect, MapSource, SamplerKnobs, VplKnobs};
 use argus_scene::{Holes, Output, PlanRequest, Preset, RigKind, RigKnobs, Search, Visibility};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
+use crate::credentials;
+use crate::settings::{self, Flags, Sources};
+
 /// Where the service is, for every subcommand that is a client.
 #[derive(clap::Args)]
 pub(crate) struct Server {
-    /// Where the service is
-    #[arg(long, value_name = "URL", env = "ARGUS_SERVER", default_value = "http://127.0.0.1:7400")]
-    pub(crate) server: String,
+    /// Where the service is [default: ARGUS_SERVER, else http://127.0.0.1:7400]
+    #[arg(long, value_name = "URL")]
+    server: Option<String>,
+    /// PEM file of the authority that signed the service's certificate, for https://
+    #[arg(long, value_name = "FILE")]
+    ca: Option<PathBuf>,
+    /// File that holds this client's token
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+}
+
+impl Server {
+    /// A client of the service that the settings name, over so many connections.
+    pub(crate) async fn connect(&self, sources: &Sources, connections: usize) -> anyhow::Result<Client> {
+        let (url, options) = self.options(sources)?;
+        Ok(Client::connect_with(&url, &ConnectOptions { connections, ..options }).await?)
+    }
+
+    /// Where the service is, and how it is connected to.
+    pub(crate) fn options(&self, sources: &Sources) -> anyhow::Result<(String, ConnectOptions)> {
+        let flags = Flags::default()
+            .with("client.server", "--server", self.server.as_ref())
+            .with("client.ca", "--ca", settings::path(self.ca.as_ref()))
+            .with("client.token_file", "--token-file", settings::path(self.token_file.as_ref()));
+        let settings = sources.load(flags)?.settings.client;
+        let options = credentials::of_client(&settings)?;
+        Ok((settings.server, options))
+    }
+}
+
+/// Certificates of a process of the cluster.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Security (`argus certs` makes the files)")]
+pub(crate) struct Security {
+    /// PEM file of this process's certificate; with it, all that it listens on and connects to is TLS
+    #[arg(long, value_name = "FILE")]
+    certificate: Option<PathBuf>,
+    /// PEM file of the certificate's key
+    #[arg(long, value_name = "FILE")]
+    key: Option<PathBuf>,
+    /// PEM file of the authority that signs the certificates of the cluster's processes
+    #[arg(long, value_name = "FILE")]
+    ca: Option<PathBuf>,
+    /// Listen beyond this machine without TLS, for whoever can reach it
+    #[arg(long)]
+    insecure: bool,
+}
+
+impl Security {
+    /// Among the flags of a subcommand.
+    pub(crate) fn with(&self, flags: Flags) -> Flags {
+        flags
+            .with("security.certificate", "--certificate", settings::path(self.certificate.as_ref()))
+            .with("security.key", "--key", settings::path(self.key.as_ref()))
+            .with("security.ca", "--ca", settings::path(self.ca.as_ref()))
+            .with("security.insecure", "--insecure", self.insecure.then_some(true))
+    }
 }
 
 /// How sample cameras are placed; what is left out follows from the scene.
@@ -98,6 +158,11 @@ pub(crate) struct IndirectLight {
     /// Texels on a side of a hemisphere of such a map: a power of two, 4 to 256
     #[arg(long, value_name = "TEXELS")]
     pub(crate) vpl_map_side: Option<u32>,
+    /// Glowing particles: small lights that drift through the scene and shine everywhere, with the shadows that
+    /// --vpl-maps makes; their light is gathered like that of virtual point lights, and --indirect off has that of
+    /// particles alone
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub(crate) particles: Option<u32>,
     /// Virtual point lights that each sub-sample gathers from
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub(crate) gather: Option<u32>,
@@ -106,13 +171,15 @@ pub(crate) struct IndirectLight {
 impl IndirectLight {
     /// In the sampler's words.
     pub(crate) fn knobs(&self) -> Indirect {
-        if self.indirect == "off" {
+        let off = self.indirect == "off";
+        if off && self.particles.is_none() {
             return Indirect::Off;
         }
         let default = VplKnobs::default();
         let source = |name: &String| MapSource::ALL.into_iter().find(|source| source.name() == name);
         Indirect::Vpl(VplKnobs {
-            vpls: self.vpls.unwrap_or(default.vpls),
+            vpls: if off { 0 } else { self.vpls.unwrap_or(default.vpls) },
+            particles: self.particles.unwrap_or(default.particles),
             bounces: self.bounces.unwrap_or(default.bounces),
             maps: self.vpl_maps.as_ref().and_then(source).unwrap_or(default.maps),
             map_side: self.vpl_map_side.unwrap_or(default.map_side),
@@ -130,6 +197,7 @@ impl IndirectLight {
             ("--bounces", number(self.bounces)),
             ("--vpl-maps", self.vpl_maps.clone()),
             ("--vpl-map-side", number(self.vpl_map_side)),
+            ("--particles", number(self.particles)),
             ("--gather", number(self.gather)),
         ];
         values.into_iter().filter_map(|(name, value)| value.map(|v| format!("{name}={v}"))).collect()

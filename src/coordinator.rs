@@ -1,22 +1,24 @@
 //! `argus coordinator`: one address for clients, and the split of workers between the roles.
 
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
+use argus_cluster::SceneSource;
 use argus_cluster::coordinator::{Config, serve};
 use argus_cluster::core::quality::Model;
-use argus_cluster::{SceneSource, core};
+use argus_cluster::leadership::{LocalRegistry, NatsRegistry, Registry};
 use argus_scene::{Camera, Rig, Scene};
 use argus_studies::calibration;
 use serde::Serialize;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
+use crate::exit::bad_arguments;
+use crate::settings::{self, Flags, Settings, Sources};
 use crate::wiring::OpenScene;
-use crate::{args, output, shutdown};
+use crate::{args, credentials, output, shutdown};
 
 /// Accepts workers and answers clients; renders nothing itself.
 ///
@@ -24,14 +26,17 @@ use crate::{args, output, shutdown};
 /// the scene takes it from here. Ctrl-C finishes what is in work and exits 0.
 #[derive(clap::Args)]
 #[command(after_help = "\
-Example: a cluster over machines
-  host-a$ argus coordinator --scene model.glb --listen 0.0.0.0:7400
-  host-b$ argus worker --coordinator http://host-a:7400 --listen 0.0.0.0:7401 --advertise http://host-b:7401
+Example: a cluster over machines that trust their network; `argus certs` shows the same by TLS
+  host-a$ argus coordinator --scene model.glb --listen 0.0.0.0:7400 --insecure
+  host-b$ argus worker --coordinator http://host-a:7400 --listen 0.0.0.0:7401 --advertise http://host-b:7401 --insecure
   host-c$ argus view --server http://host-a:7400 --eye 3,2,5 --target 0,1,0 --out view.png")]
 pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply) or `terrain[:TRIANGLES]`
     #[arg(long, value_name = "S")]
-    scene: String,
+    scene: Option<String>,
+    /// Serve one moment after the other though nothing of the scene moves: for workers that have --particles
+    #[arg(long)]
+    particles: bool,
     #[command(flatten)]
     service: Service,
 }
@@ -39,34 +44,49 @@ pub(crate) struct Args {
 /// What `coordinator` and `serve` have in common.
 #[derive(clap::Args)]
 pub(crate) struct Service {
-    /// Where to listen; port 0 takes any that is free
-    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:7400")]
-    pub(crate) listen: String,
+    /// Where to listen; port 0 takes any that is free [default: 127.0.0.1:7400]
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<String>,
     /// Print one JSON object as soon as clients can connect: url, pid, scene, workers
     #[arg(long)]
     json: bool,
     /// Also stop when standard input ends
     #[arg(long, hide = true)]
     exit_with_stdin: bool,
-    /// Whether samplers that have nothing to sample also compose views
-    #[arg(long, value_name = "BOOL", default_value_t = true, action = clap::ArgAction::Set)]
-    samplers_composite: bool,
-    /// Share of the samplers' time that may go into samples where views have holes; 0: none are placed
-    #[arg(long, value_name = "SHARE", default_value_t = 0.5, value_parser = args::share)]
-    refining_share: f64,
+    /// Whether samplers that have nothing to sample also compose views [default: true]
+    #[arg(long, value_name = "BOOL")]
+    samplers_composite: Option<bool>,
+    /// Share of the samplers' time that may go into samples where views have holes; 0: none are placed [default: 0.5]
+    #[arg(long, value_name = "SHARE", value_parser = args::share)]
+    refining_share: Option<f64>,
     /// What `argus study bounds` calibrated, in place of what it kept on this machine for the scene
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// NATS server with JetStream through which several coordinators agree who leads, such as nats://127.0.0.1:4222
+    /// [default: this one is alone]
+    #[arg(long, value_name = "URL")]
+    registry: Option<String>,
+    /// Where others reach this coordinator, if that is not where it listens; a standby tells whoever asks
+    #[arg(long, value_name = "URL")]
+    advertise: Option<String>,
+    #[command(flatten)]
+    security: args::Security,
+    /// File of clients' tokens, a line each: role (view or admin), name, token
+    #[arg(long, value_name = "FILE", help_heading = "Security (`argus certs` makes the files)")]
+    tokens: Option<PathBuf>,
     #[command(flatten)]
     rig: args::Rig,
     #[command(flatten)]
     seeing: args::Seeing,
-    /// Milliseconds until the next moment of an animated scene is rendered, at the least
-    #[arg(long, value_name = "MS", default_value = "100", value_parser = args::positive)]
-    epoch_ms: f64,
-    /// Seconds that an animated scene moves on in a second; 0 holds it still
-    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = args::zero_or_more)]
-    time_scale: f64,
+    /// Milliseconds until the next moment of an animated scene is rendered, at the least [default: 100]
+    #[arg(long, value_name = "MS", value_parser = args::positive)]
+    epoch_ms: Option<f64>,
+    /// Render samples anew only after so many views, also where nothing moves: the cluster paper's ticks; 0: by time alone
+    #[arg(long, value_name = "VIEWS", default_value_t = 0)]
+    refresh_views: u64,
+    /// Seconds that an animated scene moves on in a second; 0 holds it still [default: 1]
+    #[arg(long, value_name = "FACTOR", value_parser = args::zero_or_more)]
+    time_scale: Option<f64>,
 }
 
 /// A coordinator that listens, and has not yet begun to serve.
@@ -76,6 +96,7 @@ pub(crate) struct Ready {
     listener: TcpListener,
     source: Arc<OpenScene>,
     config: Config,
+    registry: Arc<dyn Registry>,
     /// Cancelled when this process is to stop.
     pub(crate) shutdown: CancellationToken,
 }
@@ -89,8 +110,12 @@ struct Announcement<'a> {
     workers: usize,
 }
 
-pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
-    let ready = args.service.prepare(&args.scene).await?;
+pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
+    let settings = args.service.settings(args.scene.as_ref(), sources)?;
+    let Some(scene) = &settings.coordinator.scene else {
+        return Err(bad_arguments("--scene S is wanted: a file, or `terrain`"));
+    };
+    let ready = args.service.prepare(scene, &settings, args.particles).await?;
     args.service.announce(&ready, 0)?;
     if !args.service.json {
         println!("workers join with: argus worker --coordinator {}", ready.url);
@@ -99,11 +124,36 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
 }
 
 impl Service {
-    /// Takes the address, so that a conflict shows at once, then opens the scene.
-    pub(crate) async fn prepare(&self, scene: &str) -> anyhow::Result<Ready> {
+    /// The settings, these arguments and that of the scene included.
+    pub(crate) fn settings(&self, scene: Option<&String>, sources: &Sources) -> anyhow::Result<Settings> {
+        let flags = Flags::default()
+            .with("coordinator.scene", "--scene", scene)
+            .with("coordinator.listen", "--listen", self.listen.as_ref())
+            .with("coordinator.samplers_composite", "--samplers-composite", self.samplers_composite)
+            .with("coordinator.refining_share", "--refining-share", self.refining_share)
+            .with("coordinator.model", "--model", settings::path(self.model.as_ref()))
+            .with("coordinator.epoch_ms", "--epoch-ms", self.epoch_ms)
+            .with("coordinator.time_scale", "--time-scale", self.time_scale)
+            .with("coordinator.registry", "--registry", self.registry.as_ref())
+            .with("coordinator.advertise", "--advertise", self.advertise.as_ref())
+            .with("security.tokens", "--tokens", settings::path(self.tokens.as_ref()));
+        Ok(sources.load(self.security.with(flags))?.settings)
+    }
+
+    /// Takes the address, so that a conflict shows at once, then opens the scene. `drifts`: workers have lights that
+    /// move though the scene may not.
+    pub(crate) async fn prepare(
+        &self,
+        scene: &str,
+        settings: &Settings,
+        drifts: bool,
+    ) -> anyhow::Result<Ready> {
+        let coordinator = &settings.coordinator;
         let shutdown = shutdown::requested(self.exit_with_stdin);
-        let listener = listen(&self.listen).await?;
-        let url = format!("http://{}", reachable(listener.local_addr()?));
+        let security = credentials::of_member(&settings.security, true)?;
+        let listener =
+            credentials::listen(&coordinator.listen, security.is_some(), &settings.security).await?;
+        let url = credentials::url(security.is_some(), listener.local_addr()?);
         let spec = scene.to_owned();
         let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec));
         let source = tokio::select! {
@@ -111,24 +161,22 @@ impl Service {
             () = shutdown.cancelled() => anyhow::bail!("stopped before the scene was open"),
         };
         source.report();
-        let models = self.models(source.scene())?;
-        let (rig, time_scale) = (self.rig.knobs(), self.time_scale);
-        let mut config = Config { rig, time_scale, models, ..Config::default() };
-        config.core = core::Config {
-            samplers_composite: self.samplers_composite,
-            refining_share: self.refining_share,
-            visibility: self.seeing.visibility(),
-            epoch: Duration::try_from_secs_f64(self.epoch_ms * 1e-3).context("--epoch-ms")?,
-            samples_per_view: self.rig.samples.unwrap_or(config.core.samples_per_view),
-            ..config.core
-        };
-        Ok(Ready { url, listener, source, config, shutdown })
+        let models = self.models(coordinator.model.as_deref(), source.scene())?;
+        let mut config =
+            Config { rig: self.rig.knobs(), models, security, ..coordinator.config(&settings.limits) };
+        config.advertise = Some(coordinator.advertise.clone().unwrap_or_else(|| url.clone()));
+        config.core.visibility = self.seeing.visibility();
+        config.core.refresh_views = self.refresh_views;
+        config.drifts = drifts;
+        config.core.samples_per_view = self.rig.samples.unwrap_or(config.core.samples_per_view);
+        let registry = registry(coordinator).await?;
+        Ok(Ready { url, listener, source, config, registry, shutdown })
     }
 
     /// What was calibrated of the scene, as its sample cameras will stand.
-    fn models(&self, scene: &Scene) -> anyhow::Result<Vec<Model>> {
+    fn models(&self, model: Option<&Path>, scene: &Scene) -> anyhow::Result<Vec<Model>> {
         let rig = Rig::for_scene(scene, &self.rig.knobs())?;
-        let Some(path) = &self.model else { return Ok(calibration::kept(scene.hash, &rig)) };
+        let Some(path) = model else { return Ok(calibration::kept(scene.hash, &rig)) };
         let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         let model: Model =
             serde_json::from_slice(&text).with_context(|| format!("{} is no model", path.display()))?;
@@ -162,24 +210,13 @@ impl Service {
 impl Ready {
     /// Serves until the process is to stop.
     pub(crate) async fn serve(self) -> anyhow::Result<()> {
-        Ok(serve(self.config, self.listener, self.source, self.shutdown).await?)
+        Ok(serve(self.config, self.listener, self.source, self.registry, self.shutdown).await?)
     }
 }
 
-/// Listens on `address`, or says what to do instead.
-pub(crate) async fn listen(address: &str) -> anyhow::Result<TcpListener> {
-    TcpListener::bind(address).await.with_context(|| {
-        format!("cannot listen on {address}: choose another address with --listen, such as 127.0.0.1:0")
-    })
-}
-
-/// Where a process on this machine reaches what listens on `address`.
-fn reachable(mut address: SocketAddr) -> SocketAddr {
-    if address.ip().is_unspecified() {
-        address.set_ip(match address.ip() {
-            IpAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),
-            IpAddr::V6(_) => Ipv6Addr::LOCALHOST.into(),
-        });
-    }
-    address
+/// Where coordinators agree who leads.
+async fn registry(settings: &settings::Coordinator) -> anyhow::Result<Arc<dyn Registry>> {
+    let Some(url) = &settings.registry else { return Ok(Arc::new(LocalRegistry::alone())) };
+    let lease = Duration::try_from_secs_f64(settings.registry_lease_secs)?;
+    Ok(Arc::new(NatsRegistry::connect(url, lease).await?))
 }

@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use argus_client::load::{self, LatencyMs, LoadOptions, LoadReport, Mode, burst, path_views};
-use argus_client::{Client, ConnectOptions, RenderOptions};
+use argus_client::{Client, RenderOptions};
 use argus_studies::burst::IN_FLIGHT;
 use serde::Serialize;
 
 use crate::exit::bad_arguments;
+use crate::settings::Sources;
 use crate::{args, output};
 
 /// Loads a service with many clients, each on a path of its own around the viewpoints that the scene
@@ -71,13 +72,9 @@ struct Report {
     first_error: Option<String>,
 }
 
-pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
+pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let connections = args.clients.unwrap_or(4).clamp(1, 4) as usize;
-    let client = Client::connect_with(
-        &args.server.server,
-        &ConnectOptions { connections, ..ConnectOptions::default() },
-    )
-    .await?;
+    let client = args.server.connect(sources, connections).await?;
     let report = match args.views {
         Some(views) => all_at_once(&client, views, &args).await?,
         None => steady(&client, &args).await?,

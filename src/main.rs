@@ -5,19 +5,24 @@
 //! everything else. Exit codes: 0 done, 1 failed, 2 bad arguments.
 
 mod args;
+mod certs;
 mod compare;
+mod config;
 mod coordinator;
+mod credentials;
 mod demo;
 mod exit;
+mod health;
 mod load;
-mod logging;
 mod output;
 mod processes;
 mod scene;
 mod serve;
+mod settings;
 mod shutdown;
 mod status;
 mod study;
+mod telemetry;
 mod view;
 mod wiring;
 mod worker;
@@ -40,6 +45,11 @@ struct Cli {
     /// `argus_cluster=debug`)
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
+    /// How the log on standard error is written
+    #[arg(long, global = true, value_name = "FORMAT", env = "ARGUS_LOG_FORMAT", default_value = "text")]
+    log_format: telemetry::LogFormat,
+    #[command(flatten)]
+    sources: settings::Sources,
 }
 
 const EXAMPLES: &str = "\
@@ -49,6 +59,7 @@ Examples:
   argus view --eye 3,2,5 --target 0,1,0 --out view.png
   argus load --clients 16 --seconds 10        how many views a second does the server manage?
   argus status                                who does what, and what it costs
+  argus config                                the settings in effect, and where they come from
 
 A scene is a file (.glb, .gltf, .obj, .ply) or the built-in `terrain[:TRIANGLES]`.
 Exit codes: 0 done, 1 failed, 2 bad arguments.";
@@ -62,16 +73,29 @@ enum Command {
     View(view::Args),
     Load(load::Args),
     Status(status::Args),
+    Health(health::Args),
     Scene(scene::Args),
     Compare(compare::Args),
+    Config(config::Args),
+    Certs(certs::Args),
     Study(study::Args),
+}
+
+impl Command {
+    /// Which part of the whole this process is, for its traces.
+    fn part(&self) -> &'static str {
+        match self {
+            Self::Serve(_) | Self::Coordinator(_) => "coordinator",
+            Self::Worker(_) => "worker",
+            _ => "client",
+        }
+    }
 }
 
 fn main() -> ExitCode {
     silence_device_selection();
     let cli = Cli::parse();
-    logging::start(cli.verbose);
-    exit::code(run(cli.command))
+    exit::code(run(cli))
 }
 
 /// Turns off Mesa's layer that reorders GPUs for a desktop session: Argus chooses its adapter itself, and where
@@ -83,20 +107,29 @@ fn silence_device_selection() {
     }
 }
 
-fn run(command: Command) -> anyhow::Result<()> {
+fn run(cli: Cli) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Runtime::new().context("cannot start the asynchronous runtime")?;
-    let result = match command {
+    let telemetry = {
+        let _within = runtime.enter();
+        telemetry::start(cli.verbose, cli.log_format, cli.command.part())?
+    };
+    let sources = &cli.sources;
+    let result = match cli.command {
         Command::Demo(args) => runtime.block_on(demo::run(args)),
-        Command::Serve(args) => runtime.block_on(serve::run(args)),
-        Command::Coordinator(args) => runtime.block_on(coordinator::run(args)),
-        Command::Worker(args) => runtime.block_on(worker::run(args)),
-        Command::View(args) => runtime.block_on(view::run(args)),
-        Command::Load(args) => runtime.block_on(load::run(args)),
-        Command::Status(args) => runtime.block_on(status::run(args)),
+        Command::Serve(args) => runtime.block_on(serve::run(args, sources)),
+        Command::Coordinator(args) => runtime.block_on(coordinator::run(args, sources)),
+        Command::Worker(args) => runtime.block_on(worker::run(args, sources)),
+        Command::View(args) => runtime.block_on(view::run(args, sources)),
+        Command::Load(args) => runtime.block_on(load::run(args, sources)),
+        Command::Status(args) => runtime.block_on(status::run(args, sources)),
+        Command::Health(args) => runtime.block_on(health::run(args, sources)),
         Command::Scene(args) => scene::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Certs(args) => certs::run(&args),
+        Command::Config(args) => config::run(&args, sources),
         Command::Study(args) => runtime.block_on(study::run(args)),
     };
+    telemetry.finish();
     // What still runs in the background has nobody to report to.
     runtime.shutdown_background();
     result

@@ -1,6 +1,7 @@
 //! `argus serve`: a whole cluster on this machine.
 
 use crate::coordinator::Service;
+use crate::settings::Sources;
 use crate::{args, processes};
 
 /// Serves a scene from this machine: a coordinator, and worker processes beside it.
@@ -12,11 +13,11 @@ use crate::{args, processes};
 Examples:
   argus serve                                   the built-in scene at http://127.0.0.1:7400
   argus serve --scene model.glb --workers 4
-  argus serve --scene room.glb --rig cell --cell 0.5 --listen 0.0.0.0:7400")]
+  argus serve --scene room.glb --rig cell --cell 0.5 --listen 127.0.0.1:7500")]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply) or `terrain[:TRIANGLES]`
-    #[arg(long, value_name = "S", default_value = "terrain")]
-    scene: String,
+    /// A file (.glb, .gltf, .obj, .ply) or `terrain[:TRIANGLES]` [default: terrain]
+    #[arg(long, value_name = "S")]
+    scene: Option<String>,
     /// Worker processes [default: one a core, at least 2 and at most 4]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
@@ -26,22 +27,29 @@ pub(crate) struct Args {
     service: Service,
 }
 
-pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
-    let ready = args.service.prepare(&args.scene).await?;
+pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
+    let settings = args.service.settings(args.scene.as_ref(), sources)?;
+    let scene = settings.coordinator.scene.as_deref().unwrap_or("terrain");
+    let drifts = args.sampling.indirect.particles.is_some();
+    let ready = args.service.prepare(scene, &settings, drifts).await?;
     let count = args.workers.map_or_else(processes::default_count, usize::from);
     args.service.announce(&ready, count)?;
 
     // Workers stop first, so that they can still say goodbye; a coordinator that fails takes them with it.
     let shutdown = ready.shutdown.clone();
     let url = ready.url.clone();
-    let sampling = args.sampling.to_arguments();
+    let mut more = sources.to_arguments()?;
+    more.extend(settings.security.to_arguments());
+    // One address for all of them would be nobody's.
+    more.push("--set=worker.advertise=".to_owned());
+    more.extend(args.sampling.to_arguments());
     let (served, kept) = tokio::join!(
         async {
             let served = ready.serve().await;
             shutdown.cancel();
             served
         },
-        processes::keep(count, &url, &sampling, shutdown.clone()),
+        processes::keep(count, &url, &more, shutdown.clone()),
     );
     served.and(kept)
 }

@@ -1,7 +1,13 @@
 //! `argus status`: who does what, and what it costs.
 
-use argus_client::{Client, ClusterStatus};
+use std::fmt::Write;
+use std::time::{Duration, Instant};
 
+use anyhow::Context;
+use argus_client::{Client, ClientError, ClusterStatus};
+use console::Term;
+
+use crate::settings::Sources;
 use crate::{args, output};
 
 /// Workers, their roles, and the balance between them.
@@ -9,7 +15,11 @@ use crate::{args, output};
 /// S samples and V views are asked for per tick; a sample costs g, a view from samples c. Of P processes, K
 /// sample: the whole number that makes a tick shortest. All of it is measured.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  argus status --json")]
+#[command(after_help = "\
+Examples:
+  argus status --json
+  argus status --watch            a live table, until Ctrl-C
+  argus status --watch 0.2")]
 pub(crate) struct Args {
     #[command(flatten)]
     server: args::Server,
@@ -17,45 +27,118 @@ pub(crate) struct Args {
     /// view_ms, tick_predicted_ms, tick_measured_ms, workers: [{id, pid, role, address, …}], counters, …
     #[arg(long)]
     json: bool,
+    /// Keep the table current, and say how many views a second are answered
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "1", value_parser = args::positive, conflicts_with = "json")]
+    watch: Option<f64>,
 }
 
-pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
-    let status = Client::connect(&args.server.server).await?.status().await?;
+pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
+    let client = args.server.connect(sources, 1).await?;
+    if let Some(secs) = args.watch {
+        let every = Duration::try_from_secs_f64(secs).context("--watch")?;
+        return watch(&client, every).await;
+    }
+    let status = client.status().await?;
     if args.json {
         return output::json(&status);
     }
-    print(&status);
+    print!("{}", table(&status)?);
     Ok(())
 }
 
-fn print(status: &ClusterStatus) {
+/// Shows the table time and again, each in the place of the one before where standard output is a terminal.
+async fn watch(client: &Client, every: Duration) -> anyhow::Result<()> {
+    let term = Term::stdout();
+    let mut lines = 0;
+    let mut before: Option<(Instant, u64)> = None;
+    let mut interval = tokio::time::interval(every);
+    interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    loop {
+        tokio::select! {
+            _ = interval.tick() => {}
+            stopped = tokio::signal::ctrl_c() => return stopped.context("cannot wait for Ctrl-C"),
+        }
+        let text = match client.status().await {
+            Ok(status) => {
+                let (now, answered) = (Instant::now(), status.counters.views_answered);
+                let mut text = table(&status)?;
+                if let Some((then, count)) = before.replace((now, answered)) {
+                    // A coordinator that was started again counts from zero.
+                    let rate = answered.saturating_sub(count) as f64 / (now - then).as_secs_f64();
+                    let sessions = status.counters.sessions_open;
+                    writeln!(text, "  {rate:.1} views a second, {sessions} sessions")?;
+                }
+                text
+            }
+            // It may come back, and whoever watches wants to see that.
+            Err(error @ ClientError::Server { broken: true, .. }) => format!("{error}\n"),
+            Err(error) => return Err(error.into()),
+        };
+        if term.is_term() {
+            term.clear_last_lines(lines)?;
+            // A line that is wider than the terminal would take more than one, and not be cleared.
+            let width = usize::from(term.size().1).max(20);
+            let narrow = text.lines().map(|line| console::truncate_str(line, width, "…").into_owned());
+            let narrow: Vec<String> =
+                narrow.take(usize::from(term.size().0).saturating_sub(1).max(4)).collect();
+            lines = narrow.len();
+            term.write_str(&(narrow.join("\n") + "\n"))?;
+        } else {
+            term.write_str(&text)?;
+        }
+        term.flush()?;
+    }
+}
+
+fn table(status: &ClusterStatus) -> anyhow::Result<String> {
+    let mut text = String::new();
+
     let seen = if status.visibility.is_empty() { "to be measured" } else { &status.visibility };
-    println!(
+    writeln!(
+        text,
         "{}, generation {}, epoch {}; triangles by {seen}",
         status.scene, status.generation, status.epoch
-    );
-    println!(
+    )?;
+    writeln!(
+        text,
         "  P {} processes = K {} samplers + {} compositors",
         status.processes, status.samplers, status.compositors
-    );
-    println!("  samples      S {:8.1} a tick,  g {:8.2} ms each", status.samples_per_tick, status.sample_ms);
-    println!("  views        V {:8.1} a tick,  c {:8.2} ms each", status.views_per_tick, status.view_ms);
-    println!(
+    )?;
+    writeln!(
+        text,
+        "  samples      S {:8.1} a tick,  g {:8.2} ms each",
+        status.samples_per_tick, status.sample_ms
+    )?;
+    writeln!(
+        text,
+        "  views        V {:8.1} a tick,  c {:8.2} ms each",
+        status.views_per_tick, status.view_ms
+    )?;
+    writeln!(
+        text,
         "  direct views D {:8.1} a tick,    {:8.2} ms each",
         status.direct_views_per_tick, status.direct_ms
-    );
-    println!("  single rays  R {:8.1} a tick,    {:8.2} µs each", status.rays_per_tick, status.ray_ms * 1e3);
+    )?;
+    writeln!(
+        text,
+        "  single rays  R {:8.1} a tick,    {:8.2} µs each",
+        status.rays_per_tick,
+        status.ray_ms * 1e3
+    )?;
     let refinements = status.refinements;
-    println!(
+    writeln!(
+        text,
         "  refinements    {} of {} samples at hand where views have holes, {} more wanted",
         refinements.usable, refinements.placed, refinements.wanted
-    );
-    println!(
+    )?;
+    writeln!(
+        text,
         "  tick           {:8.1} ms predicted, {:.1} ms measured",
         status.tick_predicted_ms, status.tick_measured_ms
-    );
+    )?;
     let counters = &status.counters;
-    println!(
+    writeln!(
+        text,
         "  views          {} answered, {} failed, {} rejected, {} retried; {} roles changed, {} workers lost",
         counters.views_answered,
         counters.views_failed,
@@ -63,13 +146,15 @@ fn print(status: &ClusterStatus) {
         counters.views_retried,
         counters.roles_changed,
         counters.workers_lost
-    );
-    println!(
+    )?;
+    writeln!(
+        text,
         "  {:<14} {:>8} {:<11} {:<28} {:>7} {:>7}  device",
         "worker", "pid", "role", "address", "queued", "held"
-    );
+    )?;
     for worker in &status.workers {
-        println!(
+        writeln!(
+            text,
             "  {:<14} {:>8} {:<11} {:<28} {:>7} {:>7}  {}",
             worker.id,
             worker.pid,
@@ -78,6 +163,7 @@ fn print(status: &ClusterStatus) {
             worker.queued_samples + worker.queued_views,
             worker.samples_held,
             worker.device
-        );
+        )?;
     }
+    Ok(text)
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
-use argus_client::{Answer, Client, RenderOptions};
+use argus_client::{Answer, RenderOptions};
 use argus_proto::Description;
 use argus_scene::reference::{Tracer, cache};
 use argus_scene::{
@@ -17,6 +17,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 use crate::exit::bad_arguments;
+use crate::settings::Sources;
 use crate::{args, output};
 
 /// Samples a pixel of the reference, as the calibration's.
@@ -162,14 +163,14 @@ impl Report {
     }
 }
 
-pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
+pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let CameraArgs { eye, target, up, fov_deg } = args.camera;
     let [width, height] = args.size;
     if args.verify && args.output != Output::Color {
         return Err(bad_arguments("--verify compares colours: leave --output out"));
     }
     let camera = Camera { eye, target, up, fov_deg };
-    let client = Client::connect(&args.server.server).await?;
+    let client = args.server.connect(sources, 1).await?;
     let plan = args.plan.request();
     let pin = args.time.map(|secs| moment(client.description(), &plan, secs)).transpose()?;
     let view = View { camera, width, height, outputs: Outputs::only(args.output), plan, pin };

@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use argus_cluster::worker::{Config, run as run_worker};
 
-use crate::coordinator::listen;
+use crate::exit::bad_arguments;
+use crate::settings::{self, Flags, Settings, Sources};
 use crate::wiring::{Device, SceneFolder};
-use crate::{args, shutdown};
+use crate::{args, credentials, shutdown};
 
 /// Joins a coordinator and renders for it: samples, views from samples, or views from triangles, as it says.
 ///
@@ -17,15 +18,16 @@ use crate::{args, shutdown};
 #[command(after_help = "\
 Examples:
   argus worker --coordinator http://127.0.0.1:7400
-  argus worker --coordinator http://host-a:7400 --listen 0.0.0.0:7401 --advertise http://host-b:7401")]
+  argus worker --coordinator http://host-a:7400 --listen 0.0.0.0:7401 --insecure")]
 pub(crate) struct Args {
     /// Where the coordinator is
     #[arg(long, value_name = "URL")]
-    coordinator: String,
-    /// Where to listen for the coordinator and other workers; port 0 takes any that is free
-    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
-    listen: String,
-    /// Where others reach this worker, if that is not where it listens
+    coordinator: Option<String>,
+    /// Where to listen for the coordinator and other workers; port 0 takes any that is free [default: 127.0.0.1:0]
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<String>,
+    /// Where others reach this worker [default: where it listens or, if that is everywhere, this machine's address on
+    /// the way to the coordinator]
     #[arg(long, value_name = "URL")]
     advertise: Option<String>,
     /// Folder to look for the scene in, and to keep scenes that were fetched [default: the user's cache]
@@ -33,16 +35,35 @@ pub(crate) struct Args {
     scenes: Option<PathBuf>,
     #[command(flatten)]
     sampling: args::Sampling,
+    #[command(flatten)]
+    security: args::Security,
     /// Also stop when standard input ends
     #[arg(long, hide = true)]
     exit_with_stdin: bool,
 }
 
-pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
+impl Args {
+    /// The settings, these arguments included.
+    fn settings(&self, sources: &Sources) -> anyhow::Result<Settings> {
+        let flags = Flags::default()
+            .with("worker.coordinator", "--coordinator", self.coordinator.as_ref())
+            .with("worker.listen", "--listen", self.listen.as_ref())
+            .with("worker.advertise", "--advertise", self.advertise.as_ref())
+            .with("worker.scenes", "--scenes", settings::path(self.scenes.as_ref()));
+        Ok(sources.load(self.security.with(flags))?.settings)
+    }
+}
+
+pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
+    let Settings { worker, security: files, .. } = args.settings(sources)?;
+    let Some(coordinator) = worker.coordinator.clone() else {
+        return Err(bad_arguments("--coordinator URL is wanted: where the coordinator is"));
+    };
     let shutdown = shutdown::requested(args.exit_with_stdin);
-    let listener = listen(&args.listen).await?;
-    let config = Config { advertise: args.advertise, ..Config::new(args.coordinator) };
-    let device = Arc::new(Device::new(args.sampling.knobs()));
-    let opener = Arc::new(SceneFolder::new(args.scenes));
+    let security = credentials::of_member(&files, false)?;
+    let listener = credentials::listen(&worker.listen, security.is_some(), &files).await?;
+    let config = Config { security, ..worker.config(coordinator) };
+    let device = Arc::new(Device::new(args.sampling.knobs(), settings::mib(worker.gpu_samples_mib)));
+    let opener = Arc::new(SceneFolder::new(worker.scenes));
     Ok(run_worker(config, listener, device, opener, shutdown).await?)
 }

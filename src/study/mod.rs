@@ -5,10 +5,17 @@ mod baseline;
 mod bounds;
 mod break_even;
 mod burst;
+mod capacity;
 mod cells;
+mod change;
+mod cluster;
 mod hard_cases;
+mod manylods;
 mod megaviews;
+mod overload;
+mod particles;
 mod radiosity;
+mod soak;
 mod visibility;
 mod walk;
 mod warp;
@@ -31,7 +38,9 @@ Examples:
   argus study baseline --scene model.glb --quick
   LP_NUM_THREADS=1 argus study warp --scene terrain:500000 --out figures
   argus study burst --scene terrain:500000 --views 290
-  argus study walk --scene sponza.glb --laps 8")]
+  argus study walk --scene sponza.glb --laps 8
+  argus study cluster --simulate --out figures
+  argus study soak --sessions 200 --minutes 2 --chaos")]
 pub(crate) struct Args {
     #[command(subcommand)]
     study: Study,
@@ -48,11 +57,19 @@ enum Study {
     Walk(walk::Walk),
     Visibility(visibility::Visibility),
     Cells(cells::Cells),
+    Cluster(cluster::Cluster),
+    Change(change::Change),
+    Soak(soak::Soak),
+    Capacity(capacity::Capacity),
     BreakEven(break_even::BreakEven),
     HardCases(hard_cases::HardCases),
     #[command(name = "megaviews")]
     MegaViews(megaviews::MegaViews),
+    #[command(name = "manylods")]
+    ManyLods(manylods::ManyLods),
+    Particles(particles::Particles),
     Radiosity(radiosity::Radiosity),
+    Overload(overload::Overload),
 }
 
 /// How long a study may take, and what becomes of its figures.
@@ -82,9 +99,16 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Walk(study) => ("walk", study.run(form.quick, &progress).await?),
         Study::Visibility(study) => ("visibility", study.run(form.quick, &progress).await?),
         Study::Cells(study) => ("cells", study.run(form.quick, &progress).await?),
+        Study::Cluster(study) => ("cluster", study.run(form.quick, &progress).await?),
+        Study::Change(study) => ("change", study.run(&progress).await?),
+        Study::Capacity(study) => ("capacity", study.run(form.quick, &progress).await?),
+        Study::Soak(study) => ("soak", study.run(form.quick, &progress).await?),
         Study::BreakEven(study) => ("break-even", study.run(form.quick, &progress).await?),
         Study::MegaViews(study) => ("megaviews", study.run(form.quick, &progress).await?),
+        Study::ManyLods(study) => ("manylods", study.run(form.quick, &progress).await?),
+        Study::Particles(study) => ("particles", study.run(form.quick, &progress).await?),
         Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
+        Study::Overload(study) => ("overload", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
     };
     progress.finish_and_clear();

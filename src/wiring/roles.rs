@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use argus_cluster::RoleFactory;
-use argus_compositor::GpuCompositor;
+use argus_compositor::{CompositorKnobs, GpuCompositor};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::{Compositor, RenderError, Sampler, Scene};
@@ -13,12 +13,14 @@ use argus_scene::{Compositor, RenderError, Sampler, Scene};
 pub(crate) struct Device {
     gpu: Mutex<Option<Arc<Gpu>>>,
     knobs: SamplerKnobs,
+    compositing: CompositorKnobs,
 }
 
 impl Device {
-    /// Whose samplers have those knobs.
-    pub(crate) fn new(knobs: SamplerKnobs) -> Self {
-        Self { gpu: Mutex::default(), knobs }
+    /// Whose samplers have those knobs, and whose compositor holds so many bytes of samples.
+    pub(crate) fn new(knobs: SamplerKnobs, max_sample_bytes: u64) -> Self {
+        let compositing = CompositorKnobs { max_sample_bytes, ..CompositorKnobs::default() };
+        Self { gpu: Mutex::default(), knobs, compositing }
     }
 
     fn gpu(&self) -> Result<Arc<Gpu>, RenderError> {
@@ -41,6 +43,6 @@ impl RoleFactory for Device {
     }
 
     fn compositor(&self) -> Result<Box<dyn Compositor>, RenderError> {
-        Ok(Box::new(GpuCompositor::new(self.gpu()?)?))
+        Ok(Box::new(GpuCompositor::with_knobs(self.gpu()?, self.compositing)?))
     }
 }

@@ -15,12 +15,14 @@ const GRACE: Duration = Duration::from_secs(20);
 pub struct LocalCluster {
     process: Child,
     url: String,
+    pid: u32,
 }
 
 /// The part of what a service prints that is of use here.
 #[derive(Deserialize)]
 struct Announcement {
     url: String,
+    pid: u32,
 }
 
 impl LocalCluster {
@@ -31,14 +33,33 @@ impl LocalCluster {
     /// # Errors
     /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
     pub fn start(argus: &Path, scene: &str, workers: usize, more: &[String]) -> anyhow::Result<Self> {
+        let workers = workers.to_string();
+        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more)
+    }
+
+    /// … a coordinator alone, without workers.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn coordinator(argus: &Path, scene: &str, more: &[String]) -> anyhow::Result<Self> {
+        Self::spawn(argus, &["coordinator", "--scene", scene], more)
+    }
+
+    fn spawn(argus: &Path, arguments: &[&str], more: &[String]) -> anyhow::Result<Self> {
         let mut command = Command::new(argus);
         if std::env::var_os("ARGUS_LOG").is_none() {
             // Progress is shown by whoever asked for the cluster; its processes report trouble alone.
             command.env("ARGUS_LOG", "warn");
         }
+        // A cluster of its own goes by no configuration but its arguments, or who started it could not reach it.
+        for (name, _) in std::env::vars_os() {
+            if name.to_str().is_some_and(|name| name.starts_with("ARGUS_") && name.contains("__")) {
+                command.env_remove(name);
+            }
+        }
         let mut process = command
-            .args(["serve", "--json", "--exit-with-stdin", "--listen", "127.0.0.1:0", "--scene", scene])
-            .args(["--workers", &workers.to_string()])
+            .args(arguments)
+            .args(["--config=", "--json", "--exit-with-stdin", "--listen", "127.0.0.1:0"])
             .args(more)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -48,7 +69,7 @@ impl LocalCluster {
         // One object and no more: the stream stays open for as long as the service runs.
         let mut objects = serde_json::Deserializer::from_reader(output).into_iter::<Announcement>();
         match objects.next() {
-            Some(Ok(Announcement { url })) => Ok(Self { process, url }),
+            Some(Ok(Announcement { url, pid })) => Ok(Self { process, url, pid }),
             _ => bail!("the service ended before it served: {}", process.wait()?),
         }
     }
@@ -56,6 +77,11 @@ impl LocalCluster {
     /// Where clients reach it.
     pub fn url(&self) -> &str {
         &self.url
+    }
+
+    /// Process id of the coordinator.
+    pub fn pid(&self) -> u32 {
+        self.pid
     }
 
     /// Lets it finish what is in work.

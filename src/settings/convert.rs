@@ -1,0 +1,119 @@
+//! Settings in the words of those who go by them, and the ranges that they must keep.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use argus_cluster::{coordinator, core, worker};
+
+use super::{Coordinator, Limits, Security, Settings, Worker};
+
+/// Longest duration that can be set: a year is for ever, and clocks can count it.
+const MOST_SECS: f64 = 31_536_000.0;
+
+impl Settings {
+    /// The first setting that is out of its range, and the reason.
+    pub(super) fn out_of_range(&self) -> Option<(&'static str, String)> {
+        let Self { coordinator, worker, limits, .. } = self;
+        // Written so that NaN is refused.
+        let within = |key, value: f64, least: f64, most: f64| {
+            let fits = value >= least && value <= most;
+            (!fits).then(|| (key, format!("must be {least} to {most}, not {value}")))
+        };
+        let some = |key, value: u64| (value == 0).then(|| (key, "must be at least 1".to_owned()));
+        let rate = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0, 1e15));
+        [
+            within("coordinator.refining_share", coordinator.refining_share, 0.0, 1.0),
+            within("coordinator.epoch_ms", coordinator.epoch_ms, 1e-3, 1e3 * MOST_SECS),
+            within("coordinator.time_scale", coordinator.time_scale, 0.0, 1e6),
+            within("coordinator.lease_secs", coordinator.lease_secs, 0.1, MOST_SECS),
+            within("coordinator.registry_lease_secs", coordinator.registry_lease_secs, 0.5, 3600.0),
+            within("coordinator.grace_secs", coordinator.grace_secs, 0.0, MOST_SECS),
+            within("worker.grace_secs", worker.grace_secs, 0.0, MOST_SECS),
+            within("limits.wait_secs", limits.wait_secs, 0.0, MOST_SECS),
+            rate("limits.pixels_per_sec", limits.pixels_per_sec),
+            rate("limits.pixels_per_sec_per_client", limits.pixels_per_sec_per_client),
+            some("worker.samples_mib", worker.samples_mib),
+            some("worker.gpu_samples_mib", worker.gpu_samples_mib),
+            some("worker.queued_views", worker.queued_views as u64),
+            some("worker.queued_samples", worker.queued_samples as u64),
+            some("worker.bundle_mib", worker.bundle_mib),
+            some("limits.views", limits.views as u64),
+            some("limits.views_per_client", limits.views_per_client as u64),
+            some("limits.sessions", limits.sessions as u64),
+            some("limits.sessions_per_client", limits.sessions_per_client as u64),
+            some("limits.connections", limits.connections as u64),
+            some("limits.request_kib", limits.request_kib as u64),
+            some("limits.view_side", limits.view_side.into()),
+            some("limits.view_pixels", limits.view_pixels),
+        ]
+        .into_iter()
+        .flatten()
+        .next()
+    }
+}
+
+impl Security {
+    /// What a process of this machine needs to be a member of the same cluster.
+    pub(crate) fn to_arguments(&self) -> Vec<String> {
+        let files = [("certificate", &self.certificate), ("key", &self.key), ("ca", &self.ca)];
+        let flag = |(name, path): (&str, &Option<PathBuf>)| {
+            path.as_ref().map(|path| format!("--set=security.{name}={}", path.display()))
+        };
+        files.into_iter().filter_map(flag).collect()
+    }
+}
+
+/// Of a number that was checked.
+fn secs(secs: f64) -> Duration {
+    Duration::try_from_secs_f64(secs).unwrap_or(Duration::MAX)
+}
+
+/// In bytes.
+pub(crate) fn mib(mib: u64) -> u64 {
+    mib.saturating_mul(1 << 20)
+}
+
+impl Coordinator {
+    /// The coordinator's part of them.
+    pub(crate) fn config(&self, limits: &Limits) -> coordinator::Config {
+        let core = core::Config {
+            samplers_composite: self.samplers_composite,
+            refining_share: self.refining_share,
+            epoch: secs(self.epoch_ms * 1e-3),
+            lease: secs(self.lease_secs),
+            max_views: limits.views,
+            max_views_per_client: limits.views_per_client,
+            max_sessions: limits.sessions,
+            max_sessions_per_client: limits.sessions_per_client,
+            pixels_per_sec: limits.pixels_per_sec,
+            pixels_per_sec_per_client: limits.pixels_per_sec_per_client,
+            max_wait: secs(limits.wait_secs),
+            limits: argus_scene::Limits { max_side: limits.view_side, max_pixels: limits.view_pixels },
+            ..core::Config::default()
+        };
+        let (time_scale, grace) = (self.time_scale, secs(self.grace_secs));
+        coordinator::Config {
+            core,
+            time_scale,
+            grace,
+            max_connections: limits.connections,
+            max_request_bytes: limits.request_kib.saturating_mul(1 << 10),
+            ..coordinator::Config::default()
+        }
+    }
+}
+
+impl Worker {
+    /// The worker's part of them, for the coordinator at that address.
+    pub(crate) fn config(&self, coordinator: String) -> worker::Config {
+        worker::Config {
+            advertise: self.advertise.clone(),
+            held_bytes: mib(self.samples_mib),
+            max_queued_views: self.queued_views,
+            max_queued_samples: self.queued_samples,
+            max_bundle_bytes: mib(self.bundle_mib),
+            grace: secs(self.grace_secs),
+            ..worker::Config::new(coordinator)
+        }
+    }
+}

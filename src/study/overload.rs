@@ -1,0 +1,39 @@
+//! Arguments of `argus study overload`.
+
+use argus_studies::overload::{Options, run};
+use argus_studies::{Effort as _, Report};
+use indicatif::ProgressBar;
+
+use super::arguments::{Scene, Size, Workers};
+use crate::args;
+
+/// More views than a cluster can carry: what it still answers, how late, and what becomes of the rest
+///
+/// Without --scene: terrain:500000. A load is a multiple of what the cluster was found to carry.
+#[derive(clap::Args)]
+pub(super) struct Overload {
+    #[command(flatten)]
+    scene: Scene,
+    #[command(flatten)]
+    size: Size,
+    #[command(flatten)]
+    workers: Workers,
+    /// Seconds of each load [default: 15]
+    #[arg(long, value_name = "T", value_parser = args::positive)]
+    seconds: Option<f64>,
+    /// Seconds that a view may wait for its turn before the service turns it away [default: 1]
+    #[arg(long, value_name = "SECONDS", value_parser = args::positive)]
+    wait: Option<f64>,
+}
+
+impl Overload {
+    pub(super) async fn run(self, quick: bool, progress: &ProgressBar) -> anyhow::Result<Report> {
+        let mut options = Options::of(quick);
+        self.scene.replace(&mut options.scene);
+        self.size.replace(&mut options.size);
+        self.workers.replace(&mut options.workers);
+        options.seconds = self.seconds.unwrap_or(options.seconds);
+        options.wait_secs = self.wait.unwrap_or(options.wait_secs);
+        run(&std::env::current_exe()?, &options, progress).await
+    }
+}

@@ -1,0 +1,92 @@
+//! What this process says while it runs: its log, on standard error, and the traces of views, to a collector.
+
+use std::io::IsTerminal;
+
+use anyhow::Context;
+use argus_proto::trace::TARGET;
+use clap::ValueEnum;
+use opentelemetry::trace::TracerProvider;
+use opentelemetry::{KeyValue, global};
+use opentelemetry_otlp::SpanExporter;
+use opentelemetry_sdk::Resource;
+use opentelemetry_sdk::propagation::TraceContextPropagator;
+use opentelemetry_sdk::trace::SdkTracerProvider;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer, Registry};
+
+/// How the log is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line, for what collects logs.
+    Json,
+}
+
+/// Where traces go, as every program that speaks OpenTelemetry is told.
+const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT"];
+
+/// Ends with what was traced being sent.
+pub(crate) struct Telemetry(Option<SdkTracerProvider>);
+
+/// Starts logging: what Argus does by default, more with each `-v`; `ARGUS_LOG` has the last word. Traces are
+/// exported where the environment names a collector. To be called within the runtime that carries them there.
+///
+/// # Errors
+/// The collector's address is none.
+pub(crate) fn start(verbosity: u8, format: LogFormat, part: &str) -> anyhow::Result<Telemetry> {
+    let default = match verbosity {
+        0 => "warn,argus=info,wgpu_hal=error",
+        1 => "info,argus_cluster=debug,wgpu_core=warn,wgpu_hal=warn,naga=warn",
+        _ => "debug",
+    };
+    let filter = EnvFilter::try_from_env("ARGUS_LOG").unwrap_or_else(|_| EnvFilter::new(default));
+    // A line a frame is what traces are for.
+    let filter = match format!("{TARGET}=off").parse() {
+        Ok(directive) => filter.add_directive(directive),
+        Err(_) => filter,
+    };
+    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    let lines = match format {
+        LogFormat::Text => lines.with_ansi(std::io::stderr().is_terminal()).compact().boxed(),
+        LogFormat::Json => lines.json().flatten_event(true).with_current_span(false).boxed(),
+    };
+    let provider = match ENDPOINTS.iter().any(|name| std::env::var_os(name).is_some()) {
+        true => Some(provider(part)?),
+        false => None,
+    };
+    let traces = provider.as_ref().map(|provider| {
+        let only = Targets::new().with_target(TARGET, LevelFilter::DEBUG);
+        tracing_opentelemetry::layer().with_tracer(provider.tracer("argus")).with_filter(only)
+    });
+    Registry::default().with(lines.with_filter(filter)).with(traces).init();
+    Ok(Telemetry(provider))
+}
+
+/// Sends spans in batches to the collector that the environment names.
+fn provider(part: &str) -> anyhow::Result<SdkTracerProvider> {
+    let exporter = SpanExporter::builder().with_tonic().build();
+    let exporter = exporter.with_context(|| format!("traces cannot be exported as {} says", ENDPOINTS[1]))?;
+    let named = std::env::var_os("OTEL_SERVICE_NAME").is_some();
+    let mut resource = Resource::builder();
+    if !named {
+        resource = resource.with_service_name(format!("argus-{part}"));
+    }
+    let resource =
+        resource.with_attribute(KeyValue::new("process.pid", i64::from(std::process::id()))).build();
+    let provider = SdkTracerProvider::builder().with_batch_exporter(exporter).with_resource(resource).build();
+    global::set_text_map_propagator(TraceContextPropagator::new());
+    global::set_tracer_provider(provider.clone());
+    Ok(provider)
+}
+
+impl Telemetry {
+    /// Sends what is left, for a few seconds at most. A collector that is gone keeps nobody from ending.
+    pub(crate) fn finish(self) {
+        if let Some(Err(error)) = self.0.map(|provider| provider.shutdown()) {
+            tracing::debug!(%error, "not all traces were sent");
+        }
+    }
+}

@@ -1,0 +1,240 @@
+//! What one coordinator process carries: thousands of sessions and a thousand workers, simulated peers over real gRPC.
+
+mod peer;
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, Result};
+use argus_client::load::{burst, path_views};
+use argus_client::{Client, ConnectOptions, Session, SessionEvent, SessionOptions};
+use argus_scene::PlanRequest;
+use futures::StreamExt as _;
+use indicatif::ProgressBar;
+use rand::rngs::SmallRng;
+use rand::{RngCore as _, SeedableRng};
+use serde_json::json;
+use tokio::task::{AbortHandle, JoinSet};
+
+use self::peer::Shared;
+use crate::burst::patient;
+use crate::local_cluster::LocalCluster;
+use crate::processes::{cpu_secs, resident_bytes};
+use crate::{Effort, Machine, Report, report};
+
+/// How many peers there are.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Sessions that are open at the same time.
+    pub sessions: usize,
+    /// Workers.
+    pub workers: usize,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// How long each of the phases is that measure time on a core.
+    pub phase: Duration,
+    /// Workers that are lost, one after the other.
+    pub losses: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { sessions: 10_000, workers: 1000, size: [200, 150], phase: Duration::from_secs(15), losses: 10 }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self { sessions: 50, workers: 20, phase: Duration::from_secs(1), losses: 2, ..Self::default() }
+    }
+}
+
+/// Nothing is rendered; the smallest scene there is will do.
+const SCENE: &str = "terrain:2000";
+
+/// Connections that the sessions share.
+const CONNECTIONS: usize = 64;
+
+/// How long a lost view may take to be given to another worker before the study gives up.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Runs it against a coordinator of the program `argus`.
+///
+/// # Errors
+/// A coordinator that does not come up, or a peer that it does not answer.
+pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
+    progress.set_length(4);
+    progress.set_message("workers join");
+    let more = ["--refining-share=0".to_owned(), "--visibility=raster".to_owned()];
+    let coordinator = LocalCluster::coordinator(argus, SCENE, &more)?;
+    let pid = coordinator.pid();
+    let mut pixels = vec![0; (options.size[0] * options.size[1] * 3) as usize];
+    SmallRng::seed_from_u64(1).fill_bytes(&mut pixels);
+    let shared = Shared::new(pixels);
+    let (port, _serving) = peer::serve(shared.clone()).await?;
+    let began = Instant::now();
+    let mut workers: Vec<AbortHandle> = Vec::new();
+    for worker in 0..options.workers {
+        workers.push(tokio::spawn(peer::join(coordinator.url().to_owned(), worker, port)).abort_handle());
+    }
+    let connections = ConnectOptions { connections: CONNECTIONS, ..ConnectOptions::default() };
+    let client = Client::connect_with(coordinator.url(), &connections).await?;
+    let ready = async {
+        while client.status().await.map_or(0, |status| status.processes as usize) < options.workers {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(120), ready)
+        .await
+        .context("not all workers joined in two minutes")?;
+    let joined_secs = began.elapsed().as_secs_f64();
+    progress.inc(1);
+
+    progress.set_message("sessions open");
+    let began = Instant::now();
+    let mut sessions = open(&client, options).await?;
+    let opened_secs = began.elapsed().as_secs_f64();
+    // Sessions are open and quiet, as redirected ones would be; workers report.
+    let idle_cores = cores(pid, options.phase).await?;
+    let resident_mb = resident_bytes(pid).unwrap_or(0) as f64 / 1e6;
+    progress.inc(1);
+
+    progress.set_message("frames are relayed");
+    let views = path_views(client.description(), 2000, options.size, PlanRequest::default());
+    let (before, answered, began) = (cpu_secs(pid), shared.answered.load(Ordering::Relaxed), Instant::now());
+    while began.elapsed() < options.phase {
+        let relayed = burst(&client, views.clone(), 256, &patient(), |_, _| ()).await;
+        anyhow::ensure!(relayed.failed == 0, "a view was not answered: {:?}", relayed.first_error);
+    }
+    let relayed_secs = began.elapsed().as_secs_f64();
+    let frames = (shared.answered.load(Ordering::Relaxed) - answered) as f64;
+    let relaying =
+        cpu_secs(pid).zip(before).map(|(after, before)| after - before).context("no time on a core")?;
+    // What the workers' reports take goes on meanwhile.
+    let of_frames = (relaying - idle_cores * relayed_secs).max(1e-9);
+    let busy_mb = resident_bytes(pid).unwrap_or(0) as f64 / 1e6;
+    progress.inc(1);
+
+    progress.set_message("workers are lost");
+    let mut worst = Duration::ZERO;
+    for _ in 0..options.losses {
+        worst = worst.max(lose(&client, &shared, &mut workers, options).await?);
+    }
+    progress.inc(1);
+    sessions.abort_all();
+    while sessions.join_next().await.is_some() {}
+    workers.iter().for_each(AbortHandle::abort);
+    drop(client);
+    coordinator.stop()?;
+
+    let bytes = f64::from(options.size[0] * options.size[1] * 3);
+    let row = json!({
+        "workers": options.workers,
+        "sessions": options.sessions,
+        "joined_secs": joined_secs,
+        "opened_secs": opened_secs,
+        "idle_cores": idle_cores,
+        "resident_mb": resident_mb,
+        "resident_mb_relaying": busy_mb,
+        "relayed_per_sec": frames / relayed_secs,
+        "relayed_cores": relaying / relayed_secs,
+        "relayed_per_sec_of_a_core": frames / of_frames,
+        "relayed_mb_per_sec_of_a_core": frames * bytes / of_frames / 1e6,
+        "us_per_frame": of_frames / frames * 1e6,
+        "assigned_after_loss_ms": worst.as_secs_f64() * 1e3,
+    });
+    let mut report = Report::new("peers", Machine::here("none"), vec![report::row(row)]);
+    report.notes.push(
+        "Sessions are open and ask for nothing while idle_cores is measured, as sessions would that were redirected to \
+         workers; today's sessions are not redirected, so that each of their frames costs us_per_frame besides. Frames are \
+         raw and relayed unopened. assigned_after_loss_ms: the longest from the end of a worker's stream until another \
+         worker had the order of its view."
+            .to_owned(),
+    );
+    Ok(report)
+}
+
+/// Time on a core that a process takes, as a share of one.
+async fn cores(pid: u32, time: Duration) -> Result<f64> {
+    let (before, began) = (cpu_secs(pid).context("the coordinator is gone")?, Instant::now());
+    tokio::time::sleep(time).await;
+    let after = cpu_secs(pid).context("the coordinator is gone")?;
+    Ok((after - before) / began.elapsed().as_secs_f64())
+}
+
+/// Opens the sessions, each with one frame, and keeps them open.
+async fn open(client: &Client, options: &Options) -> Result<JoinSet<()>> {
+    let view = path_views(client.description(), 1, [16, 12], PlanRequest::default());
+    let view = view.first().context("a view")?;
+    let opening = futures::stream::iter(0..options.sessions).map(|_| {
+        let mut session = client.session(SessionOptions::default());
+        async move {
+            session.send(view);
+            match session.next().await? {
+                SessionEvent::Frame { .. } => Ok(session),
+                SessionEvent::Failed { error, .. } => Err(error),
+            }
+        }
+    });
+    let mut opened = opening.buffer_unordered(128);
+    let mut sessions = JoinSet::new();
+    while let Some(session) = opened.next().await {
+        let mut session: Session = session?;
+        sessions.spawn(async move { while session.next().await.is_ok() {} });
+    }
+    Ok(sessions)
+}
+
+/// A worker falls silent with a view, and its stream ends: how long until another worker has that view.
+async fn lose(
+    client: &Client,
+    shared: &Shared,
+    workers: &mut [AbortHandle],
+    options: &Options,
+) -> Result<Duration> {
+    // Whoever gets the next view keeps it.
+    let begun = Instant::now();
+    let victim = loop {
+        anyhow::ensure!(begun.elapsed() < PATIENCE, "no view reaches the worker that is to be lost");
+        let candidate =
+            workers.iter().position(|worker| !worker.is_finished()).context("no worker is left")?;
+        // Views go in turns to all: in a round each gets one.
+        shared.silence(candidate);
+        let views =
+            path_views(client.description(), 2 * options.workers as u32, [16, 12], PlanRequest::default());
+        let asking = tokio::spawn({
+            let client = client.clone();
+            async move { burst(&client, views, 256, &patient(), |_, _| ()).await }
+        });
+        let reached = |shared: &Shared| shared.orders().iter().any(|(_, worker)| *worker == candidate);
+        while !reached(shared) && !asking.is_finished() {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        if reached(shared) {
+            break (candidate, asking);
+        }
+        // It samples, and gets no views.
+        workers[candidate].abort();
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    };
+    let (worker, asking) = victim;
+    // The others' answers are in by now; what is open is what the silent one has.
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    let lost = Instant::now();
+    shared.silence(usize::MAX - 1);
+    workers[worker].abort();
+    let moved = async {
+        loop {
+            if let Some((at, _)) = shared.orders().first() {
+                return at.saturating_duration_since(lost);
+            }
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+    };
+    let moved = tokio::time::timeout(PATIENCE, moved).await.context("a lost worker's view went to nobody")?;
+    shared.silence(usize::MAX);
+    let outcome = asking.await?;
+    anyhow::ensure!(outcome.failed == 0, "a view was lost with its worker: {:?}", outcome.first_error);
+    Ok(moved)
+}

@@ -1,0 +1,182 @@
+//! Simulated workers for a real coordinator: they join, report and answer over real gRPC, and render nothing.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, Result};
+use argus_proto::v1::cluster_client::ClusterClient;
+use argus_proto::v1::frame_chunk::Body;
+use argus_proto::v1::views_server::{Views, ViewsServer};
+use argus_proto::{PROTOCOL_VERSION, v1};
+use bytes::Bytes;
+use futures::StreamExt as _;
+use futures::stream::{self, BoxStream};
+use parking_lot::Mutex;
+use tokio::net::TcpListener;
+use tokio::sync::mpsc;
+use tokio::task::AbortHandle;
+use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
+use tonic::transport::server::TcpConnectInfo;
+use tonic::transport::{Endpoint, Server};
+use tonic::{Request, Response, Status, Streaming};
+
+/// How often each reports: what the coordinator asks workers for.
+const REPORT: Duration = Duration::from_millis(250);
+
+/// What all simulated workers share.
+#[derive(Debug, Default)]
+pub(super) struct Shared {
+    pub(super) answered: AtomicU64,
+    /// The worker that answers nothing, by its number; `usize::MAX`: all do.
+    silent: AtomicUsize,
+    /// When an order reached a worker, and which: the newest ones.
+    orders: Mutex<Vec<(Instant, usize)>>,
+    /// Random pixels: nothing packs them.
+    pixels: Bytes,
+}
+
+impl Shared {
+    pub(super) fn new(pixels: Vec<u8>) -> Arc<Self> {
+        let silent = AtomicUsize::new(usize::MAX);
+        Arc::new(Self { silent, pixels: pixels.into(), ..Self::default() })
+    }
+
+    pub(super) fn silence(&self, worker: usize) {
+        self.silent.store(worker, Ordering::SeqCst);
+        self.orders.lock().clear();
+    }
+
+    /// The orders since the last silence.
+    pub(super) fn orders(&self) -> Vec<(Instant, usize)> {
+        self.orders.lock().clone()
+    }
+}
+
+/// The address of a worker: each has one of its own in 127.0.0.0/8, all lead to one listener.
+fn address(worker: usize, port: u16) -> SocketAddr {
+    let [high, low] = (worker as u16).to_be_bytes();
+    ([127, 1, high, low], port).into()
+}
+
+fn number(local: SocketAddr) -> usize {
+    match local {
+        SocketAddr::V4(v4) => usize::from(u16::from_be_bytes([v4.ip().octets()[2], v4.ip().octets()[3]])),
+        SocketAddr::V6(_) => usize::MAX,
+    }
+}
+
+/// Serves views for all simulated workers; the port.
+pub(super) async fn serve(shared: Arc<Shared>) -> Result<(u16, AbortHandle)> {
+    let listener = TcpListener::bind(("0.0.0.0", 0)).await.context("cannot listen for simulated workers")?;
+    let port = listener.local_addr()?.port();
+    let service = ViewsServer::new(Answering { shared });
+    let serving = Server::builder()
+        .initial_connection_window_size(16 << 20)
+        .add_service(service)
+        .serve_with_incoming(TcpListenerStream::new(listener));
+    Ok((port, tokio::spawn(async move { drop(serving.await) }).abort_handle()))
+}
+
+struct Answering {
+    shared: Arc<Shared>,
+}
+
+#[tonic::async_trait]
+impl Views for Answering {
+    type RenderStream = BoxStream<'static, Result<v1::FrameChunk, Status>>;
+    type SessionStream = BoxStream<'static, Result<v1::SessionResponse, Status>>;
+
+    async fn describe(
+        &self,
+        _request: Request<v1::DescribeRequest>,
+    ) -> Result<Response<v1::DescribeResponse>, Status> {
+        Err(Status::unimplemented("simulated"))
+    }
+
+    async fn render(
+        &self,
+        request: Request<v1::RenderRequest>,
+    ) -> Result<Response<Self::RenderStream>, Status> {
+        let local = request.extensions().get::<TcpConnectInfo>().and_then(TcpConnectInfo::local_addr);
+        let worker = local.map_or(usize::MAX, number);
+        let request = request.into_inner();
+        if self.shared.silent.load(Ordering::SeqCst) != usize::MAX {
+            self.shared.orders.lock().push((Instant::now(), worker));
+            if self.shared.silent.load(Ordering::SeqCst) == worker {
+                std::future::pending::<()>().await;
+            }
+        }
+        let (view, order) = (request.view.unwrap_or_default(), request.order.unwrap_or_default());
+        let bytes = self.shared.pixels.slice(..(view.width * view.height * 3) as usize);
+        let image = v1::ImageHeader {
+            output: v1::Output::Color as i32,
+            encoding: v1::Encoding::Raw as i32,
+            packed_bytes: bytes.len() as u64,
+        };
+        let header = v1::FrameHeader {
+            width: view.width,
+            height: view.height,
+            images: vec![image],
+            served: Some(v1::Served::default()),
+            provenance: Some(v1::Provenance {
+                scene_hash: Bytes::from_static(&[0; 32]),
+                epoch: order.epoch,
+                generation: 1,
+                plan: order.plan,
+                device: "simulated".to_owned(),
+            }),
+            view_id: request.view_id,
+            worker: format!("peer-{worker}"),
+            age_ms: order.age_ms,
+            ..v1::FrameHeader::default()
+        };
+        self.shared.answered.fetch_add(1, Ordering::Relaxed);
+        let chunks = [Body::Header(header), Body::Data(v1::FrameData { offset: 0, bytes })];
+        Ok(Response::new(stream::iter(chunks.map(|body| Ok(v1::FrameChunk { body: Some(body) }))).boxed()))
+    }
+
+    async fn session(
+        &self,
+        _request: Request<Streaming<v1::SessionRequest>>,
+    ) -> Result<Response<Self::SessionStream>, Status> {
+        Err(Status::unimplemented("simulated"))
+    }
+}
+
+/// Joins as worker `number` and reports until it is aborted, by which its stream breaks. Holds every sample that it was
+/// ever told of, so that views go to all alike.
+pub(super) async fn join(coordinator: String, worker: usize, port: u16) -> Result<()> {
+    let channel = Endpoint::from_shared(coordinator)?.tcp_nodelay(true).connect().await?;
+    let (reports, receiver) = mpsc::channel(4);
+    let hello = v1::Hello {
+        protocol_version: PROTOCOL_VERSION,
+        worker_id: format!("peer-{worker:05}"),
+        pid: 0,
+        address: format!("http://{}", address(worker, port)),
+        device: "simulated".to_owned(),
+        cores: 1,
+    };
+    let hello = v1::worker_report::Body::Hello(hello);
+    reports.send(v1::WorkerReport { body: Some(hello) }).await?;
+    let answer = ClusterClient::new(channel).join(ReceiverStream::new(receiver)).await?;
+    let mut assignments = answer.into_inner();
+    let mut report = v1::Measurements { sample_ms: Some(20.0), view_ms: Some(2.0), ..Default::default() };
+    let mut interval = tokio::time::interval(REPORT);
+    loop {
+        tokio::select! {
+            assignment = assignments.message() => {
+                let Some(assignment) = assignment? else { return Ok(()) };
+                (report.applied, report.role) = (assignment.sequence, assignment.role);
+                let told = assignment.sources.into_iter().filter_map(|source| source.id);
+                report.held.extend(told);
+            }
+            _ = interval.tick() => {}
+        }
+        let body = v1::worker_report::Body::Measurements(report.clone());
+        if reports.send(v1::WorkerReport { body: Some(body) }).await.is_err() {
+            return Ok(());
+        }
+    }
+}

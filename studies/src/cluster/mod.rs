@@ -1,0 +1,329 @@
+//! The cluster paper's measurements (section 5, figures 5 to 8, table 1) on real local clusters: separate processes that
+//! talk over the loopback interface, each with one core at best; and the same by simulation, for as many as one likes.
+//!
+//! *Naive* is fair: all P workers render the triangles directly, each view by the cheapest way there is. *Proposed*
+//! renders S samples anew each tick, as in the paper; *helping* lets samplers compose in their spare time; *still* is the
+//! proposed way where the scene stands still, so that samples are rendered once.
+
+mod measure;
+mod row;
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::Result;
+use argus_cluster::core::balance::{self, Split};
+use argus_scene::PlanRequest;
+use argus_scene::metrics::compare;
+use image::RgbImage;
+use indicatif::ProgressBar;
+
+use self::measure::{Measured, Run, measure};
+use self::row::Row;
+use crate::burst::{connect, patient};
+use crate::local_cluster::LocalCluster;
+use crate::simulate::efficiency::{self, Case, load_of};
+use crate::simulate::{Machines, Parameters};
+use crate::{Effort, Machine, Report};
+
+/// How views are answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    /// All render all views directly.
+    Naive,
+    /// K sample anew each tick, the others compose.
+    Proposed,
+    /// … and samplers compose in their spare time.
+    Helping,
+    /// Samples are rendered once.
+    Still,
+}
+
+impl Way {
+    const ALL: [Self; 4] = [Self::Naive, Self::Proposed, Self::Helping, Self::Still];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Naive => "naive",
+            Self::Proposed => "proposed",
+            Self::Helping => "proposed, samplers compose",
+            Self::Still => "proposed, still scene",
+        }
+    }
+}
+
+/// What is measured or simulated.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Processes that time against views is measured with; efficiency is measured with 1 to as many.
+    pub processes: u32,
+    /// Views a tick; the last is that of efficiency against processes.
+    pub views: Vec<u32>,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// Ticks that are measured, at least.
+    pub ticks: usize,
+    /// How long roles must not have changed before that.
+    pub settle: Duration,
+    /// Simulate this many processes and no real ones, by these costs.
+    pub simulate: Option<Parameters>,
+    /// Processes that are simulated.
+    pub simulated: Vec<u32>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            scene: "terrain:500000".to_owned(),
+            processes: 3,
+            views: vec![10, 50, 100, 290, 500, 1000],
+            size: [200, 150],
+            ticks: 3,
+            settle: Duration::from_secs(5),
+            simulate: None,
+            simulated: vec![2, 5, 6, 7, 8, 9, 10, 11, 64, 256, 1024, 4096],
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "terrain:20000".to_owned(),
+            processes: 2,
+            views: vec![8, 24],
+            size: [96, 72],
+            ticks: 2,
+            settle: Duration::from_millis(500),
+            simulated: vec![2, 11],
+            ..Self::default()
+        }
+    }
+}
+
+/// Table 1 of the paper: efficiency at 1000 views.
+const PAPER: [(u32, f64, f64); 7] = [
+    (5, 0.715, 0.103),
+    (6, 0.757, 0.105),
+    (7, 0.792, 0.106),
+    (8, 0.812, 0.108),
+    (9, 0.818, 0.108),
+    (10, 0.826, 0.110),
+    (11, 0.829, 0.110),
+];
+
+/// Views of a tick that are simulated for each process beyond the paper's eleven, whose 1000 would be one for each.
+const VIEWS_EACH: u64 = 100;
+
+/// Runs the study with clusters of the program `argus`.
+///
+/// # Errors
+/// A cluster that does not come up, or a view that is not answered.
+pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
+    match options.simulate.clone() {
+        Some(parameters) => simulated(options, parameters, progress).await,
+        None => measured(argus, options, progress).await,
+    }
+}
+
+async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let most = options.views.iter().copied().max().unwrap_or(1);
+    let mut cases: Vec<(usize, u32, Way)> = Vec::new();
+    let p = options.processes.max(2) as usize;
+    cases.extend(options.views.iter().flat_map(|v| Way::ALL.map(|way| (p, *v, way))));
+    cases.extend((1..=options.processes as usize).flat_map(|q| Way::ALL.map(|way| (q, most, way))));
+    let mut unique: Vec<(usize, u32, Way)> = Vec::new();
+    for case in cases {
+        // One process has no samplers beside compositors.
+        if !(unique.contains(&case) || (case.0 == 1 && case.2 == Way::Helping)) {
+            unique.push(case);
+        }
+    }
+    progress.set_length(unique.len() as u64 + 1);
+    let mut runs: Vec<(usize, u32, Way, Measured)> = Vec::new();
+    for (processes, views, way) in unique {
+        progress.set_message(format!("P = {processes}, V = {views}, {}", way.name()));
+        // A tick of few views is short: enough of them for a figure.
+        let ticks = options.ticks.max((200 / views as usize).min(20));
+        let Options { scene, size, settle, .. } = options;
+        let run = Run { argus, scene, processes, views, size: *size, way, ticks, settle: *settle };
+        runs.push((processes, views, way, measure(&run).await?));
+        progress.inc(1);
+    }
+    progress.set_message("quality");
+    let (flip, psnr_db) = quality(argus, options).await?;
+    progress.inc(1);
+    let parameters = parameters_of(&runs, options);
+    let mut rows = Vec::new();
+    for (processes, views, way, measured) in &runs {
+        let simulation = simulate_one(*processes as u32, u64::from(*views), *way, &parameters, options.ticks);
+        rows.push(Row::measured(*processes as u32, *views, *way, measured, simulation.tick_secs));
+    }
+    let device = runs.first().map(|run| run.3.device.clone()).unwrap_or_default();
+    let mut report = Report::new(options.scene.clone(), Machine::here(&device), row::table(&rows));
+    report.plots = row::plots_of_measured(&rows, p as u32, most);
+    report.notes.push(format!(
+        "Image difference of warped and direct views, mean of {JUDGED}: FLIP {flip:.4}, PSNR {psnr_db:.1} dB."
+    ));
+    let cores = report.machine.cores;
+    if options.processes as usize + 2 > cores {
+        report.notes.push(format!(
+            "{} workers, the coordinator and the client share {cores} cores: measured ticks are those of processes \
+             without a core of their own, and simulated ones likewise.",
+            options.processes
+        ));
+    }
+    let apart = rows.iter().filter(|row| !row.agrees()).count();
+    report.notes.push(format!(
+        "Simulated by what the run of {p} processes and {most} views took of cores: {apart} of {} ticks differ from the \
+         measured ones by more than 15%. Costs, for --costs: {}",
+        rows.len(),
+        serde_json::to_string(&parameters)?
+    ));
+    Ok(report)
+}
+
+/// Views that are compared.
+const JUDGED: usize = 4;
+
+/// FLIP and PSNR of warped views against direct ones.
+async fn quality(argus: &Path, options: &Options) -> Result<(f64, f64)> {
+    let cluster = LocalCluster::start(argus, &options.scene, 1, &["--refining-share=0".to_owned()])?;
+    let client = connect(&cluster, 1).await?;
+    let (mut flip, mut psnr) = (0.0, 0.0);
+    let plans = [PlanRequest::default(), PlanRequest { direct: true, ..PlanRequest::default() }];
+    let [warped, direct] = plans
+        .map(|plan| argus_client::load::path_views(client.description(), JUDGED as u32, options.size, plan));
+    for views in warped.iter().zip(&direct) {
+        let mut images = Vec::new();
+        for view in [views.0, views.1] {
+            let frame = client.render(view, &patient()).await?.frame;
+            let color = frame.color.map(|color| color.to_vec()).unwrap_or_default();
+            images.extend(RgbImage::from_raw(frame.width, frame.height, color));
+        }
+        let [warped, direct] = images.as_slice() else { anyhow::bail!("a frame without colour") };
+        let comparison = compare(direct, warped)?;
+        flip += comparison.flip_mean / JUDGED as f64;
+        psnr += comparison.psnr_db / JUDGED as f64;
+    }
+    drop(client);
+    cluster.stop()?;
+    Ok((flip, psnr))
+}
+
+/// What a run took of cores, in the simulation's terms: free of what processes that share cores wait for each other.
+fn parameters_of(runs: &[(usize, u32, Way, Measured)], options: &Options) -> Parameters {
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
+    let most = options.views.iter().copied().max().unwrap_or(1);
+    let p = options.processes.max(2) as usize;
+    let of = |way| runs.iter().find(|run| (run.0, run.1, run.2) == (p, most, way)).map(|run| &run.3);
+    let mut parameters =
+        Parameters { machines: Machines::Shared { cores }, latency_ms: 0.1, ..Parameters::default() };
+    parameters.link_bytes_per_sec = 2e9;
+    let views = f64::from(most);
+    if let Some(measured) = of(Way::Proposed) {
+        let [sampling, compositing, coordinator, client] = measured.cpu.map(|secs| secs * 1e3);
+        // Packing happens beside rendering; the rest of a compositor's time is the render thread's.
+        let encode = (measured.encode * 1e3 / views).min(0.9 * compositing / views);
+        parameters.encode_ms = encode;
+        parameters.view_ms = compositing / views - encode;
+        let samples = measured.samples.max(1.0);
+        parameters.sample_ms = (measured.sample_secs * 1e3).min(sampling / samples);
+        parameters.pack_ms = (sampling / samples - parameters.sample_ms).max(0.0) / (p - 1) as f64;
+        // Both are part of what the compositors took.
+        (parameters.hold_ms, parameters.unpack_ms) = (0.0, 0.0);
+        parameters.relay_ms = coordinator / views;
+        parameters.client_ms = client / views;
+    }
+    if let Some(measured) = of(Way::Naive) {
+        let workers = (measured.cpu[0] + measured.cpu[1]) * 1e3;
+        parameters.direct_ms = (workers / views - parameters.encode_ms).max(0.01);
+    }
+    parameters
+}
+
+fn simulate_one(
+    processes: u32,
+    views: u64,
+    way: Way,
+    parameters: &Parameters,
+    ticks: usize,
+) -> efficiency::Outcome {
+    let case = Case {
+        processes,
+        views,
+        refreshed: matches!(way, Way::Proposed | Way::Helping),
+        direct: way == Way::Naive,
+        helping: way == Way::Helping,
+        ticks: ticks.max((200 / views as usize).min(20)),
+    };
+    efficiency::run(&case, parameters)
+}
+
+async fn simulated(options: &Options, parameters: Parameters, progress: &ProgressBar) -> Result<Report> {
+    let mut cases: Vec<(u32, u64, Way, bool)> = Vec::new();
+    for &p in &options.simulated {
+        let views = if p <= 11 { 1000 } else { VIEWS_EACH * u64::from(p) };
+        for way in Way::ALL {
+            cases.push((p, views, way, p <= 11));
+        }
+        // One coordinator cannot relay what hundreds make; clients are then connected to workers.
+        if p > 11 && p <= 256 {
+            cases.push((p, views, Way::Proposed, true));
+        }
+    }
+    // Time against views and clients.
+    let most = options.simulated.iter().copied().max().unwrap_or(2);
+    for views in [10, 100, 10_000, 100_000, 1_000_000] {
+        for p in [5, 1024] {
+            if p <= most && views <= 2000 * u64::from(p) {
+                cases.push((p, views, Way::Proposed, p <= 11));
+            }
+        }
+    }
+    progress.set_length(cases.len() as u64);
+    let mut rows = Vec::new();
+    for (processes, views, way, relayed) in cases {
+        progress.set_message(format!("P = {processes}, V = {views}, {}", way.name()));
+        let parameters = Parameters { relayed, ..parameters.clone() };
+        let work = {
+            let parameters = parameters.clone();
+            tokio::task::spawn_blocking(move || simulate_one(processes, views, way, &parameters, 4))
+        };
+        rows.push(Row::simulated(processes, views, way, &parameters, &work.await?));
+        progress.inc(1);
+    }
+    let mut report = Report::new("simulated", Machine::here("none"), row::table(&rows));
+    report.plots = row::plots_of_simulated(&rows);
+    report.notes = row::notes(&rows);
+    report.notes.push(format!("Costs: {}", serde_json::to_string(&parameters)?));
+    Ok(report)
+}
+
+/// The paper's efficiency for as many processes, if it has it.
+fn paper(processes: u32, way: Way) -> Option<f64> {
+    let (_, proposed, naive) = PAPER.into_iter().find(|row| row.0 == processes)?;
+    Some(if way == Way::Naive { naive } else { proposed })
+}
+
+/// What a tick is predicted to take with so many samplers.
+fn predicted_secs(load: balance::Load, processes: u32, samplers: u32, way: Way) -> f64 {
+    let split = match way {
+        _ if processes < 2 => Split::Alone,
+        Way::Naive => Split::AllDirect,
+        _ => Split::Divided(samplers.clamp(1, processes - 1)),
+    };
+    match way {
+        Way::Helping => balance::helping_tick_secs(load, processes, split),
+        _ => balance::tick_secs(load, processes, split),
+    }
+}
+
+/// The work of a tick by given costs, milliseconds.
+fn load(views: u64, way: Way, (sample_ms, direct_ms, view_ms): (f64, f64, f64)) -> balance::Load {
+    let costs = Parameters { sample_ms, direct_ms, view_ms, ..Parameters::default() };
+    let (refreshed, direct) = (matches!(way, Way::Proposed | Way::Helping), way == Way::Naive);
+    load_of(&Case { processes: 1, views, refreshed, direct, helping: false, ticks: 1 }, &costs)
+}

@@ -1,0 +1,156 @@
+//! More load than a cluster can carry: what it still answers, how late, and what becomes of the rest.
+//!
+//! First, far more views than it can answer, to see what it carries at its best: batches are then as large as they get. Then
+//! views that fall due whatever becomes of those before them, at fractions and multiples of that. A service that keeps what it cannot answer in time answers ever less
+//! of what is still wanted; one that turns it away at once goes on at its peak.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Result, ensure};
+use argus_client::load::{self, LoadOptions, LoadReport, burst, path_views};
+use argus_scene::PlanRequest;
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use crate::burst::{IN_FLIGHT, connect, patient};
+use crate::local_cluster::LocalCluster;
+use crate::{Effort, Machine, Report, report};
+
+/// What is measured, and how long.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// Worker processes.
+    pub workers: usize,
+    /// Views of the burst by which capacity is guessed.
+    pub views: u32,
+    /// Of the capacity that was found: how much is asked for.
+    pub factors: Vec<f64>,
+    /// Seconds of each.
+    pub seconds: f64,
+    /// Seconds that the service may let a view wait for its turn (`limits.wait_secs`).
+    pub wait_secs: f64,
+    /// Whether the bars are judged: throughput and latency of a few seconds are noise.
+    pub judged: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            scene: "terrain:500000".to_owned(),
+            size: [400, 300],
+            workers: 2,
+            views: 600,
+            factors: vec![0.5, 0.9, 1.0, 1.5, 2.0, 4.0],
+            seconds: 15.0,
+            wait_secs: 1.0,
+            judged: true,
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "terrain:20000".to_owned(),
+            size: [400, 300],
+            views: 100,
+            factors: vec![0.5, 2.0],
+            seconds: 3.0,
+            judged: false,
+            ..Self::default()
+        }
+    }
+}
+
+/// Clients that the views are divided among.
+const CLIENTS: u32 = 16;
+/// Far more than any accepted view may take, so that nothing but the service decides what is turned away.
+const DEADLINE: Duration = Duration::from_secs(30);
+/// Of what a burst showed, to see what it can carry: in a burst there are as many views as clients wait for.
+const SATURATION: f64 = 4.0;
+/// At this load and more, throughput must stay at [`LEAST_OF_PEAK`]; just at what it can carry, chance decides.
+const OVERLOAD: f64 = 1.5;
+/// … of the best that any load saw.
+const LEAST_OF_PEAK: f64 = 0.9;
+/// Accepted views may take this many times as long as views may wait: costs are guessed, and a batch is not divided.
+const MOST_WAITS: f64 = 3.0;
+
+/// Runs the study with a cluster of the program `argus`; `progress` counts loads.
+///
+/// # Errors
+/// A cluster that does not come up, or that answers nothing before it is overloaded.
+pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
+    progress.set_length(options.factors.len() as u64 + 3);
+    let more = [format!("--set=limits.wait_secs={}", options.wait_secs)];
+    let cluster = LocalCluster::start(argus, &options.scene, options.workers, &more)?;
+    let client = connect(&cluster, options.workers).await?;
+    let device = client.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
+
+    let mut capacity = 0.0;
+    // The first time it renders samples and compiles its shaders.
+    for message in ["warming up", "finding the capacity"] {
+        progress.set_message(message);
+        let views = path_views(client.description(), options.views, options.size, PlanRequest::default());
+        let outcome = burst(&client, views, IN_FLIGHT, &patient(), |_, _| ()).await;
+        ensure!(outcome.failed == 0, "{} views were not answered: {:?}", outcome.failed, outcome.first_error);
+        capacity = outcome.views_per_sec;
+        progress.inc(1);
+    }
+
+    let seconds = Duration::try_from_secs_f64(options.seconds)?;
+    let asked = |per_sec: f64| LoadOptions {
+        clients: CLIENTS,
+        duration: seconds,
+        rate: per_sec / f64::from(CLIENTS),
+        size: options.size,
+        deadline: DEADLINE,
+        ..LoadOptions::default()
+    };
+    capacity = load::run(&client, &asked(SATURATION * capacity)).await?.views_per_sec.max(capacity);
+    progress.inc(1);
+
+    let mut loads: Vec<(f64, LoadReport)> = Vec::new();
+    for &factor in &options.factors {
+        progress.set_message(format!("{factor} of what it can carry"));
+        loads.push((factor, load::run(&client, &asked(factor * capacity)).await?));
+        progress.inc(1);
+    }
+    cluster.stop()?;
+
+    let peak = loads.iter().map(|(_, load)| load.views_per_sec).fold(capacity, f64::max);
+    let rows = loads.iter().map(|(factor, load)| {
+        let bound_ms = MOST_WAITS * options.wait_secs * 1e3;
+        let keeps_up = *factor < OVERLOAD || load.views_per_sec >= LEAST_OF_PEAK * peak;
+        let passed = load.failed == 0 && keeps_up && load.latency_ms.p99 <= bound_ms;
+        let row = json!({
+            "scene": options.scene,
+            "size": format!("{}x{}", options.size[0], options.size[1]),
+            "workers": options.workers,
+            "load": factor,
+            "asked_per_sec": factor * capacity,
+            "answered_per_sec": load.views_per_sec,
+            "per_peak": load.views_per_sec / peak,
+            "sent": load.sent,
+            "answered": load.answered,
+            "rejected": load.rejected,
+            "failed": load.failed,
+            "p50_ms": load.latency_ms.p50,
+            "p99_ms": load.latency_ms.p99,
+            "p99_bound_ms": bound_ms,
+            "passed": options.judged.then_some(passed),
+        });
+        report::row(row)
+    });
+    let mut report = Report::new(options.scene.clone(), Machine::here(&device), rows.collect());
+    report.notes.push(format!(
+        "Capacity: {capacity:.1} views a second, the best of {} views {IN_FLIGHT} at a time and of {SATURATION} times as \
+         many as those a second. The load comes from this machine, too.",
+        options.views
+    ));
+    Ok(report)
+}

@@ -1,0 +1,384 @@
+//! What happens when things change: demand rises and falls, workers differ, come, go, hang and are restarted.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use argus_cluster::core::Config;
+use argus_scene::Camera;
+use glam::DVec3;
+use rand::rngs::SmallRng;
+use rand::{Rng, SeedableRng};
+use serde::Serialize;
+
+use super::load::{Clients, Heard, somewhere};
+use super::world::World;
+use super::{Parameters, secs, set_info};
+
+/// What came of a scenario.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Which.
+    pub scenario: &'static str,
+    /// Workers at the beginning.
+    pub processes: u32,
+    /// Views that were asked for, those turned away included.
+    pub asked: u64,
+    /// … turned away at once because of overload.
+    pub rejected: u64,
+    /// … that failed, or had no answer when all was quiet again.
+    pub lost: u64,
+    /// Views that went to another worker after the first one failed.
+    pub retried: u64,
+    /// Half of all views waited no longer.
+    pub p50_ms: f64,
+    /// 99 of a hundred.
+    pub p99_ms: f64,
+    /// The longest wait.
+    pub worst_ms: f64,
+    /// Changes of role in all.
+    pub roles_changed: u64,
+    /// … a minute, while load and workers were steady; absent where they never are.
+    pub steady_changes_per_min: Option<f64>,
+    /// Seconds until the split was the one wanted, after the load changed; absent where it does not.
+    pub settled_secs: Option<f64>,
+    /// Views whose worker had to wait for a sample.
+    pub waited_for_samples: f64,
+    /// Views of the worker that had most, by the mean of those who compose.
+    pub spread: f64,
+}
+
+/// Simulates one of them with the given costs.
+pub type Scenario = fn(&Parameters) -> Outcome;
+
+/// All of them, by what they are called.
+pub fn scenarios() -> [(&'static str, Scenario); 9] {
+    [
+        ("steady and noisy", noise),
+        ("steady and noisy, at a boundary of K_fd", boundary),
+        ("demand rises and falls in waves", waves),
+        ("direct views come and go", direct_views),
+        ("a worker is four times as slow", straggler),
+        ("four join, then six leave", join_and_leave),
+        ("workers are killed, another every 3 s", kills),
+        ("workers hang for 2 s, another every 5 s", hangs),
+        ("all workers are restarted in turn", rolling_restart),
+    ]
+}
+
+/// Viewers all over a scene of many cells: whether views stay near their samples.
+pub fn placement(parameters: &Parameters) -> Outcome {
+    let walk = |client: u64, secs: f64| {
+        let mut rng = SmallRng::seed_from_u64(client);
+        let start = DVec3::new(rng.random_range(-80.0..80.0), 2.0, rng.random_range(-80.0..80.0));
+        // A metre a second, in a circle about where each began.
+        let turn = secs / 6.0 + client as f64;
+        let eye = start + DVec3::new(6.0 * turn.cos(), 0.0, 6.0 * turn.sin());
+        Camera::look_at(eye, eye + DVec3::new(-turn.sin(), 0.0, turn.cos()))
+    };
+    let mut stage = Stage::with(parameters, 32, Some(20.0), Config { refining_share: 0.0, ..config() });
+    let heard = stage.load(400, false, |_| 2000.0, walk);
+    stage.world.run_for(secs(60.0));
+    let before = stage.world.tally;
+    stage.world.run_for(secs(40.0));
+    let now = stage.world.tally;
+    let mut outcome = stage.end("viewers walk through a hundred cells", &heard);
+    outcome.waited_for_samples = (now.waited_for_samples - before.waited_for_samples) as f64
+        / (now.answered - before.answered).max(1) as f64;
+    outcome
+}
+
+fn config() -> Config {
+    Config { refining_share: 0.0, samplers_composite: false, ..Config::default() }
+}
+
+/// A cluster and who asks it.
+struct Stage {
+    world: World,
+    processes: u32,
+    rng: SmallRng,
+}
+
+impl Stage {
+    fn new(parameters: &Parameters, processes: usize) -> Self {
+        Self::with(parameters, processes, None, config())
+    }
+
+    fn with(parameters: &Parameters, processes: usize, cell: Option<f64>, config: Config) -> Self {
+        let mut world = World::new(config, set_info(false, cell), parameters.clone(), processes);
+        (0..processes).for_each(|slot| world.start(slot));
+        world.run_for(secs(1.0));
+        Self { world, processes: processes as u32, rng: SmallRng::seed_from_u64(7) }
+    }
+
+    fn load(
+        &mut self,
+        clients: u64,
+        direct: bool,
+        rate: impl Fn(f64) -> f64 + 'static,
+        camera: impl Fn(u64, f64) -> Camera + 'static,
+    ) -> Rc<RefCell<Heard>> {
+        let (load, heard) = Clients::new(clients, direct, rate, camera);
+        self.world.with_load(Box::new(load));
+        heard
+    }
+
+    fn roles_changed(&self) -> u64 {
+        self.world.core.status().counters.roles_changed
+    }
+
+    /// One that is alive and well.
+    fn anybody(&mut self) -> usize {
+        loop {
+            let slot = self.rng.random_range(0..self.world.workers.len());
+            let worker = &self.world.workers[slot];
+            if worker.alive && !worker.paused {
+                return slot;
+            }
+        }
+    }
+
+    /// Seconds until a split is reached, if it is within a minute.
+    fn until_samplers(&mut self, is_wanted: impl Fn(u32) -> bool) -> Option<f64> {
+        let from = self.world.now;
+        let reached = self.world.run_until(secs(60.0), |world| is_wanted(world.core.status().samplers));
+        reached.then(|| (self.world.now - from) as f64 * 1e-9)
+    }
+
+    /// What came of it, once all views that are open are answered or refused.
+    fn end(mut self, scenario: &'static str, heard: &Rc<RefCell<Heard>>) -> Outcome {
+        self.world.stop_load();
+        self.world.run_until(secs(40.0), |world| world.open_views() == 0);
+        let (tally, status) = (self.world.tally, self.world.core.status());
+        let mut latencies = std::mem::take(&mut heard.borrow_mut().latencies_ms);
+        latencies.sort_by(f64::total_cmp);
+        let at =
+            |share: f64| latencies.get((latencies.len() as f64 * share) as usize).copied().unwrap_or(0.0);
+        let views: Vec<u64> =
+            status.workers.iter().map(|w| w.report.views_composed).filter(|count| *count > 0).collect();
+        let mean = views.iter().sum::<u64>() as f64 / views.len().max(1) as f64;
+        Outcome {
+            scenario,
+            processes: self.processes,
+            asked: tally.asked,
+            rejected: tally.overloaded,
+            lost: tally.failed + self.world.open_views() as u64,
+            retried: status.counters.views_retried,
+            p50_ms: at(0.5),
+            p99_ms: at(0.99),
+            worst_ms: tally.slowest as f64 * 1e-6,
+            roles_changed: status.counters.roles_changed,
+            steady_changes_per_min: None,
+            settled_secs: None,
+            waited_for_samples: tally.waited_for_samples as f64 / tally.asked.max(1) as f64,
+            spread: views.iter().max().copied().unwrap_or(0) as f64 / mean.max(1e-9),
+        }
+    }
+}
+
+/// Views a second that so many workers can compose.
+fn capacity(parameters: &Parameters, workers: f64) -> f64 {
+    workers * 1e3 / parameters.view_ms
+}
+
+/// Every cost trembles by a third, views come at random; the best K is clear.
+fn noise(parameters: &Parameters) -> Outcome {
+    noisy("steady and noisy", 0.45, parameters)
+}
+
+/// … and K_fd lies on the boundary between one and two samplers.
+fn boundary(parameters: &Parameters) -> Outcome {
+    noisy("steady and noisy, at a boundary of K_fd", 0.6, parameters)
+}
+
+fn noisy(name: &'static str, direct_load: f64, parameters: &Parameters) -> Outcome {
+    let mut stage = Stage::new(parameters, 3);
+    stage.world.noise = 0.33;
+    // a·(P − K) = b·(K − 1) at K = 2 of 3: as much direct work as composing, each a worker's 60%.
+    let (direct, views) = (direct_load * 1e3 / parameters.direct_ms, 0.6e3 / parameters.view_ms);
+    let share = direct / (direct + views);
+    let (load, heard) = Clients::new(100_000, false, move |_| direct + views, |client, _| somewhere(client));
+    stage.world.with_load(Box::new(load.some_direct(share)));
+    stage.world.run_for(secs(120.0));
+    let before = stage.roles_changed();
+    stage.world.run_for(secs(600.0));
+    let changes = (stage.roles_changed() - before) as f64 / 10.0;
+    let mut outcome = stage.end(name, &heard);
+    outcome.steady_changes_per_min = Some(changes);
+    outcome
+}
+
+/// A wave a minute, from a tenth of what the cluster can do to nine tenths.
+fn waves(parameters: &Parameters) -> Outcome {
+    let mut stage = Stage::new(parameters, 12);
+    let most = capacity(parameters, 11.0);
+    let rate = move |secs: f64| most * (0.5 - 0.4 * (secs * std::f64::consts::TAU / 60.0).cos());
+    let heard = stage.load(5000, false, rate, |client, _| somewhere(client));
+    stage.world.run_for(secs(180.0));
+    stage.end("demand rises and falls in waves", &heard)
+}
+
+/// Half a minute of views, one in which half of the work is direct views, one of views again.
+fn direct_views(parameters: &Parameters) -> Outcome {
+    let mut stage = Stage::new(parameters, 8);
+    let views = capacity(parameters, 3.0);
+    let direct = 3.0e3 / parameters.direct_ms;
+    let between = |secs: f64| (30.0..60.0).contains(&secs);
+    let rate = move |secs| if between(secs) { views + direct } else { views };
+    let (load, heard) = Clients::new(5000, false, rate, |client, _| somewhere(client));
+    let share = move |secs| if between(secs) { direct / (views + direct) } else { 0.0 };
+    stage.world.with_load(Box::new(load.some_direct_at(share)));
+    stage.world.run_for(secs(29.0));
+    let up = stage.until_samplers(|samplers| samplers >= 3);
+    stage.world.run_for(secs(60.0 - stage.world.now as f64 * 1e-9));
+    let down = stage.until_samplers(|samplers| samplers <= 1);
+    stage.world.run_for(secs(20.0));
+    let mut outcome = stage.end("direct views come and go", &heard);
+    outcome.settled_secs = up.zip(down).map(|(up, down)| up.max(down));
+    outcome
+}
+
+fn straggler(parameters: &Parameters) -> Outcome {
+    let mut stage = Stage::new(parameters, 8);
+    stage.world.workers[5].slowness = 4.0;
+    let rate = 0.8 * capacity(parameters, 6.25);
+    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    stage.world.run_for(secs(60.0));
+    let before = stage.roles_changed();
+    stage.world.run_for(secs(60.0));
+    let steady = stage.roles_changed() - before;
+    let mut outcome = stage.end("a worker is four times as slow", &heard);
+    outcome.steady_changes_per_min = Some(steady as f64);
+    outcome
+}
+
+fn join_and_leave(parameters: &Parameters) -> Outcome {
+    let mut stage = Stage::new(parameters, 12);
+    (8..12).for_each(|slot| stage.world.kill(slot));
+    let rate = 0.7 * capacity(parameters, 5.0);
+    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    stage.world.run_for(secs(20.0));
+    (8..12).for_each(|slot| stage.world.start(slot));
+    stage.world.run_for(secs(20.0));
+    (0..6).for_each(|slot| stage.world.leave(slot));
+    stage.world.run_for(secs(20.0));
+    let before = stage.roles_changed();
+    stage.world.run_for(secs(60.0));
+    let steady = stage.roles_changed() - before;
+    let mut outcome = stage.end("four join, then six leave", &heard);
+    outcome.steady_changes_per_min = Some(steady as f64);
+    outcome
+}
+
+/// Each comes back a second later.
+fn kills(parameters: &Parameters) -> Outcome {
+    let mut stage = Stage::new(parameters, 8);
+    let rate = 0.6 * capacity(parameters, 6.0);
+    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    for _ in 0..40 {
+        stage.world.run_for(secs(2.0));
+        let slot = stage.anybody();
+        stage.world.kill(slot);
+        stage.world.run_for(secs(1.0));
+        stage.world.start(slot);
+    }
+    stage.end("workers are killed, another every 3 s", &heard)
+}
+
+fn hangs(parameters: &Parameters) -> Outcome {
+    let mut stage = Stage::new(parameters, 8);
+    let rate = 0.6 * capacity(parameters, 6.0);
+    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    for _ in 0..20 {
+        stage.world.run_for(secs(3.0));
+        let slot = stage.anybody();
+        stage.world.pause(slot);
+        stage.world.run_for(secs(2.0));
+        stage.world.resume(slot);
+    }
+    stage.end("workers hang for 2 s, another every 5 s", &heard)
+}
+
+/// Each says that it leaves, finishes what it has, ends, and joins again a second later.
+fn rolling_restart(parameters: &Parameters) -> Outcome {
+    let mut stage = Stage::new(parameters, 8);
+    let rate = 0.7 * capacity(parameters, 6.0);
+    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    stage.world.run_for(secs(10.0));
+    for slot in 0..8 {
+        stage.world.leave(slot);
+        let ended = stage.world.run_until(secs(30.0), |world| !world.workers[slot].alive);
+        assert!(ended, "worker {slot} does not end");
+        stage.world.run_for(secs(1.0));
+        stage.world.start(slot);
+        stage.world.run_until(secs(10.0), |world| world.core.status().processes == 8);
+    }
+    stage.end("all workers are restarted in turn", &heard)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parameters() -> Parameters {
+        Parameters { view_ms: 8.0, ..Parameters::default() }
+    }
+
+    #[test]
+    fn steady_noisy_load_moves_no_role_and_at_a_boundary_hardly_ever_one() {
+        let outcome = noise(&parameters());
+        assert_eq!(outcome.steady_changes_per_min, Some(0.0), "{outcome:?}");
+        let outcome = boundary(&parameters());
+        assert!(outcome.steady_changes_per_min.is_some_and(|changes| changes <= 0.1), "{outcome:?}");
+        assert_eq!((outcome.lost, outcome.rejected), (0, 0), "{outcome:?}");
+    }
+
+    #[test]
+    fn the_split_follows_demand_within_seconds_and_every_view_is_answered() {
+        let outcome = direct_views(&parameters());
+        assert!(outcome.settled_secs.is_some_and(|secs| secs < 15.0), "{outcome:?}");
+        assert_eq!((outcome.lost, outcome.rejected), (0, 0), "{outcome:?}");
+    }
+
+    #[test]
+    fn waves_of_demand_change_no_roles_and_lose_nothing() {
+        let outcome = waves(&parameters());
+        assert_eq!((outcome.lost, outcome.rejected), (0, 0), "{outcome:?}");
+        assert!(outcome.roles_changed <= 1, "the first one was alone: {outcome:?}");
+    }
+
+    #[test]
+    fn a_slow_worker_gets_fewer_views_and_holds_nobody_up() {
+        let outcome = straggler(&parameters());
+        assert_eq!((outcome.lost, outcome.steady_changes_per_min), (0, Some(0.0)), "{outcome:?}");
+        assert!(outcome.p99_ms < 20.0 * outcome.p50_ms, "{outcome:?}");
+    }
+
+    #[test]
+    fn workers_that_join_and_leave_cost_no_view_and_roles_come_to_rest() {
+        let outcome = join_and_leave(&parameters());
+        assert_eq!((outcome.lost, outcome.steady_changes_per_min), (0, Some(0.0)), "{outcome:?}");
+    }
+
+    #[test]
+    fn killed_and_hanging_workers_cost_latency_and_no_view() {
+        let outcome = kills(&parameters());
+        assert!(outcome.lost == 0 && outcome.retried > 0, "{outcome:?}");
+        assert!(outcome.worst_ms < 3000.0, "{outcome:?}");
+        let outcome = hangs(&parameters());
+        assert!(outcome.lost == 0 && outcome.worst_ms < 3000.0, "{outcome:?}");
+    }
+
+    #[test]
+    fn a_rolling_restart_of_all_workers_loses_no_view_and_retries_none() {
+        let outcome = rolling_restart(&parameters());
+        assert_eq!((outcome.lost, outcome.rejected, outcome.retried), (0, 0, 0), "{outcome:?}");
+    }
+
+    #[test]
+    fn views_stay_near_their_samples_and_load_spreads() {
+        let outcome = placement(&parameters());
+        assert_eq!(outcome.lost, 0, "{outcome:?}");
+        assert!(outcome.waited_for_samples < 0.2, "{outcome:?}");
+        assert!(outcome.spread < 1.5, "{outcome:?}");
+    }
+}

@@ -1,0 +1,213 @@
+//! How long a tick takes and how busy the processes are, as the cluster paper measures it: P processes, V views a tick,
+//! S samples rendered anew each tick.
+
+use argus_cluster::core::Config;
+use argus_cluster::core::balance::{self, Costs, Demand, Load};
+use serde::Serialize;
+use std::time::Duration;
+
+use super::load::Ticks;
+use super::world::World;
+use super::{Parameters, secs, set_info};
+
+/// Samples of a tile: what every tick refreshes.
+const SAMPLES: f64 = 4.0;
+
+/// What is simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Case {
+    /// P.
+    pub processes: u32,
+    /// V.
+    pub views: u64,
+    /// Whether samples are rendered anew each tick, or the scene stands still.
+    pub refreshed: bool,
+    /// Whether all views are rendered from the triangles instead.
+    pub direct: bool,
+    /// Whether samplers compose in their spare time.
+    pub helping: bool,
+    /// Ticks that are measured.
+    pub ticks: usize,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Outcome {
+    /// K, when it was measured.
+    pub samplers: u32,
+    /// K_fd of the costs that were given.
+    pub samplers_wanted: u32,
+    /// max(a/K, b/(P − K)) with that K.
+    pub predicted_secs: f64,
+    /// From one tick's last frame to the next one's.
+    pub tick_secs: f64,
+    /// (a + b) / (P·T).
+    pub efficiency: f64,
+    /// What whole K allows.
+    pub bound: f64,
+    /// Real microseconds that the core took for a view, on this machine.
+    pub core_us_per_view: f64,
+    /// Views that no worker was expected to be able to take in time.
+    pub rejected: u64,
+    /// Changes of role while it was measured.
+    pub roles_changed: u64,
+}
+
+/// Longest simulated time until the split has settled.
+const SETTLING_SECS: f64 = 120.0;
+/// … which it has when it did not change for so long: more than small gains are waited for.
+const SETTLED_SECS: f64 = 35.0;
+/// From so many processes on, the split settles under a part of the load: the same ratio of stages, fewer events.
+const MANY: u32 = 48;
+
+/// The load of one tick.
+pub fn load_of(case: &Case, parameters: &Parameters) -> Load {
+    let views = case.views as f64;
+    let demand = match case.direct {
+        true => Demand { direct: views, ..Demand::default() },
+        false => {
+            let samples = if case.refreshed { SAMPLES } else { 0.0 };
+            Demand { samples, views, ..Demand::default() }
+        }
+    };
+    let costs = Costs {
+        sample_secs: parameters.sample_ms * 1e-3,
+        direct_secs: parameters.direct_ms * 1e-3,
+        view_secs: parameters.view_ms * 1e-3,
+        ..Costs::default()
+    };
+    Load::of(&demand, &costs)
+}
+
+/// Simulates one case.
+pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
+    let p = case.processes as usize;
+    let config = Config {
+        max_views: 256 * p.max(8),
+        max_wait: Duration::from_secs(86_400),
+        patience: Duration::from_secs(86_400),
+        samplers_composite: case.helping,
+        // A third of what it is in production, so that the split settles in a third of the time.
+        dwell: Duration::from_secs(1),
+        refining_share: 0.0,
+        refresh_views: if case.refreshed { case.views } else { 0 },
+        epoch: Duration::from_millis(25),
+        ..Config::default()
+    };
+    let in_flight = (config.max_views_per_worker * p).min(2 * case.views as usize).max(1);
+    let mut world = World::new(config, set_info(case.refreshed, None), parameters.clone(), p);
+    (0..p).for_each(|slot| world.start(slot));
+    world.run_for(secs(1.0));
+    let few = if case.processes >= MANY { (p / 8).min(in_flight) } else { in_flight };
+    let (ticks, progress) = Ticks::new(case.views, few, case.direct, case.refreshed);
+    let wanted = ticks.in_flight();
+    world.with_load(Box::new(ticks));
+    settle(&mut world);
+    wanted.set(in_flight);
+    // Two ticks until the pipeline is full.
+    let from = progress.borrow().ticks.len() + 2;
+    let changed = |world: &World| world.core.status().counters.roles_changed;
+    let before = (changed(&world), world.tally);
+    let ended = |_: &World| progress.borrow().ticks.len() > from + case.ticks;
+    world.run_until(secs(3600.0), ended);
+    let progress = progress.borrow();
+    let last = progress.ticks.len() - 1;
+    let tick_secs = (progress.ticks[last] - progress.ticks[from]) as f64 * 1e-9 / (last - from).max(1) as f64;
+    let load = load_of(case, parameters);
+    let (a, b) = (load.sampling_secs, load.compositing_secs);
+    let status = world.core.status();
+    let split = match case.direct {
+        true => {
+            balance::split(&Demand { direct: 1.0, ..Demand::default() }, &Costs::default(), case.processes)
+        }
+        false if case.processes < 2 => balance::Split::Alone,
+        false => balance::Split::Divided(status.samplers),
+    };
+    let predicted_secs = match case.helping {
+        true => balance::helping_tick_secs(load, case.processes, split),
+        false => balance::tick_secs(load, case.processes, split),
+    };
+    let views = world.tally.answered - before.1.answered;
+    // The baseline is measured by the same work: what the views would take from samples.
+    let serial = load_of(&Case { direct: false, ..*case }, parameters);
+    let work = if case.direct { serial.sampling_secs + serial.compositing_secs } else { a + b };
+    Outcome {
+        samplers: status.samplers,
+        samplers_wanted: match case.helping {
+            true => balance::helping_samplers(load, case.processes),
+            false => balance::samplers(load, case.processes),
+        },
+        predicted_secs,
+        tick_secs,
+        efficiency: work / (f64::from(case.processes) * tick_secs),
+        bound: if case.helping { 1.0 } else { balance::efficiency_bound(load, case.processes) },
+        core_us_per_view: (world.tally.core_secs - before.1.core_secs) * 1e6 / views.max(1) as f64,
+        rejected: world.tally.overloaded + world.tally.failed,
+        roles_changed: changed(&world) - before.0,
+    }
+}
+
+/// Lets time pass until roles have not changed for a while.
+fn settle(world: &mut World) {
+    let mut changed = world.core.status().counters.roles_changed;
+    let mut quiet = 0.0;
+    let mut passed = 0.0;
+    while quiet < SETTLED_SECS && passed < SETTLING_SECS {
+        world.run_for(secs(0.5));
+        passed += 0.5;
+        quiet += 0.5;
+        let now = world.core.status().counters.roles_changed;
+        if now != changed {
+            (changed, quiet) = (now, 0.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn case(processes: u32, views: u64) -> Case {
+        Case { processes, views, refreshed: true, direct: false, helping: false, ticks: 4 }
+    }
+
+    /// Little beside the paper's g and c, so that what the core decides shows.
+    fn ideal() -> Parameters {
+        Parameters {
+            hold_ms: 0.0,
+            encode_ms: 0.1,
+            pack_ms: 1.0,
+            unpack_ms: 1.0,
+            relayed: false,
+            ..Parameters::default()
+        }
+    }
+
+    #[test]
+    fn eleven_processes_come_close_to_what_whole_k_allows() {
+        let outcome = run(&case(11, 1000), &ideal());
+        assert_eq!(outcome.samplers, outcome.samplers_wanted, "{outcome:?}");
+        assert!(outcome.efficiency >= 0.95 * outcome.bound, "{outcome:?}");
+        assert!(
+            outcome.efficiency <= outcome.bound * 1.03,
+            "nothing is faster than the formula: {outcome:?}"
+        );
+        assert_eq!((outcome.rejected, outcome.roles_changed), (0, 0), "{outcome:?}");
+        assert!((outcome.tick_secs / outcome.predicted_secs - 1.0).abs() < 0.1, "{outcome:?}");
+    }
+
+    #[test]
+    fn samplers_that_compose_leave_nobody_idle() {
+        let outcome = run(&Case { helping: true, ..case(11, 1000) }, &ideal());
+        assert!(outcome.efficiency >= 0.93, "{outcome:?}");
+    }
+
+    #[test]
+    fn the_naive_way_takes_what_triangles_take_and_the_same_samples_again_and_again_are_cheaper_still() {
+        let naive = run(&Case { direct: true, ..case(4, 100) }, &ideal());
+        let expected = 100.0 * ideal().direct_ms * 1e-3 / 4.0;
+        assert!((naive.tick_secs / expected - 1.0).abs() < 0.05, "{naive:?}");
+        let still = run(&Case { refreshed: false, ..case(4, 400) }, &ideal());
+        assert!((still.tick_secs / (400.0 * ideal().view_ms * 1e-3 / 3.0) - 1.0).abs() < 0.05, "{still:?}");
+    }
+}

@@ -1,0 +1,207 @@
+//! What simulated clients ask for: ticks of V views as in the cluster paper, or clients that come and go.
+
+use std::cell::{Cell, RefCell};
+use std::collections::HashSet;
+use std::rc::Rc;
+
+use argus_scene::Camera;
+use glam::DVec3;
+use rand::Rng;
+
+use super::Nanos;
+use super::world::{Load, World};
+
+/// Tick after tick of V views. The next tick's views are asked for as soon as there is room, but none of the tick after
+/// that before the samples were rendered anew: as the paper's pipeline has it, a tick takes what its slower stage takes.
+pub(super) struct Ticks {
+    views: u64,
+    in_flight: Rc<Cell<usize>>,
+    direct: bool,
+    refreshed: bool,
+    asked: u64,
+    open: usize,
+    waits: bool,
+    /// Epoch that was served when each tick began.
+    epochs: Vec<u64>,
+    progress: Rc<RefCell<Progress>>,
+}
+
+/// How far it has come.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Progress {
+    answered: u64,
+    /// When the last view of each tick was answered.
+    pub(super) ticks: Vec<Nanos>,
+}
+
+const POLL: Nanos = 1_000_000;
+
+impl Ticks {
+    pub(super) fn new(
+        views: u64,
+        in_flight: usize,
+        direct: bool,
+        refreshed: bool,
+    ) -> (Self, Rc<RefCell<Progress>>) {
+        let progress = Rc::new(RefCell::new(Progress::default()));
+        let (asked, open, waits, epochs) = (0, 0, false, Vec::new());
+        let in_flight = Rc::new(Cell::new(in_flight));
+        (
+            Self {
+                views,
+                in_flight,
+                direct,
+                refreshed,
+                asked,
+                open,
+                waits,
+                epochs,
+                progress: progress.clone(),
+            },
+            progress,
+        )
+    }
+
+    /// How many views are asked for before the first of them is answered; may be changed on the way.
+    pub(super) fn in_flight(&self) -> Rc<Cell<usize>> {
+        self.in_flight.clone()
+    }
+
+    /// Asks for what there is room for.
+    fn ask(&mut self, world: &mut World) {
+        while self.open < self.in_flight.get() {
+            let tick = (self.asked / self.views) as usize;
+            if tick == self.epochs.len() {
+                let epoch = world.core.set().epoch;
+                // The tick before was served from samples that were rendered while the one before that was composed.
+                if self.refreshed && tick >= 2 && epoch <= self.epochs[tick - 1] {
+                    if !self.waits {
+                        self.waits = true;
+                        world.wake_after(POLL, 1);
+                    }
+                    return;
+                }
+                self.epochs.push(epoch);
+            }
+            world.ask(self.asked, somewhere(self.asked), self.direct);
+            self.asked += 1;
+            self.open += 1;
+        }
+    }
+}
+
+/// A viewpoint over the ground, another for each client.
+pub(super) fn somewhere(client: u64) -> Camera {
+    let turn = client as f64 * 2.399;
+    let eye = DVec3::new(8.0 * turn.cos(), 30.0, 8.0 * turn.sin());
+    Camera::look_at(eye, DVec3::new(2.0, 0.0, 2.0))
+}
+
+impl Load for Ticks {
+    fn wake(&mut self, _tag: u64, world: &mut World) {
+        self.waits = false;
+        self.ask(world);
+    }
+
+    fn answered(&mut self, _client: u64, _latency: Nanos, world: &mut World) {
+        self.open -= 1;
+        {
+            let mut progress = self.progress.borrow_mut();
+            progress.answered += 1;
+            if progress.answered.is_multiple_of(self.views) {
+                progress.ticks.push(world.now);
+            }
+        }
+        self.ask(world);
+    }
+
+    fn refused(&mut self, client: u64, _overload: bool, world: &mut World) {
+        // The same view once more.
+        world.ask(client, somewhere(client), self.direct);
+    }
+}
+
+/// Clients that each ask for a view every so often, unless they still wait for the one before.
+pub(super) struct Clients {
+    /// Views a second that are asked for at a time, by seconds since the beginning.
+    rate: Box<dyn Fn(f64) -> f64>,
+    /// Where a client stands at a time.
+    camera: Box<dyn Fn(u64, f64) -> Camera>,
+    clients: u64,
+    /// The share of direct views, by seconds since the beginning.
+    direct: Box<dyn Fn(f64) -> f64>,
+    next: u64,
+    waiting: HashSet<u64>,
+    heard: Rc<RefCell<Heard>>,
+}
+
+/// What clients got.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Heard {
+    /// Milliseconds, of every view.
+    pub(super) latencies_ms: Vec<f64>,
+    /// Views that were not asked for, since the client still waited for the one before.
+    pub(super) superseded: u64,
+}
+
+impl Clients {
+    pub(super) fn new(
+        clients: u64,
+        direct: bool,
+        rate: impl Fn(f64) -> f64 + 'static,
+        camera: impl Fn(u64, f64) -> Camera + 'static,
+    ) -> (Self, Rc<RefCell<Heard>>) {
+        let heard = Rc::new(RefCell::new(Heard::default()));
+        let load = Self {
+            rate: Box::new(rate),
+            camera: Box::new(camera),
+            clients,
+            direct: Box::new(move |_| f64::from(u8::from(direct))),
+            next: 0,
+            waiting: HashSet::new(),
+            heard: heard.clone(),
+        };
+        (load, heard)
+    }
+
+    /// … so many of the views are direct ones.
+    pub(super) fn some_direct(self, share: f64) -> Self {
+        self.some_direct_at(move |_| share)
+    }
+
+    /// … as many as is said for each time.
+    pub(super) fn some_direct_at(self, share: impl Fn(f64) -> f64 + 'static) -> Self {
+        Self { direct: Box::new(share), ..self }
+    }
+}
+
+impl Load for Clients {
+    fn wake(&mut self, _tag: u64, world: &mut World) {
+        let secs = world.now as f64 * 1e-9;
+        let rate = (self.rate)(secs);
+        if !(rate > 1e-3) {
+            return world.wake_after(100_000_000, 0);
+        }
+        let client = self.next % self.clients;
+        self.next += 1;
+        if self.waiting.insert(client) {
+            let direct = world.rng.random::<f64>() < (self.direct)(secs);
+            world.ask(client, (self.camera)(client, secs), direct);
+        } else {
+            self.heard.borrow_mut().superseded += 1;
+        }
+        // As independent clients do: at random, by the rate.
+        let pause = -(1.0 - world.rng.random::<f64>()).ln() / rate;
+        world.wake_after((pause * 1e9) as Nanos, 0);
+    }
+
+    fn answered(&mut self, client: u64, latency: Nanos, _world: &mut World) {
+        self.waiting.remove(&client);
+        let mut heard = self.heard.borrow_mut();
+        heard.latencies_ms.push(latency as f64 * 1e-6);
+    }
+
+    fn refused(&mut self, client: u64, _overload: bool, _world: &mut World) {
+        self.waiting.remove(&client);
+    }
+}

@@ -1,0 +1,813 @@
+//! The simulated cluster: events in the order of their time, between the coordinator's core and simulated workers.
+
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashMap};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use argus_cluster::core::{
+    Action, Assignment, Config, Core, Event, Failure, Hello, Order, Ticket, Uptime, WorkerId,
+};
+use argus_proto::Fault;
+use argus_scene::{Camera, Outputs, PlanRequest, SampleId, SampleSetInfo, View};
+use rand::rngs::SmallRng;
+use rand::{Rng, SeedableRng};
+
+use super::host::{Host, Link, transfer};
+use super::parameters::{Machines, Parameters};
+use super::worker::{Attempt, Busy, Fetch, Rendering, Waiting, Worker};
+use super::{Nanos, nanos};
+
+/// What a load does when something becomes of its views.
+pub(super) trait Load {
+    /// The time has come that it asked for.
+    fn wake(&mut self, tag: u64, world: &mut World);
+    /// A client has its frame.
+    fn answered(&mut self, client: u64, latency: Nanos, world: &mut World);
+    /// A client's view was refused; whether because of overload.
+    fn refused(&mut self, client: u64, overload: bool, world: &mut World);
+}
+
+/// What reaches a worker.
+#[derive(Debug, Clone)]
+pub(super) enum Message {
+    Order(Ticket, Box<Order>),
+    Assignment(Assignment),
+    Subscribe { id: SampleId, from: usize, ahead: bool },
+    Sample { id: SampleId },
+    NoSample { id: SampleId, from: usize },
+}
+
+/// Work on a machine's cores.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Task {
+    Render { slot: usize, life: u32 },
+    Encode { slot: usize, life: u32, view: Attempt },
+    Pack { slot: usize, life: u32, id: SampleId, to: usize },
+    Unpack { slot: usize, life: u32, id: SampleId },
+    Relay { view: Attempt },
+    Receive { ticket: Ticket },
+}
+
+enum Happening {
+    HostDone { host: usize, version: u64 },
+    ToWorker { slot: usize, life: u32, message: Message },
+    ToCoordinator(Event),
+    FrameAtCoordinator { view: Attempt },
+    FrameAtClient { ticket: Ticket },
+    Report { slot: usize, life: u32 },
+    Announced { slot: usize, life: u32, id: SampleId },
+    AskAgain { slot: usize, life: u32, id: SampleId },
+    Rejoin { slot: usize, life: u32 },
+    CoreTick,
+    Wake { tag: u64 },
+}
+
+struct Due {
+    at: Nanos,
+    number: u64,
+    happening: Happening,
+}
+
+impl PartialEq for Due {
+    fn eq(&self, other: &Self) -> bool {
+        (self.at, self.number) == (other.at, other.number)
+    }
+}
+impl Eq for Due {}
+impl PartialOrd for Due {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Due {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        (self.at, self.number).cmp(&(other.at, other.number))
+    }
+}
+
+/// A view that a client waits for.
+struct Asked {
+    client: u64,
+    at: Nanos,
+    answered: bool,
+}
+
+/// What happened so far.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Tally {
+    pub(super) asked: u64,
+    pub(super) answered: u64,
+    pub(super) overloaded: u64,
+    pub(super) failed: u64,
+    /// Views for which at least one sample had to be brought after they came to their worker.
+    pub(super) waited_for_samples: u64,
+    pub(super) samples_sent: u64,
+    /// The longest that a client waited for a frame, nanoseconds.
+    pub(super) slowest: Nanos,
+    /// Real seconds in the core, and its events.
+    pub(super) core_secs: f64,
+    pub(super) core_steps: u64,
+}
+
+/// A coordinator's core with simulated workers and clients.
+pub(super) struct World {
+    pub(super) core: Core,
+    pub(super) parameters: Parameters,
+    pub(super) now: Nanos,
+    pub(super) workers: Vec<Worker>,
+    pub(super) tally: Tally,
+    pub(super) rng: SmallRng,
+    /// Spread of what work takes, as a part of its mean.
+    pub(super) noise: f64,
+    heap: BinaryHeap<Reverse<Due>>,
+    number: u64,
+    hosts: Vec<Host<Task>>,
+    links: Vec<Link>,
+    slots: HashMap<WorkerId, usize>,
+    /// What reached a paused worker, and what it had in work, by slot.
+    held_up: HashMap<usize, (Vec<Message>, Vec<Task>)>,
+    views: HashMap<Ticket, Asked>,
+    next_id: u64,
+    load: Option<Box<dyn Load>>,
+    report_every: Nanos,
+    tick_every: Nanos,
+}
+
+/// Before workers: the coordinator's machine and the clients'.
+const COORDINATOR: usize = 0;
+const CLIENTS: usize = 1;
+const WORKERS: usize = 2;
+
+impl World {
+    /// A cluster whose workers have not joined yet.
+    pub(super) fn new(config: Config, set: SampleSetInfo, parameters: Parameters, workers: usize) -> Self {
+        let report_every = nanos(config.report_interval);
+        // As the coordinator's shell does.
+        let finest = if set.epoch_secs > 0.0 { config.epoch / 5 } else { Duration::MAX };
+        let period = (config.tick / 10).min(finest);
+        let tick_every = nanos(period.clamp(Duration::from_millis(5), Duration::from_millis(100)));
+        let (hosts, count) = match parameters.machines {
+            Machines::Shared { cores } => (vec![Host::new(cores)], 1),
+            Machines::Each { cores } => {
+                let cores = |host| if host == CLIENTS { u32::MAX } else { cores };
+                ((0..WORKERS + workers).map(|host| Host::new(cores(host))).collect(), WORKERS + workers)
+            }
+        };
+        let worker = |slot| Worker { name: format!("w{slot}"), slowness: 1.0, ..Worker::default() };
+        let mut world = Self {
+            core: Core::new(config, Arc::new(set)),
+            parameters,
+            now: 0,
+            workers: (0..workers).map(worker).collect(),
+            tally: Tally::default(),
+            rng: SmallRng::seed_from_u64(1),
+            noise: 0.1,
+            heap: BinaryHeap::new(),
+            number: 0,
+            hosts,
+            links: vec![Link::default(); count],
+            slots: HashMap::new(),
+            held_up: HashMap::new(),
+            views: HashMap::new(),
+            next_id: 1,
+            load: None,
+            report_every,
+            tick_every,
+        };
+        world.after(tick_every, Happening::CoreTick);
+        world
+    }
+
+    /// Has this load ask; it is woken at once, with tag 0.
+    pub(super) fn with_load(&mut self, load: Box<dyn Load>) {
+        self.load = Some(load);
+        self.after(0, Happening::Wake { tag: 0 });
+    }
+
+    /// Nobody asks for anything more.
+    pub(super) fn stop_load(&mut self) {
+        self.load = None;
+    }
+
+    /// Lets time pass.
+    pub(super) fn run_for(&mut self, time: Nanos) {
+        let until = self.now + time;
+        while let Some(Reverse(due)) = self.heap.peek() {
+            if due.at > until {
+                break;
+            }
+            let Some(Reverse(due)) = self.heap.pop() else { break };
+            self.now = due.at;
+            self.happen(due.happening);
+        }
+        self.now = until;
+    }
+
+    /// Lets time pass until something is so, looking every millisecond; `false` if it is not by then.
+    pub(super) fn run_until(&mut self, most: Nanos, is_so: impl Fn(&Self) -> bool) -> bool {
+        let until = self.now + most;
+        while self.now < until {
+            if is_so(self) {
+                return true;
+            }
+            self.run_for(1_000_000);
+        }
+        is_so(self)
+    }
+
+    fn after(&mut self, time: Nanos, happening: Happening) {
+        self.at(self.now + time, happening);
+    }
+
+    fn at(&mut self, at: Nanos, happening: Happening) {
+        self.number += 1;
+        self.heap.push(Reverse(Due { at, number: self.number, happening }));
+    }
+
+    fn latency(&self) -> Nanos {
+        (self.parameters.latency_ms * 1e6) as Nanos
+    }
+
+    fn host_of(&self, place: usize) -> usize {
+        match self.parameters.machines {
+            Machines::Shared { .. } => 0,
+            Machines::Each { .. } => place,
+        }
+    }
+
+    /// Work begins on the machine of a place.
+    fn begin(&mut self, place: usize, ms: f64, task: Task) {
+        let host = self.host_of(place);
+        let spread = 1.0 + self.noise * self.rng.random_range(-1.0..1.0);
+        self.hosts[host].begin(self.now, ms * spread, task);
+        self.expect(host);
+    }
+
+    /// Work beside a worker's render thread begins, or waits: as many at a time as leave that thread its core.
+    fn begin_beside(&mut self, slot: usize, ms: f64, task: Task) {
+        let (Machines::Shared { cores } | Machines::Each { cores }) = self.parameters.machines;
+        let ms = ms * self.workers[slot].slowness;
+        let worker = &mut self.workers[slot];
+        if worker.beside >= (cores as usize).saturating_sub(1).max(1) {
+            return worker.beside_waits.push_back((ms, task));
+        }
+        worker.beside += 1;
+        self.begin(WORKERS + slot, ms, task);
+    }
+
+    /// … and one is done.
+    fn ended_beside(&mut self, slot: usize) {
+        let worker = &mut self.workers[slot];
+        match worker.beside_waits.pop_front() {
+            Some((ms, task)) => self.begin(WORKERS + slot, ms, task),
+            None => worker.beside -= 1,
+        }
+    }
+
+    fn expect(&mut self, host: usize) {
+        if let Some(at) = self.hosts[host].next_end() {
+            let version = self.hosts[host].version;
+            self.at(at.max(self.now), Happening::HostDone { host, version });
+        }
+    }
+
+    fn send(&mut self, from: usize, to: usize, bytes: u64) -> Nanos {
+        let (from, to) = (self.host_of(from), self.host_of(to));
+        let rate = self.parameters.link_bytes_per_sec;
+        transfer(&mut self.links, from, to, self.now, bytes, rate) + self.latency()
+    }
+
+    fn tell(&mut self, slot: usize, message: Message) {
+        let life = self.workers[slot].life;
+        let latency = self.latency();
+        self.after(latency, Happening::ToWorker { slot, life, message });
+    }
+
+    // What clients do.
+
+    /// A client asks for a view from where it stands.
+    pub(super) fn ask(&mut self, client: u64, camera: Camera, direct: bool) -> Ticket {
+        let ticket = Ticket(self.next_id);
+        self.next_id += 1;
+        self.tally.asked += 1;
+        self.views.insert(ticket, Asked { client, at: self.now, answered: false });
+        let plan = PlanRequest { direct, ..PlanRequest::default() };
+        let view =
+            Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
+        let latency = self.latency();
+        let asked = Event::Asked { ticket, client: client.to_string().into(), view, deadline: None };
+        self.after(latency, Happening::ToCoordinator(asked));
+        ticket
+    }
+
+    /// The load is woken in a while.
+    pub(super) fn wake_after(&mut self, time: Nanos, tag: u64) {
+        self.after(time, Happening::Wake { tag });
+    }
+
+    fn with(&mut self, act: impl FnOnce(&mut dyn Load, &mut Self)) {
+        if let Some(mut load) = self.load.take() {
+            act(load.as_mut(), self);
+            self.load = Some(load);
+        }
+    }
+
+    /// Views whose client has no answer yet.
+    pub(super) fn open_views(&self) -> usize {
+        self.views.len()
+    }
+
+    // What becomes of workers.
+
+    /// A worker's process starts and joins.
+    pub(super) fn start(&mut self, slot: usize) {
+        self.workers[slot].alive = true;
+        self.join(slot);
+        let phase = self.rng.random_range(0..self.report_every.max(1));
+        let life = self.workers[slot].life;
+        self.after(phase, Happening::Report { slot, life });
+    }
+
+    fn join(&mut self, slot: usize) {
+        let id = WorkerId(self.next_id);
+        self.next_id += 1;
+        let worker = &mut self.workers[slot];
+        (worker.id, worker.told, worker.applied) = (Some(id), None, 0);
+        self.slots.insert(id, slot);
+        let hello = Hello {
+            name: worker.name.clone(),
+            pid: slot as u32,
+            address: format!("http://w{slot}"),
+            device: "simulated".to_owned(),
+            cores: 1,
+        };
+        let latency = self.latency();
+        self.after(latency, Happening::ToCoordinator(Event::Joined { worker: id, hello }));
+    }
+
+    /// A worker's process ends without a word; its connections break.
+    pub(super) fn kill(&mut self, slot: usize) {
+        let id = self.workers[slot].id.take();
+        self.workers[slot].end();
+        self.held_up.remove(&slot);
+        let latency = self.latency();
+        if let Some(worker) = id {
+            self.slots.remove(&worker);
+            self.after(latency, Happening::ToCoordinator(Event::Left { worker }));
+        }
+        for child in 0..self.workers.len() {
+            let fetches = self.workers[child].fetches.iter();
+            let broken = fetches.filter(|(_, fetch)| fetch.sources.front() == Some(&slot));
+            for id in broken.map(|(id, _)| *id).collect::<Vec<_>>() {
+                self.tell(child, Message::NoSample { id, from: slot });
+            }
+        }
+    }
+
+    /// A worker stops in its tracks, as by SIGSTOP.
+    pub(super) fn pause(&mut self, slot: usize) {
+        self.workers[slot].paused = true;
+    }
+
+    /// … and goes on.
+    pub(super) fn resume(&mut self, slot: usize) {
+        self.workers[slot].paused = false;
+        let (messages, tasks) = self.held_up.remove(&slot).unwrap_or_default();
+        messages.into_iter().for_each(|message| self.receive(slot, message));
+        tasks.into_iter().for_each(|task| self.done(task));
+        if self.workers[slot].alive && self.workers[slot].id.is_none() {
+            self.join(slot);
+        }
+    }
+
+    /// A worker says that it leaves, and ends once it has done what it has.
+    pub(super) fn leave(&mut self, slot: usize) {
+        self.workers[slot].leaving = true;
+        self.report(slot);
+    }
+
+    // What happens.
+
+    fn happen(&mut self, happening: Happening) {
+        match happening {
+            Happening::HostDone { host, version } => {
+                if self.hosts[host].version == version {
+                    for task in self.hosts[host].ended(self.now) {
+                        self.done(task);
+                    }
+                    self.expect(host);
+                }
+            }
+            Happening::ToWorker { slot, life, message } if self.workers[slot].life == life => {
+                match self.workers[slot].paused {
+                    true => self.held_up.entry(slot).or_default().0.push(message),
+                    false => self.receive(slot, message),
+                }
+            }
+            Happening::ToWorker { message: Message::Order(ticket, order), .. } => {
+                // Nobody listens there any more.
+                let failure = Failure::TryElsewhere;
+                self.step(Event::Failed { ticket, attempt: order.attempt, failure });
+            }
+            Happening::ToWorker { .. } => {}
+            Happening::ToCoordinator(event) => self.step(event),
+            Happening::FrameAtCoordinator { view } => {
+                let ms = self.parameters.relay_ms;
+                self.begin(COORDINATOR, ms, Task::Relay { view });
+            }
+            Happening::FrameAtClient { ticket } => {
+                let ms = self.parameters.client_ms;
+                self.begin(CLIENTS, ms, Task::Receive { ticket });
+            }
+            Happening::Report { slot, life } => {
+                let worker = &self.workers[slot];
+                if worker.life == life && worker.alive {
+                    if !worker.paused {
+                        self.report(slot);
+                    }
+                    let every = self.report_every;
+                    self.after(every, Happening::Report { slot, life });
+                }
+            }
+            Happening::Announced { slot, life, id } => {
+                let worker = &mut self.workers[slot];
+                let comes = worker.held.contains(&id) || worker.fetches.contains_key(&id);
+                if worker.life == life && !comes && !worker.renders(id, true) {
+                    for child in worker.children.remove(&id).unwrap_or_default() {
+                        self.tell(child, Message::NoSample { id, from: slot });
+                    }
+                }
+            }
+            Happening::AskAgain { slot, life, id } => {
+                let worker = &mut self.workers[slot];
+                if worker.life == life
+                    && let Some(fetch) = worker.fetches.get_mut(&id)
+                {
+                    fetch.sources = fetch.all.iter().copied().collect();
+                    self.subscribe(slot, id);
+                }
+            }
+            Happening::Rejoin { slot, life } => {
+                let worker = &self.workers[slot];
+                if worker.life == life && worker.alive && worker.id.is_none() && !worker.paused {
+                    self.join(slot);
+                }
+            }
+            Happening::CoreTick => {
+                self.step(Event::Tick);
+                let every = self.tick_every;
+                self.after(every, Happening::CoreTick);
+            }
+            Happening::Wake { tag } => self.with(|load, world| load.wake(tag, world)),
+        }
+    }
+
+    /// Takes an event to the core and its actions to whom they concern.
+    fn step(&mut self, event: Event) {
+        let now = Uptime(Duration::from_nanos(self.now));
+        let began = Instant::now();
+        let actions = self.core.step(event, now);
+        self.tally.core_secs += began.elapsed().as_secs_f64();
+        self.tally.core_steps += 1;
+        for action in actions {
+            match action {
+                Action::Assign { worker, assignment } => {
+                    if let Some(slot) = self.slots.get(&worker).copied() {
+                        self.tell(slot, Message::Assignment(assignment));
+                    }
+                }
+                Action::Expel { worker, .. } => {
+                    if let Some(slot) = self.slots.remove(&worker)
+                        && self.workers[slot].id == Some(worker)
+                    {
+                        self.workers[slot].id = None;
+                        let life = self.workers[slot].life;
+                        self.after(200_000_000, Happening::Rejoin { slot, life });
+                    }
+                }
+                Action::Dispatch { ticket, order } => {
+                    let slot = self.slots.get(&order.worker).copied();
+                    match slot {
+                        Some(slot) => self.tell(slot, Message::Order(ticket, order)),
+                        None => {
+                            let failed = Event::Failed {
+                                ticket,
+                                attempt: order.attempt,
+                                failure: Failure::TryElsewhere,
+                            };
+                            let latency = self.latency();
+                            self.after(latency, Happening::ToCoordinator(failed));
+                        }
+                    }
+                }
+                Action::Deliver { .. } => {}
+                Action::Refuse { ticket, fault } => {
+                    let Some(asked) = self.views.remove(&ticket) else { continue };
+                    let overload = matches!(fault, Fault::Overloaded { .. });
+                    match overload {
+                        true => self.tally.overloaded += 1,
+                        false => self.tally.failed += 1,
+                    }
+                    self.with(|load, world| load.refused(asked.client, overload, world));
+                }
+            }
+        }
+    }
+
+    fn report(&mut self, slot: usize) {
+        let worker = &mut self.workers[slot];
+        let Some(id) = worker.id.filter(|_| worker.alive && worker.told.is_some()) else { return };
+        let report = worker.report();
+        let done = worker.leaving
+            && worker.busy.is_none()
+            && worker.sending == 0
+            && worker.views.is_empty()
+            && worker.direct.is_empty()
+            && worker.waiting.is_empty();
+        let latency = self.latency();
+        self.after(latency, Happening::ToCoordinator(Event::Reported { worker: id, report }));
+        // It ends once the coordinator knows, so that nothing more is on its way here.
+        let name = &self.workers[slot].name;
+        if done && self.core.status().workers.iter().any(|w| w.hello.name == *name && w.report.leaving) {
+            self.kill(slot);
+        }
+    }
+
+    /// Work of a machine is done.
+    fn done(&mut self, task: Task) {
+        let of = match task {
+            Task::Render { slot, life }
+            | Task::Encode { slot, life, .. }
+            | Task::Pack { slot, life, .. }
+            | Task::Unpack { slot, life, .. } => Some((slot, life)),
+            Task::Relay { .. } | Task::Receive { .. } => None,
+        };
+        if let Some((slot, life)) = of {
+            if self.workers[slot].life != life {
+                return;
+            }
+            if self.workers[slot].paused {
+                self.held_up.entry(slot).or_default().1.push(task);
+                return;
+            }
+        }
+        if let Task::Encode { slot, .. } | Task::Pack { slot, .. } | Task::Unpack { slot, .. } = task {
+            self.ended_beside(slot);
+        }
+        match task {
+            Task::Render { slot, .. } => self.rendered(slot),
+            Task::Encode { slot, view, .. } => {
+                let bytes = self.parameters.frame_bytes;
+                self.workers[slot].sending -= 1;
+                if self.parameters.relayed {
+                    let at = self.send(WORKERS + slot, COORDINATOR, bytes);
+                    self.at(at, Happening::FrameAtCoordinator { view });
+                } else {
+                    let latency = self.latency();
+                    self.after(latency, Happening::ToCoordinator(answered(view)));
+                    let at = self.send(WORKERS + slot, CLIENTS, bytes);
+                    self.at(at, Happening::FrameAtClient { ticket: view.ticket });
+                }
+            }
+            Task::Pack { slot, id, to, .. } => {
+                self.tally.samples_sent += 1;
+                let bytes = self.parameters.sample_bytes;
+                let at = self.send(WORKERS + slot, WORKERS + to, bytes);
+                let life = self.workers[to].life;
+                self.at(at, Happening::ToWorker { slot: to, life, message: Message::Sample { id } });
+            }
+            Task::Unpack { slot, id, .. } => self.gained(slot, id),
+            Task::Relay { view } => {
+                let Some(asked) = self.views.get_mut(&view.ticket).filter(|asked| !asked.answered) else {
+                    return;
+                };
+                asked.answered = true;
+                self.step(answered(view));
+                let bytes = self.parameters.frame_bytes;
+                let at = self.send(COORDINATOR, CLIENTS, bytes);
+                self.at(at, Happening::FrameAtClient { ticket: view.ticket });
+            }
+            Task::Receive { ticket } => {
+                let Some(asked) = self.views.remove(&ticket) else { return };
+                self.tally.answered += 1;
+                let latency = self.now - asked.at;
+                self.tally.slowest = self.tally.slowest.max(latency);
+                self.with(|load, world| load.answered(asked.client, latency, world));
+            }
+        }
+    }
+
+    // What workers do.
+
+    fn receive(&mut self, slot: usize, message: Message) {
+        match message {
+            Message::Order(ticket, order) => self.order(slot, ticket, *order),
+            Message::Assignment(assignment) => self.assigned(slot, assignment),
+            Message::Subscribe { id, from, ahead } => self.subscribed(slot, id, from, ahead),
+            Message::Sample { id } => {
+                if self.workers[slot].fetches.contains_key(&id) {
+                    let (life, ms) = (self.workers[slot].life, self.parameters.unpack_ms);
+                    self.begin_beside(slot, ms, Task::Unpack { slot, life, id });
+                }
+            }
+            Message::NoSample { id, from } => self.not_there(slot, id, from),
+        }
+    }
+
+    fn order(&mut self, slot: usize, ticket: Ticket, order: Order) {
+        let view = Attempt { ticket, attempt: order.attempt };
+        if order.sources.is_empty() {
+            self.workers[slot].direct.push_back(view);
+            return self.kick(slot);
+        }
+        let mut missing = 0;
+        for source in &order.sources {
+            let id = source.id;
+            let worker = &mut self.workers[slot];
+            if worker.held.contains(&id) {
+                continue;
+            }
+            missing += 1;
+            if let Some(fetch) = worker.fetches.get_mut(&id) {
+                fetch.urgent = true;
+            } else if source.addresses.is_empty() {
+                if !worker.renders(id, false) {
+                    worker.renders_ahead.retain(|other| *other != id);
+                    worker.renders.push_back(id);
+                }
+            } else {
+                self.fetch(slot, id, &source.addresses, true);
+            }
+        }
+        let samples: Vec<SampleId> = order.sources.iter().map(|source| source.id).collect();
+        self.tally.waited_for_samples += u64::from(missing > 0);
+        let worker = &mut self.workers[slot];
+        if missing == 0 {
+            worker.views.push_back((view, samples));
+        } else {
+            worker.waiting.insert(view.ticket, Waiting { view, samples, missing });
+        }
+        self.kick(slot);
+    }
+
+    fn assigned(&mut self, slot: usize, assignment: Assignment) {
+        let worker = &mut self.workers[slot];
+        let wanted: HashMap<SampleId, &Vec<String>> =
+            assignment.ahead.iter().map(|source| (source.id, &source.addresses)).collect();
+        let before = worker.told.take().map(|told| told.ahead).unwrap_or_default();
+        for id in before.iter().map(|source| source.id).filter(|id| !wanted.contains_key(id)) {
+            worker.held.remove(&id);
+        }
+        worker.held.retain(|id| id.epoch >= assignment.kept_from);
+        worker.taken_up.retain(|id| worker.held.contains(id));
+        worker.fetches.retain(|id, fetch| fetch.urgent || wanted.contains_key(id));
+        worker.renders_ahead.retain(|id| wanted.contains_key(id));
+        let mut to_fetch = Vec::new();
+        for source in &assignment.ahead {
+            let id = source.id;
+            if worker.held.contains(&id) || worker.fetches.contains_key(&id) || worker.renders(id, true) {
+                continue;
+            }
+            match source.addresses.is_empty() {
+                true => worker.renders_ahead.push_back(id),
+                false => to_fetch.push((id, source.addresses.clone())),
+            }
+        }
+        worker.told = Some(assignment);
+        for (id, addresses) in to_fetch {
+            self.fetch(slot, id, &addresses, false);
+        }
+        // What has taken effect is said at once.
+        self.report(slot);
+        self.kick(slot);
+    }
+
+    fn fetch(&mut self, slot: usize, id: SampleId, addresses: &[String], urgent: bool) {
+        let slots = addresses.iter().filter_map(|address| address.strip_prefix("http://w")?.parse().ok());
+        let all: Vec<usize> = slots.filter(|other| *other != slot).collect();
+        let fetch = Fetch { sources: all.iter().copied().collect(), all, urgent };
+        self.workers[slot].fetches.insert(id, fetch);
+        self.subscribe(slot, id);
+    }
+
+    /// Asks the next source for a sample; with none left renders it here if a view waits, or asks again later.
+    fn subscribe(&mut self, slot: usize, id: SampleId) {
+        let life = self.workers[slot].life;
+        let Some(fetch) = self.workers[slot].fetches.get(&id) else { return };
+        let urgent = fetch.urgent;
+        match fetch.sources.front().copied() {
+            Some(source) if self.workers[source].alive => {
+                self.tell(source, Message::Subscribe { id, from: slot, ahead: !urgent });
+            }
+            Some(source) => self.tell(slot, Message::NoSample { id, from: source }),
+            None if urgent => {
+                let worker = &mut self.workers[slot];
+                worker.fetches.remove(&id);
+                if !worker.renders(id, false) {
+                    worker.renders.push_back(id);
+                }
+                self.kick(slot);
+            }
+            None => self.after(500_000_000, Happening::AskAgain { slot, life, id }),
+        }
+    }
+
+    fn not_there(&mut self, slot: usize, id: SampleId, from: usize) {
+        let Some(fetch) = self.workers[slot].fetches.get_mut(&id) else { return };
+        if fetch.sources.front() == Some(&from) {
+            fetch.sources.pop_front();
+            self.subscribe(slot, id);
+        }
+    }
+
+    fn subscribed(&mut self, slot: usize, id: SampleId, from: usize, ahead: bool) {
+        let worker = &mut self.workers[slot];
+        if worker.held.contains(&id) {
+            return self.pack(slot, id, from);
+        }
+        worker.children.entry(id).or_default().push(from);
+        let comes = worker.fetches.contains_key(&id) || worker.renders(id, ahead);
+        if comes {
+            return;
+        }
+        if worker.samples() && !ahead {
+            worker.renders_ahead.retain(|other| *other != id);
+            worker.renders.push_back(id);
+            return self.kick(slot);
+        }
+        let life = worker.life;
+        self.after(1_000_000_000, Happening::Announced { slot, life, id });
+    }
+
+    fn pack(&mut self, slot: usize, id: SampleId, to: usize) {
+        let (life, ms) = (self.workers[slot].life, self.parameters.pack_ms);
+        self.begin_beside(slot, ms, Task::Pack { slot, life, id, to });
+    }
+
+    /// A worker has a sample from now on.
+    fn gained(&mut self, slot: usize, id: SampleId) {
+        let worker = &mut self.workers[slot];
+        worker.fetches.remove(&id);
+        worker.held.insert(id);
+        let children = worker.children.remove(&id).unwrap_or_default();
+        let mut ready = Vec::new();
+        for waiting in worker.waiting.values_mut().filter(|waiting| waiting.samples.contains(&id)) {
+            waiting.missing -= 1;
+            if waiting.missing == 0 {
+                ready.push(waiting.view.ticket);
+            }
+        }
+        for ticket in ready {
+            if let Some(waiting) = worker.waiting.remove(&ticket) {
+                worker.views.push_back((waiting.view, waiting.samples));
+            }
+        }
+        for child in children {
+            self.pack(slot, id, child);
+        }
+        self.report(slot);
+        self.kick(slot);
+    }
+
+    /// The render thread goes on, if it has nothing to do and there is something.
+    fn kick(&mut self, slot: usize) {
+        let worker = &mut self.workers[slot];
+        if worker.busy.is_some() {
+            return;
+        }
+        let Parameters { sample_ms, view_ms, direct_ms, hold_ms, .. } = self.parameters;
+        let Some((rendering, fresh)) = worker.next() else { return };
+        let cost_ms = match &rendering {
+            Rendering::Sample(_) => sample_ms,
+            Rendering::Direct(views) => direct_ms * views.len() as f64,
+            Rendering::Views(views) => view_ms * views.len() as f64,
+        };
+        let ms = cost_ms + hold_ms * fresh as f64;
+        let (life, slowness) = (worker.life, worker.slowness);
+        worker.busy = Some(Busy { rendering, since: self.now, cost_share: cost_ms / ms });
+        self.begin(WORKERS + slot, ms * slowness, Task::Render { slot, life });
+    }
+
+    fn rendered(&mut self, slot: usize) {
+        let Some(Busy { rendering, since, cost_share }) = self.workers[slot].busy.take() else { return };
+        let ms = (self.now - since) as f64 * 1e-6;
+        self.workers[slot].measure(&rendering, ms, ms * cost_share);
+        let life = self.workers[slot].life;
+        match rendering {
+            Rendering::Sample(id) => self.gained(slot, id),
+            Rendering::Views(views) | Rendering::Direct(views) => {
+                let ms = self.parameters.encode_ms;
+                self.workers[slot].sending += views.len();
+                for view in views {
+                    self.begin_beside(slot, ms, Task::Encode { slot, life, view });
+                }
+            }
+        }
+        self.kick(slot);
+    }
+}
+
+fn answered(view: Attempt) -> Event {
+    Event::Answered { ticket: view.ticket, attempt: view.attempt, uncovered: 0, ms: None }
+}

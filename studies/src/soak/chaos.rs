@@ -1,0 +1,96 @@
+//! Workers that are killed and paused while a cluster serves: of a seed, and bounded, so that a run can be repeated.
+
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use argus_client::Client;
+use rand::rngs::SmallRng;
+use rand::{Rng, SeedableRng};
+
+/// A paused worker goes on after at most this long.
+const LONGEST_PAUSE: Duration = Duration::from_millis(2000);
+
+/// Nobody is disturbed so shortly before the end: what follows is the cluster's rest.
+const REST: Duration = Duration::from_secs(3);
+
+/// What was done.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Disturbed {
+    pub(super) kills: u64,
+    pub(super) pauses: u64,
+}
+
+/// Kills a worker or pauses it, another each time.
+pub(super) struct Chaos {
+    rng: SmallRng,
+    every: Duration,
+    next: Instant,
+    /// Who is paused, and until when.
+    paused: Vec<(u32, Instant)>,
+    done: Disturbed,
+}
+
+impl Chaos {
+    pub(super) fn new(seed: u64, every: Duration) -> Self {
+        let rng = SmallRng::seed_from_u64(seed);
+        Self { rng, every, next: Instant::now() + every, paused: Vec::new(), done: Disturbed::default() }
+    }
+
+    /// Does what is due; `left` is how long the test goes on.
+    pub(super) async fn go_on(&mut self, client: &Client, left: Duration) {
+        let now = Instant::now();
+        self.wake(now);
+        if now < self.next || left < REST {
+            return;
+        }
+        self.next = now + self.every;
+        let Ok(status) = client.status().await else { return };
+        // Workers that play a role: of those that start, killing would only say how fast they start.
+        let is_paused = |pid: u32| self.paused.iter().any(|(paused, _)| *paused == pid);
+        let playing = status.workers.iter().filter(|w| !matches!(w.role.as_str(), "idle" | "unknown"));
+        let mut pids: Vec<u32> = playing.map(|w| w.pid).filter(|pid| !is_paused(*pid)).collect();
+        pids.sort_unstable();
+        // One always goes on.
+        if pids.len() < 2 {
+            return;
+        }
+        let pid = pids[self.rng.random_range(0..pids.len())];
+        if self.rng.random_bool(0.5) {
+            signal(pid, "-KILL");
+            self.done.kills += 1;
+        } else {
+            signal(pid, "-STOP");
+            let ms = self.rng.random_range(100..LONGEST_PAUSE.as_millis() as u64);
+            self.paused.push((pid, now + Duration::from_millis(ms)));
+            self.done.pauses += 1;
+        }
+    }
+
+    fn wake(&mut self, by: Instant) {
+        self.paused.retain(|(pid, until)| {
+            let stays = *until > by;
+            if !stays {
+                signal(*pid, "-CONT");
+            }
+            stays
+        });
+    }
+
+    /// Lets everybody go on.
+    pub(super) fn end(mut self) -> Disturbed {
+        self.wake(Instant::now() + LONGEST_PAUSE);
+        self.done
+    }
+}
+
+impl Drop for Chaos {
+    fn drop(&mut self) {
+        self.wake(Instant::now() + LONGEST_PAUSE);
+    }
+}
+
+/// Sends a signal to a process that this test's cluster started; one that is gone meanwhile hears nothing.
+fn signal(pid: u32, name: &str) {
+    let mut kill = Command::new("kill");
+    let _ = kill.args([name, &pid.to_string()]).stdout(Stdio::null()).stderr(Stdio::null()).status();
+}
