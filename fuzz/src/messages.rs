@@ -1,0 +1,176 @@
+//! Every message of `argus.v1`: decoded, converted where it has a word in the vocabulary, and taken in by whoever
+//! receives it.
+
+use argus_client::ClusterStatus;
+use argus_proto::{Description, v1};
+use argus_scene::{
+    Bounds, Camera, Light, Lighting, Limits, Plan, PlanRequest, Prediction, Provenance, Rig, SampleCamera,
+    SampleSetInfo, Stage, View, scene::NamedCamera,
+};
+use prost::Message;
+
+/// Decodes a message, hands it on, and makes sure that it means the same once it is encoded again.
+fn decoded<M: Message + Default + Clone>(
+    bytes: &[u8],
+    take: impl FnOnce(M) -> Result<(), String>,
+) -> Result<(), String> {
+    let message = M::decode(bytes).map_err(|error| error.to_string())?;
+    let again = message.encode_to_vec();
+    let same = M::decode(&again[..]).map(|message| message.encode_to_vec());
+    assert_eq!(same.as_ref(), Ok(&again), "a message changes as it is sent on");
+    take(message)
+}
+
+fn converted<T, E: ToString>(result: Result<T, E>) -> Result<(), String> {
+    result.map(drop).map_err(|error| error.to_string())
+}
+
+/// What a receiver makes of a message that came as these bytes.
+type Take = fn(&[u8]) -> Result<(), String>;
+
+macro_rules! messages {
+    ($($name:ident $(=> $take:expr)?),* $(,)?) => {
+        /// The name of each message, and what its receiver makes of it.
+        pub const ALL: &[(&str, Take)] = &[
+            $((stringify!($name), |bytes| decoded::<v1::$name>(bytes, messages!(@ $($take)?)))),*
+        ];
+    };
+    (@) => { |_| Ok(()) };
+    (@ $take:expr) => { $take };
+}
+
+messages! {
+    Vec3, Rgb, PerspectiveCamera, OmniCamera,
+    Bounds => |m| converted(Bounds::try_from(m)),
+    Camera => |m| converted(Camera::try_from(m)),
+    NamedCamera => |m| converted(NamedCamera::try_from(m)),
+    SampleCamera => |m| converted(SampleCamera::try_from(m)),
+    WorkerReport => |m| converted(argus_cluster::untrusted::report(m)),
+    Hello => |m| converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Hello(m)))),
+    Measurements => |m| converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Measurements(m)))),
+    WayCost,
+    Assignment => |m| converted(argus_cluster::untrusted::assignment(m)),
+    StatusRequest,
+    StatusResponse => |m| { drop(ClusterStatus::from(m)); Ok(()) },
+    Refinements, WorkerStatus, Counters,
+    SubscribeRequest => |m| converted(argus_proto::convert::scene_hash(&m.scene_hash, "scene_hash")),
+    HeldSample, PlaneHeader, SampleHeader,
+    SampleChunk => |m| begun(super::chunks::samples, m),
+    SampleData,
+    TraceRequest => |m| super::chunks::traces(&m.encode_length_delimited_to_vec()),
+    TraceHeader,
+    TraceChunk => |m| begun(super::chunks::pixels, m),
+    TraceData, SceneRef, DirectionalLight, PointLight, SpotLight,
+    Light => |m| converted(Light::try_from(m)),
+    Sky,
+    Lighting => |m| converted(Lighting::try_from(m)),
+    TileCornersRig, CellRig,
+    Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
+    SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),
+    SampleId,
+    Stage => |m| converted(Stage::try_from(m)),
+    FetchRequest => |m| converted(argus_proto::convert::scene_hash(&m.scene_hash, "scene_hash")),
+    SceneChunk => |m| begun(super::chunks::scenes, m),
+    BundleHeader, FileBundle, FileHeader,
+    PlanRequest => |m| converted(PlanRequest::try_from(m)),
+    DirectPlan, WarpPlan,
+    Plan => |m| converted(Plan::try_from(m)),
+    Provenance => |m| converted(Provenance::try_from(m)),
+    View => view,
+    Limits => |m| converted(Limits::try_from(m)),
+    ImageHeader, Served,
+    Prediction => |m| converted(Prediction::try_from(m)),
+    FrameHeader, Observed,
+    FrameChunk => |m| begun(super::chunks::frames, m),
+    FrameData, DescribeRequest,
+    DescribeResponse => |m| converted(Description::try_from(m)),
+    RenderRequest => |m| view(m.view.unwrap_or_default()),
+    ViewOrder => |m| converted(Plan::try_from(m.plan.unwrap_or_default())),
+    SampleSource, SessionRequest,
+    SessionView => |m| view(m.view.unwrap_or_default()),
+    SessionAck, SessionResponse, SessionFailure,
+}
+
+/// The first chunk of a stream, which goes on.
+fn begun(take: Take, chunk: impl Message) -> Result<(), String> {
+    let _ = take(&chunk.encode_length_delimited_to_vec());
+    Ok(())
+}
+
+fn said(body: v1::worker_report::Body) -> v1::WorkerReport {
+    v1::WorkerReport { body: Some(body) }
+}
+
+/// A view that is let in can be planned with.
+fn view(wire: v1::View) -> Result<(), String> {
+    let view = View::try_from(wire).map_err(|error| error.to_string())?;
+    view.validate(&Limits::default()).map_err(|error| error.to_string())?;
+    argus_cluster::untrusted::view(view);
+    Ok(())
+}
+
+/// A rig that is let in says where its cameras stand, however many it has.
+fn rig(rig: Rig) -> Result<(), String> {
+    for index in [0, 1, 1000, u64::MAX / 2, u64::MAX] {
+        if let Ok(camera) = rig.camera(index) {
+            assert!(camera.size().iter().all(|&side| side > 0), "a sample without texels");
+        }
+    }
+    Ok(())
+}
+
+/// Valid messages, each with the place of its kind in [`ALL`].
+pub fn corpus() -> Vec<(usize, Vec<u8>)> {
+    let camera = || v1::Camera {
+        eye: Some(v1::Vec3 { x: 3.0, y: 2.0, z: 5.0 }),
+        target: Some(v1::Vec3 { x: 0.0, y: 1.0, z: 0.0 }),
+        up: Some(v1::Vec3 { x: 0.0, y: 1.0, z: 0.0 }),
+        fov_deg: Some(45.0),
+    };
+    let mut messages: Vec<(&str, Vec<u8>)> = Vec::new();
+    let mut wire = v1::View {
+        camera: Some(camera()),
+        width: 64,
+        height: 48,
+        outputs: vec![v1::Output::Color as i32, v1::Output::Range as i32],
+        ..Default::default()
+    };
+    wire.plan = Some(v1::PlanRequest { max_error: Some(0.1), supersampling: Some(2), ..Default::default() });
+    messages.push(("View", wire.encode_to_vec()));
+    messages.push(("Camera", camera().encode_to_vec()));
+    let warp = v1::WarpPlan {
+        samples: vec![v1::SampleId { epoch: 0, generation: 1, index: 3 }],
+        supersampling: 1,
+        search: v1::Search::Splat as i32,
+        ..Default::default()
+    };
+    let plan = v1::Plan { kind: Some(v1::plan::Kind::Warp(warp)) };
+    messages.push(("Plan", plan.encode_to_vec()));
+    let request = v1::RenderRequest {
+        view_id: "a view".to_owned(),
+        view: Some(wire.clone()),
+        deadline_ms: 1000,
+        ..Default::default()
+    };
+    messages.push(("RenderRequest", request.encode_to_vec()));
+    let session = v1::SessionView { view: Some(wire), encoding: v1::Encoding::Zstd as i32 };
+    messages.push(("SessionView", session.encode_to_vec()));
+    messages.extend(argus_cluster::untrusted::corpus());
+    messages.extend([
+        ("TraceRequest", first(super::chunks::traces_corpus())),
+        ("FrameChunk", first(super::chunks::frames_corpus())),
+        ("SampleChunk", first(super::chunks::samples_corpus())),
+        ("SceneChunk", first(super::chunks::scenes_corpus())),
+        ("TraceChunk", first(super::chunks::pixels_corpus())),
+    ]);
+    let place = |name: &str| ALL.iter().position(|(known, _)| *known == name);
+    messages.into_iter().filter_map(|(name, bytes)| Some((place(name)?, bytes))).collect()
+}
+
+/// The first message of a stream.
+fn first(streams: Vec<Vec<u8>>) -> Vec<u8> {
+    let stream = streams.into_iter().next().unwrap_or_default();
+    let mut rest = &stream[..];
+    let length = prost::decode_length_delimiter(&mut rest).unwrap_or_default();
+    rest.get(..length).unwrap_or_default().to_vec()
+}

@@ -1,0 +1,230 @@
+//! Every target with its corpus and, for a moment, with inputs that nobody has seen.
+//!
+//! An input that takes memory or time out of all proportion fails as one that panics does.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use argus_fuzz::{Edit, chunks, edited, files, images, messages};
+use bolero::check;
+use prost::Message;
+
+/// No input of a megabyte needs a block of this size.
+const LARGEST_BLOCK: usize = 64 << 20;
+/// … nor so long, on a machine that has other things to do.
+const LONGEST: Duration = Duration::from_secs(10);
+/// Inputs of a target in a test run, unless BOLERO_RANDOM_ITERATIONS or BOLERO_RANDOM_TEST_TIME_MS says otherwise.
+const ITERATIONS: usize = 10_000;
+
+/// Notes the largest block that anybody asked for: loaders use threads of their own.
+struct Noting;
+
+static LARGEST: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: the system's allocator does all of the work.
+unsafe impl GlobalAlloc for Noting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        // SAFETY: as the caller promised.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        // SAFETY: as the caller promised.
+        unsafe { System.dealloc(block, layout) }
+    }
+
+    unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        LARGEST.fetch_max(size, Ordering::Relaxed);
+        // SAFETY: as the caller promised.
+        unsafe { System.realloc(block, layout, size) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        // SAFETY: as the caller promised.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Noting = Noting;
+
+/// Runs a target within its bounds.
+fn bounded(run: impl FnOnce() -> Result<(), String>) -> Result<(), String> {
+    let began = Instant::now();
+    let result = run();
+    let largest = LARGEST.load(Ordering::Relaxed);
+    // Where targets run side by side, one fails with the other.
+    assert!(largest <= LARGEST_BLOCK, "a block of {} MiB", largest >> 20);
+    assert!(began.elapsed() <= LONGEST, "it took {:?}", began.elapsed());
+    result
+}
+
+/// Without end where a time is set.
+fn iterations() -> usize {
+    if std::env::var_os("BOLERO_RANDOM_TEST_TIME_MS").is_some() { usize::MAX } else { ITERATIONS }
+}
+
+/// Which valid input, which other to take pieces from, and what is done to it.
+type Input = (u8, u8, Vec<Edit>);
+
+/// The corpus passes, and no edits of it bring the target down.
+fn fuzz(corpus: &[Vec<u8>], target: impl Fn(usize, &[u8]) -> Result<(), String> + std::panic::RefUnwindSafe) {
+    for (index, bytes) in corpus.iter().enumerate() {
+        let result = bounded(|| target(index, bytes));
+        assert_eq!(result, Ok(()), "input {index} of the corpus is not valid");
+    }
+    let (inputs, taken) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    check!().with_type::<Input>().with_iterations(iterations()).for_each(|(seed, other, edits)| {
+        let index = usize::from(*seed) % corpus.len();
+        let bytes = edited(&corpus[index], &corpus[usize::from(*other) % corpus.len()], edits);
+        // Refusing it is as good as taking it.
+        let result = bounded(|| target(index, &bytes));
+        inputs.fetch_add(1, Ordering::Relaxed);
+        taken.fetch_add(result.is_ok().into(), Ordering::Relaxed);
+    });
+    let (inputs, taken) = (inputs.into_inner(), taken.into_inner());
+    eprintln!("{inputs} inputs, {taken} of them taken");
+    // Where all is refused, edits leave nothing but noise. That all is taken is well where faults are warnings.
+    assert!(inputs < 1000 || taken > inputs / 100, "{taken} of {inputs} inputs were taken");
+}
+
+#[test]
+fn every_message() {
+    let corpus = messages::corpus();
+    let (kinds, bytes): (Vec<usize>, Vec<Vec<u8>>) = corpus.into_iter().unzip();
+    fuzz(&bytes, move |index, bytes| {
+        let (_, take) = messages::ALL[kinds[index]];
+        take(bytes)
+    });
+}
+
+#[test]
+fn messages_as_each_other() {
+    // Fields of one message are read as those of another, so that messages without a corpus of their own get further
+    // than noise would take them.
+    let corpus: Vec<Vec<u8>> = messages::corpus().into_iter().map(|(_, bytes)| bytes).collect();
+    check!().with_type::<(u8, Input)>().with_iterations(iterations()).for_each(
+        |(kind, (seed, other, edits))| {
+            let (_, take) = messages::ALL[usize::from(*kind) % messages::ALL.len()];
+            let at = |place: &u8| &corpus[usize::from(*place) % corpus.len()][..];
+            let bytes = edited(at(seed), at(other), edits);
+            let _ = bounded(|| take(&bytes));
+        },
+    );
+}
+
+#[test]
+fn no_message_is_left_out() {
+    let descriptors = prost_types::FileDescriptorSet::decode(argus_proto::FILE_DESCRIPTOR_SET).unwrap();
+    let ours = descriptors.file.iter().filter(|file| file.package() == "argus.v1");
+    let defined: BTreeSet<&str> =
+        ours.flat_map(|file| &file.message_type).map(|message| message.name()).collect();
+    let fuzzed: BTreeSet<&str> = messages::ALL.iter().map(|(name, _)| *name).collect();
+    assert_eq!(fuzzed, defined);
+}
+
+#[test]
+fn no_request_of_a_client_can_name_a_file() {
+    let descriptors = prost_types::FileDescriptorSet::decode(argus_proto::FILE_DESCRIPTOR_SET).unwrap();
+    let messages = || descriptors.file.iter().flat_map(|file| &file.message_type);
+    let mut waiting = vec!["DescribeRequest", "RenderRequest", "SessionRequest", "StatusRequest"];
+    let (mut seen, mut texts) = (BTreeSet::new(), BTreeSet::new());
+    while let Some(name) = waiting.pop() {
+        let message = messages().find(|message| message.name() == name).unwrap();
+        if !seen.insert(name) {
+            continue;
+        }
+        for field in &message.field {
+            use prost_types::field_descriptor_proto::Type;
+            match field.r#type() {
+                Type::String => drop(texts.insert(format!("{name}.{}", field.name()))),
+                Type::Message => waiting.push(field.type_name().rsplit('.').next().unwrap()),
+                _ => {}
+            }
+        }
+    }
+    // A name for logs, the device of a pin, and what only a coordinator says (clients are refused, see `order`).
+    let harmless =
+        ["Provenance.device", "RenderRequest.view_id", "SampleSource.addresses", "ViewOrder.tracers"];
+    assert_eq!(texts.iter().map(String::as_str).collect::<Vec<_>>(), harmless);
+}
+
+#[test]
+fn frames() {
+    fuzz(&chunks::frames_corpus(), |_, bytes| chunks::frames(bytes));
+}
+
+#[test]
+fn samples() {
+    fuzz(&chunks::samples_corpus(), |_, bytes| chunks::samples(bytes));
+}
+
+#[test]
+fn traces() {
+    fuzz(&chunks::traces_corpus(), |_, bytes| chunks::traces(bytes));
+}
+
+#[test]
+fn pixels() {
+    fuzz(&chunks::pixels_corpus(), |_, bytes| chunks::pixels(bytes));
+}
+
+#[test]
+fn scenes() {
+    fuzz(&chunks::scenes_corpus(), |_, bytes| chunks::scenes(bytes));
+}
+
+#[test]
+fn packed_images() {
+    fuzz(&images::corpus(), |_, bytes| images::roundtrip(bytes));
+}
+
+/// The files of one format.
+fn loader(names: &[&str]) {
+    let files: Vec<(&str, Vec<u8>)> =
+        files::corpus().into_iter().filter(|(name, _)| names.contains(name)).collect();
+    let (names, bytes): (Vec<&str>, Vec<Vec<u8>>) = files.into_iter().unzip();
+    fuzz(&bytes, move |index, bytes| files::load(names[index], bytes));
+}
+
+#[test]
+fn obj_files() {
+    loader(&["scene.obj", "faces.obj"]);
+}
+
+#[test]
+fn mtl_files() {
+    loader(&["scene.mtl"]);
+}
+
+#[test]
+fn ply_files() {
+    loader(&["ascii.ply", "binary.ply"]);
+}
+
+#[test]
+fn gltf_files() {
+    loader(&["scene.gltf", "scene.glb"]);
+}
+
+#[test]
+fn a_texture_of_a_few_bytes_does_not_become_gigabytes() {
+    let (_, mut png) = files::corpus().into_iter().find(|(name, _)| *name == "checker.png").unwrap();
+    for side in [20_000_u32, 0x7fff_ffff] {
+        // Width and height stand at the beginning of the first chunk.
+        png[16..20].copy_from_slice(&side.to_be_bytes());
+        png[20..24].copy_from_slice(&side.to_be_bytes());
+        // A texture that cannot be is a warning: the scene stands without it.
+        assert_eq!(bounded(|| files::load("checker.png", &png)), Ok(()));
+    }
+}
+
+#[test]
+fn textures() {
+    loader(&["checker.png"]);
+}
