@@ -8,8 +8,20 @@ use std::process::Stdio;
 
 use support::{Process, SMALL, argus, json, run, stderr};
 
-const SUBCOMMANDS: [&str; 10] =
-    ["demo", "serve", "coordinator", "worker", "view", "load", "status", "scene", "compare", "study"];
+const SUBCOMMANDS: [&str; 12] = [
+    "certs",
+    "config",
+    "demo",
+    "serve",
+    "coordinator",
+    "worker",
+    "view",
+    "load",
+    "status",
+    "scene",
+    "compare",
+    "study",
+];
 
 /// An address that nobody listens on: it was free a moment ago.
 fn unused_url() -> String {

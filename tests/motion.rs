@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_client::{Client, SessionEvent, SessionOptions};
+use argus_client::{Client, RenderOptions, SessionEvent, SessionOptions};
 use argus_scene::metrics::compare;
 use argus_scene::reference::Tracer;
 use argus_scene::{Camera, Frame, Outputs, Plan, Provenance, View};
@@ -240,4 +240,26 @@ async fn time_can_be_held_still() {
         assert_eq!((frame.provenance.epoch, &frame.color), (0, &frames[0].color));
     }
     assert_eq!(coordinator.status()["epoch"], 0);
+}
+
+#[tokio::test]
+async fn particles_drift_from_epoch_to_epoch_though_the_scene_stands_still() {
+    let with = ["--particles", "60", "--vpl-maps", "megaviews"];
+    let serve = Coordinator::start("terrain:2000", &["--particles", "--epoch-ms", "100"]);
+    let _worker = serve.worker(&with);
+    serve.wait_for_workers(1);
+    let client = Client::connect(&serve.url).await.unwrap();
+    let wanted =
+        View { camera: Camera::look_at(DVec3::new(120.0, 80.0, 50.0), DVec3::new(0.0, 10.0, 0.0)), ..view() };
+    let first = client.render(&wanted, &RenderOptions::default()).await.unwrap().frame;
+    let mut later = client.render(&wanted, &RenderOptions::default()).await.unwrap().frame;
+    for _ in 0..200 {
+        if later.provenance.epoch > first.provenance.epoch + 5 {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        later = client.render(&wanted, &RenderOptions::default()).await.unwrap().frame;
+    }
+    assert!(later.provenance.epoch > first.provenance.epoch, "no other moment was served");
+    assert_ne!(image(&first), image(&later), "their light moves");
 }

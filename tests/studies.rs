@@ -143,6 +143,25 @@ fn the_megaviews_study_counts_fewer_pairs_than_manylods_and_says_what_it_extrapo
 }
 
 #[test]
+fn the_megaviews_study_shows_what_occlusion_leaves_out_at_equal_maps() {
+    let arguments = ["study", "megaviews", "--quick", "--json", "--placement", "random", "--method"];
+    let study = json(&[&arguments[..], &["megaviews,manylods", "--occlusion", "off,on,known"]].concat());
+    for method in ["megaviews", "manylods"] {
+        let of = |occlusion: &str| {
+            let is = |row: &&Value| {
+                row["method"] == method && row["occlusion"] == occlusion && row["views"] == 256
+            };
+            rows(&study).iter().find(is).unwrap_or_else(|| panic!("{method} {occlusion}: {study:#}"))
+        };
+        let [off, on, known] =
+            ["off", "on", "known"].map(|occlusion| number(of(occlusion), "pairs_rendered"));
+        assert!(known < on && on < off, "{method}: {off} pairs, {on} with occlusion, {known} at best");
+        let wrong = ["off", "on"].map(|occlusion| number(of(occlusion), "wrong_shadow_fraction"));
+        assert_eq!(wrong[0], wrong[1], "the same maps");
+    }
+}
+
+#[test]
 fn a_light_that_is_none_is_refused_with_what_it_should_be() {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_argus"))
         .args(["study", "megaviews", "--light", "spot:0,1:0,0,0"])
@@ -151,4 +170,143 @@ fn a_light_that_is_none_is_refused_with_what_it_should_be() {
     assert_eq!(output.status.code(), Some(2));
     let message = String::from_utf8_lossy(&output.stderr);
     assert!(message.contains("spot:X,Y,Z:DX,DY,DZ:HALF_DEG"), "{message}");
+}
+
+#[test]
+fn the_overload_study_turns_away_what_is_too_much_and_loses_nothing() {
+    let study = json(&["study", "overload", "--quick", "--json"]);
+    let rows = rows(&study);
+    for row in rows {
+        assert_eq!(row["failed"], 0, "{row:#}");
+        assert!(number(row, "answered") > 0.0 && number(row, "per_peak") <= 1.0, "{row:#}");
+        assert_eq!(row["sent"], number(row, "answered") as u64 + number(row, "rejected") as u64, "{row:#}");
+    }
+    // Capacity is noise in so short a time; that it is stated, and that twice as much is more, is not.
+    let [half, twice] = &rows[..] else { panic!("two loads: {study:#}") };
+    assert_eq!((number(half, "load"), number(twice, "load")), (0.5, 2.0));
+    assert!((number(twice, "asked_per_sec") / number(half, "asked_per_sec") - 4.0).abs() < 1e-9);
+    assert!(study["notes"][0].as_str().unwrap().contains("Capacity"), "{study:#}");
+}
+
+#[test]
+fn the_cluster_study_measures_and_simulates_the_same_ticks_and_splits_them_into_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = json(&["study", "cluster", "--quick", "--json", "--out", out]);
+    for row in rows(&study) {
+        assert_eq!(row["kind"], "measured");
+        for key in ["tick_ms", "simulated_ms", "predicted_ms", "efficiency", "bound", "speedup"] {
+            assert!(number(row, key) > 0.0, "{key}: {row:#}");
+        }
+        assert!(number(row, "encode_ms") > 0.0 && number(row, "network_ms") > 0.0, "{row:#}");
+    }
+    let ways: std::collections::BTreeSet<&str> =
+        rows(&study).iter().map(|row| row["way"].as_str().unwrap()).collect();
+    assert_eq!(ways.len(), 4, "{ways:?}");
+    let sampled = |way: &str| {
+        let of = |row: &&Value| row["way"] == way && row["processes"] == 2;
+        rows(&study).iter().filter(of).map(|row| number(row, "sampling_ms")).fold(0.0, f64::max)
+    };
+    assert!(sampled("proposed") > 0.0, "samples are rendered anew each tick");
+    assert_eq!(sampled("proposed, still scene"), 0.0);
+    let plot = std::fs::read_to_string(folder.path().join("cluster-efficiency.svg")).unwrap();
+    assert!(plot.contains("bound of whole K"));
+}
+
+#[test]
+fn the_simulated_cluster_states_the_bound_and_the_papers_figures_beside_its_efficiency() {
+    let study = json(&["study", "cluster", "--simulate", "--quick", "--json"]);
+    let of = |processes: u64, way: &str| {
+        let found = rows(&study)
+            .iter()
+            .find(|row| row["processes"] == processes && row["way"] == way && row["views"] == 1000);
+        found.unwrap_or_else(|| panic!("{processes} {way}: {study:#}"))
+    };
+    let eleven = of(11, "proposed");
+    assert_eq!(number(eleven, "paper_efficiency"), 0.829);
+    assert!(number(eleven, "efficiency") <= number(eleven, "bound") * 1.02, "{eleven:#}");
+    assert!(number(eleven, "efficiency") > 5.0 * number(of(11, "naive"), "efficiency"), "{eleven:#}");
+    assert!(number(of(11, "proposed, samplers compose"), "tick_ms") < number(eleven, "tick_ms"));
+    assert!(number(eleven, "core_us_per_view") > 0.0);
+}
+
+#[test]
+fn a_short_soak_with_chaos_loses_no_frame_and_none_is_wrong() {
+    let study = json(&["study", "soak", "--quick", "--json", "--chaos", "--chaos-every", "0.7"]);
+    let row = &rows(&study)[0];
+    assert_eq!((number(row, "lost"), number(row, "frames_wrong")), (0.0, 0.0), "{row:#}");
+    assert!(number(row, "answered") > 0.0 && number(row, "coordinator_mb") > 1.0, "{row:#}");
+    assert!(number(row, "kills") + number(row, "pauses") > 0.0, "{row:#}");
+    let accounted = ["answered", "superseded", "rejected", "lost"].map(|key| number(row, key));
+    assert_eq!(accounted.iter().sum::<f64>(), number(row, "sent"), "{row:#}");
+}
+
+#[test]
+fn the_capacity_study_counts_what_a_coordinator_relays_and_how_soon_a_lost_view_moves() {
+    let study = json(&["study", "capacity", "--quick", "--json"]);
+    let row = &rows(&study)[0];
+    assert!(number(row, "relayed_per_sec") > 0.0 && number(row, "us_per_frame") > 0.0, "{row:#}");
+    assert!(number(row, "assigned_after_loss_ms") < 1000.0, "{row:#}");
+    assert!(number(row, "resident_mb") < 500.0, "{row:#}");
+}
+
+#[test]
+fn the_manylods_study_finds_the_same_cuts_with_fewer_operations_and_compares_maps_that_take_as_long() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = json(&["study", "manylods", "--quick", "--json", "--out", out]);
+    let of = |part: &str| rows(&study).iter().filter(|row| row["part"] == part).collect::<Vec<_>>();
+    let [balls, octree] = of("hierarchy")[..] else { panic!("a tree of balls and an octree: {study:#}") };
+    assert!(number(balls, "update_ms") < number(balls, "build_ms") && number(octree, "build_ms") > 0.0);
+    // Larger thresholds, smaller cuts.
+    for pair in of("threshold").chunks(2) {
+        let [fine, coarse] = pair else { panic!("two thresholds: {study:#}") };
+        assert!(number(fine, "nodes") > number(coarse, "nodes"));
+        assert!((0.0..1.0).contains(&number(fine, "wrong_shadow_fraction")));
+    }
+    let methods: Vec<&str> = of("equal-time").iter().map(|row| row["method"].as_str().unwrap()).collect();
+    assert_eq!(methods, ["manylods", "manylods", "imperfect", "raster, as long", "raster, as many"]);
+    assert!(of("equal-time").iter().all(|row| (0.0..1.0).contains(&number(row, "wrong_shadow_fraction"))));
+    // Views over two trees, the scene over one, at two speeds, by three methods.
+    assert_eq!(of("animation").len(), 18);
+    for row in of("animation") {
+        match row["method"].as_str().unwrap() {
+            "basic" => assert_eq!(number(row, "fewer_visits"), 1.0),
+            "incremental" => {
+                assert_eq!(number(row, "differing_fraction"), 0.0, "{row:#}");
+                assert!(
+                    number(row, "fewer_operations") > 10.0 && number(row, "fewer_visits") > 4.0,
+                    "{row:#}"
+                );
+            }
+            _ => assert!(number(row, "differing_fraction") < 0.1, "{row:#}"),
+        }
+    }
+    let plot = std::fs::read_to_string(folder.path().join("manylods-frames.svg")).unwrap();
+    assert!(plot.contains("incremental") && plot.contains("lazy"));
+}
+
+#[test]
+fn the_particles_study_shows_that_maps_bring_views_closer_to_those_with_shadows_by_rays() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = json(&["study", "particles", "--quick", "--json", "--out", out, "--images", out]);
+    for count in [256, 1024] {
+        let of = |method: &str| {
+            let found = rows(&study).iter().find(|row| row["particles"] == count && row["method"] == method);
+            found.unwrap_or_else(|| panic!("{count} {method}: {study:#}"))
+        };
+        let without = of("no shadows");
+        for method in ["megaviews", "manylods", "manylods, incremental", "exact maps"] {
+            assert!(number(of(method), "frame_ms") > 0.0);
+            let wrong = number(of(method), "wrong_shadow_fraction");
+            assert!(wrong < number(without, "wrong_shadow_fraction"), "{method}: {study:#}");
+            assert!(number(of(method), "flip") < number(without, "flip"), "{method}: {study:#}");
+        }
+        // The same cuts, the same maps.
+        let off = number(of("manylods"), "flip") - number(of("manylods, incremental"), "flip");
+        assert!(off.abs() < 1e-3, "{off}");
+    }
+    assert!(folder.path().join("particles-256-megaviews.png").is_file());
+    assert!(std::fs::read_to_string(folder.path().join("particles-time.svg")).unwrap().starts_with("<svg"));
 }

@@ -4,7 +4,7 @@
 pub(crate) mod wire;
 
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, ExitStatus, Output, Stdio};
+use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -18,7 +18,12 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
 pub(crate) fn argus(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_argus"));
     // Several renderers share few cores: one thread of the software driver each.
-    command.args(arguments).env("LP_NUM_THREADS", "1").env_remove("ARGUS_SERVER").env_remove("ARGUS_LOG");
+    command
+        .args(arguments)
+        .env("LP_NUM_THREADS", "1")
+        .env_remove("ARGUS_SERVER")
+        .env_remove("ARGUS_CONFIG")
+        .env_remove("ARGUS_LOG");
     command
 }
 
@@ -57,6 +62,10 @@ impl Process {
 
     pub(crate) fn take_stdout(&mut self) -> ChildStdout {
         self.0.stdout.take().expect("stdout is piped")
+    }
+
+    pub(crate) fn take_stderr(&mut self) -> ChildStderr {
+        self.0.stderr.take().expect("stderr is piped")
     }
 
     /// Asks it to stop by the end of its input.
@@ -102,10 +111,20 @@ impl Coordinator {
         Self::start_in(Path::new(env!("CARGO_MANIFEST_DIR")), scene, more)
     }
 
+    /// With changes to its environment.
+    pub(crate) fn start_with(scene: &str, more: &[&str], change: impl FnOnce(&mut Command)) -> Self {
+        Self::start_changed(Path::new(env!("CARGO_MANIFEST_DIR")), scene, more, change)
+    }
+
     /// With the working directory that relative paths of scenes start from.
     pub(crate) fn start_in(folder: &Path, scene: &str, more: &[&str]) -> Self {
+        Self::start_changed(folder, scene, more, |_| {})
+    }
+
+    fn start_changed(folder: &Path, scene: &str, more: &[&str], change: impl FnOnce(&mut Command)) -> Self {
         let mut command = argus(&["coordinator", "--listen", "127.0.0.1:0", "--json", "--scene", scene]);
         command.args(more).current_dir(folder).stdout(Stdio::piped());
+        change(&mut command);
         let mut process = Process::start(command);
         // The stream stays open while the service runs, so exactly one object is read from it.
         let mut objects = serde_json::Deserializer::from_reader(process.take_stdout()).into_iter::<Value>();
