@@ -36,11 +36,11 @@ fn a_rolling_restart_of_all_workers_loses_no_frame_and_repeats_none() {
                 answered
             })
         });
-        for place in 0..workers.len() {
+        for worker in &mut workers {
             // The new one first: then there is always one for each role.
             let newcomer = coordinator.worker(&[]);
             coordinator.wait_for_workers(4);
-            let mut old = std::mem::replace(&mut workers[place], newcomer);
+            let mut old = std::mem::replace(worker, newcomer);
             assert!(old.stop().success());
             coordinator.wait_for_workers(3);
         }

@@ -12,26 +12,22 @@ use std::time::Duration;
 
 use futures::Stream;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tonic::transport::server::{Connected, TcpConnectInfo};
 use tracing::warn;
+
+use crate::network::{Accept, Duplex};
 
 /// Until what made a connection fail may have passed.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// The connections of `listener`, at most so many at the same time.
-pub(crate) fn incoming(listener: TcpListener, most: usize) -> impl Stream<Item = io::Result<Connection>> {
+pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item = io::Result<Connection>> {
     let seats = Arc::new(Semaphore::new(most.min(Semaphore::MAX_PERMITS)));
     async_stream::stream! {
         while let Ok(seat) = seats.clone().acquire_owned().await {
             match listener.accept().await {
-                Ok((stream, _)) => {
-                    if let Err(error) = stream.set_nodelay(true) {
-                        warn!(%error, "a connection keeps its delays");
-                    }
-                    yield Ok(Connection { stream, _seat: seat });
-                }
+                Ok((stream, between)) => yield Ok(Connection { stream, between, _seat: seat }),
                 Err(error) => {
                     warn!(%error, "no connection can be accepted");
                     tokio::time::sleep(PAUSE).await;
@@ -42,9 +38,9 @@ pub(crate) fn incoming(listener: TcpListener, most: usize) -> impl Stream<Item =
 }
 
 /// A connection, and its place among those that are open.
-#[derive(Debug)]
 pub(crate) struct Connection {
-    stream: TcpStream,
+    stream: Box<dyn Duplex>,
+    between: TcpConnectInfo,
     _seat: OwnedSemaphorePermit,
 }
 
@@ -52,7 +48,7 @@ impl Connected for Connection {
     type ConnectInfo = TcpConnectInfo;
 
     fn connect_info(&self) -> TcpConnectInfo {
-        self.stream.connect_info()
+        self.between.clone()
     }
 }
 
@@ -95,6 +91,7 @@ impl AsyncWrite for Connection {
 #[cfg(test)]
 mod tests {
     use futures::StreamExt;
+    use tokio::net::{TcpListener, TcpStream};
 
     use super::*;
 

@@ -21,6 +21,7 @@ mod handed_in;
 mod incoming;
 pub mod leadership;
 mod net;
+pub mod network;
 mod observe;
 pub mod security;
 #[doc(hidden)]

@@ -11,6 +11,7 @@ use parking_lot::Mutex;
 use tonic::transport::{Channel, Endpoint, Server};
 use tower::layer::util::{Identity, Stack};
 
+use crate::network::Network;
 use crate::security::Security;
 use crate::security::guard::{Guard, Guarded};
 
@@ -106,12 +107,13 @@ pub(crate) fn is_distrust(reason: &str) -> bool {
 pub(crate) struct Channels {
     connect_timeout: Duration,
     security: Option<Arc<Security>>,
+    network: Network,
     by_address: Mutex<HashMap<String, Channel>>,
 }
 
 impl Channels {
-    pub(crate) fn new(connect_timeout: Duration, security: Option<Arc<Security>>) -> Self {
-        Self { connect_timeout, security, by_address: Mutex::default() }
+    pub(crate) fn new(connect_timeout: Duration, security: Option<Arc<Security>>, network: Network) -> Self {
+        Self { connect_timeout, security, network, by_address: Mutex::default() }
     }
 
     /// By which they are secured.
@@ -130,7 +132,7 @@ impl Channels {
         let endpoint = endpoint(address, self.connect_timeout, self.security.as_deref());
         let endpoint = endpoint.map_err(Fault::Unavailable)?;
         let mut channels = self.by_address.lock();
-        Ok(channels.entry(address.to_owned()).or_insert_with(|| endpoint.connect_lazy()).clone())
+        Ok(channels.entry(address.to_owned()).or_insert_with(|| self.network.channel(&endpoint)).clone())
     }
 
     /// Closes the channel to an address once nobody uses it.

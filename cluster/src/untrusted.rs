@@ -119,6 +119,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         ahead: vec![Source { id, addresses: vec!["http://127.0.0.1:1".to_owned()] }],
         kept_from: 0,
         measure_ways: false,
+        suspected: vec!["http://127.0.0.1:2".to_owned()],
     };
     vec![
         ("WorkerReport", wire::hello(&hello()).encode_to_vec()),

@@ -141,6 +141,7 @@ pub(crate) fn assignment(
         sources: sources(assignment.ahead),
         kept_from: assignment.kept_from,
         measure_ways: assignment.measure_ways,
+        suspected: assignment.suspected,
         limits: Some(standing.limits.into()),
         report_interval_ms: u32::try_from(standing.report_interval.as_millis()).unwrap_or(u32::MAX),
     }

@@ -13,7 +13,7 @@ use futures::{Stream, StreamExt};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
-use super::hub::Hub;
+use super::hub::{Hub, Seated};
 use crate::core::{Event, WorkerId};
 use crate::wire;
 
@@ -42,7 +42,7 @@ impl Cluster for ClusterService {
         };
         check_version(hello.protocol_version)?;
         let hello = wire::hello_from(hello, self.hub.channels.security()).map_err(invalid)?;
-        let (worker, assignments, expelled) = self.hub.seat(hello)?;
+        let Seated { worker, assignments, expelled } = self.hub.seat(hello)?;
         let hub = self.hub.clone();
         tokio::spawn(async move {
             let _seat = Seat { hub: hub.clone(), worker };

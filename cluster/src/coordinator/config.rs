@@ -7,6 +7,7 @@ use argus_scene::{InvalidField, RigKnobs};
 use serde::Serialize;
 
 use crate::core;
+use crate::network::Network;
 use crate::security::Security;
 
 /// What a coordinator can be told; `Config::default()` serves any scene.
@@ -35,6 +36,9 @@ pub struct Config {
     /// Who may ask and join; `None`: plaintext, and everybody.
     #[serde(skip)]
     pub security: Option<Arc<Security>>,
+    /// What it talks over.
+    #[serde(skip)]
+    pub network: Network,
 }
 
 impl Default for Config {
@@ -51,6 +55,7 @@ impl Default for Config {
             max_request_bytes: 256 << 10,
             max_connections: 16384,
             security: None,
+            network: Network::default(),
         }
     }
 }

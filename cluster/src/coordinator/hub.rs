@@ -76,6 +76,13 @@ struct Seat {
     expelled: CancellationToken,
 }
 
+/// A worker that joined: its id, what to send it, and the token that ends its stream.
+pub(super) struct Seated {
+    pub(super) worker: WorkerId,
+    pub(super) assignments: Receiver<Result<v1::Assignment, Status>>,
+    pub(super) expelled: CancellationToken,
+}
+
 /// What the core decided about a view: what to do, or the fault that it ends with.
 pub(super) type Verdict = Result<Ruling, Fault>;
 
@@ -105,7 +112,7 @@ impl Hub {
         Self {
             source,
             standing,
-            channels: Channels::new(config.connect_timeout, config.security.clone()),
+            channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             frames: Frames::default(),
             closing: CancellationToken::new(),
             held: Mutex::new(None),
@@ -244,14 +251,11 @@ impl Hub {
         self.state.lock().seats.values().map(|seat| seat.hello.name.clone()).collect()
     }
 
-    /// A worker joined: its id, what to send it, and the token that ends its stream.
+    /// A worker joined.
     ///
     /// # Errors
     /// As [`Hub::check_leading`].
-    pub(super) fn seat(
-        &self,
-        hello: Hello,
-    ) -> Result<(WorkerId, Receiver<Result<v1::Assignment, Status>>, CancellationToken), Fault> {
+    pub(super) fn seat(&self, hello: Hello) -> Result<Seated, Fault> {
         let (assignments, receiver) = channel(MOST_ASSIGNMENTS);
         let expelled = self.closing.child_token();
         let mut state = self.state.lock();
@@ -263,7 +267,7 @@ impl Hub {
         info!(worker = hello.name, address = hello.address, device = hello.device, "worker joined");
         state.seats.insert(worker, Seat { hello: hello.clone(), assignments, expelled: expelled.clone() });
         self.step_locked(&mut state, Event::Joined { worker, hello });
-        Ok((worker, receiver, expelled))
+        Ok(Seated { worker, assignments: receiver, expelled })
     }
 
     /// A worker's stream ended.

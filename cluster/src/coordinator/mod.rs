@@ -18,7 +18,6 @@ use argus_proto::v1::cluster_server::ClusterServer;
 use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
 use argus_scene::{InvalidField, Rig, SampleSetInfo, Visibility};
-use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
 use tonic::service::Routes;
@@ -31,6 +30,7 @@ use crate::core::{Core, Event};
 use crate::incoming::incoming;
 use crate::leadership::Registry;
 use crate::net;
+use crate::network::Accept;
 use crate::observe::{keep_health, with_pages};
 use crate::security::guard::Guarded;
 use crate::wire::Standing;
@@ -48,7 +48,7 @@ const FIRST_GENERATION: u64 = 1;
 /// [`ServeError`], before anything is served if the scene cannot be.
 pub async fn serve(
     config: Config,
-    listener: TcpListener,
+    listener: impl Accept,
     source: Arc<dyn SceneSource>,
     registry: Arc<dyn Registry>,
     shutdown: CancellationToken,

@@ -21,11 +21,13 @@ const WEDGED: Duration = Duration::from_secs(10);
 /// From 1 ms on, each bound twice the one before: up to 65 s.
 const BOUNDS: (f64, f64, u16) = (1e-3, 2.0, 17);
 
+type Labels = Vec<(String, String)>;
+
 /// What is recorded of frames as they pass.
 pub(super) struct Frames {
     seconds: Histogram,
-    stages: Family<Vec<(String, String)>, Histogram, fn() -> Histogram>,
-    pixels: Family<Vec<(String, String)>, prometheus_client::metrics::counter::Counter>,
+    stages: Family<Labels, Histogram, fn() -> Histogram>,
+    pixels: Family<Labels, prometheus_client::metrics::counter::Counter>,
     last_tick: Mutex<Instant>,
 }
 

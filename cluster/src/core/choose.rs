@@ -96,6 +96,9 @@ impl Core {
             .values()
             .filter(|w| w.is_ready() && (view.device_kind.is_empty() || w.hello.device == view.device_kind))
             .collect();
+        // Who seems to hang is asked where there is nobody else.
+        let awake: Vec<&Worker> = able.iter().filter(|w| !w.suspected).copied().collect();
+        let able = if awake.is_empty() { able } else { awake };
         let untried: Vec<&Worker> = able.iter().filter(|w| !view.tried.contains(&w.id)).copied().collect();
         let open = if untried.is_empty() { able } else { untried };
         let suited: Vec<&Worker> = open.iter().filter(|w| takes(w)).copied().collect();
@@ -128,7 +131,7 @@ impl Core {
         let device = itself.map(|w| &w.hello.device);
         let rank = |w: &&Worker| (w.id != reader, Some(&w.hello.device) != device, w.views.len(), w.id);
         let mut samplers: Vec<&Worker> = match self.lines.ready() <= LOOKED_AT {
-            true => self.workers.values().filter(|w| w.is_ready() && w.assigned().role.samples()).collect(),
+            true => self.workers.values().filter(|w| w.answers() && w.assigned().role.samples()).collect(),
             false => {
                 let front = self.lines.samplers().iter().take(LOOKED_AT);
                 let others = front.filter(|turn| turn.worker != reader);

@@ -84,6 +84,16 @@ pub struct Config {
     pub limits: Limits,
 }
 
+impl Config {
+    /// A worker that has not reported for this long is *suspected* (Chandra and Toueg's word): nothing new goes to it,
+    /// and its views go to others, while it keeps its place until its lease is over. A part of the lease, six reports
+    /// by default: wrongly suspecting one that was merely starved costs a view's time, and waiting for one that hangs
+    /// costs its clients all of it.
+    pub(super) fn suspected_after(&self) -> Duration {
+        self.lease * 3 / 10
+    }
+}
+
 impl Default for Config {
     fn default() -> Self {
         Self {

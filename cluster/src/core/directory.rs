@@ -134,7 +134,8 @@ impl Directory {
         let anyone_holds = whereabouts.is_held(id);
         let on_its_way = whereabouts.is_on_its_way(id);
         // An owner stays one while it has the sample, renders it right now, or would render it again.
-        let before = self.owners.get(&id).and_then(|entry| workers.get(&entry.owner));
+        let before =
+            self.owners.get(&id).and_then(|entry| workers.get(&entry.owner)).filter(|w| !w.suspected);
         let owner = match before.filter(|w| w.has(id) || on_its_way || w.takes_samples()) {
             Some(owner) => owner.id,
             None => self.best_owner(id, known).unwrap_or(reader),
@@ -150,11 +151,12 @@ impl Directory {
         };
         // One that forgot the sample meanwhile has nothing to pass on.
         let parent = parent.filter(|parent| whereabouts.is_near(id, *parent));
-        let parent = parent.and_then(|parent| workers.get(&parent));
+        let awake = |worker: WorkerId| workers.get(&worker).filter(|w| !w.suspected);
+        let parent = parent.and_then(awake);
         // Each reader begins elsewhere, so that all of them do not ask the same one.
         let near =
             whereabouts.near(id, reader).filter(|w| whereabouts.has(id, *w) && *w != reader && *w != owner);
-        let others = near.take(MOST_NAMED).filter_map(|w| workers.get(&w));
+        let others = near.filter_map(awake).take(MOST_NAMED);
         let mut ranked: Vec<&Worker> = parent.into_iter().collect();
         match owner_first {
             true => ranked.extend(remote_owner.into_iter().chain(others)),

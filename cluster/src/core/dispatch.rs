@@ -421,6 +421,11 @@ impl Core {
         }
     }
 
+    /// Whether another attempt would leave one more to fail.
+    pub(super) fn may_be_retried(&self, view: &Pending) -> bool {
+        view.attempts() + 1 < self.config.max_attempts
+    }
+
     /// Puts a view whose worker failed first in the queue, or gives it up after too many attempts.
     pub(super) fn retry(&mut self, ticket: Ticket, now: Uptime, actions: &mut Vec<Action>) {
         self.take_back(ticket, false);

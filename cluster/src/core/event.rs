@@ -210,6 +210,8 @@ pub struct Assignment {
     pub kept_from: u64,
     /// It shall measure what each way to see triangles costs, and report that with this assignment.
     pub measure_ways: bool,
+    /// Addresses of workers that seem to hang: what is awaited from there is to be had elsewhere.
+    pub suspected: Vec<String>,
 }
 
 /// Who holds or can render a sample, best first. Empty: the worker renders it itself.

@@ -25,9 +25,9 @@ const TREMBLE_DWELLS: f64 = 10.0;
 /// How many times as much as it trembles the mean must gain, at the least.
 const TREMBLES: f64 = 3.0;
 
-/// The same of small gains, over so many dwell times: the longer the mean, the less it trembles.
-const LONG_DWELLS: f64 = 10.0;
-const LONG_TREMBLES: f64 = 2.0;
+/// The same of small gains, over so many dwell times: the mean of thirty trembles a fifth as much.
+const LONG_DWELLS: f64 = 30.0;
+const LONG_TREMBLES: f64 = 1.0;
 
 /// Decides between the split there is and the split the formula wants.
 #[derive(Debug, Clone)]
@@ -199,13 +199,13 @@ mod tests {
     fn a_small_gain_that_lasts_is_taken_and_one_that_trembles_is_not() {
         let (few, more) = (Split::Divided(60), Split::Divided(64));
         let gains = |h: &mut Hysteresis, gain: &dyn Fn(u32) -> f64| {
-            (0..240)
+            (0..480)
                 .map(|i| h.pays(at(f64::from(i) * 0.25), (few, gain(i)), (more, 1.0), 1024))
                 .position(|p| p)
         };
         let when = gains(&mut hysteresis(), &|_| 1.07).unwrap();
         assert!(
-            (96..320).contains(&when),
+            (96..480).contains(&when),
             "after eight dwells of 3 s, and not at {when} quarters of a second"
         );
         assert!(gains(&mut hysteresis(), &|i| if i % 16 == 0 { 1.0 } else { 1.07 }).is_some(), "on the mean");

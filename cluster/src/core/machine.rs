@@ -108,6 +108,7 @@ pub struct Core {
     /// Workers that will probably join.
     pub(super) expected: usize,
     tick_began: Uptime,
+    ticked: Uptime,
 }
 
 impl Core {
@@ -158,6 +159,7 @@ impl Core {
             way_is_settled,
             expected: 0,
             tick_began: Uptime::default(),
+            ticked: Uptime::default(),
         }
     }
 
@@ -276,7 +278,7 @@ impl Core {
         if before.applied > 0 {
             self.rates.rays.count(report.rays_traced.saturating_sub(before.rays_traced));
         }
-        let was_ready = worker.is_ready();
+        let (was_ready, was_suspected) = (worker.is_ready(), worker.suspected);
         if before.applied == 0 {
             // Joined again after a coordinator's restart: what it was busy with before is not this tick's.
             worker.busy_at_tick_ms = report.sampling_busy_ms + report.compositing_busy_ms;
@@ -285,8 +287,9 @@ impl Core {
         let (could_compose, could_sample) = (worker.takes_views(), worker.takes_samples());
         let news = worker.take_report(report, now, &mut self.whereabouts);
         self.lines.update(worker);
-        self.to_refine |=
-            news || (could_compose, could_sample) != (worker.takes_views(), worker.takes_samples());
+        self.to_refine |= was_suspected
+            || news
+            || (could_compose, could_sample) != (worker.takes_views(), worker.takes_samples());
         if worker.is_ready() != was_ready {
             self.processes_changed(actions);
         }
@@ -321,8 +324,31 @@ impl Core {
         self.seek_way(actions);
     }
 
+    /// Suspects workers that have been silent for a part of their lease: others get their views, in whose samples and
+    /// roles nothing changes until the lease is over.
+    fn suspect(&mut self, now: Uptime, actions: &mut Vec<Action>) {
+        let silence = self.config.suspected_after();
+        // After a pause of this process itself all reports are late.
+        let awake = now.since(std::mem::replace(&mut self.ticked, now)) < silence / 2;
+        let silent = |w: &&mut Worker| awake && !w.suspected && now.since(w.last_report) >= silence;
+        let mut views = Vec::new();
+        for worker in self.workers.values_mut().filter(silent) {
+            worker.suspected = true;
+            self.lines.update(worker);
+            self.to_refine = true;
+            views.extend(worker.views.iter().copied());
+        }
+        // Where nobody else can have them they stay; so does one that has gone round already.
+        if self.workers.values().any(Worker::answers) {
+            let again = |ticket: &Ticket| self.views.get(ticket).is_some_and(|v| self.may_be_retried(v));
+            let views: Vec<Ticket> = views.into_iter().filter(again).collect();
+            views.into_iter().for_each(|ticket| self.retry(ticket, now, actions));
+        }
+    }
+
     fn tick(&mut self, now: Uptime, actions: &mut Vec<Action>) {
         self.advance(now);
+        self.suspect(now, actions);
         let silent = |w: &&Worker| now.since(w.last_report) >= self.config.lease;
         let lost: Vec<WorkerId> = self.workers.values().filter(silent).map(|w| w.id).collect();
         for worker in lost {

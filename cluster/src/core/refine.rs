@@ -53,9 +53,10 @@ impl Core {
             let known = Known { workers: &self.workers, lines: &self.lines, whereabouts: &self.whereabouts };
             let Some(owner) = self.directory.owner(id, known, now) else { continue };
             // A new owner fetches as well, from those who have it from the old one.
+            let answers = |worker: &WorkerId| self.workers.get(worker).is_some_and(|w| !w.suspected);
             let holder = match self.whereabouts.has(id, owner) {
                 true => Some(owner),
-                false => self.whereabouts.holders(id).next(),
+                false => self.whereabouts.holders(id).find(answers),
             };
             if holder.is_none() {
                 to_render.push(id);
@@ -79,7 +80,7 @@ impl Core {
             let tree = self.spread.tree(id);
             let turn = id.index.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
             for reader in readers.iter().cycle().skip(turn as usize).take(readers.len()) {
-                let parent = tree.parent(*reader).filter(|p| *p != root);
+                let parent = tree.parent(*reader).filter(|p| *p != root && answers(p));
                 let (has, fed) = (
                     self.whereabouts.has(id, *reader),
                     parent.is_none_or(|p| hurry || self.whereabouts.has(id, p)),
@@ -94,9 +95,11 @@ impl Core {
         }
         self.whereabouts.order(to_render.into_iter());
         let kept_from = self.kept_from();
+        let suspected = self.workers.values().filter(|w| w.suspected);
+        let suspected: Vec<String> = suspected.map(|w| w.hello.address.clone()).collect();
         for worker in self.workers.values_mut().filter(|w| w.is_ready()) {
             let list = lists.remove(&worker.id).unwrap_or_default();
-            if let Some(assignment) = worker.order_ahead(list, kept_from) {
+            if let Some(assignment) = worker.order_ahead(list, kept_from, &suspected) {
                 actions.push(Action::Assign { worker: worker.id, assignment });
             }
         }

@@ -37,6 +37,8 @@ pub(super) struct Worker {
     fetching: BTreeMap<SampleId, usize>,
     /// Busy milliseconds when the current tick began.
     pub(super) busy_at_tick_ms: f64,
+    /// It has not reported for [`super::Config::suspected_after`].
+    pub(super) suspected: bool,
 }
 
 impl Worker {
@@ -47,7 +49,14 @@ impl Worker {
             last_report: now,
             report: Report::default(),
             acting: None,
-            assigned: Assignment { sequence: 1, role, ahead: Vec::new(), kept_from: 0, measure_ways: false },
+            assigned: Assignment {
+                sequence: 1,
+                role,
+                ahead: Vec::new(),
+                kept_from: 0,
+                measure_ways: false,
+                suspected: Vec::new(),
+            },
             role_told: 1,
             knows_set,
             views: BTreeSet::new(),
@@ -56,6 +65,7 @@ impl Worker {
             held_as_reported: true,
             fetching: BTreeMap::new(),
             busy_at_tick_ms: 0.0,
+            suspected: false,
         }
     }
 
@@ -79,14 +89,19 @@ impl Worker {
         self.acting.map(|_| self.assigned.role)
     }
 
+    /// Whether it can be given something: it is ready, and was heard of lately.
+    pub(super) fn answers(&self) -> bool {
+        self.is_ready() && !self.suspected
+    }
+
     /// Whether it takes new samples and direct views: on the way to another role, only what both include.
     pub(super) fn takes_samples(&self) -> bool {
-        self.is_ready() && self.acting.is_some_and(Role::samples) && self.assigned.role.samples()
+        self.answers() && self.acting.is_some_and(Role::samples) && self.assigned.role.samples()
     }
 
     /// Whether it takes new views to reconstruct.
     pub(super) fn takes_views(&self) -> bool {
-        self.is_ready() && self.acting.is_some_and(Role::composites) && self.assigned.role.composites()
+        self.answers() && self.acting.is_some_and(Role::composites) && self.assigned.role.composites()
     }
 
     /// Tells it another role; what to send it. A role that gives nothing up counts at once.
@@ -119,20 +134,28 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Tells it what to have at hand, and of which epochs; what to send it, if that is news.
-    pub(super) fn order_ahead(&mut self, ahead: Vec<Source>, kept_from: u64) -> Option<Assignment> {
-        if self.assigned.ahead == ahead && self.assigned.kept_from == kept_from {
+    /// Tells it what to have at hand, of which epochs, and whom not to wait for; what to send it, if that is news.
+    pub(super) fn order_ahead(
+        &mut self,
+        ahead: Vec<Source>,
+        kept_from: u64,
+        suspected: &[String],
+    ) -> Option<Assignment> {
+        let told = &mut self.assigned;
+        if told.ahead == ahead && told.kept_from == kept_from && told.suspected == suspected {
             return None;
         }
-        self.assigned.sequence += 1;
-        self.assigned.ahead = ahead;
-        self.assigned.kept_from = kept_from;
-        Some(self.assigned.clone())
+        told.sequence += 1;
+        told.ahead = ahead;
+        told.kept_from = kept_from;
+        told.suspected = suspected.to_vec();
+        Some(told.clone())
     }
 
     /// Takes a report in. Whether it has samples that it was not known to have.
     pub(super) fn take_report(&mut self, report: Report, now: Uptime, whereabouts: &mut Whereabouts) -> bool {
         self.last_report = now;
+        self.suspected = false;
         // A later assignment of the same role says so too.
         let acknowledged =
             self.knows_set && report.applied >= self.role_told && self.acting != Some(self.assigned.role);

@@ -6,6 +6,7 @@ use std::time::Duration;
 use argus_scene::RenderError;
 use serde::Serialize;
 
+use crate::network::Network;
 use crate::security::Security;
 
 /// What a worker can be told; only [`Config::new`]'s argument has no default.
@@ -54,6 +55,9 @@ pub struct Config {
     /// By which the coordinator and other workers know this one; `None`: plaintext.
     #[serde(skip)]
     pub security: Option<Arc<Security>>,
+    /// What it talks over.
+    #[serde(skip)]
+    pub network: Network,
 }
 
 impl Config {
@@ -79,6 +83,7 @@ impl Config {
             max_requests: 2048,
             max_connections: 4096,
             security: None,
+            network: Network::default(),
         }
     }
 }

@@ -177,7 +177,7 @@ pub(super) async fn from_other(
 ) -> Result<Sample, Fault> {
     let span = debug_span!(target: TARGET, "fetch sample", %id, address);
     let from_there = received(node, info, id, address, ahead, &span).instrument(span.clone());
-    from_there.await
+    node.unless_suspected(address, from_there).await
 }
 
 async fn received(

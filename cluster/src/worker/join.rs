@@ -13,7 +13,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
-use tracing::{info, warn};
+use tracing::{debug, info, warn};
 
 use super::node::Node;
 use super::{RunError, ahead, scene};
@@ -68,7 +68,8 @@ pub(super) async fn stay(
     loop {
         let Some(endpoint) = turn.next() else { return Err(address("none is given".to_owned())) };
         let attempt = async {
-            let channel = endpoint.connect().await.map_err(|e| Ended::Lost(net::root_cause(&e)))?;
+            let channel =
+                node.config.network.connect(endpoint).await.map_err(|e| Ended::Lost(net::root_cause(&e)))?;
             once(&node, opener.clone(), channel, &mut joined_once, &mut pause).await
         };
         let ended = tokio::select! {
@@ -142,6 +143,12 @@ async fn once(
             node.check_term(assignment.term).map_err(|fault| Ended::Lost(fault.to_string()))?;
             if assignment.report_interval_ms > 0 {
                 interval.send_replace(Duration::from_millis(assignment.report_interval_ms.into()));
+            }
+            let suspected = assignment.suspected.iter().cloned().collect();
+            let news =
+                node.suspected.send_if_modified(|before| std::mem::replace(before, suspected) != *before);
+            if news {
+                debug!(suspected = ?*node.suspected.borrow(), "workers that seem to hang");
             }
             let duty = duty(assignment).map_err(|at| Ended::Lost(format!("a malformed assignment: {at}")))?;
             duties.send_replace(Some(duty));

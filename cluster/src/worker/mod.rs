@@ -31,7 +31,6 @@ use argus_scene::RenderError;
 use prometheus_client::registry::Registry;
 use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
-use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 use tonic::codegen::http::Uri;
@@ -50,6 +49,7 @@ use self::store::Store;
 use crate::core::Hello;
 use crate::incoming::incoming;
 use crate::net;
+use crate::network::Accept;
 use crate::observe::{PREFIX, keep_health, with_pages};
 use crate::security::guard::Guarded;
 use crate::{RoleFactory, SceneOpener};
@@ -63,7 +63,7 @@ use crate::{RoleFactory, SceneOpener};
 /// [`RunError`] otherwise if the scene cannot be had or no role can be played on this machine.
 pub async fn run(
     config: Config,
-    listener: TcpListener,
+    listener: impl Accept,
     factory: Arc<dyn RoleFactory>,
     opener: Arc<dyn SceneOpener>,
     shutdown: CancellationToken,
@@ -97,7 +97,7 @@ pub async fn run(
 /// Serves until the stay with the coordinator ends, and while what is in work finishes.
 async fn serve_and_stay(
     node: &Arc<Node>,
-    listener: TcpListener,
+    listener: impl Accept,
     opener: Arc<dyn SceneOpener>,
     shutdown: CancellationToken,
 ) -> Result<(), RunError> {

@@ -1,6 +1,6 @@
 //! What the parts of a worker share: what it was told, what it holds, and the way to its render thread.
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use argus_proto::Fault;
 use argus_scene::{Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob};
 use parking_lot::Mutex;
-use tokio::sync::{Notify, Semaphore, oneshot};
+use tokio::sync::{Notify, Semaphore, oneshot, watch};
 
 use super::Config;
 use super::ahead::Ahead;
@@ -57,6 +57,8 @@ pub(super) struct Node {
     queue: Arc<Queue>,
     meter: Arc<Meter>,
     told: Mutex<Told>,
+    /// Addresses of workers that seem to hang.
+    pub(super) suspected: watch::Sender<HashSet<String>>,
     /// Highest term seen.
     term: AtomicU64,
     /// Requests in work.
@@ -82,7 +84,7 @@ impl Node {
     ) -> Arc<Self> {
         Arc::new(Self {
             packing: Semaphore::new((hello.cores as usize).saturating_sub(1).max(1)),
-            channels: Channels::new(config.connect_timeout, config.security.clone()),
+            channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             config,
             hello,
             store,
@@ -92,9 +94,29 @@ impl Node {
             queue,
             meter,
             told: Mutex::default(),
+            suspected: watch::Sender::default(),
             term: AtomicU64::new(0),
             active: AtomicUsize::new(0),
         })
+    }
+
+    /// What comes from another worker, unless that one seems to hang, or begins to meanwhile.
+    ///
+    /// # Errors
+    /// [`Fault::Unavailable`] then; else as `answer`.
+    pub(super) async fn unless_suspected<T>(
+        &self,
+        address: &str,
+        answer: impl Future<Output = Result<T, Fault>>,
+    ) -> Result<T, Fault> {
+        let mut suspected = self.suspected.subscribe();
+        tokio::select! {
+            answer = answer => answer,
+            // The sender lives as long as this worker.
+            _ = suspected.wait_for(|all| all.contains(address)) => {
+                Err(Fault::Unavailable(format!("{address} seems to hang")))
+            }
+        }
     }
 
     /// Takes a term in.

@@ -60,7 +60,7 @@ pub(super) async fn fill(
         let attempt = async {
             match *address == node.hello.address {
                 true => node.render_pixels(&job).await,
-                false => by_other(node, &job, scene, address).await,
+                false => node.unless_suspected(address, by_other(node, &job, scene, address)).await,
             }
         };
         let traced = tokio::time::timeout(left.min(node.config.trace_timeout), attempt)

@@ -674,7 +674,13 @@ impl World {
                 false => to_fetch.push((id, source.addresses.clone())),
             }
         }
+        let hangs = |source: &usize| assignment.suspected.contains(&format!("http://w{source}"));
+        let awaited = worker.fetches.iter().filter_map(|(id, fetch)| Some((*id, *fetch.sources.front()?)));
+        let in_vain: Vec<(SampleId, usize)> = awaited.filter(|(_, source)| hangs(source)).collect();
         worker.told = Some(assignment);
+        for (id, source) in in_vain {
+            self.not_there(slot, id, source);
+        }
         for (id, addresses) in to_fetch {
             self.fetch(slot, id, &addresses, false);
         }

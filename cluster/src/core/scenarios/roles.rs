@@ -116,6 +116,74 @@ fn a_worker_that_falls_silent_is_lost_when_its_lease_is_over() {
     assert_eq!(sim.expelled, [silent, silent]);
 }
 
+/// Time passes in which all report but one.
+fn all_but(sim: &mut Sim, silent: WorkerId, quarters: u32) {
+    for _ in 0..quarters {
+        sim.now = sim.now.after(Duration::from_millis(250));
+        let others: Vec<WorkerId> = sim.workers.keys().copied().filter(|id| *id != silent).collect();
+        others.into_iter().for_each(|id| sim.report(id));
+        sim.step(Event::Tick);
+    }
+}
+
+#[test]
+fn a_worker_that_hangs_is_suspected_before_it_is_lost_and_others_get_its_views() {
+    let mut sim = Sim::with_workers(3);
+    let ticket = sim.ask(true);
+    let hangs = sim.orders[&ticket].worker;
+    let (address, roles) = (sim.orders[&ticket].address.clone(), sim.roles());
+    all_but(&mut sim, hangs, 5);
+    assert_eq!(sim.orders[&ticket].worker, hangs, "a moment's silence is nothing");
+    all_but(&mut sim, hangs, 2);
+    assert_ne!(sim.orders[&ticket].worker, hangs);
+    assert!(sim.expelled.is_empty() && sim.roles() == roles, "its place is kept");
+    let told = |sim: &Sim| {
+        let others = sim.workers.iter().filter(|(id, _)| **id != hangs);
+        others.map(|(_, w)| w.told.last().unwrap().suspected.clone()).collect::<Vec<_>>()
+    };
+    assert!(told(&sim).iter().all(|suspected| *suspected == [address.clone()]), "nobody waits for it");
+    for direct in [false, true, false, true] {
+        let next = sim.ask(direct);
+        assert_ne!(sim.orders[&next].worker, hangs);
+        assert!(sim.orders[&next].sources.iter().all(|s| !s.addresses.contains(&address)));
+    }
+    sim.answer_all();
+    // It was only slow.
+    sim.report(hangs);
+    all_but(&mut sim, hangs, 1);
+    assert!(told(&sim).iter().all(Vec::is_empty));
+    let back = (0..8).filter(|_| {
+        let next = sim.ask(true);
+        sim.orders[&next].worker == hangs
+    });
+    assert!(back.count() > 0);
+    assert_eq!((sim.expelled.len(), sim.core.status().counters.workers_lost), (0, 0));
+}
+
+#[test]
+fn after_a_pause_of_the_coordinator_itself_nobody_is_suspected() {
+    let mut sim = Sim::with_workers(2);
+    sim.step(Event::Tick);
+    let ticket = sim.ask(true);
+    let before = sim.orders[&ticket].attempt;
+    sim.now = sim.now.after(Duration::from_secs(3));
+    sim.step(Event::Tick);
+    assert_eq!(sim.orders[&ticket].attempt, before);
+}
+
+#[test]
+fn a_view_that_went_round_already_stays_with_a_worker_that_seems_to_hang() {
+    let mut sim = Sim::with_workers(2);
+    let ticket = sim.ask(true);
+    for _ in 0..3 {
+        let has = sim.orders[&ticket].worker;
+        all_but(&mut sim, has, 7);
+        sim.report(has);
+    }
+    assert!(sim.refused.is_empty(), "{:?}", sim.refused);
+    assert_eq!(sim.orders[&ticket].attempt, 3, "the fourth is for a worker that is lost");
+}
+
 #[test]
 fn a_worker_of_the_same_name_replaces_the_older_one() {
     let mut sim = Sim::with_workers(2);

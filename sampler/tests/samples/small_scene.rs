@@ -1,7 +1,5 @@
 //! A small scene that has every kind of surface, against the CPU reference and against itself.
 
-mod common;
-
 use std::f32::consts::FRAC_PI_3;
 use std::sync::Arc;
 
@@ -10,8 +8,9 @@ use argus_scene::material::Wrap;
 use argus_scene::{
     AlphaMode, Camera, Light, Material, PlaneFormat, PlaneKind, SampleCamera, Scene, Texture, TextureRef,
 };
-use common::*;
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3, Vec4};
+
+use crate::common::*;
 
 fn texture(name: &str, size: [u32; 2], srgb: bool, texel: impl Fn(u32, u32) -> [u8; 4]) -> Texture {
     let rgba: Vec<u8> = (0..size[1])

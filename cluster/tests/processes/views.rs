@@ -1,16 +1,16 @@
 //! Views through a real cluster: every one answered, the same bytes whoever answers.
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use argus_proto::v1;
 use argus_scene::{Output, Outputs, Plan, View};
-use common::{Cluster, direct, pinned, render, view};
 use futures::future::join_all;
 use futures::stream::{FuturesUnordered, StreamExt};
+
+use crate::common;
+use crate::common::{Cluster, direct, pinned, render, view};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn two_clients_views_are_answered_by_two_compositors_from_samples_rendered_once() {

@@ -1,7 +1,5 @@
 //! An animated scene at several times, against the reference and against itself.
 
-mod common;
-
 use std::sync::Arc;
 
 use argus_scene::animation::{Animation, Channel, Interpolation, Node, Parts, Rest, Track};
@@ -9,8 +7,9 @@ use argus_scene::reference::Tracer;
 use argus_scene::{
     Bounds, Camera, Light, PixelJob, PlaneKind, SampleId, SampleSetInfo, Sampler, Scene, ViewJob, Visibility,
 };
-use common::*;
 use glam::{DAffine3, DVec3, Quat, Vec3};
+
+use crate::common::*;
 
 const SIZE: [u32; 2] = [160, 120];
 /// Δt of these tests, seconds.

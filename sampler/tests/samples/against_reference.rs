@@ -1,13 +1,12 @@
 //! Direct views against the CPU reference, over the same scenes.
 
-mod common;
-
 use std::sync::Arc;
 
 use argus_scene::procedural::terrain;
 use argus_scene::{Camera, Scene};
-use common::*;
 use glam::DVec3;
+
+use crate::common::*;
 
 /// What the issue promises of 16 samples a pixel.
 const MAX_FLIP: f64 = 0.01;

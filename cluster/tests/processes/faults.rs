@@ -1,20 +1,20 @@
 //! Workers that die, devices that are lost, coordinators that come back: nothing is lost but time.
 
-mod common;
-
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use argus_cluster::{core, worker};
 use argus_scene::View;
-use common::roles::Knobs;
-use common::{
+use futures::future::join_all;
+use tonic::Code;
+
+use crate::common;
+use crate::common::roles::Knobs;
+use crate::common::{
     Cluster, Opener, Source, direct, quick, scene, start_coordinator, start_coordinator_at, start_worker,
     start_worker_with, view,
 };
-use futures::future::join_all;
-use tonic::Code;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_killed_in_the_middle_of_its_work_costs_no_view() {
@@ -220,8 +220,7 @@ async fn a_silent_worker_is_lost_and_its_view_answered_by_another() {
         assert_ne!(answer.unwrap().1.worker, "hangs");
     }
     assert!(!meta.worker.is_empty());
-    let counters = cluster.status().await.counters.unwrap();
-    assert_eq!(counters.workers_lost, 1);
+    cluster.wait_for(|s| s.counters.is_some_and(|counters| counters.workers_lost == 1)).await;
     let ended = loop {
         match assignments.message().await {
             Ok(Some(_)) => {}

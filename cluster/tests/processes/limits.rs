@@ -1,18 +1,18 @@
 //! What clients may ask for, and what becomes of what is beyond it: said at once, with a hint when to come again.
 
-mod common;
-
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use argus_cluster::{coordinator, core};
 use argus_proto::status::retry_after;
 use argus_scene::{PlanRequest, View};
-use common::session::Session;
-use common::{Cluster, direct, quick, render, request, view};
 use futures::future::join_all;
 use tokio::time::Instant;
 use tonic::Code;
+
+use crate::common;
+use crate::common::session::Session;
+use crate::common::{Cluster, direct, quick, render, request, view};
 
 fn with(limits: impl FnOnce(&mut core::Config)) -> coordinator::Config {
     let mut config = quick();

@@ -1,7 +1,5 @@
 //! Several coordinators: one leads, the others stand by, and one of them takes over.
 
-mod common;
-
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,8 +9,10 @@ use argus_cluster::leadership::{Held, LocalRegistry, NatsRegistry, Registry, Reg
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
-use common::{Coordinator, LIMIT, Opener, Source, channel, quick, scene, start_coordinator_of, view};
 use tonic::Code;
+
+use crate::common;
+use crate::common::{Coordinator, LIMIT, Opener, Source, channel, quick, scene, start_coordinator_of, view};
 
 const LEASE: Duration = Duration::from_millis(600);
 

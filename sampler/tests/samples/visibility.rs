@@ -1,8 +1,6 @@
 //! All ways to see triangles see the same, but along edges; and lists of pixels hold what views hold.
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
 use std::path::Path;
 use std::sync::Arc;
 
@@ -12,8 +10,10 @@ use argus_scene::{
     Camera, Cancel, Material, PixelJob, Rig, RigKnobs, Sampler, Scene, Texture, TextureRef, ViewJob,
     Visibility, procedural,
 };
-use common::{direct, empty_scene, quad, sampler_with, view_job};
 use glam::{DAffine3, DQuat, DVec3, Vec3};
+
+use crate::common;
+use crate::common::{direct, empty_scene, quad, sampler_with, view_job};
 
 const SIZE: [u32; 2] = [320, 240];
 

@@ -1,7 +1,5 @@
 //! Degenerate scenes, cameras and orders: each is stable, and each is right where the answer is known.
 
-mod common;
-
 use std::sync::Arc;
 
 use argus_sampler::SamplerKnobs;
@@ -12,8 +10,9 @@ use argus_scene::{
     Camera, Cancel, Light, Material, Mesh, Plan, PlaneKind, RenderError, Sampler, Scene, SceneHash, Texture,
     TextureRef, Warp,
 };
-use common::*;
 use glam::{DAffine3, DVec2, DVec3, Vec2, Vec3, Vec4};
+
+use crate::common::*;
 
 const SIZE: [u32; 2] = [64, 48];
 

@@ -1,13 +1,13 @@
 //! What processes are watched by: pages over plain HTTP on the port of the gRPC services, and the health service.
 
-mod common;
-
 use std::net::SocketAddr;
 
 use argus_proto::v1::views_client::ViewsClient;
-use common::{Cluster, Opener, quick, start_coordinator, start_worker_with, view};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
+
+use crate::common;
+use crate::common::{Cluster, Opener, quick, start_coordinator, start_worker_with, view};
 
 /// A page, as a probe or Prometheus asks for it: status code and body.
 async fn page(address: SocketAddr, path: &str) -> (u16, String) {

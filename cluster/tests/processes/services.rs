@@ -1,7 +1,5 @@
 //! The services as others meet them: input that is rejected, sessions, health, reflection, versions, terms.
 
-mod common;
-
 use std::time::Duration;
 
 use argus_proto::status::invalid_field;
@@ -9,11 +7,13 @@ use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::{Description, PROTOCOL_VERSION, v1};
 use argus_scene::{Limits, Outputs, PlanRequest, Provenance, SceneHash, View};
-use common::session::Session;
-use common::{Cluster, channel, direct, pinned, request, view};
 use glam::DVec3;
 use tokio::sync::mpsc;
 use tonic::Code;
+
+use crate::common;
+use crate::common::session::Session;
+use crate::common::{Cluster, channel, direct, pinned, request, view};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn each_bad_input_is_rejected_by_field_and_the_server_goes_on() {

@@ -1,14 +1,13 @@
 //! Indirect light on the device, against what is known exactly and against the path-traced reference.
 
-mod common;
-
 use std::sync::Arc;
 
 use argus_sampler::{Indirect, MapSource, SamplerKnobs, VplKnobs};
 use argus_scene::reference::{Indirect as Paths, ReferenceImage, Tracer};
 use argus_scene::{Camera, Cancel, Light, Lighting, Material, PixelJob, Sampler as _, Scene, Sky, ViewJob};
-use common::*;
 use glam::{DAffine3, DVec3, Vec3, Vec4};
+
+use crate::common::*;
 
 fn knobs(vpl: VplKnobs) -> SamplerKnobs {
     SamplerKnobs { sub_samples: 1, indirect: Indirect::Vpl(vpl), ..SamplerKnobs::default() }

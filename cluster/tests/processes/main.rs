@@ -1,0 +1,13 @@
+//! Coordinators and workers with each other, each in a runtime of its own: one program, since each costs half a minute to
+//! build.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+
+mod common;
+
+mod faults;
+mod leadership;
+mod limits;
+mod network;
+mod services;
+mod views;
+mod watching;

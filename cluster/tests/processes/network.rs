@@ -1,0 +1,288 @@
+//! Faults of the network, simulated: the processes' own services over a network whose delays, losses and partitions
+//! follow from a seed.
+//!
+//! Time is turmoil's and stands still while anybody computes, render threads excepted, whose fakes take no time: the
+//! simulation gives them a moment after each step.
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use argus_cluster::leadership::LocalRegistry;
+use argus_cluster::network::{Accept, Connect, Duplex, Network};
+use argus_cluster::{coordinator, worker};
+use argus_proto::v1;
+use argus_proto::v1::cluster_client::ClusterClient;
+use argus_proto::v1::views_client::ViewsClient;
+use futures::FutureExt;
+use futures::future::{BoxFuture, join_all};
+use hyper_util::rt::TokioIo;
+use tokio_util::sync::CancellationToken;
+use tonic::transport::server::TcpConnectInfo;
+use tonic::transport::{Channel, Endpoint, Uri};
+use tower::service_fn;
+use turmoil::{Builder, Sim};
+
+use crate::common;
+use crate::common::roles::{Factory, Knobs};
+use crate::common::{Opener, Source, quick, scene, view};
+
+const COORDINATOR: &str = "coordinator";
+const PORT: u16 = 7400;
+const WORKERS: [&str; 3] = ["one", "two", "three"];
+
+/// Between two views that the client asks for.
+const PACE: Duration = Duration::from_millis(50);
+
+/// For render threads, after each step.
+const MOMENT: Duration = Duration::from_micros(100);
+
+struct Simulated;
+
+impl Connect for Simulated {
+    fn connect(&self, host: String, port: u16) -> BoxFuture<'static, io::Result<Box<dyn Duplex>>> {
+        async move {
+            let stream = turmoil::net::TcpStream::connect((host, port)).await?;
+            Ok(Box::new(stream) as Box<dyn Duplex>)
+        }
+        .boxed()
+    }
+}
+
+struct Listening(turmoil::net::TcpListener);
+
+impl Listening {
+    async fn on(port: u16) -> io::Result<Self> {
+        turmoil::net::TcpListener::bind(("0.0.0.0", port)).await.map(Self)
+    }
+}
+
+impl Accept for Listening {
+    fn local_addr(&self) -> io::Result<SocketAddr> {
+        self.0.local_addr()
+    }
+
+    fn accept(&self) -> BoxFuture<'_, io::Result<(Box<dyn Duplex>, TcpConnectInfo)>> {
+        async {
+            let (stream, remote) = self.0.accept().await?;
+            let between = TcpConnectInfo { local_addr: stream.local_addr().ok(), remote_addr: Some(remote) };
+            Ok((Box::new(stream) as Box<dyn Duplex>, between))
+        }
+        .boxed()
+    }
+}
+
+/// A coordinator and three workers, none of which is there yet.
+fn cluster<'a>(seed: u64, change: impl FnOnce(&mut Builder)) -> Sim<'a> {
+    let mut builder = Builder::new();
+    builder
+        .rng_seed(seed)
+        .simulation_duration(Duration::from_secs(120))
+        .tick_duration(Duration::from_millis(2))
+        .min_message_latency(Duration::from_millis(1))
+        .max_message_latency(Duration::from_millis(6))
+        .tcp_capacity(1 << 16)
+        .enable_random_order();
+    change(&mut builder);
+    let mut sim = builder.build();
+    sim.host(COORDINATOR, || async {
+        let config = coordinator::Config { network: Network::simulated(Arc::new(Simulated)), ..quick() };
+        let source = Arc::new(Source { scene: scene("test"), files: Vec::new() });
+        let registry = Arc::new(LocalRegistry::alone());
+        let listening = Listening::on(PORT).await?;
+        coordinator::serve(config, listening, source, registry, CancellationToken::new()).await?;
+        Ok(())
+    });
+    for name in WORKERS {
+        sim.host(name, move || async move {
+            let config = worker::Config {
+                id: Some(name.to_owned()),
+                advertise: Some(format!("http://{name}:{PORT}")),
+                network: Network::simulated(Arc::new(Simulated)),
+                join_timeout: Duration::from_secs(60),
+                ..worker::Config::new(format!("http://{COORDINATOR}:{PORT}"))
+            };
+            let factory = Arc::new(Factory { knobs: Arc::new(Knobs::default()) });
+            let listening = Listening::on(PORT).await?;
+            let opener = Arc::new(Opener::default());
+            worker::run(config, listening, factory, opener, CancellationToken::new()).await?;
+            Ok(())
+        });
+    }
+    sim
+}
+
+fn run(mut sim: Sim<'_>) {
+    while !sim.step().unwrap() {
+        std::thread::sleep(MOMENT);
+    }
+}
+
+fn channel() -> Channel {
+    let endpoint = Endpoint::from_shared(format!("http://{COORDINATOR}:{PORT}")).unwrap();
+    endpoint.connect_with_connector_lazy(service_fn(|uri: Uri| async move {
+        let host = uri.host().unwrap_or_default().to_owned();
+        Simulated.connect(host, PORT).await.map(TokioIo::new)
+    }))
+}
+
+async fn status() -> v1::StatusResponse {
+    ClusterClient::new(channel()).status(v1::StatusRequest {}).await.unwrap().into_inner()
+}
+
+/// Waits until so many workers are there; the status then.
+async fn there(workers: u32) -> v1::StatusResponse {
+    let mut client = ClusterClient::new(channel());
+    loop {
+        if let Ok(status) = client.status(v1::StatusRequest {}).await {
+            let status = status.into_inner();
+            if status.processes == workers {
+                return status;
+            }
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+}
+
+/// Asks for a view every [`PACE`]; all must come. The longest that one took.
+async fn asks(views: usize) -> Duration {
+    let channel = channel();
+    let longest = Arc::new(AtomicU64::new(0));
+    let asked = (0..views).map(|i| {
+        let (channel, longest) = (channel.clone(), longest.clone());
+        async move {
+            tokio::time::sleep(PACE * i as u32).await;
+            let began = tokio::time::Instant::now();
+            let (frame, _) = common::render(ViewsClient::new(channel), &view(i), 0).await.unwrap();
+            assert_eq!((frame.width, frame.height), (32, 24));
+            longest.fetch_max(began.elapsed().as_millis() as u64, Ordering::SeqCst);
+        }
+    });
+    join_all(asked).await;
+    Duration::from_millis(longest.load(Ordering::SeqCst))
+}
+
+async fn after(secs: f64, act: impl FnOnce()) {
+    tokio::time::sleep(Duration::from_secs_f64(secs)).await;
+    act();
+}
+
+#[test]
+fn a_worker_that_is_cut_off_costs_no_view_and_comes_back() {
+    let mut sim = cluster(1, |_| {});
+    sim.client("client", async {
+        there(3).await;
+        let cut = async {
+            after(1.0, || turmoil::partition(COORDINATOR, "one")).await;
+            // Longer than its lease.
+            after(6.0, || turmoil::repair(COORDINATOR, "one")).await;
+        };
+        let (longest, ()) = tokio::join!(asks(160), cut);
+        assert!(longest < Duration::from_secs(3), "a view took {longest:?}");
+        let status = there(3).await;
+        let counters = status.counters.unwrap();
+        assert_eq!((counters.views_answered, counters.views_failed), (160, 0), "{counters:?}");
+        assert_eq!(counters.workers_lost, 1);
+        Ok(())
+    });
+    run(sim);
+}
+
+#[test]
+fn a_worker_that_hears_nothing_or_is_not_heard_costs_no_view() {
+    for (from, to) in [("two", COORDINATOR), (COORDINATOR, "two")] {
+        let mut sim = cluster(2, |_| {});
+        sim.client("client", async move {
+            there(3).await;
+            let cut = async {
+                after(1.0, || turmoil::partition_oneway(from, to)).await;
+                after(8.0, || turmoil::repair_oneway(from, to)).await;
+            };
+            tokio::join!(asks(160), cut);
+            let counters = there(3).await.counters.unwrap();
+            assert_eq!((counters.views_answered, counters.views_failed), (160, 0), "{from} {counters:?}");
+            Ok(())
+        });
+        run(sim);
+    }
+}
+
+#[test]
+fn workers_that_cannot_reach_each_other_render_what_they_need() {
+    let mut sim = cluster(3, |_| {});
+    for (one, other) in [("one", "two"), ("one", "three"), ("two", "three")] {
+        sim.partition(one, other);
+    }
+    sim.client("client", async {
+        there(3).await;
+        asks(40).await;
+        Ok(())
+    });
+    run(sim);
+}
+
+#[test]
+fn a_far_worker_is_slow_and_not_lost() {
+    let mut sim = cluster(4, |_| {});
+    sim.set_link_latency(COORDINATOR, "three", Duration::from_millis(400));
+    sim.client("client", async {
+        there(3).await;
+        asks(100).await;
+        let status = there(3).await;
+        assert_eq!(status.counters.unwrap().workers_lost, 0);
+        Ok(())
+    });
+    run(sim);
+}
+
+#[test]
+fn messages_that_vanish_cost_time_alone() {
+    for seed in 10..14 {
+        let mut sim = cluster(seed, |builder| {
+            builder.repair_rate(0.05);
+        });
+        for name in WORKERS {
+            sim.set_link_fail_rate(COORDINATOR, name, 0.002);
+        }
+        sim.client("client", async move {
+            there(3).await;
+            asks(120).await;
+            let counters = status().await.counters.unwrap();
+            assert_eq!((counters.views_answered, counters.views_failed), (120, 0), "{seed} {counters:?}");
+            Ok(())
+        });
+        run(sim);
+    }
+}
+
+#[test]
+fn whoever_joins_first_and_joins_again_every_role_is_played_and_every_view_answered() {
+    for seed in 20..28 {
+        let mut sim = cluster(seed, |builder| {
+            builder.max_message_latency(Duration::from_millis(300));
+        });
+        sim.client("client", async move {
+            asks(60).await;
+            let status = there(3).await;
+            assert!(status.samplers >= 1 && status.compositors >= 1, "{seed}: {status:#?}");
+            let mut names: Vec<_> = status.workers.iter().map(|w| w.id.as_str()).collect();
+            names.sort_unstable();
+            assert_eq!(names, ["one", "three", "two"]);
+            Ok(())
+        });
+        // One starts anew while it joins, another one later, each under the name that it had.
+        let (mut steps, mut done) = (0_u64, false);
+        while !done {
+            steps += 1;
+            match steps {
+                _ if steps == 20 + seed => sim.bounce("one"),
+                _ if steps == 400 + 10 * seed => sim.bounce("two"),
+                _ => {}
+            }
+            done = sim.step().unwrap();
+            std::thread::sleep(MOMENT);
+        }
+    }
+}

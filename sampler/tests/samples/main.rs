@@ -1,0 +1,10 @@
+//! What the sampler renders, against what it should.
+
+mod common;
+
+mod against_reference;
+mod hard_cases;
+mod indirect;
+mod motion;
+mod small_scene;
+mod visibility;
