@@ -41,21 +41,9 @@ fn there(program: &str, arguments: &[&str]) -> bool {
     there
 }
 
-/// A base with the software driver in it: made from Debian's packages, since no registry may be reachable.
+/// A base with the software driver in it.
 fn base() {
-    if output(Command::new("docker").args(["image", "inspect", BASE])).status.success() {
-        return;
-    }
-    let folder = tempfile::tempdir().unwrap();
-    let tree = folder.path().join("base");
-    let packages = "--include=ca-certificates,libvulkan1,mesa-vulkan-drivers";
-    succeed(Command::new("debootstrap").args(["--variant=minbase", packages, "bookworm"]).arg(&tree));
-    let mut tar =
-        Command::new("tar").arg("-C").arg(&tree).args(["-c", "."]).stdout(Stdio::piped()).spawn().unwrap();
-    let mut import = Command::new("docker");
-    import.args(["import", "-", BASE]).stdin(tar.stdout.take().unwrap());
-    assert!(import.output().unwrap().status.success(), "docker import");
-    assert!(tar.wait().unwrap().success(), "tar");
+    succeed(Command::new(root().join("deploy/base-image")).arg(BASE));
 }
 
 /// The cluster, taken down with its owner.

@@ -117,10 +117,13 @@ async fn the_only_worker_traces_for_itself() {
 async fn a_sampler_that_dies_while_it_traces_costs_no_frame() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let mut workers = coordinator.workers(3);
-    let status = coordinator.wait_for_workers(3);
-    let sampler =
-        status["workers"].as_array().unwrap().iter().find(|worker| worker["role"] == "sampler").unwrap();
-    let pid = sampler["pid"].as_u64().unwrap() as u32;
+    let sampler = |status: &Value| {
+        let there = status["processes"] == 3;
+        let workers = status["workers"].as_array().filter(|_| there)?;
+        workers.iter().find(|worker| worker["role"] == "sampler").cloned()
+    };
+    let status = coordinator.wait_until("three workers, one of them a sampler", |s| sampler(s).is_some());
+    let pid = sampler(&status).unwrap()["pid"].as_u64().unwrap() as u32;
     let mut command = argus(&["load", "--server", &coordinator.url, "--json", "--size", "96x72"]);
     command.args(["--clients", "3", "--seconds", "6", "--rate", "8", "--samples", "1", "--holes", "trace"]);
     let load = command.stdout(Stdio::piped()).spawn().unwrap();

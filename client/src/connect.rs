@@ -220,9 +220,13 @@ async fn describe(channel: &Channel, bearer: &Bearer, url: &str) -> Result<Descr
             // A connection that opens and then breaks at the first request speaks something else than HTTP/2.
             Err(status) => match ClientError::from(status) {
                 ClientError::Server { broken: true, message, .. } => {
-                    // A server that wants this client's certificate says so after the handshake.
+                    // A server that wants this client's certificate says so after the handshake, and what it says may be
+                    // lost with the connection. By then it has shown a certificate itself, so that it is no stranger.
                     return Err(match unconnected(url, message.clone()) {
                         untrusted @ ClientError::Untrusted { .. } => untrusted,
+                        _ if url.starts_with("https://") => {
+                            ClientError::Untrusted { url: url.to_owned(), reason: message }
+                        }
                         _ => not_argus(message),
                     });
                 }

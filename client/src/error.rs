@@ -27,7 +27,8 @@ pub enum ClientError {
     /// The handshake failed: one side's certificate is not one that the other trusts, or there is none.
     #[error(
         "the server at {url} and this client do not trust each other ({reason}): give the authority that signed the \
-         server's certificate with --ca, and check that the address is one of the certificate's"
+         server's certificate with --ca, check that the address is one of the certificate's, and, if the server wants \
+         one of yours, give that (client.certificate and client.key of the configuration)"
     )]
     Untrusted {
         /// As given.

@@ -4,7 +4,8 @@
 //! margin, and be predicted to for a dwell time without a break. Costs and demand that merely tremble about a
 //! boundary of K_fd then never move a role. Among a thousand processes K can be far from the best and yet within that
 //! margin: a gain of [`LEAST_GAIN`] is taken as well, once it has been predicted on the mean for
-//! [`PATIENT_DWELLS`] times as long, which trembling does not outlast. One case does not wait: a stage with work and
+//! [`PATIENT_DWELLS`] times as long, which trembling does not outlast; and it is not taken back for a small gain, since
+//! what is measured under either of two splits may well speak for the other one. One case does not wait: a stage with work and
 //! nobody to do it, whose predicted tick is infinite.
 
 use std::time::Duration;
@@ -25,9 +26,9 @@ const TREMBLE_DWELLS: f64 = 10.0;
 /// How many times as much as it trembles the mean must gain, at the least.
 const TREMBLES: f64 = 3.0;
 
-/// The same of small gains, over so many dwell times: the mean of thirty trembles a fifth as much.
-const LONG_DWELLS: f64 = 30.0;
-const LONG_TREMBLES: f64 = 1.0;
+/// The same of small gains, over so many dwell times: the longer the mean, the less it trembles.
+const LONG_DWELLS: f64 = 10.0;
+const LONG_TREMBLES: f64 = 2.0;
 
 /// Decides between the split there is and the split the formula wants.
 #[derive(Debug, Clone)]
@@ -47,6 +48,8 @@ pub struct Hysteresis {
     tremble: f64,
     /// When it was looked at.
     looked: Option<Uptime>,
+    /// Where small gains have led since the last large one.
+    leaning: Option<Direction>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,6 +82,7 @@ impl Hysteresis {
             long_mean: 0.0,
             tremble: 0.0,
             looked: None,
+            leaning: None,
         }
     }
 
@@ -128,18 +132,20 @@ impl Hysteresis {
         let lasted = lasting(&mut self.pending, goes);
         let margin = lasted.is_some_and(|lasted| lasted >= self.dwell) && at_once == Some(direction);
         let lasted = lasting(&mut self.patient, in_time);
-        let patience = lasted.is_some_and(|lasted| lasted >= self.dwell * PATIENT_DWELLS);
-        let pays = margin || (patience && in_time == Some(direction) && gain >= LEAST_GAIN);
-        if pays {
+        let patience = lasted.is_some_and(|lasted| lasted >= self.dwell * PATIENT_DWELLS)
+            && self.leaning.is_none_or(|leaning| leaning == direction);
+        let small = patience && in_time == Some(direction) && gain >= LEAST_GAIN;
+        if margin || small {
             self.reset();
+            self.leaning = (!margin).then_some(direction);
         }
-        pays
+        margin || small
     }
 
     /// Starts the dwell anew, because the processes changed.
     pub fn reset(&mut self) {
         (self.pending, self.patient, self.looked) = (None, None, None);
-        (self.mean, self.long_mean) = (0.0, 0.0);
+        (self.mean, self.long_mean, self.leaning) = (0.0, 0.0, None);
     }
 }
 
@@ -212,6 +218,21 @@ mod tests {
         assert_eq!(gains(&mut hysteresis(), &|i| if i % 4 == 0 { 1.07 } else { 1.0 }), None);
         assert_eq!(gains(&mut hysteresis(), &|_| 1.02), None);
         assert_eq!(gains(&mut hysteresis(), &|_| f64::NAN), None);
+    }
+
+    #[test]
+    fn a_small_gain_is_not_taken_back_for_another_one_but_for_a_large_one() {
+        let (few, more) = (Split::Divided(60), Split::Divided(64));
+        let mut h = hysteresis();
+        let mut quarters = 0..;
+        let mut look = |h: &mut Hysteresis, (from, to), gain, most| {
+            let paid = |i: u32| h.pays(at(f64::from(i) * 0.25), (from, gain), (to, 1.0), 1024);
+            quarters.by_ref().take(most).any(paid)
+        };
+        assert!(look(&mut h, (few, more), 1.07, 480));
+        assert!(!look(&mut h, (more, few), 1.07, 4800));
+        assert!(look(&mut h, (more, few), 1.3, 480));
+        assert!(look(&mut h, (few, more), 1.07, 480), "after a large one it begins anew");
     }
 
     #[test]

@@ -54,9 +54,9 @@ pub struct Outcome {
 }
 
 /// Longest simulated time until the split has settled.
-const SETTLING_SECS: f64 = 240.0;
+const SETTLING_SECS: f64 = 120.0;
 /// … which it has when it did not change for so long: more than small gains are waited for.
-const SETTLED_SECS: f64 = 60.0;
+const SETTLED_SECS: f64 = 35.0;
 /// From so many processes on, the split settles under a part of the load: the same ratio of stages, fewer events.
 const MANY: u32 = 48;
 
