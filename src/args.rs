@@ -257,11 +257,11 @@ fn visibility() -> impl TypedValueParser<Value = Way> {
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Plan")]
 pub(crate) struct Plan {
-    /// How the depth of a pixel is found: by splatting the samples forward (fast), or by the cluster paper's
-    /// linear steps along the ray
+    /// How the depth of a pixel is found: by splatting the samples forward (fast), by the cluster paper's linear steps
+    /// along the ray, by fixed-point steps, by those from a coarse splat (seeded), or exactly, through levels (pyramid)
     #[arg(long, value_name = "SEARCH", value_parser = search())]
     pub(crate) search: Option<Search>,
-    /// Linear steps, 1 to 4096, for the linear search
+    /// Steps of the linear, fixed-point and seeded searches, 1 to 4096
     #[arg(long, value_name = "N")]
     pub(crate) steps: Option<u32>,
     /// Render from the triangles: the exact answer, and the baseline

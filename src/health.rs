@@ -9,8 +9,8 @@ use crate::{args, output};
 
 /// Asks a coordinator or a worker whether it can answer views; exits 0 if it can, 1 if not or if nobody answers.
 ///
-/// The same is said by the standard gRPC health service (the names "" and "live") and, over plain HTTP on the same
-/// port, at /readyz and /livez.
+/// The same is said by the standard gRPC health service (the names "" and "live") and, over HTTP on the same port (HTTPS by
+/// HTTP/2 where there are certificates), at /readyz and /livez.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

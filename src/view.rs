@@ -27,7 +27,8 @@ const REFERENCE_SAMPLES: u32 = 16;
 ///
 /// Colour is written as sRGB PNG; range (metres from the eye, +inf where there is nothing) as 32-bit float
 /// OpenEXR; mask (255 where no sample saw the pixel's surface) and source (which of the samples served it,
-/// from 1; 0 for none) as grey PNG.
+/// from 1; 0 for none) and confidence (how sure it is: the low seven bits, 0 where no sample saw it; the highest bit where a
+/// second sample agrees) as grey PNG.
 #[derive(clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -47,7 +48,7 @@ pub(crate) struct Args {
     /// Pixels
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = args::size)]
     size: [u32; 2],
-    /// Which image: color, range, mask or source
+    /// Which image: color, range, mask, source or confidence
     #[arg(long, value_name = "IMAGE", default_value = "color", value_parser = args::output())]
     output: Output,
     /// File to write
@@ -93,7 +94,7 @@ struct Report {
     height: u32,
     epoch: u64,
     generation: u64,
-    /// `splat`, `linear` or `direct`.
+    /// The search's name, or `direct`.
     search: &'static str,
     /// Ids, best first; none for a direct view.
     samples: Vec<String>,

@@ -26,7 +26,7 @@ pub(crate) struct Settings {
     pub(crate) security: Security,
 }
 
-/// How `view`, `load` and `status` reach a service.
+/// How `view`, `load`, `status` and `health` reach a service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Client {

@@ -75,7 +75,7 @@ enum Study {
 /// How long a study may take, and what becomes of its figures.
 #[derive(clap::Args)]
 struct Form {
-    /// A few seconds, to see that everything works; the figures are noise
+    /// A few seconds, to see that everything works; the figures are noise. `change` and `hard-cases` know one length only
     #[arg(long, global = true)]
     quick: bool,
     /// Print one JSON object: scene, machine, rows (one object a table row)

@@ -230,16 +230,23 @@ impl Plot {
                 .label(&series.name)
                 .legend(move |(x, y)| mark(i, (x + 10, y), 6, color.mix(0.9)));
         }
-        for (i, Mark { at, label }) in self.front.iter().enumerate() {
+        let mut worded: Option<(f64, f64)> = None;
+        for Mark { at, label } in &self.front {
             let Some(at) = place(at) else { continue };
-            // Words of neighbours in turn below and above, so that they do not cover each other.
-            let (down, anchor) = if i % 2 == 0 { (6, VPos::Top) } else { (-8, VPos::Bottom) };
-            // A word at the right border would leave the plot.
-            let far = at.0 > x.least + 0.75 * (x.most - x.least);
-            let (right, side) = if far { (-6, HPos::Right) } else { (6, HPos::Left) };
-            let offset = (right, down);
-            let style = small.clone().color(&BLACK).pos(Pos::new(side, anchor));
-            chart.draw_series([EmptyElement::at(at) + Text::new(label.clone(), offset, style)])?;
+            // What is beyond the front is empty: words go there. Close neighbours share one.
+            let apart = |last: (f64, f64)| {
+                (at.0 - last.0).abs() > 0.12 * (x.most - x.least)
+                    || (at.1 - last.1).abs() > 0.03 * (y.most - y.least)
+            };
+            if !worded.is_none_or(apart) {
+                continue;
+            }
+            worded = Some(at);
+            // A word at the left border would leave the plot.
+            let near = at.0 < x.least + 0.2 * (x.most - x.least);
+            let (right, side) = if near { (8, HPos::Left) } else { (-8, HPos::Right) };
+            let style = small.clone().color(&BLACK).pos(Pos::new(side, VPos::Top));
+            chart.draw_series([EmptyElement::at(at) + Text::new(label.clone(), (right, 2), style)])?;
         }
         chart
             .configure_series_labels()

@@ -154,6 +154,14 @@ impl Measured {
         median(&self.ms)
     }
 
+    /// Its way and, where there are any, its samples' texels.
+    fn label(&self) -> String {
+        match self.way {
+            Way::Direct { .. } => self.way.label(),
+            Way::Warp { .. } => format!("{} of {}", self.way.label(), texels(&self.rig)),
+        }
+    }
+
     fn flip(&self) -> f64 {
         mean(self.judged.iter().map(|j| j.image.flip_mean))
     }
@@ -366,7 +374,7 @@ impl<'a> Study<'a> {
             line: false,
         });
         let points: Vec<(f64, f64)> = self.measured.iter().map(point).collect();
-        let mark = |i: usize| Mark { at: points[i], label: self.measured[i].way.label() };
+        let mark = |i: usize| Mark { at: points[i], label: self.measured[i].label() };
         let [width, height] = self.options.size;
         Plot {
             name: "pareto".to_owned(),
