@@ -80,7 +80,10 @@ impl Client {
             let mut first = None;
             for (at, (endpoint, url)) in endpoints.iter().zip(&urls).enumerate() {
                 let described = async { describe(&connected(endpoint, url).await?, &bearer, url).await };
-                match described.await {
+                // One that says nothing leaves time for the others.
+                let share = options.timeout / urls.len() as u32;
+                let late = || nobody(format!("nothing came within {} ms", share.as_millis()));
+                match tokio::time::timeout(share, described).await.unwrap_or_else(|_| Err(late())) {
                     Ok(description) => {
                         first = Some(Ok((at, description)));
                         break;
@@ -187,7 +190,7 @@ fn endpoint(url: &str, options: &ConnectOptions) -> Result<Endpoint, ClientError
             ));
         }
         Some("https") => {
-            let tls = endpoint.tls_config(credentials.tls());
+            let tls = endpoint.tls_config(credentials.tls(*timeout));
             return match tls {
                 Ok(endpoint) => Ok(tuned(endpoint.connect_timeout(*timeout))),
                 Err(error) => Err(address(&format!("its certificates: {}", root_cause(&error)))),

@@ -1,6 +1,7 @@
 //! How a client is known to a service, and the service to it.
 
 use std::fmt;
+use std::time::Duration;
 
 use tonic::metadata::{Ascii, MetadataValue};
 use tonic::service::Interceptor;
@@ -57,9 +58,11 @@ impl Token {
 }
 
 impl Credentials {
-    /// How a connection is made.
-    pub(crate) fn tls(&self) -> ClientTlsConfig {
-        let mut tls = ClientTlsConfig::new().ca_certificates(self.ca.iter().map(Certificate::from_pem));
+    /// How a connection is made, with so much time for the handshake.
+    pub(crate) fn tls(&self, timeout: Duration) -> ClientTlsConfig {
+        let mut tls = ClientTlsConfig::new()
+            .timeout(timeout)
+            .ca_certificates(self.ca.iter().map(Certificate::from_pem));
         if let Some((certificate, key)) = &self.identity {
             tls = tls.identity(Identity::from_pem(certificate, &key.0));
         }

@@ -139,13 +139,20 @@ impl Session {
                 Err(error) => error,
             };
             self.incoming = None;
-            if !error.is_transient() {
-                return Err(error);
+            // A server without room for another session says when to ask again: this one's own place may still be
+            // taken by the connection that broke.
+            let room = match &error {
+                ClientError::Overloaded { retry_after: Some(after), .. } => Some((*after).min(LONGEST_QUIET)),
+                _ => None,
+            };
+            match room {
+                Some(_) => {}
+                None if error.is_transient() => self.client.try_another(server),
+                None => return Err(error),
             }
-            self.client.try_another(server);
             let after = self.options.patience;
             let end = *self.broken_since.get_or_insert_with(Instant::now) + after;
-            let pause = self.backoff.pause();
+            let pause = room.unwrap_or_else(|| self.backoff.pause());
             if Instant::now() + pause >= end {
                 return Err(ClientError::Deadline { after, last: error.to_string() });
             }

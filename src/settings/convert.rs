@@ -25,7 +25,7 @@ impl Settings {
             within("coordinator.refining_share", coordinator.refining_share, 0.0, 1.0),
             within("coordinator.epoch_ms", coordinator.epoch_ms, 1e-3, 1e3 * MOST_SECS),
             within("coordinator.time_scale", coordinator.time_scale, 0.0, 1e6),
-            within("coordinator.lease_secs", coordinator.lease_secs, 0.1, MOST_SECS),
+            within("coordinator.lease_secs", coordinator.lease_secs, 1.0, MOST_SECS),
             within("coordinator.registry_lease_secs", coordinator.registry_lease_secs, 0.5, 3600.0),
             within("coordinator.grace_secs", coordinator.grace_secs, 0.0, MOST_SECS),
             within("worker.grace_secs", worker.grace_secs, 0.0, MOST_SECS),
@@ -81,6 +81,8 @@ impl Coordinator {
             refining_share: self.refining_share,
             epoch: secs(self.epoch_ms * 1e-3),
             lease: secs(self.lease_secs),
+            // Twenty reports a lease, as its default has: silence is told from a pause between two of them.
+            report_interval: (secs(self.lease_secs) / 20).min(core::Config::default().report_interval),
             max_views: limits.views,
             max_views_per_client: limits.views_per_client,
             max_sessions: limits.sessions,

@@ -286,11 +286,13 @@ impl Hub {
         let mut state = self.state.lock();
         let ticket = Ticket(state.next_id);
         state.next_id += 1;
-        if state.leading.is_none() {
-            let _ = sender.send(Err(stands_by(state.leader.as_deref())));
+        match state.leading {
+            None => drop(sender.send(Err(stands_by(state.leader.as_deref())))),
+            Some(_) => {
+                state.views.insert(ticket, sender);
+                self.step_locked(&mut state, Event::Asked { ticket, client, view: Box::new(view), deadline });
+            }
         }
-        state.views.insert(ticket, sender);
-        self.step_locked(&mut state, Event::Asked { ticket, client, view: Box::new(view), deadline });
         drop(state);
         Asked { hub: self.clone(), ticket, verdicts, open: true }
     }
@@ -369,6 +371,10 @@ impl Asked {
         let mut state = self.hub.state.lock();
         state.views.remove(&self.ticket);
         self.hub.step_locked(&mut state, event);
+        // Another attempt may have begun before this one's end was said. Nobody waits for it.
+        if state.core.is_open(self.ticket) {
+            self.hub.step_locked(&mut state, Event::Cancelled { ticket: self.ticket });
+        }
     }
 }
 

@@ -191,6 +191,11 @@ impl Core {
         !self.draining && self.members().next().is_some()
     }
 
+    /// Whether that view waits or is in work.
+    pub fn is_open(&self, ticket: Ticket) -> bool {
+        self.views.contains_key(&ticket)
+    }
+
     /// Whether new views are turned away since the process is about to end.
     pub fn is_draining(&self) -> bool {
         self.draining
@@ -331,19 +336,22 @@ impl Core {
         // After a pause of this process itself all reports are late.
         let awake = now.since(std::mem::replace(&mut self.ticked, now)) < silence / 2;
         let silent = |w: &&mut Worker| awake && !w.suspected && now.since(w.last_report) >= silence;
-        let mut views = Vec::new();
         for worker in self.workers.values_mut().filter(silent) {
             worker.suspected = true;
             self.lines.update(worker);
             self.to_refine = true;
-            views.extend(worker.views.iter().copied());
         }
-        // Where nobody else can have them they stay; so does one that has gone round already.
-        if self.workers.values().any(Worker::answers) {
-            let again = |ticket: &Ticket| self.views.get(ticket).is_some_and(|v| self.may_be_retried(v));
-            let views: Vec<Ticket> = views.into_iter().filter(again).collect();
-            views.into_iter().for_each(|ticket| self.retry(ticket, now, actions));
-        }
+        // Where nobody else can have it a view stays, until somebody can; so does one that has gone round already.
+        let can = |w: &Worker, v: &Pending| {
+            w.answers() && (v.device_kind.is_empty() || w.hello.device == v.device_kind)
+        };
+        let elsewhere = |v: &Pending| self.workers.values().any(|w| can(w, v));
+        let moves = |ticket: &Ticket| {
+            self.views.get(ticket).is_some_and(|view| self.may_be_retried(view) && elsewhere(view))
+        };
+        let suspected = self.workers.values().filter(|w| w.suspected);
+        let views: Vec<Ticket> = suspected.flat_map(|w| w.views.iter().copied()).filter(moves).collect();
+        views.into_iter().for_each(|ticket| self.retry(ticket, now, actions));
     }
 
     fn tick(&mut self, now: Uptime, actions: &mut Vec<Action>) {

@@ -97,8 +97,14 @@ impl Core {
         let kept_from = self.kept_from();
         let suspected = self.workers.values().filter(|w| w.suspected);
         let suspected: Vec<String> = suspected.map(|w| w.hello.address.clone()).collect();
-        for worker in self.workers.values_mut().filter(|w| w.is_ready()) {
-            let list = lists.remove(&worker.id).unwrap_or_default();
+        // What a list leaves out is forgotten. So who seems to hang is told nothing until it is heard of again, and all keep
+        // what they have while nobody samples: that moment passes.
+        let nobody_samples = self.lines.samplers().is_empty();
+        for worker in self.workers.values_mut().filter(|w| w.answers()) {
+            let list = match nobody_samples {
+                true => worker.assigned().ahead.clone(),
+                false => lists.remove(&worker.id).unwrap_or_default(),
+            };
             if let Some(assignment) = worker.order_ahead(list, kept_from, &suspected) {
                 actions.push(Action::Assign { worker: worker.id, assignment });
             }

@@ -2,7 +2,7 @@
 //!
 //! The lease is one key in a bucket whose entries live as long as the lease: it is acquired by *create*, which the server
 //! refuses while the key is there, and renewed by *update* of the revision that was written last. Revisions ascend over
-//! the bucket's whole life, so the revision of an acquisition is the term. A read may be answered by a server that lags
+//! the bucket's whole life, so the revision of an acquisition, counted from when the bucket was made, is the term. A read may be answered by a server that lags
 //! behind, so nothing is decided by one; an entry that expires leaves no marker, so who waits for it asks again. Servers
 //! from 2.9 on will do: they need not know lifetimes of single keys.
 
@@ -10,9 +10,11 @@ use std::future::Future;
 use std::time::Duration;
 
 use async_nats::jetstream;
-use async_nats::jetstream::kv::{CreateErrorKind, Store, UpdateErrorKind};
+use async_nats::jetstream::kv::{CreateErrorKind, Operation, Store, UpdateErrorKind};
 use async_nats::jetstream::stream::{Config, DiscardPolicy, StorageType};
 use bytes::Bytes;
+use rand::rngs::SmallRng;
+use rand::{Rng, SeedableRng};
 use tracing::debug;
 
 use super::{Held, Registry, RegistryError};
@@ -33,6 +35,11 @@ const REMEMBERED: u32 = 10;
 pub struct NatsRegistry {
     url: String,
     lease: Duration,
+    /// Told apart from another process at the same address.
+    nonce: u64,
+    /// What revisions are counted from, as terms: when the bucket was made, milliseconds since 1970. So one that is made
+    /// anew, or comes after a coordinator that was alone, begins with a higher term.
+    since: u64,
     leases: Store,
     members: Store,
 }
@@ -83,11 +90,18 @@ impl NatsRegistry {
         let leases = bucket(LEASES, lease, StorageType::File).await?;
         let members = bucket(MEMBERS, lease * REMEMBERED, StorageType::Memory).await?;
         let status = leases.status().await.map_err(|error| failed(error.to_string()))?;
-        Ok(Self { url: url.to_owned(), lease: status.max_age(), leases, members })
+        let since = u64::try_from(status.info.created.unix_timestamp_nanos() / 1_000_000).unwrap_or(0);
+        let nonce = SmallRng::from_os_rng().random();
+        Ok(Self { url: url.to_owned(), lease: status.max_age(), nonce, since, leases, members })
     }
 
     fn failed(&self, reason: &dyn std::fmt::Display) -> RegistryError {
         RegistryError { url: self.url.clone(), reason: reason.to_string() }
+    }
+
+    /// What stands in the registry while this process leads.
+    fn value(&self, address: &str) -> Bytes {
+        Bytes::from(format!("{address}\n{:016x}", self.nonce))
     }
 
     /// What comes too late says nothing about now.
@@ -105,17 +119,26 @@ impl Registry for NatsRegistry {
     }
 
     async fn acquire(&self, address: &str) -> Result<Option<Held>, RegistryError> {
-        let value = Bytes::from(address.to_owned());
-        match self.timely(self.leases.create(KEY, value)).await? {
-            Ok(revision) => Ok(Some(Held { term: revision, revision })),
+        match self.timely(self.leases.create(KEY, self.value(address))).await? {
+            Ok(revision) => Ok(Some(Held { term: self.since + revision, revision })),
             Err(error) if error.kind() == CreateErrorKind::AlreadyExists => Ok(None),
             Err(error) => Err(self.failed(&error)),
         }
     }
 
     async fn renew(&self, held: Held, address: &str) -> Result<Option<Held>, RegistryError> {
-        let value = Bytes::from(address.to_owned());
-        match self.timely(self.leases.update(KEY, value, held.revision)).await? {
+        let value = self.value(address);
+        match self.timely(self.leases.update(KEY, value.clone(), held.revision)).await? {
+            Ok(revision) => return Ok(Some(Held { revision, ..held })),
+            Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => {}
+            Err(error) => return Err(self.failed(&error)),
+        }
+        // The answer to an earlier renewal may have been lost: what stands there may be this process's own.
+        let there = self.timely(self.leases.entry(KEY)).await?.map_err(|error| self.failed(&error))?;
+        let Some(own) = there.filter(|e| e.operation == Operation::Put && e.value == value) else {
+            return Ok(None);
+        };
+        match self.timely(self.leases.update(KEY, value, own.revision)).await? {
             Ok(revision) => Ok(Some(Held { revision, ..held })),
             Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => Ok(None),
             Err(error) => Err(self.failed(&error)),
@@ -131,7 +154,8 @@ impl Registry for NatsRegistry {
 
     async fn leader(&self) -> Option<String> {
         let value = self.timely(self.leases.get(KEY)).await.ok()?.ok()??;
-        String::from_utf8(value.into()).ok().filter(|address| !address.is_empty())
+        let text = String::from_utf8(value.into()).ok()?;
+        text.lines().next().filter(|address| !address.is_empty()).map(str::to_owned)
     }
 
     async fn note_workers(&self, names: &[String]) {

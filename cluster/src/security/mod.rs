@@ -24,6 +24,9 @@ pub const CLUSTER_NAME: &str = "cluster.argus.internal";
 /// Longest handshake: whoever connects and says nothing holds no connection for longer.
 const HANDSHAKE: std::time::Duration = std::time::Duration::from_secs(10);
 
+/// … where this process asks: another one may answer.
+const CONNECTION_HANDSHAKE: std::time::Duration = std::time::Duration::from_secs(2);
+
 /// What makes a process a member, and whom it takes for one. Everything in it is PEM.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Security {
@@ -70,5 +73,7 @@ impl Security {
             .identity(self.identity())
             .ca_certificate(Certificate::from_pem(&self.ca))
             .domain_name(CLUSTER_NAME)
+            // That of a connection ends with TCP's part of it: what listens there may be a process that hangs.
+            .timeout(CONNECTION_HANDSHAKE)
     }
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use argus_proto::Fault;
 use argus_scene::{Sample, SampleId, SampleSetInfo};
 use parking_lot::Mutex;
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, watch};
 use tokio::task::AbortHandle;
 use tracing::debug;
 
@@ -22,8 +22,8 @@ const PAUSE: Duration = Duration::from_millis(500);
 
 /// What the newest assignment wants at hand.
 pub(super) struct Ahead {
-    /// By sample: what ends its rendering or fetching, which may be over.
-    wanted: Mutex<BTreeMap<SampleId, AbortHandle>>,
+    /// By sample: who rendering or fetching it is told where it is, and what ends that, which may be over.
+    wanted: Mutex<BTreeMap<SampleId, (watch::Sender<Vec<String>>, AbortHandle)>>,
     turns: Semaphore,
 }
 
@@ -40,16 +40,22 @@ pub(super) fn want(node: &Arc<Node>, samples: Vec<(SampleId, Vec<String>)>, to_h
     let mut before = std::mem::take(&mut *wanted);
     for (id, addresses) in samples {
         let Ok((info, _)) = node.set_at(id.epoch) else { continue };
-        let task = before.remove(&id).filter(|task| !task.is_finished() || node.store.has(id));
-        let start = || {
-            let work = bring(node.clone(), info, id, addresses, to_host);
-            tokio::spawn(work).abort_handle()
+        let kept = before.remove(&id).filter(|(_, task)| !task.is_finished() || node.store.has(id));
+        let entry = match kept {
+            Some((told, task)) => {
+                told.send_replace(addresses);
+                (told, task)
+            }
+            None => {
+                let (told, newest) = watch::channel(addresses);
+                (told, tokio::spawn(bring(node.clone(), info, id, newest, to_host)).abort_handle())
+            }
         };
-        wanted.insert(id, task.unwrap_or_else(start));
+        wanted.insert(id, entry);
     }
     drop(wanted);
     let gone: Vec<SampleId> = before.keys().copied().collect();
-    before.values().for_each(AbortHandle::abort);
+    before.values().for_each(|(_, task)| task.abort());
     node.store.forget(&gone);
 }
 
@@ -57,11 +63,12 @@ async fn bring(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
     id: SampleId,
-    addresses: Vec<String>,
+    newest: watch::Receiver<Vec<String>>,
     to_host: bool,
 ) {
     // Until it is there, or nobody wants it any more: then this task ends.
     loop {
+        let addresses = newest.borrow().clone();
         match at_hand(&node, &info, id, &addresses, to_host).await {
             // The coordinator lets views use it as soon as it knows.
             Ok(()) => return node.news.notify_one(),

@@ -239,14 +239,25 @@ async fn outgoing(coordinator: &str) -> Result<IpAddr, RunError> {
     }
 }
 
+/// … on the way to the first of several, with commas between them, to which there is one.
+async fn outgoing_to_any(coordinators: &str) -> Result<IpAddr, RunError> {
+    let mut found = None;
+    for url in coordinators.split(',') {
+        match outgoing(url.trim()).await {
+            Ok(address) => return Ok(address),
+            error => found = found.or(Some(error)),
+        }
+    }
+    found.unwrap_or_else(|| {
+        Err(RunError::Address { what: "the coordinator", reason: "none is given".to_owned() })
+    })
+}
+
 /// Where others reach this worker.
 async fn advertised(config: &Config, local: SocketAddr) -> Result<String, RunError> {
     let Some(address) = &config.advertise else {
         let local = match local.ip().is_unspecified() {
-            true => SocketAddr::new(
-                outgoing(config.coordinator.split(',').next().unwrap_or_default().trim()).await?,
-                local.port(),
-            ),
+            true => SocketAddr::new(outgoing_to_any(&config.coordinator).await?, local.port()),
             false => local,
         };
         return Ok(format!("{}://{local}", net::scheme(config.security.as_deref())));

@@ -233,6 +233,25 @@ async fn a_standby_takes_over_through_nats() {
     a_standby_takes_over([Arc::new(one), Arc::new(two)]).await;
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_renewal_whose_answer_was_lost_is_known_for_ones_own() {
+    let Some(nats) = Nats::start() else { return };
+    let alone = LocalRegistry::alone().acquire("a").await.unwrap().unwrap();
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    let lease = Duration::from_secs(30);
+    let one = NatsRegistry::connect(&nats.url, lease).await.unwrap();
+    let held = one.acquire("a").await.unwrap().unwrap();
+    assert!(held.term > alone.term, "whoever comes after a coordinator that was alone has a higher term");
+    let renewed = one.renew(held, "a").await.unwrap().unwrap();
+    // Of that it never heard, and says what it held before.
+    let again = one.renew(held, "a").await.unwrap().unwrap();
+    assert!(again.revision > renewed.revision && again.term == held.term);
+    // Another process at the same address is another one.
+    let two = NatsRegistry::connect(&nats.url, lease).await.unwrap();
+    assert_eq!(two.renew(held, "a").await.unwrap(), None);
+    assert_eq!(two.leader().await.as_deref(), Some("a"));
+}
+
 #[tokio::test]
 async fn a_registry_that_is_not_there_is_an_error_that_names_it() {
     let error = NatsRegistry::connect("nats://127.0.0.1:9", Duration::from_secs(1)).await.unwrap_err();

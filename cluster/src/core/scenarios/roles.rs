@@ -161,6 +161,51 @@ fn a_worker_that_hangs_is_suspected_before_it_is_lost_and_others_get_its_views()
 }
 
 #[test]
+fn a_suspected_worker_is_told_to_forget_nothing_and_nobody_else_is() {
+    let mut sim = Sim::with_workers(3);
+    // Refinements and samples ahead are what lists are about.
+    let lists = |sim: &Sim| -> Vec<Vec<Source>> {
+        sim.workers.values().map(|w| w.told.last().unwrap().ahead.clone()).collect()
+    };
+    for _ in 0..40 {
+        let ticket = sim.ask(false);
+        sim.answer_with(ticket, 2000);
+    }
+    for _ in 0..8 {
+        sim.now = sim.now.after(Duration::from_millis(250));
+        sim.report_all();
+        sim.step(Event::Tick);
+    }
+    let before = lists(&sim);
+    assert!(before.iter().any(|list| !list.is_empty()), "nothing is to be had ahead: {before:?}");
+    // The only sampler.
+    assert_eq!(sim.roles().0, 1);
+    let ticket = sim.ask(true);
+    let sampler = sim.orders[&ticket].worker;
+    sim.answer(ticket);
+    let told = sim.workers[&sampler].told.len();
+    all_but(&mut sim, sampler, 8);
+    assert_eq!(lists(&sim), before);
+    assert_eq!(sim.workers[&sampler].told.len(), told, "it hears nothing while it may hang");
+}
+
+#[test]
+fn views_of_workers_that_hang_together_move_as_soon_as_one_is_back() {
+    let mut sim = Sim::with_workers(2);
+    let ticket = sim.ask(true);
+    let has = sim.orders[&ticket].worker;
+    let other = *sim.workers.keys().find(|id| **id != has).unwrap();
+    for _ in 0..8 {
+        sim.now = sim.now.after(Duration::from_millis(250));
+        sim.step(Event::Tick);
+    }
+    assert_eq!(sim.orders[&ticket].worker, has, "nobody else can have it");
+    sim.report(other);
+    sim.step(Event::Tick);
+    assert_eq!(sim.orders[&ticket].worker, other);
+}
+
+#[test]
 fn after_a_pause_of_the_coordinator_itself_nobody_is_suspected() {
     let mut sim = Sim::with_workers(2);
     sim.step(Event::Tick);
