@@ -53,6 +53,15 @@ pub(crate) async fn keep(
     result
 }
 
+/// Whether somebody else ended it, without asking.
+fn was_killed(status: ExitStatus) -> bool {
+    const SIGKILL: i32 = 9;
+    #[cfg(unix)]
+    return std::os::unix::process::ExitStatusExt::signal(&status) == Some(SIGKILL);
+    #[cfg(not(unix))]
+    return false;
+}
+
 async fn keep_one(
     index: usize,
     count: usize,
@@ -76,7 +85,12 @@ async fn keep_one(
         if shutdown.is_cancelled() {
             return Ok(());
         }
-        early_ends = if started.elapsed() < EARLY { early_ends + 1 } else { 0 };
+        early_ends = match started.elapsed() < EARLY {
+            // Whoever kills a worker from without says nothing about whether it can work.
+            true if was_killed(status) => early_ends.max(1),
+            true => early_ends + 1,
+            false => 0,
+        };
         if early_ends == MOST_EARLY_ENDS {
             bail!("worker {index} ends as soon as it starts ({status}); its own message is above");
         }
