@@ -20,10 +20,17 @@ const FETCHES: usize = 2;
 /// After a sample could not be had, it is asked for again after this long.
 const PAUSE: Duration = Duration::from_millis(500);
 
+/// A sample on its way here, or here.
+struct Bringing {
+    /// Tells the task where the sample is.
+    told: watch::Sender<Vec<String>>,
+    /// Ends the task, which may be over.
+    task: AbortHandle,
+}
+
 /// What the newest assignment wants at hand.
 pub(super) struct Ahead {
-    /// By sample: who rendering or fetching it is told where it is, and what ends that, which may be over.
-    wanted: Mutex<BTreeMap<SampleId, (watch::Sender<Vec<String>>, AbortHandle)>>,
+    wanted: Mutex<BTreeMap<SampleId, Bringing>>,
     turns: Semaphore,
 }
 
@@ -40,22 +47,23 @@ pub(super) fn want(node: &Arc<Node>, samples: Vec<(SampleId, Vec<String>)>, to_h
     let mut before = std::mem::take(&mut *wanted);
     for (id, addresses) in samples {
         let Ok((info, _)) = node.set_at(id.epoch) else { continue };
-        let kept = before.remove(&id).filter(|(_, task)| !task.is_finished() || node.store.has(id));
-        let entry = match kept {
-            Some((told, task)) => {
-                told.send_replace(addresses);
-                (told, task)
+        let kept = before.remove(&id).filter(|kept| !kept.task.is_finished() || node.store.has(id));
+        let bringing = match kept {
+            Some(kept) => {
+                kept.told.send_replace(addresses);
+                kept
             }
             None => {
                 let (told, newest) = watch::channel(addresses);
-                (told, tokio::spawn(bring(node.clone(), info, id, newest, to_host)).abort_handle())
+                let task = tokio::spawn(bring(node.clone(), info, id, newest, to_host)).abort_handle();
+                Bringing { told, task }
             }
         };
-        wanted.insert(id, entry);
+        wanted.insert(id, bringing);
     }
     drop(wanted);
     let gone: Vec<SampleId> = before.keys().copied().collect();
-    before.values().for_each(|(_, task)| task.abort());
+    before.values().for_each(|gone| gone.task.abort());
     node.store.forget(&gone);
 }
 
