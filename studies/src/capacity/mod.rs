@@ -194,35 +194,26 @@ async fn lose(
     options: &Options,
 ) -> Result<Duration> {
     // Whoever gets the next view keeps it.
-    let begun = Instant::now();
-    let victim = loop {
-        anyhow::ensure!(begun.elapsed() < PATIENCE, "no view reaches the worker that is to be lost");
-        let candidate =
-            workers.iter().position(|worker| !worker.is_finished()).context("no worker is left")?;
-        // Views go in turns to all: in a round each gets one.
-        shared.silence(candidate);
-        let views =
-            path_views(client.description(), 2 * options.workers as u32, [16, 12], PlanRequest::default());
-        let asking = tokio::spawn({
-            let client = client.clone();
-            async move { burst(&client, views, 256, &patient(), |_, _| ()).await }
-        });
-        let reached = |shared: &Shared| shared.orders().iter().any(|(_, worker)| *worker == candidate);
-        while !reached(shared) && !asking.is_finished() {
-            tokio::time::sleep(Duration::from_millis(5)).await;
+    shared.silence_next();
+    let views =
+        path_views(client.description(), 2 * options.workers as u32, [16, 12], PlanRequest::default());
+    let asking = tokio::spawn({
+        let client = client.clone();
+        async move { burst(&client, views, 256, &patient(), |_, _| ()).await }
+    });
+    let reached = async {
+        loop {
+            if let Some(worker) = shared.silent() {
+                return worker;
+            }
+            tokio::time::sleep(Duration::from_millis(1)).await;
         }
-        if reached(shared) {
-            break (candidate, asking);
-        }
-        // It samples, and gets no views.
-        workers[candidate].abort();
-        tokio::time::sleep(Duration::from_millis(50)).await;
     };
-    let (worker, asking) = victim;
+    let worker = tokio::time::timeout(PATIENCE, reached).await.context("no view reaches any worker")?;
     // The others' answers are in by now; what is open is what the silent one has.
     tokio::time::sleep(Duration::from_millis(500)).await;
     let lost = Instant::now();
-    shared.silence(usize::MAX - 1);
+    shared.hear(true);
     workers[worker].abort();
     let moved = async {
         loop {
@@ -233,7 +224,7 @@ async fn lose(
         }
     };
     let moved = tokio::time::timeout(PATIENCE, moved).await.context("a lost worker's view went to nobody")?;
-    shared.silence(usize::MAX);
+    shared.hear(false);
     let outcome = asking.await?;
     anyhow::ensure!(outcome.failed == 0, "a view was lost with its worker: {:?}", outcome.first_error);
     Ok(moved)

@@ -29,7 +29,7 @@ const REPORT: Duration = Duration::from_millis(250);
 #[derive(Debug, Default)]
 pub(super) struct Shared {
     pub(super) answered: AtomicU64,
-    /// The worker that answers nothing, by its number; `usize::MAX`: all do.
+    /// The worker that answers nothing, by its number; or [`NEXT`], [`NOBODY`], [`UNHEARD`].
     silent: AtomicUsize,
     /// When an order reached a worker, and which: the newest ones.
     orders: Mutex<Vec<(Instant, usize)>>,
@@ -37,14 +37,36 @@ pub(super) struct Shared {
     pixels: Bytes,
 }
 
+/// Whoever gets the next order answers nothing from then on.
+const NEXT: usize = usize::MAX - 2;
+/// All answer; orders are noted.
+const NOBODY: usize = usize::MAX - 1;
+/// All answer, and nobody notes it.
+const UNHEARD: usize = usize::MAX;
+
 impl Shared {
     pub(super) fn new(pixels: Vec<u8>) -> Arc<Self> {
-        let silent = AtomicUsize::new(usize::MAX);
+        let silent = AtomicUsize::new(UNHEARD);
         Arc::new(Self { silent, pixels: pixels.into(), ..Self::default() })
     }
 
-    pub(super) fn silence(&self, worker: usize) {
-        self.silent.store(worker, Ordering::SeqCst);
+    /// Whoever gets the next order falls silent.
+    pub(super) fn silence_next(&self) {
+        self.begin(NEXT);
+    }
+
+    /// The silent worker, once there is one.
+    pub(super) fn silent(&self) -> Option<usize> {
+        Some(self.silent.load(Ordering::SeqCst)).filter(|worker| *worker < NEXT)
+    }
+
+    /// Nobody falls silent from here on, and orders are noted, or not.
+    pub(super) fn hear(&self, noted: bool) {
+        self.begin(if noted { NOBODY } else { UNHEARD });
+    }
+
+    fn begin(&self, silent: usize) {
+        self.silent.store(silent, Ordering::SeqCst);
         self.orders.lock().clear();
     }
 
@@ -102,11 +124,12 @@ impl Views for Answering {
         let local = request.extensions().get::<TcpConnectInfo>().and_then(TcpConnectInfo::local_addr);
         let worker = local.map_or(usize::MAX, number);
         let request = request.into_inner();
-        if self.shared.silent.load(Ordering::SeqCst) != usize::MAX {
-            self.shared.orders.lock().push((Instant::now(), worker));
-            if self.shared.silent.load(Ordering::SeqCst) == worker {
-                std::future::pending::<()>().await;
-            }
+        let silent = &self.shared.silent;
+        let _ = silent.compare_exchange(NEXT, worker, Ordering::SeqCst, Ordering::SeqCst);
+        match silent.load(Ordering::SeqCst) {
+            UNHEARD => {}
+            silent if silent == worker => std::future::pending::<()>().await,
+            _ => self.shared.orders.lock().push((Instant::now(), worker)),
         }
         let (view, order) = (request.view.unwrap_or_default(), request.order.unwrap_or_default());
         let bytes = self.shared.pixels.slice(..(view.width * view.height * 3) as usize);

@@ -13,9 +13,13 @@ use argus_scene::{Camera, Outputs, PlanRequest, SampleId, SampleSetInfo, View};
 use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
 
+mod agenda;
+mod conduct;
+
+use self::agenda::{Due, Happening};
 use super::host::{Host, Link, transfer};
 use super::parameters::{Machines, Parameters};
-use super::worker::{Attempt, Busy, Fetch, Rendering, Waiting, Worker};
+use super::worker::{Attempt, Worker};
 use super::{Nanos, nanos};
 
 /// What a load does when something becomes of its views.
@@ -47,43 +51,6 @@ pub(super) enum Task {
     Unpack { slot: usize, life: u32, id: SampleId },
     Relay { view: Attempt },
     Receive { ticket: Ticket },
-}
-
-enum Happening {
-    HostDone { host: usize, version: u64 },
-    ToWorker { slot: usize, life: u32, message: Message },
-    ToCoordinator(Event),
-    FrameAtCoordinator { view: Attempt },
-    FrameAtClient { ticket: Ticket },
-    Report { slot: usize, life: u32 },
-    Announced { slot: usize, life: u32, id: SampleId },
-    AskAgain { slot: usize, life: u32, id: SampleId },
-    Rejoin { slot: usize, life: u32 },
-    CoreTick,
-    Wake { tag: u64 },
-}
-
-struct Due {
-    at: Nanos,
-    number: u64,
-    happening: Happening,
-}
-
-impl PartialEq for Due {
-    fn eq(&self, other: &Self) -> bool {
-        (self.at, self.number) == (other.at, other.number)
-    }
-}
-impl Eq for Due {}
-impl PartialOrd for Due {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Due {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        (self.at, self.number).cmp(&(other.at, other.number))
-    }
 }
 
 /// A view that a client waits for.
@@ -515,25 +482,6 @@ impl World {
         }
     }
 
-    fn report(&mut self, slot: usize) {
-        let worker = &mut self.workers[slot];
-        let Some(id) = worker.id.filter(|_| worker.alive && worker.told.is_some()) else { return };
-        let report = worker.report();
-        let done = worker.leaving
-            && worker.busy.is_none()
-            && worker.sending == 0
-            && worker.views.is_empty()
-            && worker.direct.is_empty()
-            && worker.waiting.is_empty();
-        let latency = self.latency();
-        self.after(latency, Happening::ToCoordinator(Event::Reported { worker: id, report }));
-        // It ends once the coordinator knows, so that nothing more is on its way here.
-        let name = &self.workers[slot].name;
-        if done && self.core.status().workers.iter().any(|w| w.hello.name == *name && w.report.leaving) {
-            self.kill(slot);
-        }
-    }
-
     /// Work of a machine is done.
     fn done(&mut self, task: Task) {
         let of = match task {
@@ -596,221 +544,6 @@ impl World {
                 self.with(|load, world| load.answered(asked.client, latency, world));
             }
         }
-    }
-
-    // What workers do.
-
-    fn receive(&mut self, slot: usize, message: Message) {
-        match message {
-            Message::Order(ticket, order) => self.order(slot, ticket, *order),
-            Message::Assignment(assignment) => self.assigned(slot, assignment),
-            Message::Subscribe { id, from, ahead } => self.subscribed(slot, id, from, ahead),
-            Message::Sample { id } => {
-                if self.workers[slot].fetches.contains_key(&id) {
-                    let (life, ms) = (self.workers[slot].life, self.parameters.unpack_ms);
-                    self.begin_beside(slot, ms, Task::Unpack { slot, life, id });
-                }
-            }
-            Message::NoSample { id, from } => self.not_there(slot, id, from),
-        }
-    }
-
-    fn order(&mut self, slot: usize, ticket: Ticket, order: Order) {
-        let view = Attempt { ticket, attempt: order.attempt };
-        if order.sources.is_empty() {
-            self.workers[slot].direct.push_back(view);
-            return self.kick(slot);
-        }
-        let mut missing = 0;
-        for source in &order.sources {
-            let id = source.id;
-            let worker = &mut self.workers[slot];
-            if worker.held.contains(&id) {
-                continue;
-            }
-            missing += 1;
-            if let Some(fetch) = worker.fetches.get_mut(&id) {
-                fetch.urgent = true;
-            } else if source.addresses.is_empty() {
-                if !worker.renders(id, false) {
-                    worker.renders_ahead.retain(|other| *other != id);
-                    worker.renders.push_back(id);
-                }
-            } else {
-                self.fetch(slot, id, &source.addresses, true);
-            }
-        }
-        let samples: Vec<SampleId> = order.sources.iter().map(|source| source.id).collect();
-        self.tally.waited_for_samples += u64::from(missing > 0);
-        let worker = &mut self.workers[slot];
-        if missing == 0 {
-            worker.views.push_back((view, samples));
-        } else {
-            worker.waiting.insert(view.ticket, Waiting { view, samples, missing });
-        }
-        self.kick(slot);
-    }
-
-    fn assigned(&mut self, slot: usize, assignment: Assignment) {
-        let worker = &mut self.workers[slot];
-        let wanted: HashMap<SampleId, &Vec<String>> =
-            assignment.ahead.iter().map(|source| (source.id, &source.addresses)).collect();
-        let before = worker.told.take().map(|told| told.ahead).unwrap_or_default();
-        for id in before.iter().map(|source| source.id).filter(|id| !wanted.contains_key(id)) {
-            worker.held.remove(&id);
-        }
-        worker.held.retain(|id| id.epoch >= assignment.kept_from);
-        worker.taken_up.retain(|id| worker.held.contains(id));
-        worker.fetches.retain(|id, fetch| fetch.urgent || wanted.contains_key(id));
-        worker.renders_ahead.retain(|id| wanted.contains_key(id));
-        let mut to_fetch = Vec::new();
-        for source in &assignment.ahead {
-            let id = source.id;
-            if worker.held.contains(&id) || worker.fetches.contains_key(&id) || worker.renders(id, true) {
-                continue;
-            }
-            match source.addresses.is_empty() {
-                true => worker.renders_ahead.push_back(id),
-                false => to_fetch.push((id, source.addresses.clone())),
-            }
-        }
-        let hangs = |source: &usize| assignment.suspected.contains(&format!("http://w{source}"));
-        let awaited = worker.fetches.iter().filter_map(|(id, fetch)| Some((*id, *fetch.sources.front()?)));
-        let in_vain: Vec<(SampleId, usize)> = awaited.filter(|(_, source)| hangs(source)).collect();
-        worker.told = Some(assignment);
-        for (id, source) in in_vain {
-            self.not_there(slot, id, source);
-        }
-        for (id, addresses) in to_fetch {
-            self.fetch(slot, id, &addresses, false);
-        }
-        // What has taken effect is said at once.
-        self.report(slot);
-        self.kick(slot);
-    }
-
-    fn fetch(&mut self, slot: usize, id: SampleId, addresses: &[String], urgent: bool) {
-        let slots = addresses.iter().filter_map(|address| address.strip_prefix("http://w")?.parse().ok());
-        let all: Vec<usize> = slots.filter(|other| *other != slot).collect();
-        let fetch = Fetch { sources: all.iter().copied().collect(), all, urgent };
-        self.workers[slot].fetches.insert(id, fetch);
-        self.subscribe(slot, id);
-    }
-
-    /// Asks the next source for a sample; with none left renders it here if a view waits, or asks again later.
-    fn subscribe(&mut self, slot: usize, id: SampleId) {
-        let life = self.workers[slot].life;
-        let Some(fetch) = self.workers[slot].fetches.get(&id) else { return };
-        let urgent = fetch.urgent;
-        match fetch.sources.front().copied() {
-            Some(source) if self.workers[source].alive => {
-                self.tell(source, Message::Subscribe { id, from: slot, ahead: !urgent });
-            }
-            Some(source) => self.tell(slot, Message::NoSample { id, from: source }),
-            None if urgent => {
-                let worker = &mut self.workers[slot];
-                worker.fetches.remove(&id);
-                if !worker.renders(id, false) {
-                    worker.renders.push_back(id);
-                }
-                self.kick(slot);
-            }
-            None => self.after(500_000_000, Happening::AskAgain { slot, life, id }),
-        }
-    }
-
-    fn not_there(&mut self, slot: usize, id: SampleId, from: usize) {
-        let Some(fetch) = self.workers[slot].fetches.get_mut(&id) else { return };
-        if fetch.sources.front() == Some(&from) {
-            fetch.sources.pop_front();
-            self.subscribe(slot, id);
-        }
-    }
-
-    fn subscribed(&mut self, slot: usize, id: SampleId, from: usize, ahead: bool) {
-        let worker = &mut self.workers[slot];
-        if worker.held.contains(&id) {
-            return self.pack(slot, id, from);
-        }
-        worker.children.entry(id).or_default().push(from);
-        let comes = worker.fetches.contains_key(&id) || worker.renders(id, ahead);
-        if comes {
-            return;
-        }
-        if worker.samples() && !ahead {
-            worker.renders_ahead.retain(|other| *other != id);
-            worker.renders.push_back(id);
-            return self.kick(slot);
-        }
-        let life = worker.life;
-        self.after(1_000_000_000, Happening::Announced { slot, life, id });
-    }
-
-    fn pack(&mut self, slot: usize, id: SampleId, to: usize) {
-        let (life, ms) = (self.workers[slot].life, self.parameters.pack_ms);
-        self.begin_beside(slot, ms, Task::Pack { slot, life, id, to });
-    }
-
-    /// A worker has a sample from now on.
-    fn gained(&mut self, slot: usize, id: SampleId) {
-        let worker = &mut self.workers[slot];
-        worker.fetches.remove(&id);
-        worker.held.insert(id);
-        let children = worker.children.remove(&id).unwrap_or_default();
-        let mut ready = Vec::new();
-        for waiting in worker.waiting.values_mut().filter(|waiting| waiting.samples.contains(&id)) {
-            waiting.missing -= 1;
-            if waiting.missing == 0 {
-                ready.push(waiting.view.ticket);
-            }
-        }
-        for ticket in ready {
-            if let Some(waiting) = worker.waiting.remove(&ticket) {
-                worker.views.push_back((waiting.view, waiting.samples));
-            }
-        }
-        for child in children {
-            self.pack(slot, id, child);
-        }
-        self.report(slot);
-        self.kick(slot);
-    }
-
-    /// The render thread goes on, if it has nothing to do and there is something.
-    fn kick(&mut self, slot: usize) {
-        let worker = &mut self.workers[slot];
-        if worker.busy.is_some() {
-            return;
-        }
-        let Parameters { sample_ms, view_ms, direct_ms, hold_ms, .. } = self.parameters;
-        let Some((rendering, fresh)) = worker.next() else { return };
-        let cost_ms = match &rendering {
-            Rendering::Sample(_) => sample_ms,
-            Rendering::Direct(views) => direct_ms * views.len() as f64,
-            Rendering::Views(views) => view_ms * views.len() as f64,
-        };
-        let ms = cost_ms + hold_ms * fresh as f64;
-        let (life, slowness) = (worker.life, worker.slowness);
-        worker.busy = Some(Busy { rendering, since: self.now, cost_share: cost_ms / ms });
-        self.begin(WORKERS + slot, ms * slowness, Task::Render { slot, life });
-    }
-
-    fn rendered(&mut self, slot: usize) {
-        let Some(Busy { rendering, since, cost_share }) = self.workers[slot].busy.take() else { return };
-        let ms = (self.now - since) as f64 * 1e-6;
-        self.workers[slot].measure(&rendering, ms, ms * cost_share);
-        let life = self.workers[slot].life;
-        match rendering {
-            Rendering::Sample(id) => self.gained(slot, id),
-            Rendering::Views(views) | Rendering::Direct(views) => {
-                let ms = self.parameters.encode_ms;
-                self.workers[slot].sending += views.len();
-                for view in views {
-                    self.begin_beside(slot, ms, Task::Encode { slot, life, view });
-                }
-            }
-        }
-        self.kick(slot);
     }
 }
 

@@ -1,0 +1,47 @@
+//! What is due when.
+
+use argus_cluster::core::{Event, Ticket};
+use argus_scene::SampleId;
+
+use super::Message;
+use crate::simulate::Nanos;
+use crate::simulate::worker::Attempt;
+
+/// What happens.
+pub(super) enum Happening {
+    HostDone { host: usize, version: u64 },
+    ToWorker { slot: usize, life: u32, message: Message },
+    ToCoordinator(Event),
+    FrameAtCoordinator { view: Attempt },
+    FrameAtClient { ticket: Ticket },
+    Report { slot: usize, life: u32 },
+    Announced { slot: usize, life: u32, id: SampleId },
+    AskAgain { slot: usize, life: u32, id: SampleId },
+    Rejoin { slot: usize, life: u32 },
+    CoreTick,
+    Wake { tag: u64 },
+}
+
+/// … and when; first what is earliest, then what was noted first.
+pub(super) struct Due {
+    pub(super) at: Nanos,
+    pub(super) number: u64,
+    pub(super) happening: Happening,
+}
+
+impl PartialEq for Due {
+    fn eq(&self, other: &Self) -> bool {
+        (self.at, self.number) == (other.at, other.number)
+    }
+}
+impl Eq for Due {}
+impl PartialOrd for Due {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for Due {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        (self.at, self.number).cmp(&(other.at, other.number))
+    }
+}
