@@ -242,7 +242,7 @@ impl GpuCompositor {
                     epoch: first.info.epoch,
                     generation: first.info.generation,
                     plan: jobs[view.job].plan.clone(),
-                    device: first.info.visibility.on_device(self.gpu.kind()),
+                    device: first.info.device(self.gpu.kind()),
                 };
                 frames.insert(view.job, assembly.finish(provenance, stages.clone()));
             }

@@ -27,6 +27,9 @@ var<immediate> step: FillStep;
 @group(0) @binding(3) var<storage, read> queue: array<vec2u>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
 
+// Whether a map holds what is in the cell that it is seen from, which is then in all directions.
+override own_cell: bool = true;
+
 @compute @workgroup_size(64)
 fn fill(
     @builtin(workgroup_id) group: vec3u,
@@ -68,7 +71,7 @@ fn fill(
         let other = (to_center + half_cell) * inverse;
         let begin = max(max(min(one.x, other.x), min(one.y, other.y)), min(one.z, other.z));
         let end = min(min(max(one.x, other.x), max(one.y, other.y)), max(one.z, other.z));
-        if end >= max(begin, 0.0) {
+        if end >= max(begin, 0.0) && (own_cell || begin > 0.0) {
             let texel = (hemisphere * step.side + cell.y) * step.side + cell.x;
             put_texel(texel_place(map, step.map_shift, step.side, texel), value);
         }

@@ -31,6 +31,9 @@ var<immediate> average: Average;
 @group(0) @binding(8) var<storage, read_write> cones: array<vec4f>;
 @group(0) @binding(9) var<storage, read_write> colors: array<u32>;
 @group(0) @binding(10) var<storage, read_write> weights: array<f32>;
+// Of a leaf, the triangle that it shows to whoever looks against that one's normal, and the one that it shows to whoever
+// looks along it: the same where no other faces that way.
+@group(0) @binding(11) var<storage, read_write> facing: array<vec2u>;
 
 // A mean stays inside its cell by a share of the cell's size, so that the cell can be told from the mean.
 const INSIDE: f32 = 0.499;
@@ -101,6 +104,47 @@ fn average_leaves(
     }
     let inside = clamp(offset / weight, vec3f(-INSIDE), vec3f(INSIDE));
     store(leaf, center + inside * side, 0u, vec4f(axis, widened(cosine)), color / weight, weight * side * side);
+}
+
+// What is shown of a triangle: most of what lies across the middle of the cell.
+fn prominence(share: Share) -> f32 {
+    return share.weight * (1.0 - dot(share.offset, share.offset));
+}
+
+@compute @workgroup_size(64)
+fn face_leaves(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let leaf = linear_index(group, groups, local);
+    if leaf >= levels[average.level].y {
+        return;
+    }
+    let side = 1.0 / average.cells;
+    let center = (vec3f(morton_cell(codes[leaf])) + 0.5) * side;
+    let first = starts[leaf];
+    let end = starts[leaf + 1u];
+    // Pieces of a cell are in the order of the triangles: of equals the first is shown.
+    var front = sorted[first].x;
+    var normal = vec3f(0.0);
+    var most = 0.0;
+    for (var i = first; i < end; i++) {
+        let share = share_of(sorted[i].x, center, side);
+        let is_better = prominence(share) > most;
+        front = select(front, sorted[i].x, is_better);
+        normal = select(normal, share.normal, is_better);
+        most = select(most, prominence(share), is_better);
+    }
+    var back = front;
+    most = 0.0;
+    for (var i = first; i < end; i++) {
+        let share = share_of(sorted[i].x, center, side);
+        let is_better = dot(share.normal, normal) < 0.0 && prominence(share) > most;
+        back = select(back, sorted[i].x, is_better);
+        most = select(most, prominence(share), is_better);
+    }
+    facing[leaf] = vec2u(front, back);
 }
 
 @compute @workgroup_size(64)

@@ -5,7 +5,7 @@
 // which of the two is divided is known beforehand. Coordinates are in edges of the scene's root cube.
 
 import package::shared::linear::linear_index;
-import package::shared::map_texels::{MapTexel, load_texel, put_texel, texel_place, wide};
+import package::shared::map_texels::{MapTexel, load_texel, put_texel, stays, stored, texel_place};
 import package::shared::paraboloid::{paraboloid_area, paraboloid_sample};
 
 struct PairStep {
@@ -109,8 +109,8 @@ fn is_hidden(center: vec3f, view: ViewNode) -> bool {
     if nearest <= step.radius || step.near == 0.0 {
         return false;
     }
-    // Nearer by more than rounding.
-    let least = 1.0001 / (nearest * step.edge);
+    // Nearer by more than rounding, and by more than a texel leaves away.
+    let least = stored(MapTexel(1.0001 / (nearest * step.edge), 0u)).inverse_range;
     let map = view_maps[view.node].x;
     let side = u32(step.side);
     let one_side = paraboloid_area(d, 2.0 * step.radius, 0u, step.side);
@@ -170,13 +170,6 @@ fn verdict(mean: vec3f, view: ViewNode) -> u32 {
 // A node's disc in radii of its cell's sphere: discs around the middles of cells, an edge apart, cover a plane.
 const DISC: f32 = 0.8165;
 
-// Whether a texel holds what a value would not take the place of.
-fn is_behind(place: vec2u, value: MapTexel) -> bool {
-    let there = load_texel(place);
-    let as_near = there.inverse_range == value.inverse_range && (!wide || there.node >= value.node);
-    return there.inverse_range > value.inverse_range || as_near;
-}
-
 // What becomes of a node that is rendered.
 const DRAWN: u32 = 0u;
 // Its cell's sphere is larger than the threshold.
@@ -187,7 +180,7 @@ const BEHIND: u32 = 2u;
 // Leaves a value in a texel; what then becomes of the node.
 fn leave(map: u32, texel: u32, value: MapTexel, before: u32) -> u32 {
     let place = texel_place(map, step.map_shift, u32(step.side), texel);
-    if occludes && is_behind(place, value) {
+    if occludes && stays(load_texel(place), stored(value)) {
         return before;
     }
     put_texel(place, value);

@@ -1,6 +1,6 @@
 // What a map holds, as seen from the middle of views that its own views contain (MegaViews, section 3.2.5).
 
-import package::shared::map_texels::{MapTexel, load_texel, texel_place, wide};
+import package::shared::map_texels::{MapTexel, load_texel, names_nodes, stays, stored, texel_place};
 import package::shared::paraboloid::{paraboloid_cell, paraboloid_ray};
 
 struct Fusion {
@@ -22,23 +22,24 @@ fn map_texel(map: u32, texel: u32) -> MapTexel {
     return load_texel(texel_place(map, fusion.map_shift, fusion.side, texel));
 }
 
-// What the map `above` holds in a texel, with the range from the middle of the views of `map`. Texels stay where they
-// are: moving them would tear holes.
+// What the map `above` holds in a texel, with the range from the middle of the views of `map`, as that map would store it.
+// Texels stay where they are: moving them would tear holes. Where they name nodes, ranges of few bits are found anew from
+// those, and do not drift from map to map; else each map on the way may add its step.
 fn seen_from(value: MapTexel, above: u32, map: u32, texel: u32) -> MapTexel {
     let eye = bitcast<vec3f>(maps[map].xyz);
     let there = bitcast<vec3f>(maps[above].xyz);
     var point = bitcast<vec3f>(nodes[value.node].xyz);
-    if !wide {
+    if !names_nodes {
         let cell = paraboloid_cell(texel, f32(fusion.side));
         let ray = normalize(paraboloid_ray(cell.x, cell.yz, f32(fusion.side)));
         point = there + ray / max(value.inverse_range * fusion.edge, 1e-30);
     }
     let inverse_range = 1.0 / max(distance(point, eye) * fusion.edge, 1e-37);
-    return MapTexel(select(inverse_range, 0.0, value.inverse_range == 0.0), value.node);
+    return stored(MapTexel(select(inverse_range, 0.0, value.inverse_range == 0.0), value.node));
 }
 
-// The nearer of two; of equally near ones the greater node, as the texel's own order has it.
+// The one that a texel keeps where both are put.
 fn nearer(a: MapTexel, b: MapTexel) -> MapTexel {
-    let first = a.inverse_range > b.inverse_range || (a.inverse_range == b.inverse_range && a.node >= b.node);
+    let first = stays(a, b);
     return MapTexel(select(b.inverse_range, a.inverse_range, first), select(b.node, a.node, first));
 }

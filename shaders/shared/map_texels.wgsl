@@ -1,13 +1,21 @@
-// Texels of the maps of many views, and how they are written.
+// Texels of the maps of many views, and how they are written; `gpu/src/many_views/texels.rs` divides their bits.
 //
 // A map has 2 side² texels (`paraboloid.wgsl`), and maps lie one after the other in up to four arrays, since one binding
-// ends at 128 MiB on some devices. A texel is inverse range (f32 bits, 1/metres, 0 where nothing was seen) over the
-// number of the scene's node, or inverse range alone; either way the greater is the nearer.
+// ends at 128 MiB on some devices. A texel is a code of the inverse range over the number of the scene's node, or the
+// code alone; either way the greater is the nearer, and 0 is the sky's. Texels of 16 bits lie in pairs, the first one
+// in the lower half of its word.
 
-// Whether texels are 64 bits wide, inverse range over node, rather than 32 of inverse range.
-override wide: bool = true;
 // Arrays that maps are spread over.
 override arrays: u32 = 1u;
+// Bits of a texel: 64, 32 or 16.
+override texel_bits: u32 = 64u;
+// Whether texels name the node that is seen, and in texels of 32 bits, in how many bits.
+override names_nodes: bool = true;
+override node_bits: u32 = 0u;
+// Lower bits of an f32 inverse range that are left away, and what is left of the least and of the greatest one stored.
+override dropped_bits: u32 = 0u;
+override least_code: u32 = 1u;
+override greatest_code: u32 = 0xffffffffu;
 
 @group(1) @binding(0) var<storage, read_write> wide0: array<atomic<u64>>;
 @group(1) @binding(1) var<storage, read_write> wide1: array<atomic<u64>>;
@@ -18,6 +26,7 @@ override arrays: u32 = 1u;
 @group(1) @binding(6) var<storage, read_write> narrow2: array<atomic<u32>>;
 @group(1) @binding(7) var<storage, read_write> narrow3: array<atomic<u32>>;
 
+// Inverse range in 1/metres, 0 where nothing was seen, and node; 0 where texels name none.
 struct MapTexel {
     inverse_range: f32,
     node: u32,
@@ -29,56 +38,122 @@ fn texel_place(map: u32, shift: u32, side: u32, texel: u32) -> vec2u {
     return vec2u(array_, (map - (array_ << shift)) * side * side * 2u + texel);
 }
 
+// Never nearer than what it stands for.
+fn range_code(inverse_range: f32) -> u32 {
+    let code = clamp(bitcast<u32>(inverse_range) >> dropped_bits, least_code, greatest_code) - least_code + 1u;
+    return select(code, 0u, inverse_range == 0.0);
+}
+
+fn coded_range(code: u32) -> f32 {
+    return select(bitcast<f32>((code - 1u + least_code) << dropped_bits), 0.0, code == 0u);
+}
+
+// What a texel would hold of a value.
+fn stored(value: MapTexel) -> MapTexel {
+    return MapTexel(coded_range(range_code(value.inverse_range)), select(0u, value.node, names_nodes));
+}
+
+// Whether a stored value would stay where another is put: the nearer, or of equally near ones the greater node.
+fn stays(there: MapTexel, other: MapTexel) -> bool {
+    let as_near = there.inverse_range == other.inverse_range && there.node >= other.node;
+    return there.inverse_range > other.inverse_range || as_near;
+}
+
 // The nearer of what is there and what is given stays.
 fn put_texel(place: vec2u, value: MapTexel) {
-    if wide {
-        let bits = (u64(bitcast<u32>(value.inverse_range)) << 32u) | u64(value.node);
-        if arrays == 1u || place.x == 0u {
-            atomicMax(&wide0[place.y], bits);
-        } else if arrays == 2u || place.x == 1u {
-            atomicMax(&wide1[place.y], bits);
-        } else if arrays == 3u || place.x == 2u {
-            atomicMax(&wide2[place.y], bits);
-        } else {
-            atomicMax(&wide3[place.y], bits);
-        }
+    let code = range_code(value.inverse_range);
+    if texel_bits == 64u {
+        put_wide(place, (u64(code) << 32u) | u64(value.node));
+    } else if texel_bits == 32u {
+        put_narrow(place, (code << node_bits) | select(0u, value.node, names_nodes));
     } else {
-        let bits = bitcast<u32>(value.inverse_range);
-        if arrays == 1u || place.x == 0u {
-            atomicMax(&narrow0[place.y], bits);
-        } else if arrays == 2u || place.x == 1u {
-            atomicMax(&narrow1[place.y], bits);
-        } else if arrays == 3u || place.x == 2u {
-            atomicMax(&narrow2[place.y], bits);
-        } else {
-            atomicMax(&narrow3[place.y], bits);
-        }
+        put_half(place, code);
     }
 }
 
 fn load_texel(place: vec2u) -> MapTexel {
-    if wide {
-        var bits = 0lu;
-        if arrays == 1u || place.x == 0u {
-            bits = atomicLoad(&wide0[place.y]);
-        } else if arrays == 2u || place.x == 1u {
-            bits = atomicLoad(&wide1[place.y]);
-        } else if arrays == 3u || place.x == 2u {
-            bits = atomicLoad(&wide2[place.y]);
-        } else {
-            bits = atomicLoad(&wide3[place.y]);
-        }
-        return MapTexel(bitcast<f32>(u32(bits >> 32u)), u32(bits & 0xfffffffflu));
+    if texel_bits == 64u {
+        let bits = load_wide(place);
+        return MapTexel(coded_range(u32(bits >> 32u)), u32(bits & 0xfffffffflu));
     }
-    var bits = 0u;
+    if texel_bits == 32u {
+        let bits = load_narrow(place);
+        return MapTexel(coded_range(bits >> node_bits), bits & ((1u << node_bits) - 1u));
+    }
+    let half = 16u * (place.y & 1u);
+    return MapTexel(coded_range((load_narrow(vec2u(place.x, place.y >> 1u)) >> half) & 0xffffu), 0u);
+}
+
+fn put_wide(place: vec2u, bits: u64) {
     if arrays == 1u || place.x == 0u {
-        bits = atomicLoad(&narrow0[place.y]);
+        atomicMax(&wide0[place.y], bits);
     } else if arrays == 2u || place.x == 1u {
-        bits = atomicLoad(&narrow1[place.y]);
+        atomicMax(&wide1[place.y], bits);
     } else if arrays == 3u || place.x == 2u {
-        bits = atomicLoad(&narrow2[place.y]);
+        atomicMax(&wide2[place.y], bits);
     } else {
-        bits = atomicLoad(&narrow3[place.y]);
+        atomicMax(&wide3[place.y], bits);
     }
-    return MapTexel(bitcast<f32>(bits), 0u);
+}
+
+fn load_wide(place: vec2u) -> u64 {
+    if arrays == 1u || place.x == 0u {
+        return atomicLoad(&wide0[place.y]);
+    } else if arrays == 2u || place.x == 1u {
+        return atomicLoad(&wide1[place.y]);
+    } else if arrays == 3u || place.x == 2u {
+        return atomicLoad(&wide2[place.y]);
+    }
+    return atomicLoad(&wide3[place.y]);
+}
+
+fn put_narrow(place: vec2u, bits: u32) {
+    if arrays == 1u || place.x == 0u {
+        atomicMax(&narrow0[place.y], bits);
+    } else if arrays == 2u || place.x == 1u {
+        atomicMax(&narrow1[place.y], bits);
+    } else if arrays == 3u || place.x == 2u {
+        atomicMax(&narrow2[place.y], bits);
+    } else {
+        atomicMax(&narrow3[place.y], bits);
+    }
+}
+
+fn load_narrow(place: vec2u) -> u32 {
+    if arrays == 1u || place.x == 0u {
+        return atomicLoad(&narrow0[place.y]);
+    } else if arrays == 2u || place.x == 1u {
+        return atomicLoad(&narrow1[place.y]);
+    } else if arrays == 3u || place.x == 2u {
+        return atomicLoad(&narrow2[place.y]);
+    }
+    return atomicLoad(&narrow3[place.y]);
+}
+
+// No atomic knows halves of words, and a maximum of the whole would let one half take the other along. So a half is
+// exchanged only if its word is still what it was, and whoever comes too late looks again. Halves only grow, and end as
+// the greatest of all that was put, in whatever order.
+fn put_half(place: vec2u, code: u32) {
+    let word = vec2u(place.x, place.y >> 1u);
+    let half = 16u * (place.y & 1u);
+    var there = load_narrow(word);
+    while ((there >> half) & 0xffffu) < code {
+        there = exchange(word, there, (there & ~(0xffffu << half)) | (code << half));
+    }
+}
+
+// Puts a word where another is; what is there then.
+fn exchange(place: vec2u, before: u32, after: u32) -> u32 {
+    if arrays == 1u || place.x == 0u {
+        let found = atomicCompareExchangeWeak(&narrow0[place.y], before, after);
+        return select(found.old_value, after, found.exchanged);
+    } else if arrays == 2u || place.x == 1u {
+        let found = atomicCompareExchangeWeak(&narrow1[place.y], before, after);
+        return select(found.old_value, after, found.exchanged);
+    } else if arrays == 3u || place.x == 2u {
+        let found = atomicCompareExchangeWeak(&narrow2[place.y], before, after);
+        return select(found.old_value, after, found.exchanged);
+    }
+    let found = atomicCompareExchangeWeak(&narrow3[place.y], before, after);
+    return select(found.old_value, after, found.exchanged);
 }

@@ -65,7 +65,7 @@ fn paraboloid_cell(index: u32, side: f32) -> vec3u {
 }
 
 // First texel and number of texels, in each direction, whose sample points a ball may cover in a hemisphere; all of
-// them where it holds the eye or the opposite pole.
+// them where it holds the eye, none where it lies in the other hemisphere.
 fn paraboloid_area(to_center: vec3f, radius: f32, hemisphere: u32, side: f32) -> vec4u {
     let x = select(to_center.x, -to_center.x, hemisphere == 1u);
     let squared = dot(to_center, to_center);
@@ -79,5 +79,6 @@ fn paraboloid_area(to_center: vec3f, radius: f32, hemisphere: u32, side: f32) ->
     let most = floor(((center + disc) * 0.5 + 0.5) * side + 0.5 + rim);
     let first = vec2u(clamp(select(vec2f(0.0), least, is_disc), vec2f(0.0), vec2f(side)));
     let end = vec2u(clamp(select(vec2f(side), most, is_disc), vec2f(0.0), vec2f(side)));
-    return vec4u(first, max(end, first) - first);
+    // Rays of a hemisphere stay on its side of the rim, where nothing is of a ball that lies beyond it.
+    return vec4u(first, select(max(end, first) - first, vec2u(0u), x < -radius));
 }

@@ -13,7 +13,7 @@ use argus_scene::tone::display_from_radiance;
 use argus_scene::{
     Bounds, Camera, Cancel, Compositor as _, Frame, Light, Lighting, OmniLayout, Outputs, Plan, Plane,
     PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
-    SampleSetInfo, SceneHash, Search, Sky, ViewJob, Visibility, Warp,
+    SampleSetInfo, Sampling, SceneHash, Search, Sky, ViewJob, Visibility, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -296,6 +296,7 @@ pub(crate) fn sample_set(
         generation: 1,
         lighting: subject.lighting(),
         visibility: Visibility::default(),
+        sampling: Sampling::default(),
     };
     let samples = cameras
         .iter()

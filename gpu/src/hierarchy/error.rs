@@ -2,6 +2,9 @@
 
 use crate::GpuError;
 
+/// Most nodes of a hierarchy: what links to children have bits for.
+pub const MAX_NODES: u64 = 1 << 24;
+
 /// A hierarchy could not be built.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum HierarchyError {
@@ -17,6 +20,12 @@ pub enum HierarchyError {
         range: String,
         /// What it was.
         value: String,
+    },
+    /// Links from a node to its children have 24 bits.
+    #[error("{nodes} nodes are more than a hierarchy can number, which is {MAX_NODES}; use fewer levels")]
+    TooManyNodes {
+        /// How many there would be.
+        nodes: u64,
     },
     /// One array would be larger than a program may bind on this device.
     #[error(

@@ -17,10 +17,10 @@ mod spheres;
 pub mod stream;
 mod voxelize;
 
-pub use error::HierarchyError;
+pub use error::{HierarchyError, MAX_NODES};
 pub(crate) use levels::{LevelBuffers, LevelBuilder};
 pub use octree::{Octree, OctreeBuilder, OctreeTimes};
-pub(crate) use octree::{fits, largest_array};
+pub(crate) use octree::{fits, largest_array, numbered};
 pub use root::{RootCube, Triangle};
 pub use samples::{SurfaceSample, surface_samples};
 pub use scan::{Scan, ScanSums};

@@ -9,8 +9,8 @@ use wgpu::{Buffer, BufferUsages};
 
 use super::voxelize::{Voxelize, first_u32};
 use super::{
-    HierarchyError, LevelBuffers, LevelBuilder, MAX_DEPTH, RootCube, Scan, ScanSums, Sort, SortScratch,
-    Triangle,
+    HierarchyError, LevelBuffers, LevelBuilder, MAX_DEPTH, MAX_NODES, RootCube, Scan, ScanSums, Sort,
+    SortScratch, Triangle,
 };
 use crate::{ComputePipeline, Gpu};
 
@@ -24,6 +24,7 @@ pub struct OctreeBuilder {
     voxelize: Voxelize,
     average_leaves: ComputePipeline,
     average_nodes: ComputePipeline,
+    face_leaves: ComputePipeline,
 }
 
 /// A sparse voxel octree on the GPU.
@@ -46,8 +47,14 @@ pub struct Octree {
     pub cones: Buffer,
     /// A word a node: mean linear reflectance, eight bits a channel, red lowest.
     pub colors: Buffer,
+    /// An f32 a node: how much surface is in it, squared edges of the root.
+    pub weights: Buffer,
     /// A word a node: the Morton code of its cell.
     pub codes: Buffer,
+    /// Two words a leaf, if they were asked for ([`OctreeBuilder::build_faced`]): numbers of triangles, of those that have
+    /// an area: the one that it shows to whoever looks against that one's normal, and the one that it shows to whoever
+    /// looks along it.
+    pub facing: Option<Buffer>,
     /// How long the steps of building took.
     pub times: OctreeTimes,
 }
@@ -79,6 +86,11 @@ pub(crate) fn fits(gpu: &Gpu, what: &'static str, needed: u64) -> Result<(), Hie
     if needed > limit { Err(HierarchyError::TooLarge { what, needed, limit }) } else { Ok(()) }
 }
 
+/// Whether links have bits for so many nodes.
+pub(crate) fn numbered(nodes: u64) -> Result<(), HierarchyError> {
+    if nodes > MAX_NODES { Err(HierarchyError::TooManyNodes { nodes }) } else { Ok(()) }
+}
+
 impl OctreeBuilder {
     /// Makes the pipelines.
     pub fn new(gpu: &Arc<Gpu>) -> Self {
@@ -89,6 +101,7 @@ impl OctreeBuilder {
             voxelize: Voxelize::new(gpu),
             average_leaves: gpu.compute_pipeline(&OCTREE, "average_leaves"),
             average_nodes: gpu.compute_pipeline(&OCTREE, "average_nodes"),
+            face_leaves: gpu.compute_pipeline(&OCTREE, "face_leaves"),
             gpu: Arc::clone(gpu),
         }
     }
@@ -102,6 +115,29 @@ impl OctreeBuilder {
         root: RootCube,
         depth: u32,
         triangles: impl IntoIterator<Item = Triangle>,
+    ) -> Result<Octree, HierarchyError> {
+        self.build_with(root, depth, triangles, false)
+    }
+
+    /// The same, with the triangles that each leaf shows to either side ([`Octree::facing`]).
+    ///
+    /// # Errors
+    /// As [`Self::build`].
+    pub fn build_faced(
+        &self,
+        root: RootCube,
+        depth: u32,
+        triangles: impl IntoIterator<Item = Triangle>,
+    ) -> Result<Octree, HierarchyError> {
+        self.build_with(root, depth, triangles, true)
+    }
+
+    fn build_with(
+        &self,
+        root: RootCube,
+        depth: u32,
+        triangles: impl IntoIterator<Item = Triangle>,
+        faced: bool,
     ) -> Result<Octree, HierarchyError> {
         if !(1..=MAX_DEPTH).contains(&depth) {
             let range = format!("1 to {MAX_DEPTH}");
@@ -150,6 +186,7 @@ impl OctreeBuilder {
             ranges.chunks_exact(8).map(|entry| [first_u32(entry), first_u32(&entry[4..])]).collect();
 
         let nodes: u64 = levels.iter().map(|level| u64::from(level[1])).sum();
+        numbered(nodes)?;
         fits(gpu, "nodes of the octree", nodes * 16)?;
         let made = LevelBuffers::new(gpu, 0, nodes);
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
@@ -160,10 +197,12 @@ impl OctreeBuilder {
             nodes: gpu.buffer("nodes of the octree", nodes * 16, usage),
             cones: gpu.buffer("normals of the octree", nodes * 16, usage),
             colors: gpu.buffer("colours of the octree", nodes * 4, usage),
+            weights: gpu.buffer("weights of the octree", nodes * 4, BufferUsages::STORAGE),
             codes: made.codes.clone(),
+            facing: faced
+                .then(|| gpu.buffer("faces of leaves", u64::from(leaves) * 8, BufferUsages::STORAGE)),
             times: OctreeTimes::default(),
         };
-        let weights = gpu.buffer("weights of the octree", nodes * 4, BufferUsages::STORAGE);
         let mut commands = gpu.commands("make nodes");
         commands.encoder().copy_buffer_to_buffer(&found.codes, 0, &made.codes, 0, u64::from(leaves) * 4);
         commands.encoder().copy_buffer_to_buffer(&found.levels, 0, &made.levels, 0, found.levels.size());
@@ -183,9 +222,21 @@ impl OctreeBuilder {
             .write("nodes", &octree.nodes)
             .write("cones", &octree.cones)
             .write("colors", &octree.colors)
-            .write("weights", &weights)
+            .write("weights", &octree.weights)
             .immediates(bytemuck::bytes_of(&step(depth)))
             .dispatch_linear(u64::from(leaves));
+        if let Some(facing) = &octree.facing {
+            commands
+                .compute("face leaves", &self.face_leaves)
+                .read("triangles", &triangles)
+                .read("sorted", sorted)
+                .read("starts", &found.starts)
+                .read("levels", &made.levels)
+                .read("codes", &made.codes)
+                .write("facing", facing)
+                .immediates(bytemuck::bytes_of(&step(depth)))
+                .dispatch_linear(u64::from(leaves));
+        }
         for level in (0..depth).rev() {
             let children = octree.levels[level as usize + 1][1];
             self.levels.make_level(&mut commands, &self.scan, level, children, &heads, &sums, &made);
@@ -197,7 +248,7 @@ impl OctreeBuilder {
                 .write("nodes", &octree.nodes)
                 .write("cones", &octree.cones)
                 .write("colors", &octree.colors)
-                .write("weights", &weights)
+                .write("weights", &octree.weights)
                 .immediates(bytemuck::bytes_of(&step(level)))
                 .dispatch_linear(u64::from(octree.levels[level as usize][1]));
         }
@@ -225,6 +276,7 @@ impl Octree {
 
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
-        [&self.nodes, &self.cones, &self.colors, &self.codes].into_iter().map(Buffer::size).sum()
+        let always = [&self.nodes, &self.cones, &self.colors, &self.weights, &self.codes];
+        always.into_iter().chain(&self.facing).map(Buffer::size).sum()
     }
 }

@@ -12,7 +12,7 @@ use super::maps::MAX_ARRAYS;
 use super::schedule::{Step, steps};
 use super::traverse::{Part, Queues, Traverse, Work};
 use super::view_octree::{ViewOctree, ViewOctreeBuilder};
-use super::{Knobs, MapSet, Occlusion, ViewList};
+use super::{Knobs, MapSet, Occlusion, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, Octree, largest_array};
 use crate::{Commands, Gpu};
 
@@ -50,11 +50,12 @@ impl ManyViews {
         knobs.validate()?;
         let pairs = (largest_array(gpu).min(QUEUE_BYTES) / 8) as u32;
         let pairs = knobs.queue_pairs.map_or(pairs, |n| n.min(pairs));
-        let maps = MapSet::new(gpu, &knobs, 1)?;
+        let code = TexelCode::new(knobs.texel, octree.node_count(), octree.root.edge)?;
+        let maps = MapSet::new(gpu, knobs.side, code, 1)?;
         Ok(Self {
             builder: ViewOctreeBuilder::new(gpu),
-            traverse: Traverse::new(gpu, &knobs, 1),
-            fuse: Fuse::new(gpu, &knobs, 1),
+            traverse: Traverse::new(gpu, &knobs, &maps),
+            fuse: Fuse::new(gpu, &maps),
             views: ViewOctree::new(gpu, 0, 0)?,
             maps,
             queues: Queues::new(gpu, pairs, 0),
@@ -78,7 +79,7 @@ impl ManyViews {
         self.make_room(views)?;
         let mut reruns = 0;
         loop {
-            let steps = steps(self.octree.depth, self.view_depth(), views.edge);
+            let steps = steps(self.octree.depth, self.views.depth, views.edge);
             let passes = self.passes();
             let words = entry(passes.len() as u32, 0, steps.len());
             self.make_counters(words);
@@ -91,7 +92,7 @@ impl ManyViews {
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(&finished.take(words)[..]);
             let map_total: Vec<u32> = bytemuck::pod_collect_to_vec(&finished.take(map_total)[..4]);
             let levels: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&finished.take(levels)[..88]);
-            let sizes = [map_total[0], levels[0][0] + 1, levels[self.view_depth() as usize][1]];
+            let sizes = [map_total[0], levels[0][0] + 1, levels[self.views.depth as usize][1]];
             let [maps, view_nodes, view_leaves] = if self.shares() { sizes } else { [views.count; 3] };
             if maps > self.maps.capacity {
                 // Views move: a little room saves the next frames from the same.
@@ -103,6 +104,7 @@ impl ManyViews {
                     steps: counters::read(&words, &steps, &passes),
                     multipass_level: self.multipass_level,
                     reruns,
+                    view_depth: self.views.depth,
                     maps,
                     view_nodes,
                     view_leaves,
@@ -127,7 +129,7 @@ impl ManyViews {
             let mut passes = part * shells..(part + 1) * shells;
             passes.any(|pass| words[counters::overflow(pass, steps) as usize] != 0)
         };
-        let depth = self.view_depth();
+        let depth = self.views.depth;
         let mut parts = Vec::with_capacity(self.parts.len());
         let mut any = false;
         for (pass, part) in (0..).zip(&self.parts) {
@@ -190,6 +192,11 @@ impl ManyViews {
         &self.views.maps
     }
 
+    /// The octree whose maps these are.
+    pub fn octree(&self) -> &Arc<Octree> {
+        &self.octree
+    }
+
     /// The knobs.
     pub fn knobs(&self) -> &Knobs {
         &self.knobs
@@ -250,8 +257,11 @@ impl ManyViews {
     }
 
     /// Levels of the hierarchy over the views; 0 without one.
-    fn view_depth(&self) -> u32 {
-        if self.shares() { self.knobs.view_depth } else { 0 }
+    fn view_depth(&self, views: &ViewList) -> u32 {
+        match self.shares() {
+            true => self.knobs.view_depth.unwrap_or_else(|| views.depth_for(self.octree.depth)),
+            false => 0,
+        }
     }
 
     /// Room for the views and, to begin with, for about as many maps.
@@ -259,8 +269,9 @@ impl ManyViews {
         if self.views.capacity != views.count {
             self.fell_back = false;
         }
-        if self.views.capacity != views.count || self.views.depth != self.view_depth() {
-            self.views = ViewOctree::new(&self.gpu, views.count, self.view_depth())?;
+        let depth = self.view_depth(views);
+        if self.views.capacity != views.count || self.views.depth != depth {
+            self.views = ViewOctree::new(&self.gpu, views.count, depth)?;
             let maps = if self.shares() { views.count.min(1 << 14) } else { views.count };
             self.set_maps(maps)?;
             let whole = Part::Views { first: 0, count: views.count };
@@ -271,11 +282,11 @@ impl ManyViews {
     }
 
     fn set_maps(&mut self, maps: u32) -> Result<(), HierarchyError> {
-        let maps = MapSet::new(&self.gpu, &self.knobs, maps)?;
+        let maps = MapSet::new(&self.gpu, self.knobs.side, self.maps.code, maps)?;
         debug_assert!(maps.arrays.len() <= MAX_ARRAYS as usize);
         if maps.arrays.len() != self.maps.arrays.len() {
-            self.traverse = Traverse::new(&self.gpu, &self.knobs, maps.arrays.len());
-            self.fuse = Fuse::new(&self.gpu, &self.knobs, maps.arrays.len());
+            self.traverse = Traverse::new(&self.gpu, &self.knobs, &maps);
+            self.fuse = Fuse::new(&self.gpu, &maps);
         }
         self.maps = maps;
         Ok(())

@@ -4,8 +4,8 @@ use argus_shaders::gpu::FUSE;
 use argus_shaders::layout::gpu::Fusion;
 use wgpu::Buffer;
 
+use super::MapSet;
 use super::traverse::{Traverse, Work, with_maps};
-use super::{Knobs, Texel};
 use crate::{Commands, ComputePipeline, Gpu};
 
 /// The pipelines.
@@ -16,8 +16,9 @@ pub(super) struct Fuse {
 }
 
 impl Fuse {
-    pub(super) fn new(gpu: &Gpu, knobs: &Knobs, arrays: usize) -> Self {
-        let constants = [("wide", f64::from(knobs.texel == Texel::RangeAndNode)), ("arrays", arrays as f64)];
+    /// For maps like these, however many.
+    pub(super) fn new(gpu: &Gpu, maps: &MapSet) -> Self {
+        let constants = maps.constants();
         let pipeline = |entry| gpu.compute_pipeline_with(&FUSE, entry, &constants);
         Self { fuse: pipeline("fuse"), query: pipeline("query") }
     }

@@ -9,7 +9,7 @@ use argus_shaders::layout::gpu::ImperfectStep;
 use wgpu::{Buffer, BufferUsages};
 
 use super::traverse::with_maps;
-use super::{FrameStats, Knobs, MapSet, Texel, ViewList};
+use super::{FrameStats, Knobs, MapSet, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, SphereHierarchy, fits};
 use crate::{ComputePipeline, Gpu};
 
@@ -40,12 +40,13 @@ impl ImperfectViews {
             let (range, value) = ("a power of two".to_owned(), knobs.side.to_string());
             return Err(HierarchyError::OutOfRange { field: "resolution", range, value });
         }
+        let code = TexelCode::new(knobs.texel, (2 << points.depth) - 1, points.root.edge)?;
         Ok(Self {
             edge: points.root.edge as f32,
             nodes: points.nodes.clone(),
             first: (1 << points.depth) - 1,
             pool: 1 << points.depth,
-            maps: MapSet::new(gpu, &knobs, 1)?,
+            maps: MapSet::new(gpu, knobs.side, code, 1)?,
             pyramid: gpu.buffer("pyramids", 4, BufferUsages::STORAGE),
             made_for: 0,
             passes: None,
@@ -60,20 +61,17 @@ impl ImperfectViews {
     /// Maps that do not fit, or a fault of the device.
     pub fn render(&mut self, views: &ViewList, points: u32) -> Result<FrameStats, HierarchyError> {
         let begin = Instant::now();
-        let Knobs { side, texel, .. } = self.knobs;
+        let side = self.knobs.side;
         if self.maps.capacity != views.count {
-            self.maps = MapSet::new(&self.gpu, &self.knobs, views.count)?;
+            self.maps = MapSet::new(&self.gpu, side, self.maps.code, views.count)?;
             // A third of level 0.
             let bytes = u64::from(views.count) * 2 * u64::from(side * side).div_ceil(3) * 4;
             fits(&self.gpu, "pyramids of all views", bytes)?;
             self.pyramid = self.gpu.buffer("pyramids", bytes, BufferUsages::STORAGE);
         }
         let arrays = self.maps.arrays.len();
-        let make = |entry| {
-            let wide = f64::from(texel == Texel::RangeAndNode);
-            let constants = [("wide", wide), ("arrays", arrays as f64)];
-            self.gpu.compute_pipeline_with(&IMPERFECT_VIEWS, entry, &constants)
-        };
+        let constants = self.maps.constants();
+        let make = |entry| self.gpu.compute_pipeline_with(&IMPERFECT_VIEWS, entry, &constants);
         let passes = match self.passes.take() {
             Some(passes) if self.made_for == arrays => passes,
             _ => ["splat_points", "pull_up", "push_down"].map(make),

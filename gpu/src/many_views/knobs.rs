@@ -1,25 +1,7 @@
 //! What a traversal may be told.
 
+use super::Texel;
 use crate::hierarchy::{HierarchyError, MAX_DEPTH};
-
-/// What a texel of a map holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Texel {
-    /// 64 bits: inverse range (f32, 1/metres; 0 where nothing was seen) over the number of the octree's node.
-    RangeAndNode,
-    /// 32 bits: inverse range alone.
-    Range,
-}
-
-impl Texel {
-    /// Bytes of one.
-    pub fn bytes(self) -> u64 {
-        match self {
-            Self::RangeAndNode => 8,
-            Self::Range => 4,
-        }
-    }
-}
 
 /// Whether pairs are left out behind what a map already holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -72,8 +54,9 @@ pub struct Knobs {
     /// Whether views are traversed each by itself after a frame in which rendered pairs were shared by fewer than
     /// [`Knobs::WORTH_SHARING`] views in the mean.
     pub falls_back: bool,
-    /// Levels of the view octree below its root, 1 to [`MAX_DEPTH`].
-    pub view_depth: u32,
+    /// Levels of the view octree below its root, 1 to [`MAX_DEPTH`]; `None`: as many as where the views are calls for
+    /// (`view_depth.rs`).
+    pub view_depth: Option<u32>,
     /// What bounds the views of a node.
     pub bounding: Bounding,
     /// Whether what no view sees is culled.
@@ -82,8 +65,31 @@ pub struct Knobs {
     pub occlusion: Occlusion,
     /// Whether maps take what the maps above them hold; else texels are looked up one by one.
     pub fusion: bool,
+    /// Whether a map holds what is in the leaf's cell that it is seen from, and that in every direction: conservative, as a
+    /// shadow has it. Else rays begin behind that cell, as a picture has it.
+    pub own_cell: bool,
     /// Most pairs of a queue; `None`: what one binding holds.
     pub queue_pairs: Option<u32>,
+}
+
+impl Default for Knobs {
+    /// Maps of 16² texels, shared by an octree over the views.
+    fn default() -> Self {
+        Self {
+            side: 16,
+            texel: Texel::Range,
+            threshold: 1.0,
+            sharing: true,
+            falls_back: true,
+            view_depth: None,
+            bounding: Bounding::Tight,
+            culling: true,
+            occlusion: Occlusion::Off,
+            fusion: true,
+            own_cell: true,
+            queue_pairs: None,
+        }
+    }
 }
 
 impl Knobs {
@@ -104,23 +110,6 @@ impl Knobs {
         }
     }
 
-    /// Maps of 16² texels of a scene octree of that depth, shared by a view octree as deep.
-    pub fn for_depth(depth: u32) -> Self {
-        Self {
-            side: 16,
-            texel: Texel::Range,
-            threshold: 1.0,
-            sharing: true,
-            falls_back: true,
-            view_depth: depth,
-            bounding: Bounding::Tight,
-            culling: true,
-            occlusion: Occlusion::Off,
-            fusion: true,
-            queue_pairs: None,
-        }
-    }
-
     /// Rejects what cannot be, by field.
     ///
     /// # Errors
@@ -137,8 +126,8 @@ impl Knobs {
             "1 to 8 texels",
             self.threshold.to_string(),
         )?;
-        let depth = (1..=MAX_DEPTH).contains(&self.view_depth);
-        check("levels of the view octree", depth, "1 to 10", self.view_depth.to_string())?;
+        let depth = self.view_depth.is_none_or(|depth| (1..=MAX_DEPTH).contains(&depth));
+        check("levels of the view octree", depth, "1 to 10", format!("{:?}", self.view_depth))?;
         check(
             "queue",
             self.queue_pairs.is_none_or(|n| n >= 64),

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use wgpu::{Buffer, BufferUsages};
 
-use super::{Knobs, Texel};
+use super::TexelCode;
 use crate::Gpu;
 use crate::hierarchy::{HierarchyError, largest_array};
 
@@ -22,7 +22,7 @@ pub struct MapSet {
     /// Texels of a hemisphere's side.
     pub side: u32,
     /// What a texel holds.
-    pub texel: Texel,
+    pub code: TexelCode,
     /// Maps of one array: 2 to the power of this.
     pub shift: u32,
     /// Maps that there is room for.
@@ -32,15 +32,15 @@ pub struct MapSet {
 }
 
 /// Bytes of one map.
-pub(super) fn map_bytes(knobs: &Knobs) -> u64 {
-    2 * u64::from(knobs.side) * u64::from(knobs.side) * knobs.texel.bytes()
+fn map_bytes(side: u32, code: &TexelCode) -> u64 {
+    code.bytes(2 * u64::from(side) * u64::from(side))
 }
 
 impl MapSet {
     /// Room for at least so many maps.
-    pub(super) fn new(gpu: &Gpu, knobs: &Knobs, maps: u32) -> Result<Self, HierarchyError> {
+    pub(super) fn new(gpu: &Gpu, side: u32, code: TexelCode, maps: u32) -> Result<Self, HierarchyError> {
         let limit = largest_array(gpu);
-        let each = map_bytes(knobs);
+        let each = map_bytes(side, &code);
         let shift = (limit / each).max(1).ilog2().min(31);
         let count = (u64::from(maps).max(1)).div_ceil(1 << shift);
         if count > u64::from(MAX_ARRAYS) || each > limit {
@@ -55,7 +55,7 @@ impl MapSet {
         let size = |index: u64| (u64::from(maps) - (index << shift)).min(1 << shift) * each;
         let arrays = (0..count).map(|index| gpu.buffer("maps", size(index), usage)).collect();
         let nothing = gpu.buffer("no maps", 16, usage);
-        Ok(Self { arrays, side: knobs.side, texel: knobs.texel, shift, capacity: maps, nothing })
+        Ok(Self { arrays, side, code, shift, capacity: maps, nothing })
     }
 
     /// Bytes of all arrays.
@@ -63,27 +63,29 @@ impl MapSet {
         self.arrays.iter().map(Buffer::size).sum()
     }
 
-    /// Reads one map back: for each texel, the bits of its inverse range, and its node or 0.
+    /// Reads one map back: for each texel, the bits of its inverse range (f32), and its node or 0.
     ///
     /// # Errors
     /// A fault of the device.
     pub fn read(&self, gpu: &Arc<Gpu>, map: u32) -> Result<Vec<[u32; 2]>, HierarchyError> {
-        let size = 2 * u64::from(self.side) * u64::from(self.side) * self.texel.bytes();
+        let size = map_bytes(self.side, &self.code);
         let at = u64::from(map & ((1u32 << self.shift) - 1)) * size;
         let mut commands = gpu.commands("read map");
         let ticket = commands.read_buffer(&self.arrays[(map >> self.shift) as usize], at..at + size);
         let bytes = commands.submit().wait()?.take(ticket);
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[..size as usize]);
-        Ok(match self.texel {
-            Texel::RangeAndNode => words.chunks_exact(2).map(|texel| [texel[1], texel[0]]).collect(),
-            Texel::Range => words.into_iter().map(|range| [range, 0]).collect(),
-        })
+        Ok(self.code.unpack(&words))
+    }
+
+    /// Values for the `override`s of `shaders/shared/map_texels.wgsl`.
+    pub(super) fn constants(&self) -> [(&'static str, f64); 7] {
+        self.code.constants(self.arrays.len())
     }
 
     /// What stands behind each of the eight names that programs give to arrays.
     pub(super) fn bindings(&self) -> [(&'static str, &Buffer); 8] {
         let names = ["wide0", "wide1", "wide2", "wide3", "narrow0", "narrow1", "narrow2", "narrow3"];
-        let first: usize = if self.texel == Texel::RangeAndNode { 0 } else { 4 };
+        let first: usize = if self.code.texel().bits() == 64 { 0 } else { 4 };
         let mut index = 0usize;
         names.map(|name| {
             let array = index.checked_sub(first).and_then(|i| self.arrays.get(i).filter(|_| i < 4));

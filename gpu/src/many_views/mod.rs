@@ -5,6 +5,7 @@
 //! views. A frame reads back counters alone, once it is done.
 //!
 //! - [`ViewList`]: where the views are and which way they look;
+//! - [`Texel`]: what a texel of a map holds, in 64, 32 or 16 bits;
 //! - [`Knobs`]: resolution, texels, threshold, depth of the view octree, what is shared, culled and fused;
 //! - [`ManyLods`]: a cut for each view, from frame to frame, through an octree or a sphere hierarchy ([`CutTree`]);
 //! - [`RasterViews`], [`ImperfectViews`]: the same maps without any hierarchy, exact or from random points, to compare
@@ -20,7 +21,9 @@ mod knobs;
 mod maps;
 mod raster;
 mod schedule;
+mod texels;
 mod traverse;
+mod view_depth;
 mod view_list;
 mod view_octree;
 
@@ -28,7 +31,8 @@ pub use counters::{FrameStats, StepStats};
 pub use cuts::{CutKnobs, CutMethod, CutStats, CutTree, ManyLods};
 pub use frame::ManyViews;
 pub use imperfect::ImperfectViews;
-pub use knobs::{Bounding, Knobs, Occlusion, Texel};
+pub use knobs::{Bounding, Knobs, Occlusion};
 pub use maps::MapSet;
 pub use raster::RasterViews;
+pub use texels::{Texel, TexelCode};
 pub use view_list::{ViewList, ViewPoint};

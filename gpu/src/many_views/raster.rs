@@ -9,7 +9,7 @@ use argus_shaders::layout::gpu::RasterStep;
 use wgpu::{Buffer, BufferUsages};
 
 use super::traverse::with_maps;
-use super::{FrameStats, Knobs, MapSet, Texel, ViewList};
+use super::{FrameStats, Knobs, MapSet, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, RootCube, Triangle, fits};
 use crate::{ComputePipeline, Gpu};
 
@@ -47,10 +47,11 @@ impl RasterViews {
             return Err(HierarchyError::Empty);
         }
         fits(gpu, "corners of triangles", corners.len() as u64 * 36)?;
+        let code = TexelCode::new(knobs.texel, corners.len() as u32, root.edge)?;
         Ok(Self {
             triangles: gpu.upload("corners of triangles", &corners, BufferUsages::STORAGE),
             count: corners.len() as u32,
-            maps: MapSet::new(gpu, &knobs, 1)?,
+            maps: MapSet::new(gpu, knobs.side, code, 1)?,
             raster: None,
             gpu: Arc::clone(gpu),
             knobs,
@@ -65,16 +66,12 @@ impl RasterViews {
     pub fn render(&mut self, views: &ViewList) -> Result<FrameStats, HierarchyError> {
         let begin = Instant::now();
         if self.maps.capacity != views.count {
-            self.maps = MapSet::new(&self.gpu, &self.knobs, views.count)?;
+            self.maps = MapSet::new(&self.gpu, self.knobs.side, self.maps.code, views.count)?;
         }
         let arrays = self.maps.arrays.len();
         let pipeline = match self.raster.take() {
             Some((made_for, pipeline)) if made_for == arrays => pipeline,
-            _ => {
-                let wide = f64::from(self.knobs.texel == Texel::RangeAndNode);
-                let constants = [("wide", wide), ("arrays", arrays as f64)];
-                self.gpu.compute_pipeline_with(&RASTER_VIEWS, "raster", &constants)
-            }
+            _ => self.gpu.compute_pipeline_with(&RASTER_VIEWS, "raster", &self.maps.constants()),
         };
         let mut commands = self.gpu.commands("raster views");
         self.maps.arrays.iter().for_each(|array| {

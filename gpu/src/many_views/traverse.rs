@@ -7,7 +7,7 @@ use wgpu::{Buffer, BufferUsages};
 use super::counters::{entry, overflow};
 use super::schedule::Step;
 use super::view_octree::ViewOctree;
-use super::{Knobs, MapSet, Occlusion, Texel};
+use super::{Knobs, MapSet, Occlusion};
 use crate::hierarchy::Octree;
 use crate::{Commands, ComputeCall, ComputePipeline, Gpu};
 
@@ -107,25 +107,27 @@ pub(super) fn with_maps<'a>(mut call: ComputeCall<'a>, maps: &'a MapSet) -> Comp
 }
 
 impl Traverse {
-    pub(super) fn new(gpu: &Gpu, knobs: &Knobs, arrays: usize) -> Self {
-        let wide = f64::from(knobs.texel == Texel::RangeAndNode);
-        let arrays = arrays as f64;
+    /// For maps like these, however many.
+    pub(super) fn new(gpu: &Gpu, knobs: &Knobs, maps: &MapSet) -> Self {
+        let of_maps = maps.constants();
         let divide = |views: bool, leaves: bool| {
-            let constants = [
+            let own = [
                 ("divides_views", f64::from(views)),
                 ("leaves", f64::from(leaves)),
-                ("wide", wide),
-                ("arrays", arrays),
                 ("culls", f64::from(knobs.culling)),
                 ("occludes", f64::from(knobs.occlusion != Occlusion::Off)),
                 ("alone", f64::from(!knobs.sharing)),
                 ("reach", f64::from(knobs.threshold.ceil())),
             ];
-            gpu.compute_pipeline_with(&TRAVERSE, "divide", &constants)
+            gpu.compute_pipeline_with(&TRAVERSE, "divide", &[&own[..], &of_maps].concat())
         };
         Self {
             divide: [false, true].map(|views| [false, true].map(|leaves| divide(views, leaves))),
-            fill: gpu.compute_pipeline_with(&FILL, "fill", &[("wide", wide), ("arrays", arrays)]),
+            fill: gpu.compute_pipeline_with(
+                &FILL,
+                "fill",
+                &[&[("own_cell", f64::from(knobs.own_cell))][..], &of_maps].concat(),
+            ),
             prepare: gpu.compute_pipeline(&QUEUE, "prepare"),
             prepare_fusion: gpu.compute_pipeline(&QUEUE, "prepare_fusion"),
             seed_roots: gpu.compute_pipeline(&QUEUE, "seed_roots"),

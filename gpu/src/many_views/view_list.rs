@@ -1,9 +1,12 @@
 //! Where views are and which way they look.
 
+use std::sync::OnceLock;
+
 use argus_scene::InvalidField;
 use glam::DVec3;
 use wgpu::{Buffer, BufferUsages};
 
+use super::view_depth::Spread;
 use crate::Gpu;
 use crate::hierarchy::RootCube;
 
@@ -26,6 +29,10 @@ pub struct ViewList {
     /// The views' root cube, in edges of the scene's.
     pub(super) origin: DVec3,
     pub(super) edge: f64,
+    /// Where views are, in edges of the scene's root cube.
+    places: Vec<DVec3>,
+    /// Found when somebody asks.
+    spread: OnceLock<Spread>,
 }
 
 impl ViewPoint {
@@ -69,12 +76,14 @@ impl ViewList {
             return Err(InvalidField::new("views", reason));
         }
         let mut data = Vec::with_capacity(views.len() * 2);
+        let mut places = Vec::with_capacity(views.len());
         let (mut least, mut most) = (DVec3::ZERO, DVec3::ONE);
         for view in views {
             view.validate()?;
             let unit = root.unit_from_world(view.position);
             least = least.min(unit);
             most = most.max(unit);
+            places.push(unit);
             let p = unit.as_vec3();
             let d = if view.half_fov >= std::f64::consts::PI {
                 glam::Vec3::X
@@ -91,7 +100,22 @@ impl ViewList {
             count: views.len() as u32,
             origin: if inside { DVec3::ZERO } else { (least + most) * 0.5 - 0.5 * edge },
             edge,
+            places,
+            spread: OnceLock::new(),
         })
+    }
+
+    /// Levels that an octree over the views is to have below its root, for a scene's octree of so many.
+    pub(super) fn depth_for(&self, scene_depth: u32) -> u32 {
+        let in_cube = |place: &DVec3| (*place - self.origin) / self.edge;
+        let spread =
+            self.spread.get_or_init(|| Spread::of(&self.places.iter().map(in_cube).collect::<Vec<_>>()));
+        spread.depth((-f64::from(scene_depth)).exp2() / self.edge)
+    }
+
+    /// Edge of the cube that the views' own octree divides, in edges of the scene's.
+    pub fn edge(&self) -> f64 {
+        self.edge
     }
 
     /// Number of views.

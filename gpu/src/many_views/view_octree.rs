@@ -5,7 +5,9 @@ use argus_shaders::layout::gpu::ViewStep;
 use wgpu::{Buffer, BufferUsages};
 
 use super::{Bounding, Knobs, ViewList};
-use crate::hierarchy::{HierarchyError, LevelBuffers, LevelBuilder, Scan, ScanSums, Sort, SortScratch, fits};
+use crate::hierarchy::{
+    HierarchyError, LevelBuffers, LevelBuilder, Scan, ScanSums, Sort, SortScratch, fits, numbered,
+};
 use crate::{Commands, ComputePipeline, Gpu};
 
 /// The pipelines.
@@ -62,6 +64,9 @@ impl ViewOctree {
             0 => u64::from(capacity),
             depth => (0..=depth).map(|level| u64::from(bound(capacity, level))).sum(),
         };
+        if depth > 0 {
+            numbered(nodes)?;
+        }
         fits(gpu, "nodes of the view octree", nodes * 32)?;
         // Every map but the views' own has at least two below it.
         let maps = nodes.min(2 * u64::from(capacity));

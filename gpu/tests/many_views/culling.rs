@@ -39,7 +39,7 @@ fn no_pair_that_a_view_sees_is_culled_view_by_view() {
 fn no_pair_that_any_of_a_nodes_views_sees_is_culled() {
     for bounding in [Bounding::Cell, Bounding::Tight] {
         for view_depth in [2, 5] {
-            let knobs = Knobs { bounding, view_depth, ..wide(5, 16, true) };
+            let knobs = Knobs { bounding, view_depth: Some(view_depth), ..wide(5, 16, true) };
             nothing_seen_is_lost(&scattered(300, 2), knobs);
         }
     }

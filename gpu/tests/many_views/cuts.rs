@@ -310,7 +310,7 @@ fn maps_of_sphere_cuts_are_close_to_what_rays_meet() {
         scattered(20, 73).into_iter().map(|v| ViewPoint::everywhere(v.position)).collect();
     let mut cuts = many(&tree, CutMethod::Basic);
     cuts.render(&list(&tree, &views)).unwrap();
-    let mut exact = RasterViews::new(&gpu(), *tree.root(), room(), Knobs::for_depth(5)).unwrap();
+    let mut exact = RasterViews::new(&gpu(), *tree.root(), room(), Knobs::default()).unwrap();
     exact.render(&list(&tree, &views)).unwrap();
     let mut off: Vec<f32> = Vec::new();
     for view in 0..views.len() as u32 {
@@ -333,9 +333,9 @@ fn imperfect_maps_come_closer_to_what_rays_meet_with_more_points() {
     let views: Vec<ViewPoint> =
         scattered(12, 75).into_iter().map(|v| ViewPoint::everywhere(v.position)).collect();
     let views = ViewList::new(&gpu(), &points.root, &views).unwrap();
-    let mut exact = RasterViews::new(&gpu(), points.root, room(), Knobs::for_depth(5)).unwrap();
+    let mut exact = RasterViews::new(&gpu(), points.root, room(), Knobs::default()).unwrap();
     exact.render(&views).unwrap();
-    let mut imperfect = ImperfectViews::new(&gpu(), &points, Knobs::for_depth(5)).unwrap();
+    let mut imperfect = ImperfectViews::new(&gpu(), &points, Knobs::default()).unwrap();
     let mut median_off = |points: u32| {
         imperfect.render(&views, points).unwrap();
         let mut off = Vec::new();
@@ -353,7 +353,7 @@ fn imperfect_maps_come_closer_to_what_rays_meet_with_more_points() {
     let few = median_off(64);
     let many = median_off(8192);
     assert!(many < 0.1 && few > 2.0 * many, "{few} {many}");
-    assert!(ImperfectViews::new(&gpu(), &points, Knobs { side: 24, ..Knobs::for_depth(5) }).is_err());
+    assert!(ImperfectViews::new(&gpu(), &points, Knobs { side: 24, ..Knobs::default() }).is_err());
 }
 
 #[test]

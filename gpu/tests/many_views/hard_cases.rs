@@ -63,7 +63,7 @@ fn more_pairs_than_a_binding_or_a_dispatch_holds_are_all_met() {
     let octree = octree_of(&room(), 2);
     // Outside, so that leaves cover few texels each.
     let view = ViewPoint::everywhere(DVec3::new(4.0, 4.2, 13.5));
-    let knobs = Knobs { side: 8, sharing: false, ..Knobs::for_depth(2) };
+    let knobs = Knobs { side: 8, sharing: false, ..Knobs::default() };
     let count = 330_000;
     let one = Frame::new(&octree, knobs, &[view]);
     let mut many = ManyViews::new(&gpu(), octree.clone(), knobs).unwrap();

@@ -6,6 +6,7 @@ mod cuts;
 mod hard_cases;
 mod oracle;
 mod sharing;
+mod texels;
 
 use std::sync::{Arc, OnceLock};
 
@@ -101,7 +102,8 @@ impl Frame {
     }
 }
 
-/// Knobs whose texels name their node.
+/// Knobs whose texels name their node, with an octree over the views as deep as the scene's.
 fn wide(depth: u32, side: u32, sharing: bool) -> Knobs {
-    Knobs { side, sharing, falls_back: false, texel: Texel::RangeAndNode, ..Knobs::for_depth(depth) }
+    let view_depth = Some(depth);
+    Knobs { side, sharing, view_depth, falls_back: false, texel: Texel::RangeAndNode, ..Knobs::default() }
 }

@@ -1,9 +1,11 @@
 //! Views that share, views that do not, and what the two have in common.
 
-use argus_gpu::many_views::{Bounding, Knobs, RasterViews, Texel, ViewList, ViewPoint};
+use argus_gpu::many_views::{Bounding, Knobs, ManyViews, RasterViews, Texel, ViewList, ViewPoint};
 use argus_scene::paraboloid::is_inside;
 use argus_scene::reference::Tracer;
 use glam::DVec3;
+use rand::rngs::SmallRng;
+use rand::{Rng as _, SeedableRng as _};
 
 use crate::oracle::Nodes;
 use crate::{Frame, gpu, octree_of, room, scattered, wide};
@@ -134,6 +136,44 @@ fn sharing_changes_ranges_by_little() {
         // The field notes' prototype: 0.7% or less in the median, after the correction.
         assert!(off[off.len() / 2] < 0.01, "median {}", off[off.len() / 2]);
         assert!(off[off.len() * 9 / 10] < 0.1, "90th percentile {}", off[off.len() * 9 / 10]);
+    }
+}
+
+#[test]
+fn the_depth_that_views_call_for_is_theirs_alone_and_makes_the_maps_that_it_makes_when_given() {
+    let octree = octree_of(&room(), 7);
+    let views = everywhere(3000, 17);
+    let called_for = Knobs { view_depth: None, ..wide(7, 16, true) };
+    let [one, again] = [0, 1].map(|_| Frame::new(&octree, called_for, &views));
+    let depth = one.stats.view_depth;
+    assert!((4..=7).contains(&depth), "{depth}");
+    assert_eq!(again.stats.view_depth, depth);
+    let given = Frame::new(&octree, Knobs { view_depth: Some(depth), ..called_for }, &views);
+    assert!(one.maps == again.maps && one.maps == given.maps, "depth {depth}: other bytes");
+    assert_eq!(one.stats.steps, given.stats.steps);
+    // Fewer views further apart, and a few in one place.
+    let few = Frame::new(&octree, called_for, &views[..30]);
+    let near = vec![ViewPoint::everywhere(DVec3::splat(3.0)); 30];
+    let near = Frame::new(&octree, called_for, &near);
+    assert!(few.stats.view_depth <= depth && near.stats.view_depth == 1, "{:?}", few.stats);
+}
+
+#[test]
+fn random_views_never_take_many_more_pairs_than_each_by_itself() {
+    let octree = octree_of(&room(), 5);
+    for count in [200, 2000, 16_384] {
+        let mut random = SmallRng::seed_from_u64(19);
+        let mut point = || DVec3::new(random.random(), random.random(), random.random());
+        let views: Vec<ViewPoint> = (0..count).map(|_| ViewPoint::everywhere(point() * 8.0)).collect();
+        let list = ViewList::new(&gpu(), &octree.root, &views).unwrap();
+        let [many, alone] = [true, false].map(|sharing| {
+            let knobs = Knobs { side: 8, sharing, ..Knobs::default() };
+            let mut many = ManyViews::new(&gpu(), octree.clone(), knobs).unwrap();
+            [0, 1].map(|_| many.render(&list).unwrap())[1].clone()
+        });
+        let [pairs, each_by_itself] = [many.processed(), alone.processed()];
+        assert!(pairs * 10 <= each_by_itself * 11, "{count}: {pairs} pairs, {each_by_itself} alone");
+        assert_eq!(many.fell_back, many.view_depth == 0);
     }
 }
 

@@ -6,8 +6,8 @@ use argus_shaders::layout::gpu::DrawStep;
 use super::CutKnobs;
 use super::counters::QUEUES;
 use super::passes::CutWork;
+use crate::many_views::MapSet;
 use crate::many_views::traverse::with_maps;
-use crate::many_views::{MapSet, Texel};
 use crate::{Commands, ComputePipeline, Gpu};
 
 /// The count of the queue of leaves that cover many texels: the last one.
@@ -23,12 +23,12 @@ pub(super) struct DrawPasses {
 }
 
 impl DrawPasses {
-    pub(super) fn new(gpu: &Gpu, knobs: &CutKnobs, surfels: bool, arrays: usize) -> Self {
-        let flag = |set: bool| f64::from(u8::from(set));
-        let maps = [("wide", flag(knobs.texel == Texel::RangeAndNode)), ("arrays", arrays as f64)];
-        let draw =
-            [("surfels", flag(surfels)), ("reach", f64::from(knobs.threshold.ceil())), maps[0], maps[1]];
-        let fill = [("surfels", flag(surfels)), maps[0], maps[1]];
+    /// For maps like these, however many.
+    pub(super) fn new(gpu: &Gpu, knobs: &CutKnobs, surfels: bool, maps: &MapSet) -> Self {
+        let surfels = ("surfels", f64::from(u8::from(surfels)));
+        let reach = ("reach", f64::from(knobs.threshold.ceil()));
+        let fill = [&[surfels][..], &maps.constants()].concat();
+        let draw = [&fill[..], &[reach]].concat();
         Self {
             prepare_draw: gpu.compute_pipeline(&CUT_DRAW, "prepare_draw"),
             draw: gpu.compute_pipeline_with(&CUT_DRAW, "draw", &draw),

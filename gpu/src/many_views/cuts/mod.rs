@@ -20,10 +20,9 @@ pub use self::knobs::{CutKnobs, CutMethod};
 use self::passes::{CutPasses, CutWork};
 use self::pool::{CHUNK, Pool, most_entries};
 pub use self::tree::CutTree;
-use super::{MapSet, ViewList};
+use super::{MapSet, TexelCode, ViewList};
 use crate::Gpu;
 use crate::hierarchy::HierarchyError;
-use crate::many_views::Knobs;
 
 /// Most views: their numbers have as many bits in the entries of cuts.
 const MAX_VIEWS: u32 = 1 << 24;
@@ -40,6 +39,7 @@ pub struct ManyLods {
     gpu: Arc<Gpu>,
     tree: CutTree,
     knobs: CutKnobs,
+    code: TexelCode,
     passes: CutPasses,
     draw: Option<(usize, DrawPasses)>,
     pool: Pool,
@@ -53,11 +53,12 @@ impl ManyLods {
     /// Makes the pipelines.
     ///
     /// # Errors
-    /// A knob out of range.
+    /// A knob out of range, or more nodes than texels can name.
     pub fn new(gpu: &Arc<Gpu>, tree: CutTree, knobs: CutKnobs) -> Result<Self, HierarchyError> {
         knobs.validate()?;
         let ordered = knobs.method != CutMethod::Basic;
         Ok(Self {
+            code: TexelCode::new(knobs.texel, tree.node_count(), tree.root.edge)?,
             passes: CutPasses::new(gpu, &knobs),
             draw: None,
             pool: Pool::new(gpu, CHUNK, ordered)?,
@@ -190,12 +191,10 @@ impl ManyLods {
             self.views = 0;
         }
         if draws && self.maps.as_ref().is_none_or(|maps| maps.capacity != views.count) {
-            let told = Knobs { side: self.knobs.side, texel: self.knobs.texel, ..Knobs::for_depth(1) };
-            let maps = MapSet::new(&self.gpu, &told, views.count)?;
+            let maps = MapSet::new(&self.gpu, self.knobs.side, self.code, views.count)?;
             let arrays = maps.arrays.len();
             if self.draw.as_ref().is_none_or(|(made_for, _)| *made_for != arrays) {
-                self.draw =
-                    Some((arrays, DrawPasses::new(&self.gpu, &self.knobs, self.tree.surfels, arrays)));
+                self.draw = Some((arrays, DrawPasses::new(&self.gpu, &self.knobs, self.tree.surfels, &maps)));
             }
             self.maps = Some(maps);
         }

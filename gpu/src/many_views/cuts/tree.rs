@@ -86,6 +86,11 @@ impl CutTree {
         }
     }
 
+    /// Nodes of all levels.
+    pub(super) fn node_count(&self) -> u32 {
+        (self.nodes.size() / 16) as u32
+    }
+
     /// The cube that coordinates are relative to.
     pub fn root(&self) -> &RootCube {
         &self.root

@@ -1,0 +1,128 @@
+//! How deep the octree over the views goes where nobody says.
+//!
+//! Views of one leaf share a map, which is rendered from their middle. A leaf that is divided further gives them maps of
+//! their own, each with pairs of its own; what is gained is the distance from the middle. So the octree is as shallow as
+//! that distance allows: in the mean over all views, it is to be of the size of the scene's own cells, by which the maps
+//! are off anyway. Where views lie densely, their number then no longer counts; where few lie far apart, they are told
+//! apart some levels earlier. The depth follows from where the views are, and from nothing that varies from run to run.
+
+use glam::DVec3;
+
+use crate::hierarchy::MAX_DEPTH;
+
+/// How far views may lie from the middles of their leaves, as a root mean square, in edges of the scene's cells.
+const REACH: f64 = 2.0;
+
+/// For each depth of an octree, how far views lie from the middles of their leaves: the root of the mean square, in edges
+/// of the octree's root.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Spread([f64; MAX_DEPTH as usize + 1]);
+
+impl Spread {
+    /// Of views in a unit cube.
+    pub(super) fn of(places: &[DVec3]) -> Self {
+        let mut sorted: Vec<(u32, DVec3)> = places.iter().map(|&place| (cell(place), place - 0.5)).collect();
+        // Views of one cell in the order given: sums are the same, bit by bit, in each run.
+        sorted.sort_by_key(|view| view.0);
+        let squares: f64 = sorted.iter().map(|view| view.1.length_squared()).sum();
+        let mut nodes: Vec<Node> =
+            sorted.into_iter().map(|(cell, sum)| Node { cell, views: 1.0, sum }).collect();
+        let mut distances = [0.0; MAX_DEPTH as usize + 1];
+        for level in (0..=MAX_DEPTH).rev() {
+            nodes.dedup_by(|next, node| node.takes(next));
+            // The squares of distances from the mean are those from anywhere, less what the mean's own makes of them.
+            let between: f64 = nodes.iter().map(|node| node.sum.length_squared() / node.views).sum();
+            distances[level as usize] = ((squares - between).max(0.0) / places.len() as f64).sqrt();
+            nodes.iter_mut().for_each(|node| node.cell >>= 3);
+        }
+        Self(distances)
+    }
+
+    /// Levels of an octree over the views below its root: the fewest with which views lie within [`REACH`] cells of the
+    /// scene's octree of their leaves' middles. `cell` is the edge of such a cell in edges of the views' root.
+    pub(super) fn depth(&self, cell: f64) -> u32 {
+        (1..MAX_DEPTH).find(|&level| self.0[level as usize] <= REACH * cell).unwrap_or(MAX_DEPTH)
+    }
+}
+
+/// Views of one cell.
+struct Node {
+    /// Its Morton code among those of its level.
+    cell: u32,
+    views: f64,
+    /// Of their positions.
+    sum: DVec3,
+}
+
+impl Node {
+    /// Takes the views of another of the same cell; whether it is one.
+    fn takes(&mut self, other: &Self) -> bool {
+        let is_same = self.cell == other.cell;
+        if is_same {
+            self.views += other.views;
+            self.sum += other.sum;
+        }
+        is_same
+    }
+}
+
+/// The Morton code of the cell of the lowest level that a point of the unit cube lies in, x lowest.
+fn cell(place: DVec3) -> u32 {
+    let cells = 1u32 << MAX_DEPTH;
+    let at = (place * f64::from(cells)).as_uvec3().min(glam::UVec3::splat(cells - 1));
+    let spread = |part: u32| {
+        let mut x = part;
+        for (shift, mask) in [(16, 0x0300_00ff), (8, 0x0300_f00f), (4, 0x030c_30c3), (2, 0x0924_9249)] {
+            x = (x | x << shift) & mask;
+        }
+        x
+    };
+    spread(at.x) | spread(at.y) << 1 | spread(at.z) << 2
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Views on a square of that edge in the cube's middle, as far apart from each other.
+    fn square(edge: f64, across: u32) -> Vec<DVec3> {
+        let at = |i: u32| 0.5 + edge * ((f64::from(i) + 0.5) / f64::from(across) - 0.5);
+        (0..across * across).map(|i| DVec3::new(at(i % across), 0.3, at(i / across))).collect()
+    }
+
+    #[test]
+    fn distances_are_those_from_the_mean_of_each_leaf() {
+        let views = square(1.0, 64);
+        let spread = Spread::of(&views);
+        for (level, distance) in (0..6).zip(spread.0) {
+            // A square of so many points a side, uniformly spread.
+            let points = 64.0 / f64::from(1u32 << level);
+            let expected = (1.0 / 64.0) * ((points * points - 1.0) / 6.0).sqrt();
+            assert!((distance - expected).abs() < 1e-9, "{level}: {distance} {expected}");
+        }
+        assert_eq!(spread.0[6..], [0.0; 5], "each view in a leaf of its own");
+    }
+
+    #[test]
+    fn dense_views_are_two_levels_above_the_scenes_cells_however_many_there_are() {
+        for across in [200, 400, 800] {
+            let spread = Spread::of(&square(0.2, across));
+            assert_eq!(spread.depth(1.0 / 512.0), 7, "{across}");
+            assert_eq!(spread.depth(1.0 / 128.0), 5, "{across}");
+        }
+    }
+
+    #[test]
+    fn few_views_far_apart_and_many_at_one_point_need_no_deep_octree() {
+        assert_eq!(Spread::of(&square(1.0, 8)).depth(1.0 / 512.0), 3);
+        assert_eq!(Spread::of(&vec![DVec3::new(0.9, 0.1, 1.0); 1000]).depth(1.0 / 512.0), 1);
+    }
+
+    #[test]
+    fn cells_are_numbered_octant_by_octant_and_end_with_the_cube() {
+        assert_eq!(cell(DVec3::ZERO), 0);
+        assert_eq!(cell(DVec3::ONE), (1 << 30) - 1);
+        assert_eq!(cell(DVec3::new(0.5, 0.0, 0.0)), 1 << 27);
+        assert_eq!(cell(DVec3::new(0.0, 0.0, 1.0 / 1024.0)), 4);
+    }
+}
