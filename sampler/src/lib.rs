@@ -11,6 +11,7 @@ mod bvh;
 mod draws;
 mod eye;
 mod knobs;
+mod omni_maps;
 mod packets;
 mod passes;
 mod pixels;

@@ -1,5 +1,7 @@
 //! The frame, top to bottom.
 
+mod mapped;
+
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -7,14 +9,16 @@ use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
 use argus_scene::frame::INDIRECT_BY;
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
-    Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Scene, Stage, ViewJob, Visibility,
+    Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, Stage, ViewJob,
+    Visibility,
 };
 use argus_shaders::layout::sampler::Rays;
 use glam::DVec3;
 use tracing::warn;
 
 use crate::eye::Eye;
-use crate::passes::{IndirectScratch, ResolveSample, ResolveView, Shade, Shading, TileContext};
+use crate::omni_maps::OmniMaps;
+use crate::passes::{IndirectScratch, PlaneBuffers, ResolveSample, ResolveView, Shade, Shading, TileContext};
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
 use crate::radiosity::{Indirect, IndirectReport, Radiosity, VplKnobs};
@@ -47,6 +51,8 @@ pub struct GpuSampler {
     scratch: Scratch,
     /// Light from surface to surface, made when it is first needed.
     radiosity: Option<Radiosity>,
+    /// Maps of an octree, made when samples are first to come from them.
+    maps: Option<OmniMaps>,
 }
 
 impl GpuSampler {
@@ -75,6 +81,7 @@ impl GpuSampler {
             seeing: Seeing::new(&gpu, &scene, &resident),
             shade: Shade::new(&gpu, resident.features, knobs.indirect != Indirect::Off),
             radiosity: None,
+            maps: None,
             resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
@@ -102,11 +109,7 @@ impl GpuSampler {
         cancel: &Cancel,
     ) -> Result<Sample, RenderError> {
         let begin = Instant::now();
-        self.check_alive()?;
-        if job.info.scene != self.scene.hash {
-            let reason = format!("this process holds scene {}, not {}", self.scene.hash, job.info.scene);
-            return Err(InvalidField::new("sample.scene", reason).into());
-        }
+        self.check_job(job)?;
         let camera = job.info.rig.camera(id.index)?;
         let tiles = sample_tiles(&camera, self.knobs.side())?;
         let mut stages = self.pose(job.info.time_secs());
@@ -131,22 +134,41 @@ impl GpuSampler {
             timing::add(&mut stages, submitted.wait()?.stages);
         }
 
-        let mut commands = self.gpu.commands("hand sample over");
-        let planes = if job.to_host {
-            let tickets = planes.read(&mut commands);
-            let mut finished = commands.submit().wait()?;
-            let host = |(kind, format, ticket)| {
-                let data = PlaneData::Host(finished.take(ticket));
-                Plane { kind, format, size: camera.size(), data }
-            };
-            tickets.into_iter().map(host).collect()
-        } else {
-            let planes = planes.to_textures(&self.gpu, &mut commands);
-            commands.submit().wait()?;
-            planes
-        };
+        let planes = self.hand_over(&planes, camera.size(), job.to_host)?;
         timing::add_rest(&mut stages, begin);
         Ok(Sample { id, camera, planes, stages })
+    }
+
+    /// Whether samples of a set can be rendered here.
+    fn check_job(&self, job: &SampleJob) -> Result<(), RenderError> {
+        self.check_alive()?;
+        if job.info.scene != self.scene.hash {
+            let reason = format!("this process holds scene {}, not {}", self.scene.hash, job.info.scene);
+            return Err(InvalidField::new("sample.scene", reason).into());
+        }
+        Ok(job.info.sampling.validate(&job.info.rig)?)
+    }
+
+    /// The planes of a sample that is done: read back, or as textures of their own.
+    fn hand_over(
+        &self,
+        planes: &PlaneBuffers,
+        size: [u32; 2],
+        to_host: bool,
+    ) -> Result<Vec<Plane>, RenderError> {
+        let mut commands = self.gpu.commands("hand sample over");
+        if !to_host {
+            let planes = planes.to_textures(&self.gpu, &mut commands);
+            commands.submit().wait()?;
+            return Ok(planes);
+        }
+        let tickets = planes.read(&mut commands);
+        let mut finished = commands.submit().wait()?;
+        let host = |(kind, format, ticket)| {
+            let data = PlaneData::Host(finished.take(ticket));
+            Plane { kind, format, size, data }
+        };
+        Ok(tickets.into_iter().map(host).collect())
     }
 
     /// One direct view: per tile, find what is visible, shade it, average each pixel; and once more with one
@@ -217,6 +239,9 @@ impl GpuSampler {
         if let Some(radiosity) = &mut self.radiosity {
             radiosity.place(&self.resident.instances);
         }
+        if let Some(maps) = &mut self.maps {
+            maps.forget_pose();
+        }
         self.lighting = pose.lighting;
         self.posed_secs = time_secs;
         vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
@@ -262,6 +287,9 @@ impl GpuSampler {
         self.knobs.indirect = Indirect::Vpl(knobs);
         if let Some(radiosity) = &mut self.radiosity {
             radiosity.set_knobs(knobs);
+        }
+        if let Some(maps) = &mut self.maps {
+            maps.forget_light();
         }
         Ok(())
     }
@@ -413,7 +441,10 @@ impl Sampler for GpuSampler {
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {
-        job.ids.iter().map(|&id| self.render_sample(job, id, cancel)).collect()
+        match job.info.sampling {
+            Sampling::Triangles => job.ids.iter().map(|&id| self.render_sample(job, id, cancel)).collect(),
+            Sampling::MegaViews(knobs) => self.render_mapped(job, knobs, cancel),
+        }
     }
 
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {

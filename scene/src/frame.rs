@@ -19,7 +19,10 @@ impl Stage {
     pub const REFUSED: &str = "refused frames";
 
     /// Names of the stages in which a view waits or travels.
-    const ON_THE_WAY: [&str; 4] = ["samples", "queue", "encode", "relay"];
+    const ON_THE_WAY: [&str; 5] = ["samples", "queue", "encode", "relay", Self::DETOUR];
+
+    /// A client's way to the worker that made its frame, and back.
+    pub const DETOUR: &str = "detour";
 
     /// Whether a stage of that name is part of a view's way to where it is rendered and back.
     pub fn is_on_the_way(name: &str) -> bool {
@@ -47,8 +50,9 @@ pub struct Provenance {
     /// How it was answered, sample ids included.
     pub plan: Plan,
     /// Kind of device: adapter, driver and version; followed by the way in which triangles were seen, of the view or of
-    /// its samples, since ways may differ along edges ([`crate::Visibility::on_device`]), and of a direct view with
-    /// indirect light by [`INDIRECT_BY`] and its knobs. Empty in a pin means any.
+    /// its samples, since ways may differ along edges ([`crate::Visibility::on_device`]), of samples that come from no
+    /// triangles by what they come from ([`crate::Sampling::on_device`]), and of a direct view with indirect light by
+    /// [`INDIRECT_BY`] and its knobs. Empty in a pin means any.
     pub device: String,
 }
 

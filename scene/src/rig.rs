@@ -202,6 +202,22 @@ impl Rig {
         }
     }
 
+    /// The cameras of the aligned block of a lattice, `edge` of them on each side, that the camera of an index belongs
+    /// to, in ascending order: the same for each of them. A refinement's block has those of its own level alone. Of a
+    /// rig without a lattice, the camera itself.
+    pub fn block(&self, index: u64, edge: u32) -> Vec<u64> {
+        match (*self, Point::from_index(index)) {
+            (Self::Cell { .. }, Some(point)) => point.block(edge).into_iter().map(Point::index).collect(),
+            _ => vec![index],
+        }
+    }
+
+    /// Metres between a camera of that index and its nearest neighbours of the same level; none in a rig of tiles.
+    pub fn spacing_of(&self, index: u64) -> Option<f64> {
+        let Self::Cell { spacing, .. } = *self else { return None };
+        self.level(index).map(|level| spacing / f64::from(1_u32 << level))
+    }
+
     /// Texels of one sample.
     pub fn sample_texels(&self) -> u64 {
         match *self {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Bounds, Lighting, Rig, SampleCamera, Scene, SceneHash, Stage, Visibility};
+use crate::{Bounds, Lighting, Rig, SampleCamera, Sampling, Scene, SceneHash, Stage, Visibility};
 
 /// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig, `epoch` when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -135,12 +135,19 @@ pub struct SampleSetInfo {
     pub lighting: Lighting,
     /// How their triangles are seen: alike in all of them, whoever renders them.
     pub visibility: Visibility,
+    /// What they are rendered from.
+    pub sampling: Sampling,
 }
 
 impl SampleSetInfo {
     /// Scene time, seconds: epoch·Δt.
     pub fn time_secs(&self) -> f64 {
         self.epoch as f64 * self.epoch_secs
+    }
+
+    /// What a device of that kind is called that took samples of this set, as [`crate::Provenance::device`] has it.
+    pub fn device(&self, kind: &str) -> String {
+        self.sampling.on_device(self.visibility.on_device(kind))
     }
 
     /// The set of the same rig at another epoch, which may be lit otherwise.

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::Sampling;
 use crate::frame::INDIRECT_BY;
 
 /// A way to find which triangle each sub-sample sees. All agree but along edges; which is cheapest depends on device,
@@ -45,6 +46,7 @@ impl Visibility {
 
     /// The kind of device in a [`crate::Provenance::device`], and the way if it names one that is known.
     pub fn of_device(device: &str) -> (&str, Option<Self>) {
+        let (device, _) = Sampling::of_device(device);
         let device = device.split_once(INDIRECT_BY).map_or(device, |(device, _)| device);
         match device.split_once(TRIANGLES_BY) {
             Some((kind, name)) => (kind, Self::ALL.into_iter().find(|way| way.name() == name)),
@@ -56,12 +58,15 @@ impl Visibility {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::MegaViews;
 
     #[test]
     fn a_device_says_the_way_and_gives_it_back() {
         for way in Visibility::ALL {
             let device = way.on_device("llvmpipe");
             assert_eq!(Visibility::of_device(&device), ("llvmpipe", Some(way)));
+            let mapped = Sampling::MegaViews(MegaViews::default()).on_device(device.clone());
+            assert_eq!(Visibility::of_device(&mapped), ("llvmpipe", Some(way)));
             let lit = format!("{device}{INDIRECT_BY}64 lights");
             assert_eq!(Visibility::of_device(&lit), ("llvmpipe", Some(way)));
         }

@@ -2,23 +2,14 @@
 
 import package::shared::encode::{octahedral_from_unit};
 import package::shared::finite::{finite_or_zero};
-import package::shared::geometry::{
-    MaterialData, MeshLayout, Placed, Triangle, attributes, blend2, blend3, blend4, color_of, instances, materials,
-    mesh_from_world, meshes, normal_from_mesh, normal_from_word, triangle_about_eye, uv_of,
-};
+import package::shared::geometry::{attributes, instances, mesh_from_world, meshes, triangle_about_eye};
 import package::shared::guide::{keep_guide};
 import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{Rays, central_ray, list_index, listed_sub_sample, ray_through};
-import package::shared::shading::{
-    Light, Lighting, Surface, diffuse_light, sky_ambient, sky_radiance, specular_light, specular_sky,
-};
-import package::shared::texture::{
-    ROLE_BASE_COLOR, ROLE_EMISSIVE, ROLE_METALLIC_ROUGHNESS, ROLE_NONE, ROLE_NORMAL, sample_texture, slots, texels, texels_srgb,
-};
+import package::shared::shading::{sky_radiance};
+import package::shared::surface::{Hit, lighting, radiance, surface_at};
 
 @group(0) @binding(0) var<uniform> rays: Rays;
-@group(0) @binding(1) var<uniform> lighting: Lighting;
-@group(0) @binding(2) var<storage, read> lights: array<Light>;
 @group(0) @binding(3) var visibility: texture_2d<u32>;
 // Radiance; in w the inverse range of a sample's surface on its texel's central ray, 0 for sky.
 @group(0) @binding(4) var<storage, read_write> shaded: array<vec4f>;
@@ -26,37 +17,6 @@ import package::shared::texture::{
 @group(0) @binding(5) var<storage, read_write> gloss: array<vec2u>;
 // Of a list of pixels, where each lies in the tile.
 @group(0) @binding(6) var<storage, read> places: array<u32>;
-
-// What the scene has of each, so that what it lacks costs nothing: the software driver executes both sides of
-// every branch under a mask, and folds away only what is constant.
-override has_srgb_textures: bool = true;
-override has_linear_textures: bool = true;
-override has_normal_maps: bool = true;
-override has_vertex_colors: bool = true;
-override has_specular: bool = true;
-
-// A triangle where a ray meets it.
-struct Hit {
-    instance: Placed,
-    mesh: MeshLayout,
-    triangle: Triangle,
-    // Of the three corners, in the attributes, and their first records.
-    records: vec3u,
-    a: vec4u,
-    b: vec4u,
-    c: vec4u,
-    // Of the three corners.
-    weights: vec3f,
-    // The triangle's normal and the ray's unit direction, in mesh space.
-    geometric: vec3f,
-    in_mesh: vec3f,
-    // Unit direction in the world, and what scaled the ray to it.
-    direction: vec3f,
-    scale: f32,
-    // Metres.
-    range: f32,
-    front: bool,
-}
 
 fn hit_at(ids: vec2u, sub_sample: vec2u) -> Hit {
     let instance = instances[ids.x - 1u];
@@ -73,6 +33,7 @@ fn hit_at(ids: vec2u, sub_sample: vec2u) -> Hit {
     return Hit(
         instance, mesh, triangle, records, attributes[records.x], attributes[records.y], attributes[records.z],
         weights, cross(triangle.e1, triangle.e2), in_mesh, along * scale, scale, range, crossing.front,
+        rays.right, rays.down,
     );
 }
 
@@ -82,171 +43,6 @@ fn central_inverse_range(hit: Hit, sub_sample: vec2u) -> f32 {
     let central = normalize(central_ray(rays, sub_sample));
     let slope = dot(hit.geometric, mesh_from_world(hit.instance, central)) / dot(hit.geometric, hit.in_mesh);
     return select(1.0, clamp(slope, 0.75, 1.25), abs(slope) < 1e9) / hit.range;
-}
-
-// How far the hit moves on its triangle, in barycentric coordinates, as its ray's direction changes by
-// `difference` (Igehy, "Tracing Ray Differentials", 1999, section 3.1.1).
-fn barycentric_step(hit: Hit, difference: vec3f) -> vec2f {
-    let d = mesh_from_world(hit.instance, difference) * hit.scale;
-    let along = -hit.range * dot(d, hit.geometric) / dot(hit.in_mesh, hit.geometric);
-    let moved = d * hit.range + hit.in_mesh * along;
-    let area = dot(hit.geometric, hit.geometric);
-    return vec2f(
-        dot(cross(moved, hit.triangle.e2), hit.geometric), dot(cross(hit.triangle.e1, moved), hit.geometric),
-    ) / area;
-}
-
-// A material's textures at a hit; neutral where it has none.
-struct Looked {
-    base_color: vec4f,
-    emissive: vec3f,
-    metallic_roughness: vec4f,
-    // Tangent space, -1..1.
-    normal: vec3f,
-    has_normal: bool,
-}
-
-fn take(looked: ptr<function, Looked>, role: u32, value: vec4f) {
-    (*looked).base_color = select((*looked).base_color, value, role == ROLE_BASE_COLOR);
-    (*looked).emissive = select((*looked).emissive, value.rgb, role == ROLE_EMISSIVE);
-    (*looked).metallic_roughness =
-        select((*looked).metallic_roughness, value, role == ROLE_METALLIC_ROUGHNESS);
-    (*looked).normal = select((*looked).normal, value.xyz * 2.0 - 1.0, role == ROLE_NORMAL);
-    (*looked).has_normal = (*looked).has_normal || role == ROLE_NORMAL;
-}
-
-fn look_up(hit: Hit, material: MaterialData) -> Looked {
-    var looked = Looked(vec4f(1.0), vec3f(1.0), vec4f(1.0), vec3f(0.0, 0.0, 1.0), false);
-    if !(has_srgb_textures || has_linear_textures) {
-        return looked;
-    }
-    var uv = vec2f(0.0);
-    var duv_dx = vec2f(0.0);
-    var duv_dy = vec2f(0.0);
-    if hit.mesh.has.x != 0u {
-        let a = uv_of(hit.a);
-        let b = uv_of(hit.b);
-        let c = uv_of(hit.c);
-        uv = blend2(a, b, c, hit.weights);
-        let x = barycentric_step(hit, rays.right);
-        let y = barycentric_step(hit, rays.down);
-        duv_dx = (b - a) * x.x + (c - a) * x.y;
-        duv_dy = (b - a) * y.x + (c - a) * y.y;
-    }
-    // One body for all of a material's textures, since each further one would be executed for every surface;
-    // and it comes before its loop's end, since a loop that ends at its head is executed once more under a mask.
-    // A surface without textures reads some texture and forgets it.
-    let last = arrayLength(&slots) - 1u;
-    if has_srgb_textures {
-        var i = 0u;
-        loop {
-            let slot = slots[min(material.textures.x + i, last)];
-            let role = select(ROLE_NONE, slot.usage.z, i < material.textures.y);
-            take(&looked, role, sample_texture(texels_srgb, slot, uv, duv_dx, duv_dy));
-            i += 1u;
-            if i >= material.textures.y {
-                break;
-            }
-        }
-    }
-    if has_linear_textures {
-        var i = 0u;
-        loop {
-            let slot = slots[min(material.textures.z + i, last)];
-            let role = select(ROLE_NONE, slot.usage.z, i < material.textures.w);
-            take(&looked, role, sample_texture(texels, slot, uv, duv_dx, duv_dy));
-            i += 1u;
-            if i >= material.textures.w {
-                break;
-            }
-        }
-    }
-    return looked;
-}
-
-// The visible point of a surface, seen from its front.
-fn surface_at(hit: Hit) -> Surface {
-    let material = materials[hit.mesh.has.w];
-    let looked = look_up(hit, material);
-    var base = material.base_color * looked.base_color;
-    if has_vertex_colors && hit.mesh.has.y != 0u {
-        base *= blend4(color_of(hit.a), color_of(hit.b), color_of(hit.c), hit.weights);
-    }
-    let metallic = saturate(material.metallic * looked.metallic_roughness.b);
-    var surface: Surface;
-    surface.position = hit.direction * hit.range;
-    surface.albedo = base.rgb * (1.0 - metallic);
-    surface.emissive = material.emissive * looked.emissive;
-    surface.f0 = vec3f(0.0);
-    if has_specular && material.traits.x != 0u {
-        surface.f0 = mix(vec3f(material.factors.z), base.rgb, metallic);
-    }
-    surface.roughness = saturate(material.factors.x * looked.metallic_roughness.g);
-    let normal = normal_from_mesh(hit.instance, normal_at(hit, material, looked));
-    surface.normal = unit_or(normal, -hit.direction) * select(-1.0, 1.0, hit.front);
-    return surface;
-}
-
-// Shading normal in mesh space, not a unit vector in general.
-fn normal_at(hit: Hit, material: MaterialData, looked: Looked) -> vec3f {
-    let normals = hit.triangle.normals;
-    let vertex = blend3(
-        normal_from_word(normals.x), normal_from_word(normals.y), normal_from_word(normals.z), hit.weights,
-    );
-    let normal = unit_or(vertex, hit.geometric);
-    if !(has_normal_maps && looked.has_normal && hit.mesh.has.z != 0u && any(vertex != vec3f(0.0))) {
-        return normal;
-    }
-    let at = hit.records + 1u;
-    let word = attributes[at.x].x;
-    // The bitangent's sign lies in the lowest bit, which is within the tangent's rounding.
-    let handedness = select(-1.0, 1.0, (word & 1u) != 0u);
-    let tangent = blend3(
-        normal_from_word(word), normal_from_word(attributes[at.y].x), normal_from_word(attributes[at.z].x),
-        hit.weights,
-    );
-    if !(dot(tangent, tangent) > 1e-12) {
-        return normal;
-    }
-    let t = normalize(tangent);
-    let b = cross(normal, t) * handedness;
-    let local = looked.normal * vec3f(material.factors.yy, 1.0);
-    return unit_or(t * local.x + b * local.y + normal * local.z, normal);
-}
-
-// A vector's direction; another vector, as it is, where it has none.
-fn unit_or(v: vec3f, other: vec3f) -> vec3f {
-    // Scaled first: squares of small triangles' normals underflow.
-    let most = max(max(abs(v.x), abs(v.y)), abs(v.z));
-    let some = most > 0.0 && most < 1e38;
-    return select(other, normalize(v / select(1.0, most, some)), some);
-}
-
-// What leaves a surface in every direction alike, and, if it is `seen` by a view, what it reflects to the eye.
-fn radiance(surface: Surface, seen: bool) -> vec3f {
-    let reflects = has_specular && seen;
-    let to_eye = -normalize(surface.position);
-    var irradiance_by_pi = sky_ambient(lighting, surface.normal);
-    var reflected = vec3f(0.0);
-    if reflects {
-        reflected = specular_sky(surface, to_eye, lighting);
-    }
-    // The body comes first, as above; where there is no light the array holds one that is black.
-    var i = 0u;
-    loop {
-        let light = lights[i];
-        irradiance_by_pi += diffuse_light(light, surface.position, surface.normal);
-        if reflects {
-            reflected += specular_light(surface, to_eye, light);
-        }
-        i += 1u;
-        // Not the bare uniform, see resolve_view.wgsl.
-        if i >= min(lighting.light_count, arrayLength(&lights)) {
-            break;
-        }
-    }
-    let glossy = any(surface.f0 != vec3f(0.0));
-    return surface.emissive + surface.albedo * irradiance_by_pi + select(vec3f(0.0), reflected, glossy);
 }
 
 fn sky_along(sub_sample: vec2u) -> vec3f {

@@ -28,15 +28,7 @@ pub(crate) struct Shade {
 impl Shade {
     /// For a scene with those features; `keeps_guides` for passes that add indirect light.
     pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool) -> Self {
-        let constants = [
-            ("has_srgb_textures", features.srgb_textures),
-            ("has_linear_textures", features.linear_textures),
-            ("has_normal_maps", features.normal_maps),
-            ("has_vertex_colors", features.vertex_colors),
-            ("has_specular", features.specular),
-            ("keeps_guides", keeps_guides),
-        ]
-        .map(|(name, has)| (name, f64::from(u8::from(has))));
+        let constants = features.constants(keeps_guides);
         let pipeline = |entry| gpu.compute_pipeline_with(&SHADE, entry, &constants);
         let sample = if features.specular { "shade_glossy_sample" } else { "shade_sample" };
         Self {

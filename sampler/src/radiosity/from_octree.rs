@@ -40,11 +40,8 @@ pub(crate) fn render(
         })
         .collect();
     let list = ViewList::new(gpu, &octree.root, &views)?;
-    let told = Knobs {
-        side: knobs.map_side,
-        sharing: knobs.maps == MapSource::MegaViews,
-        ..Knobs::for_depth(octree.depth)
-    };
+    let told =
+        Knobs { side: knobs.map_side, sharing: knobs.maps == MapSource::MegaViews, ..Knobs::default() };
     let mut many = ManyViews::new(gpu, Arc::clone(octree), told).map_err(into_render)?;
     many.render(&list).map_err(into_render)?;
     Ok(many)
@@ -54,7 +51,9 @@ fn into_render(error: HierarchyError) -> RenderError {
     match error {
         HierarchyError::Gpu(error) => error.into(),
         HierarchyError::OutOfRange { .. } => InvalidField::new("indirect.levels", error.to_string()).into(),
-        HierarchyError::TooLarge { .. } => RenderError::OutOfMemory(error.to_string()),
+        HierarchyError::TooLarge { .. } | HierarchyError::TooManyNodes { .. } => {
+            RenderError::OutOfMemory(error.to_string())
+        }
         HierarchyError::Empty => RenderError::Internal(error.to_string()),
     }
 }

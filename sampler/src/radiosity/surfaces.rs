@@ -64,14 +64,8 @@ impl Surfaces {
 
     /// Corners of every triangle that can be seen, world space; some may not be finite.
     pub(crate) fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> + '_ {
-        self.placements().flat_map(|placement| {
-            let mesh = &self.scene.meshes[placement.mesh as usize];
-            let corner = |i: u32| {
-                let p = mesh.positions.get(i as usize).copied().unwrap_or(Vec3::NAN);
-                placement.origin + placement.world_from_mesh * p.as_dvec3()
-            };
-            mesh.indices.as_chunks::<3>().0.iter().map(move |indices| indices.map(corner))
-        })
+        self.placements()
+            .flat_map(|placement| placement.triangles(&self.scene.meshes[placement.mesh as usize]))
     }
 
     /// The surface that a ray along `direction` met; none where its triangle has no normal.

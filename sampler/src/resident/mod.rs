@@ -7,9 +7,9 @@ mod texels;
 use std::sync::Arc;
 
 use argus_gpu::{Gpu, wgpu};
-use argus_scene::{Bounds, Effect, Instance, RenderError, Scene};
+use argus_scene::{Bounds, Effect, Instance, Mesh, RenderError, Scene};
 use bytemuck::{NoUninit, Zeroable};
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 
 pub(crate) use geometry::{Chunk, MeshRun};
 
@@ -58,6 +58,19 @@ impl Features {
             specular: effects.contains(&Effect::Specular),
         }
     }
+
+    /// As programs that shade are told; `keeps_guides` for passes that add indirect light.
+    pub(crate) fn constants(self, keeps_guides: bool) -> [(&'static str, f64); 6] {
+        [
+            ("has_srgb_textures", self.srgb_textures),
+            ("has_linear_textures", self.linear_textures),
+            ("has_normal_maps", self.normal_maps),
+            ("has_vertex_colors", self.vertex_colors),
+            ("has_specular", self.specular),
+            ("keeps_guides", keeps_guides),
+        ]
+        .map(|(name, has)| (name, f64::from(u8::from(has))))
+    }
 }
 
 /// Which pipeline draws an instance.
@@ -92,6 +105,18 @@ pub(crate) struct Placement {
     pub(crate) mesh_from_world: DMat3,
     /// World space position of the vertices' zero.
     pub(crate) origin: DVec3,
+}
+
+impl Placement {
+    /// Corners of all triangles of its mesh, world space; some may not be finite.
+    pub(crate) fn triangles<'a>(&self, mesh: &'a Mesh) -> impl Iterator<Item = [DVec3; 3]> + use<'a> {
+        let (origin, world_from_mesh) = (self.origin, self.world_from_mesh);
+        let corner = move |i: u32| {
+            let p = mesh.positions.get(i as usize).copied().unwrap_or(Vec3::NAN);
+            origin + world_from_mesh * p.as_dvec3()
+        };
+        mesh.indices.as_chunks::<3>().0.iter().map(move |indices| indices.map(corner))
+    }
 }
 
 impl Resident {

@@ -5,6 +5,7 @@ mod common;
 mod against_reference;
 mod hard_cases;
 mod indirect;
+mod megaviews;
 mod motion;
 mod small_scene;
 mod visibility;

@@ -31,6 +31,18 @@ impl Point {
         self
     }
 
+    /// The points of its level in the aligned block of `edge` of them on each side that it lies in, itself among them,
+    /// by ascending index.
+    pub(super) fn block(self, edge: u32) -> Vec<Self> {
+        let edge = edge.max(1) as i32;
+        let first = self.at.map(|v| v.div_euclid(edge) * edge);
+        let points = (0..edge.pow(3)).map(|i| {
+            let offset = IVec3::new(i % edge, i / edge % edge, i / (edge * edge));
+            Self { level: self.level, at: first + offset }
+        });
+        points.filter(|point| point.coarsest() == *point).collect()
+    }
+
     /// Packs it.
     pub(super) fn index(self) -> u64 {
         let pack = |v: i32| (v + BIAS) as u64 & MASK;
@@ -62,6 +74,24 @@ mod tests {
             prop_assert_eq!(Point::from_index(point.index()), Some(point));
             let place = |p: Point| p.at.as_dvec3() / f64::from(1 << p.level);
             prop_assert_eq!(place(point), place(Point { level, at: IVec3::from(at) }));
+        }
+
+        #[test]
+        fn all_points_of_a_block_have_the_same(
+            level in 0..=MAX_LEVEL,
+            at in prop::array::uniform3(-100..100),
+            edge in prop::sample::select(vec![1, 2, 4]),
+        ) {
+            let point = Point { level, at: IVec3::from(at) }.coarsest();
+            let block = point.block(edge);
+            prop_assert!(block.contains(&point));
+            prop_assert!(block.is_sorted_by_key(|point| point.index()));
+            for other in &block {
+                prop_assert_eq!(&other.block(edge), &block);
+            }
+            let refined = edge.pow(3) - (edge / 2).pow(3);
+            let all = if point.level == 0 { edge.pow(3) } else if edge == 1 { 1 } else { refined };
+            prop_assert_eq!(block.len() as u32, all);
         }
 
         #[test]

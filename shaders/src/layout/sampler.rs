@@ -19,6 +19,9 @@ pub(super) const MIRRORS: &[Mirror] = &[
     Gathering::MIRROR,
     AdoptMaps::MIRROR,
     Imperfect::MIRROR,
+    LeafChunk::MIRROR,
+    NodeLevel::MIRROR,
+    LookUp::MIRROR,
 ];
 
 /// Values in [`TextureSlot::usage`], as `shared/texture.wgsl` has them.
@@ -315,5 +318,59 @@ mirror! {
         pub count: u32,
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: [u32; 3],
+    }
+}
+
+mirror! {
+    /// Leaves of an octree that are shaded at a time: `shared/surfel.wgsl`.
+    pub struct LeafChunk {
+        /// The octree's root, its corner of least coordinates, about the eye; metres.
+        pub root_about_eye: [f32; 3],
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+        /// Columns and rows of the image that they are shaded in: multiples of [`LEAF_BLOCK`].
+        pub size: [u32; 2],
+        /// First leaf.
+        pub first: u32,
+        /// Leaves of the octree.
+        pub leaves: u32,
+        /// Edge of a leaf's cell, metres.
+        pub cell: f32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: [u32; 3],
+    }
+}
+
+/// Texels on a side of the squares of that image, as `shared/surfel.wgsl` has it.
+pub const LEAF_BLOCK: u32 = 16;
+
+/// Bytes of a surfel of `shared/surfel.wgsl`.
+pub const SURFEL_BYTES: u64 = 32;
+
+mirror! {
+    /// A level of an octree, in `sampler/surfels.wgsl`.
+    pub struct NodeLevel {
+        /// First node.
+        pub first: u32,
+        /// Nodes.
+        pub count: u32,
+        /// Length of the root's edge, metres.
+        pub edge: f32,
+    }
+}
+
+mirror! {
+    /// What `sampler/look_up.wgsl` is told.
+    pub struct LookUp {
+        /// Number of the camera among the views that maps were rendered for.
+        pub view: u32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
+        /// Texels of a hemisphere's side.
+        pub map_side: u32,
+        /// Length of the octree's root's edge, metres.
+        pub edge: f32,
+        /// Radius of the ball around a leaf's cell, metres.
+        pub radius: f32,
     }
 }

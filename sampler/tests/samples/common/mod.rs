@@ -9,7 +9,7 @@ use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::rig::Rig;
 use argus_scene::{
     Bounds, Camera, Cancel, Frame, Instance, Light, Lighting, Material, Mesh, Outputs, Plan, PlaneData,
-    PlaneKind, Sample, SampleId, SampleJob, SampleSetInfo, Sampler, Scene, SceneHash, Sky, ViewJob,
+    PlaneKind, Sample, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, SceneHash, Sky, ViewJob,
     Visibility,
 };
 use glam::{DAffine3, DVec3, Vec2, Vec3};
@@ -77,6 +77,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         generation: 7,
         lighting: scene.lighting.clone(),
         visibility: Visibility::default(),
+        sampling: Sampling::default(),
     };
     SampleJob { info: Arc::new(info), ids: vec![SampleId { epoch: 0, generation: 7, index }], to_host }
 }

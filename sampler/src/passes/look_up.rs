@@ -1,0 +1,77 @@
+//! Program: `shaders/sampler/look_up.wgsl`. What the sub-samples of an omni sample see, by its camera's map.
+
+use argus_gpu::hierarchy::Octree;
+use argus_gpu::many_views::ManyViews;
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::layout::sampler::LookUp as Parameters;
+use argus_shaders::sampler::LOOK_UP;
+
+use super::TileContext;
+
+/// Looks nodes up in maps that lie in so many arrays.
+pub(crate) struct LookUp {
+    pipeline: ComputePipeline,
+    arrays: usize,
+}
+
+/// What is looked up.
+pub(crate) struct Maps<'a> {
+    pub(crate) octree: &'a Octree,
+    pub(crate) views: &'a ManyViews,
+    pub(crate) surfels: &'a wgpu::Buffer,
+    /// Of each level of the octree, the leaves' first, the number of the node after its last.
+    pub(crate) ends: &'a wgpu::Buffer,
+}
+
+impl LookUp {
+    pub(crate) fn new(gpu: &Gpu, arrays: usize) -> Self {
+        let constants = [("arrays", arrays as f64)];
+        Self { pipeline: gpu.compute_pipeline_with(&LOOK_UP, "look_up", &constants), arrays }
+    }
+
+    /// Arrays that it knows.
+    pub(crate) fn arrays(&self) -> usize {
+        self.arrays
+    }
+
+    /// Shades a tile of the camera that is the `view`-th of those that maps were rendered for.
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        maps: &Maps<'_>,
+        view: u32,
+    ) {
+        let TileContext { gpu, eye, targets, tile, rays, .. } = context;
+        let (octree, set) = (maps.octree, maps.views.maps());
+        let cell = octree.root.edge * (-f64::from(octree.depth)).exp2();
+        let told = Parameters {
+            view,
+            map_shift: set.shift,
+            map_side: set.side,
+            edge: octree.root.edge as f32,
+            radius: (0.5 * 3f64.sqrt() * cell) as f32,
+        };
+        let told = gpu.upload("look up", &[told], wgpu::BufferUsages::UNIFORM);
+        // Arrays that there are not stand behind no texel.
+        let array = |i: usize| set.arrays.get(i).unwrap_or(&set.arrays[0]);
+        let arrays: [&wgpu::Buffer; 4] = std::array::from_fn(array);
+        let [width, height] = tile.sub_samples();
+        commands
+            .compute("look maps up", &self.pipeline)
+            .read("rays", rays)
+            .read("told", &told)
+            .read("lighting", &eye.lighting)
+            .read("nodes", &octree.nodes)
+            .read("surfels", maps.surfels)
+            .read("ends", maps.ends)
+            .read("map_of_view", maps.views.map_of_view())
+            .read("middles", maps.views.middles())
+            .read("maps0", arrays[0])
+            .read("maps1", arrays[1])
+            .read("maps2", arrays[2])
+            .read("maps3", arrays[3])
+            .write("shaded", &targets.shaded)
+            .dispatch_threads([width, height, 1]);
+    }
+}

@@ -1,0 +1,77 @@
+//! Program: `shaders/sampler/shade_leaves.wgsl`. The radiance that leaves either side of an octree's leaves.
+
+use argus_gpu::hierarchy::Octree;
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::sampler::SHADE_LEAVES;
+
+use super::TileContext;
+use crate::resident::Features;
+
+/// Shades leaves as the surfaces that they hold.
+pub(crate) struct ShadeLeaves {
+    pipeline: ComputePipeline,
+    /// Bound where nothing is kept for indirect light.
+    unused: wgpu::Buffer,
+}
+
+/// What leaves are shaded by and into.
+pub(crate) struct Leaves<'a> {
+    pub(crate) octree: &'a Octree,
+    /// Two words a triangle of the octree: instance, and triangle of its mesh with its highest bit set where its back is
+    /// not seen.
+    pub(crate) triangle_ids: &'a wgpu::Buffer,
+    /// Two words a leaf: triangles that it shows to either side.
+    pub(crate) facing: &'a wgpu::Buffer,
+    pub(crate) surfels: &'a wgpu::Buffer,
+    /// Which leaves, a uniform: [`argus_shaders::layout::sampler::LeafChunk`].
+    pub(crate) chunk: &'a wgpu::Buffer,
+}
+
+impl ShadeLeaves {
+    /// For a scene with those features; `keeps_guides` for passes that add indirect light.
+    pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool) -> Self {
+        Self {
+            pipeline: gpu.compute_pipeline_with(
+                &SHADE_LEAVES,
+                "shade_leaves",
+                &features.constants(keeps_guides),
+            ),
+            unused: gpu.buffer("no guides", 16, wgpu::BufferUsages::STORAGE),
+        }
+    }
+
+    /// Shades the chunk's image, which is the context's tile, and says how its leaves' planes lie.
+    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, leaves: &Leaves<'_>) {
+        let TileContext { resident, eye, targets, tile, indirect, .. } = context;
+        let guides = indirect.as_ref().map_or(&self.unused, |kept| &kept.guides);
+        let albedos = indirect.as_ref().map_or(&self.unused, |kept| &kept.albedos);
+        if indirect.is_some() {
+            // Texels beyond the last leaf keep none.
+            commands.clear(guides);
+        }
+        let [width, height] = tile.sub_samples();
+        commands
+            .compute("shade leaves", &self.pipeline)
+            .read("chunk", leaves.chunk)
+            .read("lighting", &eye.lighting)
+            .read("lights", &eye.lights)
+            .read("facing", leaves.facing)
+            .read("triangle_ids", leaves.triangle_ids)
+            .read("nodes", &leaves.octree.nodes)
+            .read("vertices", &resident.vertices)
+            .read("attributes", &resident.attributes)
+            .read("indices", &resident.indices)
+            .read("meshes", &resident.meshes)
+            .read("instances", &eye.instances)
+            .read("materials", &resident.materials)
+            .read("slots", &resident.slots)
+            .read("texel_levels", &resident.texel_levels)
+            .read("texels", &resident.texels)
+            .read("texels_srgb", &resident.texels_srgb)
+            .write("guides", guides)
+            .write("guide_albedos", albedos)
+            .write("shaded", &targets.shaded)
+            .write("surfels", leaves.surfels)
+            .dispatch_threads([width, height, 1]);
+    }
+}

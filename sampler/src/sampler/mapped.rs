@@ -1,0 +1,141 @@
+//! Samples that come from maps of an octree: the surfaces are shaded, then the cameras look at what was shaded.
+
+use std::time::Instant;
+
+use argus_scene::{Cancel, MegaViews, RenderError, Sample, SampleId, SampleJob, Stage};
+
+use super::{GpuSampler, check_wanted, context, sample_tiles};
+use crate::Indirect;
+use crate::omni_maps::{OmniMaps, groups};
+use crate::passes::TileContext;
+use crate::timing;
+
+impl GpuSampler {
+    /// Samples of one set: the scene as an octree, its leaves shaded, the maps of all cameras in as few traversals as
+    /// can be, and each sample looked up in its own.
+    pub(super) fn render_mapped(
+        &mut self,
+        job: &SampleJob,
+        knobs: MegaViews,
+        cancel: &Cancel,
+    ) -> Vec<Result<Sample, RenderError>> {
+        let mut costs = match self.ready_maps(job, knobs, cancel) {
+            Ok(Some(stages)) => stages,
+            // Without surfaces all is sky, which triangles have as well.
+            Ok(None) => return job.ids.iter().map(|&id| self.render_sample(job, id, cancel)).collect(),
+            Err(error) => return vec![Err(error); job.ids.len()],
+        };
+        // What the rig does not have fails alone.
+        let refused = |id: &SampleId| job.info.rig.camera(id.index).err().map(|error| Err(error.into()));
+        let mut samples: Vec<Option<Result<Sample, RenderError>>> = job.ids.iter().map(refused).collect();
+        for group in groups(&job.info.rig, &job.ids, &knobs) {
+            let (gpu, rig) = (self.gpu.clone(), &job.info.rig);
+            let traversed = check_wanted(cancel).and_then(|()| match &mut self.maps {
+                Some(maps) => maps.traverse(&gpu, rig, &group),
+                None => Err(RenderError::Internal("there are no maps".to_owned())),
+            });
+            // What a batch costs is shared evenly; the first traversal pays for what came before it.
+            let share = 1.0 / group.wanted.len() as f64;
+            let shared = traversed.map(|stages| {
+                timing::add(&mut costs, stages);
+                std::mem::take(&mut costs)
+                    .into_iter()
+                    .map(|stage| Stage { ms: stage.ms * share, ..stage })
+                    .collect::<Vec<_>>()
+            });
+            for &(order, view) in &group.wanted {
+                let sample = shared.clone().and_then(|costs| {
+                    let mut sample = self.look_sample_up(job, job.ids[order], view, cancel)?;
+                    timing::add(&mut sample.stages, costs);
+                    Ok(sample)
+                });
+                samples[order] = Some(sample);
+            }
+        }
+        let missing = || Err(RenderError::Internal("a sample is of no group".to_owned()));
+        samples.into_iter().map(|sample| sample.unwrap_or_else(missing)).collect()
+    }
+
+    /// Makes ready what samples of a set are looked up in, and what that cost; `None` for a scene without surfaces.
+    fn ready_maps(
+        &mut self,
+        job: &SampleJob,
+        knobs: MegaViews,
+        cancel: &Cancel,
+    ) -> Result<Option<Vec<Stage>>, RenderError> {
+        self.check_job(job)?;
+        let (lighting, time_secs) = (&job.info.lighting, job.info.time_secs());
+        let mut stages = self.pose(time_secs);
+        timing::add(&mut stages, self.light(lighting, time_secs)?);
+        let (gpu, resident, sampler) = (self.gpu.clone(), &self.resident, &self.knobs);
+        let maps = self.maps.get_or_insert_with(|| OmniMaps::new(&gpu, resident, sampler, knobs));
+        maps.set_knobs(knobs);
+        let Some(posed) = maps.pose(&gpu, &self.scene, &resident.instances)? else { return Ok(None) };
+        timing::add(&mut stages, posed);
+        let drifts = matches!(self.knobs.indirect, Indirect::Vpl(knobs) if knobs.particles > 0);
+        let Some(root) = maps.root().filter(|_| !maps.is_lit(lighting, time_secs, drifts)) else {
+            return Ok(Some(stages));
+        };
+
+        let begin = Instant::now();
+        let (surfels, chunks) = (maps.make_surfels(&gpu)?, maps.chunks(&gpu));
+        let places = maps.places();
+        let eye = self.eye(root.world_from_unit(glam::DVec3::splat(0.5)), lighting)?;
+        for chunk in &chunks {
+            check_wanted(cancel)?;
+            let mut commands = gpu.commands("shade leaves");
+            let targets = self.scratch.targets(&gpu, chunk.tile.sub_samples(), false);
+            let indirect = self.indirect_scratch(&chunk.tile);
+            let Some(maps) = &self.maps else { return Ok(None) };
+            let context = TileContext {
+                indirect,
+                places: places.clone(),
+                ..context(&gpu, &self.resident, &eye, &chunk.tile, targets)
+            };
+            maps.shade(&mut commands, &context, chunk, &surfels, |commands| {
+                if let Some(radiosity) = &self.radiosity {
+                    radiosity.record(commands, &context);
+                }
+            });
+            commands.submit().wait()?;
+        }
+        let mut commands = gpu.commands("average surfels");
+        if let Some(maps) = &mut self.maps {
+            maps.light(&mut commands, surfels, lighting, time_secs);
+        }
+        commands.submit().wait()?;
+        timing::add_since(&mut stages, "shade leaves", begin);
+        Ok(Some(stages))
+    }
+
+    /// One sample of the group that was traversed last: per tile, look up what each sub-sample sees, choose a surface
+    /// for each texel.
+    fn look_sample_up(
+        &mut self,
+        job: &SampleJob,
+        id: SampleId,
+        view: u32,
+        cancel: &Cancel,
+    ) -> Result<Sample, RenderError> {
+        let begin = Instant::now();
+        let camera = job.info.rig.camera(id.index)?;
+        let eye = self.eye(camera.center(), &job.info.lighting)?;
+        let Some(maps) = &self.maps else {
+            return Err(RenderError::Internal("there are no maps".to_owned()));
+        };
+        let planes = maps.resolve.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
+        let mut stages = Vec::new();
+        for tile in &sample_tiles(&camera, self.knobs.side())? {
+            check_wanted(cancel)?;
+            let mut commands = self.gpu.commands("look sample up");
+            let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
+            let context = context(&self.gpu, &self.resident, &eye, tile, targets);
+            maps.look_up(&mut commands, &context, view);
+            maps.resolve.record(&mut commands, &context, &self.knobs, &planes);
+            timing::add(&mut stages, commands.submit().wait()?.stages);
+        }
+        let planes = self.hand_over(&planes, camera.size(), job.to_host)?;
+        timing::add_rest(&mut stages, begin);
+        Ok(Sample { id, camera, planes, stages })
+    }
+}

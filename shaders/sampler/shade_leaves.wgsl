@@ -1,0 +1,93 @@
+// Program of `sampler/src/passes/shade_leaves.rs`: the radiance that leaves either side of an octree's leaves, which
+// does not depend on who looks. A leaf shows the triangle that covers most of it, where its mean position falls onto
+// that, with textures as wide as its cell.
+
+import package::shared::encode::{octahedral_from_unit};
+import package::shared::finite::{finite_or_zero};
+import package::shared::geometry::{attributes, instances, mesh_from_world, meshes, normal_from_mesh, triangle_about_eye};
+import package::shared::guide::{keep_guide};
+import package::shared::surface::{Hit, radiance, surface_at};
+import package::shared::surfel::{LeafChunk, Surfel, leaf_side};
+
+@group(0) @binding(0) var<uniform> chunk: LeafChunk;
+// Radiance; in w whether that side is seen.
+@group(0) @binding(3) var<storage, read_write> shaded: array<vec4f>;
+// Triangles that each leaf shows on its front and on its back.
+@group(0) @binding(4) var<storage, read> facing: array<vec2u>;
+// Of each of the octree's triangles, its instance, and its number in the mesh, with SINGLE_SIDED where its back is not
+// seen.
+@group(0) @binding(5) var<storage, read> triangle_ids: array<vec2u>;
+// Mean positions in edges of the root, f32 bits.
+@group(0) @binding(6) var<storage, read> nodes: array<vec4u>;
+@group(0) @binding(7) var<storage, read_write> surfels: array<Surfel>;
+
+const SINGLE_SIDED: u32 = 0x80000000u;
+
+// A point of a triangle seen straight from one side, and how far its plane is from where it was looked for.
+struct Found {
+    hit: Hit,
+    // Unit normal of the triangle's front, world space.
+    normal: vec3f,
+    // Metres along the normal.
+    offset: f32,
+}
+
+// Where `position`, about the eye, falls onto a triangle.
+fn found_at(ids: vec2u, position: vec3f, front: bool) -> Found {
+    let instance = instances[ids.x];
+    let mesh = meshes[instance.mesh];
+    let triangle = triangle_about_eye(instance, mesh, ids.y);
+    let geometric = cross(triangle.e1, triangle.e2);
+    let area = max(dot(geometric, geometric), 1e-37);
+    let from_corner = mesh_from_world(instance, position) - triangle.a;
+    // Weights of the second and third corner, drawn into the triangle.
+    let v = max(dot(cross(from_corner, triangle.e2), geometric), 0.0) / area;
+    let w = max(dot(cross(triangle.e1, from_corner), geometric), 0.0) / area;
+    let weights = vec2f(v, w) / max(v + w, 1.0);
+    let across = normal_from_mesh(instance, geometric);
+    let normal = normalize(across);
+    let offset = -dot(geometric, from_corner) / max(length(across), 1e-37);
+    let point = position + normal * offset;
+    let range = clamp(length(point), 1e-18, 1e18);
+    // Two directions along the plane, a cell long each at the point: what a texture is averaged over.
+    let right = normalize(select(vec3f(0.0, -normal.z, normal.y), vec3f(normal.z, 0.0, -normal.x), abs(normal.x) < 0.7));
+    let down = cross(normal, right);
+    let step = chunk.cell / range;
+    let records = mesh.first.z + triangle.corners * mesh.first.w;
+    let hit = Hit(
+        instance, mesh, triangle, records, attributes[records.x], attributes[records.y], attributes[records.z],
+        vec3f(1.0 - weights.x - weights.y, weights), geometric, geometric, point / range, 1.0, range, front,
+        right * step, down * step,
+    );
+    return Found(hit, normal, offset);
+}
+
+@compute @workgroup_size(8, 8)
+fn shade_leaves(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= chunk.size.x || id.y >= chunk.size.y {
+        return;
+    }
+    let at = id.y * chunk.size.x + id.x;
+    let side = leaf_side(chunk, id.xy);
+    let leaf = chunk.first + side / 2u;
+    if leaf >= min(chunk.leaves, arrayLength(&facing)) {
+        shaded[at] = vec4f(0.0);
+        return;
+    }
+    let is_back = (side & 1u) != 0u;
+    let triangles = facing[leaf];
+    let triangle = select(triangles.x, triangles.y, is_back);
+    let position = bitcast<vec3f>(nodes[leaf].xyz) * chunk.edge + chunk.root_about_eye;
+    let ids = triangle_ids[triangle];
+    // Where nothing faces the other way, the back is the back of what the front shows, if that is seen.
+    let front = !is_back || triangles.x != triangles.y;
+    let seen = front || (ids.y & SINGLE_SIDED) == 0u;
+    let found = found_at(vec2u(ids.x, ids.y & ~SINGLE_SIDED), position, front);
+    let surface = surface_at(found.hit);
+    keep_guide(at, surface);
+    shaded[at] = vec4f(finite_or_zero(radiance(surface, false)), select(0.0, 1.0, seen));
+    if !is_back {
+        surfels[leaf].axis = pack2x16snorm(octahedral_from_unit(found.normal));
+        surfels[leaf].offset = found.offset;
+    }
+}
