@@ -1,8 +1,9 @@
 //! Connections to a server.
 
+use std::collections::HashMap;
 use std::hash::{BuildHasher, RandomState};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use argus_proto::transport::tuned;
@@ -17,6 +18,12 @@ use tonic::transport::{Channel, Endpoint};
 use crate::credentials::{Bearer, Credentials};
 use crate::error::root_cause;
 use crate::{ClientError, ClusterStatus};
+
+/// How long a connection to a worker may take: the server relays what cannot be fetched.
+const WORKER_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Connections to workers that are kept; beyond, all are made anew.
+const MOST_WORKERS: usize = 1024;
 
 /// How to connect.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -49,6 +56,11 @@ struct Shared {
     bearer: Bearer,
     turn: AtomicUsize,
     description: Description,
+    options: ConnectOptions,
+    /// Whether the servers have shown certificates.
+    secured: bool,
+    /// Connections to workers that sessions were sent to, by address.
+    workers: Mutex<HashMap<String, Channel>>,
     /// Makes view ids unique among clients.
     identity: u64,
     views: AtomicU64,
@@ -100,7 +112,20 @@ impl Client {
             let (server, turn, views) = (AtomicUsize::new(server), AtomicUsize::new(0), AtomicU64::new(0));
             // The one source of randomness in the standard library.
             let identity = RandomState::new().hash_one(std::process::id());
-            Ok(Self(Arc::new(Shared { servers, server, bearer, turn, description, identity, views })))
+            let (options, workers) = (options.clone(), Mutex::default());
+            let secured = urls.iter().any(|url| is_secured(url));
+            Ok(Self(Arc::new(Shared {
+                servers,
+                server,
+                bearer,
+                turn,
+                description,
+                options,
+                secured,
+                workers,
+                identity,
+                views,
+            })))
         };
         match tokio::time::timeout(options.timeout, connecting).await {
             Ok(outcome) => outcome,
@@ -137,6 +162,32 @@ impl Client {
         ViewsClient::with_interceptor(self.channel(), self.0.bearer.clone())
     }
 
+    /// The service for rendering at a worker that the server sent this client to. No token goes there: a ticket is shown.
+    ///
+    /// # Errors
+    /// [`ClientError::Address`] where that is none, or one without TLS though the server has it.
+    pub(crate) fn worker(&self, address: &str) -> Result<ViewsClient<Channel>, ClientError> {
+        if self.0.secured && !is_secured(address) {
+            let reason = "a server by https:// sent this client there".to_owned();
+            return Err(ClientError::Address { url: address.to_owned(), reason });
+        }
+        let mut workers = self.0.workers.lock().unwrap_or_else(PoisonError::into_inner);
+        let channel = match workers.get(address) {
+            Some(channel) => channel.clone(),
+            None => {
+                let credentials = Credentials { token: None, ..self.0.options.credentials.clone() };
+                let timeout = self.0.options.timeout.min(WORKER_TIMEOUT);
+                let options = ConnectOptions { connections: 1, timeout, credentials };
+                let channel = endpoint(address, &options)?.connect_lazy();
+                if workers.len() >= MOST_WORKERS {
+                    workers.clear();
+                }
+                workers.entry(address.to_owned()).or_insert(channel).clone()
+            }
+        };
+        Ok(ViewsClient::new(channel))
+    }
+
     /// A view id that no other request of any client has.
     pub(crate) fn new_view_id(&self) -> String {
         format!("{:016x}-{}", self.0.identity, self.0.views.fetch_add(1, Ordering::Relaxed))
@@ -164,6 +215,11 @@ impl Client {
         // Whoever was first has done it for all.
         let _ = self.0.server.compare_exchange(tried, next, order, order);
     }
+}
+
+/// Whether an address is one by TLS; schemes have no case.
+fn is_secured(url: &str) -> bool {
+    url.get(..8).is_some_and(|scheme| scheme.eq_ignore_ascii_case("https://"))
 }
 
 /// A connection to whatever listens there.

@@ -20,6 +20,7 @@
 
 mod connect;
 mod credentials;
+mod elsewhere;
 mod error;
 mod health;
 pub mod load;

@@ -23,7 +23,8 @@ pub(crate) struct Outbox {
 #[derive(Debug, Default)]
 struct State {
     camera: Option<(u64, v1::SessionView)>,
-    acks: VecDeque<u64>,
+    /// What became of frames, by their cameras: arrived or missed.
+    words: VecDeque<(u64, Body)>,
     /// Counts the streams handed out; all but the newest end.
     incarnation: u64,
     closed: bool,
@@ -55,9 +56,18 @@ impl Outbox {
         self.changed.notify_one();
     }
 
-    /// Queues an acknowledgement.
-    pub(crate) fn acknowledge(&self, camera_seq: u64) {
-        self.lock().acks.push_back(camera_seq);
+    /// Queues an acknowledgement, with the receipt of the worker that the frame came from.
+    pub(crate) fn acknowledge(&self, camera_seq: u64, receipt: Option<v1::Sealed>) {
+        self.say(camera_seq, Body::Ack(v1::SessionAck { receipt }));
+    }
+
+    /// Queues that a frame did not come from where it was to be had.
+    pub(crate) fn missed(&self, camera_seq: u64, missed: v1::SessionMissed) {
+        self.say(camera_seq, Body::Missed(missed));
+    }
+
+    fn say(&self, camera_seq: u64, word: Body) {
+        self.lock().words.push_back((camera_seq, word));
         self.changed.notify_one();
     }
 
@@ -77,7 +87,7 @@ impl Outbox {
     pub(crate) fn stream(self: &Arc<Self>) -> impl Stream<Item = v1::SessionRequest> + Send + use<> {
         let mut state = self.lock();
         state.incarnation += 1;
-        state.acks.clear();
+        state.words.clear();
         let incarnation = state.incarnation;
         drop(state);
         // Wakes the old stream, and leaves a permit for the new one.
@@ -106,8 +116,8 @@ impl Outbox {
             return ControlFlow::Break(None);
         }
         let request = |camera_seq, body| Some(v1::SessionRequest { camera_seq, body: Some(body) });
-        if let Some(camera_seq) = state.acks.pop_front() {
-            return ControlFlow::Break(request(camera_seq, Body::Ack(v1::SessionAck {})));
+        if let Some((camera_seq, word)) = state.words.pop_front() {
+            return ControlFlow::Break(request(camera_seq, word));
         }
         if state.closed {
             return ControlFlow::Break(None);
@@ -144,7 +154,7 @@ mod tests {
         let outbox = Arc::new(Outbox::default());
         for camera_seq in 1..=4 {
             outbox.put(camera_seq, v1::SessionView::default());
-            outbox.acknowledge(camera_seq);
+            outbox.acknowledge(camera_seq, None);
         }
         let sent: Vec<_> = outbox.stream().take(1).collect().await;
         // Acknowledgements from before the stream belong to a session that is gone.
@@ -153,7 +163,7 @@ mod tests {
         let stream = outbox.stream();
         for camera_seq in 5..=6 {
             outbox.put(camera_seq, v1::SessionView::default());
-            outbox.acknowledge(camera_seq);
+            outbox.acknowledge(camera_seq, None);
         }
         let sent: Vec<_> = stream.take(3).collect().await;
         assert_eq!(seqs(&sent), [(5, true), (6, true), (6, false)]);
@@ -166,7 +176,7 @@ mod tests {
         let begin = Instant::now();
         outbox.quiet_for(Duration::from_secs(2));
         outbox.put(1, v1::SessionView::default());
-        outbox.acknowledge(0);
+        outbox.acknowledge(0, None);
         assert_eq!(seqs(&[stream.next().await.unwrap()]), [(0, true)]);
         assert!(begin.elapsed() < Duration::from_secs(1));
         outbox.put(2, v1::SessionView::default());

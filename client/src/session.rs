@@ -11,6 +11,7 @@ use argus_scene::{Frame, InvalidField, View};
 use tokio::time::{Instant, sleep, timeout_at};
 use tonic::{Code, Streaming};
 
+use crate::elsewhere::{Fetch, Fetched};
 use crate::outbox::Outbox;
 use crate::render::answers;
 use crate::retry::Backoff;
@@ -26,11 +27,13 @@ pub struct SessionOptions {
     pub encoding: Encoding,
     /// A broken session is opened again for this long before it is given up.
     pub patience: Duration,
+    /// Whether frames may be fetched from workers where the server says so; it relays those that cannot be.
+    pub redirect: bool,
 }
 
 impl Default for SessionOptions {
     fn default() -> Self {
-        Self { encoding: Encoding::Unspecified, patience: Duration::from_secs(30) }
+        Self { encoding: Encoding::Unspecified, patience: Duration::from_secs(30), redirect: true }
     }
 }
 
@@ -68,6 +71,8 @@ pub struct Session {
     assembler: FrameAssembler,
     /// Camera of the frame that is arriving.
     arriving: Option<u64>,
+    /// The frame that is fetched from a worker.
+    fetch: Option<Fetch>,
     next_seq: u64,
     /// The newest camera that was answered, by a frame or a failure.
     answered: u64,
@@ -91,6 +96,7 @@ impl Client {
             outbox: Arc::default(),
             incoming: None,
             arriving: None,
+            fetch: None,
             next_seq: 1,
             answered: 0,
             open: BTreeMap::new(),
@@ -163,11 +169,15 @@ impl Session {
 
     /// Waits for the next message; `None` where it completes nothing.
     async fn receive(&mut self) -> Result<Option<SessionEvent>, ClientError> {
-        let incoming = match &mut self.incoming {
-            Some(incoming) => incoming,
-            None => self.open().await?,
+        if self.incoming.is_none() {
+            self.incoming = Some(self.open().await?);
+        }
+        let Some(incoming) = &mut self.incoming else { return Ok(None) };
+        let response = tokio::select! {
+            response = incoming.message() => response?,
+            fetched = fetched(&mut self.fetch) => return self.take_fetched(fetched),
         };
-        let Some(response) = incoming.message().await? else {
+        let Some(response) = response else {
             // A server that shuts down ends sessions in order; another one may take its place.
             let message = "the server ended the session".to_owned();
             return Err(ClientError::Server { code: Code::Unavailable, message, broken: true });
@@ -176,7 +186,15 @@ impl Session {
         self.superseded_there = response.superseded;
         let body =
             response.body.ok_or_else(|| WireError::from(InvalidField::new("body", "must be given")))?;
+        // Whatever is said of a camera stands in place of what was said of it before.
+        self.fetch.take_if(|fetch| fetch.camera_seq == camera_seq);
         match body {
+            // One that crossed the acknowledgement is of no use any more.
+            Body::Elsewhere(_) if camera_seq <= self.answered => Ok(None),
+            Body::Elsewhere(elsewhere) => {
+                self.fetch = Some(Fetch::new(&self.client, camera_seq, elsewhere));
+                Ok(None)
+            }
             Body::Failure(failure) => {
                 if !self.settle(camera_seq) {
                     return Ok(None);
@@ -194,16 +212,57 @@ impl Session {
                 }
                 let Some((frame, meta)) = self.assembler.push(chunk)? else { return Ok(None) };
                 self.arriving = None;
-                self.outbox.acknowledge(camera_seq);
-                if let Some(view) = self.open.get(&camera_seq) {
-                    answers(&frame, view)?;
-                }
-                if !self.settle(camera_seq) {
-                    return Ok(None);
-                }
-                Ok(Some(SessionEvent::Frame { camera_seq, frame: Box::new(frame), meta }))
+                self.outbox.acknowledge(camera_seq, None);
+                self.deliver(camera_seq, frame, meta)
             }
         }
+    }
+
+    /// What came of a frame that was to be fetched; one that did not come is relayed.
+    fn take_fetched(
+        &mut self,
+        (camera_seq, fetched): (u64, Result<Fetched, ClientError>),
+    ) -> Result<Option<SessionEvent>, ClientError> {
+        let serial = self.fetch.take().map_or(0, |fetch| fetch.serial);
+        let fits = |fetched: Fetched| match self.open.get(&camera_seq) {
+            Some(view) => Ok(answers(&fetched.frame, view).map(|()| fetched)?),
+            None => Ok(fetched),
+        };
+        match fetched.and_then(fits) {
+            Ok(Fetched { frame, meta, receipt }) => {
+                self.outbox.acknowledge(camera_seq, receipt);
+                self.deliver(camera_seq, frame, meta)
+            }
+            Err(error) => {
+                tracing::debug!(%error, "a frame could not be fetched from its worker");
+                // What a worker says itself is about this frame, not about the way to it.
+                let unreachable = !matches!(
+                    error,
+                    ClientError::Overloaded { .. }
+                        | ClientError::Invalid { .. }
+                        | ClientError::Server { broken: false, .. }
+                );
+                let reason = error.to_string();
+                self.outbox.missed(camera_seq, v1::SessionMissed { reason, serial, unreachable });
+                Ok(None)
+            }
+        }
+    }
+
+    /// A frame that arrived whole, unless a newer camera was answered.
+    fn deliver(
+        &mut self,
+        camera_seq: u64,
+        frame: Frame,
+        meta: FrameMeta,
+    ) -> Result<Option<SessionEvent>, ClientError> {
+        if let Some(view) = self.open.get(&camera_seq) {
+            answers(&frame, view)?;
+        }
+        if !self.settle(camera_seq) {
+            return Ok(None);
+        }
+        Ok(Some(SessionEvent::Frame { camera_seq, frame: Box::new(frame), meta }))
     }
 
     /// Notes the answer to a camera; `false` if a newer one has been answered or it was never sent.
@@ -217,9 +276,9 @@ impl Session {
     }
 
     /// Opens the stream, anew if there was one, and sends the newest camera again if it is unanswered.
-    async fn open(&mut self) -> Result<&mut Streaming<v1::SessionResponse>, ClientError> {
+    async fn open(&mut self) -> Result<Streaming<v1::SessionResponse>, ClientError> {
         self.assembler = FrameAssembler::new(self.client.description().limits);
-        self.arriving = None;
+        (self.arriving, self.fetch) = (None, None);
         self.superseded_before += std::mem::take(&mut self.superseded_there);
         if let Some((camera_seq, view)) = self.open.last_key_value() {
             self.outbox.put_back(*camera_seq, self.wire(view));
@@ -232,17 +291,26 @@ impl Session {
             after: self.options.patience,
             last: "the session was not opened".to_owned(),
         })?;
-        Ok(self.incoming.insert(response?.into_inner()))
+        Ok(response?.into_inner())
     }
 
     fn wire(&self, view: &View) -> v1::SessionView {
-        v1::SessionView { view: Some(view.into()), encoding: self.options.encoding as i32 }
+        let SessionOptions { encoding, redirect, .. } = self.options;
+        v1::SessionView { view: Some(view.into()), encoding: encoding as i32, redirectable: redirect }
     }
 }
 
 impl Drop for Session {
     fn drop(&mut self) {
         self.outbox.close();
+    }
+}
+
+/// The frame that is fetched, with its camera; never, where none is.
+async fn fetched(fetch: &mut Option<Fetch>) -> (u64, Result<Fetched, ClientError>) {
+    match fetch {
+        Some(fetch) => (fetch.camera_seq, fetch.frame().await),
+        None => std::future::pending().await,
     }
 }
 

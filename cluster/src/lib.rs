@@ -23,6 +23,7 @@ pub mod leadership;
 mod net;
 pub mod network;
 mod observe;
+pub mod sealed;
 pub mod security;
 #[doc(hidden)]
 pub mod untrusted;

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use argus_proto::v1;
 use argus_proto::v1::worker_report::Body;
-use argus_scene::{Bounds, InvalidField, Lighting, Rig, SampleSetInfo, SceneHash, View, Visibility};
+use argus_scene::{
+    Bounds, InvalidField, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, View, Visibility,
+};
 use glam::DVec3;
 use prost::Message;
 
@@ -24,12 +26,13 @@ fn set() -> Arc<SampleSetInfo> {
         generation: 1,
         lighting: Lighting::default(),
         visibility: Visibility::default(),
+        sampling: Sampling::default(),
     })
 }
 
 fn hello() -> Hello {
     let (name, address) = ("w".to_owned(), "http://127.0.0.1:1".to_owned());
-    Hello { name, pid: 1, address, device: "none".to_owned(), cores: 1 }
+    Hello { name, pid: 1, address, public_address: None, device: "none".to_owned(), cores: 1 }
 }
 
 /// A coordinator with one worker that is ready.
@@ -124,7 +127,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("WorkerReport", wire::hello(&hello()).encode_to_vec()),
         ("WorkerReport", wire::report(measured, Role::Both).encode_to_vec()),
-        ("Assignment", wire::assignment(assignment, 1, &standing(), &set()).encode_to_vec()),
+        ("Assignment", wire::assignment(assignment, 1, &standing(), &set(), None).encode_to_vec()),
         ("StatusResponse", wire::status(core().status(), 1, &standing(), &set()).encode_to_vec()),
     ]
 }

@@ -9,6 +9,7 @@ use argus_scene::{InvalidField, Limits, SampleSetInfo, Visibility};
 use crate::SceneRef;
 use crate::core::quality::Observed;
 use crate::core::{Assignment, Hello, Report, Role, Source, Status, WorkerStatus};
+use crate::sealed::SealKey;
 use crate::security::Security;
 
 /// Longest name of a worker: it stands in every frame and log line.
@@ -39,10 +40,16 @@ pub(crate) fn hello_from(wire: v1::Hello, security: Option<&Security>) -> Result
     }
     crate::net::endpoint(&wire.address, Duration::from_secs(1), security)
         .map_err(|reason| InvalidField::new("hello.address", reason))?;
+    let public_address = Some(wire.public_address).filter(|address| !address.is_empty());
+    if let Some(address) = &public_address {
+        crate::net::endpoint(address, Duration::from_secs(1), security)
+            .map_err(|reason| InvalidField::new("hello.public_address", reason))?;
+    }
     Ok(Hello {
         name: wire.worker_id,
         pid: wire.pid,
         address: wire.address,
+        public_address,
         device: wire.device,
         cores: wire.cores,
     })
@@ -54,6 +61,7 @@ pub(crate) fn hello(hello: &Hello) -> v1::WorkerReport {
         worker_id: hello.name.clone(),
         pid: hello.pid,
         address: hello.address.clone(),
+        public_address: hello.public_address.clone().unwrap_or_default(),
         device: hello.device.clone(),
         cores: hello.cores,
     };
@@ -131,6 +139,7 @@ pub(crate) fn assignment(
     term: u64,
     standing: &Standing,
     set: &SampleSetInfo,
+    key: Option<&SealKey>,
 ) -> v1::Assignment {
     v1::Assignment {
         term,
@@ -142,6 +151,7 @@ pub(crate) fn assignment(
         kept_from: assignment.kept_from,
         measure_ways: assignment.measure_ways,
         suspected: assignment.suspected,
+        seal_key: key.map(SealKey::to_bytes).unwrap_or_default().into(),
         limits: Some(standing.limits.into()),
         report_interval_ms: u32::try_from(standing.report_interval.as_millis()).unwrap_or(u32::MAX),
     }

@@ -9,7 +9,8 @@ use argus_proto::chunks::{
 use argus_proto::v1;
 use argus_scene::{
     Bounds, Camera, Frame, Lighting, Limits, PixelJob, Pixels, Plan, Plane, PlaneData, PlaneFormat,
-    PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, SceneHash, Served, Stage, Visibility,
+    PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, Sampling, SceneHash, Served, Stage,
+    Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -98,6 +99,7 @@ fn set() -> SampleSetInfo {
         generation: 1,
         lighting: Lighting::default(),
         visibility: Visibility::default(),
+        sampling: Sampling::default(),
     }
 }
 

@@ -66,6 +66,7 @@ messages! {
     Lighting => |m| converted(Lighting::try_from(m)),
     TileCornersRig, CellRig,
     Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
+    MegaViewsSampling,
     SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),
     SampleId,
     Stage => |m| converted(Stage::try_from(m)),
@@ -88,7 +89,10 @@ messages! {
     ViewOrder => |m| converted(Plan::try_from(m.plan.unwrap_or_default())),
     SampleSource, SessionRequest,
     SessionView => |m| view(m.view.unwrap_or_default()),
-    SessionAck, SessionResponse, SessionFailure,
+    SessionAck, SessionMissed, SessionResponse, SessionFailure,
+    Elsewhere, Sealed,
+    Ticket => |m| view(m.request.unwrap_or_default().view.unwrap_or_default()),
+    RedeemRequest, RedeemResponse, Receipt,
 }
 
 /// The first chunk of a stream, which goes on.
@@ -153,7 +157,8 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
         ..Default::default()
     };
     messages.push(("RenderRequest", request.encode_to_vec()));
-    let session = v1::SessionView { view: Some(wire), encoding: v1::Encoding::Zstd as i32 };
+    let session =
+        v1::SessionView { view: Some(wire), encoding: v1::Encoding::Zstd as i32, redirectable: true };
     messages.push(("SessionView", session.encode_to_vec()));
     messages.extend(argus_cluster::untrusted::corpus());
     messages.extend([

@@ -148,9 +148,14 @@ fn no_request_of_a_client_can_name_a_file() {
             }
         }
     }
-    // A name for logs, the device of a pin, and what only a coordinator says (clients are refused, see `order`).
-    let harmless =
-        ["Provenance.device", "RenderRequest.view_id", "SampleSource.addresses", "ViewOrder.tracers"];
+    // Names and reasons for logs, the device of a pin, and what only a coordinator says (clients are refused, see `order`).
+    let harmless = [
+        "Provenance.device",
+        "RenderRequest.view_id",
+        "SampleSource.addresses",
+        "SessionMissed.reason",
+        "ViewOrder.tracers",
+    ];
     assert_eq!(texts.iter().map(String::as_str).collect::<Vec<_>>(), harmless);
 }
 

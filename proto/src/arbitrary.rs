@@ -2,9 +2,10 @@
 
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Effect, Frame, Holes, Light, Lighting, Limits, OmniLayout, Output, Outputs, Plan,
-    PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, Prediction, Preset, Provenance, Rig, Sample,
-    SampleCamera, SampleId, SampleSetInfo, SceneHash, Search, Served, Sky, Stage, View, Visibility, Warp,
+    Bounds, Camera, Effect, Frame, Holes, Light, Lighting, Limits, MegaViews, OmniLayout, Output, Outputs,
+    Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, Prediction, Preset, Provenance, Rig, Sample,
+    SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Stage, View, Visibility,
+    Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -114,18 +115,37 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
 
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     let visibility = prop::sample::select(Visibility::ALL.to_vec());
-    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), visibility).prop_map(
-        |(scene, bounds, rig, (epoch, generation), epoch_secs, lighting, visibility)| SampleSetInfo {
-            scene,
-            bounds,
-            rig,
-            epoch,
-            epoch_secs,
-            generation,
-            lighting,
-            visibility,
+    let ways = (visibility, sampling());
+    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), ways).prop_map(
+        |(scene, bounds, rig, (epoch, generation), epoch_secs, lighting, (visibility, sampling))| {
+            // Omni cameras alone are taken in every way.
+            let sampling = sampling.validate(&rig).map_or(Sampling::Triangles, |()| sampling);
+            SampleSetInfo {
+                scene,
+                bounds,
+                rig,
+                epoch,
+                epoch_secs,
+                generation,
+                lighting,
+                visibility,
+                sampling,
+            }
         },
     )
+}
+
+fn sampling() -> impl Strategy<Value = Sampling> {
+    let block = prop::sample::select(vec![1, 2, 4]);
+    prop_oneof![
+        Just(Sampling::Triangles),
+        // Larger maps do not go with blocks of four.
+        (8..=512u32, 1..=10u32, block).prop_map(|(map_side, levels, block)| Sampling::MegaViews(MegaViews {
+            map_side,
+            levels,
+            block
+        })),
+    ]
 }
 
 pub(crate) fn outputs() -> impl Strategy<Value = Outputs> {

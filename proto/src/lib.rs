@@ -26,7 +26,7 @@ pub mod v1 {
 
 /// Raised when a message changes so that older processes would misread it. Compared when a worker joins
 /// and when a client describes the service.
-pub const PROTOCOL_VERSION: u32 = 1;
+pub const PROTOCOL_VERSION: u32 = 2;
 
 /// The largest number of payload bytes in one chunk of a frame, a sample or a scene.
 pub const MAX_CHUNK_BYTES: usize = 1 << 20;

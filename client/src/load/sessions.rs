@@ -13,7 +13,7 @@ use crate::{Client, ClientError, SessionEvent, SessionOptions};
 /// to be answered; that it is not is a failure, while those that newer ones overtook are superseded.
 pub(super) async fn run(client: Client, options: LoadOptions, schedule: Schedule, begin: Instant) -> Tally {
     let (encoding, patience) = (options.encoding, options.deadline);
-    let mut session = client.session(SessionOptions { encoding, patience });
+    let mut session = client.session(SessionOptions { encoding, patience, ..SessionOptions::default() });
     let mut tally = Tally::new();
     // When each camera that may still be answered was due.
     let mut open: BTreeMap<u64, Duration> = BTreeMap::new();
@@ -54,7 +54,7 @@ pub(super) async fn run(client: Client, options: LoadOptions, schedule: Schedule
                     }
                     tally.superseded += open.len() as u64;
                     open.clear();
-                    session = client.session(SessionOptions { encoding, patience });
+                    session = client.session(SessionOptions { encoding, patience, ..SessionOptions::default() });
                 }
             },
         }

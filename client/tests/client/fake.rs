@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use argus_client::{Client, ConnectOptions};
 use argus_proto::chunks::{FrameMeta, frame_chunks};
 use argus_proto::v1::cluster_server::{Cluster, ClusterServer};
+use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::session_response::Body;
 use argus_proto::v1::views_server::{Views, ViewsServer};
 use argus_proto::v1::{self, Encoding};
@@ -21,6 +22,7 @@ use argus_scene::{
 };
 use futures::{Stream, StreamExt};
 use glam::DVec3;
+use prost::Message as _;
 use tokio::net::TcpListener;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{mpsc, oneshot, watch};
@@ -53,6 +55,10 @@ pub(crate) struct Fake {
     pub(crate) view_ids: Mutex<Vec<String>>,
     /// Acknowledgements that sessions received.
     pub(crate) acks: AtomicU64,
+    /// Those of them that came with a worker's receipt.
+    pub(crate) receipts: AtomicU64,
+    /// Where sessions are sent for their frames.
+    pub(crate) elsewhere: Mutex<Option<String>>,
     /// Frames that sessions sent whole.
     pub(crate) session_frames: AtomicU64,
 }
@@ -222,6 +228,23 @@ impl Views for Handler {
         Ok(Response::new(Box::pin(futures::stream::iter(chunks.into_iter().map(Ok)))))
     }
 
+    type RedeemStream = Chunks<v1::RedeemResponse>;
+
+    async fn redeem(
+        &self,
+        request: Request<v1::RedeemRequest>,
+    ) -> Result<Response<Self::RedeemStream>, Status> {
+        // Its tickets are the requests themselves.
+        let ticket = request.into_inner().ticket.unwrap_or_default();
+        let request = v1::RenderRequest::decode(ticket.body).map_err(|e| Status::internal(e.to_string()))?;
+        let view: View = request.view.unwrap_or_default().try_into().map_err(status::invalid)?;
+        let chunks = self.0.chunks(&view, "", request.encoding).await?.into_iter();
+        let receipt = v1::Sealed { body: "a receipt".into(), seal: Default::default() };
+        let bodies = chunks.map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
+        let answers = bodies.map(|body| Ok(v1::RedeemResponse { body: Some(body) }));
+        Ok(Response::new(Box::pin(futures::stream::iter(answers))))
+    }
+
     type SessionStream = Chunks<v1::SessionResponse>;
 
     async fn session(
@@ -229,7 +252,7 @@ impl Views for Handler {
         request: Request<Streaming<v1::SessionRequest>>,
     ) -> Result<Response<Self::SessionStream>, Status> {
         let (newest, mut cameras) = watch::channel(None);
-        let (acked, mut acks) = watch::channel(0);
+        let (acked, mut acks) = watch::channel((0, true));
         let received = Arc::new(AtomicU64::new(0));
         let mut incoming = request.into_inner();
         let (fake, arrived) = (Arc::clone(&self.0), Arc::clone(&received));
@@ -240,9 +263,13 @@ impl Views for Handler {
                         arrived.fetch_add(1, Ordering::SeqCst);
                         newest.send_replace(Some((request.camera_seq, view)));
                     }
-                    v1::session_request::Body::Ack(_) => {
+                    v1::session_request::Body::Ack(ack) => {
                         fake.acks.fetch_add(1, Ordering::SeqCst);
-                        acked.send_replace(request.camera_seq);
+                        fake.receipts.fetch_add(ack.receipt.is_some().into(), Ordering::SeqCst);
+                        acked.send_replace((request.camera_seq, true));
+                    }
+                    v1::session_request::Body::Missed(_) => {
+                        acked.send_replace((request.camera_seq, false));
                     }
                 }
             }
@@ -257,6 +284,23 @@ impl Views for Handler {
                 let superseded = received.load(Ordering::SeqCst) - taken;
                 let respond = |body| v1::SessionResponse { camera_seq, superseded, body: Some(body) };
                 let encoding = view.encoding;
+                let elsewhere = lock(&fake.elsewhere).clone().filter(|_| view.redirectable);
+                if let Some(address) = elsewhere {
+                    let request =
+                        v1::RenderRequest { view: view.view.clone(), encoding, ..Default::default() };
+                    let ticket =
+                        v1::Sealed { body: request.encode_to_vec().into(), seal: Default::default() };
+                    let elsewhere =
+                        v1::Elsewhere { address, ticket: Some(ticket), age_ms: 1000.0, serial: 1 };
+                    if responses.send(Ok(respond(Body::Elsewhere(elsewhere)))).await.is_err() {
+                        return;
+                    }
+                    match acks.wait_for(|(seq, _)| *seq >= camera_seq).await.map(|word| word.1) {
+                        Ok(true) => continue,
+                        Ok(false) => {}
+                        Err(_) => return,
+                    }
+                }
                 let view = view.view.unwrap_or_default().try_into().map_err(status::invalid);
                 let chunks = match view {
                     Ok(view) => fake.chunks(&view, "", encoding).await,
@@ -279,7 +323,7 @@ impl Views for Handler {
                     }
                 }
                 fake.session_frames.fetch_add(1, Ordering::SeqCst);
-                if acks.wait_for(|seq| *seq >= camera_seq).await.is_err() {
+                if acks.wait_for(|(seq, arrived)| *arrived && *seq >= camera_seq).await.is_err() {
                     return;
                 }
             }

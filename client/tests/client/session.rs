@@ -1,5 +1,6 @@
 //! Sessions, against a server that is slow or breaks off.
 
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
@@ -88,4 +89,52 @@ async fn a_session_whose_server_is_gone_is_given_up_when_patience_ends() {
     session.send(&view(2.0));
     let outcome = timeout(Duration::from_secs(10), session.next()).await.expect("an end to patience");
     assert!(matches!(outcome.unwrap_err(), ClientError::Deadline { .. }));
+}
+
+#[tokio::test]
+async fn frames_are_fetched_where_the_server_says_and_acknowledged_with_the_receipt() {
+    let worker = Fake::default().serve().await;
+    let server = Fake { elsewhere: Mutex::new(Some(worker.url())), ..Fake::default() }.serve().await;
+    let mut session = server.client().await.session(SessionOptions::default());
+    for i in 1..=3 {
+        session.send(&view(f64::from(i)));
+        let SessionEvent::Frame { frame: came, meta, .. } = next(&mut session).await else {
+            panic!("a frame")
+        };
+        assert_eq!(came.color, frame(&view(f64::from(i))).color);
+        let detour = came.stages.iter().find(|stage| stage.name == "detour").expect("the way to the worker");
+        assert!(detour.ms > 990.0, "{detour:?}");
+        // The server said that the request was a second old, to which the detour adds.
+        assert!(meta.age_ms > 1000.0 && meta.age_ms < 5000.0, "{}", meta.age_ms);
+    }
+    timeout(Duration::from_secs(5), async {
+        while server.fake.receipts.load(Ordering::SeqCst) < 3 {
+            sleep(Duration::from_millis(5)).await;
+        }
+    })
+    .await
+    .expect("each receipt is brought back");
+    assert_eq!(server.fake.session_frames.load(Ordering::SeqCst), 0, "nothing was relayed");
+    // A client that wants them relayed is not sent anywhere.
+    let options = SessionOptions { redirect: false, ..SessionOptions::default() };
+    let mut session = server.client().await.session(options);
+    session.send(&view(1.0));
+    assert!(matches!(next(&mut session).await, SessionEvent::Frame { camera_seq: 1, .. }));
+    assert_eq!(server.fake.session_frames.load(Ordering::SeqCst), 1);
+}
+
+#[tokio::test]
+async fn a_frame_that_cannot_be_fetched_is_relayed() {
+    // Nobody listens there; there is no address; it breaks off in the middle of a frame.
+    let broken = Fake { truncate: AtomicU32::new(1), ..Fake::default() }.serve().await;
+    for elsewhere in ["http://127.0.0.1:9".to_owned(), "nowhere".to_owned(), broken.url()] {
+        let server = Fake { elsewhere: Mutex::new(Some(elsewhere.clone())), ..Fake::default() }.serve().await;
+        let mut session = server.client().await.session(SessionOptions::default());
+        session.send(&view(1.0));
+        match next(&mut session).await {
+            SessionEvent::Frame { camera_seq: 1, frame: came, .. } => assert_eq!(*came, frame(&view(1.0))),
+            other => panic!("{elsewhere}: {other:?}"),
+        }
+        assert_eq!(server.fake.session_frames.load(Ordering::SeqCst), 1, "{elsewhere}");
+    }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_scene::{InvalidField, RigKnobs};
+use argus_scene::{InvalidField, RigKnobs, Sampling};
 use serde::Serialize;
 
 use crate::core;
@@ -17,6 +17,8 @@ pub struct Config {
     pub core: core::Config,
     /// Where sample cameras stand; what is left open follows from the scene.
     pub rig: RigKnobs,
+    /// What samples are rendered from, for which the rig must have the cameras.
+    pub sampling: Sampling,
     /// Seconds that an animated scene moves on in a second; 0 holds it still.
     pub time_scale: f64,
     /// Whether time changes what is seen though nothing of the scene moves: where workers are told of lights that do.
@@ -46,6 +48,7 @@ impl Default for Config {
         Self {
             core: core::Config::default(),
             rig: RigKnobs::default(),
+            sampling: Sampling::default(),
             time_scale: 1.0,
             drifts: false,
             models: Vec::new(),
@@ -66,6 +69,9 @@ pub enum ServeError {
     /// No rig can be placed around the scene.
     #[error("no sample camera can be placed: {0}")]
     Rig(#[from] InvalidField),
+    /// Samples cannot be taken like this.
+    #[error("samples cannot be taken: {0}")]
+    Sampling(InvalidField),
     /// Time cannot pass like this.
     #[error("the scene cannot move: {0}")]
     Time(InvalidField),

@@ -11,7 +11,7 @@ use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver, UnboundedSender, channel, unbounded_channel};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
-use tonic::Status;
+use tonic::{Request, Status};
 use tracing::{debug, info, warn};
 
 use super::Config;
@@ -21,6 +21,7 @@ use crate::core::quality::Observed;
 use crate::core::{Action, Client, Core, Event, Failure, Hello, Order, Ticket, Uptime, WorkerId};
 use crate::leadership::Held;
 use crate::net::Channels;
+use crate::sealed::{Kind, SealKey};
 use crate::wire::{self, Standing};
 
 /// Assignments that a worker has yet to read. Each replaces those before it and they come a few a second, so that one with
@@ -72,8 +73,38 @@ impl Leading {
 /// A worker's stream.
 struct Seat {
     hello: Hello,
+    /// Where clients may be sent to it.
+    door: Option<Door>,
     assignments: Sender<Result<v1::Assignment, Status>>,
     expelled: CancellationToken,
+}
+
+/// A worker that clients can reach.
+struct Door {
+    key: SealKey,
+    /// Of the newest ticket.
+    serial: u64,
+    /// One for each detour besides this.
+    out: Arc<()>,
+}
+
+/// What a client is told that shall fetch its frame from a worker.
+pub(super) struct Detour {
+    pub(super) elsewhere: v1::Elsewhere,
+    key: SealKey,
+    _out: Arc<()>,
+}
+
+/// Most clients that are on their way to one worker: some of its places are left to frames that are relayed, should
+/// clients take their time.
+const MOST_OUT: usize = 64;
+
+impl Detour {
+    /// What the worker says of the frame, if the receipt is of this detour's ticket.
+    pub(super) fn header(&self, receipt: &v1::Sealed) -> Option<v1::FrameHeader> {
+        let receipt: v1::Receipt = self.key.open(Kind::Receipt, receipt)?;
+        receipt.header.filter(|_| receipt.serial == self.elsewhere.serial)
+    }
 }
 
 /// A worker that joined: its id, what to send it, and the token that ends its stream.
@@ -142,8 +173,9 @@ impl Hub {
                     let Some(seat) = state.seats.get(&worker) else { continue };
                     let ahead = assignment.ahead.len();
                     debug!(worker = seat.hello.name, role = ?assignment.role, ahead, "assigned");
-                    let message =
-                        wire::assignment(assignment, leading.term, &self.standing, state.core.set());
+                    let key = seat.door.as_ref().map(|door| &door.key);
+                    let set = state.core.set();
+                    let message = wire::assignment(assignment, leading.term, &self.standing, set, key);
                     match seat.assignments.try_send(Ok(message)) {
                         Ok(()) => {}
                         Err(TrySendError::Full(_)) => {
@@ -265,7 +297,11 @@ impl Hub {
         let worker = WorkerId(state.next_id);
         state.next_id += 1;
         info!(worker = hello.name, address = hello.address, device = hello.device, "worker joined");
-        state.seats.insert(worker, Seat { hello: hello.clone(), assignments, expelled: expelled.clone() });
+        // Without a key nobody is sent there, and frames are relayed.
+        let key = hello.public_address.is_some().then(SealKey::drawn).flatten();
+        let door = key.map(|key| Door { key, serial: 0, out: Arc::default() });
+        let seat = Seat { hello: hello.clone(), door, assignments, expelled: expelled.clone() };
+        state.seats.insert(worker, seat);
         self.step_locked(&mut state, Event::Joined { worker, hello });
         Ok(Seated { worker, assignments: receiver, expelled })
     }
@@ -295,6 +331,30 @@ impl Hub {
         }
         drop(state);
         Asked { hub: self.clone(), ticket, verdicts, open: true }
+    }
+
+    /// Sends a client to the worker with that request; `None` where clients do not reach it, or enough are on their way.
+    pub(super) fn detour(
+        &self,
+        worker: WorkerId,
+        request: Request<v1::RenderRequest>,
+        age: Duration,
+    ) -> Option<Detour> {
+        let mut state = self.state.lock();
+        let seat = state.seats.get_mut(&worker)?;
+        let (door, address) = (seat.door.as_mut()?, seat.hello.public_address.clone()?);
+        if Arc::strong_count(&door.out) > MOST_OUT {
+            return None;
+        }
+        door.serial += 1;
+        let (serial, key, out) = (door.serial, door.key.clone(), door.out.clone());
+        drop(state);
+        let traceparent = request.metadata().get("traceparent").and_then(|value| value.to_str().ok());
+        let traceparent = traceparent.unwrap_or_default().to_owned();
+        let ticket = v1::Ticket { serial, request: Some(request.into_inner()), traceparent };
+        let ticket = Some(key.seal(Kind::Ticket, &ticket));
+        let elsewhere = v1::Elsewhere { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial };
+        Some(Detour { elsewhere, key, _out: out })
     }
 
     /// Counts a session, if its client may open one.
@@ -352,7 +412,7 @@ impl Asked {
 
     /// The frame of that attempt was relayed whole; `uncovered` of its pixels no sample saw. Rendering took `ms`,
     /// if that was not said before.
-    pub(super) fn answered(mut self, attempt: u32, uncovered: u64, ms: Option<f64>) {
+    pub(super) fn answered(mut self, attempt: u32, uncovered: Option<u64>, ms: Option<f64>) {
         self.end(Event::Answered { ticket: self.ticket, attempt, uncovered, ms });
     }
 

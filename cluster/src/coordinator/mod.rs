@@ -4,6 +4,7 @@ mod cluster;
 mod config;
 mod hub;
 mod lead;
+mod redirect;
 mod relay;
 mod scenes;
 mod session;
@@ -54,10 +55,12 @@ pub async fn serve(
     shutdown: CancellationToken,
 ) -> Result<(), ServeError> {
     let scene = source.scene();
+    let rig = Rig::for_scene(scene, &config.rig)?;
+    config.sampling.validate(&rig).map_err(ServeError::Sampling)?;
     let set = Arc::new(SampleSetInfo {
         scene: scene.hash,
         bounds: scene.bounds(),
-        rig: Rig::for_scene(scene, &config.rig)?,
+        rig,
         epoch: 0,
         // What is sampled anew for every so many views, or under lights that drift, has epochs even where nothing moves.
         epoch_secs: match scene.is_animated() || config.drifts || config.core.refresh_views > 0 {
@@ -68,6 +71,7 @@ pub async fn serve(
         lighting: scene.lighting.clone(),
         // As the configuration says, or as is measured.
         visibility: Visibility::default(),
+        sampling: config.sampling,
     });
     let standing = Standing {
         scene: SceneRef { name: scene.name.clone(), hash: scene.hash },

@@ -61,8 +61,27 @@ enum Broken {
 /// The frame of a view in chunks. Dropping the stream cancels the view.
 pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<v1::FrameChunk, Status>> {
     async_stream::try_stream! {
-        let mut asked = hub.ask(wanted.client.clone(), wanted.view.clone(), wanted.deadline);
-        let mut order = ordered(&mut asked).await?;
+        let mut asked = ask(&hub, &wanted);
+        let order = ordered(&mut asked).await?;
+        for await chunk in relay_from(hub, wanted, asked, order) {
+            yield chunk?;
+        }
+    }
+}
+
+/// Asks the core for a view.
+pub(super) fn ask(hub: &Arc<Hub>, wanted: &Wanted) -> Asked {
+    hub.ask(wanted.client.clone(), wanted.view.clone(), wanted.deadline)
+}
+
+/// The frame of a view that was asked for and ordered.
+pub(super) fn relay_from(
+    hub: Arc<Hub>,
+    wanted: Wanted,
+    mut asked: Asked,
+    mut order: Box<Order>,
+) -> impl Stream<Item = Result<v1::FrameChunk, Status>> {
+    async_stream::try_stream! {
         let mut relayed = Relayed::default();
         loop {
             let mut chunks: Option<Streaming<v1::FrameChunk>> = None;
@@ -102,9 +121,7 @@ pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<
                         match relayed.pass(chunk, wanted.arrived, order.expected) {
                             Ok(Some(chunk)) if relayed.is_whole() => {
                                 // Said before the client has it, who may go as soon as it does.
-                                let ms = relayed.rendering_ms(&order);
-                                asked.answered(order.attempt, relayed.uncovered(), ms);
-                                relayed.header.iter().for_each(|header| hub.frames.relayed(header));
+                                arrived(&hub, asked, &order, relayed.header.as_ref());
                                 yield chunk;
                                 // Reading to the end lets the worker's stream close in order.
                                 if let Some(chunks) = &mut chunks {
@@ -144,7 +161,7 @@ pub(super) fn relay(hub: Arc<Hub>, wanted: Wanted) -> impl Stream<Item = Result<
 }
 
 /// The next order; a ruling about a frame that is no longer awaited is passed over.
-async fn ordered(asked: &mut Asked) -> Result<Box<Order>, Fault> {
+pub(super) async fn ordered(asked: &mut Asked) -> Result<Box<Order>, Fault> {
     loop {
         if let Ruling::Carry(order) = asked.verdict().await? {
             return Ok(order);
@@ -167,6 +184,22 @@ async fn judge(asked: &mut Asked, order: &Order, first: &v1::FrameChunk, relayed
     verdict
 }
 
+/// The client has its frame, of which the header is known unless its worker told nothing of it.
+pub(super) fn arrived(hub: &Hub, asked: Asked, order: &Order, header: Option<&v1::FrameHeader>) {
+    // What a judged frame cost was said then.
+    let ms = header.filter(|_| !order.judged).map(rendering_ms);
+    asked.answered(order.attempt, header.map(uncovered), ms);
+    header.into_iter().for_each(|header| hub.frames.arrived(header));
+}
+
+/// Pixels of a frame that none of its samples saw.
+fn uncovered(header: &v1::FrameHeader) -> u64 {
+    let pixels = f64::from(header.width) * f64::from(header.height);
+    // What was traced is no longer unresolved. A number that is none counts as nothing.
+    let guessed = (header.unresolved_fraction * pixels).round() as u64;
+    guessed.saturating_add(header.served.map_or(0, |served| served.traced))
+}
+
 /// Milliseconds of a frame's stages that were spent on rendering it.
 fn rendering_ms(header: &v1::FrameHeader) -> f64 {
     header.stages.iter().filter(|stage| !Stage::is_on_the_way(&stage.name)).map(|stage| stage.ms).sum()
@@ -177,13 +210,14 @@ fn another_may_succeed(status: &Status) -> bool {
     !matches!(status.code(), Code::InvalidArgument | Code::DeadlineExceeded | Code::Unimplemented)
 }
 
-async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {
+/// An order as its worker gets it.
+pub(super) fn request(hub: &Hub, wanted: &Wanted, order: &Order) -> v1::RenderRequest {
     let age = wanted.arrived.elapsed();
     let left = wanted.deadline.map_or(0, |deadline| {
         // 0 would mean: no deadline.
         u32::try_from(deadline.saturating_sub(age).as_millis()).unwrap_or(u32::MAX).max(1)
     });
-    let request = v1::RenderRequest {
+    v1::RenderRequest {
         view_id: wanted.view_id.clone(),
         view: Some(wanted.wire.clone()),
         deadline_ms: left,
@@ -196,8 +230,13 @@ async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1:
             age_ms: age.as_secs_f64() * 1e3,
             tracers: order.tracers.clone(),
             observe: order.judged,
+            predicted: order.expected.map(Into::into),
         }),
-    };
+    }
+}
+
+async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {
+    let request = request(hub, wanted, order);
     let mut client = ViewsClient::new(hub.channels.to(&order.address)?);
     Ok(client.render(within(&wanted.span, request)).await?.into_inner())
 }
@@ -208,20 +247,6 @@ impl Relayed {
         let due =
             |header: &v1::FrameHeader| header.images.iter().map(|image| image.packed_bytes).sum::<u64>();
         self.header.as_ref().is_some_and(|header| self.bytes == due(header))
-    }
-
-    /// Pixels of the frame that none of its samples saw.
-    fn uncovered(&self) -> u64 {
-        let Some(header) = &self.header else { return 0 };
-        let pixels = f64::from(header.width) * f64::from(header.height);
-        // What was traced is no longer unresolved. A number that is none counts as nothing.
-        let guessed = (header.unresolved_fraction * pixels).round() as u64;
-        guessed.saturating_add(header.served.map_or(0, |served| served.traced))
-    }
-
-    /// What rendering took, unless the frame was judged and the core told.
-    fn rendering_ms(&self, order: &Order) -> Option<f64> {
-        self.header.as_ref().filter(|_| !order.judged).map(rendering_ms)
     }
 
     /// What to send on of a chunk; `None` if the client has it already.

@@ -2,7 +2,8 @@
 //!
 //! Cameras go into a slot of capacity one: a camera that is still there when the next one comes was never
 //! rendered and is counted as superseded. One view is in work at a time, and at most [`WINDOW`] frames are on
-//! their way to the client unacknowledged, so that a slow client gets fewer frames instead of older ones.
+//! their way to the client unacknowledged, so that a slow client gets fewer frames instead of older ones. A client that
+//! can reach workers is sent there for its frames (`redirect`), one at a time.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -20,7 +21,8 @@ use tonic::{Status, Streaming};
 use tracing::debug_span;
 
 use super::hub::Hub;
-use super::relay::{Wanted, relay};
+use super::redirect::{Away, Detours, Word};
+use super::relay::{Wanted, ask, ordered, relay_from};
 use super::views::{checked, checked_encoding};
 use crate::core::{Client, Event};
 
@@ -37,6 +39,8 @@ struct Inbox {
     /// Frames in work or sent, and not acknowledged. From the moment that work on one begins: its
     /// acknowledgement may arrive before the end of its stream was seen here.
     on_their_way: BTreeSet<u64>,
+    /// What was said last of a frame that was sent, or that was to be fetched elsewhere.
+    word: Option<(u64, Word)>,
     closed: bool,
 }
 
@@ -80,6 +84,7 @@ pub(super) fn run(
         let reader = listen(hub.clone(), requests, shared.clone());
         tokio::pin!(reader);
         let mut reading = true;
+        let mut detours = Detours::default();
         loop {
             // Listening goes on within this task, so that it ends with it.
             // It comes first: what has arrived meanwhile overtakes what waits.
@@ -90,7 +95,9 @@ pub(super) fn run(
                 () = hub.closing.cancelled() => None,
             };
             let Some((camera_seq, asked, arrived)) = taken else { return };
-            let answers = frames(hub.clone(), open.client.clone(), camera_seq, asked, arrived);
+            let client = open.client.clone();
+            let answers =
+                frames(hub.clone(), client, camera_seq, asked, arrived, shared.clone(), &mut detours);
             tokio::pin!(answers);
             let mut failed = false;
             loop {
@@ -134,7 +141,13 @@ async fn listen(hub: Arc<Hub>, mut requests: Streaming<v1::SessionRequest>, shar
                     inbox.superseded += u64::from(superseded);
                 }
                 // Frames arrive in order, so an acknowledgement covers all before it.
-                Some(Asked::Ack(_)) => inbox.on_their_way.retain(|seq| *seq > request.camera_seq),
+                Some(Asked::Ack(ack)) => {
+                    inbox.on_their_way.retain(|seq| *seq > request.camera_seq);
+                    inbox.word = Some((request.camera_seq, Word::Arrived(ack.receipt)));
+                }
+                Some(Asked::Missed(missed)) => {
+                    inbox.word = Some((request.camera_seq, Word::Missed(missed)));
+                }
                 None => {}
             }
         }
@@ -167,13 +180,31 @@ async fn take(shared: &Shared) -> Option<(u64, v1::SessionView, Instant)> {
     }
 }
 
-/// The frame of one camera, or its failure.
+/// What the client says of the frame of that camera.
+async fn word(shared: &Shared, camera_seq: u64) -> Word {
+    loop {
+        {
+            let mut inbox = shared.inbox.lock();
+            match inbox.word.take() {
+                Some((of, word)) if of == camera_seq => return word,
+                // Of a frame before it.
+                _ if inbox.closed => return Word::no_more(),
+                _ => {}
+            }
+        }
+        shared.changed.notified().await;
+    }
+}
+
+/// The frame of one camera, or where to fetch it, or its failure.
 fn frames(
     hub: Arc<Hub>,
     client: Client,
     camera_seq: u64,
     asked: v1::SessionView,
     arrived: Instant,
+    shared: Arc<Shared>,
+    detours: &mut Detours,
 ) -> impl Stream<Item = Answer> {
     async_stream::stream! {
         let checks = checked(&hub, asked.view.as_ref())
@@ -185,6 +216,7 @@ fn frames(
                 return;
             }
         };
+        let redirectable = asked.redirectable;
         let wanted = Wanted {
             client,
             view,
@@ -195,9 +227,32 @@ fn frames(
             arrived,
             span: debug_span!(target: TARGET, "relay", camera = camera_seq),
         };
-        let chunks = relay(hub, wanted);
-        tokio::pin!(chunks);
-        while let Some(chunk) = chunks.next().await {
+        let mut asked = ask(&hub, &wanted);
+        let mut ordered = ordered(&mut asked).await;
+        let mut given = Vec::new();
+        let order = loop {
+            let order = match ordered {
+                Ok(order) => order,
+                Err(fault) => {
+                    yield failure(&fault.into());
+                    return;
+                }
+            };
+            // One that says no more could not say that it has its frame.
+            let detour = match redirectable && !shared.inbox.lock().closed {
+                true => detours.of(&hub, &wanted, &order),
+                false => None,
+            };
+            let Some(detour) = detour else { break order };
+            yield Answer::Elsewhere(detour.elsewhere.clone());
+            given.push(detour);
+            let away = Away { hub: &hub, detours: &mut *detours, given: &given, since: arrived };
+            match away.taken(asked, order, || word(&shared, camera_seq)).await {
+                Some(open) => (asked, ordered) = open,
+                None => return,
+            }
+        };
+        for await chunk in relay_from(hub, wanted, asked, order) {
             match chunk {
                 Ok(chunk) => yield Answer::Chunk(chunk),
                 Err(status) => yield failure(&status),

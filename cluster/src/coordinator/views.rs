@@ -83,6 +83,7 @@ pub(super) fn checked_encoding(encoding: i32) -> Result<i32, InvalidField> {
 impl Views for ViewsService {
     type RenderStream = Streamed<v1::FrameChunk>;
     type SessionStream = Streamed<v1::SessionResponse>;
+    type RedeemStream = Streamed<v1::RedeemResponse>;
 
     async fn describe(
         &self,
@@ -127,6 +128,13 @@ impl Views for ViewsService {
             span,
         };
         Ok(Response::new(Box::pin(relay(self.hub.clone(), wanted))))
+    }
+
+    async fn redeem(
+        &self,
+        _request: Request<v1::RedeemRequest>,
+    ) -> Result<Response<Self::RedeemStream>, Status> {
+        Err(invalid(InvalidField::new("ticket", "is for the worker at the address that it came with")))
     }
 
     async fn session(

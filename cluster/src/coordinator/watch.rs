@@ -48,8 +48,8 @@ impl Default for Frames {
 }
 
 impl Frames {
-    /// A frame was relayed whole.
-    pub(super) fn relayed(&self, header: &v1::FrameHeader) {
+    /// A client has a frame whole, or will as soon as its last chunk is there.
+    pub(super) fn arrived(&self, header: &v1::FrameHeader) {
         let seconds = |ms: f64| ms.max(0.0) * 1e-3;
         if header.age_ms.is_finite() {
             self.seconds.observe(seconds(header.age_ms));
@@ -79,7 +79,7 @@ impl Frames {
         let help = "From a view's request to its frame's first byte at the coordinator";
         registry.register("view_seconds", help, self.seconds.clone());
         registry.register("stage_seconds", "What a stage of a frame took", self.stages.clone());
-        registry.register("pixels", "Pixels of relayed frames, by where they came from", self.pixels.clone());
+        registry.register("pixels", "Pixels of frames, by where they came from", self.pixels.clone());
         registry
     }
 }

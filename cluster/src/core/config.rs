@@ -112,7 +112,7 @@ impl Default for Config {
             pixels_per_sec_per_client: None,
             max_wait: Duration::from_secs(60),
             max_views_per_worker: 128,
-            max_attempts: 4,
+            max_attempts: 8,
             patience: Duration::from_secs(30),
             max_view_time: Duration::from_secs(600),
             missing_sample_views: 2.0,

@@ -382,13 +382,13 @@ impl Core {
         actions.push(Action::Dispatch { ticket, order: Box::new(order) });
     }
 
-    pub(super) fn answered(&mut self, ticket: Ticket, attempt: u32, uncovered: u64, ms: Option<f64>) {
+    pub(super) fn answered(&mut self, ticket: Ticket, attempt: u32, uncovered: Option<u64>, ms: Option<f64>) {
         if self.is_current(ticket, attempt) {
             if let Some(ms) = ms {
                 self.learn_pace(ticket, ms);
             }
             self.take_back(ticket, true);
-            if let Some(view) = self.forget(ticket)
+            if let (Some(view), Some(uncovered)) = (self.forget(ticket), uncovered)
                 && !view.is_direct()
                 && !view.pinned
             {

@@ -56,6 +56,8 @@ pub struct Hello {
     pub pid: u32,
     /// Where others reach it.
     pub address: String,
+    /// Where clients reach it, whose sessions may then be sent there.
+    pub public_address: Option<String>,
     /// Adapter, driver and version.
     pub device: String,
     /// CPU cores of its machine.
@@ -159,8 +161,8 @@ pub enum Event {
         ticket: Ticket,
         /// Of [`Order::attempt`].
         attempt: u32,
-        /// Pixels that none of the plan's samples saw, whatever became of them.
-        uncovered: u64,
+        /// Pixels that none of the plan's samples saw, whatever became of them; absent where nobody says.
+        uncovered: Option<u64>,
         /// Milliseconds that rendering it took, unless [`Event::Judged`] said so already.
         ms: Option<f64>,
     },

@@ -50,7 +50,7 @@ mod scenarios;
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, SceneHash, Visibility};
+    use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Visibility};
     use glam::DVec3;
 
     pub(super) fn set_info() -> SampleSetInfo {
@@ -64,6 +64,7 @@ mod tests {
             generation: 1,
             lighting: Lighting::default(),
             visibility: Visibility::default(),
+            sampling: Sampling::default(),
         }
     }
 }

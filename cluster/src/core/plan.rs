@@ -2,8 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Holes, InvalidField, Plan, Preset, Provenance, Rig, SampleId, SampleSetInfo, Search, View, Visibility,
-    Warp,
+    Holes, InvalidField, Plan, Preset, Provenance, Rig, SampleId, SampleSetInfo, Sampling, Search, View,
+    Visibility, Warp,
 };
 
 use super::config::Config;
@@ -72,6 +72,14 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     if sampled && pin.generation != set.generation {
         return differs("generation", pin.generation.to_string(), set.generation.to_string());
     }
+    if sampled && !pin.device.is_empty() {
+        let ours = set.device("");
+        let [theirs, ours] = [&pin.device, &ours].map(|device| Sampling::of_device(device).1);
+        if theirs != ours {
+            let said = |by: Option<&str>| by.unwrap_or(Sampling::Triangles.name()).to_owned();
+            return differs("samples by", said(theirs), said(ours));
+        }
+    }
     match Visibility::of_device(&pin.device).1 {
         None => return Err(Fault::Pin(format!("{:?} names no way to see triangles", pin.device))),
         Some(way) if sampled && !pin.device.is_empty() && way != set.visibility => {
@@ -129,7 +137,7 @@ fn check_plan(plan: &Plan, rig: &Rig, of: (u64, u64)) -> Result<(), InvalidField
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, Outputs, PlanRequest, SceneHash};
+    use argus_scene::{Camera, MegaViews, Outputs, PlanRequest, SceneHash};
     use glam::DVec3;
 
     use super::super::tests::set_info;
@@ -207,6 +215,16 @@ mod tests {
         assert_eq!(pinned(|_| ()).unwrap(), free);
         let direct = Plan::Direct { samples_per_pixel: 9 };
         assert_eq!(pinned(|p| p.plan = direct.clone()).unwrap(), direct);
+    }
+
+    #[test]
+    fn a_pin_of_other_samples_is_refused_and_one_of_none_is_not() {
+        let mapped = Sampling::MegaViews(MegaViews::default()).on_device("llvmpipe".to_owned());
+        let refused = pinned(|p| p.device = mapped.clone()).unwrap_err();
+        assert!(matches!(&refused, Fault::Pin(text) if text.contains("samples by megaviews")), "{refused:?}");
+        pinned(|p| p.device = "llvmpipe".to_owned()).unwrap();
+        let direct = Plan::Direct { samples_per_pixel: 1 };
+        pinned(|p| (p.plan, p.device) = (direct, "llvmpipe".to_owned())).unwrap();
     }
 
     #[test]

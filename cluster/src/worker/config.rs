@@ -17,6 +17,8 @@ pub struct Config {
     /// Where others reach this worker; `None`: `http://` (`https://` with security) and the listener's address or, where
     /// that is an unspecified one such as `0.0.0.0`, the one that this machine has on the way to the coordinator.
     pub advertise: Option<String>,
+    /// Where clients reach this worker, whose sessions then fetch their frames here; `None`: they do not.
+    pub public: Option<Public>,
     /// Its name; `None`: drawn at random. The same name joining again replaces the older process.
     pub id: Option<String>,
     /// How long the coordinator may take to answer at the start.
@@ -48,6 +50,9 @@ pub struct Config {
     /// A render thread that has been at one piece of work for this long is wedged, and the process says that it
     /// should be started again. Long: a software driver may take minutes over the first sample of a large scene.
     pub wedged_after: Duration,
+    /// Whether a worker that composites has a sampler at hand, made beside its work: when the samplers are lost, samples
+    /// are taken over at once. It costs the scene's memory, on the device too.
+    pub standby_sampler: bool,
     /// Requests in work, those included that wait for samples: what the coordinator sends, and what other workers fetch.
     pub max_requests: usize,
     /// Connections that are open at the same time; further ones wait.
@@ -60,12 +65,23 @@ pub struct Config {
     pub network: Network,
 }
 
+/// Where clients reach a worker.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Public {
+    /// Where other workers do.
+    AsAdvertised,
+    /// At an address of its own.
+    At(String),
+}
+
 impl Config {
     /// The defaults, for a worker of that coordinator.
     pub fn new(coordinator: impl Into<String>) -> Self {
         Self {
             coordinator: coordinator.into(),
             advertise: None,
+            public: None,
             id: None,
             join_timeout: Duration::from_secs(10),
             rejoin_pause: Duration::from_secs(2),
@@ -80,6 +96,7 @@ impl Config {
             max_bundle_bytes: 8 << 30,
             grace: Duration::from_secs(5),
             wedged_after: Duration::from_secs(300),
+            standby_sampler: false,
             max_requests: 2048,
             max_connections: 4096,
             security: None,

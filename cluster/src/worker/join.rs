@@ -18,6 +18,7 @@ use tracing::{debug, info, warn};
 use super::node::Node;
 use super::{RunError, ahead, scene};
 use crate::core::Role;
+use crate::sealed::SealKey;
 use crate::{SceneOpener, SceneRef, net, wire};
 
 /// Pause before the first attempt to join again; it doubles up to [`super::Config::rejoin_pause`].
@@ -144,6 +145,7 @@ async fn once(
             if assignment.report_interval_ms > 0 {
                 interval.send_replace(Duration::from_millis(assignment.report_interval_ms.into()));
             }
+            node.open_door(SealKey::from_bytes(&assignment.seal_key));
             let suspected = assignment.suspected.iter().cloned().collect();
             let news =
                 node.suspected.send_if_modified(|before| std::mem::replace(before, suspected) != *before);
@@ -259,8 +261,8 @@ async fn take_up(
 ) -> Result<(), Ended> {
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
     let new_scene = node.serve_set(&scene, duty.set, duty.limits);
-    if duty.role.samples() && (new_scene || !node.acting().is_some_and(Role::samples)) {
-        node.prepare_sampler().await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
+    if new_scene || node.acting() != Some(duty.role) {
+        node.prepare(duty.role).await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
     }
     match duty.measure_ways {
         true => node.measure_ways().await.map_err(|error| Ended::Fatal(RunError::Device(error)))?,
@@ -285,5 +287,8 @@ async fn take_up(
     node.act(Some(duty.role), duty.sequence);
     ahead::want(node, duty.ahead, duty.role == Role::Sampler);
     node.store.retire(duty.kept_from);
+    if node.config.standby_sampler && !duty.role.samples() {
+        node.stand_by();
+    }
     Ok(())
 }

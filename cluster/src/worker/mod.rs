@@ -18,6 +18,7 @@ mod scene;
 mod store;
 mod trace;
 mod views;
+mod warm;
 mod watch;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
@@ -38,7 +39,7 @@ use tonic::server::NamedService;
 use tonic::service::Routes;
 use tracing::{info, warn};
 
-pub use config::{Config, RunError};
+pub use config::{Config, Public, RunError};
 pub(crate) use join::checked_assignment;
 
 use self::meter::Meter;
@@ -53,6 +54,13 @@ use crate::network::Accept;
 use crate::observe::{PREFIX, keep_health, with_pages};
 use crate::security::guard::Guarded;
 use crate::{RoleFactory, SceneOpener};
+
+/// How long orders may be on their way to a worker that leaves: from its coordinator, and by way of a client.
+const ORDERS_ON_THE_WAY: Duration = Duration::from_millis(50);
+const TICKETS_ON_THE_WAY: Duration = Duration::from_millis(500);
+
+/// The largest request for a view: an order names samples and where they are.
+const MOST_ORDER_BYTES: usize = 1 << 20;
 
 /// Joins the coordinator and serves views and samples on `listener` until `shutdown` is cancelled, then says
 /// that it leaves, finishes what it has, and returns. While the coordinator is away it keeps what it holds
@@ -69,6 +77,9 @@ pub async fn run(
     shutdown: CancellationToken,
 ) -> Result<(), RunError> {
     let address = advertised(&config, listener.local_addr()?).await?;
+    if let Some(Public::At(public)) = &config.public {
+        reachable("the public address", public, &config)?;
+    }
     let name =
         config.id.clone().unwrap_or_else(|| format!("w-{:08x}", SmallRng::from_os_rng().random::<u32>()));
     let queue = Arc::new(Queue::new(&config));
@@ -76,10 +87,15 @@ pub async fn run(
     let meter = Arc::new(Meter::default());
     let (device, rendering) = start_rendering(factory, queue.clone(), store.clone(), meter.clone()).await?;
     info!(worker = name, address, device, "worker starts");
+    let public_address = config.public.as_ref().map(|public| match public {
+        Public::AsAdvertised => address.clone(),
+        Public::At(address) => address.clone(),
+    });
     let hello = Hello {
         name,
         pid: std::process::id(),
         address,
+        public_address,
         device,
         cores: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
     };
@@ -110,7 +126,8 @@ async fn serve_and_stay(
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
         .build_v1()?;
     let closing = CancellationToken::new();
-    let services = Routes::new(ViewsServer::new(views::ViewsService { node: node.clone() }))
+    let views = ViewsServer::new(views::ViewsService { node: node.clone() });
+    let services = Routes::new(views.max_decoding_message_size(MOST_ORDER_BYTES))
         .add_service(SamplesServer::new(samples::SamplesService { node: node.clone() }))
         .add_service(health_service)
         .add_service(reflection);
@@ -129,8 +146,10 @@ async fn serve_and_stay(
         info!("worker drains");
         node.leave();
         let idle = async {
-            // Orders that were sent before the coordinator heard of it are still on their way.
-            tokio::time::sleep(Duration::from_millis(50)).await;
+            // Orders that were sent before the coordinator heard of it are still on their way, and those that clients
+            // carry take longer.
+            let on_the_way = if node.has_door() { TICKETS_ON_THE_WAY } else { ORDERS_ON_THE_WAY };
+            tokio::time::sleep(on_the_way).await;
             while !node.is_idle() {
                 tokio::time::sleep(Duration::from_millis(10)).await;
             }
@@ -262,8 +281,12 @@ async fn advertised(config: &Config, local: SocketAddr) -> Result<String, RunErr
         };
         return Ok(format!("{}://{local}", net::scheme(config.security.as_deref())));
     };
-    match net::endpoint(address, config.connect_timeout, config.security.as_deref()) {
-        Ok(_) => Ok(address.clone()),
-        Err(reason) => Err(RunError::Address { what: "the advertised address", reason }),
-    }
+    reachable("the advertised address", address, config)?;
+    Ok(address.clone())
+}
+
+/// Whether an address is one at all.
+fn reachable(what: &'static str, address: &str, config: &Config) -> Result<(), RunError> {
+    let endpoint = net::endpoint(address, config.connect_timeout, config.security.as_deref());
+    endpoint.map(drop).map_err(|reason| RunError::Address { what, reason })
 }

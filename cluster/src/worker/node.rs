@@ -5,10 +5,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use argus_proto::Fault;
-use argus_scene::{Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob};
+use argus_proto::{Fault, v1};
+use argus_scene::{
+    InvalidField, Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob,
+};
 use parking_lot::Mutex;
-use tokio::sync::{Notify, Semaphore, oneshot, watch};
+use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, oneshot, watch};
 
 use super::Config;
 use super::ahead::Ahead;
@@ -19,6 +21,7 @@ use super::queue::{Backlog, PixelTask, Queue, Rendered, SampleTask, ViewTask, Wa
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
+use crate::sealed::{Kind, SealKey, Shown};
 
 /// When a full worker may have room again: a few batches later.
 const RETRY: Duration = Duration::from_millis(250);
@@ -59,10 +62,21 @@ pub(super) struct Node {
     told: Mutex<Told>,
     /// Addresses of workers that seem to hang.
     pub(super) suspected: watch::Sender<HashSet<String>>,
+    /// By which clients show that they were sent here, and the tickets that were shown.
+    door: Mutex<Option<Door>>,
+    /// Places of clients that fetch frames: half of the queue's, so that nobody's hoard of tickets keeps the coordinator's
+    /// own orders out.
+    fetching: Arc<Semaphore>,
     /// Highest term seen.
     term: AtomicU64,
     /// Requests in work.
     active: AtomicUsize,
+}
+
+/// How clients get in.
+struct Door {
+    key: SealKey,
+    shown: Shown,
 }
 
 /// A request in work, as long as it lives.
@@ -84,6 +98,7 @@ impl Node {
     ) -> Arc<Self> {
         Arc::new(Self {
             packing: Semaphore::new((hello.cores as usize).saturating_sub(1).max(1)),
+            fetching: Arc::new(Semaphore::new((config.max_queued_views / 2).max(1))),
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             config,
             hello,
@@ -95,6 +110,7 @@ impl Node {
             meter,
             told: Mutex::default(),
             suspected: watch::Sender::default(),
+            door: Mutex::new(None),
             term: AtomicU64::new(0),
             active: AtomicUsize::new(0),
         })
@@ -126,6 +142,49 @@ impl Node {
     pub(super) fn check_term(&self, theirs: u64) -> Result<(), Fault> {
         let ours = self.term.fetch_max(theirs, Ordering::AcqRel);
         if theirs < ours { Err(Fault::StaleTerm { ours, theirs }) } else { Ok(()) }
+    }
+
+    /// Takes in the key of an assignment: clients that were sent here show tickets that it seals.
+    pub(super) fn open_door(&self, key: Option<SealKey>) {
+        let mut door = self.door.lock();
+        if door.as_ref().map(|door| &door.key) != key.as_ref() {
+            *door = key.map(|key| Door { key, shown: Shown::default() });
+        }
+    }
+
+    /// What a ticket says, and the key for its receipt.
+    ///
+    /// # Errors
+    /// `ticket` where it is not this worker's, of its present leadership, or was shown before.
+    pub(super) fn admit(&self, sealed: &v1::Sealed) -> Result<(v1::Ticket, SealKey), InvalidField> {
+        let refused = |reason: &str| InvalidField::new("ticket", reason);
+        let stranger = || refused("was not given out for this worker by who leads now");
+        let key = self.door.lock().as_ref().map(|door| door.key.clone());
+        let key = key.ok_or_else(|| refused("clients are not sent to this worker"))?;
+        // Strangers' bytes are hashed, too, and not while others wait for the lock.
+        let ticket: v1::Ticket = key.open(Kind::Ticket, sealed).ok_or_else(stranger)?;
+        let mut door = self.door.lock();
+        let door = door.as_mut().filter(|door| door.key == key).ok_or_else(stranger)?;
+        match door.shown.first_time(ticket.serial) {
+            true => Ok((ticket, key)),
+            false => Err(refused("was shown before: each is good once")),
+        }
+    }
+
+    /// Whether clients are sent here.
+    pub(super) fn has_door(&self) -> bool {
+        self.door.lock().is_some()
+    }
+
+    /// A place of a client that fetches its frame.
+    ///
+    /// # Errors
+    /// [`Fault::Overloaded`] if all are taken.
+    pub(super) fn begin_fetch(self: &Arc<Self>) -> Result<OwnedSemaphorePermit, Fault> {
+        self.fetching.clone().try_acquire_owned().map_err(|_| {
+            let what = "as many clients as there are places for fetch frames here".to_owned();
+            Fault::Overloaded { what, retry_after: RETRY }
+        })
     }
 
     /// The set that is served.
@@ -261,17 +320,28 @@ impl Node {
         self.active.load(Ordering::Acquire) == 0
     }
 
-    /// Makes the sampler.
-    pub(super) async fn prepare_sampler(&self) -> Result<(), RenderError> {
+    /// Has all that a role needs.
+    pub(super) async fn prepare(&self, role: Role) -> Result<(), RenderError> {
+        let info = self.told_set()?;
         let (reply, done) = oneshot::channel();
-        self.queue.order(Work::Prepare(reply));
+        self.queue.order(Work::Prepare { info, role, reply });
         done.await.unwrap_or_else(|_| Err(stopped()))
+    }
+
+    /// Begins to make a sampler beside the work of a role that needs none.
+    pub(super) fn stand_by(&self) {
+        if let Ok(info) = self.told_set() {
+            self.queue.order(Work::StandBy(info));
+        }
+    }
+
+    fn told_set(&self) -> Result<Arc<SampleSetInfo>, RenderError> {
+        self.told.lock().set.clone().ok_or_else(|| RenderError::Internal("no set yet".to_owned()))
     }
 
     /// Measures what each way to see triangles costs, to be said in every report until the next assignment.
     pub(super) async fn measure_ways(&self) -> Result<(), RenderError> {
-        let info = self.told.lock().set.clone();
-        let Some(info) = info else { return Err(RenderError::Internal("no set yet".to_owned())) };
+        let info = self.told_set()?;
         let (reply, done) = oneshot::channel();
         self.queue.order(Work::Ways(info, reply));
         let ways = done.await.unwrap_or_else(|_| Err(stopped()))?;

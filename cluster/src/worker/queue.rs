@@ -16,6 +16,7 @@ use parking_lot::{Condvar, Mutex};
 use tokio::sync::oneshot;
 
 use super::claim::Claimed;
+use crate::core::Role;
 
 /// A view for the render thread.
 pub(super) struct ViewTask {
@@ -63,8 +64,14 @@ pub(super) type Ways = Vec<(Visibility, f64)>;
 pub(super) enum Work {
     /// This is the scene from now on.
     Scene(Arc<Scene>),
-    /// Make the sampler, so that the first sample does not wait for it.
-    Prepare(oneshot::Sender<Result<(), RenderError>>),
+    /// Have all that a role needs, so that the first result does not wait for it.
+    Prepare {
+        info: Arc<SampleSetInfo>,
+        role: Role,
+        reply: oneshot::Sender<Result<(), RenderError>>,
+    },
+    /// Make a sampler beside the other work.
+    StandBy(Arc<SampleSetInfo>),
     /// Measure what each way to see triangles costs.
     Ways(Arc<SampleSetInfo>, oneshot::Sender<Result<Ways, RenderError>>),
     Samples(Vec<SampleTask>),
@@ -215,10 +222,12 @@ impl State {
         if let Some(work) = self.orders.pop_front() {
             return Some(work);
         }
-        // One at a time: a compositor that waits for the first of many begins while the next is rendered.
-        if let Some(task) = self.samples.pop_front() {
-            self.in_work.samples = 1;
-            return Some(Work::Samples(vec![task]));
+        // One at a time where that costs no more: a compositor that waits for the first of many begins while the next
+        // is rendered.
+        if !self.samples.is_empty() {
+            let batch = take_samples(&mut self.samples, usize::MAX);
+            self.in_work.samples = batch.len();
+            return Some(Work::Samples(batch));
         }
         if !self.pixels.is_empty() {
             let count = self.pixels.len().min(max_direct_batch);
@@ -235,8 +244,11 @@ impl State {
         }
         self.direct_had_its_turn = false;
         if self.views.is_empty() {
-            // One at a time: whoever comes next waits for no more than that one.
-            let batch = vec![self.ahead.pop_front()?];
+            // As few at a time: whoever comes next waits for no more than those.
+            let batch = take_samples(&mut self.ahead, 1);
+            if batch.is_empty() {
+                return None;
+            }
             self.in_work.samples = batch.len();
             return Some(Work::Samples(batch));
         }
@@ -244,6 +256,23 @@ impl State {
         self.in_work.views = batch.len();
         Some(Work::Views(batch))
     }
+}
+
+/// The oldest samples of one set, as many as it pays to render together.
+fn take_samples(queue: &mut VecDeque<SampleTask>, most: usize) -> Vec<SampleTask> {
+    let mut batch: Vec<SampleTask> = queue.pop_front().into_iter().collect();
+    let most = batch.first().map_or(0, |first| first.info.sampling.batch().min(most));
+    while batch.len() < most {
+        let fits = |next: &SampleTask| {
+            let first = &batch[0];
+            next.to_host == first.to_host && Arc::ptr_eq(&next.info, &first.info)
+        };
+        if !queue.front().is_some_and(fits) {
+            break;
+        }
+        batch.extend(queue.pop_front());
+    }
+    batch
 }
 
 /// The oldest tasks, up to `most`, of one set; one that must be alone is.

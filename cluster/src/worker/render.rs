@@ -7,19 +7,22 @@
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Weak};
+use std::thread::JoinHandle;
 use std::time::Instant;
 
 use argus_scene::{
     Compositor, Frame, PixelJob, RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler,
     Scene,
 };
-use tracing::{info, warn};
+use tracing::{debug, info, warn};
 
 use super::claim::Batch;
 use super::meter::{Kind, Meter};
 use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::store::Store;
+use super::warm;
 use crate::RoleFactory;
+use crate::core::Role;
 
 /// What the render thread owns.
 pub(super) struct Renderer {
@@ -29,9 +32,15 @@ pub(super) struct Renderer {
     meter: Arc<Meter>,
     scene: Option<Arc<Scene>>,
     sampler: Option<Box<dyn Sampler>>,
+    /// A sampler in the making, for when samples are wanted of a worker that composites.
+    standby: Option<Standby>,
+    /// Those whose scene or device is gone, until they have noticed.
+    retired: Vec<Standby>,
     compositor: Option<Box<dyn Compositor>>,
     /// What the compositor holds; a sample that only this map knows of is released.
     held: HashMap<SampleId, Held>,
+    /// Whether the compositor has worked.
+    is_warm: bool,
     /// Counts batches of views.
     batches: u64,
 }
@@ -42,6 +51,9 @@ struct Held {
     /// The last batch that it was for.
     used: u64,
 }
+
+/// A sampler in the making.
+type Standby = JoinHandle<Result<Box<dyn Sampler>, RenderError>>;
 
 /// Results of a call into a role, or the news that the role is of no use any more.
 type Results<T> = Result<Vec<Result<T, RenderError>>, RenderError>;
@@ -63,8 +75,11 @@ impl Renderer {
             meter,
             scene: None,
             sampler: None,
+            standby: None,
+            retired: Vec::new(),
             compositor: Some(compositor),
             held: HashMap::new(),
+            is_warm: false,
             batches: 0,
         };
         Ok((renderer, device))
@@ -74,15 +89,22 @@ impl Renderer {
     pub(super) fn run(mut self) {
         loop {
             match self.queue.next() {
-                Work::Stop => return,
+                Work::Stop => {
+                    // A process that exits while its driver works may crash on its way out.
+                    self.retire_standby();
+                    self.retired.drain(..).for_each(|standby| drop(standby.join()));
+                    return;
+                }
                 Work::Scene(scene) => {
                     self.scene = Some(scene);
                     self.sampler = None;
+                    self.retire_standby();
                 }
-                Work::Prepare(reply) => {
+                Work::Prepare { info, role, reply } => {
                     // Nobody waits for it once the assignment is overtaken.
-                    let _ = reply.send(self.sampler().map(|_| ()));
+                    let _ = reply.send(self.prepare(&info, role));
                 }
+                Work::StandBy(info) => self.stand_by(info),
                 Work::Ways(info, reply) => {
                     let _ = reply.send(self.sampler().and_then(|sampler| sampler.ways(&info)));
                 }
@@ -94,12 +116,44 @@ impl Renderer {
         }
     }
 
+    /// Makes what a role needs; a compositor has composed something, too. A sampler's samples are asked for ahead of
+    /// demand.
+    fn prepare(&mut self, info: &Arc<SampleSetInfo>, role: Role) -> Result<(), RenderError> {
+        if role.samples() && self.sampler.is_none() {
+            self.sampler()?;
+        }
+        if role.composites() && !std::mem::replace(&mut self.is_warm, true) {
+            let began = Instant::now();
+            let warmed = self.guarded(|own| {
+                warm::compositor(own.compositor()?, info).map(|()| Vec::<Result<(), RenderError>>::new())
+            });
+            debug!(ms = ms_since(began), ok = warmed.is_ok(), "compositor warmed up");
+        }
+        Ok(())
+    }
+
+    /// Begins to make a sampler beside the work, unless there is one.
+    fn stand_by(&mut self, info: Arc<SampleSetInfo>) {
+        let (None, None, Some(scene)) = (&self.sampler, &self.standby, self.scene.clone()) else { return };
+        let factory = self.factory.clone();
+        let make = move || warmed_sampler(factory.as_ref(), scene, &info);
+        // Without a thread it is made when it is needed.
+        self.standby = std::thread::Builder::new().name("standby".to_owned()).spawn(make).ok();
+    }
+
+    fn retire_standby(&mut self) {
+        self.retired.retain(|standby| !standby.is_finished());
+        self.retired.extend(self.standby.take());
+    }
+
     fn sampler(&mut self) -> Result<&mut dyn Sampler, RenderError> {
         if self.sampler.is_none() {
             let scene = self.scene.clone().ok_or_else(|| RenderError::Internal("no scene yet".to_owned()))?;
-            let began = Instant::now();
-            self.sampler = Some(self.factory.sampler(scene)?);
-            info!(ms = began.elapsed().as_secs_f64() * 1e3, "sampler made");
+            let standby = self.standby.take().and_then(|thread| thread.join().ok()).and_then(Result::ok);
+            self.sampler = Some(match standby {
+                Some(sampler) => sampler,
+                None => made_sampler(self.factory.as_ref(), scene)?,
+            });
         }
         match &mut self.sampler {
             Some(sampler) => Ok(sampler.as_mut()),
@@ -121,7 +175,8 @@ impl Renderer {
     fn rebuild(&mut self, reason: &str) {
         warn!(reason, "device lost, the roles are made anew");
         self.sampler = None;
-        self.compositor = None;
+        self.retire_standby();
+        (self.compositor, self.is_warm) = (None, false);
         self.held.clear();
         self.store.forget_device_planes();
     }
@@ -283,6 +338,32 @@ impl Renderer {
             self.meter.add(kind, done, rendering.elapsed(), began.elapsed());
         }
     }
+}
+
+fn made_sampler(factory: &dyn RoleFactory, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError> {
+    let began = Instant::now();
+    let sampler = factory.sampler(scene)?;
+    info!(ms = ms_since(began), "sampler made");
+    Ok(sampler)
+}
+
+/// A sampler whose first sample is no slower than others.
+fn warmed_sampler(
+    factory: &dyn RoleFactory,
+    scene: Arc<Scene>,
+    info: &Arc<SampleSetInfo>,
+) -> Result<Box<dyn Sampler>, RenderError> {
+    let mut sampler = made_sampler(factory, scene)?;
+    let began = Instant::now();
+    // One that cannot work would be in the way of another.
+    let warmed = warm::sampler(sampler.as_mut(), info);
+    warmed.inspect_err(|error| warn!(%error, "no sampler is at hand beside compositing"))?;
+    debug!(ms = ms_since(began), "sampler at hand");
+    Ok(sampler)
+}
+
+fn ms_since(began: Instant) -> f64 {
+    began.elapsed().as_secs_f64() * 1e3
 }
 
 /// The batch of the views that somebody still waits for.

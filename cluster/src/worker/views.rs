@@ -1,4 +1,4 @@
-//! `Views` as a worker serves it: to its coordinator, with orders.
+//! `Views` as a worker serves it: to its coordinator, with orders, and to clients that were sent here with one.
 
 use std::collections::HashMap;
 use std::pin::Pin;
@@ -9,6 +9,7 @@ use argus_proto::chunks::{FrameMeta, frame_chunks};
 use argus_proto::status::invalid;
 use argus_proto::trace::{TARGET, continued, stages};
 use argus_proto::v1::frame_chunk::Body;
+use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::{
@@ -17,14 +18,18 @@ use argus_scene::{
 };
 use futures::Stream;
 use futures::future::try_join_all;
+use tokio::sync::mpsc;
 use tokio::time::Instant;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::metadata::MetadataMap;
 use tonic::{Request, Response, Status, Streaming};
-use tracing::{Instrument, debug_span, warn};
+use tracing::{Instrument, Span, debug_span, field, warn};
 
-use super::node::Node;
+use super::node::{Active, Node};
 use super::queue::Rendered;
 use super::{fetch, trace};
 use crate::core::quality::Observed;
+use crate::sealed::Kind;
 use crate::wire;
 
 /// The service.
@@ -33,6 +38,9 @@ pub(super) struct ViewsService {
 }
 
 type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
+
+/// How long a client may take to read a frame that it fetches.
+const READ_WITHIN: Duration = Duration::from_secs(60);
 
 /// The stage of waiting for samples.
 const SAMPLES: &str = "samples";
@@ -56,6 +64,7 @@ struct Ordered {
 #[tonic::async_trait]
 impl Views for ViewsService {
     type RenderStream = Streamed<v1::FrameChunk>;
+    type RedeemStream = Streamed<v1::RedeemResponse>;
     type SessionStream = Streamed<v1::SessionResponse>;
 
     async fn describe(
@@ -69,15 +78,90 @@ impl Views for ViewsService {
         &self,
         request: Request<v1::RenderRequest>,
     ) -> Result<Response<Self::RenderStream>, Status> {
+        let (arrived, span) = (Instant::now(), self.span(request.metadata()));
+        let (chunks, active) = self.answer(request.into_inner(), arrived, span).await?;
+        let stream = futures::stream::iter(chunks.into_iter().map(move |chunk| {
+            let _in_work_until_sent = &active;
+            Ok(chunk)
+        }));
+        Ok(Response::new(Box::pin(stream)))
+    }
+
+    async fn redeem(
+        &self,
+        request: Request<v1::RedeemRequest>,
+    ) -> Result<Response<Self::RedeemStream>, Status> {
         let arrived = Instant::now();
+        let fetching = self.node.begin_fetch()?;
+        let ticket = request.into_inner().ticket.unwrap_or_default();
+        let (ticket, key) = self.node.admit(&ticket).map_err(invalid)?;
+        let v1::Ticket { serial, request, traceparent } = ticket;
+        let mut metadata = MetadataMap::new();
+        if let Ok(value) = traceparent.parse() {
+            metadata.insert("traceparent", value);
+        }
+        let request = request.ok_or_else(|| invalid(InvalidField::new("ticket", "holds no request")))?;
+        let (chunks, active) = self.answer(request, arrived, self.span(&metadata)).await?;
+        let header = chunks.iter().find_map(|chunk| match &chunk.body {
+            Some(Body::Header(header)) => Some(header.clone()),
+            _ => None,
+        });
+        let receipt = key.seal(Kind::Receipt, &v1::Receipt { serial, header });
+        let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
+        let answers = bodies.map(|body| Ok(v1::RedeemResponse { body: Some(body) }));
+        Ok(Response::new(sent_in_time(answers, (active, fetching))))
+    }
+
+    async fn session(
+        &self,
+        _request: Request<Streaming<v1::SessionRequest>>,
+    ) -> Result<Response<Self::SessionStream>, Status> {
+        Err(ask_the_coordinator())
+    }
+}
+
+/// A stream of what is there already, to a client, whom nothing makes read it: what is not read in time is dropped, and
+/// the places that it holds with it.
+fn sent_in_time<T: Send + 'static>(
+    items: impl Iterator<Item = Result<T, Status>> + Send + 'static,
+    places: impl Send + 'static,
+) -> Streamed<T> {
+    let (sender, receiver) = mpsc::channel(1);
+    tokio::spawn(async move {
+        let sending = async {
+            for item in items {
+                // A client that is gone needs no more.
+                sender.send(item).await.ok()?;
+            }
+            Some(())
+        };
+        let _ = tokio::time::timeout(READ_WITHIN, sending).await;
+        drop(places);
+    });
+    Box::pin(ReceiverStream::new(receiver))
+}
+
+impl ViewsService {
+    /// What a request's way through this worker is traced as.
+    fn span(&self, metadata: &MetadataMap) -> Span {
         let worker = self.node.hello.name.as_str();
-        let span = debug_span!(target: TARGET, "render", view = request.get_ref().view_id, worker);
-        continued(&span, request.metadata());
+        let span = debug_span!(target: TARGET, "render", view = field::Empty, worker);
+        continued(&span, metadata);
+        span
+    }
+
+    /// The frame of an order, in chunks.
+    async fn answer(
+        &self,
+        request: v1::RenderRequest,
+        arrived: Instant,
+        span: Span,
+    ) -> Result<(Vec<v1::FrameChunk>, Active), Status> {
+        span.record("view", &request.view_id);
         let active = self.node.begin()?;
-        let request = request.into_inner();
         let Some(order) = request.order else { return Err(ask_the_coordinator()) };
         self.node.check_term(order.term)?;
-        let (age_ms, observe) = (order.age_ms, order.observe);
+        let (age_ms, observe, predicted) = (order.age_ms, order.observe, order.predicted);
         let ordered = check(&self.node, request.view, order)?;
         let outputs = ordered.outputs;
         let encoding = v1::Encoding::try_from(request.encoding).unwrap_or(v1::Encoding::Unspecified);
@@ -85,10 +169,9 @@ impl Views for ViewsService {
         // What is left of it is for packing a frame whose holes could not be traced in time.
         let trace_until = deadline.map(|deadline| arrived + deadline.mul_f64(0.9));
         let answer = traced(&self.node, &ordered, trace_until).instrument(span.clone());
-        let frame = match request.deadline_ms {
-            0 => answer.await?,
-            ms => {
-                let deadline = Duration::from_millis(ms.into());
+        let frame = match deadline {
+            None => answer.await?,
+            Some(deadline) => {
                 let late = |_| Fault::Deadline(deadline);
                 tokio::time::timeout(deadline, answer).await.map_err(late)??
             }
@@ -99,24 +182,13 @@ impl Views for ViewsService {
         let meta = FrameMeta { view_id: request.view_id, worker: self.node.hello.name.clone(), age_ms };
         let pack = move || {
             let observed = if observe { Observed::of(&frame) } else { None };
-            encode(&with_only(frame, outputs), meta, encoding, arrived, observed)
+            encode(&with_only(frame, outputs), meta, encoding, arrived, observed, predicted)
         };
         let turn = self.node.packing.acquire().await.map_err(|e| Status::internal(e.to_string()))?;
         let chunks =
             tokio::task::spawn_blocking(pack).await.map_err(|e| Status::internal(e.to_string()))??;
         drop((turn, span));
-        let stream = futures::stream::iter(chunks.into_iter().map(move |chunk| {
-            let _in_work_until_sent = &active;
-            Ok(chunk)
-        }));
-        Ok(Response::new(Box::pin(stream)))
-    }
-
-    async fn session(
-        &self,
-        _request: Request<Streaming<v1::SessionRequest>>,
-    ) -> Result<Response<Self::SessionStream>, Status> {
-        Err(ask_the_coordinator())
+        Ok((chunks, active))
     }
 }
 
@@ -245,13 +317,14 @@ fn encode(
     encoding: v1::Encoding,
     arrived: Instant,
     observed: Option<Observed>,
+    predicted: Option<v1::Prediction>,
 ) -> Result<Vec<v1::FrameChunk>, Fault> {
     let began = Instant::now();
     let mut chunks = frame_chunks(frame, &meta, encoding)?;
     if let Some(v1::FrameChunk { body: Some(Body::Header(header)) }) = chunks.first_mut() {
         let ms = began.elapsed().as_secs_f64() * 1e3;
         header.stages.push(v1::Stage { name: "encode".to_owned(), ms });
-        header.observed = observed.map(wire::observed);
+        (header.observed, header.predicted) = (observed.map(wire::observed), predicted);
         header.age_ms += arrived.elapsed().as_secs_f64() * 1e3;
     }
     Ok(chunks)

@@ -99,6 +99,36 @@ async fn a_lost_device_and_a_panic_are_made_good_within_the_worker() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_compositor_has_a_sampler_at_hand_when_the_sampler_is_lost() {
+    let made = |cluster: &Cluster| cluster.knobs.samplers_made.load(Ordering::SeqCst);
+    let with = async |standby_sampler| {
+        let mut cluster = Cluster::start(0).await;
+        let config = worker::Config { standby_sampler, ..worker::Config::new(cluster.coordinator.url()) };
+        for _ in 0..2 {
+            cluster.workers.push(start_worker_with(config.clone(), &cluster.knobs, Opener::default().into()));
+        }
+        cluster.wait_for(|status| status.processes == 2).await;
+        cluster
+    };
+    let mut cluster = with(true).await;
+    let at_hand = async {
+        while made(&cluster) < 2 {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    tokio::time::timeout(common::LIMIT, at_hand).await.expect("a sampler beside the compositor's work");
+    let status = cluster.status().await;
+    let sampler = status.workers.iter().find(|w| w.role() == argus_proto::v1::Role::Sampler).unwrap();
+    cluster.worker_at(&sampler.address).kill();
+    cluster.render(&view(1)).await.unwrap();
+    assert_eq!(made(&cluster), 2, "what was at hand is taken");
+    // Where memory and time are dearer, none is made.
+    let frugal = with(false).await;
+    frugal.render(&view(1)).await.unwrap();
+    assert_eq!(made(&frugal), 1, "the sampler's own");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn one_views_failure_is_not_its_neighbours() {
     let cluster = Cluster::start(2).await;
     cluster.knobs.set(5000, 0);
@@ -196,6 +226,7 @@ async fn a_silent_worker_is_lost_and_its_view_answered_by_another() {
     use argus_proto::v1::{Hello, Measurements, WorkerReport, worker_report::Body};
     let (reports, outgoing) = tokio::sync::mpsc::channel(8);
     let hello = Hello {
+        public_address: String::new(),
         protocol_version: argus_proto::PROTOCOL_VERSION,
         worker_id: "hangs".to_owned(),
         pid: 1,

@@ -8,6 +8,7 @@ mod faults;
 mod leadership;
 mod limits;
 mod network;
+mod redirect;
 mod services;
 mod views;
 mod watching;

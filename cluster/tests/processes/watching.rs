@@ -10,7 +10,7 @@ use crate::common;
 use crate::common::{Cluster, Opener, quick, start_coordinator, start_worker_with, view};
 
 /// A page, as a probe or Prometheus asks for it: status code and body.
-async fn page(address: SocketAddr, path: &str) -> (u16, String) {
+pub(crate) async fn page(address: SocketAddr, path: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(address).await.unwrap();
     let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
     stream.write_all(request.as_bytes()).await.unwrap();
@@ -22,7 +22,7 @@ async fn page(address: SocketAddr, path: &str) -> (u16, String) {
 }
 
 /// The value of a metric with exactly these labels.
-fn value(metrics: &str, name: &str) -> f64 {
+pub(crate) fn value(metrics: &str, name: &str) -> f64 {
     let line = metrics.lines().find(|line| line.strip_prefix(name).is_some_and(|rest| rest.starts_with(' ')));
     let line = line.unwrap_or_else(|| panic!("no {name} in\n{metrics}"));
     line.rsplit(' ').next().unwrap().parse().unwrap()

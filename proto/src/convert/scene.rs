@@ -1,7 +1,8 @@
 //! Light, rigs, and what a sample set's samples have in common.
 
 use argus_scene::{
-    Bounds, Effect, InvalidField, Light, Lighting, Rig, SampleId, SampleSetInfo, Sky, Stage, Visibility,
+    Bounds, Effect, InvalidField, Light, Lighting, MegaViews, Rig, SampleId, SampleSetInfo, Sampling, Sky,
+    Stage, Visibility,
 };
 use glam::DVec3;
 
@@ -215,6 +216,7 @@ impl From<&SampleSetInfo> for v1::SampleSetInfo {
             generation: info.generation,
             lighting: Some((&info.lighting).into()),
             visibility: v1::Visibility::from(info.visibility) as i32,
+            sampling: sampling_to_wire(info.sampling),
         }
     }
 }
@@ -223,16 +225,34 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
     type Error = InvalidField;
 
     fn try_from(wire: v1::SampleSetInfo) -> Result<Self, InvalidField> {
+        let rig: Rig = required(wire.rig, "set.rig")?.try_into()?;
+        let sampling = sampling(wire.sampling);
+        sampling.validate(&rig)?;
         Ok(Self {
             scene: scene_hash(&wire.scene_hash, "set.scene_hash")?,
             bounds: required::<v1::Bounds>(wire.bounds, "set.bounds").and_then(Bounds::try_from)?,
-            rig: required(wire.rig, "set.rig")?.try_into()?,
+            rig,
             epoch: wire.epoch,
             epoch_secs: epoch_secs(wire.epoch_secs, "set.epoch_secs")?,
             generation: wire.generation,
             lighting: required(wire.lighting, "set.lighting")?.try_into()?,
             visibility: visibility(wire.visibility, "set.visibility")?,
+            sampling,
         })
+    }
+}
+
+fn sampling_to_wire(sampling: Sampling) -> Option<v1::sample_set_info::Sampling> {
+    let Sampling::MegaViews(MegaViews { map_side, levels, block }) = sampling else { return None };
+    Some(v1::sample_set_info::Sampling::MegaViews(v1::MegaViewsSampling { map_side, levels, block }))
+}
+
+fn sampling(wire: Option<v1::sample_set_info::Sampling>) -> Sampling {
+    match wire {
+        None => Sampling::Triangles,
+        Some(v1::sample_set_info::Sampling::MegaViews(v1::MegaViewsSampling { map_side, levels, block })) => {
+            Sampling::MegaViews(MegaViews { map_side, levels, block })
+        }
     }
 }
 

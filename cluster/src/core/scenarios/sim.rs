@@ -116,6 +116,7 @@ impl Sim {
         let worker = SimWorker { name: name.to_owned(), obedient: true, ..SimWorker::default() };
         self.workers.insert(id, worker);
         let hello = Hello {
+            public_address: None,
             name: name.to_owned(),
             pid: id.0 as u32,
             address: format!("http://{name}"),
@@ -216,7 +217,12 @@ impl Sim {
             }
         }
         self.answered.insert(ticket);
-        self.step(Event::Answered { ticket, attempt: order.attempt, uncovered, ms: Some(1.0) });
+        self.step(Event::Answered {
+            ticket,
+            attempt: order.attempt,
+            uncovered: Some(uncovered),
+            ms: Some(1.0),
+        });
     }
 
     pub(super) fn answer_all(&mut self) {

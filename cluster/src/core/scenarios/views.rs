@@ -40,10 +40,10 @@ fn what_comes_twice_or_too_late_is_ignored() {
     let second = sim.orders[&ticket].clone();
     assert_ne!(second.worker, first.worker);
     sim.step(Event::Failed { ticket, attempt: first.attempt, failure: Failure::Final });
-    sim.step(Event::Answered { ticket, attempt: first.attempt, uncovered: 0, ms: Some(1.0) });
+    sim.step(Event::Answered { ticket, attempt: first.attempt, uncovered: Some(0), ms: Some(1.0) });
     assert_eq!(sim.core.views_in_flight(), 1);
     sim.answer(ticket);
-    sim.step(Event::Answered { ticket, attempt: second.attempt, uncovered: 0, ms: Some(1.0) });
+    sim.step(Event::Answered { ticket, attempt: second.attempt, uncovered: Some(0), ms: Some(1.0) });
     sim.step(Event::Cancelled { ticket });
     let counters = sim.core.status().counters;
     assert_eq!((counters.views_answered, counters.views_failed, counters.views_retried), (1, 0, 1));
@@ -54,7 +54,8 @@ fn what_comes_twice_or_too_late_is_ignored() {
 fn a_view_at_which_every_worker_fails_is_given_up() {
     let mut sim = Sim::with_workers(3);
     let ticket = sim.ask(false);
-    for attempt in 1..=4 {
+    for attempt in 1..=sim.core.config().max_attempts {
+        assert!(sim.refused.is_empty(), "after {attempt}");
         sim.step(Event::Failed { ticket, attempt, failure: Failure::TryElsewhere });
     }
     assert!(matches!(&sim.refused[..], [(t, Fault::Unavailable(_))] if *t == ticket));

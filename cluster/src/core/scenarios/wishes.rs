@@ -60,7 +60,7 @@ fn a_frame_that_is_not_good_enough_is_thrown_away_and_counted() {
     assert_eq!(sim.core.status().counters.frames_refused, 1);
     // What still arrives of the first frame is nobody's.
     sim.step(Event::Judged { ticket, attempt: first.attempt, observed: None, ms: 1.0 });
-    sim.step(Event::Answered { ticket, attempt: first.attempt, uncovered: 0, ms: None });
+    sim.step(Event::Answered { ticket, attempt: first.attempt, uncovered: Some(0), ms: None });
     assert_eq!(sim.core.views_in_flight(), 1);
     while sim.orders[&ticket].judged && !sim.delivered.contains_key(&ticket) {
         judge(&mut sim, ticket, 2.0, 9.0);
@@ -114,7 +114,7 @@ fn costs_follow_what_frames_take() {
     let expected_ms = |sim: &mut Sim| {
         let ticket = sim.ask(false);
         let order = sim.orders.remove(&ticket).unwrap();
-        sim.step(Event::Answered { ticket, attempt: order.attempt, uncovered: 0, ms: Some(3.0) });
+        sim.step(Event::Answered { ticket, attempt: order.attempt, uncovered: Some(0), ms: Some(3.0) });
         order.expected.unwrap().ms
     };
     let before = expected_ms(&mut sim);

@@ -16,24 +16,40 @@ pub struct Session {
     pub requests: mpsc::Sender<v1::SessionRequest>,
     answers: Streaming<v1::SessionResponse>,
     assembler: FrameAssembler,
+    /// Whether it asks to be sent elsewhere.
+    pub redirectable: bool,
 }
 
 impl Session {
     pub async fn open(cluster: &Cluster) -> Self {
         let (requests, outgoing) = mpsc::channel(64);
         let answers = cluster.views().session(ReceiverStream::new(outgoing)).await.unwrap().into_inner();
-        Self { requests, answers, assembler: FrameAssembler::new(Limits::default()) }
+        Self { requests, answers, assembler: FrameAssembler::new(Limits::default()), redirectable: false }
     }
 
     pub async fn ask(&self, camera_seq: u64, view: &View) {
-        let view = v1::SessionView { view: Some(view.into()), encoding: v1::Encoding::Zstd as i32 };
-        let request = v1::SessionRequest { camera_seq, body: Some(Asked::View(view)) };
-        self.requests.send(request).await.unwrap();
+        let encoding = v1::Encoding::Zstd as i32;
+        let view = v1::SessionView { view: Some(view.into()), encoding, redirectable: self.redirectable };
+        self.say(camera_seq, Asked::View(view)).await;
     }
 
     pub async fn acknowledge(&self, camera_seq: u64) {
-        let body = Some(Asked::Ack(v1::SessionAck {}));
-        self.requests.send(v1::SessionRequest { camera_seq, body }).await.unwrap();
+        self.say(camera_seq, Asked::Ack(v1::SessionAck::default())).await;
+    }
+
+    pub async fn say(&self, camera_seq: u64, body: Asked) {
+        self.requests.send(v1::SessionRequest { camera_seq, body: Some(body) }).await.unwrap();
+    }
+
+    /// The next answer, which says where to fetch the frame.
+    pub async fn elsewhere(&mut self) -> (u64, v1::Elsewhere) {
+        let answer =
+            tokio::time::timeout(LIMIT, self.answers.message()).await.expect("a session must answer");
+        let answer = answer.unwrap().unwrap();
+        match answer.body.unwrap() {
+            Answer::Elsewhere(elsewhere) => (answer.camera_seq, elsewhere),
+            other => panic!("a frame is to be fetched, not {other:?}"),
+        }
     }
 
     /// The next frame, whole, or failure: its sequence number and how many cameras were superseded.
@@ -42,6 +58,9 @@ impl Session {
             while let Some(answer) = self.answers.message().await.unwrap() {
                 let (seq, superseded) = (answer.camera_seq, answer.superseded);
                 match answer.body.unwrap() {
+                    Answer::Elsewhere(elsewhere) => {
+                        panic!("nobody asked to be sent to {}", elsewhere.address)
+                    }
                     Answer::Failure(failure) => return Some((seq, superseded, Err(failure))),
                     Answer::Chunk(chunk) => {
                         if self.assembler.push(chunk).unwrap().is_some() {

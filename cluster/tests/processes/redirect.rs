@@ -1,0 +1,225 @@
+//! Sessions that fetch their frames from the workers themselves.
+
+use std::time::Duration;
+
+use argus_cluster::core;
+use argus_cluster::worker::{Config, Public};
+use argus_proto::chunks::FrameAssembler;
+use argus_proto::v1;
+use argus_proto::v1::redeem_response::Body as Redeemed;
+use argus_proto::v1::session_request::Body as Asked;
+use argus_proto::v1::views_client::ViewsClient;
+use argus_scene::{Frame, Limits, View};
+use tonic::{Code, Status};
+
+use crate::common::session::Session;
+use crate::common::{Cluster, LIMIT, channel, quick, start_worker_with, view};
+use crate::watching::{page, value};
+
+/// A cluster whose workers clients can reach.
+async fn open_to_clients(config: argus_cluster::coordinator::Config, count: usize) -> Cluster {
+    let mut cluster = Cluster::start_with(config, 0).await;
+    let url = cluster.coordinator.url();
+    for _ in 0..count {
+        let config = Config { public: Some(Public::AsAdvertised), ..Config::new(&url) };
+        cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    }
+    cluster.wait_for(|status| status.processes as usize == count).await;
+    cluster
+}
+
+async fn redirectable(cluster: &Cluster) -> Session {
+    let mut session = Session::open(cluster).await;
+    session.redirectable = true;
+    session
+}
+
+fn missed(serial: u64, unreachable: bool) -> Asked {
+    Asked::Missed(v1::SessionMissed { reason: "a wall".to_owned(), serial, unreachable })
+}
+
+/// What a worker answers to a ticket: the frame and its receipt.
+async fn redeem(elsewhere: &v1::Elsewhere) -> Result<(Frame, v1::Sealed), Status> {
+    let mut worker = ViewsClient::new(channel(&elsewhere.address));
+    let answer = async {
+        let request = v1::RedeemRequest { ticket: elsewhere.ticket.clone() };
+        let mut answers = worker.redeem(request).await?.into_inner();
+        let mut assembler = FrameAssembler::new(Limits::default());
+        let mut frame = None;
+        loop {
+            match answers.message().await?.and_then(|answer| answer.body) {
+                Some(Redeemed::Chunk(chunk)) => frame = assembler.push(chunk).unwrap().or(frame),
+                Some(Redeemed::Receipt(receipt)) => {
+                    return Ok((frame.expect("a receipt is behind its frame").0, receipt));
+                }
+                None => return Err(Status::data_loss("no receipt")),
+            }
+        }
+    };
+    tokio::time::timeout(LIMIT, answer).await.expect("a worker must answer")
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn frames_come_from_the_worker_and_the_coordinator_learns_of_them_by_receipts() {
+    let cluster = open_to_clients(quick(), 2).await;
+    let mut session = redirectable(&cluster).await;
+    for seq in 1..=3 {
+        let wanted = view(seq as usize);
+        session.ask(seq, &wanted).await;
+        let (of, elsewhere) = session.elsewhere().await;
+        assert_eq!(of, seq);
+        assert!(cluster.workers.iter().any(|worker| worker.url() == elsewhere.address), "{elsewhere:?}");
+        let (frame, receipt) = redeem(&elsewhere).await.unwrap();
+        // The very bytes that are relayed to whoever asks for that.
+        let relayed = View { pin: Some(frame.provenance.clone()), ..wanted };
+        assert_eq!(frame.color, cluster.render(&relayed).await.unwrap().0.color);
+        session.say(seq, Asked::Ack(v1::SessionAck { receipt: Some(receipt) })).await;
+    }
+    let status = cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 6).await;
+    assert_eq!(status.counters.unwrap().views_failed, 0);
+    // Frames are counted by what receipts say of them.
+    let (_, metrics) = page(cluster.coordinator.address, "/metrics").await;
+    assert_eq!(value(&metrics, "argus_view_seconds_count"), 6.0);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_ticket_is_good_once_at_its_worker_and_as_it_was_sealed() {
+    let cluster = open_to_clients(quick(), 2).await;
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    let (_, elsewhere) = session.elsewhere().await;
+    let refused = async |elsewhere: v1::Elsewhere| {
+        let status = redeem(&elsewhere).await.unwrap_err();
+        assert_eq!(status.code(), Code::InvalidArgument, "{status}");
+        status.message().to_owned()
+    };
+    let sealed = elsewhere.ticket.clone().unwrap();
+    let mut body = sealed.body.to_vec();
+    *body.last_mut().unwrap() ^= 1;
+    for ticket in [
+        None,
+        Some(v1::Sealed { body: body.into(), ..sealed.clone() }),
+        Some(v1::Sealed { seal: vec![0; 32].into(), ..sealed.clone() }),
+    ] {
+        assert!(refused(v1::Elsewhere { ticket, ..elsewhere.clone() }).await.contains("was not given out"));
+    }
+    let other = cluster.workers.iter().map(|worker| worker.url()).find(|url| *url != elsewhere.address);
+    assert!(
+        refused(v1::Elsewhere { address: other.unwrap(), ..elsewhere.clone() })
+            .await
+            .contains("was not given out")
+    );
+    redeem(&elsewhere).await.unwrap();
+    assert!(refused(elsewhere).await.contains("was shown before"));
+    // Nor does a coordinator take one.
+    let here =
+        v1::Elsewhere { address: cluster.coordinator.url(), ticket: Some(sealed), ..Default::default() };
+    assert!(refused(here).await.contains("is for the worker"));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn whoever_does_not_reach_a_worker_has_frames_relayed() {
+    let cluster = open_to_clients(quick(), 1).await;
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    let (_, elsewhere) = session.elsewhere().await;
+    // A word about another ticket says nothing of this one.
+    session.say(1, missed(elsewhere.serial + 7, true)).await;
+    session.say(1, missed(elsewhere.serial, true)).await;
+    // That one, and those after it, without another try.
+    for seq in 1..=3 {
+        if seq > 1 {
+            session.ask(seq, &view(seq as usize)).await;
+        }
+        assert!(matches!(session.answer().await, Some((of, 0, Ok(()))) if of == seq));
+        session.acknowledge(seq).await;
+    }
+    // Nor is a session sent anywhere that does not want to be.
+    let mut plain = Session::open(&cluster).await;
+    plain.ask(1, &view(5)).await;
+    assert!(matches!(plain.answer().await, Some((1, 0, Ok(())))));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_frame_that_its_worker_could_not_make_is_fetched_from_another() {
+    let cluster = open_to_clients(quick(), 3).await;
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    let (_, first) = session.elsewhere().await;
+    session.say(1, missed(first.serial, false)).await;
+    let (_, second) = session.elsewhere().await;
+    assert_ne!(second.address, first.address);
+    // The first one's frame came after all, and crossed the second ticket.
+    let (_, receipt) = redeem(&first).await.unwrap();
+    session.say(1, Asked::Ack(v1::SessionAck { receipt: Some(receipt) })).await;
+    session.ask(2, &view(2)).await;
+    assert_eq!(session.elsewhere().await.0, 2, "the session goes on, and is sent on as before");
+    let status = cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 1).await;
+    assert_eq!(status.counters.unwrap().views_failed, 0);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn clients_that_do_not_read_their_frames_keep_nobody_else_out() {
+    let mut cluster = Cluster::start(0).await;
+    let url = cluster.coordinator.url();
+    let public = Some(Public::AsAdvertised);
+    let config = Config { public, max_queued_views: 8, ..Config::new(&url) };
+    cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    cluster.wait_for(|status| status.processes == 1).await;
+    // Each holds one of four places by not reading a frame that is larger than any window.
+    let large = View { width: 4096, height: 4096, ..view(1) };
+    let mut unread = Vec::new();
+    let mut sessions = Vec::new();
+    for _ in 0..4 {
+        let mut session = redirectable(&cluster).await;
+        session.ask(1, &large).await;
+        let (_, elsewhere) = session.elsewhere().await;
+        let request = v1::RedeemRequest { ticket: elsewhere.ticket };
+        let mut worker = ViewsClient::new(channel(&elsewhere.address));
+        unread.push(worker.redeem(request).await.unwrap());
+        session.acknowledge(1).await;
+        sessions.push(session);
+    }
+    // A fifth is told so, and asks for the relaying that is its right.
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(2)).await;
+    let (_, elsewhere) = session.elsewhere().await;
+    let status = redeem(&elsewhere).await.unwrap_err();
+    assert_eq!(status.code(), Code::ResourceExhausted, "{status}");
+    session.say(1, missed(elsewhere.serial, true)).await;
+    assert!(matches!(session.answer().await, Some((1, 0, Ok(())))));
+    cluster.render(&view(3)).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_that_dies_before_its_ticket_is_shown_costs_another_ticket() {
+    let mut cluster = open_to_clients(quick(), 2).await;
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    let (_, first) = session.elsewhere().await;
+    cluster.worker_at(&first.address).kill();
+    let (seq, second) = session.elsewhere().await;
+    assert_eq!(seq, 1);
+    assert_ne!(second.address, first.address);
+    redeem(&second).await.unwrap();
+    session.acknowledge(1).await;
+    cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 1).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_that_says_nothing_of_its_frame_holds_nothing_for_long() {
+    let core = core::Config { max_view_time: Duration::from_millis(700), ..quick().core };
+    let cluster = open_to_clients(argus_cluster::coordinator::Config { core, ..quick() }, 1).await;
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    session.elsewhere().await;
+    let Some((1, 0, Err(failure))) = session.answer().await else { panic!("its time is over") };
+    assert_eq!(Code::from_i32(failure.code), Code::DeadlineExceeded, "{failure:?}");
+    // The session goes on.
+    session.ask(2, &view(2)).await;
+    let (seq, elsewhere) = session.elsewhere().await;
+    assert_eq!(seq, 2);
+    redeem(&elsewhere).await.unwrap();
+    session.acknowledge(2).await;
+    cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 1).await;
+}
