@@ -126,6 +126,38 @@ impl Rig {
     }
 }
 
+/// What samples are rendered from.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Samplers")]
+pub(crate) struct SampleSource {
+    /// What samples are rendered from: the triangles, each sample by itself, or maps of an octree of the scene, whose
+    /// surfaces are shaded once for all of them; megaviews takes omni cameras, and --rig cell by itself. Direct views
+    /// and single pixels come from triangles always [default: triangles]
+    #[arg(long, value_name = "WAY", value_parser = argus_scene::Sampling::NAMES)]
+    sampling: Option<String>,
+    /// Texels on a side of a map's hemisphere, for megaviews: 8 to 1024 [default: 512]
+    #[arg(long, value_name = "TEXELS")]
+    map_side: Option<u32>,
+    /// Levels of the scene's octree, for megaviews: 1 to 10 [default: 9]
+    #[arg(long, value_name = "N")]
+    octree_levels: Option<u32>,
+    /// Cameras along an edge of the block whose maps are rendered together and share what looks alike from them, for
+    /// megaviews: 1, where each has its own, 2 or 4 [default: 1]
+    #[arg(long, value_name = "N")]
+    map_block: Option<u32>,
+}
+
+impl SampleSource {
+    /// Among the flags of a subcommand.
+    pub(crate) fn with(&self, flags: Flags) -> Flags {
+        flags
+            .with("coordinator.sampling", "--sampling", self.sampling.as_ref())
+            .with("coordinator.map_side", "--map-side", self.map_side)
+            .with("coordinator.octree_levels", "--octree-levels", self.octree_levels)
+            .with("coordinator.map_block", "--map-block", self.map_block)
+    }
+}
+
 /// How workers render samples.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Samplers")]

@@ -9,7 +9,7 @@ use argus_cluster::SceneSource;
 use argus_cluster::coordinator::{Config, serve};
 use argus_cluster::core::quality::Model;
 use argus_cluster::leadership::{LocalRegistry, NatsRegistry, Registry};
-use argus_scene::{Camera, Rig, Scene};
+use argus_scene::{Camera, Rig, Sampling, Scene};
 use argus_studies::calibration;
 use serde::Serialize;
 use tokio::net::TcpListener;
@@ -77,6 +77,8 @@ pub(crate) struct Service {
     #[command(flatten)]
     rig: args::Rig,
     #[command(flatten)]
+    source: args::SampleSource,
+    #[command(flatten)]
     seeing: args::Seeing,
     /// Milliseconds until the next moment of an animated scene is rendered, at the least [default: 100]
     #[arg(long, value_name = "MS", value_parser = args::positive)]
@@ -137,7 +139,7 @@ impl Service {
             .with("coordinator.registry", "--registry", self.registry.as_ref())
             .with("coordinator.advertise", "--advertise", self.advertise.as_ref())
             .with("security.tokens", "--tokens", settings::path(self.tokens.as_ref()));
-        Ok(sources.load(self.security.with(flags))?.settings)
+        Ok(sources.load(self.security.with(self.source.with(flags)))?.settings)
     }
 
     /// Takes the address, so that a conflict shows at once, then opens the scene. `drifts`: workers have lights that
@@ -161,9 +163,9 @@ impl Service {
             () = shutdown.cancelled() => anyhow::bail!("stopped before the scene was open"),
         };
         source.report();
-        let models = self.models(coordinator.model.as_deref(), source.scene())?;
-        let mut config =
-            Config { rig: self.rig.knobs(), models, security, ..coordinator.config(&settings.limits) };
+        let mut config = Config { security, ..coordinator.config(&settings.limits) };
+        config.rig = config.sampling.rig_knobs(self.rig.knobs());
+        config.models = self.models(coordinator.model.as_deref(), source.scene(), &config)?;
         config.advertise = Some(coordinator.advertise.clone().unwrap_or_else(|| url.clone()));
         config.core.visibility = self.seeing.visibility();
         config.core.refresh_views = self.refresh_views;
@@ -173,9 +175,15 @@ impl Service {
         Ok(Ready { url, listener, source, config, registry, shutdown })
     }
 
-    /// What was calibrated of the scene, as its sample cameras will stand.
-    fn models(&self, model: Option<&Path>, scene: &Scene) -> anyhow::Result<Vec<Model>> {
-        let rig = Rig::for_scene(scene, &self.rig.knobs())?;
+    /// What was calibrated of the scene, as its samples will be taken.
+    fn models(&self, model: Option<&Path>, scene: &Scene, config: &Config) -> anyhow::Result<Vec<Model>> {
+        let rig = Rig::for_scene(scene, &config.rig)?;
+        config.sampling.validate(&rig)?;
+        if config.sampling != Sampling::Triangles {
+            // Calibration measures samples from triangles, whose errors are others.
+            anyhow::ensure!(model.is_none(), "--model was calibrated with --sampling triangles");
+            return Ok(Vec::new());
+        }
         let Some(path) = model else { return Ok(calibration::kept(scene.hash, &rig)) };
         let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         let model: Model =

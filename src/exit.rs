@@ -1,6 +1,7 @@
 //! How a run ends: 0 done, 1 failed, 2 bad arguments; a failure is one line on standard error.
 
 use std::fmt;
+use std::io::Write as _;
 use std::process::ExitCode;
 
 use argus_client::ClientError;
@@ -28,7 +29,8 @@ pub(crate) fn code(result: anyhow::Result<()>) -> ExitCode {
     let Err(error) = result else { return ExitCode::SUCCESS };
     // Causes are joined into one line; a message of several lines (a driver's, say) is folded.
     let line = format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ");
-    eprintln!("argus: {line}");
+    // Where not even that can be said, the exit code is left.
+    let _ = writeln!(std::io::stderr(), "argus: {line}");
     ExitCode::from(if error.chain().any(is_misuse) { 2 } else { 1 })
 }
 

@@ -14,6 +14,9 @@ const EARLY: Duration = Duration::from_secs(10);
 const MOST_EARLY_ENDS: u32 = 5;
 /// Pause before the first new start; it doubles with each early end.
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
+
+/// After a worker that was killed from without, which is no fault of its own.
+const KILLED_PAUSE: Duration = Duration::from_millis(20);
 /// How long a worker that was asked to stop may take: its own grace for views in work, and some more.
 const GRACE: Duration = Duration::from_secs(10);
 
@@ -94,7 +97,7 @@ async fn keep_one(
         if early_ends == MOST_EARLY_ENDS {
             bail!("worker {index} ends as soon as it starts ({status}); its own message is above");
         }
-        let pause = FIRST_PAUSE * 2u32.pow(early_ends);
+        let pause = if was_killed(status) { KILLED_PAUSE } else { FIRST_PAUSE * 2u32.pow(early_ends) };
         tracing::warn!("worker {index} ended ({status}); it is started again in {} ms", pause.as_millis());
         tokio::select! {
             () = tokio::time::sleep(pause) => {}

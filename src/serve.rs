@@ -21,6 +21,9 @@ pub(crate) struct Args {
     /// Worker processes [default: one a core, at least 2 and at most 4]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
+    /// Let sessions of clients on this machine fetch their frames from the workers, instead of relaying them
+    #[arg(long)]
+    redirect: bool,
     #[command(flatten)]
     sampling: args::Sampling,
     #[command(flatten)]
@@ -42,6 +45,8 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     more.extend(settings.security.to_arguments());
     // One address for all of them would be nobody's.
     more.push("--set=worker.advertise=".to_owned());
+    let public = if args.redirect { "advertised" } else { "" };
+    more.push(format!("--set=worker.public_address={public}"));
     more.extend(args.sampling.to_arguments());
     let (served, kept) = tokio::join!(
         async {

@@ -18,7 +18,9 @@ use crate::{args, credentials, shutdown};
 #[command(after_help = "\
 Examples:
   argus worker --coordinator http://127.0.0.1:7400
-  argus worker --coordinator http://host-a:7400 --listen 0.0.0.0:7401 --insecure")]
+  argus worker --coordinator http://host-a:7400 --listen 0.0.0.0:7401 --insecure
+  argus worker --coordinator https://host-a:7400 --listen 0.0.0.0:7401 --public-address https://host-b.example:7401 \
+    --certificate worker.pem --key worker.key --ca ca.pem")]
 pub(crate) struct Args {
     /// Where the coordinator is
     #[arg(long, value_name = "URL")]
@@ -30,6 +32,10 @@ pub(crate) struct Args {
     /// the way to the coordinator]
     #[arg(long, value_name = "URL")]
     advertise: Option<String>,
+    /// Where clients reach this worker: their sessions then fetch frames here, and the coordinator need not relay them;
+    /// `advertised`: where other workers do
+    #[arg(long, value_name = "URL")]
+    public_address: Option<String>,
     /// Folder to look for the scene in, and to keep scenes that were fetched [default: the user's cache]
     #[arg(long, value_name = "DIR")]
     scenes: Option<PathBuf>,
@@ -49,6 +55,7 @@ impl Args {
             .with("worker.coordinator", "--coordinator", self.coordinator.as_ref())
             .with("worker.listen", "--listen", self.listen.as_ref())
             .with("worker.advertise", "--advertise", self.advertise.as_ref())
+            .with("worker.public_address", "--public-address", self.public_address.as_ref())
             .with("worker.scenes", "--scenes", settings::path(self.scenes.as_ref()));
         Ok(sources.load(self.security.with(flags))?.settings)
     }

@@ -11,7 +11,7 @@ use argus_proto::v1;
 use argus_scene::{Frame, PlanRequest, Search, View};
 use serde_json::Value;
 use support::wire::{Wire, small_view};
-use support::{Coordinator, SMALL, argus, run, stderr};
+use support::{Coordinator, Process, SMALL, argus, run, stderr};
 use tokio::sync::{Mutex, MutexGuard};
 use tonic::Code;
 
@@ -286,4 +286,41 @@ async fn a_worker_without_the_scene_takes_it_from_the_coordinator_and_keeps_it()
         color.chunks(3).any(|pixel| u32::from(pixel[0]) > 2 * u32::from(pixel[2])),
         "the quad is red somewhere"
     );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn where_the_disk_is_full_a_worker_serves_what_it_could_not_keep_and_cannot_log() {
+    let _alone = alone().await;
+    let folder = tempfile::tempdir().unwrap();
+    let kept = folder.path().join("kept");
+    // Larger than what the worker may write to any file.
+    let quad = "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nf 4 3 2 1\n";
+    let padding = "# nothing to see here\n".repeat(20_000);
+    std::fs::write(folder.path().join("quad.obj"), format!("{quad}{padding}")).unwrap();
+    let coordinator = Coordinator::start_in(folder.path(), "quad.obj", &[]);
+    // Signals that a shell ignores stay ignored, so that a write beyond the limit fails, as on a full disk.
+    let limited = "trap '' XFSZ; ulimit -f 64; exec \"$0\" \"$@\" 2>/dev/full";
+    let mut command = std::process::Command::new("sh");
+    command.args(["-c", limited, argus(&[]).get_program().to_str().unwrap(), "worker"]);
+    command.args(["--coordinator", &coordinator.url, "--listen", "127.0.0.1:0"]);
+    command.args(["--scenes", kept.to_str().unwrap()]);
+    let _worker = Process::start(command);
+    coordinator.wait_for_workers(1);
+    let mut wire = Wire::connect(&coordinator.url).await;
+    let camera = wire.describe().await.cameras[0].camera;
+    wire.render(v1::View::from(&small_view(camera))).await.unwrap();
+    let left: Vec<_> = std::fs::read_dir(&kept).map(Iterator::collect).unwrap_or_default();
+    assert!(left.is_empty(), "half a scene is left on a full disk: {left:?}");
+}
+
+#[test]
+fn a_picture_for_a_full_disk_is_an_error_that_names_the_file() {
+    let coordinator = Coordinator::start(SMALL, &[]);
+    let _worker = coordinator.worker(&[]);
+    coordinator.wait_for_workers(1);
+    let seen = ["view", "--eye", "60,40,60", "--target", "0,5,0", "--size", "64x48", "--out", "/dev/full"];
+    let output = run(&[&seen[..], &["--server", &coordinator.url]].concat());
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("/dev/full") && message.contains("No space left"), "{message}");
 }

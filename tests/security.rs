@@ -3,12 +3,14 @@
 
 mod support;
 
+use std::future::poll_fn;
 use std::path::{Path, PathBuf};
+use std::pin::Pin;
 use std::process::{Output, Stdio};
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use argus_client::{Client, ConnectOptions, Credentials, Token};
+use argus_client::{Client, ConnectOptions, Credentials, SessionEvent, SessionOptions, Token};
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::samples_client::SamplesClient;
@@ -16,6 +18,8 @@ use argus_proto::v1::scenes_client::ScenesClient;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_scene::{Outputs, PlanRequest, View};
 use support::{PATIENCE, Process, SMALL, argus, run, stderr};
+use tonic::body::Body;
+use tonic::codegen::{Body as _, Service as _, http};
 use tonic::metadata::MetadataValue;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint, Identity};
 use tonic::{Code, Request, Status};
@@ -102,6 +106,21 @@ fn with_token<T>(message: T, file: &Path) -> Request<T> {
     let header = MetadataValue::try_from(format!("Bearer {}", token.trim())).unwrap();
     request.metadata_mut().insert("authorization", header);
     request
+}
+
+/// A page: its status code and what is on it.
+async fn page(channel: &Channel, path: &str, token: Option<&Path>) -> (u16, String) {
+    let mut request = http::Request::get(path).body(Body::empty()).unwrap();
+    let dressed = token.map(|token| with_token((), token).into_parts().0.into_headers());
+    request.headers_mut().extend(dressed.unwrap_or_default());
+    let mut channel = channel.clone();
+    poll_fn(|cx| channel.poll_ready(cx)).await.unwrap();
+    let (head, mut body) = channel.call(request).await.unwrap().into_parts();
+    let mut text = Vec::new();
+    while let Some(frame) = poll_fn(|cx| Pin::new(&mut body).poll_frame(cx)).await {
+        text.extend(frame.unwrap().into_data().unwrap_or_default());
+    }
+    (head.status.as_u16(), String::from_utf8(text).unwrap())
 }
 
 const VIEW: [&str; 9] =
@@ -205,6 +224,19 @@ async fn only_members_reach_what_is_the_clusters_own() {
         }
     };
     let worker = tokio::time::timeout(PATIENCE, joined).await.unwrap();
+    // Metrics are an operator's, and a member's: workers know no tokens. Probes ask without either.
+    let (stranger, of_worker) = (cluster.raw(None).await, raw(&worker, None).await.unwrap());
+    assert_eq!(page(&stranger, "/metrics", Some(&ours("view.token"))).await.0, 403);
+    assert_eq!(page(&of_worker, "/metrics", Some(&admin)).await.0, 401);
+    for channel in [&stranger, &of_worker] {
+        assert_eq!(page(channel, "/livez", None).await.0, 200);
+        assert_eq!(page(channel, "/metrics", None).await.0, 401);
+    }
+    let member = raw(&worker, Some((&ours("worker.pem"), &ours("worker.key")))).await.unwrap();
+    for (channel, token) in [(&stranger, Some(admin.as_path())), (&member, None)] {
+        let (code, metrics) = page(channel, "/metrics", token).await;
+        assert!(code == 200 && metrics.contains("# TYPE argus_"), "{code}: {metrics}");
+    }
     let channel = raw(&worker, None).await.unwrap();
     let subscribe = v1::SubscribeRequest { scene_hash: hash.clone().into(), ..Default::default() };
     let status = SamplesClient::new(channel.clone()).subscribe(with_token(subscribe, &admin)).await;
@@ -223,6 +255,38 @@ async fn only_members_reach_what_is_the_clusters_own() {
     let view = View { camera, width: 48, height: 32, outputs, plan, pin: None };
     let answer = operator.render(&view, &Default::default()).await.unwrap();
     assert_eq!((answer.frame.width, answer.frame.height), (48, 32));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_fetches_its_frames_from_a_worker_that_only_members_may_ask_for_more() {
+    let cluster = Cluster::start(&["--redirect"]);
+    let read = |file: &str| std::fs::read(ours(file)).unwrap();
+    let token = Token::parse(&String::from_utf8(read("view.token")).unwrap()).unwrap();
+    let credentials = Credentials { ca: Some(read("ca.pem")), token: Some(token), identity: None };
+    let options = ConnectOptions { credentials, ..ConnectOptions::default() };
+    let client = Client::connect_with(&cluster.url, &options).await.unwrap();
+    let camera = client.description().cameras[0].camera;
+    let (outputs, plan) = (Outputs::COLOR, PlanRequest::default());
+    let view = View { camera, width: 48, height: 32, outputs, plan, pin: None };
+    let mut colors = Vec::new();
+    for redirect in [true, false] {
+        let mut session = client.session(SessionOptions { redirect, ..SessionOptions::default() });
+        let frame = tokio::time::timeout(PATIENCE, async {
+            loop {
+                session.send(&view);
+                match session.next().await.unwrap() {
+                    SessionEvent::Frame { frame, .. } => return frame,
+                    // Workers are still on their way.
+                    SessionEvent::Failed { .. } => tokio::time::sleep(Duration::from_millis(200)).await,
+                }
+            }
+        });
+        let frame = frame.await.unwrap();
+        let relayed = frame.stages.iter().any(|stage| stage.name == "relay");
+        assert_eq!(relayed, !redirect, "{:?}", frame.stages);
+        colors.push(frame.color.unwrap());
+    }
+    assert_eq!(colors[0], colors[1], "it does not show which way a frame came");
 }
 
 #[test]

@@ -66,6 +66,20 @@ fn the_cells_study_goes_from_the_sample_camera_to_where_samples_serve_worst() {
 }
 
 #[test]
+fn the_omni_maps_study_has_triangles_and_maps_side_by_side() {
+    let study = json(&["study", "omni-maps", "--quick", "--json"]);
+    let of = |way: &str| rows(&study).iter().filter(|row| row["way"] == way).collect::<Vec<_>>();
+    assert_eq!(of("raster").len(), 1);
+    assert_eq!(of("megaviews").len(), 2, "two sizes of maps");
+    let truest = number(of("raster")[0], "flip");
+    assert!(number(of("megaviews")[0], "ready_ms") > 0.0, "the octree is built and its leaves are shaded");
+    for row in of("megaviews") {
+        assert!(number(row, "sample_ms") > 0.0, "{row:#}");
+        assert!(number(row, "flip") > truest && number(row, "flip") < 0.5, "{row:#}");
+    }
+}
+
+#[test]
 fn the_break_even_study_says_from_how_many_views_samples_pay() {
     let study = json(&["study", "break-even", "--quick", "--json"]);
     for row in rows(&study) {
@@ -158,6 +172,31 @@ fn the_megaviews_study_shows_what_occlusion_leaves_out_at_equal_maps() {
         assert!(known < on && on < off, "{method}: {off} pairs, {on} with occlusion, {known} at best");
         let wrong = ["off", "on"].map(|occlusion| number(of(occlusion), "wrong_shadow_fraction"));
         assert_eq!(wrong[0], wrong[1], "the same maps");
+    }
+}
+
+#[test]
+fn the_megaviews_study_sets_accuracy_beside_memory_for_every_texel() {
+    let arguments = ["study", "megaviews", "--quick", "--json", "--placement", "four-bounce", "--method"];
+    let texels = ["node-64", "node-32", "range-32", "range-16"];
+    let study = json(&[&arguments[..], &["megaviews,manylods", "--texel", &texels.join(",")]].concat());
+    for method in ["megaviews", "manylods"] {
+        let of = |texel: &str| {
+            let is = |row: &&Value| row["method"] == method && row["texel"] == texel && row["views"] == 256;
+            rows(&study).iter().find(is).unwrap_or_else(|| panic!("{method} {texel}: {study:#}"))
+        };
+        let bytes = texels.map(|texel| number(&of(texel)["bytes"], "maps"));
+        assert_eq!(bytes, [8.0, 4.0, 4.0, 2.0].map(|texel| texel / 8.0 * bytes[0]));
+        let [wide, packed, whole, half] = texels.map(|texel| number(of(texel), "range_error"));
+        assert!(wide == 0.0 && whole == 0.0, "{study:#}");
+        for error in [packed, half] {
+            assert!(error > 0.0 && error < 2e-3, "{method}: {error}");
+        }
+        for texel in texels {
+            let [shadows, exact] =
+                [texel, "range-32"].map(|texel| number(of(texel), "wrong_shadow_fraction"));
+            assert!((shadows - exact).abs() < 0.05, "{texel}: {shadows} {exact}");
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use argus_cluster::{coordinator, core, worker};
+use argus_scene::{MegaViews, Sampling};
 
 use super::{Coordinator, Limits, Security, Settings, Worker};
 
@@ -22,6 +23,15 @@ impl Settings {
         let some = |key, value: u64| (value == 0).then(|| (key, "must be at least 1".to_owned()));
         let rate = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0, 1e15));
         [
+            coordinator.sampling().is_none().then(|| {
+                let names = Sampling::NAMES.join(" or ");
+                ("coordinator.sampling", format!("must be {names}, not {:?}", coordinator.sampling))
+            }),
+            within("coordinator.map_side", coordinator.map_side.into(), 8.0, 1024.0),
+            within("coordinator.octree_levels", coordinator.octree_levels.into(), 1.0, 10.0),
+            (![1, 2, 4].contains(&coordinator.map_block)).then(|| {
+                ("coordinator.map_block", format!("must be 1, 2 or 4, not {}", coordinator.map_block))
+            }),
             within("coordinator.refining_share", coordinator.refining_share, 0.0, 1.0),
             within("coordinator.epoch_ms", coordinator.epoch_ms, 1e-3, 1e3 * MOST_SECS),
             within("coordinator.time_scale", coordinator.time_scale, 0.0, 1e6),
@@ -74,6 +84,13 @@ pub(crate) fn mib(mib: u64) -> u64 {
 }
 
 impl Coordinator {
+    /// What samples are rendered from; `None` for what has no such name.
+    pub(crate) fn sampling(&self) -> Option<Sampling> {
+        let maps = MegaViews { map_side: self.map_side, levels: self.octree_levels, block: self.map_block };
+        let all = [Sampling::Triangles, Sampling::MegaViews(maps)];
+        all.into_iter().find(|sampling| sampling.name() == self.sampling)
+    }
+
     /// The coordinator's part of them.
     pub(crate) fn config(&self, limits: &Limits) -> coordinator::Config {
         let core = core::Config {
@@ -96,6 +113,7 @@ impl Coordinator {
         let (time_scale, grace) = (self.time_scale, secs(self.grace_secs));
         coordinator::Config {
             core,
+            sampling: self.sampling().unwrap_or_default(),
             time_scale,
             grace,
             max_connections: limits.connections,
@@ -110,9 +128,14 @@ impl Worker {
     pub(crate) fn config(&self, coordinator: String) -> worker::Config {
         worker::Config {
             advertise: self.advertise.clone(),
+            public: self.public_address.as_ref().map(|address| match address.as_str() {
+                "advertised" => worker::Public::AsAdvertised,
+                _ => worker::Public::At(address.clone()),
+            }),
             held_bytes: mib(self.samples_mib),
             max_queued_views: self.queued_views,
             max_queued_samples: self.queued_samples,
+            standby_sampler: self.standby_sampler,
             max_bundle_bytes: mib(self.bundle_mib),
             grace: secs(self.grace_secs),
             ..worker::Config::new(coordinator)

@@ -10,6 +10,7 @@ mod layers;
 
 use std::path::PathBuf;
 
+use argus_scene::{MegaViews, Sampling};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use convert::mib;
@@ -59,6 +60,15 @@ pub(crate) struct Coordinator {
     pub(crate) listen: String,
     /// Whether samplers that have nothing to sample also compose views: a fifth less time on two workers.
     pub(crate) samplers_composite: bool,
+    /// What samples are rendered from: `triangles`, each by itself, or `megaviews`, maps of an octree of the scene.
+    pub(crate) sampling: String,
+    /// Texels on a side of such a map's hemisphere: about as wide as those of a cube whose faces have half as many.
+    pub(crate) map_side: u32,
+    /// Levels of the octree: cells of a thousandth of the scene.
+    pub(crate) octree_levels: u32,
+    /// Cameras along an edge of the block whose maps share what looks alike: 1, since neighbours of a lattice see little
+    /// alike at that resolution.
+    pub(crate) map_block: u32,
     /// Share of the samplers' time for samples where views have holes: they wait for everything else, so a half takes
     /// little from others.
     pub(crate) refining_share: f64,
@@ -83,10 +93,15 @@ pub(crate) struct Coordinator {
 
 impl Default for Coordinator {
     fn default() -> Self {
+        let maps = MegaViews::default();
         Self {
             scene: None,
             listen: "127.0.0.1:7400".to_owned(),
             samplers_composite: true,
+            sampling: Sampling::default().name().to_owned(),
+            map_side: maps.map_side,
+            octree_levels: maps.levels,
+            map_block: maps.block,
             refining_share: 0.5,
             model: None,
             epoch_ms: 100.0,
@@ -110,6 +125,8 @@ pub(crate) struct Worker {
     pub(crate) listen: String,
     /// Where others reach this worker, if not where it listens.
     pub(crate) advertise: Option<String>,
+    /// Where clients reach it, whose sessions then fetch their frames there; `advertised`: where others do.
+    pub(crate) public_address: Option<String>,
     /// Folder of scenes; the user's cache unless set.
     pub(crate) scenes: Option<PathBuf>,
     /// Samples that are kept, in memory and on the GPU together, before the least recently used one goes; those in use stay
@@ -121,6 +138,8 @@ pub(crate) struct Worker {
     pub(crate) queued_views: usize,
     /// Samples that wait for the render thread.
     pub(crate) queued_samples: usize,
+    /// Whether a worker that composites has a sampler at hand, for when the samplers are lost.
+    pub(crate) standby_sampler: bool,
     /// The largest scene that is fetched from a coordinator.
     pub(crate) bundle_mib: u64,
     /// How long views in work may take after a shutdown began.
@@ -133,11 +152,13 @@ impl Default for Worker {
             coordinator: None,
             listen: "127.0.0.1:0".to_owned(),
             advertise: None,
+            public_address: None,
             scenes: None,
             samples_mib: 2048,
             gpu_samples_mib: 4096,
             queued_views: 256,
             queued_samples: 4096,
+            standby_sampler: false,
             bundle_mib: 8192,
             grace_secs: 5.0,
         }

@@ -1,6 +1,6 @@
 //! Arguments of `argus study megaviews`.
 
-use argus_studies::megaviews::{Emitter, Method, Occlusion, Options, Placement, parse_light, run};
+use argus_studies::megaviews::{Emitter, Method, Occlusion, Options, Placement, Texel, parse_light, run};
 use argus_studies::{Effort as _, Report};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use indicatif::ProgressBar;
@@ -15,7 +15,8 @@ use super::arguments::{Scene, blocking};
 #[command(after_help = "\
 Examples:
   argus study megaviews --scene sponza.glb --views 4096,65536 --light spot:0,10,0:0,-1,0:35 --out figures
-  argus study megaviews --scene sponza.glb --views 4096 --placement random --resolution 16,32,64")]
+  argus study megaviews --scene sponza.glb --views 4096 --placement random --resolution 16,32,64
+  argus study megaviews --scene sponza.glb --views 65536 --texel node-64,node-32,range-32,range-16")]
 pub(super) struct MegaViews {
     #[command(flatten)]
     scene: Scene,
@@ -31,7 +32,8 @@ pub(super) struct MegaViews {
     /// Levels of the scene's octree below its root [default: 9]
     #[arg(long, value_name = "L", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=10))]
     levels: Vec<u32>,
-    /// Levels of the view octree [default: one fewer than the scene's]
+    /// Levels of the view octree [default: so few that views still lie within a cell or two of the scene's octree of the
+    /// middle that their map is rendered from]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     view_levels: Option<u32>,
     /// What is compared [default: all]
@@ -48,6 +50,9 @@ pub(super) struct MegaViews {
     /// out if the finished maps were known beforehand (known) [default: off]
     #[arg(long, value_name = "HOW", value_delimiter = ',', value_parser = occlusion())]
     occlusion: Vec<Occlusion>,
+    /// What a texel holds: depth and node in 64 bits or in 32, or depth alone in 32 or 16 [default: range-32]
+    #[arg(long, value_name = "TEXEL", value_delimiter = ',', value_parser = texel())]
+    texel: Vec<Texel>,
     /// Leave maps sparse, to be looked up texel by texel
     #[arg(long)]
     no_fusion: bool,
@@ -69,6 +74,11 @@ fn occlusion() -> impl TypedValueParser<Value = Occlusion> {
         .map(|name| Occlusion::ALL.into_iter().find(|how| how.name() == name).unwrap_or(Occlusion::Off))
 }
 
+fn texel() -> impl TypedValueParser<Value = Texel> {
+    PossibleValuesParser::new(Texel::ALL.map(Texel::name))
+        .map(|name| Texel::ALL.into_iter().find(|texel| texel.name() == name).unwrap_or(Texel::Range))
+}
+
 fn method() -> impl TypedValueParser<Value = Method> {
     PossibleValuesParser::new(Method::ALL.map(Method::name))
         .map(|name| Method::ALL.into_iter().find(|m| m.name() == name).unwrap_or(Method::MegaViews))
@@ -84,6 +94,7 @@ impl MegaViews {
         replace(self.levels, &mut options.levels);
         replace(self.method, &mut options.methods);
         replace(self.occlusion, &mut options.occlusion);
+        replace(self.texel, &mut options.texels);
         options.views.sort_unstable();
         options.view_levels = self.view_levels.or(options.view_levels);
         options.rounds = self.rounds.map_or(options.rounds, usize::from);

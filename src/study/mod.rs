@@ -12,6 +12,7 @@ mod cluster;
 mod hard_cases;
 mod manylods;
 mod megaviews;
+mod omni_maps;
 mod overload;
 mod particles;
 mod radiosity;
@@ -67,6 +68,7 @@ enum Study {
     MegaViews(megaviews::MegaViews),
     #[command(name = "manylods")]
     ManyLods(manylods::ManyLods),
+    OmniMaps(omni_maps::OmniMaps),
     Particles(particles::Particles),
     Radiosity(radiosity::Radiosity),
     Overload(overload::Overload),
@@ -106,6 +108,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::BreakEven(study) => ("break-even", study.run(form.quick, &progress).await?),
         Study::MegaViews(study) => ("megaviews", study.run(form.quick, &progress).await?),
         Study::ManyLods(study) => ("manylods", study.run(form.quick, &progress).await?),
+        Study::OmniMaps(study) => ("omni-maps", study.run(form.quick, &progress).await?),
         Study::Particles(study) => ("particles", study.run(form.quick, &progress).await?),
         Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
         Study::Overload(study) => ("overload", study.run(form.quick, &progress).await?),

@@ -32,7 +32,8 @@ pub(super) struct Particles {
     /// Levels of the scene's octree below its root [default: 8]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     levels: Option<u32>,
-    /// Levels of the octree over the particles [default: two fewer than the scene's]
+    /// Levels of the octree over the particles [default: so few that they still lie within a cell or two of the scene's
+    /// octree of the middle that their map is rendered from]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     view_levels: Option<u32>,
     /// Frames that times are the median of, after one that is not counted [default: 3]

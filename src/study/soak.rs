@@ -25,7 +25,8 @@ pub(super) struct Soak {
     /// Sessions at the same time [default: 1000]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     sessions: Option<u32>,
-    /// Cameras a second, all sessions together [default: 0.6 of what the machine is measured to carry]
+    /// Cameras a second, all sessions together [default: 0.6 of what the machine is measured to carry, 0.2
+    /// with --chaos]
     #[arg(long, value_name = "N", value_parser = args::positive)]
     rate: Option<f64>,
     /// How long [default: 10]
@@ -35,6 +36,9 @@ pub(super) struct Soak {
     size: Size,
     #[command(flatten)]
     workers: Workers,
+    /// Let sessions fetch their frames from the workers, instead of relaying them
+    #[arg(long)]
+    redirect: bool,
     /// Kill and pause workers meanwhile
     #[arg(long)]
     chaos: bool,
@@ -54,6 +58,7 @@ impl Soak {
         self.workers.replace(&mut options.workers);
         options.sessions = self.sessions.unwrap_or(options.sessions);
         options.rate = self.rate.or(options.rate);
+        options.redirect = self.redirect;
         options.duration = self.minutes.map_or(options.duration, |m| Duration::from_secs_f64(m * 60.0));
         options.chaos = self.chaos.then(|| (self.seed, Duration::from_secs_f64(self.chaos_every)));
         run(&std::env::current_exe()?, &options, progress).await

@@ -41,20 +41,29 @@ impl SceneFolder {
     /// Keeps a bundle: written beside its place and renamed into it, so that several workers may share the
     /// folder and none sees half a scene.
     fn keep(&self, reference: &SceneRef, files: &[BundleFile]) -> io::Result<()> {
-        let root = files.first().ok_or(io::ErrorKind::InvalidData)?;
-        let kept = self.kept(reference);
         let partial = self.folder.join(format!("{}.{}", reference.hash, std::process::id()));
         let _ = std::fs::remove_dir_all(&partial);
+        let kept = self.keep_by(&partial, reference, files);
+        if kept.is_err() {
+            // A disk that is full is not to be kept full by half a scene.
+            let _ = std::fs::remove_dir_all(&partial);
+        }
+        kept
+    }
+
+    fn keep_by(&self, partial: &Path, reference: &SceneRef, files: &[BundleFile]) -> io::Result<()> {
+        let root = files.first().ok_or(io::ErrorKind::InvalidData)?;
+        let kept = self.kept(reference);
         for file in files {
             let path = partial.join(FILES).join(&file.name);
-            std::fs::create_dir_all(path.parent().unwrap_or(&partial))?;
+            std::fs::create_dir_all(path.parent().unwrap_or(partial))?;
             std::fs::write(path, &file.bytes)?;
         }
         std::fs::write(partial.join(ROOT), &root.name)?;
-        if std::fs::rename(&partial, &kept).is_err() {
+        if std::fs::rename(partial, &kept).is_err() {
             // Another worker was first, or what is there is damaged: either way this bundle is whole.
             let _ = std::fs::remove_dir_all(&kept);
-            std::fs::rename(&partial, &kept)?;
+            std::fs::rename(partial, &kept)?;
         }
         Ok(())
     }

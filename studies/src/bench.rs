@@ -11,8 +11,8 @@ use argus_scene::metrics::{self, Comparison};
 use argus_scene::reference::{Tracer, cache};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
-    Sampler as _, Scene, ViewJob, Visibility,
+    Camera, Cancel, Compositor as _, Frame, InvalidField, Outputs, Plan, RenderError, Rig, RigKnobs,
+    SampleJob, Sampler as _, Sampling, Scene, ViewJob, Visibility,
 };
 use glam::{DVec2, DVec3};
 use image::RgbImage;
@@ -79,6 +79,7 @@ impl Bench {
             generation: 1,
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
+            sampling: Sampling::default(),
         });
         let sampler = GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), sampler)?;
         let compositor = GpuCompositor::new(Arc::clone(gpu))?;
@@ -103,6 +104,14 @@ impl Bench {
     /// Sees triangles in another way from now on, in samples and in direct views.
     pub(crate) fn see_by(&mut self, visibility: Visibility) {
         self.info = Arc::new(SampleSetInfo { visibility, ..(*self.info).clone() });
+    }
+
+    /// Takes samples from something else from now on, as a new generation.
+    pub(crate) fn sample_by(&mut self, sampling: Sampling) -> Result<(), InvalidField> {
+        sampling.validate(&self.info.rig)?;
+        let generation = self.info.generation + 1;
+        self.info = Arc::new(SampleSetInfo { sampling, generation, ..(*self.info).clone() });
+        Ok(())
     }
 
     /// The cameras that the scene suggests, or one that shows it.

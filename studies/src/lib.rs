@@ -21,6 +21,7 @@ mod local_cluster;
 pub mod manylods;
 mod median;
 pub mod megaviews;
+pub mod omni_maps;
 pub mod overload;
 pub mod particles;
 mod plot;

@@ -12,7 +12,7 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
 use argus_scene::{
     Camera, Cancel, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob, SampleSetInfo,
-    Sampler as _, Scene, ViewJob, Visibility, path,
+    Sampler as _, Sampling, Scene, ViewJob, Visibility, path,
 };
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -133,6 +133,7 @@ impl Bench {
             generation: 1,
             lighting: scene.lighting.clone(),
             visibility: way,
+            sampling: Sampling::default(),
         };
         let ids = vec![SampleId { epoch: 0, generation: 1, index }];
         let job = SampleJob { info: Arc::new(info), ids, to_host: false };

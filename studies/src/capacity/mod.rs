@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result};
 use argus_client::load::{burst, path_views};
 use argus_client::{Client, ConnectOptions, Session, SessionEvent, SessionOptions};
-use argus_scene::PlanRequest;
+use argus_scene::{PlanRequest, View};
 use futures::StreamExt as _;
 use indicatif::ProgressBar;
 use rand::rngs::SmallRng;
-use rand::{RngCore as _, SeedableRng};
+use rand::{Rng as _, RngCore as _, SeedableRng};
 use serde_json::json;
+use tokio::sync::watch;
 use tokio::task::{AbortHandle, JoinSet};
 
 use self::peer::Shared;
@@ -32,6 +33,8 @@ pub struct Options {
     pub workers: usize,
     /// Pixels of a view.
     pub size: [u32; 2],
+    /// How often the camera of a session moves, once they do.
+    pub camera_every: Duration,
     /// How long each of the phases is that measure time on a core.
     pub phase: Duration,
     /// Workers that are lost, one after the other.
@@ -40,13 +43,21 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { sessions: 10_000, workers: 1000, size: [200, 150], phase: Duration::from_secs(15), losses: 10 }
+        Self {
+            sessions: 10_000,
+            workers: 1000,
+            size: [200, 150],
+            camera_every: Duration::from_secs(20),
+            phase: Duration::from_secs(15),
+            losses: 10,
+        }
     }
 }
 
 impl Effort for Options {
     fn quick() -> Self {
-        Self { sessions: 50, workers: 20, phase: Duration::from_secs(1), losses: 2, ..Self::default() }
+        let (camera_every, phase) = (Duration::from_millis(500), Duration::from_secs(1));
+        Self { sessions: 50, workers: 20, camera_every, phase, losses: 2, ..Self::default() }
     }
 }
 
@@ -64,7 +75,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// # Errors
 /// A coordinator that does not come up, or a peer that it does not answer.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
-    progress.set_length(4);
+    progress.set_length(5);
     progress.set_message("workers join");
     let more = ["--refining-share=0".to_owned(), "--visibility=raster".to_owned()];
     let coordinator = LocalCluster::coordinator(argus, SCENE, &more)?;
@@ -76,7 +87,8 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let began = Instant::now();
     let mut workers: Vec<AbortHandle> = Vec::new();
     for worker in 0..options.workers {
-        workers.push(tokio::spawn(peer::join(coordinator.url().to_owned(), worker, port)).abort_handle());
+        let joining = peer::join(shared.clone(), coordinator.url().to_owned(), worker, port);
+        workers.push(tokio::spawn(joining).abort_handle());
     }
     let connections = ConnectOptions { connections: CONNECTIONS, ..ConnectOptions::default() };
     let client = Client::connect_with(coordinator.url(), &connections).await?;
@@ -93,11 +105,18 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
 
     progress.set_message("sessions open");
     let began = Instant::now();
-    let mut sessions = open(&client, options).await?;
+    let (moving, watched) = watch::channel(false);
+    let mut sessions = open(&client, options, &shared, watched).await?;
     let opened_secs = began.elapsed().as_secs_f64();
-    // Sessions are open and quiet, as redirected ones would be; workers report.
+    // Sessions are open and quiet; workers report.
     let idle_cores = cores(pid, options.phase).await?;
+    progress.inc(1);
+
+    progress.set_message("frames are fetched from workers");
+    let fetching = moving_sessions(pid, &shared, &moving, options.phase).await?;
     let resident_mb = resident_bytes(pid).unwrap_or(0) as f64 / 1e6;
+    // Quiet again.
+    tokio::time::sleep(Duration::from_secs(1)).await;
     progress.inc(1);
 
     progress.set_message("frames are relayed");
@@ -135,6 +154,9 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         "joined_secs": joined_secs,
         "opened_secs": opened_secs,
         "idle_cores": idle_cores,
+        "redirected_per_sec": fetching.per_sec,
+        "redirected_cores": fetching.cores,
+        "redirected_per_sec_of_a_core": fetching.per_sec / (fetching.cores - idle_cores).max(1e-9),
         "resident_mb": resident_mb,
         "resident_mb_relaying": busy_mb,
         "relayed_per_sec": frames / relayed_secs,
@@ -146,10 +168,10 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     });
     let mut report = Report::new("peers", Machine::here("none"), vec![report::row(row)]);
     report.notes.push(
-        "Sessions are open and ask for nothing while idle_cores is measured, as sessions would that were redirected to \
-         workers; today's sessions are not redirected, so that each of their frames costs us_per_frame besides. Frames are \
-         raw and relayed unopened. assigned_after_loss_ms: the longest from the end of a worker's stream until another \
-         worker had the order of its view."
+        "Sessions are redirected: they get tickets from the coordinator, fetch their frames from the workers, and say so. \
+         idle_cores: while they ask for nothing; redirected_cores: while cameras move, redirected_per_sec frames a second in \
+         all; relayed_*: single views besides, raw and relayed unopened, at us_per_frame each. assigned_after_loss_ms: the \
+         longest from the end of a worker's stream until another worker had the order of its view."
             .to_owned(),
     );
     Ok(report)
@@ -163,14 +185,41 @@ async fn cores(pid: u32, time: Duration) -> Result<f64> {
     Ok((after - before) / began.elapsed().as_secs_f64())
 }
 
-/// Opens the sessions, each with one frame, and keeps them open.
-async fn open(client: &Client, options: &Options) -> Result<JoinSet<()>> {
+/// What redirected sessions cost.
+struct Fetching {
+    per_sec: f64,
+    cores: f64,
+}
+
+/// Cameras move for a while.
+async fn moving_sessions(
+    pid: u32,
+    shared: &Shared,
+    moving: &watch::Sender<bool>,
+    time: Duration,
+) -> Result<Fetching> {
+    moving.send_replace(true);
+    let (before, began) = (shared.redeemed.load(Ordering::Relaxed), Instant::now());
+    let cores = cores(pid, time).await?;
+    let redeemed = shared.redeemed.load(Ordering::Relaxed) - before;
+    moving.send_replace(false);
+    anyhow::ensure!(redeemed > 0, "no frame was fetched from a worker");
+    Ok(Fetching { per_sec: redeemed as f64 / began.elapsed().as_secs_f64(), cores })
+}
+
+/// Opens the sessions, each with one frame, which it fetches from its worker. While they are told to, their cameras move.
+async fn open(
+    client: &Client,
+    options: &Options,
+    shared: &Shared,
+    moving: watch::Receiver<bool>,
+) -> Result<JoinSet<()>> {
     let view = path_views(client.description(), 1, [16, 12], PlanRequest::default());
-    let view = view.first().context("a view")?;
+    let view = view.into_iter().next().context("a view")?;
     let opening = futures::stream::iter(0..options.sessions).map(|_| {
         let mut session = client.session(SessionOptions::default());
+        session.send(&view);
         async move {
-            session.send(view);
             match session.next().await? {
                 SessionEvent::Frame { .. } => Ok(session),
                 SessionEvent::Failed { error, .. } => Err(error),
@@ -179,11 +228,41 @@ async fn open(client: &Client, options: &Options) -> Result<JoinSet<()>> {
     });
     let mut opened = opening.buffer_unordered(128);
     let mut sessions = JoinSet::new();
+    let mut random = SmallRng::seed_from_u64(2);
     while let Some(session) = opened.next().await {
-        let mut session: Session = session?;
-        sessions.spawn(async move { while session.next().await.is_ok() {} });
+        // Cameras move one after the other, not all at once.
+        let first = options.camera_every.mul_f64(random.random());
+        sessions.spawn(keep(session?, view.clone(), first, options.camera_every, moving.clone()));
     }
+    let redeemed = shared.redeemed.load(Ordering::Relaxed);
+    anyhow::ensure!(redeemed >= options.sessions as u64, "only {redeemed} sessions were redirected");
     Ok(sessions)
+}
+
+/// One session, until it ends.
+async fn keep(
+    mut session: Session,
+    view: View,
+    first: Duration,
+    every: Duration,
+    mut moving: watch::Receiver<bool>,
+) {
+    while moving.wait_for(|moving| *moving).await.is_ok() {
+        tokio::time::sleep(first).await;
+        let mut interval = tokio::time::interval(every);
+        while *moving.borrow() {
+            tokio::select! {
+                _ = interval.tick() => drop(session.send(&view)),
+                event = session.next() => if event.is_err() { return },
+            }
+        }
+        // What is still on its way holds room at its worker.
+        while !session.is_idle() {
+            if session.next().await.is_err() {
+                return;
+            }
+        }
+    }
 }
 
 /// A worker falls silent with a view, and its stream ends: how long until another worker has that view.

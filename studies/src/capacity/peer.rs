@@ -1,13 +1,16 @@
 //! Simulated workers for a real coordinator: they join, report and answer over real gRPC, and render nothing.
 
+use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
+use argus_cluster::sealed::{Kind, SealKey};
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::frame_chunk::Body;
+use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::views_server::{Views, ViewsServer};
 use argus_proto::{PROTOCOL_VERSION, v1};
 use bytes::Bytes;
@@ -29,10 +32,14 @@ const REPORT: Duration = Duration::from_millis(250);
 #[derive(Debug, Default)]
 pub(super) struct Shared {
     pub(super) answered: AtomicU64,
+    /// Those of them that clients fetched.
+    pub(super) redeemed: AtomicU64,
     /// The worker that answers nothing, by its number; or [`NEXT`], [`NOBODY`], [`UNHEARD`].
     silent: AtomicUsize,
     /// When an order reached a worker, and which: the newest ones.
     orders: Mutex<Vec<(Instant, usize)>>,
+    /// With which each worker's tickets are sealed, by its number.
+    keys: Mutex<HashMap<usize, SealKey>>,
     /// Random pixels: nothing packs them.
     pixels: Bytes,
 }
@@ -70,69 +77,14 @@ impl Shared {
         self.orders.lock().clear();
     }
 
-    /// The orders since the last silence.
-    pub(super) fn orders(&self) -> Vec<(Instant, usize)> {
-        self.orders.lock().clone()
-    }
-}
-
-/// The address of a worker: each has one of its own in 127.0.0.0/8, all lead to one listener.
-fn address(worker: usize, port: u16) -> SocketAddr {
-    let [high, low] = (worker as u16).to_be_bytes();
-    ([127, 1, high, low], port).into()
-}
-
-fn number(local: SocketAddr) -> usize {
-    match local {
-        SocketAddr::V4(v4) => usize::from(u16::from_be_bytes([v4.ip().octets()[2], v4.ip().octets()[3]])),
-        SocketAddr::V6(_) => usize::MAX,
-    }
-}
-
-/// Serves views for all simulated workers; the port.
-pub(super) async fn serve(shared: Arc<Shared>) -> Result<(u16, AbortHandle)> {
-    let listener = TcpListener::bind(("0.0.0.0", 0)).await.context("cannot listen for simulated workers")?;
-    let port = listener.local_addr()?.port();
-    let service = ViewsServer::new(Answering { shared });
-    let serving = Server::builder()
-        .initial_connection_window_size(16 << 20)
-        .add_service(service)
-        .serve_with_incoming(TcpListenerStream::new(listener));
-    Ok((port, tokio::spawn(async move { drop(serving.await) }).abort_handle()))
-}
-
-struct Answering {
-    shared: Arc<Shared>,
-}
-
-#[tonic::async_trait]
-impl Views for Answering {
-    type RenderStream = BoxStream<'static, Result<v1::FrameChunk, Status>>;
-    type SessionStream = BoxStream<'static, Result<v1::SessionResponse, Status>>;
-
-    async fn describe(
+    /// What a worker sends of a frame: the header and all of its bytes.
+    fn frame(
         &self,
-        _request: Request<v1::DescribeRequest>,
-    ) -> Result<Response<v1::DescribeResponse>, Status> {
-        Err(Status::unimplemented("simulated"))
-    }
-
-    async fn render(
-        &self,
-        request: Request<v1::RenderRequest>,
-    ) -> Result<Response<Self::RenderStream>, Status> {
-        let local = request.extensions().get::<TcpConnectInfo>().and_then(TcpConnectInfo::local_addr);
-        let worker = local.map_or(usize::MAX, number);
-        let request = request.into_inner();
-        let silent = &self.shared.silent;
-        let _ = silent.compare_exchange(NEXT, worker, Ordering::SeqCst, Ordering::SeqCst);
-        match silent.load(Ordering::SeqCst) {
-            UNHEARD => {}
-            silent if silent == worker => std::future::pending::<()>().await,
-            _ => self.shared.orders.lock().push((Instant::now(), worker)),
-        }
+        worker: usize,
+        request: v1::RenderRequest,
+    ) -> impl Iterator<Item = v1::FrameChunk> + use<> {
         let (view, order) = (request.view.unwrap_or_default(), request.order.unwrap_or_default());
-        let bytes = self.shared.pixels.slice(..(view.width * view.height * 3) as usize);
+        let bytes = self.pixels.slice(..(view.width * view.height * 3) as usize);
         let image = v1::ImageHeader {
             output: v1::Output::Color as i32,
             encoding: v1::Encoding::Raw as i32,
@@ -155,9 +107,101 @@ impl Views for Answering {
             age_ms: order.age_ms,
             ..v1::FrameHeader::default()
         };
-        self.shared.answered.fetch_add(1, Ordering::Relaxed);
+        self.answered.fetch_add(1, Ordering::Relaxed);
         let chunks = [Body::Header(header), Body::Data(v1::FrameData { offset: 0, bytes })];
-        Ok(Response::new(stream::iter(chunks.map(|body| Ok(v1::FrameChunk { body: Some(body) }))).boxed()))
+        chunks.map(|body| v1::FrameChunk { body: Some(body) }).into_iter()
+    }
+
+    /// The orders since the last silence.
+    pub(super) fn orders(&self) -> Vec<(Instant, usize)> {
+        self.orders.lock().clone()
+    }
+}
+
+/// The address of a worker: each has one of its own in 127.0.0.0/8, all lead to one listener.
+fn address(worker: usize, port: u16) -> SocketAddr {
+    let [high, low] = (worker as u16).to_be_bytes();
+    ([127, 1, high, low], port).into()
+}
+
+fn number(local: SocketAddr) -> usize {
+    match local {
+        SocketAddr::V4(v4) => usize::from(u16::from_be_bytes([v4.ip().octets()[2], v4.ip().octets()[3]])),
+        SocketAddr::V6(_) => usize::MAX,
+    }
+}
+
+/// Which worker a request went to.
+fn worker_of<T>(request: &Request<T>) -> usize {
+    let local = request.extensions().get::<TcpConnectInfo>().and_then(TcpConnectInfo::local_addr);
+    local.map_or(usize::MAX, number)
+}
+
+/// Serves views for all simulated workers; the port.
+pub(super) async fn serve(shared: Arc<Shared>) -> Result<(u16, AbortHandle)> {
+    let listener = TcpListener::bind(("0.0.0.0", 0)).await.context("cannot listen for simulated workers")?;
+    let port = listener.local_addr()?.port();
+    let service = ViewsServer::new(Answering { shared });
+    let serving = Server::builder()
+        .initial_connection_window_size(16 << 20)
+        .add_service(service)
+        .serve_with_incoming(TcpListenerStream::new(listener));
+    Ok((port, tokio::spawn(async move { drop(serving.await) }).abort_handle()))
+}
+
+struct Answering {
+    shared: Arc<Shared>,
+}
+
+#[tonic::async_trait]
+impl Views for Answering {
+    type RenderStream = BoxStream<'static, Result<v1::FrameChunk, Status>>;
+    type SessionStream = BoxStream<'static, Result<v1::SessionResponse, Status>>;
+    type RedeemStream = BoxStream<'static, Result<v1::RedeemResponse, Status>>;
+
+    async fn describe(
+        &self,
+        _request: Request<v1::DescribeRequest>,
+    ) -> Result<Response<v1::DescribeResponse>, Status> {
+        Err(Status::unimplemented("simulated"))
+    }
+
+    async fn render(
+        &self,
+        request: Request<v1::RenderRequest>,
+    ) -> Result<Response<Self::RenderStream>, Status> {
+        let worker = worker_of(&request);
+        let request = request.into_inner();
+        let silent = &self.shared.silent;
+        let _ = silent.compare_exchange(NEXT, worker, Ordering::SeqCst, Ordering::SeqCst);
+        match silent.load(Ordering::SeqCst) {
+            UNHEARD => {}
+            silent if silent == worker => std::future::pending::<()>().await,
+            _ => self.shared.orders.lock().push((Instant::now(), worker)),
+        }
+        let chunks = self.shared.frame(worker, request).map(Ok);
+        Ok(Response::new(stream::iter(chunks).boxed()))
+    }
+
+    async fn redeem(
+        &self,
+        request: Request<v1::RedeemRequest>,
+    ) -> Result<Response<Self::RedeemStream>, Status> {
+        let worker = worker_of(&request);
+        let sealed = request.into_inner().ticket.unwrap_or_default();
+        let unknown = || Status::invalid_argument("a ticket of nobody here");
+        let key = self.shared.keys.lock().get(&worker).cloned().ok_or_else(unknown)?;
+        let ticket: v1::Ticket = key.open(Kind::Ticket, &sealed).ok_or_else(unknown)?;
+        self.shared.redeemed.fetch_add(1, Ordering::Relaxed);
+        let chunks: Vec<_> = self.shared.frame(worker, ticket.request.unwrap_or_default()).collect();
+        let header = chunks.iter().find_map(|chunk| match &chunk.body {
+            Some(Body::Header(header)) => Some(header.clone()),
+            _ => None,
+        });
+        let receipt = key.seal(Kind::Receipt, &v1::Receipt { serial: ticket.serial, header });
+        let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
+        let answers = bodies.map(|body| Ok(v1::RedeemResponse { body: Some(body) }));
+        Ok(Response::new(stream::iter(answers).boxed()))
     }
 
     async fn session(
@@ -170,7 +214,7 @@ impl Views for Answering {
 
 /// Joins as worker `number` and reports until it is aborted, by which its stream breaks. Holds every sample that it was
 /// ever told of, so that views go to all alike.
-pub(super) async fn join(coordinator: String, worker: usize, port: u16) -> Result<()> {
+pub(super) async fn join(shared: Arc<Shared>, coordinator: String, worker: usize, port: u16) -> Result<()> {
     let channel = Endpoint::from_shared(coordinator)?.tcp_nodelay(true).connect().await?;
     let (reports, receiver) = mpsc::channel(4);
     let hello = v1::Hello {
@@ -178,6 +222,7 @@ pub(super) async fn join(coordinator: String, worker: usize, port: u16) -> Resul
         worker_id: format!("peer-{worker:05}"),
         pid: 0,
         address: format!("http://{}", address(worker, port)),
+        public_address: format!("http://{}", address(worker, port)),
         device: "simulated".to_owned(),
         cores: 1,
     };
@@ -192,6 +237,9 @@ pub(super) async fn join(coordinator: String, worker: usize, port: u16) -> Resul
             assignment = assignments.message() => {
                 let Some(assignment) = assignment? else { return Ok(()) };
                 (report.applied, report.role) = (assignment.sequence, assignment.role);
+                if let Some(key) = SealKey::from_bytes(&assignment.seal_key) {
+                    shared.keys.lock().insert(worker, key);
+                }
                 let told = assignment.sources.into_iter().filter_map(|source| source.id);
                 report.held.extend(told);
             }

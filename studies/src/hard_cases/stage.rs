@@ -12,7 +12,7 @@ use argus_scene::reference::Tracer;
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Output, Outputs, Plan, RenderError, SampleJob, Sampler as _,
-    Search, ViewJob, Visibility, Warp,
+    Sampling, Search, ViewJob, Visibility, Warp,
 };
 
 use super::Row;
@@ -154,6 +154,7 @@ impl Stages {
             generation: self.generation,
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
+            sampling: Sampling::default(),
         });
         let mut ids: Vec<SampleId> =
             poses.iter().flat_map(|pose| nearest(&info, &pose.camera, pose.samples)).collect();

@@ -41,7 +41,7 @@ pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<Vec<Row>
     let budget_ms = rows[0].frame_ms.context("no frame was timed")?;
 
     progress.set_message("imperfect maps");
-    let knobs = Knobs { side: stage.options.resolution, ..Knobs::for_depth(stage.options.levels) };
+    let knobs = Knobs { side: stage.options.resolution, ..Knobs::default() };
     let mut imperfect = ImperfectViews::new(stage.gpu, &stage.balls, knobs)?;
     let mut time = |points: u32| -> Result<f64> {
         imperfect.render(&list, points)?;

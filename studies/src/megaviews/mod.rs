@@ -3,6 +3,7 @@
 
 pub(crate) mod placement;
 pub(crate) mod shadows;
+mod texels;
 
 use std::sync::Arc;
 
@@ -16,7 +17,7 @@ use glam::DVec3;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-pub use argus_gpu::many_views::Occlusion;
+pub use argus_gpu::many_views::{Occlusion, Texel};
 
 pub use self::placement::{Emitter, Placement};
 use self::shadows::Shadows;
@@ -62,7 +63,7 @@ pub struct Options {
     pub resolutions: Vec<u32>,
     /// Levels of the scene's octree below its root.
     pub levels: Vec<u32>,
-    /// Levels of the view octree; `None`: one fewer than the scene's.
+    /// Levels of the view octree; `None`: as many as the views call for.
     pub view_levels: Option<u32>,
     /// What is compared.
     pub methods: Vec<Method>,
@@ -75,6 +76,8 @@ pub struct Options {
     pub patience_secs: f64,
     /// Whether what is hidden behind what maps already hold is left out, each way measured.
     pub occlusion: Vec<Occlusion>,
+    /// What a texel holds, each format measured.
+    pub texels: Vec<Texel>,
     /// The rest of what a traversal may be told.
     pub knobs: Knobs,
 }
@@ -94,7 +97,8 @@ impl Default for Options {
             rounds: 3,
             patience_secs: 60.0,
             occlusion: vec![Occlusion::Off],
-            knobs: Knobs::for_depth(9),
+            texels: vec![Texel::Range],
+            knobs: Knobs::default(),
         }
     }
 }
@@ -106,7 +110,7 @@ impl Effort for Options {
             views: vec![64, 256],
             levels: vec![5],
             rounds: 1,
-            knobs: Knobs::for_depth(5),
+            knobs: Knobs::default(),
             ..Self::default()
         }
     }
@@ -120,14 +124,8 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     let scene = Arc::new(argus_scene::open(&options.scene)?);
     let bench = Bench::new(&gpu, &scene, options)?;
-    let methods: Vec<(Method, Occlusion)> = options
-        .methods
-        .iter()
-        .flat_map(|&method| options.occlusion.iter().map(move |&occlusion| (method, occlusion)))
-        // Every triangle is rasterised either way.
-        .filter(|(method, occlusion)| *method != Method::Raster || *occlusion == options.occlusion[0])
-        .collect();
-    let runs = options.levels.len() * options.placements.len() * options.resolutions.len() * methods.len();
+    let ways = options.ways();
+    let runs = options.levels.len() * options.placements.len() * options.resolutions.len() * ways.len();
     progress.set_length((runs * options.views.len()) as u64);
     let mut rows = Vec::new();
     for &levels in &options.levels {
@@ -136,9 +134,10 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         let octree = Arc::new(octree);
         for &placement in &options.placements {
             for &resolution in &options.resolutions {
-                for &(method, occlusion) in &methods {
+                for &Way { method, occlusion, texel } in &ways {
                     progress.set_message(format!("{} {} {resolution}²", method.name(), placement.name()));
-                    let subject = Subject { octree: &octree, placement, resolution, method, occlusion };
+                    let subject =
+                        Subject { octree: &octree, placement, resolution, method, occlusion, texel };
                     rows.extend(bench.series(&subject, progress)?);
                 }
             }
@@ -156,8 +155,37 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
          pairs were queued before they are tested. Rows marked extrapolated grow in proportion from the row before, or \
          for raster from a few views."
             .to_owned(),
+        "The range error is the mean relative difference in range from maps whose texels hold the same of every bit, over \
+         the texels of the views that are asked about shadow."
+            .to_owned(),
     ];
     Ok(report)
+}
+
+/// One of the ways in which maps are made.
+struct Way {
+    method: Method,
+    occlusion: Occlusion,
+    texel: Texel,
+}
+
+impl Options {
+    /// Every method with every choice that it knows: rasterised triangles are the same with and without occlusion, and
+    /// show what exact maps of one format cost.
+    fn ways(&self) -> Vec<Way> {
+        let first = (self.occlusion.first(), self.texels.first());
+        let mut ways = Vec::new();
+        for &method in &self.methods {
+            for &occlusion in &self.occlusion {
+                for &texel in &self.texels {
+                    if method != Method::Raster || first == (Some(&occlusion), Some(&texel)) {
+                        ways.push(Way { method, occlusion, texel });
+                    }
+                }
+            }
+        }
+        ways
+    }
 }
 
 /// One scene, made ready.
@@ -179,6 +207,7 @@ struct Subject<'a> {
     resolution: u32,
     method: Method,
     occlusion: Occlusion,
+    texel: Texel,
 }
 
 impl<'a> Bench<'a> {
@@ -221,7 +250,7 @@ impl<'a> Bench<'a> {
                     continue;
                 }
             };
-            rows.push(row(subject, self.options, count, &measured));
+            rows.push(row(subject, count, &measured));
             before = Some((count, measured));
             progress.inc(1);
         }
@@ -230,14 +259,14 @@ impl<'a> Bench<'a> {
 
     /// `None` where it does not fit into memory.
     fn measure(&self, subject: &Subject<'_>, count: u32) -> Result<Option<Measured>> {
-        let &Subject { octree, placement, resolution, method, occlusion } = subject;
+        let &Subject { octree, placement, resolution, method, occlusion, texel } = subject;
         let views = self.views(placement, count)?;
-        let depth = self.options.view_levels.unwrap_or(octree.depth.saturating_sub(1).max(1));
         let knobs = Knobs {
             side: resolution,
             sharing: method == Method::MegaViews,
-            view_depth: depth,
+            view_depth: self.options.view_levels,
             occlusion,
+            texel,
             ..self.options.knobs
         };
         let shadows = Shadows::new(&self.tracer, &views, octree.root.edge / f64::from(1u32 << octree.depth));
@@ -249,7 +278,8 @@ impl<'a> Bench<'a> {
             let frames = frames(self.options.rounds, || raster.render(&list))?;
             let wrong =
                 shadows.wrong(|nth| Ok((raster.maps().read(self.gpu, nth as u32)?, few[nth].position)))?;
-            let measured = Measured::of(frames, octree, wrong);
+            let errors = Errors { wrong_shadow_fraction: wrong, range: None };
+            let measured = Measured::of(frames, octree, errors);
             let share = f64::from(count) / few.len() as f64;
             return Ok(Some(if share > 1.0 { measured.scaled(share) } else { measured }));
         }
@@ -272,11 +302,13 @@ impl<'a> Bench<'a> {
         let maps = many.map_of_views(views.len())?;
         let asked = shadows.asked();
         let middles = many.middles_of_maps()?;
-        let wrong = shadows.wrong(|nth| {
+        let wrong_shadow_fraction = shadows.wrong(|nth| {
             let map = maps[asked[nth]];
             Ok((many.maps().read(self.gpu, map)?, middles[map as usize]))
         })?;
-        Ok(Some(Measured::of(frames, octree, wrong)))
+        let asked: Vec<u32> = asked.into_iter().map(|view| maps[view]).collect();
+        let range = texels::range_error(self.gpu, &list, &many, &asked)?;
+        Ok(Some(Measured::of(frames, octree, Errors { wrong_shadow_fraction, range })))
     }
 }
 
@@ -309,12 +341,20 @@ struct Measured {
     stages: Map<String, Value>,
     last: FrameStats,
     octree_bytes: u64,
-    wrong_shadow_fraction: f64,
+    errors: Errors,
     extrapolated: bool,
 }
 
+/// How far maps are off.
+#[derive(Clone, Copy)]
+struct Errors {
+    wrong_shadow_fraction: f64,
+    /// Of ranges, relative, by what texels leave away.
+    range: Option<f64>,
+}
+
 impl Measured {
-    fn of(mut frames: Vec<FrameStats>, octree: &Octree, wrong_shadow_fraction: f64) -> Self {
+    fn of(mut frames: Vec<FrameStats>, octree: &Octree, errors: Errors) -> Self {
         let times: Vec<f64> = frames.iter().map(|frame| frame.frame_ms).collect();
         let last = frames.pop().unwrap_or_default();
         let mut stages = Map::new();
@@ -322,14 +362,7 @@ impl Measured {
             stages.insert(stage.name.clone(), json!((stage.ms * 1e3).round() / 1e3));
         }
         let octree_bytes = octree.bytes();
-        Self {
-            frame_ms: median(&times),
-            stages,
-            last,
-            octree_bytes,
-            wrong_shadow_fraction,
-            extrapolated: false,
-        }
+        Self { frame_ms: median(&times), stages, last, octree_bytes, errors, extrapolated: false }
     }
 
     /// As many times the views, each as dear.
@@ -349,11 +382,9 @@ impl Measured {
     }
 }
 
-fn row(subject: &Subject<'_>, options: &Options, views: u32, measured: &Measured) -> Map<String, Value> {
+fn row(subject: &Subject<'_>, views: u32, measured: &Measured) -> Map<String, Value> {
     let last = &measured.last;
-    let depth = subject.octree.depth;
-    let view_levels = (subject.method == Method::MegaViews)
-        .then(|| options.view_levels.unwrap_or(depth.saturating_sub(1).max(1)));
+    let view_levels = (last.view_depth > 0).then_some(last.view_depth);
     // What the queue would hold unsplit, and what the maps, the view octree and the scene's octree do hold.
     let bytes = json!({
         "queue": last.peak_queued() * 8,
@@ -366,10 +397,11 @@ fn row(subject: &Subject<'_>, options: &Options, views: u32, measured: &Measured
         ("placement", json!(subject.placement.name())),
         ("views", json!(views)),
         ("resolution", json!(subject.resolution)),
-        ("levels", json!(depth)),
+        ("levels", json!(subject.octree.depth)),
         ("view_levels", json!(view_levels)),
         ("frame_ms", json!(measured.frame_ms)),
         ("occlusion", json!((subject.method != Method::Raster).then_some(subject.occlusion.name()))),
+        ("texel", json!(subject.texel.name())),
         ("extrapolated", json!(measured.extrapolated)),
         ("fell_back", json!(last.fell_back)),
         ("pairs_processed", json!(last.processed())),
@@ -379,7 +411,8 @@ fn row(subject: &Subject<'_>, options: &Options, views: u32, measured: &Measured
         ("views_per_node", json!(last.views_per_node())),
         ("multipass_level", json!(last.multipass_level)),
         ("maps", json!(last.maps)),
-        ("wrong_shadow_fraction", json!(measured.wrong_shadow_fraction)),
+        ("wrong_shadow_fraction", json!(measured.errors.wrong_shadow_fraction)),
+        ("range_error", json!(measured.errors.range)),
         ("stages_ms", Value::Object(measured.stages.clone())),
         ("bytes", bytes),
     ];
@@ -397,6 +430,7 @@ fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
                 row["placement"] == placement.name()
                     && row["method"] == method.name()
                     && (row["occlusion"].is_null() || row["occlusion"] == options.occlusion[0].name())
+                    && row["texel"] == options.texels[0].name()
                     && number(row, fixed) == value
             };
             let points =
@@ -420,7 +454,10 @@ fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
     let against_resolution = placements()
         .filter(|_| options.resolutions.len() > 1)
         .map(|p| draw(p, "resolution", "texels of a hemisphere's side", "views", views));
-    against_views.chain(against_resolution).collect()
+    let against_error = placements()
+        .filter(|_| options.texels.len() > 1)
+        .map(|p| texels::plot(rows, &options.texels, p, format!("Texels: {scene}, {}", p.name())));
+    against_views.chain(against_resolution).chain(against_error).collect()
 }
 
 /// `point:X,Y,Z` or `spot:X,Y,Z:DX,DY,DZ:HALF_DEG`, metres and degrees.

@@ -40,7 +40,7 @@ pub struct Options {
     pub resolution: u32,
     /// Levels of the scene's octree.
     pub levels: u32,
-    /// Levels of the octree over the particles; `None`: two fewer than the scene's.
+    /// Levels of the octree over the particles; `None`: as many as they call for.
     pub view_levels: Option<u32>,
     /// Frames that medians are taken over.
     pub rounds: usize,
@@ -265,12 +265,11 @@ impl<'a> Stage<'a> {
     }
 
     fn traversed(&self, method: Method, count: u32, asked: &[usize]) -> Result<Made> {
-        let depth = self.options.view_levels.unwrap_or(self.options.levels.saturating_sub(2).max(1));
         let knobs = Knobs {
             side: self.options.resolution,
             sharing: method == Method::MegaViews,
-            view_depth: depth,
-            ..Knobs::for_depth(self.octree.depth)
+            view_depth: self.options.view_levels,
+            ..Knobs::default()
         };
         let mut many = ManyViews::new(self.gpu, Arc::clone(&self.octree), knobs)?;
         let mut last = None;
@@ -317,7 +316,7 @@ impl<'a> Stage<'a> {
     }
 
     fn rastered(&self, count: u32, lights: &[Particle]) -> Result<Made> {
-        let knobs = Knobs { side: self.options.resolution, ..Knobs::for_depth(self.octree.depth) };
+        let knobs = Knobs { side: self.options.resolution, ..Knobs::default() };
         let pose = self.scene.at(0.0);
         let triangles = stream::triangles(self.scene, &pose);
         let mut raster = RasterViews::new(self.gpu, self.octree.root, triangles, knobs)?;

@@ -15,7 +15,7 @@ mod world;
 
 use std::time::Duration;
 
-use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, SceneHash, Visibility};
+use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Visibility};
 use glam::DVec3;
 
 pub use parameters::{Machines, Parameters};
@@ -47,5 +47,6 @@ fn set_info(moves: bool, cell: Option<f64>) -> SampleSetInfo {
         generation: 1,
         lighting: Lighting::default(),
         visibility: Visibility::default(),
+        sampling: Sampling::default(),
     }
 }

@@ -303,6 +303,7 @@ impl World {
         (worker.id, worker.told, worker.applied) = (Some(id), None, 0);
         self.slots.insert(id, slot);
         let hello = Hello {
+            public_address: None,
             name: worker.name.clone(),
             pid: slot as u32,
             address: format!("http://w{slot}"),
@@ -548,5 +549,5 @@ impl World {
 }
 
 fn answered(view: Attempt) -> Event {
-    Event::Answered { ticket: view.ticket, attempt: view.attempt, uncovered: 0, ms: None }
+    Event::Answered { ticket: view.ticket, attempt: view.attempt, uncovered: Some(0), ms: None }
 }

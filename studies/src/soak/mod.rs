@@ -34,12 +34,15 @@ pub struct Options {
     pub scene: String,
     /// Sessions at the same time.
     pub sessions: u32,
-    /// Cameras a second of all sessions together; `None`: [`LOAD`] of what the machine was measured to carry.
+    /// Cameras a second of all sessions together; `None`: [`LOAD`] or [`CHAOS_LOAD`] of what the machine was
+    /// measured to carry.
     pub rate: Option<f64>,
     /// Pixels of a view.
     pub size: [u32; 2],
     /// Worker processes.
     pub workers: usize,
+    /// Whether sessions fetch their frames from the workers, instead of having them relayed.
+    pub redirect: bool,
     /// Time that is measured.
     pub duration: Duration,
     /// Seed of the kills and pauses, and how often one happens; `None`: none do.
@@ -54,6 +57,7 @@ impl Default for Options {
             rate: None,
             size: [200, 150],
             workers: 2,
+            redirect: false,
             duration: Duration::from_secs(600),
             chaos: None,
         }
@@ -75,6 +79,9 @@ impl Effort for Options {
 
 /// The share of what a machine was measured to carry that it is loaded with: beyond, any hiccup queues.
 pub const LOAD: f64 = 0.6;
+
+/// … while workers are killed and paused: one is away most of the time, and starting it again takes from the others.
+pub const CHAOS_LOAD: f64 = 0.2;
 
 /// Views of the burst that measures what the machine carries, and how many are in flight.
 const TRIAL: (u32, usize) = (400, 128);
@@ -108,8 +115,9 @@ impl Memory {
 /// A cluster that does not come up.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_message("start");
-    let cluster =
-        LocalCluster::start(argus, &options.scene, options.workers, &["--visibility=auto".to_owned()])?;
+    let redirect = options.redirect.then_some("--redirect");
+    let more: Vec<String> = ["--visibility=auto"].into_iter().chain(redirect).map(str::to_owned).collect();
+    let cluster = LocalCluster::start(argus, &options.scene, options.workers, &more)?;
     let first = connect(&cluster, options.workers).await?;
     let device = first.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
     let rate = rate(&first, options).await?;
@@ -179,6 +187,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         "scene": options.scene,
         "sessions": options.sessions,
         "workers": options.workers,
+        "redirected": options.redirect,
         "secs": measured_secs,
         "cameras_per_sec": rate,
         "sent": heard.sent,
@@ -229,7 +238,7 @@ async fn rate(client: &Client, options: &Options) -> Result<f64> {
         anyhow::ensure!(trial.failed == 0, "a view was not answered: {:?}", trial.first_error);
         rate = trial.views_per_sec;
     }
-    Ok(rate * LOAD)
+    Ok(rate * if options.chaos.is_some() { CHAOS_LOAD } else { LOAD })
 }
 
 async fn remember(memory: &mut BTreeMap<String, Memory>, client: &Client, coordinator: u32, secs: f64) {

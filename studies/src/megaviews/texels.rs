@@ -1,0 +1,76 @@
+//! What is lost where a texel has fewer bits, beside what it saves.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use argus_gpu::Gpu;
+use argus_gpu::hierarchy::HierarchyError;
+use argus_gpu::many_views::{Knobs, ManyViews, Texel, ViewList};
+use serde_json::{Map, Value};
+
+use super::Placement;
+use crate::plot::{Axis, Plot, Series};
+
+/// By how much of itself ranges differ from those that texels of all bits hold, in the mean over some of the maps;
+/// `None` where those do not fit into memory.
+pub(super) fn range_error(
+    gpu: &Arc<Gpu>,
+    list: &ViewList,
+    many: &ManyViews,
+    maps: &[u32],
+) -> Result<Option<f64>> {
+    let knobs = *many.knobs();
+    if knobs.texel == knobs.texel.exact() {
+        return Ok(Some(0.0));
+    }
+    let exact = Knobs { texel: knobs.texel.exact(), ..knobs };
+    let mut exact = ManyViews::new(gpu, Arc::clone(many.octree()), exact)?;
+    // Two frames, since the second may fall back.
+    for _ in 0..2 {
+        match exact.render(list) {
+            Err(HierarchyError::TooLarge { .. }) => return Ok(None),
+            frame => frame?,
+        };
+    }
+    let (mut error, mut texels) = (0.0, 0u32);
+    for &map in maps {
+        let (stored, exact) = (many.maps().read(gpu, map)?, exact.maps().read(gpu, map)?);
+        for (stored, exact) in stored.iter().zip(&exact) {
+            let [stored, exact] = [stored, exact].map(|texel| f64::from(f32::from_bits(texel[0])));
+            if exact > 0.0 {
+                error += (stored / exact - 1.0).abs();
+                texels += 1;
+            }
+        }
+    }
+    Ok(Some(error / f64::from(texels.max(1))))
+}
+
+/// Error against time, for each texel: a point for each row of a placement.
+pub(super) fn plot(
+    rows: &[Map<String, Value>],
+    texels: &[Texel],
+    placement: Placement,
+    title: String,
+) -> Plot {
+    let number = |row: &Map<String, Value>, key: &str| row[key].as_f64().unwrap_or(f64::NAN);
+    let series = texels.iter().map(|texel| {
+        let of = |row: &&Map<String, Value>| {
+            row["placement"] == placement.name() && row["texel"] == texel.name() && row["method"] != "raster"
+        };
+        let point = |row| (number(row, "frame_ms"), number(row, "wrong_shadow_fraction"));
+        Series {
+            name: texel.name().to_owned(),
+            points: rows.iter().filter(of).map(point).collect(),
+            line: false,
+        }
+    });
+    Plot {
+        name: format!("texels-{}", placement.name()),
+        title,
+        x: Axis::log("time of a frame, ms"),
+        y: Axis::linear("wrong shadows, share"),
+        series: series.collect(),
+        ..Plot::default()
+    }
+}

@@ -1,0 +1,230 @@
+//! Omni samples from triangles beside those from maps of an octree (MegaViews): what each costs, and what views that
+//! are reconstructed from them are worth.
+
+use std::time::Instant;
+
+use anyhow::Result;
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::SamplerKnobs;
+use argus_scene::{
+    Camera, Cancel, MegaViews, Outputs, Plan, RenderError, RigKind, RigKnobs, Sample, SampleId, SampleJob,
+    Sampler as _, Sampling, Search, ViewJob, Visibility, Warp,
+};
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use crate::bench::{Bench, Judged, Truth};
+use crate::median::{mean, median};
+use crate::plot::{Axis, Plot, Series};
+use crate::{Effort, Machine, Report, report};
+
+/// What is measured.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// A scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// Views of the walk.
+    pub views: usize,
+    /// Where the omni cameras stand; the rule is that of cells whatever is said here.
+    pub rig: RigKnobs,
+    /// Samples that a view is reconstructed from.
+    pub samples: usize,
+    /// Texels of a hemisphere's side of the maps.
+    pub map_sides: Vec<u32>,
+    /// Levels of the octree.
+    pub levels: Vec<u32>,
+    /// Cameras along an edge of the blocks that share.
+    pub blocks: Vec<u32>,
+    /// Samples a pixel of the reference, a square number.
+    pub reference_samples: u32,
+    /// Rounds that times are the median of.
+    pub rounds: usize,
+}
+
+impl Default for Options {
+    /// Some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scene: "terrain:500000".to_owned(),
+            size: [400, 300],
+            views: 4,
+            rig: RigKnobs { face: Some(256), ..RigKnobs::default() },
+            samples: 4,
+            map_sides: vec![256, 512],
+            levels: vec![8, 9],
+            blocks: vec![1],
+            reference_samples: 16,
+            rounds: 3,
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "terrain:20000".to_owned(),
+            size: [64, 48],
+            views: 2,
+            rig: RigKnobs { face: Some(64), ..RigKnobs::default() },
+            map_sides: vec![64, 128],
+            levels: vec![7],
+            reference_samples: 4,
+            rounds: 1,
+            ..Self::default()
+        }
+    }
+}
+
+/// Samples as they are taken in one way.
+struct Way {
+    visibility: Visibility,
+    sampling: Sampling,
+}
+
+/// Runs the study; `progress` counts ways.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    let rig = RigKnobs { kind: Some(RigKind::Cell), ..options.rig };
+    let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerKnobs::default())?;
+    let ways = ways(options);
+    progress.set_length(ways.len() as u64);
+    progress.set_message(options.scene.clone());
+    let walk = bench.walk(options.views);
+    let truths: Vec<Truth> =
+        walk.iter().map(|view| bench.truth(view, options.size, options.reference_samples, &[1])).collect();
+    let mut rows = Vec::new();
+    for way in &ways {
+        rows.push(row(&mut bench, options, way, &walk, &truths)?);
+        progress.inc(1);
+    }
+    let mut report = Report::new(&bench.scene.name, Machine::here(gpu.kind()), rows);
+    report.notes.push(format!(
+        "{} views of {}×{} pixels, each reconstructed from {} omni samples; sample_ms is the time of all samples by their \
+         number, ready_ms what comes before the first one, once for a pose and its lights: the octree is built and its \
+         leaves are shaded; 0 where that of the row before is still good.",
+        walk.len(),
+        options.size[0],
+        options.size[1],
+        options.samples
+    ));
+    report.plots = vec![plot(&bench.scene.name, &report.rows)];
+    Ok(report)
+}
+
+/// Triangles in each way that they are seen, then maps from coarse to fine.
+fn ways(options: &Options) -> Vec<Way> {
+    let triangles = Visibility::ALL.map(|visibility| Way { visibility, sampling: Sampling::Triangles });
+    let mut ways = Vec::from(triangles);
+    for &block in &options.blocks {
+        for &levels in &options.levels {
+            for &map_side in &options.map_sides {
+                let sampling = Sampling::MegaViews(MegaViews { map_side, levels, block });
+                ways.push(Way { visibility: Visibility::default(), sampling });
+            }
+        }
+    }
+    ways
+}
+
+fn row(
+    bench: &mut Bench,
+    options: &Options,
+    way: &Way,
+    walk: &[Camera],
+    truths: &[Truth],
+) -> Result<Map<String, Value>> {
+    bench.see_by(way.visibility);
+    bench.sample_by(way.sampling)?;
+    let ids = bench.all_ids(walk, options.samples);
+    let (sample_ms, ready_ms) = time(bench, &ids, options.rounds)?;
+    let held = ids.clone();
+    bench.take(ids, 0)?;
+    let jobs: Vec<ViewJob> = walk
+        .iter()
+        .map(|camera| {
+            let samples = bench.sample_ids(camera, options.samples);
+            let plan = Plan::Warp(Warp { search: Search::default(), samples, ..Warp::default() });
+            bench.job(*camera, options.size, Outputs { range: true, ..Outputs::COLOR }, plan)
+        })
+        .collect();
+    let (_, frames) = bench.time(&jobs)?;
+    let judge = |(frame, truth)| Bench::judge(frame, truth, 1);
+    let judged = frames.iter().zip(truths).map(judge).collect::<Result<Vec<Judged>>>()?;
+    bench.forget(&held);
+    let maps = match way.sampling {
+        Sampling::Triangles => None,
+        Sampling::MegaViews(maps) => Some(maps),
+    };
+    Ok(report::row(json!({
+        "way": maps.map_or(way.visibility.name(), |_| way.sampling.name()),
+        "map_side": maps.map(|maps| maps.map_side),
+        "levels": maps.map(|maps| maps.levels),
+        "block": maps.map(|maps| maps.block),
+        "samples": held.len(),
+        "sample_ms": sample_ms,
+        "ready_ms": ready_ms,
+        "flip": mean(judged.iter().map(|j| j.image.flip_mean)),
+        "psnr_db": mean(judged.iter().map(|j| j.image.psnr_db)),
+        "wrong_surface_fraction": mean(judged.iter().map(|j| j.wrong_surface)),
+        "unresolved_fraction": mean(judged.iter().map(|j| j.unresolved)),
+    })))
+}
+
+/// Milliseconds a sample, the median of the rounds, and of what was made ready before the first.
+fn time(bench: &mut Bench, ids: &[SampleId], rounds: usize) -> Result<(f64, f64)> {
+    let Some((&first, _)) = ids.split_first() else { return Ok((f64::NAN, f64::NAN)) };
+    let mut take = |ids: &[SampleId]| -> Result<(f64, Vec<Sample>), RenderError> {
+        let job = SampleJob { info: bench.info.clone(), ids: ids.to_vec(), to_host: false };
+        let begin = Instant::now();
+        let samples = bench.sampler.render_samples(&job, &Cancel::new());
+        let ms = begin.elapsed().as_secs_f64() * 1e3;
+        Ok((ms, samples.into_iter().collect::<Result<_, _>>()?))
+    };
+    let (_, begun) = take(&[first])?;
+    let ready = begun.iter().flat_map(|sample| &sample.stages);
+    let ready = ready.filter(|stage| ["build octree", "shade leaves"].contains(&stage.name.as_str()));
+    let ready_ms = ready.fold(0.0, |sum, stage| sum + stage.ms);
+    let mut times = Vec::new();
+    for round in 0..=rounds {
+        let (ms, _) = take(ids)?;
+        // The first round makes machine code.
+        if round > 0 {
+            times.push(ms / ids.len() as f64);
+        }
+        // A sampler keeps the maps of the last traversal: it is given other ones, so that each round has its own.
+        take(&[first])?;
+    }
+    Ok((median(&times), ready_ms))
+}
+
+/// Error against the time of a sample.
+fn plot(scene: &str, rows: &[Map<String, Value>]) -> Plot {
+    let number =
+        |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let mut series: Vec<Series> = Vec::new();
+    for row in rows {
+        let name = match row.get("levels").and_then(Value::as_u64) {
+            Some(levels) => format!("megaviews, {levels} levels, blocks of {}", number(row, "block")),
+            None => format!("triangles by {}", row.get("way").and_then(Value::as_str).unwrap_or_default()),
+        };
+        if series.last().is_none_or(|last| last.name != name) {
+            series.push(Series { name, points: Vec::new(), line: true });
+        }
+        if let Some(last) = series.last_mut() {
+            last.points.push((number(row, "sample_ms"), number(row, "flip")));
+        }
+    }
+    Plot {
+        name: "flip".to_owned(),
+        title: format!("{scene}: omni samples from triangles and from maps of an octree"),
+        x: Axis::log("milliseconds a sample"),
+        y: Axis::linear("mean FLIP of views against the reference"),
+        series,
+        ..Plot::default()
+    }
+}
