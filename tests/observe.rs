@@ -104,7 +104,8 @@ async fn a_views_trace_runs_from_the_client_through_coordinator_compositor_and_s
 fn health_says_by_its_exit_code_whether_views_can_be_answered() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let health = |more: &[&str]| run(&[&["health", "--server", &coordinator.url], more].concat());
-    assert!(health(&["--live"]).status.success());
+    let live = health(&["--live"]);
+    assert!(live.status.success(), "{}", stderr(&live));
     let unready = health(&[]);
     assert_eq!(unready.status.code(), Some(1), "{}", stderr(&unready));
     assert!(stderr(&unready).contains("is not ready"), "{}", stderr(&unready));

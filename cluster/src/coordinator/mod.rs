@@ -93,7 +93,7 @@ pub async fn serve(
     health.set_serving::<ClusterServer<cluster::ClusterService>>().await;
     health.set_serving::<ScenesServer<scenes::ScenesService>>().await;
     let watch = Arc::new(watch::Watch(hub.clone()));
-    let kept = keep_health(watch.clone(), health, &[ViewsServer::<views::ViewsService>::NAME]);
+    let kept = keep_health(watch.clone(), health, &[ViewsServer::<views::ViewsService>::NAME]).await;
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)

@@ -37,19 +37,32 @@ pub(crate) trait Watched: Send + Sync + 'static {
     fn expose(&self, exposition: &mut Exposition<'_>) -> std::fmt::Result;
 }
 
-/// Keeps the gRPC health service true, for `services` and for the process as a whole. Never ends.
-pub(crate) async fn keep_health(watched: Arc<dyn Watched>, health: HealthReporter, services: &[&str]) {
+/// Keeps the gRPC health service true, for `services` and for the process as a whole.
+///
+/// It is true once this returns, so that nobody asks before it is; the future that it returns keeps it so and never ends.
+pub(crate) async fn keep_health(
+    watched: Arc<dyn Watched>,
+    health: HealthReporter,
+    services: &[&str],
+) -> impl Future<Output = ()> {
+    tell_health(&*watched, &health, services).await;
+    async move {
+        let mut interval = tokio::time::interval(LOOK);
+        loop {
+            interval.tick().await;
+            tell_health(&*watched, &health, services).await;
+        }
+    }
+}
+
+async fn tell_health(watched: &dyn Watched, health: &HealthReporter, services: &[&str]) {
     let status = |well: Result<(), String>| match well {
         Ok(()) => ServingStatus::Serving,
         Err(_) => ServingStatus::NotServing,
     };
-    let mut interval = tokio::time::interval(LOOK);
-    loop {
-        interval.tick().await;
-        let ready = status(watched.ready());
-        for service in std::iter::once(&"").chain(services) {
-            health.set_service_status(*service, ready).await;
-        }
-        health.set_service_status(LIVE, status(watched.live())).await;
+    let ready = status(watched.ready());
+    for service in std::iter::once(&"").chain(services) {
+        health.set_service_status(*service, ready).await;
     }
+    health.set_service_status(LIVE, status(watched.live())).await;
 }

@@ -120,7 +120,7 @@ async fn serve_and_stay(
     let (health, health_service) = tonic_health::server::health_reporter();
     let watch = Arc::new(watch::Watch(node.clone()));
     let offered = [ViewsServer::<views::ViewsService>::NAME, SamplesServer::<samples::SamplesService>::NAME];
-    let kept = keep_health(watch.clone(), health, &offered);
+    let kept = keep_health(watch.clone(), health, &offered).await;
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
