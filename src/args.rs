@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use argus_client::{Client, ConnectOptions};
-use argus_sampler::{Indirect, MapSource, SamplerKnobs, VplKnobs};
+use argus_sampler::{Indirect, MapSource, PointKnobs, SamplerKnobs, VplKnobs};
 use argus_scene::{Holes, Output, PlanRequest, Preset, RigKind, RigKnobs, Search, Visibility};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
@@ -173,9 +173,10 @@ pub(crate) struct Sampling {
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Indirect light")]
 pub(crate) struct IndirectLight {
-    /// Light that surfaces reflect onto one another, and that surfaces emit: none (off), or gathered from virtual point
-    /// lights, once per sample (vpl)
-    #[arg(long, value_name = "WAY", default_value = "off", value_parser = ["off", "vpl"])]
+    /// Light that surfaces reflect onto one another, and that surfaces emit, found once per sample: none (off), gathered
+    /// from virtual point lights (vpl), or from small images of an octree of the scene that some of what is visible
+    /// sees (points)
+    #[arg(long, value_name = "WAY", default_value = "off", value_parser = ["off", "vpl", "points"])]
     pub(crate) indirect: String,
     /// Virtual point lights
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
@@ -198,18 +199,44 @@ pub(crate) struct IndirectLight {
     /// Virtual point lights that each sub-sample gathers from
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub(crate) gather: Option<u32>,
+    /// Levels of the octree whose small images are seen, below its root
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10))]
+    pub(crate) point_levels: Option<u32>,
+    /// Texels on a side of a hemisphere of such an image: 8 to 256
+    #[arg(long, value_name = "TEXELS", value_parser = clap::value_parser!(u32).range(8..=256))]
+    pub(crate) point_map_side: Option<u32>,
+    /// Sub-samples on a side of the blocks that see one or two such images
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub(crate) point_block: Option<u32>,
 }
 
 impl IndirectLight {
     /// In the sampler's words.
-    pub(crate) fn knobs(&self) -> Indirect {
+    ///
+    /// # Errors
+    /// Particles where nothing gathers their light.
+    pub(crate) fn knobs(&self) -> anyhow::Result<Indirect> {
         let off = self.indirect == "off";
         if off && self.particles.is_none() {
-            return Indirect::Off;
+            return Ok(Indirect::Off);
+        }
+        if self.indirect == "points" {
+            anyhow::ensure!(
+                self.particles.is_none(),
+                "--particles: their light is gathered like that of virtual point lights; use --indirect vpl or off"
+            );
+            let default = PointKnobs::default();
+            return Ok(Indirect::Points(PointKnobs {
+                levels: self.point_levels.unwrap_or(default.levels),
+                map_side: self.point_map_side.unwrap_or(default.map_side),
+                block: self.point_block.unwrap_or(default.block),
+                bounces: self.bounces.unwrap_or(default.bounces),
+                ..default
+            }));
         }
         let default = VplKnobs::default();
         let source = |name: &String| MapSource::ALL.into_iter().find(|source| source.name() == name);
-        Indirect::Vpl(VplKnobs {
+        Ok(Indirect::Vpl(VplKnobs {
             vpls: if off { 0 } else { self.vpls.unwrap_or(default.vpls) },
             particles: self.particles.unwrap_or(default.particles),
             bounces: self.bounces.unwrap_or(default.bounces),
@@ -217,7 +244,7 @@ impl IndirectLight {
             map_side: self.vpl_map_side.unwrap_or(default.map_side),
             samples: self.gather.unwrap_or(default.samples),
             ..default
-        })
+        }))
     }
 
     /// The same as arguments of a subcommand that runs in a process of its own.
@@ -231,6 +258,9 @@ impl IndirectLight {
             ("--vpl-map-side", number(self.vpl_map_side)),
             ("--particles", number(self.particles)),
             ("--gather", number(self.gather)),
+            ("--point-levels", number(self.point_levels)),
+            ("--point-map-side", number(self.point_map_side)),
+            ("--point-block", number(self.point_block)),
         ];
         values.into_iter().filter_map(|(name, value)| value.map(|v| format!("{name}={v}"))).collect()
     }
@@ -238,10 +268,13 @@ impl IndirectLight {
 
 impl Sampling {
     /// In the sampler's words.
-    pub(crate) fn knobs(&self) -> SamplerKnobs {
+    ///
+    /// # Errors
+    /// Flags that do not go together.
+    pub(crate) fn knobs(&self) -> anyhow::Result<SamplerKnobs> {
         let default = SamplerKnobs::default();
         let sub_samples = self.sub_samples.parse().unwrap_or(default.sub_samples);
-        SamplerKnobs { sub_samples, indirect: self.indirect.knobs(), ..default }
+        Ok(SamplerKnobs { sub_samples, indirect: self.indirect.knobs()?, ..default })
     }
 
     /// The same as arguments of a subcommand that runs in a process of its own.

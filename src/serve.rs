@@ -31,6 +31,8 @@ pub(crate) struct Args {
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
+    // What workers would refuse is refused before any is started.
+    args.sampling.knobs()?;
     let settings = args.service.settings(args.scene.as_ref(), sources)?;
     let scene = settings.coordinator.scene.as_deref().unwrap_or("terrain");
     let drifts = args.sampling.indirect.particles.is_some();

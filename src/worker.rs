@@ -70,7 +70,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let security = credentials::of_member(&files, false)?;
     let listener = credentials::listen(&worker.listen, security.is_some(), &files).await?;
     let config = Config { security, ..worker.config(coordinator) };
-    let device = Arc::new(Device::new(args.sampling.knobs(), settings::mib(worker.gpu_samples_mib)));
+    let device = Arc::new(Device::new(args.sampling.knobs()?, settings::mib(worker.gpu_samples_mib)));
     let opener = Arc::new(SceneFolder::new(worker.scenes));
     Ok(run_worker(config, listener, device, opener, shutdown).await?)
 }

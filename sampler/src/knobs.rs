@@ -56,6 +56,7 @@ impl SamplerKnobs {
         match &self.indirect {
             Indirect::Off => Ok(()),
             Indirect::Vpl(knobs) => knobs.validate(),
+            Indirect::Points(knobs) => knobs.validate(),
         }
     }
 

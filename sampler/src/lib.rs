@@ -10,12 +10,15 @@
 mod bvh;
 mod draws;
 mod eye;
+mod indirect;
 mod knobs;
+mod lit_octree;
 mod omni_maps;
 mod packets;
 mod passes;
 mod pixels;
 mod plan;
+mod point_based;
 mod radiosity;
 mod resident;
 mod sampler;
@@ -27,7 +30,9 @@ mod view;
 mod ways;
 mod wide;
 
+pub use indirect::Indirect;
 pub use knobs::{RadianceFormat, SamplerKnobs};
 pub use plan::PassPlan;
-pub use radiosity::{Indirect, IndirectReport, MapSource, VplKnobs};
+pub use point_based::{PointKnobs, PointReport};
+pub use radiosity::{IndirectReport, MapSource, VplKnobs};
 pub use sampler::GpuSampler;

@@ -1,8 +1,7 @@
 //! Omni samples from an octree of the scene rather than from its triangles ([`argus_scene::Sampling::MegaViews`]).
 //!
-//! Once a pose the scene's surfaces become an octree; once a lighting its leaves are shaded, each on both sides, which
-//! does not depend on who looks; then one traversal renders the maps of all cameras of a batch, and each sub-sample of a
-//! sample looks up which node its ray meets.
+//! The octree's leaves are shaded on both sides, which does not depend on who looks ([`LitOctree`]); then one traversal
+//! renders the maps of all cameras of a batch, and each sub-sample of a sample looks up which node its ray meets.
 //!
 //! Maps of cameras that are traversed together depend on one another: what looks alike from several is rendered once,
 //! from the middle of them. So that a sample's bytes stay a function of its id, either none is shared, or among a block
@@ -11,58 +10,29 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Triangle};
+use argus_gpu::hierarchy::Octree;
 use argus_gpu::many_views::{Knobs, ManyViews, Texel, ViewList, ViewPoint};
-use argus_gpu::{Commands, Gpu, wgpu};
-use argus_scene::camera::Face;
-use argus_scene::{InvalidField, Lighting, MegaViews, RenderError, Rig, SampleId, Scene, Stage};
-use argus_shaders::layout::sampler::{LEAF_BLOCK, LeafChunk, SURFEL_BYTES};
-use bytemuck::Zeroable;
-use glam::{DMat3, DVec2, Vec3};
+use argus_gpu::{Commands, Gpu};
+use argus_scene::{InvalidField, MegaViews, RenderError, Rig, SampleId, Stage};
 
-use crate::passes::{Leaves, LookUp, NodeMaps, ResolveSample, ShadeLeaves, Surfels, TileContext};
-use crate::resident::{Cull, Placement, Resident, upload};
-use crate::tile::Tile;
+use crate::lit_octree::{LitOctree, refused};
+use crate::passes::{LookUp, NodeMaps, ResolveSample, TileContext};
+use crate::resident::Resident;
 use crate::{Indirect, SamplerKnobs};
 
-/// Columns, and most rows, of the image that leaves are shaded in: half a million of them at a time.
-const CHUNK_SIDE: u32 = 1024;
 /// Bytes of maps that are rendered in one traversal where none are shared: 32 of 1024² texels a hemisphere.
 const MOST_MAP_BYTES: u64 = 512 << 20;
-/// Set in the number of a triangle whose back is not seen, as `shaders/sampler/shade_leaves.wgsl` has it.
-const SINGLE_SIDED: u32 = 1 << 31;
 /// Levels below the root that an octree over cameras may have.
 const MOST_VIEW_LEVELS: u32 = 10;
 
 /// What samples are looked up in, of one scene on one device.
 pub(crate) struct OmniMaps {
     knobs: MegaViews,
-    shade: ShadeLeaves,
-    surfels: Surfels,
+    pub(crate) octree: LitOctree,
     look_up: LookUp,
     /// Such samples have no planes for reflections, whatever the scene has.
     pub(crate) resolve: ResolveSample,
-    /// Its programs are made once.
-    builder: Option<OctreeBuilder>,
-    faced: Option<Faced>,
-    lit: Option<Lit>,
     traversed: Option<Traversed>,
-}
-
-/// The scene's octree as its surfaces lie, and which triangles its leaves show.
-struct Faced {
-    octree: Arc<Octree>,
-    triangle_ids: wgpu::Buffer,
-    facing: wgpu::Buffer,
-    ends: wgpu::Buffer,
-}
-
-/// What the octree's nodes show under some lights.
-struct Lit {
-    lighting: Lighting,
-    /// Seconds; where no light drifts, any time is the same.
-    time_secs: f64,
-    surfels: wgpu::Buffer,
 }
 
 /// Maps of some cameras of a rig.
@@ -70,13 +40,6 @@ struct Traversed {
     rig: Rig,
     cameras: Vec<u64>,
     views: ManyViews,
-}
-
-/// Leaves that are shaded at a time.
-pub(crate) struct Chunk {
-    /// The image that they are shaded in.
-    pub(crate) tile: Tile,
-    uniform: wgpu::Buffer,
 }
 
 /// Samples whose maps are rendered in one traversal.
@@ -94,22 +57,16 @@ impl OmniMaps {
         let keeps_guides = sampler.indirect != Indirect::Off;
         Self {
             knobs,
-            shade: ShadeLeaves::new(gpu, resident.features, keeps_guides),
-            surfels: Surfels::new(gpu),
+            octree: LitOctree::new(gpu, resident, keeps_guides, knobs.levels),
             look_up: LookUp::new(gpu, 1),
             resolve: ResolveSample::new(gpu, false, sampler.side()),
-            builder: None,
-            faced: None,
-            lit: None,
             traversed: None,
         }
     }
 
     /// Takes other knobs.
     pub(crate) fn set_knobs(&mut self, knobs: MegaViews) {
-        if knobs.levels != self.knobs.levels {
-            self.forget_pose();
-        }
+        self.octree.set_levels(knobs.levels);
         if knobs != self.knobs {
             self.traversed = None;
         }
@@ -118,149 +75,8 @@ impl OmniMaps {
 
     /// Surfaces lie elsewhere.
     pub(crate) fn forget_pose(&mut self) {
-        self.faced = None;
+        self.octree.forget_pose();
         self.traversed = None;
-        self.forget_light();
-    }
-
-    /// Surfaces are lit by other lights.
-    pub(crate) fn forget_light(&mut self) {
-        self.lit = None;
-    }
-
-    /// Builds the octree unless surfaces lie where they did; `None` where there are none, so that all is sky.
-    ///
-    /// # Errors
-    /// [`RenderError::OutOfMemory`] where an array is larger than the device can bind, or the device.
-    pub(crate) fn pose(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        scene: &Scene,
-        placements: &[Placement],
-    ) -> Result<Option<Vec<Stage>>, RenderError> {
-        if self.faced.is_some() {
-            return Ok(Some(Vec::new()));
-        }
-        let begin = Instant::now();
-        let (mut triangles, mut ids) = (Vec::new(), Vec::new());
-        for placement in placements {
-            for (primitive, mut corners) in
-                (0u32..).zip(placement.triangles(&scene.meshes[placement.mesh as usize]))
-            {
-                if placement.world_from_mesh.determinant() < 0.0 {
-                    // A mirror turns triangles around, and their fronts stay fronts.
-                    corners.swap(1, 2);
-                }
-                let triangle = Triangle { corners, color: Vec3::ONE };
-                if triangle.is_surface() {
-                    triangles.push(triangle);
-                    let single = if placement.class.cull == Cull::None { 0 } else { SINGLE_SIDED };
-                    ids.push([placement.instance, primitive | single]);
-                }
-            }
-        }
-        let root = RootCube::around(&scene.bounds());
-        if triangles.is_empty() {
-            return Ok(None);
-        }
-        let builder = self.builder.get_or_insert_with(|| OctreeBuilder::new(gpu));
-        let octree = match builder.build_faced(root, self.knobs.levels, triangles) {
-            Err(HierarchyError::Empty) => return Ok(None),
-            octree => octree.map_err(into_render)?,
-        };
-        let storage = wgpu::BufferUsages::STORAGE;
-        let ends: Vec<u32> = octree.levels.iter().rev().map(|[first, count]| first + count).collect();
-        let facing = octree.facing.clone();
-        self.faced = Some(Faced {
-            triangle_ids: upload(gpu, "triangles of the octree", &ids, storage)?,
-            facing: facing.ok_or_else(|| RenderError::Internal("leaves face nowhere".to_owned()))?,
-            ends: upload(gpu, "ends of levels", &ends, storage)?,
-            octree: Arc::new(octree),
-        });
-        Ok(Some(vec![Stage::new("build octree", begin.elapsed().as_secs_f64() * 1e3)]))
-    }
-
-    /// The cube around the scene, once it was posed.
-    pub(crate) fn root(&self) -> Option<RootCube> {
-        self.faced.as_ref().map(|faced| faced.octree.root)
-    }
-
-    /// Whether leaves are shaded as these lights light them at this time.
-    pub(crate) fn is_lit(&self, lighting: &Lighting, time_secs: f64, drifts: bool) -> bool {
-        let is_now = |lit: &Lit| lit.lighting == *lighting && (!drifts || lit.time_secs == time_secs);
-        self.lit.as_ref().is_some_and(is_now)
-    }
-
-    /// The leaves in chunks to be shaded about the middle of the root, once it was posed.
-    pub(crate) fn chunks(&self, gpu: &Gpu) -> Vec<Chunk> {
-        let Some(Faced { octree, .. }) = &self.faced else { return Vec::new() };
-        let most = CHUNK_SIDE * CHUNK_SIDE / 2;
-        let edge = octree.root.edge;
-        let chunk = |first: u32| {
-            let texels = 2 * most.min(octree.leaf_count() - first);
-            let size = [CHUNK_SIDE, texels.div_ceil(CHUNK_SIDE).next_multiple_of(LEAF_BLOCK)];
-            let told = LeafChunk {
-                root_about_eye: [-0.5 * edge as f32; 3],
-                edge: edge as f32,
-                size,
-                first,
-                leaves: octree.leaf_count(),
-                cell: (edge * (-f64::from(octree.depth)).exp2()) as f32,
-                ..LeafChunk::zeroed()
-            };
-            let uniform = gpu.upload("leaves", &[told], wgpu::BufferUsages::UNIFORM);
-            Chunk { tile: image_of(size), uniform }
-        };
-        (0..octree.leaf_count()).step_by(most as usize).map(chunk).collect()
-    }
-
-    /// Where each leaf's surfaces lie: that the context's tile is a list.
-    pub(crate) fn places(&self) -> Option<wgpu::Buffer> {
-        self.faced.as_ref().map(|faced| faced.facing.clone())
-    }
-
-    /// Memory for what nodes show.
-    ///
-    /// # Errors
-    /// [`RenderError::OutOfMemory`] where that is more than the device can bind.
-    pub(crate) fn make_surfels(&self, gpu: &Gpu) -> Result<wgpu::Buffer, RenderError> {
-        let nodes = self.faced.as_ref().map_or(0, |faced| u64::from(faced.octree.node_count()));
-        let limits = gpu.device.limits();
-        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        if nodes * SURFEL_BYTES > limit {
-            let what = "what nodes of the octree show";
-            return Err(into_render(HierarchyError::TooLarge { what, needed: nodes * SURFEL_BYTES, limit }));
-        }
-        Ok(gpu.buffer("surfels", nodes.max(1) * SURFEL_BYTES, wgpu::BufferUsages::STORAGE))
-    }
-
-    /// Shades a chunk's leaves; `add_light` adds what else lights them before they are kept.
-    pub(crate) fn shade(
-        &self,
-        commands: &mut Commands,
-        context: &TileContext<'_>,
-        chunk: &Chunk,
-        surfels: &wgpu::Buffer,
-        add_light: impl FnOnce(&mut Commands),
-    ) {
-        let Some(Faced { octree, triangle_ids, facing, .. }) = &self.faced else { return };
-        let leaves = Leaves { octree, triangle_ids, facing, surfels, chunk: &chunk.uniform };
-        self.shade.record(commands, context, &leaves);
-        add_light(commands);
-        self.surfels.keep(commands, context, &leaves);
-    }
-
-    /// Averages what leaves show into the nodes above them, and goes by it from now on.
-    pub(crate) fn light(
-        &mut self,
-        commands: &mut Commands,
-        surfels: wgpu::Buffer,
-        lighting: &Lighting,
-        time_secs: f64,
-    ) {
-        let Some(Faced { octree, .. }) = &self.faced else { return };
-        self.surfels.average(commands, octree, &surfels);
-        self.lit = Some(Lit { lighting: lighting.clone(), time_secs, surfels });
     }
 
     /// Renders the maps of a group's cameras, unless they are there.
@@ -273,7 +89,7 @@ impl OmniMaps {
         rig: &Rig,
         group: &Group,
     ) -> Result<Vec<Stage>, RenderError> {
-        let Some(Faced { octree, .. }) = &self.faced else {
+        let Some(octree) = self.octree.octree() else {
             return Err(RenderError::Internal("the octree was not built".to_owned()));
         };
         let is_there = |t: &Traversed| t.rig == *rig && t.cameras == group.cameras;
@@ -291,9 +107,9 @@ impl OmniMaps {
         let kept = self.traversed.take().filter(|traversed| *traversed.views.knobs() == knobs);
         let mut views = match kept {
             Some(traversed) => traversed.views,
-            None => ManyViews::new(gpu, Arc::clone(octree), knobs).map_err(into_render)?,
+            None => ManyViews::new(gpu, Arc::clone(octree), knobs).map_err(refused)?,
         };
-        views.render(&list).map_err(into_render)?;
+        views.render(&list).map_err(refused)?;
         if views.maps().arrays.len() != self.look_up.arrays() {
             self.look_up = LookUp::new(gpu, views.maps().arrays.len());
         }
@@ -332,15 +148,9 @@ impl OmniMaps {
 
     /// Shades a tile of a sample of the group that was traversed last, from its camera's map.
     pub(crate) fn look_up(&self, commands: &mut Commands, context: &TileContext<'_>, view: u32) {
-        let (Some(faced), Some(lit), Some(traversed)) = (&self.faced, &self.lit, &self.traversed) else {
-            return;
-        };
-        let maps = NodeMaps {
-            octree: &faced.octree,
-            views: &traversed.views,
-            surfels: &lit.surfels,
-            ends: &faced.ends,
-        };
+        let (Some(lit), Some(traversed)) = (self.octree.nodes(), &self.traversed) else { return };
+        let maps =
+            NodeMaps { octree: lit.octree, views: &traversed.views, surfels: lit.surfels, ends: lit.ends };
         self.look_up.record(commands, context, &maps, view);
     }
 }
@@ -369,27 +179,6 @@ pub(crate) fn groups(rig: &Rig, ids: &[SampleId], knobs: &MegaViews) -> Vec<Grou
         wanted.push((order, view as u32));
     }
     groups
-}
-
-/// The image that leaves are shaded in, as a tile: of a list, whose rays nobody follows.
-fn image_of(size: [u32; 2]) -> Tile {
-    let face = Face { view_from_world: DMat3::IDENTITY, tan_half_fov: DVec2::ONE, offset: [0, 0], size };
-    Tile { face, begin: [0, 0], size, side: 1 }
-}
-
-fn into_render(error: HierarchyError) -> RenderError {
-    match error {
-        HierarchyError::Gpu(error) => error.into(),
-        HierarchyError::OutOfRange { .. } => InvalidField::new("sampling", error.to_string()).into(),
-        HierarchyError::TooLarge { what, needed, limit } => RenderError::OutOfMemory(format!(
-            "{what} take {} MiB, and this device binds at most {} MiB: megaviews needs fewer levels, smaller maps or \
-             smaller blocks here",
-            needed.div_ceil(1 << 20),
-            limit >> 20
-        )),
-        HierarchyError::TooManyNodes { .. } => RenderError::OutOfMemory(error.to_string()),
-        HierarchyError::Empty => RenderError::Internal(error.to_string()),
-    }
 }
 
 #[cfg(test)]

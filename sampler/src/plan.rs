@@ -100,5 +100,10 @@ fn indirect(knob: Indirect, shines: bool) -> PassPlan {
             );
             row(true, why)
         }
+        Indirect::Points(_) if !shines => row(false, "no light and no surface emits".to_owned()),
+        Indirect::Points(knobs) => {
+            let why = format!("a receiver or two for {0}×{0} sub-samples: {knobs}", knobs.block);
+            PassPlan { name: "receive light", on: true, why }
+        }
     }
 }

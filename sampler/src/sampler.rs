@@ -17,17 +17,19 @@ use glam::DVec3;
 use tracing::warn;
 
 use crate::eye::Eye;
+use crate::indirect::{IndirectLight, Spreading, ToLight};
 use crate::omni_maps::OmniMaps;
-use crate::passes::{IndirectScratch, PlaneBuffers, ResolveSample, ResolveView, Shade, Shading, TileContext};
+use crate::passes::{PlaneBuffers, ResolveSample, ResolveView, Shade, Shading, TileContext};
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
-use crate::radiosity::{Indirect, IndirectReport, Radiosity, VplKnobs};
+use crate::point_based::PointReport;
+use crate::radiosity::IndirectReport;
 use crate::resident::Resident;
-use crate::scratch::{Scratch, Targets};
+use crate::scratch::{Extras, Scratch};
 use crate::seeing::Seeing;
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
-use crate::{SamplerKnobs, timing};
+use crate::{Indirect, SamplerKnobs, timing};
 
 /// Renders a scene from its triangles, on one device.
 ///
@@ -50,7 +52,7 @@ pub struct GpuSampler {
     resolve_view: ResolveView,
     scratch: Scratch,
     /// Light from surface to surface, made when it is first needed.
-    radiosity: Option<Radiosity>,
+    indirect: Option<IndirectLight>,
     /// Maps of an octree, made when samples are first to come from them.
     maps: Option<OmniMaps>,
 }
@@ -80,7 +82,7 @@ impl GpuSampler {
         Ok(Self {
             seeing: Seeing::new(&gpu, &scene, &resident),
             shade: Shade::new(&gpu, resident.features, knobs.indirect != Indirect::Off),
-            radiosity: None,
+            indirect: None,
             maps: None,
             resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
@@ -122,11 +124,12 @@ impl GpuSampler {
         for tile in &tiles {
             check_wanted(cancel)?;
             let mut commands = self.gpu.commands("render sample");
-            let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), self.glossy);
-            let indirect = self.indirect_scratch(tile);
-            let context = TileContext { indirect, ..context(&self.gpu, &self.resident, &eye, tile, targets) };
+            let extras = Extras { gloss: self.glossy, guides: self.indirect.is_some() };
+            let context = TileContext::new(&self.gpu, &self.resident, &eye, tile, &mut self.scratch, extras);
             self.seeing.see(&mut commands, &context, way, &mut stages)?;
-            self.shade(&mut commands, &context, Shading::Sample);
+            self.shade.record(&mut commands, &context, Shading::Sample);
+            let mut commands =
+                add_light(&mut self.indirect, commands, &context, Spreading::Image, &mut stages)?;
             self.resolve_sample.record(&mut commands, &context, &self.knobs, &planes);
             under_way.push(commands.submit());
         }
@@ -197,12 +200,13 @@ impl GpuSampler {
             for tile in color_tiles {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render view");
-                let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-                let indirect = self.indirect_scratch(&tile);
+                let extras = Extras { gloss: false, guides: self.indirect.is_some() };
                 let context =
-                    TileContext { indirect, ..context(&self.gpu, &self.resident, &eye, &tile, targets) };
+                    TileContext::new(&self.gpu, &self.resident, &eye, &tile, &mut self.scratch, extras);
                 self.seeing.see(&mut commands, &context, way, &mut stages)?;
-                self.shade(&mut commands, &context, Shading::View);
+                self.shade.record(&mut commands, &context, Shading::View);
+                let mut commands =
+                    add_light(&mut self.indirect, commands, &context, Spreading::Image, &mut stages)?;
                 let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                 image.finish(&tile, commands, ticket, &mut stages)?;
             }
@@ -213,8 +217,14 @@ impl GpuSampler {
             for tile in tiles(&faces, 1) {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render range");
-                let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-                let context = context(&self.gpu, &self.resident, &eye, &tile, targets);
+                let context = TileContext::new(
+                    &self.gpu,
+                    &self.resident,
+                    &eye,
+                    &tile,
+                    &mut self.scratch,
+                    Extras::default(),
+                );
                 self.seeing.see(&mut commands, &context, way, &mut stages)?;
                 let ticket = self.resolve_view.record_range(&mut commands, &context);
                 image.finish(&tile, commands, ticket, &mut stages)?;
@@ -236,8 +246,8 @@ impl GpuSampler {
         let pose = self.scene.at(time_secs);
         self.resident.place(&self.scene, &pose.instances);
         self.seeing.pose(&self.resident);
-        if let Some(radiosity) = &mut self.radiosity {
-            radiosity.place(&self.resident.instances);
+        if let Some(indirect) = &mut self.indirect {
+            indirect.place(&self.resident.instances);
         }
         if let Some(maps) = &mut self.maps {
             maps.forget_pose();
@@ -260,52 +270,54 @@ impl GpuSampler {
 
     /// Makes the indirect light ready, if it is asked for; what that cost.
     fn light(&mut self, lighting: &Lighting, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
-        let Indirect::Vpl(knobs) = self.knobs.indirect else { return Ok(Vec::new()) };
-        let packets = self.seeing.ready_packets(&self.resident);
-        let (gpu, scene, placements) = (&self.gpu, &self.scene, &self.resident.instances);
-        let radiosity = self.radiosity.get_or_insert_with(|| Radiosity::new(gpu, scene, placements, knobs));
-        radiosity.ready(gpu, packets, lighting, time_secs)
+        let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
+        if self.indirect.is_none() {
+            self.indirect = IndirectLight::new(gpu, scene, resident, self.knobs.indirect);
+        }
+        let Some(indirect) = &mut self.indirect else { return Ok(Vec::new()) };
+        let tracer = self.seeing.ready_packets(resident);
+        indirect.ready(&ToLight { gpu, scene, resident, tracer, lighting, time_secs }, &mut self.scratch)
     }
 
-    /// What is known of the indirect light, and what was culled since the last call; none before it was needed.
+    /// What is known of the indirect light by VPLs, and what was culled since the last call; none before it was needed.
     ///
     /// # Errors
     /// A lost device.
     pub fn indirect(&self) -> Result<Option<IndirectReport>, RenderError> {
-        self.radiosity.as_ref().map_or(Ok(None), |radiosity| radiosity.report(&self.gpu))
+        match &self.indirect {
+            Some(IndirectLight::Vpls(light)) => light.report(&self.gpu),
+            _ => Ok(None),
+        }
+    }
+
+    /// What is known of the indirect light by points; none before it was needed.
+    pub fn points(&self) -> Option<PointReport> {
+        match &self.indirect {
+            Some(IndirectLight::Points(light)) => light.report(),
+            _ => None,
+        }
     }
 
     /// Gathers indirect light by other knobs from now on.
     ///
     /// # Errors
     /// A knob that is out of range; a sampler that was made without indirect light.
-    pub fn set_indirect(&mut self, knobs: VplKnobs) -> Result<(), RenderError> {
+    pub fn set_indirect(&mut self, knobs: Indirect) -> Result<(), RenderError> {
+        let knobs = SamplerKnobs { indirect: knobs, ..self.knobs };
         knobs.validate()?;
-        if self.knobs.indirect == Indirect::Off {
-            return Err(InvalidField::new("indirect", "this sampler was made without indirect light").into());
+        if [self.knobs.indirect, knobs.indirect].contains(&Indirect::Off) {
+            return Err(
+                InvalidField::new("indirect", "a sampler is made with indirect light or without").into()
+            );
         }
-        self.knobs.indirect = Indirect::Vpl(knobs);
-        if let Some(radiosity) = &mut self.radiosity {
-            radiosity.set_knobs(knobs);
+        self.knobs = knobs;
+        if !self.indirect.as_mut().is_some_and(|light| light.set_knobs(knobs.indirect)) {
+            self.indirect = None;
         }
         if let Some(maps) = &mut self.maps {
-            maps.forget_light();
+            maps.octree.forget_light();
         }
         Ok(())
-    }
-
-    /// Memory for a tile's indirect light, if it has any.
-    fn indirect_scratch(&mut self, tile: &Tile) -> Option<IndirectScratch> {
-        let gpu = &self.gpu;
-        self.radiosity.as_mut().map(|radiosity| radiosity.scratch(gpu, tile.sub_samples()))
-    }
-
-    /// Shades what a tile sees, and adds indirect light.
-    fn shade(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
-        self.shade.record(commands, context, shading);
-        if let Some(radiosity) = &self.radiosity {
-            radiosity.record(commands, context);
-        }
     }
 
     /// Device as the provenance of direct views has it: with the way triangles were seen, and the knobs of indirect
@@ -315,6 +327,7 @@ impl GpuSampler {
         match &self.knobs.indirect {
             Indirect::Off => seen,
             Indirect::Vpl(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
+            Indirect::Points(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
         }
     }
 
@@ -341,8 +354,8 @@ impl GpuSampler {
             .ready(&self.gpu, &self.resident, visibility)
             .map_err(|reason| InvalidField::new("visibility", reason))?;
         let eye = self.eye(camera.eye, &self.lighting)?;
-        let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-        let context = context(&self.gpu, &self.resident, &eye, &tile, targets);
+        let (gpu, resident) = (&self.gpu, &self.resident);
+        let context = TileContext::new(gpu, resident, &eye, &tile, &mut self.scratch, Extras::default());
         let begin = Instant::now();
         let mut commands = self.gpu.commands("identify");
         self.seeing.see(&mut commands, &context, visibility, &mut Vec::new())?;
@@ -382,12 +395,14 @@ impl GpuSampler {
             {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render pixels");
-                let targets = self.scratch.targets(&self.gpu, listing.compact.sub_samples(), false);
-                let indirect = if images { self.indirect_scratch(&listing.compact) } else { None };
-                let context = TileContext { indirect, ..self.list_context(&eye, listing, targets) };
+                let extras = Extras { gloss: false, guides: images && self.indirect.is_some() };
+                let context =
+                    list_context(&self.gpu, &self.resident, &eye, listing, &mut self.scratch, extras);
                 self.seeing.see_list(&context, listing, &mut stages)?;
                 let (ticket, out, bytes) = if images {
-                    self.shade(&mut commands, &context, Shading::View);
+                    self.shade.record(&mut commands, &context, Shading::View);
+                    commands =
+                        add_light(&mut self.indirect, commands, &context, Spreading::Pixels, &mut stages)?;
                     let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
                     (ticket, &mut color, 3)
                 } else {
@@ -404,16 +419,6 @@ impl GpuSampler {
         }
         timing::add_rest(&mut stages, begin);
         Ok(Pixels { color: color.into(), range: range.into(), stages })
-    }
-
-    fn list_context<'a>(&'a self, eye: &'a Eye, listing: &'a Listing, targets: Targets) -> TileContext<'a> {
-        // The tile's rays, for an image of the list's size.
-        let [width, height] = listing.compact.sub_samples();
-        let rays = Rays { width, height, ..listing.tile.rays() };
-        let rays = self.gpu.upload("rays", &[rays], wgpu::BufferUsages::UNIFORM);
-        let places = self.gpu.upload("places", &listing.words(), wgpu::BufferUsages::STORAGE);
-        let (gpu, resident, tile) = (&self.gpu, &self.resident, &listing.compact);
-        TileContext { gpu, resident, eye, tile, rays, places: Some(places), targets, indirect: None }
     }
 
     fn eye(&self, position: DVec3, lighting: &Lighting) -> Result<Eye, RenderError> {
@@ -436,8 +441,9 @@ impl Sampler for GpuSampler {
         let tiles = sample_tiles(&camera, self.knobs.side())?;
         let Some(tile) = tiles.first() else { return Ok(vec![(Visibility::Raster, 0.0)]) };
         let eye = self.eye(camera.center(), &info.lighting)?;
-        let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-        self.seeing.measure(&context(&self.gpu, &self.resident, &eye, tile, targets))
+        let (gpu, resident) = (&self.gpu, &self.resident);
+        let context = TileContext::new(gpu, resident, &eye, tile, &mut self.scratch, Extras::default());
+        self.seeing.measure(&context)
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {
@@ -456,16 +462,35 @@ impl Sampler for GpuSampler {
     }
 }
 
-/// A tile with its rays.
-fn context<'a>(
+/// A list of a tile's pixels as an image of its own: the tile's rays, for an image of the list's size.
+fn list_context<'a>(
     gpu: &'a Arc<Gpu>,
     resident: &'a Resident,
     eye: &'a Eye,
-    tile: &'a Tile,
-    targets: Targets,
+    listing: &'a Listing,
+    scratch: &mut Scratch,
+    extras: Extras,
 ) -> TileContext<'a> {
-    let rays = gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
-    TileContext { gpu, resident, eye, tile, rays, places: None, targets, indirect: None }
+    let [width, height] = listing.compact.sub_samples();
+    let rays = Rays { width, height, ..listing.tile.rays() };
+    let rays = gpu.upload("rays", &[rays], wgpu::BufferUsages::UNIFORM);
+    let places = gpu.upload("places", &listing.words(), wgpu::BufferUsages::STORAGE);
+    let context = TileContext::new(gpu, resident, eye, &listing.compact, scratch, extras);
+    TileContext { rays, places: Some(places), ..context }
+}
+
+/// Adds a tile's indirect light, if there is any.
+fn add_light(
+    indirect: &mut Option<IndirectLight>,
+    commands: Commands,
+    context: &TileContext<'_>,
+    spreading: Spreading,
+    stages: &mut Vec<Stage>,
+) -> Result<Commands, RenderError> {
+    match indirect {
+        Some(light) => light.add(commands, context, spreading, stages),
+        None => Ok(commands),
+    }
 }
 
 fn check_wanted(cancel: &Cancel) -> Result<(), RenderError> {

@@ -7,7 +7,7 @@ pub(crate) const VISIBILITY: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint
 /// Format of depth.
 pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
-/// Sub-samples that are kept in all, at 28 to 36 bytes each: twice a largest tile's.
+/// Sub-samples that are kept in all, at 28 to 56 bytes each: twice a largest tile's.
 const KEPT: u64 = 2 << 22;
 
 /// Targets of one size.
@@ -20,6 +20,30 @@ pub(crate) struct Targets {
     pub(crate) shaded: wgpu::Buffer,
     /// Two words a sub-sample; made when a glossy sample first needs it.
     pub(crate) gloss: Option<wgpu::Buffer>,
+    /// Where shading leaves what indirect light needs, where there is any.
+    pub(crate) guides: Option<Guides>,
+}
+
+/// What shading leaves of each sub-sample's surface: `shaders/shared/guide.wgsl`.
+#[derive(Clone)]
+pub(crate) struct Guides {
+    /// Position and normal, four words.
+    pub(crate) surfaces: wgpu::Buffer,
+    /// A word.
+    pub(crate) albedos: wgpu::Buffer,
+}
+
+impl Guides {
+    pub(crate) fn both(&self) -> (&wgpu::Buffer, &wgpu::Buffer) {
+        (&self.surfaces, &self.albedos)
+    }
+}
+
+/// What a tile needs beside visibility, depth and radiance.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Extras {
+    pub(crate) gloss: bool,
+    pub(crate) guides: bool,
 }
 
 /// Targets of the sizes that were used last.
@@ -28,15 +52,22 @@ pub(crate) struct Scratch(Vec<Targets>);
 
 impl Scratch {
     /// Targets for `size` sub-samples.
-    pub(crate) fn targets(&mut self, gpu: &Gpu, size: [u32; 2], gloss: bool) -> Targets {
+    pub(crate) fn targets(&mut self, gpu: &Gpu, size: [u32; 2], extras: Extras) -> Targets {
         let kept = self.0.iter().position(|t| t.size == size);
         let mut targets = match kept {
             Some(index) => self.0.remove(index),
             None => Targets::new(gpu, size),
         };
-        if gloss && targets.gloss.is_none() {
-            let bytes = u64::from(size[0]) * u64::from(size[1]) * 8;
-            targets.gloss = Some(gpu.buffer("gloss", bytes, wgpu::BufferUsages::STORAGE));
+        let all = u64::from(size[0]) * u64::from(size[1]);
+        let storage = wgpu::BufferUsages::STORAGE;
+        if extras.gloss && targets.gloss.is_none() {
+            targets.gloss = Some(gpu.buffer("gloss", all * 8, storage));
+        }
+        if extras.guides && targets.guides.is_none() {
+            targets.guides = Some(Guides {
+                surfaces: gpu.buffer("guides", all * 16, storage | wgpu::BufferUsages::COPY_DST),
+                albedos: gpu.buffer("guide albedos", all * 4, storage),
+            });
         }
         self.0.insert(0, targets.clone());
         let mut kept = 0;
@@ -70,6 +101,7 @@ impl Targets {
             depth: view("depth", DEPTH, attachment),
             shaded: gpu.buffer("shaded sub-samples", bytes, wgpu::BufferUsages::STORAGE),
             gloss: None,
+            guides: None,
         }
     }
 }

@@ -2,9 +2,8 @@
 // a group is left out only if none of its VPLs faces any of the block's surfaces, or none of those faces it, or all
 // are beyond the cut-off (MegaViews, sections 3.2.1 and 5.1, with the roles of scene and views exchanged).
 
-import package::shared::vpl::{
-    BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, MOST_GROUPS, Receiver, VplNode, receiver_of,
-};
+import package::shared::receiver::{Receiver, receiver_of};
+import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, MOST_GROUPS, VplNode};
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;

@@ -2,7 +2,8 @@
 // columns (Petschnigg et al., "Digital Photography with Flash and No-Flash Image Pairs", 2004), guided by normals and
 // planes; the second pass adds the light to the radiance.
 
-import package::shared::vpl::{Gathering, Receiver, receiver_of};
+import package::shared::receiver::{Receiver, albedo_of, receiver_of};
+import package::shared::vpl::{Gathering};
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;
@@ -64,9 +65,7 @@ fn add_filtered_columns(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let at = id.y * gathering.size.x + id.x;
-    let word = guide_albedos[at];
-    let scale = exp2(f32(word >> 27u) - 24.0);
-    let albedo = vec3f(vec3u(word, word >> 9u, word >> 18u) & vec3u(511u)) * scale;
+    let albedo = albedo_of(guide_albedos[at]);
     let light = smoothed(id.xy, vec2i(0, 1));
     let exists = any(guides[at].xyz != vec3u(0u));
     shaded[at] += vec4f(select(vec3f(0.0), albedo * light, exists), 0.0);

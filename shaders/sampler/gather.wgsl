@@ -5,7 +5,8 @@
 
 import package::shared::finite::{finite_or_zero};
 import package::shared::paraboloid::{paraboloid_index};
-import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, Vpl, receiver_of};
+import package::shared::receiver::{receiver_of};
+import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, Vpl};
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;

@@ -3,11 +3,12 @@
 
 import package::shared::encode::{unit_from_octahedral};
 import package::shared::finite::{finite_or_zero};
+import package::shared::node_maps::{map_of, node_texel};
 import package::shared::paraboloid::{paraboloid_index};
 import package::shared::rays::{Rays, central_ray, ray_through};
 import package::shared::shading::{sky_radiance};
 import package::shared::surface::{lighting};
-import package::shared::surfel::{Surfel, is_seen};
+import package::shared::surfel::{Surfel, is_seen, radiance_towards};
 
 struct LookUp {
     // Number of the camera among the views that maps were rendered for.
@@ -25,12 +26,6 @@ struct LookUp {
 // Sine of the angle to a plane below which its own direction is no guide to where the surface goes on.
 const FLATTEST: f32 = 0.1;
 
-// Cosine between a ray and the axis of a node that it meets from behind, below which the node is seen all the same.
-const RIM: f32 = 0.5;
-
-// Arrays that maps are spread over.
-override arrays: u32 = 1u;
-
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(3) var<uniform> told: LookUp;
 @group(0) @binding(4) var<storage, read_write> shaded: array<vec4f>;
@@ -38,27 +33,8 @@ override arrays: u32 = 1u;
 @group(0) @binding(6) var<storage, read> surfels: array<Surfel>;
 // Of each level, the leaves' first, the number of the node after its last.
 @group(0) @binding(7) var<storage, read> ends: array<u32>;
-@group(0) @binding(8) var<storage, read> map_of_view: array<u32>;
 // Where each map is seen from: in edges of the root, f32 bits.
 @group(0) @binding(9) var<storage, read> middles: array<vec4u>;
-// Node and inverse range (f32 bits; 0 where nothing was seen) of each texel.
-@group(0) @binding(10) var<storage, read> maps0: array<vec2u>;
-@group(0) @binding(11) var<storage, read> maps1: array<vec2u>;
-@group(0) @binding(12) var<storage, read> maps2: array<vec2u>;
-@group(0) @binding(13) var<storage, read> maps3: array<vec2u>;
-
-fn texel_of(map: u32, texel: u32) -> vec2u {
-    let array_ = map >> told.map_shift;
-    let at = (map - (array_ << told.map_shift)) * 2u * told.map_side * told.map_side + texel;
-    if arrays == 1u || array_ == 0u {
-        return maps0[min(at, arrayLength(&maps0) - 1u)];
-    } else if arrays == 2u || array_ == 1u {
-        return maps1[min(at, arrayLength(&maps1) - 1u)];
-    } else if arrays == 3u || array_ == 2u {
-        return maps2[min(at, arrayLength(&maps2) - 1u)];
-    }
-    return maps3[min(at, arrayLength(&maps3) - 1u)];
-}
 
 // The radius of the ball around a node's cell: twice that of the level below.
 fn radius_of(node: u32) -> f32 {
@@ -76,16 +52,12 @@ fn look_up(@builtin(global_invocation_id) id: vec3u) {
     }
     let at = id.y * rays.width + id.x;
     let ray = ray_through(rays, vec2f(id.xy) + 0.5);
-    let map = map_of_view[min(told.view, arrayLength(&map_of_view) - 1u)];
-    let texel = texel_of(map, paraboloid_index(ray, told.map_side));
+    let map = map_of(told.view);
+    let texel = node_texel(map, told.map_shift, told.map_side, paraboloid_index(ray, told.map_side));
     let node = min(texel.x, arrayLength(&surfels) - 1u);
     let surfel = surfels[node];
     let axis = unit_from_octahedral(unpack2x16snorm(surfel.axis));
-    let behind = dot(axis, ray) / length(ray);
-    let near_side = select(surfel.back, surfel.front, behind < 0.0);
-    // What turns away but a little is the rim of something round, whose other leaves face the eye.
-    let rim = !is_seen(near_side) && behind < RIM;
-    let radiance = select(near_side, surfel.front, rim);
+    let radiance = radiance_towards(surfel, axis, normalize(ray));
     // A map holds the nearest node alone: what lies behind the back of a single-sided surface is taken for sky.
     if texel.y == 0u || !is_seen(radiance) {
         shaded[at] = vec4f(finite_or_zero(sky_radiance(lighting, normalize(ray))), 0.0);

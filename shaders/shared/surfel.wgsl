@@ -19,6 +19,18 @@ fn is_seen(radiance: vec3f) -> bool {
     return radiance.x >= 0.0;
 }
 
+// Cosine between a ray and the axis of a node that it meets from behind, below which the node is seen all the same.
+const RIM: f32 = 0.5;
+
+// Radiance of a surfel, whose axis is given unpacked, along a unit ray that meets it; UNSEEN where it shows nothing.
+fn radiance_towards(surfel: Surfel, axis: vec3f, ray: vec3f) -> vec3f {
+    let behind = dot(axis, ray);
+    let near_side = select(surfel.back, surfel.front, behind < 0.0);
+    // What turns away but a little is the rim of something round, whose other leaves face the eye.
+    let rim = !is_seen(near_side) && behind < RIM;
+    return select(near_side, surfel.front, rim);
+}
+
 // Leaves that are shaded at a time, as an image in which each has two texels, one for either side.
 struct LeafChunk {
     // The octree's root, its corner of least coordinates, about the eye; metres.

@@ -1,7 +1,5 @@
 // Virtual point lights: what passes that gather their light are told.
 
-import package::shared::encode::{unit_from_octahedral};
-
 // Most groups of VPLs that a block's list holds.
 const MOST_GROUPS: u32 = 256u;
 // Words of a list: how many groups, how many VPLs, the sum of what groups are worth (f32); then for each group its
@@ -66,17 +64,4 @@ struct Gathering {
     culls: u32,
     // Whether groups are chosen by what they are worth rather than by how many VPLs they have.
     weighs: u32,
-}
-
-struct Receiver {
-    // About the eye.
-    position: vec3f,
-    normal: vec3f,
-    exists: bool,
-}
-
-fn receiver_of(guide: vec4u) -> Receiver {
-    return Receiver(
-        bitcast<vec3f>(guide.xyz), unit_from_octahedral(unpack2x16snorm(guide.w)), any(guide.xyz != vec3u(0u)),
-    );
 }

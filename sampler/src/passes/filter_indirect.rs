@@ -26,15 +26,15 @@ impl FilterIndirect {
         commands
             .compute("filter indirect light", &self.rows)
             .read("gathering", &gathered.gathering)
-            .read("guides", &scratch.guides)
+            .read("guides", &gathered.guides.surfaces)
             .read("gathered", &scratch.light[0])
             .write("filtered", &scratch.light[1])
             .dispatch_threads([width, height, 1]);
         commands
             .compute("add indirect light", &self.columns)
             .read("gathering", &gathered.gathering)
-            .read("guides", &scratch.guides)
-            .read("guide_albedos", &scratch.albedos)
+            .read("guides", &gathered.guides.surfaces)
+            .read("guide_albedos", &gathered.guides.albedos)
             .read("gathered", &scratch.light[1])
             .write("shaded", shaded)
             .dispatch_threads([width, height, 1]);

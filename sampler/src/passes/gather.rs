@@ -4,14 +4,12 @@ use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::sampler::vpl::{BLOCK, LIST_WORDS};
 use argus_shaders::sampler::GATHER;
 
+use crate::scratch::Guides;
+
 /// Memory of a tile's indirect light, kept for the next tile of the same size.
 #[derive(Clone)]
 pub(crate) struct IndirectScratch {
     size: [u32; 2],
-    /// What shading leaves of each sub-sample's surface: position and normal.
-    pub(crate) guides: wgpu::Buffer,
-    /// And its albedo.
-    pub(crate) albedos: wgpu::Buffer,
     /// VPLs that each block may be lit by.
     pub(crate) lists: wgpu::Buffer,
     /// Irradiance by π, as it was gathered and as the filter's rows leave it.
@@ -24,12 +22,9 @@ impl IndirectScratch {
         let all = u64::from(size[0]) * u64::from(size[1]);
         let [columns, rows] = blocks(size).map(u64::from);
         let storage = wgpu::BufferUsages::STORAGE;
-        let cleared = storage | wgpu::BufferUsages::COPY_DST;
         let light = || gpu.buffer("indirect light", all * 16, storage);
         Self {
             size,
-            guides: gpu.buffer("guides", all * 16, cleared),
-            albedos: gpu.buffer("guide albedos", all * 4, storage),
             lists: gpu.buffer("lists of VPLs", columns * rows * u64::from(LIST_WORDS) * 4, storage),
             light: [light(), light()],
         }
@@ -49,6 +44,8 @@ pub(crate) fn blocks(size: [u32; 2]) -> [u32; 2] {
 /// A tile whose light is gathered.
 pub(crate) struct Gathered<'a> {
     pub(crate) scratch: &'a IndirectScratch,
+    /// What shading left of the tile.
+    pub(crate) guides: &'a Guides,
     /// What the passes are told, a uniform.
     pub(crate) gathering: wgpu::Buffer,
 }
@@ -115,7 +112,7 @@ impl Gather {
         commands
             .compute("gather VPLs", &self.pipeline)
             .read("gathering", &gathered.gathering)
-            .read("guides", &gathered.scratch.guides)
+            .read("guides", &gathered.guides.surfaces)
             .read("vpls", vpls)
             .read("lists", &gathered.scratch.lists)
             .read("eyes", &maps.eyes)

@@ -1,15 +1,18 @@
 //! The passes of a tile, one file each; the program of `x.rs` is `shaders/sampler/x.wgsl`.
 
 mod adopt_maps;
+mod choose_receivers;
 mod cull_vpls;
 mod filter_indirect;
 mod gather;
 mod imperfect;
 mod look_up;
+mod receive;
 mod resolve_sample;
 mod resolve_view;
 mod shade;
 mod shade_leaves;
+mod spread;
 mod surfels;
 mod trace;
 mod trace_cutouts;
@@ -17,23 +20,26 @@ mod visibility;
 
 use std::sync::Arc;
 
-use argus_gpu::{Gpu, wgpu};
+use argus_gpu::{ComputeCall, Gpu, wgpu};
 
 use crate::eye::Eye;
 use crate::resident::Resident;
-use crate::scratch::Targets;
+use crate::scratch::{Extras, Scratch, Targets};
 use crate::tile::Tile;
 
 pub(crate) use adopt_maps::AdoptMaps;
+pub(crate) use choose_receivers::{ChooseReceivers, OF_BLOCK, Told};
 pub(crate) use cull_vpls::CullVpls;
 pub(crate) use filter_indirect::FilterIndirect;
 pub(crate) use gather::{Gather, Gathered, IndirectScratch, Maps, blocks};
 pub(crate) use imperfect::Imperfect;
 pub(crate) use look_up::{LookUp, Maps as NodeMaps};
+pub(crate) use receive::{Batch, Receive};
 pub(crate) use resolve_sample::{PlaneBuffers, ResolveSample};
 pub(crate) use resolve_view::ResolveView;
 pub(crate) use shade::{Shade, Shading};
 pub(crate) use shade_leaves::{Leaves, ShadeLeaves};
+pub(crate) use spread::{Spread, SpreadFrom};
 pub(crate) use surfels::Surfels;
 pub(crate) use trace::Trace;
 pub(crate) use visibility::Rasteriser;
@@ -49,6 +55,37 @@ pub(crate) struct TileContext<'a> {
     /// Of a tile whose pixels are a list: where each lies in the tile that the rays are of.
     pub(crate) places: Option<wgpu::Buffer>,
     pub(crate) targets: Targets,
-    /// Where shading leaves what indirect light needs of each surface, if there is any.
-    pub(crate) indirect: Option<IndirectScratch>,
+}
+
+impl<'a> TileContext<'a> {
+    /// A tile with its rays, in memory of its size.
+    pub(crate) fn new(
+        gpu: &'a Arc<Gpu>,
+        resident: &'a Resident,
+        eye: &'a Eye,
+        tile: &'a Tile,
+        scratch: &mut Scratch,
+        extras: Extras,
+    ) -> Self {
+        let rays = gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
+        let targets = scratch.targets(gpu, tile.sub_samples(), extras);
+        Self { gpu, resident, eye, tile, rays, places: None, targets }
+    }
+
+    /// Binds what a program reads to know a surface of the scene and shade it.
+    fn with_surfaces<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
+        let Self { resident, eye, .. } = self;
+        call.read("lighting", &eye.lighting)
+            .read("lights", &eye.lights)
+            .read("vertices", &resident.vertices)
+            .read("attributes", &resident.attributes)
+            .read("indices", &resident.indices)
+            .read("meshes", &resident.meshes)
+            .read("instances", &eye.instances)
+            .read("materials", &resident.materials)
+            .read("slots", &resident.slots)
+            .read("texel_levels", &resident.texel_levels)
+            .read("texels", &resident.texels)
+            .read("texels_srgb", &resident.texels_srgb)
+    }
 }

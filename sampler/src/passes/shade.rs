@@ -5,6 +5,7 @@ use argus_shaders::sampler::SHADE;
 
 use super::TileContext;
 use crate::resident::Features;
+use crate::scratch::Guides;
 
 /// What is shaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,10 +43,9 @@ impl Shade {
 
     /// Shades a tile's visibility buffer.
     pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
-        let TileContext { resident, eye, targets, tile, rays, indirect, .. } = context;
-        let guides = indirect.as_ref().map_or(&self.unused, |kept| &kept.guides);
-        let albedos = indirect.as_ref().map_or(&self.unused, |kept| &kept.albedos);
-        if indirect.is_some() {
+        let TileContext { targets, tile, rays, .. } = context;
+        let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
+        if targets.guides.is_some() {
             // The sky keeps none.
             commands.clear(guides);
         }
@@ -55,22 +55,10 @@ impl Shade {
             (Shading::Sample, false) => ("shade sample", &self.sample),
             (Shading::Sample, true) => ("shade glossy sample", &self.sample),
         };
-        let mut call = commands
-            .compute(name, pipeline)
+        let mut call = context
+            .with_surfaces(commands.compute(name, pipeline))
             .read("rays", rays)
-            .read("lighting", &eye.lighting)
-            .read("lights", &eye.lights)
             .read("visibility", &targets.visibility)
-            .read("vertices", &resident.vertices)
-            .read("attributes", &resident.attributes)
-            .read("indices", &resident.indices)
-            .read("meshes", &resident.meshes)
-            .read("instances", &eye.instances)
-            .read("materials", &resident.materials)
-            .read("slots", &resident.slots)
-            .read("texel_levels", &resident.texel_levels)
-            .read("texels", &resident.texels)
-            .read("texels_srgb", &resident.texels_srgb)
             .write("guides", guides)
             .write("guide_albedos", albedos)
             .write("shaded", &targets.shaded);

@@ -6,6 +6,7 @@ use argus_shaders::sampler::SHADE_LEAVES;
 
 use super::TileContext;
 use crate::resident::Features;
+use crate::scratch::Guides;
 
 /// Shades leaves as the surfaces that they hold.
 pub(crate) struct ShadeLeaves {
@@ -42,32 +43,19 @@ impl ShadeLeaves {
 
     /// Shades the chunk's image, which is the context's tile, and says how its leaves' planes lie.
     pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, leaves: &Leaves<'_>) {
-        let TileContext { resident, eye, targets, tile, indirect, .. } = context;
-        let guides = indirect.as_ref().map_or(&self.unused, |kept| &kept.guides);
-        let albedos = indirect.as_ref().map_or(&self.unused, |kept| &kept.albedos);
-        if indirect.is_some() {
+        let TileContext { targets, tile, .. } = context;
+        let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
+        if targets.guides.is_some() {
             // Texels beyond the last leaf keep none.
             commands.clear(guides);
         }
         let [width, height] = tile.sub_samples();
-        commands
-            .compute("shade leaves", &self.pipeline)
+        context
+            .with_surfaces(commands.compute("shade leaves", &self.pipeline))
             .read("chunk", leaves.chunk)
-            .read("lighting", &eye.lighting)
-            .read("lights", &eye.lights)
             .read("facing", leaves.facing)
             .read("triangle_ids", leaves.triangle_ids)
             .read("nodes", &leaves.octree.nodes)
-            .read("vertices", &resident.vertices)
-            .read("attributes", &resident.attributes)
-            .read("indices", &resident.indices)
-            .read("meshes", &resident.meshes)
-            .read("instances", &eye.instances)
-            .read("materials", &resident.materials)
-            .read("slots", &resident.slots)
-            .read("texel_levels", &resident.texel_levels)
-            .read("texels", &resident.texels)
-            .read("texels_srgb", &resident.texels_srgb)
             .write("guides", guides)
             .write("guide_albedos", albedos)
             .write("shaded", &targets.shaded)

@@ -4,13 +4,14 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
 use argus_gpu::Gpu;
-use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Triangle};
+use argus_gpu::hierarchy::{Octree, OctreeBuilder, RootCube, Triangle};
 use argus_gpu::many_views::{Knobs, ManyViews, ViewList, ViewPoint};
-use argus_scene::{Bounds, InvalidField, RenderError};
+use argus_scene::{Bounds, RenderError};
 use glam::Vec3;
 
 use super::surfaces::Surfaces;
 use super::{MapSource, Vpl, VplKnobs};
+use crate::lit_octree::refused;
 
 /// The octree of a scene's surfaces.
 pub(crate) fn octree(
@@ -21,7 +22,7 @@ pub(crate) fn octree(
 ) -> Result<Arc<Octree>, RenderError> {
     let triangles = surfaces.triangles().map(|corners| Triangle { corners, color: Vec3::ONE });
     let octree = OctreeBuilder::new(gpu).build(RootCube::around(&bounds), levels, triangles);
-    octree.map(Arc::new).map_err(into_render)
+    octree.map(Arc::new).map_err(refused)
 }
 
 /// The maps of VPLs, each a view of the half space before its surface, and of particles, which have none.
@@ -42,18 +43,7 @@ pub(crate) fn render(
     let list = ViewList::new(gpu, &octree.root, &views)?;
     let told =
         Knobs { side: knobs.map_side, sharing: knobs.maps == MapSource::MegaViews, ..Knobs::default() };
-    let mut many = ManyViews::new(gpu, Arc::clone(octree), told).map_err(into_render)?;
-    many.render(&list).map_err(into_render)?;
+    let mut many = ManyViews::new(gpu, Arc::clone(octree), told).map_err(refused)?;
+    many.render(&list).map_err(refused)?;
     Ok(many)
-}
-
-fn into_render(error: HierarchyError) -> RenderError {
-    match error {
-        HierarchyError::Gpu(error) => error.into(),
-        HierarchyError::OutOfRange { .. } => InvalidField::new("indirect.levels", error.to_string()).into(),
-        HierarchyError::TooLarge { .. } | HierarchyError::TooManyNodes { .. } => {
-            RenderError::OutOfMemory(error.to_string())
-        }
-        HierarchyError::Empty => RenderError::Internal(error.to_string()),
-    }
 }

@@ -1,19 +1,8 @@
-//! What a user may say about indirect light.
+//! What a user may say about indirect light by virtual point lights.
 
 use std::fmt;
 
 use argus_scene::InvalidField;
-
-/// Light that surfaces reflect onto one another.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Indirect {
-    /// None: surfaces are lit by lights and sky alone.
-    #[default]
-    Off,
-    /// Instant radiosity (Keller 1997): paths from the lights leave virtual point lights (VPLs) on the surfaces that
-    /// reflect, and every visible surface gathers from some of them.
-    Vpl(VplKnobs),
-}
 
 /// How it is known whether a VPL sees a surface: its dual-paraboloid map of distances.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -29,8 +29,9 @@ use argus_shaders::layout::sampler::vpl::MOST_GROUPS;
 use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
 
-pub use knobs::{Indirect, MapSource, VplKnobs};
+pub use knobs::{MapSource, VplKnobs};
 
+use crate::indirect::ToLight;
 use crate::packets::PacketTracer;
 use crate::passes::{
     AdoptMaps, CullVpls, FilterIndirect, Gather, Gathered, Imperfect, IndirectScratch, Maps, TileContext,
@@ -83,6 +84,7 @@ pub(crate) struct Radiosity {
     passes: Passes,
     /// Of the surfaces where they are, once maps are made from it; with its number of levels.
     octree: Option<(u32, Arc<Octree>)>,
+    /// Of the sizes that were used last.
     scratch: Vec<IndirectScratch>,
     lit: Option<Lit>,
 }
@@ -142,13 +144,8 @@ impl Radiosity {
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if maps are larger than the device can bind.
-    pub(crate) fn ready(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        tracer: &PacketTracer,
-        lighting: &Lighting,
-        time_secs: f64,
-    ) -> Result<Vec<Stage>, RenderError> {
+    pub(crate) fn ready(&mut self, to_light: &ToLight<'_>) -> Result<Vec<Stage>, RenderError> {
+        let ToLight { gpu, tracer, lighting, time_secs, .. } = *to_light;
         let drifts = self.knobs.particles > 0;
         let is_now = |lit: &Lit| lit.lighting == *lighting && (!drifts || lit.time_secs == time_secs);
         if self.lit.as_ref().is_some_and(is_now) {
@@ -287,7 +284,7 @@ impl Radiosity {
     }
 
     /// Memory for a tile of that many sub-samples.
-    pub(crate) fn scratch(&mut self, gpu: &Gpu, size: [u32; 2]) -> IndirectScratch {
+    fn scratch(&mut self, gpu: &Gpu, size: [u32; 2]) -> IndirectScratch {
         let kept = self.scratch.iter().position(|s| s.size() == size);
         let scratch = match kept {
             Some(index) => self.scratch.remove(index),
@@ -299,11 +296,12 @@ impl Radiosity {
     }
 
     /// Adds the indirect light of a tile that was shaded.
-    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>) {
-        let (Some(lit), Some(scratch)) = (&self.lit, &context.indirect) else { return };
-        if lit.report.vpls == 0 {
+    pub(crate) fn record(&mut self, commands: &mut Commands, context: &TileContext<'_>) {
+        if self.lit.as_ref().is_none_or(|lit| lit.report.vpls == 0) {
             return;
         }
+        let scratch = self.scratch(context.gpu, context.tile.sub_samples());
+        let (Some(lit), Some(guides)) = (&self.lit, &context.targets.guides) else { return };
         let diagonal = self.bounds.size().length();
         let knobs = &self.knobs;
         let is_list = context.places.is_some();
@@ -328,7 +326,7 @@ impl Radiosity {
             ..layout::Gathering::zeroed()
         };
         let gathering = context.gpu.upload("gathering", &[gathering], wgpu::BufferUsages::UNIFORM);
-        let gathered = Gathered { scratch, gathering };
+        let gathered = Gathered { scratch: &scratch, guides, gathering };
         self.passes.cull.record(commands, &gathered, &lit.nodes, &lit.kept);
         lit.gather.record(commands, &gathered, &lit.vpls, &lit.maps);
         self.passes.filter.record(commands, &gathered, &context.targets.shaded);

@@ -4,10 +4,13 @@ use std::time::Instant;
 
 use argus_scene::{Cancel, MegaViews, RenderError, Sample, SampleId, SampleJob, Stage};
 
-use super::{GpuSampler, check_wanted, context, sample_tiles};
+use super::{GpuSampler, add_light, check_wanted, sample_tiles};
 use crate::Indirect;
+use crate::eye::Eye;
+use crate::indirect::Spreading;
 use crate::omni_maps::{OmniMaps, groups};
 use crate::passes::TileContext;
+use crate::scratch::Extras;
 use crate::timing;
 
 impl GpuSampler {
@@ -70,39 +73,34 @@ impl GpuSampler {
         let (gpu, resident, sampler) = (self.gpu.clone(), &self.resident, &self.knobs);
         let maps = self.maps.get_or_insert_with(|| OmniMaps::new(&gpu, resident, sampler, knobs));
         maps.set_knobs(knobs);
-        let Some(posed) = maps.pose(&gpu, &self.scene, &resident.instances)? else { return Ok(None) };
+        let Some(posed) = maps.octree.pose(&gpu, &self.scene, &resident.instances)? else { return Ok(None) };
         timing::add(&mut stages, posed);
         let drifts = matches!(self.knobs.indirect, Indirect::Vpl(knobs) if knobs.particles > 0);
-        let Some(root) = maps.root().filter(|_| !maps.is_lit(lighting, time_secs, drifts)) else {
+        let octree = &maps.octree;
+        let Some(root) = octree.octree().map(|octree| octree.root) else { return Ok(None) };
+        if octree.is_lit(lighting, time_secs, drifts) {
             return Ok(Some(stages));
-        };
+        }
 
         let begin = Instant::now();
-        let (surfels, chunks) = (maps.make_surfels(&gpu)?, maps.chunks(&gpu));
-        let places = maps.places();
-        let eye = self.eye(root.world_from_unit(glam::DVec3::splat(0.5)), lighting)?;
+        let (surfels, chunks) = (octree.make_surfels(&gpu)?, octree.chunks(&gpu));
+        let extras = Extras { gloss: false, guides: self.indirect.is_some() };
+        let eye = Eye::new(&gpu, resident, root.world_from_unit(glam::DVec3::splat(0.5)), lighting)?;
         for chunk in &chunks {
             check_wanted(cancel)?;
             let mut commands = gpu.commands("shade leaves");
-            let targets = self.scratch.targets(&gpu, chunk.tile.sub_samples(), false);
-            let indirect = self.indirect_scratch(&chunk.tile);
-            let Some(maps) = &self.maps else { return Ok(None) };
             let context = TileContext {
-                indirect,
-                places: places.clone(),
-                ..context(&gpu, &self.resident, &eye, &chunk.tile, targets)
+                places: octree.places(),
+                ..TileContext::new(&gpu, resident, &eye, &chunk.tile, &mut self.scratch, extras)
             };
-            maps.shade(&mut commands, &context, chunk, &surfels, |commands| {
-                if let Some(radiosity) = &self.radiosity {
-                    radiosity.record(commands, &context);
-                }
-            });
+            octree.shade(&mut commands, &context, chunk, &surfels);
+            let mut commands =
+                add_light(&mut self.indirect, commands, &context, Spreading::Leaves, &mut stages)?;
+            octree.keep(&mut commands, &context, chunk, &surfels);
             commands.submit().wait()?;
         }
         let mut commands = gpu.commands("average surfels");
-        if let Some(maps) = &mut self.maps {
-            maps.light(&mut commands, surfels, lighting, time_secs);
-        }
+        maps.octree.light(&mut commands, surfels, lighting, time_secs);
         commands.submit().wait()?;
         timing::add_since(&mut stages, "shade leaves", begin);
         Ok(Some(stages))
@@ -128,8 +126,8 @@ impl GpuSampler {
         for tile in &sample_tiles(&camera, self.knobs.side())? {
             check_wanted(cancel)?;
             let mut commands = self.gpu.commands("look sample up");
-            let targets = self.scratch.targets(&self.gpu, tile.sub_samples(), false);
-            let context = context(&self.gpu, &self.resident, &eye, tile, targets);
+            let (gpu, resident) = (&self.gpu, &self.resident);
+            let context = TileContext::new(gpu, resident, &eye, tile, &mut self.scratch, Extras::default());
             maps.look_up(&mut commands, &context, view);
             maps.resolve.record(&mut commands, &context, &self.knobs, &planes);
             timing::add(&mut stages, commands.submit().wait()?.stages);

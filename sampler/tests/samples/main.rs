@@ -7,5 +7,7 @@ mod hard_cases;
 mod indirect;
 mod megaviews;
 mod motion;
+mod points;
+mod rooms;
 mod small_scene;
 mod visibility;

@@ -22,6 +22,9 @@ pub(super) const MIRRORS: &[Mirror] = &[
     LeafChunk::MIRROR,
     NodeLevel::MIRROR,
     LookUp::MIRROR,
+    Blocks::MIRROR,
+    Chosen::MIRROR,
+    Receive::MIRROR,
 ];
 
 /// Values in [`TextureSlot::usage`], as `shared/texture.wgsl` has them.
@@ -372,5 +375,49 @@ mirror! {
         pub edge: f32,
         /// Radius of the ball around a leaf's cell, metres.
         pub radius: f32,
+    }
+}
+
+mirror! {
+    /// What is told of a tile whose light is received by some of its surfaces: `shared/receivers.wgsl`.
+    pub struct Blocks {
+        /// Sub-samples of the tile.
+        pub size: [u32; 2],
+        /// Sub-samples of a block, 256 at most.
+        pub block: [u32; 2],
+        /// Blocks of the tile.
+        pub count: [u32; 2],
+        /// How many blocks away a sub-sample looks for receivers: 0 or 1.
+        pub reach: u32,
+        /// WGSL rounds the struct up to 8 bytes.
+        pub _pad: u32,
+    }
+}
+
+mirror! {
+    /// A surface that receives light for those around it: `shared/receivers.wgsl`.
+    pub struct Chosen {
+        /// About the eye, metres.
+        pub position: [f32; 3],
+        /// Column and row of its sub-sample in the tile, 16 bits each.
+        pub place: u32,
+        /// Unit shading normal on the side that is seen.
+        pub normal: [f32; 3],
+        /// 0 where there is none.
+        pub exists: u32,
+    }
+}
+
+mirror! {
+    /// What `sampler/receive.wgsl` is told.
+    pub struct Receive {
+        /// First receiver of those whose maps there are.
+        pub first: u32,
+        /// How many they are.
+        pub count: u32,
+        /// Maps of one array: 2 to the power of this.
+        pub map_shift: u32,
+        /// Texels of a hemisphere's side.
+        pub map_side: u32,
     }
 }

@@ -4,6 +4,9 @@
 //! many, with maps as large, as fit the device, all of them gathered. Each row differs from the first in one knob.
 //! All of them see one ray a pixel, so that the differences are those of light. Times are wall times: of tracing VPLs
 //! and making their maps, once a pose, and of a view with indirect light less one without.
+//!
+//! Rows of *points* stand beside them: the same light from small images of an octree of the scene that blocks of pixels
+//! see, without any VPLs.
 
 mod light;
 
@@ -13,7 +16,9 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::{GpuSampler, Indirect, MapSource, SamplerKnobs, VplKnobs};
+use argus_sampler::{
+    GpuSampler, Indirect, IndirectReport, MapSource, PointKnobs, PointReport, SamplerKnobs, VplKnobs,
+};
 use argus_scene::metrics::{Comparison, compare};
 use argus_scene::reference::{Indirect as Paths, Tracer, cache};
 use argus_scene::tone::linear_from_srgb;
@@ -60,6 +65,14 @@ pub struct Options {
     pub biases: Vec<f64>,
     /// Points splatted into each imperfect map.
     pub points: Vec<u32>,
+    /// What the rows of points depart from.
+    pub points_base: PointKnobs,
+    /// Levels of their octree.
+    pub point_levels: Vec<u32>,
+    /// Sides of receivers' maps.
+    pub point_sides: Vec<u32>,
+    /// Pixels on a side of their blocks.
+    pub blocks: Vec<u32>,
     /// VPLs and side of maps of the truth by VPLs.
     pub most: (u32, u32),
     /// Paths from each pixel of the path-traced truth.
@@ -89,6 +102,10 @@ impl Default for Options {
             clamps: vec![0.0, 0.01, 0.05],
             biases: vec![0.0, 0.25, 1.0],
             points: vec![256, 4096],
+            points_base: PointKnobs::default(),
+            point_levels: vec![6, 8, 9],
+            point_sides: vec![8, 32],
+            blocks: vec![4, 16],
             most: (4096, 64),
             paths: 1024,
             rounds: 3,
@@ -112,6 +129,10 @@ impl Effort for Options {
             clamps: vec![0.05],
             biases: vec![1.0],
             points: vec![64],
+            points_base: PointKnobs { levels: 5, ..PointKnobs::default() },
+            point_levels: vec![4],
+            point_sides: vec![8],
+            blocks: vec![4],
             most: (512, 32),
             paths: 16,
             rounds: 1,
@@ -122,7 +143,7 @@ impl Effort for Options {
 
 impl Options {
     /// The first row, and one for each departure from it.
-    fn rows(&self) -> Vec<(&'static str, VplKnobs)> {
+    fn rows(&self) -> Vec<(&'static str, Indirect)> {
         let base = self.base;
         let mut rows = vec![("as given", base)];
         rows.extend(self.vpls.iter().map(|&vpls| ("VPLs", VplKnobs { vpls, ..base })));
@@ -148,13 +169,30 @@ impl Options {
         let few = (base.vpls * base.map_side * base.map_side / (128 * 128)).max(1);
         let large = VplKnobs { vpls: few, map_side: 128, samples: base.samples.min(few), ..base };
         rows.push(("few large maps", large));
-        let mut unique: Vec<(&'static str, VplKnobs)> = Vec::new();
+        let mut rows: Vec<_> =
+            rows.into_iter().map(|(differs, knobs)| (differs, Indirect::Vpl(knobs))).collect();
+        rows.extend(self.point_rows().map(|(differs, knobs)| (differs, Indirect::Points(knobs))));
+        let mut unique: Vec<(&'static str, Indirect)> = Vec::new();
         for row in rows {
             if unique.iter().all(|(_, knobs)| *knobs != row.1) {
                 unique.push(row);
             }
         }
         unique
+    }
+
+    /// The same of light by points.
+    fn point_rows(&self) -> impl Iterator<Item = (&'static str, PointKnobs)> {
+        let base = PointKnobs { bounces: self.base.bounces, ..self.points_base };
+        let levels = self.point_levels.iter().map(move |&levels| PointKnobs { levels, ..base });
+        let sides = self.point_sides.iter().map(move |&map_side| PointKnobs { map_side, ..base });
+        let blocks = self.blocks.iter().map(move |&block| PointKnobs { block, ..base });
+        let alone = PointKnobs { sharing: false, ..base };
+        std::iter::once(("points", base))
+            .chain(levels.map(|knobs| ("points, levels", knobs)))
+            .chain(sides.map(|knobs| ("points, resolution", knobs)))
+            .chain(blocks.map(|knobs| ("points, block", knobs)))
+            .chain(std::iter::once(("points, own maps", alone)))
     }
 }
 
@@ -191,15 +229,25 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         let (image, view_ms, unlit_ms) = stage.measure(options.rounds)?;
         // On a busy machine the difference of small times may come out below nothing.
         let gather_ms = (view_ms - unlit_ms).max(0.0);
-        let lit = stage.sampler.indirect()?.context("nothing was lit")?;
         let traced = compare(&stage.path_traced, &image)?;
         let by_vpls = compare(&stage.by_vpls, &image)?;
         if let Some(folder) = &options.images {
             image.save(folder.join(format!("{number:02}-{}.png", differs.replace(' ', "-"))))?;
         }
-        points.push((differs, gather_ms + lit.trace_ms + lit.maps_ms, traced.flip_mean));
-        let times = [unlit_ms, gather_ms];
-        found.push(row(differs, &knobs, &lit, times, [traced, by_vpls], stage.energy(&image)));
+        let (mut row, before_ms) = match knobs {
+            Indirect::Vpl(knobs) => {
+                let lit = stage.sampler.indirect()?.context("nothing was lit")?;
+                (vpl_row(&knobs, &lit), lit.trace_ms + lit.maps_ms)
+            }
+            Indirect::Points(knobs) => {
+                let lit = stage.sampler.points().context("nothing was lit")?;
+                (point_row(&knobs, &lit), lit.light_ms)
+            }
+            Indirect::Off => unreachable!("every row has indirect light"),
+        };
+        points.push((differs, gather_ms + before_ms, traced.flip_mean));
+        row.extend(common_row(differs, [unlit_ms, gather_ms], [traced, by_vpls], stage.energy(&image)));
+        found.push(row);
         progress.inc(1);
     }
     let machine = Machine::here(gpu.kind());
@@ -219,17 +267,12 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-fn row(
-    differs: &str,
-    knobs: &VplKnobs,
-    lit: &argus_sampler::IndirectReport,
-    [unlit_ms, gather_ms]: [f64; 2],
-    [traced, by_vpls]: [Comparison; 2],
-    energy: f64,
-) -> serde_json::Map<String, serde_json::Value> {
+type Row = serde_json::Map<String, serde_json::Value>;
+
+fn vpl_row(knobs: &VplKnobs, lit: &IndirectReport) -> Row {
     let from_octree = matches!(knobs.maps, MapSource::MegaViews | MapSource::ManyLods);
     report::row(json!({
-        "differs": differs,
+        "way": "vpl",
         "vpls": lit.vpls,
         "resolution": knobs.map_side,
         "maps": knobs.maps.name(),
@@ -242,13 +285,39 @@ fn row(
         "clamp": knobs.clamp,
         "bias": knobs.bias,
         "points": (knobs.maps == MapSource::Imperfect).then_some(knobs.points),
-        "view_ms": unlit_ms,
         "trace_ms": lit.trace_ms,
         "octree_ms": lit.octree_ms,
         "maps_ms": lit.maps_ms,
-        "gather_ms": gather_ms,
         "map_bytes": lit.map_bytes,
         "culled_fraction": if lit.culled.is_nan() { None } else { Some(lit.culled) },
+    }))
+}
+
+fn point_row(knobs: &PointKnobs, lit: &PointReport) -> Row {
+    report::row(json!({
+        "way": "points",
+        "resolution": knobs.map_side,
+        "maps": if knobs.sharing { "megaviews" } else { "manylods" },
+        "levels": knobs.levels,
+        "block": knobs.block,
+        "receivers": lit.receivers,
+        "octree_ms": lit.octree_ms,
+        "light_ms": lit.light_ms,
+        "map_bytes": lit.map_bytes,
+    }))
+}
+
+/// What rows of both ways have.
+fn common_row(
+    differs: &str,
+    [unlit_ms, gather_ms]: [f64; 2],
+    [traced, by_vpls]: [Comparison; 2],
+    energy: f64,
+) -> Row {
+    report::row(json!({
+        "differs": differs,
+        "view_ms": unlit_ms,
+        "gather_ms": gather_ms,
         "energy": energy,
         "flip": traced.flip_mean,
         "psnr_db": finite(traced.psnr_db),
@@ -267,6 +336,8 @@ fn finite(x: f64) -> Option<f64> {
 fn plot(options: &Options, points: &[(&'static str, f64, f64)]) -> Plot {
     let mut series: Vec<Series> = Vec::new();
     for &(differs, ms, flip) in points {
+        // All of them are one alternative to VPLs.
+        let differs = if differs.starts_with("points,") { "points" } else { differs };
         match series.iter_mut().find(|series| series.name == differs) {
             Some(series) => series.points.push((ms, flip)),
             None => series.push(Series { name: differs.to_owned(), points: vec![(ms, flip)], line: false }),
@@ -274,7 +345,7 @@ fn plot(options: &Options, points: &[(&'static str, f64, f64)]) -> Plot {
     }
     // What is smoothed less or costs energy is no alternative to the others, and shapes tell seven apart.
     const SHOWN: [&str; 7] =
-        ["as given", "VPLs", "resolution", "source", "octree levels", "samples", "few large maps"];
+        ["as given", "VPLs", "resolution", "source", "octree levels", "samples", "points"];
     series.retain(|series| SHOWN.contains(&series.name.as_str()));
     let [width, height] = options.size;
     Plot {
@@ -381,9 +452,9 @@ mod tests {
     fn every_row_departs_from_the_first_in_its_own_way() {
         let options = Options::default();
         let rows = options.rows();
-        assert_eq!(rows[0].1, options.base);
+        assert_eq!(rows[0].1, Indirect::Vpl(options.base));
         for (index, (_, knobs)) in rows.iter().enumerate() {
-            knobs.validate().unwrap();
+            SamplerKnobs { indirect: *knobs, ..SamplerKnobs::default() }.validate().unwrap();
             assert!(rows[..index].iter().all(|(_, other)| other != knobs));
         }
         assert!(rows.len() > 15);

@@ -1,0 +1,67 @@
+//! Program: `shaders/sampler/receive.wgsl`. Light that receivers receive from what their maps show.
+
+use argus_gpu::many_views::ManyViews;
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::layout::sampler::Receive as Parameters;
+use argus_shaders::sampler::RECEIVE;
+
+/// Receives light by maps that lie in so many arrays.
+pub(crate) struct Receive {
+    pipeline: ComputePipeline,
+    arrays: usize,
+}
+
+/// Receivers whose maps there are.
+pub(crate) struct Batch<'a> {
+    /// All receivers.
+    pub(crate) receivers: &'a wgpu::Buffer,
+    /// The first of the batch, and how many.
+    pub(crate) first: u32,
+    pub(crate) count: u32,
+    /// Their maps, in the same order.
+    pub(crate) views: &'a ManyViews,
+    /// What nodes show.
+    pub(crate) surfels: &'a wgpu::Buffer,
+}
+
+impl Receive {
+    pub(crate) fn new(gpu: &Gpu, arrays: usize) -> Self {
+        let constants = [("arrays", arrays as f64)];
+        Self { pipeline: gpu.compute_pipeline_with(&RECEIVE, "receive_light", &constants), arrays }
+    }
+
+    /// Arrays that it knows.
+    pub(crate) fn arrays(&self) -> usize {
+        self.arrays
+    }
+
+    /// Adds what a batch receives to `received`: four floats a receiver.
+    pub(crate) fn record(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        batch: &Batch<'_>,
+        received: &wgpu::Buffer,
+    ) {
+        let set = batch.views.maps();
+        let told =
+            Parameters { first: batch.first, count: batch.count, map_shift: set.shift, map_side: set.side };
+        let told = gpu.upload("receive", &[told], wgpu::BufferUsages::UNIFORM);
+        // Arrays that there are not stand behind no texel.
+        let array = |i: usize| set.arrays.get(i).unwrap_or(&set.arrays[0]);
+        let arrays: [&wgpu::Buffer; 4] = std::array::from_fn(array);
+        let across = batch.count.min(1 << 15);
+        commands
+            .compute("receive light", &self.pipeline)
+            .read("receive", &told)
+            .read("receivers", batch.receivers)
+            .read("surfels", batch.surfels)
+            .read("map_of_view", batch.views.map_of_view())
+            .read("maps0", arrays[0])
+            .read("maps1", arrays[1])
+            .read("maps2", arrays[2])
+            .read("maps3", arrays[3])
+            .write("received", received)
+            .dispatch([across, batch.count.div_ceil(across.max(1)), 1]);
+    }
+}

@@ -1,0 +1,44 @@
+//! Program: `shaders/sampler/spread.wgsl`. Light that receivers received, spread over the sub-samples around them.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::sampler::SPREAD;
+
+use super::{TileContext, Told};
+use crate::scratch::Guides;
+
+/// Spreads light.
+pub(crate) struct Spread {
+    pipeline: ComputePipeline,
+}
+
+/// What is spread.
+pub(crate) struct SpreadFrom<'a> {
+    pub(crate) told: &'a Told,
+    pub(crate) guides: &'a Guides,
+    /// Two words a block: its receivers.
+    pub(crate) of_blocks: &'a wgpu::Buffer,
+    pub(crate) receivers: &'a wgpu::Buffer,
+    /// Irradiance by π and mean inverse distance of each receiver.
+    pub(crate) received: &'a wgpu::Buffer,
+}
+
+impl Spread {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self { pipeline: gpu.compute_pipeline(&SPREAD, "spread") }
+    }
+
+    /// Adds what surfaces reflect of it to what was shaded.
+    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, from: &SpreadFrom<'_>) {
+        let [width, height] = from.told.blocks.size;
+        commands
+            .compute("spread light", &self.pipeline)
+            .read("blocks", &from.told.uniform)
+            .read("guides", &from.guides.surfaces)
+            .read("guide_albedos", &from.guides.albedos)
+            .read("of_blocks", from.of_blocks)
+            .read("receivers", from.receivers)
+            .read("received", from.received)
+            .write("shaded", &context.targets.shaded)
+            .dispatch_threads([width, height, 1]);
+    }
+}

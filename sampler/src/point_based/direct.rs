@@ -1,0 +1,38 @@
+//! Light of lights without extent on the octree's leaves, shadowed: a ray a light.
+
+use argus_scene::shading::incident;
+use argus_scene::{Light, Lighting};
+use glam::{DVec3, Vec3};
+
+use crate::packets::PacketTracer;
+
+/// Irradiance by π that the lights bring to a point `position` with a unit `normal`, in world space. Rays begin `off`
+/// metres before it.
+pub(super) fn direct_by_pi(
+    tracer: &PacketTracer,
+    lighting: &Lighting,
+    off: f64,
+    position: DVec3,
+    normal: Vec3,
+) -> Vec3 {
+    let origin = position + normal.as_dvec3() * off;
+    let mut sum = Vec3::ZERO;
+    for light in &lighting.lights {
+        let (to_light, irradiance) = incident(light, position);
+        let cosine = normal.dot(to_light);
+        // A NaN fails.
+        if !(cosine > 0.0 && irradiance.max_element() > 0.0) {
+            continue;
+        }
+        let (towards, most) = match *light {
+            Light::Directional { direction, .. } => (-direction, f64::INFINITY),
+            Light::Point { position: light, .. } | Light::Spot { position: light, .. } => {
+                (light - origin, 1.0)
+            }
+        };
+        if tracer.nearest(origin, towards, most).is_none() {
+            sum += irradiance * (cosine * std::f32::consts::FRAC_1_PI);
+        }
+    }
+    sum
+}

@@ -1,0 +1,78 @@
+//! What a user may say about indirect light by points.
+
+use std::fmt;
+
+use argus_scene::InvalidField;
+
+/// Approximations of point-based indirect light; `argus study radiosity` shows what each costs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PointKnobs {
+    /// Levels of the scene's octree below its root, 1 to 10: what lights is as fine as its cells.
+    pub levels: u32,
+    /// Texels on a side of a hemisphere of a receiver's map: 8 to 256.
+    pub map_side: u32,
+    /// Sub-samples on a side of the blocks that have a receiver or two, 1 to 16.
+    pub block: u32,
+    /// Reflections between a light and what is seen, at most, 1 to 4.
+    pub bounces: u32,
+    /// Whether near receivers share what looks alike from them (MegaViews); otherwise the octree is traversed for each by
+    /// itself (ManyLoDs).
+    pub sharing: bool,
+}
+
+impl Default for PointKnobs {
+    fn default() -> Self {
+        Self { levels: 7, map_side: 16, block: 8, bounces: 1, sharing: true }
+    }
+}
+
+impl fmt::Display for PointKnobs {
+    /// All of them in a few words: what a frame's provenance has.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { levels, map_side, block, bounces, sharing } = self;
+        let shared = if *sharing { "shared" } else { "own" };
+        write!(
+            f,
+            "points of {levels} levels and {bounces} bounces, {shared} maps of {map_side} for blocks of {block}"
+        )
+    }
+}
+
+impl PointKnobs {
+    /// Rejects values outside the documented ones.
+    ///
+    /// # Errors
+    /// The knob, by name.
+    pub fn validate(&self) -> Result<(), InvalidField> {
+        let within = |field, value: u32, range: std::ops::RangeInclusive<u32>| {
+            let reason = || format!("must be {} to {}, not {value}", range.start(), range.end());
+            if range.contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
+        };
+        within("indirect.levels", self.levels, 1..=10)?;
+        within("indirect.map_side", self.map_side, 8..=256)?;
+        within("indirect.block", self.block, 1..=16)?;
+        within("indirect.bounces", self.bounces, 1..=4)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_knob_out_of_range_is_named() {
+        let default = PointKnobs::default();
+        assert_eq!(default.validate(), Ok(()));
+        let cases = [
+            (PointKnobs { levels: 0, ..default }, "indirect.levels"),
+            (PointKnobs { levels: 11, ..default }, "indirect.levels"),
+            (PointKnobs { map_side: 7, ..default }, "indirect.map_side"),
+            (PointKnobs { block: 0, ..default }, "indirect.block"),
+            (PointKnobs { block: 17, ..default }, "indirect.block"),
+            (PointKnobs { bounces: 5, ..default }, "indirect.bounces"),
+        ];
+        for (knobs, field) in cases {
+            assert_eq!(knobs.validate().unwrap_err().field, field);
+        }
+    }
+}
