@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_sampler::{Indirect, MapSource, SamplerKnobs, VplKnobs};
-use argus_scene::{Camera, Cancel, Light, Material, PixelJob, Sampler as _, Scene, ViewJob};
+use argus_scene::{Camera, Cancel, Light, Material, Sampler as _, Scene, ViewJob};
 use glam::{DVec3, Vec3};
 
 use crate::common::*;
@@ -143,26 +143,8 @@ fn samples_hold_the_light_that_direct_views_show() {
 fn pixels_of_a_list_look_like_those_of_the_view() {
     let scene = box_of_cornell(DVec3::ZERO);
     let vpl = VplKnobs { vpls: 2000, samples: 8, maps: MapSource::Unshadowed, ..VplKnobs::default() };
-    let mut sampler = sampler_with(&scene, knobs(vpl));
-    let (camera, size) = (view_of_room(DVec3::ZERO), [64u32, 48]);
-    let whole = image_of(&direct(&mut sampler, &view_job(camera, size, 1)));
-    let pixels: Vec<u32> = (0..size[0] * size[1]).step_by(7).collect();
-    let job = PixelJob {
-        camera,
-        width: size[0],
-        height: size[1],
-        pixels: pixels.clone(),
-        samples_per_pixel: 1,
-        epoch: 0,
-        time_secs: 0.0,
-    };
-    let found = sampler.render_pixels(&[job], &Cancel::new()).remove(0).expect("renders");
-    let off = |(i, &pixel): (usize, &u32)| {
-        let wanted = whole.get_pixel(pixel % size[0], pixel / size[0]).0;
-        (0..3).map(|c| f64::from(found.color[3 * i + c].abs_diff(wanted[c]))).sum::<f64>() / 3.0
-    };
-    let mean = pixels.iter().enumerate().map(off).sum::<f64>() / pixels.len() as f64;
-    assert!(mean < 4.0, "{mean}");
+    let off = off_in_a_list(&mut sampler_with(&scene, knobs(vpl)), 1);
+    assert!(off < 4.0, "{off}");
 }
 
 #[test]

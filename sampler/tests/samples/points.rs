@@ -3,10 +3,7 @@
 use std::sync::Arc;
 
 use argus_sampler::{Indirect, PointKnobs, SamplerKnobs};
-use argus_scene::{
-    Camera, Cancel, Light, Material, MegaViews, PixelJob, SampleJob, SampleSetInfo, Sampler as _, Sampling,
-    Scene,
-};
+use argus_scene::{Camera, Light, Material, MegaViews, SampleJob, SampleSetInfo, Sampling, Scene};
 use glam::{DAffine3, DVec3, Vec3};
 
 use crate::common::*;
@@ -97,26 +94,8 @@ fn the_same_knobs_give_the_same_bytes_whatever_was_rendered_before() {
 #[test]
 fn pixels_of_a_list_look_like_those_of_the_view() {
     let scene = box_of_cornell(DVec3::ZERO);
-    let mut sampler = sampler_with(&scene, knobs(fine()));
-    let (camera, size) = (view_of_room(DVec3::ZERO), [64u32, 48]);
-    let whole = image_of(&direct(&mut sampler, &view_job(camera, size, 4)));
-    let pixels: Vec<u32> = (0..size[0] * size[1]).step_by(7).collect();
-    let job = PixelJob {
-        camera,
-        width: size[0],
-        height: size[1],
-        pixels: pixels.clone(),
-        samples_per_pixel: 4,
-        epoch: 0,
-        time_secs: 0.0,
-    };
-    let found = sampler.render_pixels(&[job], &Cancel::new()).remove(0).expect("renders");
-    let off = |(i, &pixel): (usize, &u32)| {
-        let wanted = whole.get_pixel(pixel % size[0], pixel / size[0]).0;
-        (0..3).map(|c| f64::from(found.color[3 * i + c].abs_diff(wanted[c]))).sum::<f64>() / 3.0
-    };
-    let mean = pixels.iter().enumerate().map(off).sum::<f64>() / pixels.len() as f64;
-    assert!(mean < 4.0, "{mean}");
+    let off = off_in_a_list(&mut sampler_with(&scene, knobs(fine())), 4);
+    assert!(off < 4.0, "{off}");
 }
 
 #[test]

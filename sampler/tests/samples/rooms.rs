@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
+use argus_sampler::GpuSampler;
 use argus_scene::reference::{Indirect as Paths, ReferenceImage, Tracer};
-use argus_scene::{Camera, Light, Lighting, Material, Scene, Sky};
+use argus_scene::{Camera, Cancel, Light, Lighting, Material, PixelJob, Sampler as _, Scene, Sky};
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 
 use crate::common::*;
@@ -66,4 +67,26 @@ pub(crate) fn path_traced(
 ) -> ReferenceImage {
     let paths = Some(Paths { paths: 64, bounces });
     Tracer::new(Arc::clone(scene)).render_with(camera, size, 4, paths, |_| {})
+}
+
+/// By how much pixels of a room differ when they are asked for as a list, in the mean, of 255.
+pub(crate) fn off_in_a_list(sampler: &mut GpuSampler, samples_per_pixel: u32) -> f64 {
+    let (camera, [width, height]) = (view_of_room(DVec3::ZERO), [64u32, 48]);
+    let whole = image_of(&direct(sampler, &view_job(camera, [width, height], samples_per_pixel)));
+    let pixels: Vec<u32> = (0..width * height).step_by(7).collect();
+    let job = PixelJob {
+        camera,
+        width,
+        height,
+        pixels: pixels.clone(),
+        samples_per_pixel,
+        epoch: 0,
+        time_secs: 0.0,
+    };
+    let found = sampler.render_pixels(&[job], &Cancel::new()).remove(0).expect("renders");
+    let off = |(i, &pixel): (usize, &u32)| {
+        let wanted = whole.get_pixel(pixel % width, pixel / width).0;
+        (0..3).map(|c| f64::from(found.color[3 * i + c].abs_diff(wanted[c]))).sum::<f64>() / 3.0
+    };
+    pixels.iter().enumerate().map(off).sum::<f64>() / pixels.len() as f64
 }
