@@ -59,6 +59,24 @@ pub(crate) fn skip(required_by: &str, why: &str) {
     say(&format!("SKIPPED, LOUDLY: {why}"));
 }
 
+/// Whether a program is there and works; that it is not is said loudly, or a failure where this variable is 1.
+pub(crate) fn there(required_by: &str, program: &str, arguments: &[&str]) -> bool {
+    let answer = Command::new(program).args(arguments).stdin(Stdio::null()).output();
+    let there = answer.is_ok_and(|output| output.status.success());
+    if !there {
+        skip(required_by, &format!("`{program} {}` does not answer", arguments.join(" ")));
+    }
+    there
+}
+
+/// What a command prints, which must succeed.
+pub(crate) fn succeed(command: &mut Command) -> String {
+    let output = command.stdin(Stdio::null()).output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{command:?}: {printed}{}", stderr(&output));
+    printed
+}
+
 /// A child process that ends with its owner.
 pub(crate) struct Process(Child);
 
