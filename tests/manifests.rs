@@ -76,17 +76,18 @@ impl Tools {
     }
 }
 
-/// An overlay with both components, as somebody would make one of their own.
+/// An overlay with both components, as deploy/README.md says to make one.
 fn with_components(overlay: &str) -> (tempfile::TempDir, PathBuf) {
     let tree = tempfile::tempdir().unwrap();
     succeed(Command::new("cp").arg("-r").arg(deploy("kubernetes")).arg(tree.path()));
     let folder = tree.path().join("kubernetes/mine");
     std::fs::create_dir(&folder).unwrap();
-    let kustomization = format!(
-        "apiVersion: kustomize.config.k8s.io/v1beta1\nkind: Kustomization\nnamespace: argus\n\
-         resources: [../overlays/{overlay}]\ncomponents: [../components/scenes, ../components/redirect]\n"
-    );
-    std::fs::write(folder.join("kustomization.yaml"), kustomization).unwrap();
+    let readme = std::fs::read_to_string(deploy("README.md")).unwrap();
+    let lines = ["    resources: ", "    components: "].map(|begin| {
+        let line = readme.lines().find(|line| line.starts_with(begin)).unwrap();
+        format!("{}\n", line.trim().replace("overlays/gpu", &format!("overlays/{overlay}")))
+    });
+    std::fs::write(folder.join("kustomization.yaml"), lines.concat()).unwrap();
     (tree, folder)
 }
 
@@ -169,6 +170,9 @@ fn kubernetes_manifests_keep_to_the_published_schemas() {
             let (file, documents) = tools.rendered(&folder);
             let (valid, said) = validate(file.path());
             assert!(valid, "{}: {said}", folder.display());
+            for document in &documents {
+                assert_eq!(document["metadata"]["namespace"], "argus", "{document:#}");
+            }
             rendered.extend(documents);
         }
     }
