@@ -1,44 +1,31 @@
-//! Containers: the compose cluster, brought up for real where an engine is there, and the Kubernetes manifests.
+//! Containers: the compose cluster, brought up for real where an engine is there.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod support;
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use support::{argus, json, stderr};
+use support::{argus, json, run, stderr, succeed, there};
 
 const BASE: &str = "argus-test-base:bookworm";
 const IMAGE: &str = "argus-test";
 const PROJECT: &str = "argustest";
 
+/// One cluster after the other: cores are few, and the image and the project have one name.
+static TURN: Mutex<()> = Mutex::new(());
+
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-fn output(command: &mut Command) -> Output {
-    command.stdin(Stdio::null()).output().unwrap_or_else(|error| panic!("{command:?}: {error}"))
-}
-
-fn succeed(command: &mut Command) -> String {
-    let output = output(command);
-    assert!(output.status.success(), "{command:?}: {}", stderr(&output));
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-/// Whether a program is there and works; otherwise what is missing is said, or is a failure where it must be there.
-fn there(program: &str, arguments: &[&str]) -> bool {
-    let answer = Command::new(program).args(arguments).stdin(Stdio::null()).output();
-    let there = answer.is_ok_and(|output| output.status.success());
-    if !there {
-        let command = format!("{program} {}", arguments.join(" "));
-        let required = std::env::var("ARGUS_REQUIRE_ENGINE").is_ok_and(|value| value == "1");
-        assert!(!required, "ARGUS_REQUIRE_ENGINE=1, yet `{command}` does not answer");
-        eprintln!("SKIPPED, LOUDLY: `{command}` does not answer, so the containers are not tested");
-    }
-    there
+/// Whether containers can be had; where an engine is there, CI says that they must.
+fn engine() -> bool {
+    let all = [("docker", "info"), ("docker-compose", "version"), ("debootstrap", "--version")];
+    all.iter().all(|(program, argument)| there("ARGUS_REQUIRE_ENGINE", program, &[argument]))
 }
 
 /// A base with the software driver in it.
@@ -50,11 +37,15 @@ fn base() {
 struct Compose {
     folder: tempfile::TempDir,
     port: u16,
+    /// What it is made of, below `deploy/`.
+    files: &'static [&'static str],
+    _turn: MutexGuard<'static, ()>,
 }
 
 impl Compose {
     /// Builds the image from the very files of this repository and the program under test, and starts the cluster.
-    fn up() -> Self {
+    fn up(files: &'static [&'static str], workers: &str) -> Self {
+        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         base();
         let folder = tempfile::tempdir().unwrap();
         let tree = folder.path();
@@ -67,18 +58,19 @@ impl Compose {
         // Debugging information is ten times the program.
         let _ = Command::new("strip").arg("--strip-debug").arg(&binary).status();
         let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let compose = Self { folder, port };
+        let compose = Self { folder, port, files, _turn: turn };
         compose.run(&["build", "coordinator"]);
-        compose.run(&["up", "-d", "--no-build"]);
+        compose.run(&["up", "-d", "--no-build", "--scale", &format!("worker={workers}")]);
         compose
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new("docker-compose");
-        command
-            .args(["-p", PROJECT, "-f"])
-            .arg(self.folder.path().join("deploy/compose.yaml"))
-            .args(arguments);
+        command.args(["-p", PROJECT]);
+        for file in self.files {
+            command.arg("-f").arg(self.folder.path().join("deploy").join(file));
+        }
+        command.args(arguments);
         command.env("ARGUS_IMAGE", IMAGE).env("ARGUS_BASE_IMAGE", BASE).env("ARGUS_BUILD_IMAGE", BASE);
         command.env("ARGUS_SCENE", support::SMALL).env("ARGUS_PORT", self.port.to_string());
         // The old builder: newer ones are not everywhere.
@@ -94,16 +86,21 @@ impl Compose {
         format!("http://127.0.0.1:{}", self.port)
     }
 
-    /// Ids of the worker containers, stopped ones included.
-    fn workers(&self) -> Vec<String> {
-        let ids = self.run(&["ps", "-a", "-q", "worker"]);
+    /// Ids of a service's containers, stopped ones included.
+    fn containers(&self, service: &str) -> Vec<String> {
+        let ids = self.run(&["ps", "-a", "-q", service]);
         ids.lines().map(str::to_owned).collect()
     }
 
     fn wait_for_workers(&self, count: u64) -> Value {
+        self.wait_for(count, &["--server", &self.url()])
+    }
+
+    /// Waits for so many workers, as a client that connects with these flags sees them.
+    fn wait_for(&self, count: u64, how: &[&str]) -> Value {
         let deadline = Instant::now() + 2 * support::PATIENCE;
         loop {
-            let answer = support::run(&["status", "--server", &self.url(), "--json"]);
+            let answer = run(&[&["status", "--json"], how].concat());
             let status = serde_json::from_slice::<Value>(&answer.stdout).unwrap_or_default();
             if status["processes"] == count {
                 return status;
@@ -127,13 +124,10 @@ fn docker(arguments: &[&str]) {
 
 #[test]
 fn a_compose_cluster_loses_no_frame_while_workers_are_killed_paused_and_cut_off() {
-    if !there("docker", &["info"])
-        || !there("docker-compose", &["version"])
-        || !there("debootstrap", &["--version"])
-    {
+    if !engine() {
         return;
     }
-    let cluster = Compose::up();
+    let cluster = Compose::up(&["compose.yaml"], "3");
     cluster.wait_for_workers(3);
     let folder = tempfile::tempdir().unwrap();
     let picture = folder.path().join("view.png");
@@ -149,7 +143,7 @@ fn a_compose_cluster_loses_no_frame_while_workers_are_killed_paused_and_cut_off(
         command.spawn().unwrap()
     };
     let under_load = load("20");
-    let workers = cluster.workers();
+    let workers = cluster.containers("worker");
     let network = format!("{PROJECT}_default");
     let pause = |secs| std::thread::sleep(Duration::from_secs(secs));
     pause(3);
@@ -183,74 +177,30 @@ fn a_compose_cluster_loses_no_frame_while_workers_are_killed_paused_and_cut_off(
 }
 
 #[test]
-fn the_image_is_built_from_every_part_of_the_workspace() {
-    let workspace = std::fs::read_to_string(root().join("Cargo.toml")).unwrap();
-    let workspace: toml::Table = workspace.parse().unwrap();
-    let members = workspace["workspace"]["members"].as_array().unwrap();
-    let sent = std::fs::read_to_string(root().join(".dockerignore")).unwrap();
-    for member in
-        members.iter().map(|member| member.as_str().unwrap()).chain(["src", "scripts", "Cargo.lock"])
-    {
-        assert!(sent.lines().any(|line| line == format!("!{member}")), "{member} is not in .dockerignore");
+fn a_compose_cluster_by_tls_serves_whoever_has_a_token_and_nobody_else() {
+    if !engine() {
+        return;
     }
-}
+    let cluster = Compose::up(&["compose.yaml", "compose.tls.yaml"], "1");
+    let certs = tempfile::tempdir().unwrap();
+    let made = format!("{}:/certs/.", cluster.containers("coordinator")[0]);
+    docker(&["cp", &made, certs.path().to_str().unwrap()]);
+    let file = |name: &str| certs.path().join(name).to_str().unwrap().to_owned();
+    assert!(!Path::new(&file("ca.key")).exists(), "whoever has the authority's key can join");
 
-/// Every manifest.
-fn manifests() -> Vec<PathBuf> {
-    let folder = root().join("deploy/kubernetes");
-    let files = walkdir::WalkDir::new(folder).into_iter().map(|entry| entry.unwrap().into_path());
-    files.filter(|path| path.extension().is_some_and(|extension| extension == "yaml")).collect()
-}
-
-#[test]
-fn kubernetes_manifests_keep_to_the_published_schemas() {
-    let cache = root().join("target/kubernetes-validate");
-    let python = cache.join("bin/python");
-    if !python.is_file() {
-        let made = Command::new("python3").args(["-m", "venv"]).arg(&cache).stdin(Stdio::null()).output();
-        let install = ["-m", "pip", "install", "--quiet", "kubernetes-validate"];
-        let installed = made.is_ok_and(|output| output.status.success())
-            && Command::new(&python).args(install).output().is_ok_and(|output| output.status.success());
-        if !installed {
-            let _ = std::fs::remove_dir_all(&cache);
-            eprintln!("SKIPPED, LOUDLY: kubernetes-validate cannot be installed, so no manifest is checked");
-            return;
-        }
-    }
-    // What has no published schema of Kubernetes' own is checked by those who read it.
-    let files: Vec<PathBuf> = manifests()
-        .into_iter()
-        .filter(|path| {
-            !path.ends_with("kustomization.yaml") && !path.components().any(|part| part.as_os_str() == "keda")
-        })
-        .collect();
-    assert!(files.len() >= 4, "{files:?}");
-    let mut validate = Command::new(cache.join("bin/kubernetes-validate"));
-    let checked = output(validate.arg("--strict").args(&files));
-    assert!(checked.status.success(), "{}{}", String::from_utf8_lossy(&checked.stdout), stderr(&checked));
-}
-
-#[test]
-fn manifests_name_only_arguments_and_files_that_exist() {
-    for file in manifests() {
-        let text = std::fs::read_to_string(&file).unwrap();
-        let folder = file.parent().unwrap();
-        for line in text.lines().map(str::trim) {
-            // Resources and bases of a kustomization.
-            if let Some(resource) =
-                line.strip_prefix("- ").filter(|r| r.ends_with(".yaml") && !r.contains(' '))
-            {
-                assert!(folder.join(resource).is_file(), "{}: {resource}", file.display());
-            }
-            // Flags of argus, in whose help they must stand.
-            let Some(flag) = line.strip_prefix("- --").filter(|_| text.contains("image: argus")) else {
-                continue;
-            };
-            let flag = format!("--{}", flag.split('=').next().unwrap());
-            let part = if text.contains("- worker\n") { "worker" } else { "coordinator" };
-            let help = support::run(&[part, "--help"]);
-            let help = String::from_utf8_lossy(&help.stdout).into_owned();
-            assert!(help.contains(&flag), "{}: argus {part} has no {flag}", file.display());
-        }
+    let url = format!("https://localhost:{}", cluster.port);
+    cluster.wait_for(1, &["--server", &url, "--config", &file("argus.toml")]);
+    let picture = file("view.png");
+    let view = ["view", "--size", "96x72", "--eye", "0,200,300", "--target", "0,0,0", "--out", &picture];
+    let (ca, token) = (file("ca.pem"), file("view.token"));
+    json(&[&view[..], &["--server", &url, "--ca", &ca, "--token-file", &token, "--json"]].concat());
+    assert!(Path::new(&picture).is_file());
+    let plain = cluster.url();
+    for (how, reason) in [
+        (&["--server", &url, "--ca", &ca][..], "a token is wanted"),
+        (&["--server", &plain], "is not an Argus server"),
+    ] {
+        let refused = run(&[&view[..], how].concat());
+        assert!(!refused.status.success() && stderr(&refused).contains(reason), "{}", stderr(&refused));
     }
 }

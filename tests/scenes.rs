@@ -3,6 +3,8 @@
 
 mod support;
 
+use std::process::{Command, Stdio};
+
 use support::wire::{Wire, small_view};
 use support::{Coordinator, json, real_folder, real_scene, run, stderr};
 
@@ -79,4 +81,16 @@ fn nasty_files_are_answered_by_a_scene_or_by_one_line() {
         }
         assert!(opened > 20 && refused >= refused_at_least, "{opened} opened, {refused} refused");
     }
+}
+
+/// The tests capture what they print, and show it of those that fail.
+#[test]
+fn what_is_skipped_for_want_of_scenes_is_said_although_the_test_passes() {
+    let mut tests = Command::new(std::env::current_exe().unwrap());
+    tests.args(["--exact", "nasty_files_are_answered_by_a_scene_or_by_one_line"]).stdin(Stdio::null());
+    let without = tests.env_remove("ARGUS_SCENES").env_remove("ARGUS_REQUIRE_SCENES").output().unwrap();
+    assert!(without.status.success(), "{}", stderr(&without));
+    assert!(stderr(&without).contains("SKIPPED, LOUDLY: ARGUS_SCENES is not set"), "{}", stderr(&without));
+    let required = tests.env("ARGUS_REQUIRE_SCENES", "1").output().unwrap();
+    assert!(!required.status.success(), "{}", stderr(&required));
 }

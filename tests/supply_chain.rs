@@ -1,5 +1,7 @@
-//! What is built in from elsewhere: its licences and sources, and all that cargo-deny knows where it is installed.
+//! What is built in from elsewhere: its licences and sources, and all that cargo-deny knows where it can be had.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+
+mod support;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -107,12 +109,25 @@ fn all_that_is_built_in_is_licensed_permissively_and_comes_from_one_registry() {
 }
 
 #[test]
-fn cargo_deny_finds_nothing() {
-    let output = Command::new(root().join("scripts/deny")).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    // Under `--nocapture`, and in the log of a test that fails.
-    for line in said.lines().filter(|line| line.contains("SKIPPED")) {
-        eprintln!("{line}");
+fn cargo_deny_finds_nothing_and_would_find_what_is_forbidden() {
+    let deny = |arguments: &[&str]| {
+        let mut command = Command::new(root().join("scripts/deny"));
+        let output = command.args(arguments).env("CARGO_TERM_COLOR", "never").output().unwrap();
+        let said = [output.stdout.as_slice(), &output.stderr].concat();
+        (output.status.success(), String::from_utf8_lossy(&said).into_owned())
+    };
+    let (clean, said) = deny(&[]);
+    said.lines().filter(|line| line.contains("SKIPPED")).for_each(support::say);
+    assert!(clean, "{said}");
+    if said.contains("deny: SKIPPED") {
+        return;
     }
-    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stdout));
+    // A rule that half of all packages break, and one that a package breaks that nothing works without.
+    let rules = std::fs::read_to_string(root().join("deny.toml")).unwrap();
+    let stricter = rules.replace("    \"MIT\",\n", "").replace("\"openssl-sys\"", "\"tokio\"");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("deny.toml");
+    std::fs::write(&file, stricter).unwrap();
+    let (clean, said) = deny(&["--config", file.to_str().unwrap()]);
+    assert!(!clean && said.contains("bans FAILED, licenses FAILED, sources ok"), "{said}");
 }

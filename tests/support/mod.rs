@@ -3,6 +3,7 @@
 
 pub(crate) mod wire;
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -44,6 +45,36 @@ pub(crate) fn json(arguments: &[&str]) -> Value {
 /// What it said to a person.
 pub(crate) fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Says a line to whoever runs the tests. What `eprintln!` says in a test that passes is shown to nobody.
+pub(crate) fn say(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Says loudly why a test is skipped; where this variable is 1, that is a failure.
+pub(crate) fn skip(required_by: &str, why: &str) {
+    let required = std::env::var(required_by).is_ok_and(|value| value == "1");
+    assert!(!required, "{required_by}=1, yet {why}");
+    say(&format!("SKIPPED, LOUDLY: {why}"));
+}
+
+/// Whether a program is there and works; that it is not is said loudly, or a failure where this variable is 1.
+pub(crate) fn there(required_by: &str, program: &str, arguments: &[&str]) -> bool {
+    let answer = Command::new(program).args(arguments).stdin(Stdio::null()).output();
+    let there = answer.is_ok_and(|output| output.status.success());
+    if !there {
+        skip(required_by, &format!("`{program} {}` does not answer", arguments.join(" ")));
+    }
+    there
+}
+
+/// What a command prints, which must succeed.
+pub(crate) fn succeed(command: &mut Command) -> String {
+    let output = command.stdin(Stdio::null()).output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{command:?}: {printed}{}", stderr(&output));
+    printed
 }
 
 /// A child process that ends with its owner.
@@ -167,7 +198,7 @@ impl Coordinator {
     }
 }
 
-/// A file of the real scenes, or `None` (and one line) where this machine has none. Under
+/// A file of the real scenes, or `None` (and a loud line) where this machine has none. Under
 /// `ARGUS_REQUIRE_SCENES=1` having none is a failure.
 pub(crate) fn real_scene(path: &str) -> Option<PathBuf> {
     real(path).inspect(|file| assert!(file.is_file(), "ARGUS_SCENES has no file {path}"))
@@ -179,10 +210,8 @@ pub(crate) fn real_folder(path: &str) -> Option<PathBuf> {
 }
 
 fn real(path: &str) -> Option<PathBuf> {
-    let required = std::env::var("ARGUS_REQUIRE_SCENES").is_ok_and(|value| value == "1");
     let Some(folder) = std::env::var_os("ARGUS_SCENES").map(PathBuf::from) else {
-        assert!(!required, "ARGUS_REQUIRE_SCENES=1, yet ARGUS_SCENES is not set");
-        eprintln!("skipped: ARGUS_SCENES is not set, so there is no {path}");
+        skip("ARGUS_REQUIRE_SCENES", &format!("ARGUS_SCENES is not set, so there is no {path}"));
         return None;
     };
     Some(folder.join(path))

@@ -204,11 +204,8 @@ impl Nats {
                 Some(Self { server, url, _folder: folder })
             }
             Err(error) => {
-                let required = std::env::var("ARGUS_REQUIRE_NATS").is_ok_and(|value| value == "1");
-                assert!(!required, "ARGUS_REQUIRE_NATS=1, yet nats-server cannot be started: {error}");
-                eprintln!(
-                    "SKIPPED, LOUDLY: nats-server cannot be started ({error}); it is a package of Debian"
-                );
+                let why = format!("nats-server, a package of Debian, cannot be started: {error}");
+                common::skip("ARGUS_REQUIRE_NATS", &why);
                 None
             }
         }

@@ -1,6 +1,8 @@
 //! What processes are watched by: pages over plain HTTP on the port of the gRPC services, and the health service.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
+use std::path::Path;
 
 use argus_proto::v1::views_client::ViewsClient;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -73,6 +75,76 @@ async fn metrics_count_what_was_done_and_end_as_the_format_demands() {
         assert!(metrics.ends_with("# EOF\n"), "{metrics}");
     }
     assert_eq!(composed, 3.0);
+}
+
+/// Labels that Prometheus adds to whatever it collects as deploy/ says.
+const ADDED: [&str; 4] = ["instance", "job", "namespace", "pod"];
+
+/// What `deploy/` asks Prometheus for: names of files, and what is in them.
+fn queries(folder: &Path) -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(queries(&path));
+        } else if path.extension().is_some_and(|kind| kind == "json" || kind == "yaml") {
+            // As it stands in JSON's quotes or without.
+            let text = std::fs::read_to_string(&path).unwrap().replace("\\\"", "\"");
+            found.push((path.file_name().unwrap().to_string_lossy().into_owned(), text));
+        }
+    }
+    found
+}
+
+/// The metric that a text begins with, and its labels: in a row of a page and in a query alike.
+fn metric(text: &str) -> (&str, Vec<&str>) {
+    let word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let (name, rest) = text.split_at(text.find(|c| !word(c)).unwrap_or(text.len()));
+    let Some(rest) = rest.strip_prefix('{') else { return (name, Vec::new()) };
+    // Every second piece is a value; what is between values are labels, until the brace closes.
+    let between = rest.split('"').step_by(2).take_while(|piece| !piece.starts_with('}'));
+    (name, between.map(|piece| piece.trim_matches(|c| !word(c))).collect())
+}
+
+/// What a query or a legend groups by: `by (a, b)`, `{{a}}`.
+fn groups(text: &str) -> Vec<&str> {
+    let within = |open: &'static str, close: char| {
+        text.split(open).skip(1).map(move |rest| rest.split(close).next().unwrap_or(rest))
+    };
+    within("by (", ')').chain(within("{{", '}')).flat_map(|list| list.split(',')).map(str::trim).collect()
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn dashboards_and_scaling_ask_for_metrics_and_labels_that_are_exported() {
+    let cluster = Cluster::start(1).await;
+    // Histograms of frames appear with the first one.
+    cluster.render(&view(0)).await.unwrap();
+    let mut exported = BTreeMap::<String, BTreeSet<String>>::new();
+    for address in [cluster.coordinator.address, cluster.workers[0].address] {
+        let (_, page) = page(address, "/metrics").await;
+        for row in page.lines().filter(|row| row.starts_with("argus_")) {
+            let (name, labels) = metric(row);
+            exported.entry(name.to_owned()).or_default().extend(labels.into_iter().map(str::to_owned));
+        }
+    }
+    let anywhere: BTreeSet<&String> = exported.values().flatten().collect();
+
+    let mut asked = BTreeMap::<String, usize>::new();
+    for (file, text) in queries(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy")) {
+        for (at, _) in text.match_indices("argus_") {
+            let (name, labels) = metric(&text[at..]);
+            let of_it = exported.get(name).unwrap_or_else(|| panic!("{file}: nothing exports {name}"));
+            for label in labels {
+                assert!(of_it.contains(label) || ADDED.contains(&label), "{file}: {name} has no {label}");
+            }
+            *asked.entry(file.clone()).or_default() += 1;
+        }
+        for label in groups(&text) {
+            let known = anywhere.contains(&label.to_owned()) || ADDED.contains(&label);
+            assert!(known || !asked.contains_key(&file), "{file}: nothing exports the label {label}");
+        }
+    }
+    assert!(asked["argus.json"] > 10 && asked["scaledobject.yaml"] == 1, "{asked:?}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -1,6 +1,7 @@
 //! The scene's octree against its oracle.
 
 use std::collections::BTreeSet;
+use std::io::Write;
 
 use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Triangle, stream};
 use argus_scene::Bounds;
@@ -163,7 +164,8 @@ fn two_builds_have_the_same_bytes() {
 fn sponza_has_the_cells_that_a_prototype_found() {
     let Some(folder) = std::env::var_os("ARGUS_SCENES") else {
         assert!(std::env::var_os("ARGUS_REQUIRE_SCENES").is_none(), "ARGUS_SCENES is not set");
-        eprintln!("skipped: ARGUS_SCENES is not set");
+        // What print macros say in a test that passes is shown to nobody.
+        let _ = writeln!(std::io::stderr(), "SKIPPED, LOUDLY: ARGUS_SCENES is not set");
         return;
     };
     let file = std::path::Path::new(&folder).join("sponza/sponza.glb");

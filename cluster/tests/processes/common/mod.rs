@@ -7,6 +7,7 @@ pub mod roles;
 pub mod session;
 
 use std::future::Future;
+use std::io::Write;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -35,6 +36,14 @@ use roles::{Factory, Knobs};
 
 /// Nothing in a test takes this long unless it hangs.
 pub const LIMIT: Duration = Duration::from_secs(30);
+
+/// Says loudly why a test is skipped, which `eprintln!` does not: what it says in a test that passes is shown to nobody.
+/// Where this variable is 1, that is a failure.
+pub fn skip(required_by: &str, why: &str) {
+    let required = std::env::var(required_by).is_ok_and(|value| value == "1");
+    assert!(!required, "{required_by}=1, yet {why}");
+    let _ = writeln!(std::io::stderr(), "SKIPPED, LOUDLY: {why}");
+}
 
 /// One triangle, and a hash that follows from the name.
 pub fn scene(name: &str) -> Arc<Scene> {
