@@ -157,8 +157,12 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
         ..Default::default()
     };
     messages.push(("RenderRequest", request.encode_to_vec()));
-    let session =
-        v1::SessionView { view: Some(wire), encoding: v1::Encoding::Zstd as i32, redirectable: true };
+    let session = v1::SessionView {
+        view: Some(wire),
+        encoding: v1::Encoding::Zstd as i32,
+        redirectable: true,
+        ..Default::default()
+    };
     messages.push(("SessionView", session.encode_to_vec()));
     messages.extend(argus_cluster::untrusted::corpus());
     messages.extend([

@@ -121,6 +121,7 @@ pub(super) fn relay_from(
                         match relayed.pass(chunk, wanted.arrived, order.expected) {
                             Ok(Some(chunk)) if relayed.is_whole() => {
                                 // Said before the client has it, who may go as soon as it does.
+                                hub.frames.relayed();
                                 arrived(&hub, asked, &order, relayed.header.as_ref());
                                 yield chunk;
                                 // Reading to the end lets the worker's stream close in order.

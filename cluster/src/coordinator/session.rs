@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use argus_proto::status::{invalid, invalid_field, retry_after};
-use argus_proto::trace::TARGET;
+use argus_proto::trace::{TARGET, continued_from};
 use argus_proto::v1::session_request::Body as Asked;
 use argus_proto::v1::session_response::Body as Answer;
 use argus_proto::{Fault, v1};
@@ -21,7 +21,7 @@ use tonic::{Status, Streaming};
 use tracing::debug_span;
 
 use super::hub::Hub;
-use super::redirect::{Away, Detours, Word};
+use super::redirect::{Away, Detours, MOST_MISSES, Word};
 use super::relay::{Wanted, ask, ordered, relay_from};
 use super::views::{checked, checked_encoding};
 use crate::core::{Client, Event};
@@ -217,6 +217,8 @@ fn frames(
             }
         };
         let redirectable = asked.redirectable;
+        let span = debug_span!(target: TARGET, "relay", camera = camera_seq);
+        continued_from(&span, &asked.traceparent);
         let wanted = Wanted {
             client,
             view,
@@ -225,11 +227,11 @@ fn frames(
             deadline: None,
             encoding,
             arrived,
-            span: debug_span!(target: TARGET, "relay", camera = camera_seq),
+            span,
         };
         let mut asked = ask(&hub, &wanted);
         let mut ordered = ordered(&mut asked).await;
-        let mut given = Vec::new();
+        let (mut given, mut missed) = (Vec::new(), 0);
         let order = loop {
             let order = match ordered {
                 Ok(order) => order,
@@ -239,14 +241,15 @@ fn frames(
                 }
             };
             // One that says no more could not say that it has its frame.
-            let detour = match redirectable && !shared.inbox.lock().closed {
+            let detour = match redirectable && missed < MOST_MISSES && !shared.inbox.lock().closed {
                 true => detours.of(&hub, &wanted, &order),
                 false => None,
             };
             let Some(detour) = detour else { break order };
             yield Answer::Elsewhere(detour.elsewhere.clone());
             given.push(detour);
-            let away = Away { hub: &hub, detours: &mut *detours, given: &given, since: arrived };
+            let given = &mut given;
+            let away = Away { hub: &hub, detours: &mut *detours, given, missed: &mut missed, since: arrived };
             match away.taken(asked, order, || word(&shared, camera_seq)).await {
                 Some(open) => (asked, ordered) = open,
                 None => return,

@@ -52,6 +52,7 @@ async fn redeem(elsewhere: &v1::Elsewhere) -> Result<(Frame, v1::Sealed), Status
                 Some(Redeemed::Receipt(receipt)) => {
                     return Ok((frame.expect("a receipt is behind its frame").0, receipt));
                 }
+                Some(Redeemed::Working(_)) => {}
                 None => return Err(Status::data_loss("no receipt")),
             }
         }
@@ -80,6 +81,9 @@ async fn frames_come_from_the_worker_and_the_coordinator_learns_of_them_by_recei
     // Frames are counted by what receipts say of them.
     let (_, metrics) = page(cluster.coordinator.address, "/metrics").await;
     assert_eq!(value(&metrics, "argus_view_seconds_count"), 6.0);
+    for way in ["fetched", "relayed"] {
+        assert_eq!(value(&metrics, &format!("argus_frames_total{{way=\"{way}\"}}")), 3.0, "{way}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -222,4 +226,87 @@ async fn a_client_that_says_nothing_of_its_frame_holds_nothing_for_long() {
     redeem(&elsewhere).await.unwrap();
     session.acknowledge(2).await;
     cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 1).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_that_brings_no_receipts_is_relayed_and_hoards_no_tickets() {
+    let cluster = open_to_clients(quick(), 1).await;
+    let mut session = redirectable(&cluster).await;
+    let mut hoard = Vec::new();
+    // One receipt may be lost.
+    for seq in 1..=2 {
+        session.ask(seq, &view(seq as usize)).await;
+        hoard.push(session.elsewhere().await.1);
+        session.acknowledge(seq).await;
+    }
+    session.ask(3, &view(3)).await;
+    assert!(matches!(session.answer().await, Some((3, 0, Ok(())))), "it is sent nowhere for a while");
+    // Numbers are the session's, so that they tell tickets apart whichever worker they are for.
+    assert_eq!(hoard.iter().map(|elsewhere| elsewhere.serial).collect::<Vec<_>>(), [1, 2]);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_has_no_more_tickets_out_than_views_that_it_may_have_in_work() {
+    let core = core::Config { max_views_per_client: 3, ..quick().core };
+    let cluster = open_to_clients(argus_cluster::coordinator::Config { core, ..quick() }, 1).await;
+    let (mut kept, mut sessions) = (Vec::new(), Vec::new());
+    for _ in 0..3 {
+        // A session that is opened anew has missed nothing yet.
+        let mut session = redirectable(&cluster).await;
+        session.ask(1, &view(1)).await;
+        kept.push(session.elsewhere().await.1);
+        session.acknowledge(1).await;
+        sessions.push(session);
+    }
+    cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 3).await;
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    assert!(matches!(session.answer().await, Some((1, 0, Ok(())))), "a fourth has its frames relayed");
+    // They are good for what they were given for, and no more.
+    for elsewhere in &kept {
+        redeem(elsewhere).await.unwrap();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_frame_that_is_missed_twice_is_relayed() {
+    let cluster = open_to_clients(quick(), 3).await;
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    let (_, first) = session.elsewhere().await;
+    session.say(1, missed(first.serial, false)).await;
+    let (_, second) = session.elsewhere().await;
+    // What crossed the second ticket is about the first, whatever the workers count.
+    session.say(1, missed(first.serial, false)).await;
+    session.say(1, missed(second.serial, false)).await;
+    assert!(matches!(session.answer().await, Some((1, 0, Ok(())))));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_that_waits_for_a_slow_frame_hears_that_it_is_in_work() {
+    let cluster = open_to_clients(quick(), 1).await;
+    cluster.knobs.set(1_200_000, 1_200_000);
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    let (_, elsewhere) = session.elsewhere().await;
+    let mut worker = ViewsClient::new(channel(&elsewhere.address));
+    let request = v1::RedeemRequest { ticket: elsewhere.ticket };
+    let mut answers = worker.redeem(request).await.unwrap().into_inner();
+    let mut beats = 0;
+    while let Some(answer) = answers.message().await.unwrap() {
+        beats += u32::from(matches!(answer.body, Some(Redeemed::Working(_))));
+    }
+    assert!((1..=4).contains(&beats), "{beats}");
+    // One that goes ends the work for it.
+    session.acknowledge(1).await;
+    session.ask(2, &view(2)).await;
+    let (_, elsewhere) = session.elsewhere().await;
+    let request = v1::RedeemRequest { ticket: elsewhere.ticket };
+    drop(worker.redeem(request).await.unwrap());
+    let cancelled = async {
+        while cluster.knobs.cancelled.load(std::sync::atomic::Ordering::SeqCst) == 0 {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    tokio::time::timeout(LIMIT, cancelled).await.expect("nobody wants that frame");
 }

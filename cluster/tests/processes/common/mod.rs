@@ -10,7 +10,7 @@ use std::future::Future;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use argus_cluster::leadership::{LocalRegistry, Registry};
@@ -116,6 +116,15 @@ pub struct Process<E> {
     ended: Option<tokio::sync::oneshot::Receiver<Result<(), E>>>,
 }
 
+/// A process that hangs.
+pub struct Hung(Arc<AtomicBool>);
+
+impl Drop for Hung {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::SeqCst);
+    }
+}
+
 impl<E: Send + 'static> Process<E> {
     fn start<F, Run>(address: Option<SocketAddr>, run: Run) -> Self
     where
@@ -143,6 +152,20 @@ impl<E: Send + 'static> Process<E> {
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_background();
         }
+    }
+
+    /// Stops it, as SIGSTOP would, until what is returned is dropped: its connections stay, and new ones are made by the
+    /// system alone.
+    pub fn hang(&mut self) -> Hung {
+        let hung = Hung(Arc::new(AtomicBool::new(true)));
+        let still = hung.0.clone();
+        // It has one thread.
+        self.runtime.as_ref().unwrap().spawn(async move {
+            while still.load(Ordering::SeqCst) {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        });
+        hung
     }
 
     /// Asks it to end and waits for what it returns.
