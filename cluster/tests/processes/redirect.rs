@@ -1,19 +1,22 @@
 //! Sessions that fetch their frames from the workers themselves.
 
+use std::sync::Arc;
 use std::time::Duration;
 
+use argus_client::{Client, ClientError, ConnectOptions, Credentials, SessionEvent, SessionOptions, Token};
 use argus_cluster::core;
+use argus_cluster::security::{CLUSTER_NAME, Security, Tokens};
 use argus_cluster::worker::{Config, Public};
 use argus_proto::chunks::FrameAssembler;
 use argus_proto::v1;
 use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::session_request::Body as Asked;
 use argus_proto::v1::views_client::ViewsClient;
-use argus_scene::{Frame, Limits, View};
+use argus_scene::{Frame, Limits, Stage, View};
 use tonic::{Code, Status};
 
 use crate::common::session::Session;
-use crate::common::{Cluster, LIMIT, channel, quick, start_worker_with, view};
+use crate::common::{Authority, Cluster, LIMIT, channel, quick, start_coordinator, start_worker_with, view};
 use crate::watching::{page, value};
 
 /// A cluster whose workers clients can reach.
@@ -302,11 +305,53 @@ async fn a_client_that_waits_for_a_slow_frame_hears_that_it_is_in_work() {
     session.ask(2, &view(2)).await;
     let (_, elsewhere) = session.elsewhere().await;
     let request = v1::RedeemRequest { ticket: elsewhere.ticket };
-    drop(worker.redeem(request).await.unwrap());
+    let mut answers = worker.redeem(request).await.unwrap().into_inner();
+    assert!(matches!(answers.message().await.unwrap().unwrap().body, Some(Redeemed::Working(_))));
+    drop(answers);
     let cancelled = async {
         while cluster.knobs.cancelled.load(std::sync::atomic::Ordering::SeqCst) == 0 {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     };
     tokio::time::timeout(LIMIT, cancelled).await.expect("nobody wants that frame");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn by_tls_a_client_knows_a_worker_by_the_clusters_name_and_the_coordinator_by_its_hosts() {
+    let authority = Authority::new();
+    let ca = authority.pem().into_bytes();
+    let member = |names: &[&str], tokens: Tokens| {
+        let [certificate, key] = authority.certify(names).map(String::into_bytes);
+        let ca = ca.clone();
+        Some(Arc::new(Security { certificate, key, ca, tokens, require_client_certificates: false }))
+    };
+    let token = "a-token-of-the-tests-0123456789";
+    let tokens = Tokens::parse(&format!("view tester {token}\n")).unwrap();
+    let security = member(&[CLUSTER_NAME, "127.0.0.1"], tokens);
+    let coordinator = start_coordinator(argus_cluster::coordinator::Config { security, ..quick() });
+    let url = coordinator.url().replace("http:", "https:");
+    // Where workers will be was not known when their certificates were made.
+    let security = member(&[CLUSTER_NAME], Tokens::default());
+    let config = Config { public: Some(Public::AsAdvertised), security, ..Config::new(&url) };
+    let worker = start_worker_with(config, &Default::default(), Default::default());
+    let token = Token::parse(token).ok();
+    let credentials = Credentials { ca: Some(ca), token, identity: None };
+    let options = ConnectOptions { credentials, ..ConnectOptions::default() };
+    let client = Client::connect_with(&url, &options).await.unwrap();
+    let mut session = client.session(SessionOptions::default());
+    let fetched = async {
+        loop {
+            session.send(&view(1));
+            // Until a worker is ready there is a failure, and then no frame may be relayed.
+            if let SessionEvent::Frame { frame, .. } = session.next().await.unwrap() {
+                return frame.stages.iter().any(|stage| stage.name == Stage::DETOUR);
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    assert!(tokio::time::timeout(LIMIT, fetched).await.unwrap(), "the worker was not trusted");
+    // A worker that poses as the coordinator is found out.
+    let posing = worker.url().replace("http:", "https:");
+    let error = Client::connect_with(&posing, &options).await.unwrap_err();
+    assert!(matches!(error, ClientError::Untrusted { .. }), "{error}");
 }

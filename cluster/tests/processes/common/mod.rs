@@ -364,3 +364,26 @@ pub fn direct(i: usize) -> View {
 pub fn pinned(i: usize, pin: Provenance) -> View {
     View { pin: Some(pin), ..view(i) }
 }
+
+/// An authority as `argus certs` makes it, and certificates that it signs.
+pub struct Authority(rcgen::CertifiedIssuer<'static, rcgen::KeyPair>);
+
+impl Authority {
+    pub fn new() -> Self {
+        let mut params = rcgen::CertificateParams::new(Vec::new()).unwrap();
+        params.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Constrained(0));
+        Self(rcgen::CertifiedIssuer::self_signed(params, rcgen::KeyPair::generate().unwrap()).unwrap())
+    }
+
+    pub fn pem(&self) -> String {
+        self.0.pem()
+    }
+
+    /// A certificate and its key.
+    pub fn certify(&self, names: &[&str]) -> [String; 2] {
+        let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
+        let pair = rcgen::KeyPair::generate().unwrap();
+        let signed = rcgen::CertificateParams::new(names).unwrap().signed_by(&pair, &self.0).unwrap();
+        [signed.pem(), pair.serialize_pem()]
+    }
+}
