@@ -21,7 +21,7 @@ use tokio::time::Instant;
 use tracing::debug;
 
 use super::hub::{Asked, Detour, Hub};
-use super::relay::{Wanted, arrived, ordered, request};
+use super::relay::{Wanted, arrived, ordered, rendering_ms, request, uncovered};
 use crate::core::{Client, Order};
 
 /// How long a session's frames are relayed after a worker could not be reached; twice as long each time that happens in a
@@ -171,6 +171,14 @@ impl Word {
     pub(super) fn no_more() -> Self {
         Self::unreachable("the client says no more")
     }
+}
+
+/// What a coordinator learns of a frame that it did not see, for fuzzing: pixels that no sample saw, and milliseconds.
+pub(crate) fn learn(header: &v1::FrameHeader) -> (u64, f64) {
+    let frames = super::watch::Frames::default();
+    frames.arrived(header);
+    frames.registry();
+    (uncovered(header), rendering_ms(header))
 }
 
 /// A view that the client is sent away for.

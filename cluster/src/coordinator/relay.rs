@@ -194,7 +194,7 @@ pub(super) fn arrived(hub: &Hub, asked: Asked, order: &Order, header: Option<&v1
 }
 
 /// Pixels of a frame that none of its samples saw.
-fn uncovered(header: &v1::FrameHeader) -> u64 {
+pub(super) fn uncovered(header: &v1::FrameHeader) -> u64 {
     let pixels = f64::from(header.width) * f64::from(header.height);
     // What was traced is no longer unresolved. A number that is none counts as nothing.
     let guessed = (header.unresolved_fraction * pixels).round() as u64;
@@ -202,7 +202,7 @@ fn uncovered(header: &v1::FrameHeader) -> u64 {
 }
 
 /// Milliseconds of a frame's stages that were spent on rendering it.
-fn rendering_ms(header: &v1::FrameHeader) -> f64 {
+pub(super) fn rendering_ms(header: &v1::FrameHeader) -> f64 {
     header.stages.iter().filter(|stage| !Stage::is_on_the_way(&stage.name)).map(|stage| stage.ms).sum()
 }
 

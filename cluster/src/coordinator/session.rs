@@ -121,36 +121,62 @@ pub(super) fn run(
     }
 }
 
+impl Inbox {
+    /// Takes in what the client says; whether a camera was superseded by it.
+    fn take_in(&mut self, request: v1::SessionRequest) -> bool {
+        let camera_seq = request.camera_seq;
+        match request.body {
+            Some(Asked::View(view)) => {
+                // Sequence numbers ascend; one that does not was overtaken on its way.
+                let overtaken = self.last_seq.is_some_and(|last| camera_seq <= last);
+                let superseded = overtaken || {
+                    self.last_seq = Some(camera_seq);
+                    self.newest.replace((camera_seq, view, Instant::now())).is_some()
+                };
+                self.superseded += u64::from(superseded);
+                return superseded;
+            }
+            // Frames arrive in order, so an acknowledgement covers all before it.
+            Some(Asked::Ack(ack)) => {
+                self.on_their_way.retain(|seq| *seq > camera_seq);
+                self.word = Some((camera_seq, Word::Arrived(ack.receipt)));
+            }
+            Some(Asked::Missed(missed)) => self.word = Some((camera_seq, Word::Missed(missed))),
+            None => {}
+        }
+        false
+    }
+
+    /// The newest camera, if the client has room for its frame. One that closed its side cannot say that it has.
+    fn hand_out(&mut self) -> Option<(u64, v1::SessionView, Instant)> {
+        if !self.closed && self.on_their_way.len() >= WINDOW {
+            return None;
+        }
+        let newest = self.newest.take()?;
+        self.on_their_way.insert(newest.0);
+        Some(newest)
+    }
+}
+
+/// What a session makes of a client's words, for fuzzing.
+pub(crate) fn hear(requests: impl Iterator<Item = v1::SessionRequest>) {
+    let mut inbox = Inbox::default();
+    let (mut views, mut handed_out) = (0, 0);
+    for request in requests {
+        views += u64::from(matches!(request.body, Some(Asked::View(_))));
+        inbox.take_in(request);
+        handed_out += u64::from(inbox.hand_out().is_some());
+        assert!(inbox.on_their_way.len() <= WINDOW, "more frames are on their way than fit");
+        let waits = u64::from(inbox.newest.is_some());
+        assert_eq!(views, handed_out + inbox.superseded + waits, "a camera is lost");
+        inbox.word.take();
+    }
+}
+
 /// Puts what the client says into the inbox, until it says no more.
 async fn listen(hub: Arc<Hub>, mut requests: Streaming<v1::SessionRequest>, shared: Arc<Shared>) {
     while let Ok(Some(request)) = requests.message().await {
-        let mut superseded = false;
-        {
-            let mut inbox = shared.inbox.lock();
-            match request.body {
-                Some(Asked::View(view)) => {
-                    // Sequence numbers ascend; one that does not was overtaken on its way.
-                    let overtaken = inbox.last_seq.is_some_and(|last| request.camera_seq <= last);
-                    if overtaken {
-                        superseded = true;
-                    } else {
-                        inbox.last_seq = Some(request.camera_seq);
-                        superseded =
-                            inbox.newest.replace((request.camera_seq, view, Instant::now())).is_some();
-                    }
-                    inbox.superseded += u64::from(superseded);
-                }
-                // Frames arrive in order, so an acknowledgement covers all before it.
-                Some(Asked::Ack(ack)) => {
-                    inbox.on_their_way.retain(|seq| *seq > request.camera_seq);
-                    inbox.word = Some((request.camera_seq, Word::Arrived(ack.receipt)));
-                }
-                Some(Asked::Missed(missed)) => {
-                    inbox.word = Some((request.camera_seq, Word::Missed(missed)));
-                }
-                None => {}
-            }
-        }
+        let superseded = shared.inbox.lock().take_in(request);
         if superseded {
             hub.step(Event::CameraSuperseded);
         }
@@ -166,10 +192,7 @@ async fn take(shared: &Shared) -> Option<(u64, v1::SessionView, Instant)> {
     loop {
         {
             let mut inbox = shared.inbox.lock();
-            if (inbox.closed || inbox.on_their_way.len() < WINDOW)
-                && let Some(newest) = inbox.newest.take()
-            {
-                inbox.on_their_way.insert(newest.0);
+            if let Some(newest) = inbox.hand_out() {
                 return Some(newest);
             }
             if inbox.closed {
