@@ -27,8 +27,8 @@ const LOCAL: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 /// Makes what a cluster with TLS needs: an authority, certificates of a server, of workers and of clients, and tokens.
 ///
 /// Whoever has ca.key can join the cluster: keep it away from the machines that serve. Nothing is overwritten. The
-/// cluster's processes know each other by the name cluster.argus.internal in their certificates, clients know the
-/// server by its host's name.
+/// cluster's processes know each other by the name cluster.argus.internal in their certificates, and clients know by it a
+/// worker that the server sends them to; the server itself they know by its host's name.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example: a cluster on this machine, by TLS
@@ -128,11 +128,14 @@ fn made(args: &Args) -> anyhow::Result<Vec<File>> {
     let authority = CertifiedIssuer::self_signed(params, KeyPair::generate()?)?;
     let mut files = vec![open("ca.pem", authority.pem()), secret("ca.key", authority.key().serialize_pem())];
 
-    // Members serve and connect; a client connects alone, and lacks the name that members have.
-    let member: Vec<&str> = std::iter::once(CLUSTER_NAME).chain(hosts(args)).collect();
+    // Members serve and connect; a client connects alone, and lacks the name that members have. Clients know the
+    // coordinator by its hosts' names, which workers therefore lack, so that none of them can pass for it; probes on a
+    // worker's own machine find it as localhost.
+    let coordinator: Vec<&str> = std::iter::once(CLUSTER_NAME).chain(hosts(args)).collect();
+    let worker: Vec<&str> = std::iter::once(CLUSTER_NAME).chain(LOCAL).collect();
     let kinds = [
-        (["server.pem", "server.key"], "Argus coordinator", &member[..], vec![ServerAuth, ClientAuth]),
-        (["worker.pem", "worker.key"], "Argus worker", &member[..], vec![ServerAuth, ClientAuth]),
+        (["server.pem", "server.key"], "Argus coordinator", &coordinator[..], vec![ServerAuth, ClientAuth]),
+        (["worker.pem", "worker.key"], "Argus worker", &worker[..], vec![ServerAuth, ClientAuth]),
         (["client.pem", "client.key"], "Argus client", &["client.argus.internal"][..], vec![ClientAuth]),
     ];
     for ([certificate, key], name, hosts, purposes) in kinds {

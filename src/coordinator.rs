@@ -171,7 +171,7 @@ impl Service {
         config.core.refresh_views = self.refresh_views;
         config.drifts = drifts;
         config.core.samples_per_view = self.rig.samples.unwrap_or(config.core.samples_per_view);
-        let registry = registry(coordinator).await?;
+        let registry = registry(settings).await?;
         Ok(Ready { url, listener, source, config, registry, shutdown })
     }
 
@@ -223,8 +223,10 @@ impl Ready {
 }
 
 /// Where coordinators agree who leads.
-async fn registry(settings: &settings::Coordinator) -> anyhow::Result<Arc<dyn Registry>> {
-    let Some(url) = &settings.registry else { return Ok(Arc::new(LocalRegistry::alone())) };
-    let lease = Duration::try_from_secs_f64(settings.registry_lease_secs)?;
-    Ok(Arc::new(NatsRegistry::connect(url, lease).await?))
+async fn registry(settings: &Settings) -> anyhow::Result<Arc<dyn Registry>> {
+    let coordinator = &settings.coordinator;
+    let Some(url) = &coordinator.registry else { return Ok(Arc::new(LocalRegistry::alone())) };
+    let access = credentials::of_registry(url, coordinator, &settings.security)?;
+    let lease = Duration::try_from_secs_f64(coordinator.registry_lease_secs)?;
+    Ok(Arc::new(NatsRegistry::connect_as(url, lease, access).await?))
 }

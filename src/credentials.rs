@@ -1,10 +1,11 @@
 //! Certificates, keys and tokens, from the files that settings name.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use argus_client::{ConnectOptions, Credentials, Key, Token};
+use argus_cluster::leadership::{NatsAccess, NatsSecret, NatsTls, nats_host};
 use argus_cluster::security::{Security, Tokens};
 use tokio::net::TcpListener;
 
@@ -93,6 +94,45 @@ pub(crate) fn of_client(settings: &settings::Client) -> anyhow::Result<ConnectOp
     Ok(ConnectOptions { credentials, ..ConnectOptions::default() })
 }
 
+/// How a coordinator speaks to the registry at `url`: by TLS where it has a certificate, and beyond this machine in plaintext
+/// only where it was told so.
+///
+/// # Errors
+/// As [`of_member`], and plaintext that nobody asked for.
+pub(crate) fn of_registry(
+    url: &str,
+    coordinator: &settings::Coordinator,
+    security: &settings::Security,
+) -> anyhow::Result<NatsAccess> {
+    let secret = |path: &PathBuf| {
+        let text = secret(path, "coordinator.registry_credentials")?;
+        let text = String::from_utf8(text).map_err(|_| malformed(path, "it is no UTF-8"))?;
+        NatsSecret::parse(&text).map_err(|reason| malformed(path, reason))
+    };
+    let secret = coordinator.registry_credentials.as_ref().map(secret).transpose()?;
+    let settings::Security { certificate, key, ca, insecure, .. } = security;
+    let tls = match (certificate, key, ca) {
+        (Some(certificate), Some(key), Some(ca)) => {
+            Some(NatsTls { ca: ca.clone(), certificate: certificate.clone(), key: key.clone() })
+        }
+        _ => None,
+    };
+    let host = nats_host(url).map_err(|reason| bad_arguments(format!("coordinator.registry: {reason}")))?;
+    let local = host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback());
+    if tls.is_none() && !local {
+        if !insecure {
+            return Err(bad_arguments(format!(
+                "speaking to the registry at {host} without TLS would let whoever listens in or stands between decide who \
+                 leads: set security.certificate, security.key and security.ca, or say --insecure if the network is trusted"
+            )));
+        }
+        tracing::warn!(
+            "the registry at {host} is spoken to without TLS: whoever stands between can decide who leads"
+        );
+    }
+    Ok(NatsAccess { tls, secret })
+}
+
 /// Listens on `address`, or says what to do instead: beyond this machine only by TLS, unless it was told so.
 ///
 /// # Errors
@@ -124,7 +164,7 @@ pub(crate) async fn listen(
 
 /// Where a process on this machine reaches what listens there.
 pub(crate) fn url(secured: bool, mut address: SocketAddr) -> String {
-    use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
+    use std::net::{Ipv4Addr, Ipv6Addr};
     if address.ip().is_unspecified() {
         address.set_ip(match address.ip() {
             IpAddr::V4(_) => Ipv4Addr::LOCALHOST.into(),

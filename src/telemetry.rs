@@ -7,10 +7,11 @@ use argus_proto::trace::TARGET;
 use clap::ValueEnum;
 use opentelemetry::trace::TracerProvider;
 use opentelemetry::{KeyValue, global};
-use opentelemetry_otlp::SpanExporter;
+use opentelemetry_otlp::{SpanExporter, WithTonicConfig};
 use opentelemetry_sdk::Resource;
 use opentelemetry_sdk::propagation::TraceContextPropagator;
 use opentelemetry_sdk::trace::SdkTracerProvider;
+use tonic::transport::{Certificate, ClientTlsConfig};
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
@@ -27,6 +28,9 @@ pub(crate) enum LogFormat {
 
 /// Where traces go, as every program that speaks OpenTelemetry is told.
 const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT"];
+
+/// … and by which authority they know that it is the right place, for `https://`.
+const AUTHORITIES: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_CERTIFICATE", "OTEL_EXPORTER_OTLP_CERTIFICATE"];
 
 /// Ends with what was traced being sent.
 pub(crate) struct Telemetry(Option<SdkTracerProvider>);
@@ -67,8 +71,13 @@ pub(crate) fn start(verbosity: u8, format: LogFormat, part: &str) -> anyhow::Res
 
 /// Sends spans in batches to the collector that the environment names.
 fn provider(part: &str) -> anyhow::Result<SdkTracerProvider> {
-    let exporter = SpanExporter::builder().with_tonic().build();
-    let exporter = exporter.with_context(|| format!("traces cannot be exported as {} says", ENDPOINTS[1]))?;
+    let mut exporter = SpanExporter::builder().with_tonic();
+    let endpoint = ENDPOINTS.iter().find_map(|name| std::env::var(name).ok()).unwrap_or_default();
+    if endpoint.starts_with("https:") {
+        exporter = exporter.with_tls_config(collector_tls()?);
+    }
+    let exporter =
+        exporter.build().with_context(|| format!("traces cannot be exported as {} says", ENDPOINTS[1]))?;
     let named = std::env::var_os("OTEL_SERVICE_NAME").is_some();
     let mut resource = Resource::builder();
     if !named {
@@ -80,6 +89,14 @@ fn provider(part: &str) -> anyhow::Result<SdkTracerProvider> {
     global::set_text_map_propagator(TraceContextPropagator::new());
     global::set_tracer_provider(provider.clone());
     Ok(provider)
+}
+
+/// Whom a collector must be certified by: the authority that the environment names, or those of this system.
+fn collector_tls() -> anyhow::Result<ClientTlsConfig> {
+    let named = AUTHORITIES.iter().find_map(|name| Some((name, std::env::var_os(name)?)));
+    let Some((name, path)) = named else { return Ok(ClientTlsConfig::new().with_native_roots()) };
+    let pem = std::fs::read(&path).with_context(|| format!("{name}: cannot read {}", path.display()))?;
+    Ok(ClientTlsConfig::new().ca_certificate(Certificate::from_pem(pem)))
 }
 
 impl Telemetry {

@@ -74,28 +74,68 @@ async fn a_views_trace_runs_from_the_client_through_coordinator_compositor_and_s
     let output = view.stdin(Stdio::null()).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
 
-    // One trace holds a span of every process and every kind of work.
-    let wanted = ["view", "relay", "render", "queue", "fetch sample", "serve samples", "sample"];
+    // One trace holds a span of every process and every kind of work, down to the passes of either role.
+    let wanted =
+        ["view", "relay", "render", "queue", "fetch sample", "serve samples", "sample", "render sample"];
+    let of_it = trace_with(&collector, |names| {
+        let pass = |beginning: &str| names.iter().any(|name| name.starts_with(beginning));
+        wanted.iter().all(|name| names.contains(name)) && pass("shade ") && pass("splat ")
+    })
+    .await;
+    let services: BTreeSet<&String> = of_it.iter().map(|(service, _)| service).collect();
+    assert_eq!(services.len(), 3, "client, coordinator and workers: {services:?}");
+
+    // A session's camera has one, too, from the client on.
+    let mut load =
+        argus(&["load", "--server", &coordinator.url, "--clients", "1", "--seconds", "2", "--sessions"]);
+    exporting(&mut load, &url);
+    let output = load.stdin(Stdio::null()).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let of_a_camera = |(_, span): &Received| {
+        span.name == "view" && span.attributes.iter().any(|attribute| attribute.key == "camera")
+    };
+    let begin = Instant::now();
+    loop {
+        let spans = collector.0.lock().await.clone();
+        let traces: BTreeSet<&Vec<u8>> =
+            spans.iter().filter(|received| of_a_camera(received)).map(|(_, span)| &span.trace_id).collect();
+        let whole = |trace: &Vec<u8>| {
+            ["relay", "render", "queue"]
+                .iter()
+                .all(|name| spans.iter().any(|(_, span)| span.trace_id == *trace && span.name == *name))
+        };
+        if traces.into_iter().any(whole) {
+            break;
+        }
+        assert!(begin.elapsed() < PATIENCE, "no camera of the session has a trace through all processes");
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+}
+
+/// The spans of a view's trace once their names are as wanted; all of them hang together.
+async fn trace_with(collector: &Collector, wanted: impl Fn(&BTreeSet<&str>) -> bool) -> Vec<Received> {
     let begin = Instant::now();
     loop {
         let spans = collector.0.lock().await.clone();
         if let Some((_, root)) = spans.iter().find(|(_, span)| span.name == "view") {
-            let of_it: Vec<&Received> = spans.iter().filter(|(_, s)| s.trace_id == root.trace_id).collect();
+            let of_it: Vec<Received> =
+                spans.iter().filter(|(_, s)| s.trace_id == root.trace_id).cloned().collect();
             let names: BTreeSet<&str> = of_it.iter().map(|(_, span)| span.name.as_str()).collect();
-            if wanted.iter().all(|name| names.contains(name)) {
-                let services: BTreeSet<&String> = of_it.iter().map(|(service, _)| service).collect();
-                assert_eq!(services.len(), 3, "client, coordinator and workers: {services:?}");
-                let ids: BTreeSet<&Vec<u8>> = of_it.iter().map(|(_, span)| &span.span_id).collect();
+            let ids: BTreeSet<&Vec<u8>> = of_it.iter().map(|(_, span)| &span.span_id).collect();
+            // A parent may be exported after its children.
+            let has_parent = |span: &Span| span.name == "view" || ids.contains(&span.parent_span_id);
+            if wanted(&names) && of_it.iter().all(|(_, span)| has_parent(span)) {
                 for (_, span) in &of_it {
                     assert!(span.end_time_unix_nano >= span.start_time_unix_nano, "{}", span.name);
-                    let has_parent = ids.contains(&span.parent_span_id);
-                    assert!(has_parent || span.name == "view", "{} hangs in the air", span.name);
                 }
-                break;
+                return of_it;
             }
         }
         let names: BTreeSet<String> = spans.into_iter().map(|(_, span)| span.name).collect();
-        assert!(begin.elapsed() < PATIENCE, "not all of {wanted:?} came, only {names:?}");
+        assert!(
+            begin.elapsed() < PATIENCE,
+            "not all that is wanted came, or hangs in the air: only {names:?}"
+        );
         tokio::time::sleep(Duration::from_millis(100)).await;
     }
 }

@@ -6,10 +6,11 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use argus_proto::transport::tuned;
+use argus_proto::network::Network;
+use argus_proto::transport::{replaceable, tuned};
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
-use argus_proto::{Description, PROTOCOL_VERSION, v1};
+use argus_proto::{CLUSTER_NAME, Description, PROTOCOL_VERSION, v1};
 use argus_scene::InvalidField;
 use tonic::Code;
 use tonic::service::interceptor::InterceptedService;
@@ -19,8 +20,9 @@ use crate::credentials::{Bearer, Credentials};
 use crate::error::root_cause;
 use crate::{ClientError, ClusterStatus};
 
-/// How long a connection to a worker may take: the server relays what cannot be fetched.
-const WORKER_TIMEOUT: Duration = Duration::from_secs(2);
+/// How long a connection to a worker may take, and as long again a handshake: the server relays what cannot be fetched, and
+/// no frame shall be more than three seconds late for that.
+const WORKER_TIMEOUT: Duration = Duration::from_millis(1200);
 
 /// Connections to workers that are kept; beyond, all are made anew.
 const MOST_WORKERS: usize = 1024;
@@ -35,12 +37,26 @@ pub struct ConnectOptions {
     pub timeout: Duration,
     /// For `https://`.
     pub credentials: Credentials,
+    /// The machine's, or one that a test simulates.
+    pub network: Network,
 }
 
 impl Default for ConnectOptions {
     fn default() -> Self {
-        Self { connections: 1, timeout: Duration::from_secs(5), credentials: Credentials::default() }
+        let (credentials, network) = (Credentials::default(), Network::default());
+        Self { connections: 1, timeout: Duration::from_secs(5), credentials, network }
     }
+}
+
+/// Whom a connection is made to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Peer {
+    /// A server that is alone.
+    Only,
+    /// One of several servers.
+    OneOfSeveral,
+    /// A worker, by the cluster's own name.
+    Worker,
 }
 
 /// A connected client. Cloning is cheap and shares the connections, which are made anew when they break.
@@ -85,13 +101,15 @@ impl Client {
         let nobody = |reason: String| ClientError::NobodyListens { url: url.to_owned(), reason };
         let connecting = async {
             let urls: Vec<&str> = url.split(',').map(str::trim).collect();
-            let endpoints = urls.iter().map(|url| endpoint(url, options));
+            let peer = if urls.len() > 1 { Peer::OneOfSeveral } else { Peer::Only };
+            let endpoints = urls.iter().map(|url| endpoint(url, options, peer));
             let endpoints = endpoints.collect::<Result<Vec<Endpoint>, _>>()?;
             let bearer = Bearer(options.credentials.token.clone());
             // The first that answers will do for a description; the others are connected to when they are needed.
             let mut first = None;
             for (at, (endpoint, url)) in endpoints.iter().zip(&urls).enumerate() {
-                let described = async { describe(&connected(endpoint, url).await?, &bearer, url).await };
+                let described =
+                    async { describe(&connected(endpoint, url, options).await?, &bearer, url).await };
                 // One that says nothing leaves time for the others.
                 let share = options.timeout / urls.len() as u32;
                 let late = || nobody(format!("nothing came within {} ms", share.as_millis()));
@@ -106,7 +124,7 @@ impl Client {
             let (server, description) =
                 first.unwrap_or_else(|| Err(nobody("no address is given".to_owned())))?;
             let lazily = |endpoint: &Endpoint| {
-                (0..options.connections.max(1)).map(|_| endpoint.connect_lazy()).collect()
+                (0..options.connections.max(1)).map(|_| options.network.channel(endpoint)).collect()
             };
             let servers = endpoints.iter().map(lazily).collect();
             let (server, turn, views) = (AtomicUsize::new(server), AtomicUsize::new(0), AtomicU64::new(0));
@@ -177,8 +195,9 @@ impl Client {
             None => {
                 let credentials = Credentials { token: None, ..self.0.options.credentials.clone() };
                 let timeout = self.0.options.timeout.min(WORKER_TIMEOUT);
-                let options = ConnectOptions { connections: 1, timeout, credentials };
-                let channel = endpoint(address, &options)?.connect_lazy();
+                let network = self.0.options.network.clone();
+                let options = ConnectOptions { connections: 1, timeout, credentials, network };
+                let channel = options.network.channel(&endpoint(address, &options, Peer::Worker)?);
                 if workers.len() >= MOST_WORKERS {
                     workers.clear();
                 }
@@ -224,15 +243,18 @@ fn is_secured(url: &str) -> bool {
 
 /// A connection to whatever listens there.
 pub(crate) async fn channel(url: &str, options: &ConnectOptions) -> Result<Channel, ClientError> {
-    connected(&endpoint(url, options)?, url).await
+    connected(&endpoint(url, options, Peer::Only)?, url, options).await
 }
 
-async fn connected(endpoint: &Endpoint, url: &str) -> Result<Channel, ClientError> {
-    endpoint.connect().await.map_err(|error| unconnected(url, root_cause(&error)))
+async fn connected(endpoint: &Endpoint, url: &str, options: &ConnectOptions) -> Result<Channel, ClientError> {
+    let connected = options.network.connect(endpoint).await;
+    connected.map_err(|error| unconnected(url, root_cause(&error)))
 }
 
-fn endpoint(url: &str, options: &ConnectOptions) -> Result<Endpoint, ClientError> {
+fn endpoint(url: &str, options: &ConnectOptions, peer: Peer) -> Result<Endpoint, ClientError> {
     let ConnectOptions { timeout, credentials, .. } = options;
+    // What hangs is left for another one the sooner where there is one.
+    let tuned = if peer == Peer::Only { tuned } else { replaceable };
     let address = |reason: &str| ClientError::Address { url: url.to_owned(), reason: reason.to_owned() };
     let endpoint = Endpoint::from_shared(url.to_owned()).map_err(|error| address(&root_cause(&error)))?;
     match endpoint.uri().scheme_str() {
@@ -246,8 +268,14 @@ fn endpoint(url: &str, options: &ConnectOptions) -> Result<Endpoint, ClientError
             ));
         }
         Some("https") => {
-            let tls = endpoint.tls_config(credentials.tls(*timeout));
-            return match tls {
+            let tls = credentials.tls(*timeout);
+            // Workers come and go at addresses that nobody could list in their certificates. Each has the cluster's name
+            // instead, and that is enough: which worker makes a frame is the coordinator's choice, whose word for the
+            // address came over a connection that was checked by its host's name; every member may make every frame, so
+            // that one in another's place gains nothing; clients' certificates lack the name; and what is shown there is
+            // a ticket and never a token.
+            let tls = if peer == Peer::Worker { tls.domain_name(CLUSTER_NAME) } else { tls };
+            return match endpoint.tls_config(tls) {
                 Ok(endpoint) => Ok(tuned(endpoint.connect_timeout(*timeout))),
                 Err(error) => Err(address(&format!("its certificates: {}", root_cause(&error)))),
             };

@@ -2,16 +2,21 @@
 
 use std::fmt;
 use std::pin::Pin;
+use std::time::Duration;
 
 use argus_proto::chunks::{FrameAssembler, FrameMeta};
 use argus_proto::v1::redeem_response::Body;
 use argus_proto::{WireError, v1};
 use argus_scene::{Frame, InvalidField, Stage};
 use futures::{Stream, StreamExt};
-use tokio::time::Instant;
+use tokio::time::{Instant, timeout_at};
 use tonic::Code;
 
 use crate::{Client, ClientError};
+
+/// A worker that says nothing for this long is given up: it says twice a second that it is at work. Its connection tells
+/// as soon (`transport::replaceable`), but for one that something stands in between which answers in its place.
+const SILENCE: Duration = Duration::from_millis(2500);
 
 /// What came from a worker.
 pub(crate) struct Fetched {
@@ -31,6 +36,8 @@ pub(crate) struct Fetch {
     assembler: FrameAssembler,
     whole: Option<(Frame, FrameMeta)>,
     sent_here: Instant,
+    /// When the worker was last heard of, or first asked.
+    heard: Option<Instant>,
     /// Of the request, when the server sent this client elsewhere.
     age_ms: f64,
 }
@@ -60,18 +67,26 @@ impl Fetch {
             assembler: FrameAssembler::new(client.description().limits),
             whole: None,
             sent_here: Instant::now(),
+            heard: None,
             age_ms,
         }
     }
 
-    /// The frame, once it is whole. Safe to drop and call again. A worker that is gone is noticed by its connection, and one
-    /// that hangs by the server, which says so.
+    /// The frame, once it is whole. Safe to drop and call again.
     ///
     /// # Errors
     /// What kept it from coming.
     pub(crate) async fn frame(&mut self) -> Result<Fetched, ClientError> {
         loop {
-            let receipt = match self.messages.next().await.transpose()?.map(|message| message.body) {
+            let silent = |_| {
+                let message = format!("the worker has said nothing for {} ms", SILENCE.as_millis());
+                ClientError::Server { code: Code::Unavailable, message, broken: true }
+            };
+            let until = *self.heard.get_or_insert_with(Instant::now) + SILENCE;
+            let message = timeout_at(until, self.messages.next()).await.map_err(silent)?;
+            self.heard = Some(Instant::now());
+            let receipt = match message.transpose()?.map(|message| message.body) {
+                Some(Some(Body::Working(_))) => continue,
                 Some(Some(Body::Chunk(chunk))) => {
                     self.whole = self.assembler.push(chunk)?.or(self.whole.take());
                     continue;

@@ -18,6 +18,7 @@
 //! # }
 //! ```
 
+mod arrival;
 mod connect;
 mod credentials;
 mod elsewhere;
@@ -29,8 +30,10 @@ mod render;
 mod retry;
 mod session;
 mod status;
+mod unanswered;
 
 pub use argus_proto::chunks::FrameMeta;
+pub use argus_proto::network::Network;
 pub use argus_proto::{Description, v1::Encoding};
 pub use connect::{Client, ConnectOptions};
 pub use credentials::{Credentials, Key, Token};

@@ -35,14 +35,14 @@ struct State {
 }
 
 impl Outbox {
-    /// Replaces the camera that waits, if one does.
-    pub(crate) fn put(&self, camera_seq: u64, view: v1::SessionView) {
+    /// Replaces the camera that waits, if one does; its number then.
+    pub(crate) fn put(&self, camera_seq: u64, view: v1::SessionView) -> Option<u64> {
         let mut state = self.lock();
-        if state.camera.replace((camera_seq, view)).is_some() {
-            state.superseded += 1;
-        }
+        let before = state.camera.replace((camera_seq, view)).map(|(camera_seq, _)| camera_seq);
+        state.superseded += u64::from(before.is_some());
         drop(state);
         self.changed.notify_one();
+        before
     }
 
     /// Puts back the newest camera after it was sent in vain; nothing changes if it still waits.

@@ -3,13 +3,14 @@
 use std::time::Duration;
 
 use argus_proto::WireError;
-use argus_proto::chunks::{FrameAssembler, FrameMeta};
+use argus_proto::chunks::FrameMeta;
 use argus_proto::trace::{TARGET, within};
 use argus_proto::v1::{Encoding, RenderRequest};
 use argus_scene::{Frame, InvalidField, Limits, Output, Outputs, View};
 use tokio::time::{Instant, sleep, timeout_at};
 use tracing::Instrument;
 
+use crate::arrival::Arrival;
 use crate::retry::Backoff;
 use crate::{Client, ClientError};
 
@@ -43,7 +44,7 @@ impl Default for RenderOptions {
 pub struct Answer {
     /// What was asked for.
     pub frame: Frame,
-    /// Who made it, and how long it was on its way within the service.
+    /// Who made it, and how old it is: from its request's arrival at the service until it was here, whole.
     pub meta: FrameMeta,
     /// From the first request to the last byte.
     pub latency: Duration,
@@ -134,9 +135,9 @@ impl Client {
         // Exactly the size that was asked for, so that no header can make this client set aside more.
         let (max_side, max_pixels) =
             (view.width.max(view.height), u64::from(view.width) * u64::from(view.height));
-        let mut assembler = FrameAssembler::new(Limits { max_side, max_pixels });
+        let mut arrival = Arrival::new(Limits { max_side, max_pixels });
         while let Some(chunk) = stream.message().await? {
-            if let Some((frame, meta)) = assembler.push(chunk)? {
+            if let Some((frame, meta)) = arrival.push(chunk)? {
                 answers(&frame, view)?;
                 // Read to the end of the stream, so that dropping it does not look like a cancellation.
                 if stream.message().await?.is_some() {
@@ -146,7 +147,7 @@ impl Client {
                 return Ok((frame, meta));
             }
         }
-        assembler.end()?;
+        arrival.end()?;
         Err(WireError::Truncated { what: "frame", got: 0, expected: 1 }.into())
     }
 }

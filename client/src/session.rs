@@ -1,20 +1,22 @@
 //! Sessions: what a moving camera sees.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::WireError;
-use argus_proto::chunks::{FrameAssembler, FrameMeta};
+use argus_proto::chunks::FrameMeta;
+use argus_proto::trace::traceparent;
 use argus_proto::v1::{self, Encoding, session_response::Body};
 use argus_scene::{Frame, InvalidField, View};
 use tokio::time::{Instant, sleep, timeout_at};
 use tonic::{Code, Streaming};
 
+use crate::arrival::Arrival;
 use crate::elsewhere::{Fetch, Fetched};
 use crate::outbox::Outbox;
 use crate::render::answers;
 use crate::retry::Backoff;
+use crate::unanswered::{Camera, Unanswered};
 use crate::{Client, ClientError};
 
 /// A server's hint keeps a session quiet for this long at most: a camera is worth more than a mistaken number.
@@ -68,16 +70,12 @@ pub struct Session {
     options: SessionOptions,
     outbox: Arc<Outbox>,
     incoming: Option<Streaming<v1::SessionResponse>>,
-    assembler: FrameAssembler,
+    arrival: Arrival,
     /// Camera of the frame that is arriving.
     arriving: Option<u64>,
     /// The frame that is fetched from a worker.
     fetch: Option<Fetch>,
-    next_seq: u64,
-    /// The newest camera that was answered, by a frame or a failure.
-    answered: u64,
-    /// Cameras that may still be answered, for comparison with their frames.
-    open: BTreeMap<u64, View>,
+    unanswered: Unanswered,
     /// What the server counted, over this connection and over those before it.
     superseded_there: u64,
     superseded_before: u64,
@@ -90,16 +88,14 @@ impl Client {
     /// Opens a session; the connection is made with the first call of [`Session::next`].
     pub fn session(&self, options: SessionOptions) -> Session {
         Session {
-            assembler: FrameAssembler::new(self.description().limits),
+            arrival: Arrival::new(self.description().limits),
             client: self.clone(),
             options,
             outbox: Arc::default(),
             incoming: None,
             arriving: None,
             fetch: None,
-            next_seq: 1,
-            answered: 0,
-            open: BTreeMap::new(),
+            unanswered: Unanswered::default(),
             superseded_there: 0,
             superseded_before: 0,
             backoff: Backoff::new(),
@@ -111,16 +107,16 @@ impl Client {
 impl Session {
     /// Moves the camera; returns its number. Never waits: a camera that has not left yet is replaced.
     pub fn send(&mut self, view: &View) -> u64 {
-        let camera_seq = self.next_seq;
-        self.next_seq += 1;
-        self.open.insert(camera_seq, view.clone());
-        self.outbox.put(camera_seq, self.wire(view));
+        let (camera_seq, camera) = self.unanswered.send(view.clone());
+        if let Some(before) = self.outbox.put(camera_seq, wire(&self.options, camera)) {
+            self.unanswered.superseded(before);
+        }
         camera_seq
     }
 
     /// Whether the newest camera has been answered.
     pub fn is_idle(&self) -> bool {
-        self.answered + 1 == self.next_seq
+        self.unanswered.is_idle()
     }
 
     /// Cameras that a newer one replaced before they were rendered: here before they left, and at the server.
@@ -190,13 +186,13 @@ impl Session {
         self.fetch.take_if(|fetch| fetch.camera_seq == camera_seq);
         match body {
             // One that crossed the acknowledgement is of no use any more.
-            Body::Elsewhere(_) if camera_seq <= self.answered => Ok(None),
+            Body::Elsewhere(_) if camera_seq <= self.unanswered.answered() => Ok(None),
             Body::Elsewhere(elsewhere) => {
                 self.fetch = Some(Fetch::new(&self.client, camera_seq, elsewhere));
                 Ok(None)
             }
             Body::Failure(failure) => {
-                if !self.settle(camera_seq) {
+                if !self.unanswered.settle(camera_seq) {
                     return Ok(None);
                 }
                 let error = error_of(failure);
@@ -210,7 +206,7 @@ impl Session {
                     let reason = format!("frames of two cameras interleave at {camera_seq}");
                     return Err(WireError::OutOfOrder { what: "frame", reason }.into());
                 }
-                let Some((frame, meta)) = self.assembler.push(chunk)? else { return Ok(None) };
+                let Some((frame, meta)) = self.arrival.push(chunk)? else { return Ok(None) };
                 self.arriving = None;
                 self.outbox.acknowledge(camera_seq, None);
                 self.deliver(camera_seq, frame, meta)
@@ -224,7 +220,7 @@ impl Session {
         (camera_seq, fetched): (u64, Result<Fetched, ClientError>),
     ) -> Result<Option<SessionEvent>, ClientError> {
         let serial = self.fetch.take().map_or(0, |fetch| fetch.serial);
-        let fits = |fetched: Fetched| match self.open.get(&camera_seq) {
+        let fits = |fetched: Fetched| match self.unanswered.view(camera_seq) {
             Some(view) => Ok(answers(&fetched.frame, view).map(|()| fetched)?),
             None => Ok(fetched),
         };
@@ -256,32 +252,22 @@ impl Session {
         frame: Frame,
         meta: FrameMeta,
     ) -> Result<Option<SessionEvent>, ClientError> {
-        if let Some(view) = self.open.get(&camera_seq) {
+        if let Some(view) = self.unanswered.view(camera_seq) {
             answers(&frame, view)?;
         }
-        if !self.settle(camera_seq) {
+        if !self.unanswered.settle(camera_seq) {
             return Ok(None);
         }
         Ok(Some(SessionEvent::Frame { camera_seq, frame: Box::new(frame), meta }))
     }
 
-    /// Notes the answer to a camera; `false` if a newer one has been answered or it was never sent.
-    fn settle(&mut self, camera_seq: u64) -> bool {
-        let known = self.open.contains_key(&camera_seq);
-        if known {
-            self.open = self.open.split_off(&(camera_seq + 1));
-            self.answered = camera_seq;
-        }
-        known
-    }
-
     /// Opens the stream, anew if there was one, and sends the newest camera again if it is unanswered.
     async fn open(&mut self) -> Result<Streaming<v1::SessionResponse>, ClientError> {
-        self.assembler = FrameAssembler::new(self.client.description().limits);
+        self.arrival = Arrival::new(self.client.description().limits);
         (self.arriving, self.fetch) = (None, None);
         self.superseded_before += std::mem::take(&mut self.superseded_there);
-        if let Some((camera_seq, view)) = self.open.last_key_value() {
-            self.outbox.put_back(*camera_seq, self.wire(view));
+        if let Some((camera_seq, camera)) = self.unanswered.newest() {
+            self.outbox.put_back(camera_seq, wire(&self.options, camera));
         }
         let requests = self.outbox.stream();
         let end = Instant::now() + self.options.patience;
@@ -293,11 +279,12 @@ impl Session {
         })?;
         Ok(response?.into_inner())
     }
+}
 
-    fn wire(&self, view: &View) -> v1::SessionView {
-        let SessionOptions { encoding, redirect, .. } = self.options;
-        v1::SessionView { view: Some(view.into()), encoding: encoding as i32, redirectable: redirect }
-    }
+fn wire(options: &SessionOptions, camera: &Camera) -> v1::SessionView {
+    let SessionOptions { encoding, redirect, .. } = *options;
+    let (view, traceparent) = (Some((&camera.view).into()), traceparent(&camera.span));
+    v1::SessionView { view, encoding: encoding as i32, redirectable: redirect, traceparent }
 }
 
 impl Drop for Session {

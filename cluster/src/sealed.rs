@@ -59,7 +59,10 @@ impl SealKey {
 
     /// A message as a client may carry it.
     pub fn seal(&self, kind: Kind, message: &impl Message) -> Sealed {
-        let body = message.encode_to_vec();
+        self.seal_bytes(kind, message.encode_to_vec())
+    }
+
+    pub(crate) fn seal_bytes(&self, kind: Kind, body: Vec<u8>) -> Sealed {
         let seal = self.hash(kind, &body).as_bytes().to_vec();
         Sealed { body: body.into(), seal: seal.into() }
     }

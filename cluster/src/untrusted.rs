@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use argus_proto::trace::continued_from;
 use argus_proto::v1;
 use argus_proto::v1::worker_report::Body;
 use argus_scene::{
@@ -11,7 +12,9 @@ use glam::DVec3;
 use prost::Message;
 
 use crate::SceneRef;
+use crate::coordinator;
 use crate::core::{Assignment, Config, Core, Event, Hello, Report, Role, Source, Ticket, Uptime, WorkerId};
+use crate::sealed::{Kind, SealKey, Shown};
 use crate::wire::{self, Standing};
 use crate::worker;
 
@@ -100,6 +103,72 @@ pub fn view(view: View) {
 /// The field that is refused.
 pub fn assignment(message: v1::Assignment) -> Result<(), InvalidField> {
     worker::checked_assignment(message)
+}
+
+/// Known to whoever fuzzes, so that bytes get past the seal.
+fn key() -> SealKey {
+    SealKey::from_bytes(&[7; 32]).expect("32 bytes are a key")
+}
+
+/// What a worker makes of a ticket whose seal is right, whatever is in it.
+///
+/// # Errors
+/// What is refused, as it is before anything is rendered.
+pub fn ticket(body: &[u8]) -> Result<(), String> {
+    let sealed = key().seal_bytes(Kind::Ticket, body.to_vec());
+    assert!(key().open::<v1::Receipt>(Kind::Receipt, &sealed).is_none(), "a ticket passes for a receipt");
+    let ticket: v1::Ticket = key().open(Kind::Ticket, &sealed).ok_or("it is no ticket")?;
+    let mut shown = Shown::default();
+    let first = shown.first_time(ticket.serial);
+    assert!(first == (ticket.serial > 0) && !shown.first_time(ticket.serial), "a ticket is good twice");
+    continued_from(&tracing::Span::none(), &ticket.traceparent);
+    let request = ticket.request.ok_or("it holds no request")?;
+    let order = request.order.ok_or("it holds no order")?;
+    let words = |field: InvalidField| field.to_string();
+    let view = View::try_from(request.view.unwrap_or_default()).map_err(words)?;
+    view.validate(&argus_scene::Limits::default()).map_err(words)?;
+    argus_scene::Plan::try_from(order.plan.unwrap_or_default()).map(drop).map_err(words)
+}
+
+/// What a coordinator makes of a receipt whose seal is right, whatever is in it.
+///
+/// # Errors
+/// It is refused.
+pub fn receipt(body: &[u8]) -> Result<(), String> {
+    let sealed = key().seal_bytes(Kind::Receipt, body.to_vec());
+    assert!(key().open::<v1::Ticket>(Kind::Ticket, &sealed).is_none(), "a receipt passes for a ticket");
+    let receipt: v1::Receipt = key().open(Kind::Receipt, &sealed).ok_or("it is no receipt")?;
+    let header = receipt.header.ok_or("it tells of no frame")?;
+    let (uncovered, ms) = coordinator::learn(&header);
+    let mut core = core();
+    let bounds = set().bounds;
+    let camera = argus_scene::Camera::look_at(bounds.max, DVec3::ZERO);
+    let (outputs, plan) = (argus_scene::Outputs::COLOR, argus_scene::PlanRequest::default());
+    ask(&mut core, View { camera, width: 8, height: 6, outputs, plan, pin: None }, Uptime::default());
+    let (ticket, attempt) = (Ticket(2), 1);
+    let answered = Event::Answered { ticket, attempt, uncovered: Some(uncovered), ms: Some(ms) };
+    core.step(answered, Uptime::default());
+    pass_time(&mut core);
+    Ok(())
+}
+
+/// What either makes of what a stranger sealed: nothing.
+///
+/// # Errors
+/// It is refused.
+pub fn sealed(sealed: &v1::Sealed) -> Result<(), String> {
+    let ticket: Option<v1::Ticket> = key().open(Kind::Ticket, sealed);
+    let receipt: Option<v1::Receipt> = key().open(Kind::Receipt, sealed);
+    if ticket.is_some() || receipt.is_some() {
+        Ok(())
+    } else {
+        Err("nobody of the cluster sealed it".to_owned())
+    }
+}
+
+/// What a coordinator makes of what the client of a session says.
+pub fn words(requests: Vec<v1::SessionRequest>) {
+    coordinator::hear(requests.into_iter());
 }
 
 /// Valid messages by their names.

@@ -1,9 +1,11 @@
 //! Scene files.
 
 use std::collections::BTreeMap;
+use std::io::Cursor;
 
 use argus_scene::load::load_bundle;
 use bytes::Bytes;
+use image::{ImageFormat, RgbImage};
 
 /// Valid files, by name.
 pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
@@ -11,13 +13,32 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         ("scene.obj", include_bytes!("../corpus/loaders/scene.obj").to_vec()),
         ("faces.obj", include_bytes!("../corpus/loaders/faces.obj").to_vec()),
         ("ascii.ply", include_bytes!("../corpus/loaders/ascii.ply").to_vec()),
-        ("binary.ply", binary_ply()),
+        ("binary.ply", binary_ply("little", f32::to_le_bytes, i32::to_le_bytes)),
+        ("big-endian.ply", binary_ply("big", f32::to_be_bytes, i32::to_be_bytes)),
         ("scene.gltf", include_bytes!("../corpus/loaders/scene.gltf").to_vec()),
         ("scene.glb", glb(include_bytes!("../corpus/loaders/scene.gltf"))),
-        // Files that scene.obj refers to.
+        ("triangle.glb", glb_with_blob()),
+        // Files that scene.obj refers to, or would if scene.mtl named another image.
         ("scene.mtl", include_bytes!("../corpus/loaders/scene.mtl").to_vec()),
         ("checker.png", include_bytes!("../corpus/loaders/checker.png").to_vec()),
+        ("checker.jpg", image(ImageFormat::Jpeg)),
+        ("checker.bmp", image(ImageFormat::Bmp)),
+        ("checker.tga", image(ImageFormat::Tga)),
     ]
+}
+
+/// Whether a file is an image that a scene refers to.
+fn is_image(name: &str) -> bool {
+    [".png", ".jpg", ".bmp", ".tga"].iter().any(|end| name.ends_with(end))
+}
+
+/// A few colours in another format.
+fn image(format: ImageFormat) -> Vec<u8> {
+    let image = RgbImage::from_fn(8, 8, |x, y| image::Rgb([x as u8 * 30, y as u8 * 30, 128]));
+    let mut bytes = Vec::new();
+    // What cannot be written is no valid input, as the test of the corpus finds.
+    let _ = image.write_to(&mut Cursor::new(&mut bytes), format);
+    bytes
 }
 
 /// Loads a bundle in which the file of that name is `bytes` and the others are valid. The loader must return, and what
@@ -27,7 +48,11 @@ pub fn load(name: &str, bytes: &[u8]) -> Result<(), String> {
         corpus().into_iter().map(|(name, bytes)| (name.to_owned(), bytes.into())).collect();
     let bytes = if name.ends_with(".png") { with_checksums(bytes) } else { bytes.to_vec() };
     files.insert(name.to_owned(), bytes.into());
-    let main = if name.ends_with(".mtl") || name.ends_with(".png") { "scene.obj" } else { name };
+    if is_image(name) {
+        let materials = include_str!("../corpus/loaders/scene.mtl").replace("checker.png", name);
+        files.insert("scene.mtl".to_owned(), materials.into());
+    }
+    let main = if name.ends_with(".mtl") || is_image(name) { "scene.obj" } else { name };
     let scene = load_bundle(main, &files).map_err(|error| error.to_string())?;
     for mesh in &scene.meshes {
         let vertices = mesh.positions.len();
@@ -69,33 +94,55 @@ fn crc(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(u32::MAX, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), bit))
 }
 
-/// A quad in PLY's binary form.
-fn binary_ply() -> Vec<u8> {
-    let mut bytes =
-        b"ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
+/// A quad in PLY's binary form, in either order of bytes.
+fn binary_ply(order: &str, float: fn(f32) -> [u8; 4], int: fn(i32) -> [u8; 4]) -> Vec<u8> {
+    let mut bytes = format!(
+        "ply\nformat binary_{order}_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
         property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
         property list uchar int vertex_indices\nend_header\n"
-            .to_vec();
+    )
+    .into_bytes();
     for (x, z) in [(0.0_f32, 0.0_f32), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
         for value in [x, 0.5, z] {
-            bytes.extend(value.to_le_bytes());
+            bytes.extend(float(value));
         }
         bytes.extend([255, 128, 0]);
     }
     bytes.push(4);
-    (0..4_i32).for_each(|index| bytes.extend(index.to_le_bytes()));
+    (0..4_i32).for_each(|index| bytes.extend(int(index)));
     bytes
 }
 
 /// glTF's JSON in its binary container.
 fn glb(json: &[u8]) -> Vec<u8> {
-    let mut json = json.to_vec();
-    json.resize(json.len().next_multiple_of(4), b' ');
+    container(&[(b"JSON", json)])
+}
+
+/// A triangle whose vertices are in the container, too.
+fn glb_with_blob() -> Vec<u8> {
+    let json = br#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],
+"bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36}]}"#;
+    let corners = [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let blob: Vec<u8> = corners.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect();
+    container(&[(b"JSON", json), (b"BIN\0", &blob)])
+}
+
+fn container(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
+    let mut body = Vec::new();
+    for (kind, chunk) in chunks {
+        let length = chunk.len().next_multiple_of(4);
+        body.extend((length as u32).to_le_bytes());
+        body.extend(*kind);
+        body.extend(*chunk);
+        // JSON is filled up with spaces; a reader of numbers does not look at what comes after them.
+        body.resize(body.len() + length - chunk.len(), b' ');
+    }
     let mut bytes = b"glTF".to_vec();
-    for number in [2, 12 + 8 + json.len() as u32, json.len() as u32] {
+    for number in [2, 12 + body.len() as u32] {
         bytes.extend(number.to_le_bytes());
     }
-    bytes.extend(b"JSON");
-    bytes.extend(json);
+    bytes.extend(body);
     bytes
 }

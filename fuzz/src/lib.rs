@@ -17,5 +17,6 @@ pub mod files;
 pub mod images;
 pub mod messages;
 mod mutate;
+pub mod sessions;
 
 pub use mutate::{Edit, edited};

@@ -81,18 +81,23 @@ messages! {
     Limits => |m| converted(Limits::try_from(m)),
     ImageHeader, Served,
     Prediction => |m| converted(Prediction::try_from(m)),
-    FrameHeader, Observed,
+    FrameHeader => |m| begun(super::chunks::frames, v1::FrameChunk { body: Some(v1::frame_chunk::Body::Header(m)) }),
+    Observed,
     FrameChunk => |m| begun(super::chunks::frames, m),
     FrameData, DescribeRequest,
     DescribeResponse => |m| converted(Description::try_from(m)),
     RenderRequest => |m| view(m.view.unwrap_or_default()),
     ViewOrder => |m| converted(Plan::try_from(m.plan.unwrap_or_default())),
-    SampleSource, SessionRequest,
+    SampleSource,
+    SessionRequest => |m| { argus_cluster::untrusted::words(vec![m]); Ok(()) },
     SessionView => |m| view(m.view.unwrap_or_default()),
     SessionAck, SessionMissed, SessionResponse, SessionFailure,
-    Elsewhere, Sealed,
-    Ticket => |m| view(m.request.unwrap_or_default().view.unwrap_or_default()),
-    RedeemRequest, RedeemResponse, Receipt,
+    Elsewhere => |m| argus_cluster::untrusted::sealed(&m.ticket.unwrap_or_default()),
+    Sealed => |m| argus_cluster::untrusted::sealed(&m),
+    Ticket => |m| argus_cluster::untrusted::ticket(&m.encode_to_vec()),
+    RedeemRequest => |m| argus_cluster::untrusted::sealed(&m.ticket.unwrap_or_default()),
+    RedeemResponse, Working,
+    Receipt => |m| argus_cluster::untrusted::receipt(&m.encode_to_vec()),
 }
 
 /// The first chunk of a stream, which goes on.
@@ -150,6 +155,16 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
     };
     let plan = v1::Plan { kind: Some(v1::plan::Kind::Warp(warp)) };
     messages.push(("Plan", plan.encode_to_vec()));
+    let order = v1::ViewOrder { term: 1, plan: Some(plan), age_ms: 2.0, ..Default::default() };
+    let ordered = v1::RenderRequest { view: Some(wire.clone()), order: Some(order), ..Default::default() };
+    let traceparent = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".to_owned();
+    let ticket = v1::Ticket { serial: 5, request: Some(ordered), traceparent };
+    messages.push(("Ticket", ticket.encode_to_vec()));
+    let chunk = v1::FrameChunk::decode(&first(super::chunks::frames_corpus())[..]).unwrap_or_default();
+    if let Some(v1::frame_chunk::Body::Header(header)) = chunk.body {
+        messages.push(("FrameHeader", header.encode_to_vec()));
+        messages.push(("Receipt", v1::Receipt { serial: 5, header: Some(header) }.encode_to_vec()));
+    }
     let request = v1::RenderRequest {
         view_id: "a view".to_owned(),
         view: Some(wire.clone()),
@@ -157,8 +172,12 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
         ..Default::default()
     };
     messages.push(("RenderRequest", request.encode_to_vec()));
-    let session =
-        v1::SessionView { view: Some(wire), encoding: v1::Encoding::Zstd as i32, redirectable: true };
+    let session = v1::SessionView {
+        view: Some(wire),
+        encoding: v1::Encoding::Zstd as i32,
+        redirectable: true,
+        ..Default::default()
+    };
     messages.push(("SessionView", session.encode_to_vec()));
     messages.extend(argus_cluster::untrusted::corpus());
     messages.extend([

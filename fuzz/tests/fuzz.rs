@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use argus_fuzz::{Edit, chunks, edited, files, images, messages};
+use argus_fuzz::{Edit, chunks, edited, files, images, messages, sessions};
 use bolero::check;
 use prost::Message;
 
@@ -148,12 +148,13 @@ fn no_request_of_a_client_can_name_a_file() {
             }
         }
     }
-    // Names and reasons for logs, the device of a pin, and what only a coordinator says (clients are refused, see `order`).
+    // Names and reasons for logs and traces, the device of a pin, and what only a coordinator says (clients are refused, see `order`).
     let harmless = [
         "Provenance.device",
         "RenderRequest.view_id",
         "SampleSource.addresses",
         "SessionMissed.reason",
+        "SessionView.traceparent",
         "ViewOrder.tracers",
     ];
     assert_eq!(texts.iter().map(String::as_str).collect::<Vec<_>>(), harmless);
@@ -162,6 +163,16 @@ fn no_request_of_a_client_can_name_a_file() {
 #[test]
 fn frames() {
     fuzz(&chunks::frames_corpus(), |_, bytes| chunks::frames(bytes));
+}
+
+#[test]
+fn tickets() {
+    fuzz(&sessions::tickets_corpus(), |_, bytes| sessions::tickets(bytes));
+}
+
+#[test]
+fn session_words() {
+    fuzz(&sessions::words_corpus(), |_, bytes| sessions::words(bytes));
 }
 
 #[test]
@@ -209,12 +220,12 @@ fn mtl_files() {
 
 #[test]
 fn ply_files() {
-    loader(&["ascii.ply", "binary.ply"]);
+    loader(&["ascii.ply", "binary.ply", "big-endian.ply"]);
 }
 
 #[test]
 fn gltf_files() {
-    loader(&["scene.gltf", "scene.glb"]);
+    loader(&["scene.gltf", "scene.glb", "triangle.glb"]);
 }
 
 #[test]
@@ -231,5 +242,5 @@ fn a_texture_of_a_few_bytes_does_not_become_gigabytes() {
 
 #[test]
 fn textures() {
-    loader(&["checker.png"]);
+    loader(&["checker.png", "checker.jpg", "checker.bmp", "checker.tga"]);
 }

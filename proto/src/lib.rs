@@ -10,6 +10,7 @@ pub mod chunks;
 pub mod codec;
 pub mod convert;
 mod error;
+pub mod network;
 pub mod status;
 pub mod trace;
 pub mod transport;
@@ -27,6 +28,10 @@ pub mod v1 {
 /// Raised when a message changes so that older processes would misread it. Compared when a worker joins
 /// and when a client describes the service.
 pub const PROTOCOL_VERSION: u32 = 2;
+
+/// The name that certificates of a cluster's processes have, beside those of their hosts: they know each other by it, and
+/// clients know by it a worker that they were sent to.
+pub const CLUSTER_NAME: &str = "cluster.argus.internal";
 
 /// The largest number of payload bytes in one chunk of a frame, a sample or a scene.
 pub const MAX_CHUNK_BYTES: usize = 1 << 20;

@@ -17,6 +17,9 @@ use tracing_opentelemetry::OpenTelemetrySpanExt;
 /// The target of all spans of a view's way: what an exporter takes, and a log leaves out.
 pub const TARGET: &str = "argus::trace";
 
+/// The field of the metadata that names a span.
+const TRACEPARENT: &str = "traceparent";
+
 /// A request that says which span it is made in.
 pub fn within<T>(span: &Span, message: T) -> Request<T> {
     let mut request = Request::new(message);
@@ -26,6 +29,22 @@ pub fn within<T>(span: &Span, message: T) -> Request<T> {
         global::get_text_map_propagator(|propagator| propagator.inject_context(&context, &mut metadata));
     }
     request
+}
+
+/// `span` as a message can name it that is no request of its own; empty while nobody traces.
+pub fn traceparent(span: &Span) -> String {
+    let request = within(span, ());
+    let value = request.metadata().get(TRACEPARENT).and_then(|value| value.to_str().ok());
+    value.unwrap_or_default().to_owned()
+}
+
+/// [`continued`], of the span that [`traceparent`] named. Whatever else stands there is passed over.
+pub fn continued_from(span: &Span, traceparent: &str) {
+    let mut metadata = MetadataMap::new();
+    if let Ok(value) = traceparent.parse() {
+        metadata.insert(TRACEPARENT, value);
+        continued(span, &metadata);
+    }
 }
 
 /// Makes `span` a child of the span that a request was made in, if it says so. Whatever else the request's metadata

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use argus_cluster::leadership::nats_host;
 use argus_cluster::{coordinator, core, worker};
 use argus_scene::{MegaViews, Sampling};
 
@@ -36,6 +37,10 @@ impl Settings {
             within("coordinator.epoch_ms", coordinator.epoch_ms, 1e-3, 1e3 * MOST_SECS),
             within("coordinator.time_scale", coordinator.time_scale, 0.0, 1e6),
             within("coordinator.lease_secs", coordinator.lease_secs, 1.0, MOST_SECS),
+            // The reason says nothing of what is in it, and so does `argus config`, which shows no setting that is refused.
+            coordinator.registry.as_ref().and_then(|url| {
+                nats_host(url).err().map(|reason| ("coordinator.registry", reason.to_owned()))
+            }),
             within("coordinator.registry_lease_secs", coordinator.registry_lease_secs, 0.5, 3600.0),
             within("coordinator.grace_secs", coordinator.grace_secs, 0.0, MOST_SECS),
             within("worker.grace_secs", worker.grace_secs, 0.0, MOST_SECS),

@@ -25,12 +25,13 @@ const PREFIX: &str = "ARGUS_";
 /// Settings that had a variable of their own before there were sections.
 const ALIASES: [(&str, &str); 1] = [("ARGUS_SERVER", "client.server")];
 /// Settings that are paths: within a file they start from its folder.
-const PATHS: [&str; 10] = [
+const PATHS: [&str; 11] = [
     "client.ca",
     "client.token_file",
     "client.certificate",
     "client.key",
     "coordinator.model",
+    "coordinator.registry_credentials",
     "worker.scenes",
     "security.certificate",
     "security.key",
@@ -370,6 +371,7 @@ mod tests {
             "[limits]\npixels_per_sec = nan",
             "[limits]\npixels_per_sec = 0",
             "[coordinator]\nlease_secs = inf",
+            "[coordinator]\nregistry = \"nats://argus:secret@host\"",
         ] {
             assert!(
                 reason(out_of_range).contains("argus.toml: "),

@@ -84,6 +84,8 @@ pub(crate) struct Coordinator {
     pub(crate) grace_secs: f64,
     /// Where several coordinators agree who leads, such as `nats://127.0.0.1:4222`; unset: this one is alone.
     pub(crate) registry: Option<String>,
+    /// File that holds what the registry knows this process by: a token, or a user and a password.
+    pub(crate) registry_credentials: Option<PathBuf>,
     /// How long leadership lasts unless renewed: a standby leads at most so long after the leader died, and a leader that
     /// hears nothing of the registry stops within it. Where the registry knows a lease already, that counts.
     pub(crate) registry_lease_secs: f64,
@@ -109,6 +111,7 @@ impl Default for Coordinator {
             lease_secs: 5.0,
             grace_secs: 5.0,
             registry: None,
+            registry_credentials: None,
             registry_lease_secs: 2.5,
             advertise: None,
         }

@@ -47,6 +47,8 @@ pub(crate) struct Fake {
     pub(crate) overloaded: bool,
     /// Each frame takes this long.
     pub(crate) frame_time: Duration,
+    /// Between a frame's header and the rest of it.
+    pub(crate) dawdle: Duration,
     /// Between these times after the first render, no render is answered before the second.
     pub(crate) stall: Option<(Duration, Duration)>,
     /// Set by the first render.
@@ -225,7 +227,13 @@ impl Views for Handler {
         }
         let view: View = request.view.unwrap_or_default().try_into().map_err(status::invalid)?;
         let chunks = self.0.chunks(&view, &request.view_id, request.encoding).await?;
-        Ok(Response::new(Box::pin(futures::stream::iter(chunks.into_iter().map(Ok)))))
+        let dawdle = self.0.dawdle;
+        let chunks =
+            futures::stream::iter(chunks.into_iter().enumerate()).then(move |(i, chunk)| async move {
+                sleep(if i == 1 { dawdle } else { Duration::ZERO }).await;
+                Ok(chunk)
+            });
+        Ok(Response::new(Box::pin(chunks)))
     }
 
     type RedeemStream = Chunks<v1::RedeemResponse>;
@@ -317,7 +325,8 @@ impl Views for Handler {
                     }
                 };
                 let end_early = take_one(&fake.end_sessions);
-                for chunk in chunks {
+                for (i, chunk) in chunks.into_iter().enumerate() {
+                    sleep(if i == 1 { fake.dawdle } else { Duration::ZERO }).await;
                     if responses.send(Ok(respond(Body::Chunk(chunk)))).await.is_err() || end_early {
                         return;
                     }

@@ -2,10 +2,10 @@
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::fake::{Fake, frame, view};
-use argus_client::{ClientError, Session, SessionEvent, SessionOptions};
+use argus_client::{ClientError, RenderOptions, Session, SessionEvent, SessionOptions};
 use tokio::time::{sleep, timeout};
 
 async fn next(session: &mut Session) -> SessionEvent {
@@ -136,5 +136,39 @@ async fn a_frame_that_cannot_be_fetched_is_relayed() {
             other => panic!("{elsewhere}: {other:?}"),
         }
         assert_eq!(server.fake.session_frames.load(Ordering::SeqCst), 1, "{elsewhere}");
+    }
+}
+
+#[tokio::test]
+async fn a_worker_that_hangs_is_given_up_within_three_seconds_and_its_frame_relayed() {
+    // What stands in its place answers for its connection, and nothing says that it is at work.
+    let hung = Fake { frame_time: Duration::from_secs(60), ..Fake::default() }.serve().await;
+    let server = Fake { elsewhere: Mutex::new(Some(hung.url())), ..Fake::default() }.serve().await;
+    let mut session = server.client().await.session(SessionOptions::default());
+    session.send(&view(1.0));
+    let began = Instant::now();
+    // An application that looks at something else between gives it no more time.
+    let answer = loop {
+        if let Ok(event) = timeout(Duration::from_millis(50), session.next()).await {
+            break event.unwrap();
+        }
+    };
+    assert!(matches!(answer, SessionEvent::Frame { camera_seq: 1, .. }), "{answer:?}");
+    assert!(began.elapsed() < Duration::from_secs(3), "it took {:?}", began.elapsed());
+    assert_eq!(server.fake.session_frames.load(Ordering::SeqCst), 1);
+}
+
+#[tokio::test]
+async fn a_frame_is_as_old_as_its_last_byte() {
+    let dawdle = Duration::from_millis(250);
+    let server = Fake { dawdle, ..Fake::default() }.serve().await;
+    let client = server.client().await;
+    let answer = client.render(&view(1.0), &RenderOptions::default()).await.unwrap();
+    let mut session = client.session(SessionOptions::default());
+    session.send(&view(2.0));
+    let SessionEvent::Frame { meta, .. } = next(&mut session).await else { panic!("a frame") };
+    // The header says 1.5 ms.
+    for age_ms in [answer.meta.age_ms, meta.age_ms] {
+        assert!((200.0..5000.0).contains(&age_ms), "{age_ms}");
     }
 }

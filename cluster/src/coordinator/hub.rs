@@ -15,6 +15,7 @@ use tonic::{Request, Status};
 use tracing::{debug, info, warn};
 
 use super::Config;
+use super::redirect::{Place, Tickets};
 use super::watch::Frames;
 use crate::SceneSource;
 use crate::core::quality::Observed;
@@ -35,6 +36,8 @@ pub(super) struct Hub {
     pub(super) channels: Channels,
     /// What is recorded of the frames that pass.
     pub(super) frames: Frames,
+    /// What clients were sent to workers with.
+    tickets: Tickets,
     /// Cancelled when streams without an end of their own must end.
     pub(super) closing: CancellationToken,
     /// The lease, while it is held.
@@ -86,12 +89,17 @@ struct Door {
     serial: u64,
     /// One for each detour besides this.
     out: Arc<()>,
+    /// For as long as the key is good.
+    open: Arc<()>,
 }
 
 /// What a client is told that shall fetch its frame from a worker.
 pub(super) struct Detour {
     pub(super) elsewhere: v1::Elsewhere,
     key: SealKey,
+    /// Of the ticket.
+    serial: u64,
+    place: Place,
     _out: Arc<()>,
 }
 
@@ -100,10 +108,12 @@ pub(super) struct Detour {
 const MOST_OUT: usize = 64;
 
 impl Detour {
-    /// What the worker says of the frame, if the receipt is of this detour's ticket.
-    pub(super) fn header(&self, receipt: &v1::Sealed) -> Option<v1::FrameHeader> {
+    /// What the worker says of the frame, if the receipt is of this detour's ticket, which is good for nothing then.
+    pub(super) fn returned(&mut self, receipt: &v1::Sealed) -> Option<v1::FrameHeader> {
         let receipt: v1::Receipt = self.key.open(Kind::Receipt, receipt)?;
-        receipt.header.filter(|_| receipt.serial == self.elsewhere.serial)
+        let header = receipt.header.filter(|_| receipt.serial == self.serial)?;
+        self.place.returned = true;
+        Some(header)
     }
 }
 
@@ -145,6 +155,7 @@ impl Hub {
             standing,
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             frames: Frames::default(),
+            tickets: Tickets::default(),
             closing: CancellationToken::new(),
             held: Mutex::new(None),
             fresh: Box::new(fresh),
@@ -299,7 +310,7 @@ impl Hub {
         info!(worker = hello.name, address = hello.address, device = hello.device, "worker joined");
         // Without a key nobody is sent there, and frames are relayed.
         let key = hello.public_address.is_some().then(SealKey::drawn).flatten();
-        let door = key.map(|key| Door { key, serial: 0, out: Arc::default() });
+        let door = key.map(|key| Door { key, serial: 0, out: Arc::default(), open: Arc::default() });
         let seat = Seat { hello: hello.clone(), door, assignments, expelled: expelled.clone() };
         state.seats.insert(worker, seat);
         self.step_locked(&mut state, Event::Joined { worker, hello });
@@ -333,19 +344,24 @@ impl Hub {
         Asked { hub: self.clone(), ticket, verdicts, open: true }
     }
 
-    /// Sends a client to the worker with that request; `None` where clients do not reach it, or enough are on their way.
+    /// Sends a client to the worker with that request, as the session's detour of that number; `None` where clients do not
+    /// reach it, enough are on their way, or this one has enough tickets.
     pub(super) fn detour(
         &self,
         worker: WorkerId,
+        client: &Client,
         request: Request<v1::RenderRequest>,
         age: Duration,
+        number: u64,
     ) -> Option<Detour> {
         let mut state = self.state.lock();
+        let most = state.core.config().max_views_per_client;
         let seat = state.seats.get_mut(&worker)?;
         let (door, address) = (seat.door.as_mut()?, seat.hello.public_address.clone()?);
         if Arc::strong_count(&door.out) > MOST_OUT {
             return None;
         }
+        let place = self.tickets.take(client, &door.open, most)?;
         door.serial += 1;
         let (serial, key, out) = (door.serial, door.key.clone(), door.out.clone());
         drop(state);
@@ -353,8 +369,8 @@ impl Hub {
         let traceparent = traceparent.unwrap_or_default().to_owned();
         let ticket = v1::Ticket { serial, request: Some(request.into_inner()), traceparent };
         let ticket = Some(key.seal(Kind::Ticket, &ticket));
-        let elsewhere = v1::Elsewhere { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial };
-        Some(Detour { elsewhere, key, _out: out })
+        let elsewhere = v1::Elsewhere { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial: number };
+        Some(Detour { elsewhere, key, serial, place, _out: out })
     }
 
     /// Counts a session, if its client may open one.

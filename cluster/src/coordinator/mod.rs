@@ -25,6 +25,8 @@ use tonic::service::Routes;
 use tracing::info;
 
 pub use config::{Config, ServeError};
+pub(crate) use redirect::learn;
+pub(crate) use session::hear;
 
 use self::hub::Hub;
 use crate::core::{Core, Event};

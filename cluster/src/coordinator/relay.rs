@@ -121,6 +121,7 @@ pub(super) fn relay_from(
                         match relayed.pass(chunk, wanted.arrived, order.expected) {
                             Ok(Some(chunk)) if relayed.is_whole() => {
                                 // Said before the client has it, who may go as soon as it does.
+                                hub.frames.relayed();
                                 arrived(&hub, asked, &order, relayed.header.as_ref());
                                 yield chunk;
                                 // Reading to the end lets the worker's stream close in order.
@@ -193,7 +194,7 @@ pub(super) fn arrived(hub: &Hub, asked: Asked, order: &Order, header: Option<&v1
 }
 
 /// Pixels of a frame that none of its samples saw.
-fn uncovered(header: &v1::FrameHeader) -> u64 {
+pub(super) fn uncovered(header: &v1::FrameHeader) -> u64 {
     let pixels = f64::from(header.width) * f64::from(header.height);
     // What was traced is no longer unresolved. A number that is none counts as nothing.
     let guessed = (header.unresolved_fraction * pixels).round() as u64;
@@ -201,7 +202,7 @@ fn uncovered(header: &v1::FrameHeader) -> u64 {
 }
 
 /// Milliseconds of a frame's stages that were spent on rendering it.
-fn rendering_ms(header: &v1::FrameHeader) -> f64 {
+pub(super) fn rendering_ms(header: &v1::FrameHeader) -> f64 {
     header.stages.iter().filter(|stage| !Stage::is_on_the_way(&stage.name)).map(|stage| stage.ms).sum()
 }
 

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use argus_proto::status::{invalid, invalid_field, retry_after};
-use argus_proto::trace::TARGET;
+use argus_proto::trace::{TARGET, continued_from};
 use argus_proto::v1::session_request::Body as Asked;
 use argus_proto::v1::session_response::Body as Answer;
 use argus_proto::{Fault, v1};
@@ -21,7 +21,7 @@ use tonic::{Status, Streaming};
 use tracing::debug_span;
 
 use super::hub::Hub;
-use super::redirect::{Away, Detours, Word};
+use super::redirect::{Away, Detours, MOST_MISSES, Word};
 use super::relay::{Wanted, ask, ordered, relay_from};
 use super::views::{checked, checked_encoding};
 use crate::core::{Client, Event};
@@ -121,36 +121,62 @@ pub(super) fn run(
     }
 }
 
+impl Inbox {
+    /// Takes in what the client says; whether a camera was superseded by it.
+    fn take_in(&mut self, request: v1::SessionRequest) -> bool {
+        let camera_seq = request.camera_seq;
+        match request.body {
+            Some(Asked::View(view)) => {
+                // Sequence numbers ascend; one that does not was overtaken on its way.
+                let overtaken = self.last_seq.is_some_and(|last| camera_seq <= last);
+                let superseded = overtaken || {
+                    self.last_seq = Some(camera_seq);
+                    self.newest.replace((camera_seq, view, Instant::now())).is_some()
+                };
+                self.superseded += u64::from(superseded);
+                return superseded;
+            }
+            // Frames arrive in order, so an acknowledgement covers all before it.
+            Some(Asked::Ack(ack)) => {
+                self.on_their_way.retain(|seq| *seq > camera_seq);
+                self.word = Some((camera_seq, Word::Arrived(ack.receipt)));
+            }
+            Some(Asked::Missed(missed)) => self.word = Some((camera_seq, Word::Missed(missed))),
+            None => {}
+        }
+        false
+    }
+
+    /// The newest camera, if the client has room for its frame. One that closed its side cannot say that it has.
+    fn hand_out(&mut self) -> Option<(u64, v1::SessionView, Instant)> {
+        if !self.closed && self.on_their_way.len() >= WINDOW {
+            return None;
+        }
+        let newest = self.newest.take()?;
+        self.on_their_way.insert(newest.0);
+        Some(newest)
+    }
+}
+
+/// What a session makes of a client's words, for fuzzing.
+pub(crate) fn hear(requests: impl Iterator<Item = v1::SessionRequest>) {
+    let mut inbox = Inbox::default();
+    let (mut views, mut handed_out) = (0, 0);
+    for request in requests {
+        views += u64::from(matches!(request.body, Some(Asked::View(_))));
+        inbox.take_in(request);
+        handed_out += u64::from(inbox.hand_out().is_some());
+        assert!(inbox.on_their_way.len() <= WINDOW, "more frames are on their way than fit");
+        let waits = u64::from(inbox.newest.is_some());
+        assert_eq!(views, handed_out + inbox.superseded + waits, "a camera is lost");
+        inbox.word.take();
+    }
+}
+
 /// Puts what the client says into the inbox, until it says no more.
 async fn listen(hub: Arc<Hub>, mut requests: Streaming<v1::SessionRequest>, shared: Arc<Shared>) {
     while let Ok(Some(request)) = requests.message().await {
-        let mut superseded = false;
-        {
-            let mut inbox = shared.inbox.lock();
-            match request.body {
-                Some(Asked::View(view)) => {
-                    // Sequence numbers ascend; one that does not was overtaken on its way.
-                    let overtaken = inbox.last_seq.is_some_and(|last| request.camera_seq <= last);
-                    if overtaken {
-                        superseded = true;
-                    } else {
-                        inbox.last_seq = Some(request.camera_seq);
-                        superseded =
-                            inbox.newest.replace((request.camera_seq, view, Instant::now())).is_some();
-                    }
-                    inbox.superseded += u64::from(superseded);
-                }
-                // Frames arrive in order, so an acknowledgement covers all before it.
-                Some(Asked::Ack(ack)) => {
-                    inbox.on_their_way.retain(|seq| *seq > request.camera_seq);
-                    inbox.word = Some((request.camera_seq, Word::Arrived(ack.receipt)));
-                }
-                Some(Asked::Missed(missed)) => {
-                    inbox.word = Some((request.camera_seq, Word::Missed(missed)));
-                }
-                None => {}
-            }
-        }
+        let superseded = shared.inbox.lock().take_in(request);
         if superseded {
             hub.step(Event::CameraSuperseded);
         }
@@ -166,10 +192,7 @@ async fn take(shared: &Shared) -> Option<(u64, v1::SessionView, Instant)> {
     loop {
         {
             let mut inbox = shared.inbox.lock();
-            if (inbox.closed || inbox.on_their_way.len() < WINDOW)
-                && let Some(newest) = inbox.newest.take()
-            {
-                inbox.on_their_way.insert(newest.0);
+            if let Some(newest) = inbox.hand_out() {
                 return Some(newest);
             }
             if inbox.closed {
@@ -217,6 +240,8 @@ fn frames(
             }
         };
         let redirectable = asked.redirectable;
+        let span = debug_span!(target: TARGET, "relay", camera = camera_seq);
+        continued_from(&span, &asked.traceparent);
         let wanted = Wanted {
             client,
             view,
@@ -225,11 +250,11 @@ fn frames(
             deadline: None,
             encoding,
             arrived,
-            span: debug_span!(target: TARGET, "relay", camera = camera_seq),
+            span,
         };
         let mut asked = ask(&hub, &wanted);
         let mut ordered = ordered(&mut asked).await;
-        let mut given = Vec::new();
+        let (mut given, mut missed) = (Vec::new(), 0);
         let order = loop {
             let order = match ordered {
                 Ok(order) => order,
@@ -239,14 +264,15 @@ fn frames(
                 }
             };
             // One that says no more could not say that it has its frame.
-            let detour = match redirectable && !shared.inbox.lock().closed {
+            let detour = match redirectable && missed < MOST_MISSES && !shared.inbox.lock().closed {
                 true => detours.of(&hub, &wanted, &order),
                 false => None,
             };
             let Some(detour) = detour else { break order };
             yield Answer::Elsewhere(detour.elsewhere.clone());
             given.push(detour);
-            let away = Away { hub: &hub, detours: &mut *detours, given: &given, since: arrived };
+            let given = &mut given;
+            let away = Away { hub: &hub, detours: &mut *detours, given, missed: &mut missed, since: arrived };
             match away.taken(asked, order, || word(&shared, camera_seq)).await {
                 Some(open) => (asked, ordered) = open,
                 None => return,

@@ -28,6 +28,7 @@ pub(super) struct Frames {
     seconds: Histogram,
     stages: Family<Labels, Histogram, fn() -> Histogram>,
     pixels: Family<Labels, prometheus_client::metrics::counter::Counter>,
+    ways: Family<Labels, prometheus_client::metrics::counter::Counter>,
     last_tick: Mutex<Instant>,
 }
 
@@ -42,6 +43,7 @@ impl Default for Frames {
             seconds: histogram(),
             stages: Family::new_with_constructor(histogram),
             pixels: Family::default(),
+            ways: Family::default(),
             last_tick: Mutex::new(Instant::now()),
         }
     }
@@ -68,6 +70,16 @@ impl Frames {
         }
     }
 
+    /// A client has fetched a frame from its worker.
+    pub(super) fn fetched(&self) {
+        self.ways.get_or_create(&vec![("way".to_owned(), "fetched".to_owned())]).inc();
+    }
+
+    /// A frame passed this process.
+    pub(super) fn relayed(&self) {
+        self.ways.get_or_create(&vec![("way".to_owned(), "relayed".to_owned())]).inc();
+    }
+
     /// The core was told the time.
     pub(super) fn ticked(&self) {
         *self.last_tick.lock() = Instant::now();
@@ -79,6 +91,7 @@ impl Frames {
         let help = "From a view's request to its frame's first byte at the coordinator";
         registry.register("view_seconds", help, self.seconds.clone());
         registry.register("stage_seconds", "What a stage of a frame took", self.stages.clone());
+        registry.register("frames", "Frames, by their way to the client", self.ways.clone());
         registry.register("pixels", "Pixels of frames, by where they came from", self.pixels.clone());
         registry
     }

@@ -11,7 +11,7 @@ mod nats;
 use std::time::Duration;
 
 pub use local::LocalRegistry;
-pub use nats::NatsRegistry;
+pub use nats::{NatsAccess, NatsRegistry, NatsSecret, NatsTls, nats_host};
 
 /// The lease, held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

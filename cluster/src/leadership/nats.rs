@@ -6,7 +6,9 @@
 //! behind, so nothing is decided by one; an entry that expires leaves no marker, so who waits for it asks again. Servers
 //! from 2.9 on will do: they need not know lifetimes of single keys.
 
+use std::fmt;
 use std::future::Future;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use async_nats::jetstream;
@@ -18,6 +20,7 @@ use rand::{Rng, SeedableRng};
 use tracing::debug;
 
 use super::{Held, Registry, RegistryError};
+use crate::net::root_cause;
 
 const LEASES: &str = "argus-lease";
 const MEMBERS: &str = "argus-members";
@@ -29,6 +32,80 @@ const PATIENCE: u32 = 3;
 
 /// How long it is remembered what workers there were: a few leases, since they look for the new leader that long.
 const REMEMBERED: u32 = 10;
+
+/// How a NATS server is spoken to: in plaintext and as nobody, unless it is said.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct NatsAccess {
+    /// By TLS or not at all.
+    pub tls: Option<NatsTls>,
+    /// As whom.
+    pub secret: Option<NatsSecret>,
+}
+
+/// PEM files. They are read with each connection, so that certificates may be renewed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NatsTls {
+    /// The authority that signed the server's certificate; no other one is trusted.
+    pub ca: PathBuf,
+    /// By which the server knows this process, …
+    pub certificate: PathBuf,
+    /// … and its key.
+    pub key: PathBuf,
+}
+
+/// What a NATS server knows a client by; printing it shows nothing.
+#[derive(Clone, PartialEq, Eq)]
+pub enum NatsSecret {
+    /// A word.
+    Token(String),
+    /// A name and a word.
+    User(String, String),
+}
+
+impl fmt::Debug for NatsSecret {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("NatsSecret")
+    }
+}
+
+impl NatsSecret {
+    /// Of the text of a file: a token, or a user and a password with a space between.
+    ///
+    /// # Errors
+    /// What is wrong with it, without the text.
+    pub fn parse(text: &str) -> Result<Self, &'static str> {
+        match text.split_whitespace().collect::<Vec<_>>()[..] {
+            [token] => Ok(Self::Token(token.to_owned())),
+            [user, password] => Ok(Self::User(user.to_owned(), password.to_owned())),
+            _ => Err("a token is wanted, or a user and a password with a space between"),
+        }
+    }
+}
+
+/// The host of a NATS server's address.
+///
+/// # Errors
+/// Why it is none, without the address: it may hold a password.
+pub fn nats_host(url: &str) -> Result<String, &'static str> {
+    let none = "is no address of a NATS server";
+    let address: async_nats::ServerAddr = url.parse().map_err(|_| none)?;
+    if address.host().is_empty() {
+        return Err(none);
+    }
+    match address.username().is_some() || address.password().is_some() {
+        true => {
+            Err("must hold no user and no password: they belong in coordinator.registry_credentials, a file")
+        }
+        false => Ok(address.host().to_owned()),
+    }
+}
+
+/// An address as it may be shown: whatever stands before its host is left out.
+fn shown(url: &str) -> String {
+    let (scheme, rest) = url.split_once("://").map_or(("", url), |(scheme, rest)| (scheme, rest));
+    let Some((_, host)) = rest.rsplit_once('@') else { return url.to_owned() };
+    if scheme.is_empty() { host.to_owned() } else { format!("{scheme}://{host}") }
+}
 
 /// A registry at a NATS server, or a cluster of them.
 #[derive(Debug)]
@@ -50,10 +127,27 @@ impl NatsRegistry {
     /// # Errors
     /// [`RegistryError`] if nobody answers at `url`, such as `nats://127.0.0.1:4222`, or JetStream is not enabled there.
     pub async fn connect(url: &str, lease: Duration) -> Result<Self, RegistryError> {
-        let failed = |reason: String| RegistryError { url: url.to_owned(), reason };
-        let options =
+        Self::connect_as(url, lease, NatsAccess::default()).await
+    }
+
+    /// [`NatsRegistry::connect`] by TLS, or as somebody.
+    ///
+    /// # Errors
+    /// As [`NatsRegistry::connect`], where one does not trust the other, and for certificates that cannot be read.
+    pub async fn connect_as(url: &str, lease: Duration, access: NatsAccess) -> Result<Self, RegistryError> {
+        let failed = |reason: String| RegistryError { url: shown(url), reason };
+        let mut options =
             async_nats::ConnectOptions::new().connection_timeout(lease).request_timeout(Some(lease));
-        let client = options.connect(url).await.map_err(|error| failed(error.to_string()))?;
+        if let Some(NatsTls { ca, certificate, key }) = access.tls {
+            options =
+                options.require_tls(true).add_root_certificates(ca).add_client_certificate(certificate, key);
+        }
+        options = match access.secret {
+            Some(NatsSecret::Token(token)) => options.token(token),
+            Some(NatsSecret::User(user, password)) => options.user_and_password(user, password),
+            None => options,
+        };
+        let client = options.connect(url).await.map_err(|error| failed(root_cause(&error)))?;
         let context = jetstream::new(client);
         let bucket = async |name: &str, max_age: Duration, storage| {
             if let Ok(store) = context.get_key_value(name).await {
@@ -92,7 +186,7 @@ impl NatsRegistry {
         let status = leases.status().await.map_err(|error| failed(error.to_string()))?;
         let since = u64::try_from(status.info.created.unix_timestamp_nanos() / 1_000_000).unwrap_or(0);
         let nonce = SmallRng::from_os_rng().random();
-        Ok(Self { url: url.to_owned(), lease: status.max_age(), nonce, since, leases, members })
+        Ok(Self { url: shown(url), lease: status.max_age(), nonce, since, leases, members })
     }
 
     fn failed(&self, reason: &dyn std::fmt::Display) -> RegistryError {
@@ -169,5 +263,27 @@ impl Registry for NatsRegistry {
         let noted = self.timely(self.members.get(WORKERS)).await;
         let Ok(Ok(Some(text))) = noted else { return Vec::new() };
         serde_json::from_slice(&text).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_server_knows_a_client_by_is_read_from_a_file_and_never_shown() {
+        let token = NatsSecret::parse("s3cret\n").unwrap();
+        let user = NatsSecret::parse("argus s3cret").unwrap();
+        assert_eq!(token, NatsSecret::Token("s3cret".to_owned()));
+        assert_eq!(user, NatsSecret::User("argus".to_owned(), "s3cret".to_owned()));
+        assert!(!format!("{token:?} {user:?}").contains("s3cret"));
+        assert!(NatsSecret::parse(" ").is_err() && NatsSecret::parse("a b c").is_err());
+        assert_eq!(shown("nats://argus:s3cr@t@host:4222"), "nats://host:4222");
+        assert_eq!(shown("s3cret@host"), "host");
+        assert_eq!(shown("nats://host:4222"), "nats://host:4222");
+        assert_eq!(nats_host("tls://host:4222").as_deref(), Ok("host"));
+        for wrong in ["nats://argus:s3cret@host", "nats://s3cret@host", "nats://"] {
+            assert!(nats_host(wrong).is_err_and(|reason| !reason.contains("s3cret")), "{wrong}");
+        }
     }
 }

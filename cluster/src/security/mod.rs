@@ -16,10 +16,8 @@ use std::fmt;
 
 use tonic::transport::{Certificate, ClientTlsConfig, Identity, ServerTlsConfig};
 
+pub use argus_proto::CLUSTER_NAME;
 pub use tokens::Tokens;
-
-/// The name that certificates of the cluster's processes have beside those of their hosts.
-pub const CLUSTER_NAME: &str = "cluster.argus.internal";
 
 /// Longest handshake: whoever connects and says nothing holds no connection for longer.
 const HANDSHAKE: std::time::Duration = std::time::Duration::from_secs(10);

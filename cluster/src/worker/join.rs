@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::convert::scene_hash;
+use argus_proto::transport::replaceable;
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_scene::{InvalidField, Limits, SampleId, SampleSetInfo};
@@ -60,7 +61,11 @@ pub(super) async fn stay(
     let endpoints = url
         .split(',')
         .map(|url| net::endpoint(url.trim(), node.config.connect_timeout, node.config.security.as_deref()));
-    let endpoints: Vec<Endpoint> = endpoints.collect::<Result<_, _>>().map_err(address)?;
+    let mut endpoints: Vec<Endpoint> = endpoints.collect::<Result<_, _>>().map_err(address)?;
+    if endpoints.len() > 1 {
+        // One that hangs has a standby, who can lead as soon as workers are there.
+        endpoints = endpoints.into_iter().map(replaceable).collect();
+    }
     // In turns, beginning anew at each attempt: whoever leads now is found within as many as there are.
     let mut turn = endpoints.iter().cycle();
     let began = Instant::now();

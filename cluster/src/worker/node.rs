@@ -5,12 +5,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use argus_proto::trace::{self, TARGET};
 use argus_proto::{Fault, v1};
 use argus_scene::{
     InvalidField, Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob,
 };
 use parking_lot::Mutex;
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, oneshot, watch};
+use tracing::{Span, debug_span};
 
 use super::Config;
 use super::ahead::Ahead;
@@ -398,6 +400,11 @@ impl Node {
         to_host: bool,
         ahead: bool,
     ) -> Result<Arc<Sample>, Fault> {
+        // Of the view that waits for it. One that nobody waits for is part of no trace.
+        let span = match Span::current().is_disabled() {
+            true => Span::none(),
+            false => debug_span!(target: TARGET, "render sample", %id),
+        };
         let mut again = true;
         loop {
             let (reply, done) = oneshot::channel();
@@ -410,6 +417,7 @@ impl Node {
                 Err(RenderError::DeviceLost(_)) if again => again = false,
                 rendered => {
                     let sample = self.store.insert(rendered?);
+                    trace::stages(&span, sample.stages.iter().map(|stage| (stage.name.as_str(), stage.ms)));
                     // Views may be planned with it, and given to this worker, from now on.
                     self.news.notify_one();
                     return Ok(sample);
@@ -430,7 +438,12 @@ impl Node {
             drop(waiting);
             match rendered {
                 Err(RenderError::DeviceLost(_)) if again => again = false,
-                rendered => return Ok(rendered?),
+                rendered => {
+                    let pixels = rendered?;
+                    let measured = pixels.stages.iter().map(|stage| (stage.name.as_str(), stage.ms));
+                    trace::stages(&Span::current(), measured);
+                    return Ok(pixels);
+                }
             }
         }
     }

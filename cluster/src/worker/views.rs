@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use argus_proto::chunks::{FrameMeta, frame_chunks};
 use argus_proto::status::invalid;
-use argus_proto::trace::{TARGET, continued, stages};
+use argus_proto::trace::{TARGET, continued, continued_from, stages};
 use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::views_server::Views;
@@ -21,7 +21,6 @@ use futures::future::try_join_all;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::metadata::MetadataMap;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::{Instrument, Span, debug_span, field, warn};
 
@@ -41,6 +40,9 @@ type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
 /// How long a client may take to read a frame that it fetches.
 const READ_WITHIN: Duration = Duration::from_secs(60);
+
+/// How often a client that waits for its frame hears that it is in work.
+const BEAT: Duration = Duration::from_millis(500);
 
 /// The stage of waiting for samples.
 const SAMPLES: &str = "samples";
@@ -78,7 +80,8 @@ impl Views for ViewsService {
         &self,
         request: Request<v1::RenderRequest>,
     ) -> Result<Response<Self::RenderStream>, Status> {
-        let (arrived, span) = (Instant::now(), self.span(request.metadata()));
+        let (arrived, span) = (Instant::now(), self.span());
+        continued(&span, request.metadata());
         let (chunks, active) = self.answer(request.into_inner(), arrived, span).await?;
         let stream = futures::stream::iter(chunks.into_iter().map(move |chunk| {
             let _in_work_until_sent = &active;
@@ -96,20 +99,20 @@ impl Views for ViewsService {
         let ticket = request.into_inner().ticket.unwrap_or_default();
         let (ticket, key) = self.node.admit(&ticket).map_err(invalid)?;
         let v1::Ticket { serial, request, traceparent } = ticket;
-        let mut metadata = MetadataMap::new();
-        if let Ok(value) = traceparent.parse() {
-            metadata.insert("traceparent", value);
-        }
         let request = request.ok_or_else(|| invalid(InvalidField::new("ticket", "holds no request")))?;
-        let (chunks, active) = self.answer(request, arrived, self.span(&metadata)).await?;
-        let header = chunks.iter().find_map(|chunk| match &chunk.body {
-            Some(Body::Header(header)) => Some(header.clone()),
-            _ => None,
-        });
-        let receipt = key.seal(Kind::Receipt, &v1::Receipt { serial, header });
-        let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
-        let answers = bodies.map(|body| Ok(v1::RedeemResponse { body: Some(body) }));
-        Ok(Response::new(sent_in_time(answers, (active, fetching))))
+        let span = self.span();
+        continued_from(&span, &traceparent);
+        let service = Self { node: self.node.clone() };
+        Ok(Response::new(answered_in_time(fetching, async move {
+            let (chunks, active) = service.answer(request, arrived, span).await?;
+            let header = chunks.iter().find_map(|chunk| match &chunk.body {
+                Some(Body::Header(header)) => Some(header.clone()),
+                _ => None,
+            });
+            let receipt = key.seal(Kind::Receipt, &v1::Receipt { serial, header });
+            let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
+            Ok((bodies.collect(), active))
+        })))
     }
 
     async fn session(
@@ -120,34 +123,51 @@ impl Views for ViewsService {
     }
 }
 
-/// A stream of what is there already, to a client, whom nothing makes read it: what is not read in time is dropped, and
-/// the places that it holds with it.
-fn sent_in_time<T: Send + 'static>(
-    items: impl Iterator<Item = Result<T, Status>> + Send + 'static,
-    places: impl Send + 'static,
-) -> Streamed<T> {
+/// What a client is answered that nothing makes read: until there is an answer, that it is in work; what is not read in time
+/// is dropped, and the places that it holds with it. A client that goes ends the work for it.
+fn answered_in_time<Held: Send + 'static>(
+    place: impl Send + 'static,
+    answer: impl Future<Output = Result<(Vec<Redeemed>, Held), Status>> + Send + 'static,
+) -> Streamed<v1::RedeemResponse> {
     let (sender, receiver) = mpsc::channel(1);
+    let said = |body| Ok(v1::RedeemResponse { body: Some(body) });
     tokio::spawn(async move {
+        let beats = async {
+            loop {
+                tokio::time::sleep(BEAT).await;
+                // One that has not read the last one needs no other.
+                let _ = sender.try_send(said(Redeemed::Working(v1::Working {})));
+            }
+        };
+        let answer = tokio::select! {
+            answer = answer => answer,
+            () = beats => return,
+            () = sender.closed() => return,
+        };
         let sending = async {
-            for item in items {
-                // A client that is gone needs no more.
-                sender.send(item).await.ok()?;
+            match answer {
+                Ok((bodies, held)) => {
+                    for body in bodies {
+                        // A client that is gone needs no more.
+                        sender.send(said(body)).await.ok()?;
+                    }
+                    drop(held);
+                }
+                Err(status) => sender.send(Err(status)).await.ok()?,
             }
             Some(())
         };
         let _ = tokio::time::timeout(READ_WITHIN, sending).await;
-        drop(places);
+        drop(place);
     });
     Box::pin(ReceiverStream::new(receiver))
 }
 
 impl ViewsService {
     /// What a request's way through this worker is traced as.
-    fn span(&self, metadata: &MetadataMap) -> Span {
+    fn span(&self) -> Span {
         let worker = self.node.hello.name.as_str();
-        let span = debug_span!(target: TARGET, "render", view = field::Empty, worker);
-        continued(&span, metadata);
-        span
+        debug_span!(target: TARGET, "render", view = field::Empty, worker)
     }
 
     /// The frame of an order, in chunks.

@@ -5,14 +5,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use argus_cluster::leadership::{Held, LocalRegistry, NatsRegistry, Registry, RegistryError};
+use argus_client::{Client, Session, SessionEvent, SessionOptions};
+use argus_cluster::leadership::{
+    Held, LocalRegistry, NatsAccess, NatsRegistry, NatsSecret, NatsTls, Registry, RegistryError,
+};
+use argus_cluster::worker::Public;
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
 use tonic::Code;
 
 use crate::common;
-use crate::common::{Coordinator, LIMIT, Opener, Source, channel, quick, scene, start_coordinator_of, view};
+use crate::common::{
+    Authority, Coordinator, LIMIT, Opener, Source, channel, quick, scene, start_coordinator_of, view,
+};
 
 const LEASE: Duration = Duration::from_millis(600);
 
@@ -74,6 +80,70 @@ async fn a_standby_takes_over(registries: [Arc<dyn Registry>; 2]) {
 async fn a_standby_takes_over_within_five_seconds() {
     let registry = LocalRegistry::shared(7, LEASE);
     a_standby_takes_over([Arc::new(registry.clone()), Arc::new(registry)]).await;
+}
+
+/// Asks a session for one view after the other until `until`, each of which must be answered; the longest that it waited.
+async fn moves(session: &mut Session, until: impl Fn() -> bool) -> Duration {
+    let mut longest = Duration::ZERO;
+    for i in 0.. {
+        let began = Instant::now();
+        session.send(&view(i));
+        match tokio::time::timeout(LIMIT, session.next()).await.expect("a camera is answered").unwrap() {
+            SessionEvent::Frame { .. } => longest = longest.max(began.elapsed()),
+            // A coordinator that begins to lead has nobody yet.
+            SessionEvent::Failed { error, .. } => eprintln!("{error}"),
+        }
+        if until() {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    longest
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_standby_takes_over_from_a_leader_that_hangs_with_sessions_open() {
+    for redirect in [false, true] {
+        let registry = LocalRegistry::shared(7, LEASE);
+        let mut first = coordinator(Arc::new(registry.clone()));
+        leads(&first, 0).await;
+        let second = coordinator(Arc::new(registry));
+        let both = format!("{},{}", first.url(), second.url());
+        let public = redirect.then_some(Public::AsAdvertised);
+        let config = argus_cluster::worker::Config { public, ..argus_cluster::worker::Config::new(&both) };
+        let workers: Vec<_> = (0..2)
+            .map(|_| common::start_worker_with(config.clone(), &Default::default(), Opener::default().into()))
+            .collect();
+        leads(&first, 2).await;
+        let client = Client::connect(&both).await.unwrap();
+        let options = SessionOptions { redirect, ..SessionOptions::default() };
+        let mut session = client.session(options);
+        moves(&mut session, || true).await;
+        tokio::time::sleep(LEASE / 2).await;
+        let began = Instant::now();
+        let hung = first.hang();
+        let longest = moves(&mut session, || began.elapsed() > Duration::from_secs(6)).await;
+        eprintln!("the longest of a session that is redirected ({redirect}): {longest:?}");
+        assert!(longest < Duration::from_secs(5), "it took {longest:?}");
+        assert_eq!(status(&second).await.processes, 2);
+        // When it goes on it leads no more.
+        drop(hung);
+        assert_eq!(leads_no_more(&first).await.term, 0);
+        drop(workers);
+    }
+}
+
+async fn leads_no_more(coordinator: &Coordinator) -> v1::StatusResponse {
+    let reached = async {
+        loop {
+            let status = status(coordinator).await;
+            if status.term == 0 {
+                return status;
+            }
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    tokio::time::timeout(LIMIT, reached).await.expect("another one leads")
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -189,10 +259,17 @@ struct Nats {
 impl Nats {
     /// `None`, and a line that says so, where none is installed.
     fn start() -> Option<Self> {
+        Self::start_with(&[])
+    }
+
+    fn start_with(more: &[&str]) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let mut command = Command::new("nats-server");
-        command.args(["-a", "127.0.0.1", "-js", "-p", &port.to_string(), "-sd"]).arg(folder.path());
+        command
+            .args(["-a", "127.0.0.1", "-js", "-p", &port.to_string(), "-sd"])
+            .arg(folder.path())
+            .args(more);
         match command.stdout(Stdio::null()).stderr(Stdio::null()).spawn() {
             Ok(server) => {
                 let url = format!("nats://127.0.0.1:{port}");
@@ -253,4 +330,55 @@ async fn a_renewal_whose_answer_was_lost_is_known_for_ones_own() {
 async fn a_registry_that_is_not_there_is_an_error_that_names_it() {
     let error = NatsRegistry::connect("nats://127.0.0.1:9", Duration::from_secs(1)).await.unwrap_err();
     assert!(error.to_string().contains("nats://127.0.0.1:9"), "{error}");
+}
+
+/// Files of an authority and of a member that it certified, for 127.0.0.1.
+fn certify(folder: &std::path::Path, prefix: &str) {
+    let authority = Authority::new();
+    let [certificate, key] = authority.certify(&["cluster.argus.internal", "127.0.0.1"]);
+    for (name, text) in [("ca.pem", authority.pem()), ("server.pem", certificate), ("server.key", key)] {
+        std::fs::write(folder.join(format!("{prefix}{name}")), text).unwrap();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_registry_by_tls_takes_members_of_the_cluster_that_know_its_secret_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    certify(folder.path(), "");
+    certify(folder.path(), "other-");
+    let file = |name: &str| folder.path().join(name);
+    let paths = ["ca.pem", "server.pem", "server.key"].map(|name| file(name).display().to_string());
+    let [ca, certificate, key] = paths.each_ref().map(String::as_str);
+    let tls = |prefix: &str| {
+        let [ca, certificate, key] =
+            ["ca.pem", "server.pem", "server.key"].map(|name| file(&format!("{prefix}{name}")));
+        Some(NatsTls { ca, certificate, key })
+    };
+    let (own, others) = (tls(""), tls("other-"));
+    let others_certificate = Some(NatsTls { ca: ca.into(), ..others.clone().unwrap() });
+    let secret = NatsSecret::parse("argus a-password").ok();
+    let more = ["--tls", "--tlsverify", "--tlscacert", ca, "--tlscert", certificate, "--tlskey", key];
+    let more = [&more[..], &["--user", "argus", "--pass", "a-password"]].concat();
+    let Some(nats) = Nats::start_with(&more) else { return };
+    let lease = Duration::from_millis(1500);
+    let connect = |tls: &Option<NatsTls>, secret: &Option<NatsSecret>| {
+        let access = NatsAccess { tls: tls.clone(), secret: secret.clone() };
+        NatsRegistry::connect_as(&nats.url, lease, access)
+    };
+    for (tls, secret, why) in [
+        (&None, &secret, "without a certificate"),
+        (&others, &secret, "where it does not trust the server"),
+        (&others_certificate, &secret, "with a stranger's certificate"),
+        (&own, &None, "as nobody"),
+        (&own, &NatsSecret::parse("argus another").ok(), "with another password"),
+    ] {
+        let error = connect(tls, secret).await.expect_err(why).to_string();
+        assert!(!error.contains("another") && !error.contains("a-password"), "{error}");
+    }
+    let (one, two) = (connect(&own, &secret).await.unwrap(), connect(&own, &secret).await.unwrap());
+    a_standby_takes_over([Arc::new(one), Arc::new(two)]).await;
+    // One that has a certificate speaks to no server that has none.
+    let Some(plain) = Nats::start() else { return };
+    let access = NatsAccess { tls: own, secret: None };
+    NatsRegistry::connect_as(&plain.url, lease, access).await.expect_err("by plaintext");
 }

@@ -10,8 +10,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use argus_client::{Client, ConnectOptions, Session, SessionEvent, SessionOptions};
 use argus_cluster::leadership::LocalRegistry;
 use argus_cluster::network::{Accept, Connect, Duplex, Network};
+use argus_cluster::worker::Public;
 use argus_cluster::{coordinator, worker};
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
@@ -19,6 +21,7 @@ use argus_proto::v1::views_client::ViewsClient;
 use futures::FutureExt;
 use futures::future::{BoxFuture, join_all};
 use hyper_util::rt::TokioIo;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::server::TcpConnectInfo;
 use tonic::transport::{Channel, Endpoint, Uri};
@@ -100,6 +103,7 @@ fn cluster<'a>(seed: u64, change: impl FnOnce(&mut Builder)) -> Sim<'a> {
             let config = worker::Config {
                 id: Some(name.to_owned()),
                 advertise: Some(format!("http://{name}:{PORT}")),
+                public: Some(Public::AsAdvertised),
                 network: Network::simulated(Arc::new(Simulated)),
                 join_timeout: Duration::from_secs(60),
                 ..worker::Config::new(format!("http://{COORDINATOR}:{PORT}"))
@@ -128,6 +132,61 @@ fn channel() -> Channel {
     }))
 }
 
+/// The client library, over the simulated network.
+async fn client() -> Client {
+    let network = Network::simulated(Arc::new(Simulated));
+    let options = ConnectOptions { network, ..ConnectOptions::default() };
+    loop {
+        match Client::connect_with(&format!("http://{COORDINATOR}:{PORT}"), &options).await {
+            Ok(client) => return client,
+            Err(_) => tokio::time::sleep(PACE).await,
+        }
+    }
+}
+
+/// What a session saw.
+#[derive(Debug, Default)]
+struct Seen {
+    /// The longest wait for a camera's frame.
+    gap: Duration,
+    /// When each frame came, and the worker that made it.
+    frames: Vec<(Duration, String)>,
+    failures: Vec<String>,
+}
+
+/// Moves a camera for that long, of which each position must be answered.
+async fn moves(session: &mut Session, time: Duration) -> Seen {
+    let began = Instant::now();
+    let mut seen = Seen::default();
+    let mut i = 0;
+    while began.elapsed() < time {
+        i += 1;
+        let asked = Instant::now();
+        session.send(&view(i));
+        match session.next().await.expect("the session is kept up") {
+            SessionEvent::Frame { frame, meta, .. } => {
+                assert_eq!((frame.width, frame.height), (32, 24));
+                let waited = asked.elapsed();
+                // A millisecond for the way of the last byte.
+                let age = Duration::from_secs_f64(meta.age_ms * 1e-3);
+                assert!(age <= waited + Duration::from_millis(1), "{age:?} old after {waited:?}");
+                seen.gap = seen.gap.max(waited);
+                seen.frames.push((began.elapsed(), meta.worker));
+            }
+            SessionEvent::Failed { error, .. } => seen.failures.push(error.to_string()),
+        }
+        tokio::time::sleep(PACE).await;
+    }
+    seen
+}
+
+/// Workers of a role now.
+async fn with_role(role: v1::Role) -> Vec<&'static str> {
+    let status = there(3).await;
+    let of_it = status.workers.iter().filter(|worker| worker.role == role as i32);
+    of_it.filter_map(|worker| WORKERS.into_iter().find(|name| *name == worker.id)).collect()
+}
+
 async fn status() -> v1::StatusResponse {
     ClusterClient::new(channel()).status(v1::StatusRequest {}).await.unwrap().into_inner()
 }
@@ -154,7 +213,7 @@ async fn asks(views: usize) -> Duration {
         let (channel, longest) = (channel.clone(), longest.clone());
         async move {
             tokio::time::sleep(PACE * i as u32).await;
-            let began = tokio::time::Instant::now();
+            let began = Instant::now();
             let (frame, _) = common::render(ViewsClient::new(channel), &view(i), 0).await.unwrap();
             assert_eq!((frame.width, frame.height), (32, 24));
             longest.fetch_max(began.elapsed().as_millis() as u64, Ordering::SeqCst);
@@ -284,5 +343,114 @@ fn whoever_joins_first_and_joins_again_every_role_is_played_and_every_view_answe
             done = sim.step().unwrap();
             std::thread::sleep(MOMENT);
         }
+    }
+}
+
+/// No frame of a session is later than this, whatever happens to a worker.
+const WORST_GAP: Duration = Duration::from_secs(3);
+
+#[test]
+fn a_client_that_is_cut_off_from_its_workers_alone_has_its_frames_relayed() {
+    let mut sim = cluster(30, |_| {});
+    sim.client("client", async {
+        there(3).await;
+        let mut session = client().await.session(SessionOptions::default());
+        moves(&mut session, Duration::from_secs(1)).await;
+        let fetched = status().await;
+        let cut = async {
+            after(1.0, || WORKERS.iter().for_each(|name| turmoil::partition("client", *name))).await;
+            after(6.0, || WORKERS.iter().for_each(|name| turmoil::repair("client", *name))).await;
+        };
+        let (seen, ()) = tokio::join!(moves(&mut session, Duration::from_secs(9)), cut);
+        assert!(seen.failures.is_empty(), "{:?}", seen.failures);
+        assert!(seen.gap < WORST_GAP, "a frame took {:?}", seen.gap);
+        assert!(seen.gap > Duration::from_secs(1), "a ticket was out when it was cut off");
+        // Nobody else noticed.
+        let counters = status().await.counters.unwrap();
+        assert_eq!((counters.workers_lost, counters.views_failed), (0, 0), "{fetched:?} {counters:?}");
+        Ok(())
+    });
+    run(sim);
+}
+
+#[test]
+fn a_worker_that_hangs_with_a_ticket_out_costs_another_ticket() {
+    let mut sim = cluster(31, |_| {});
+    sim.client("client", async {
+        there(3).await;
+        let mut session = client().await.session(SessionOptions::default());
+        let before = moves(&mut session, Duration::from_secs(1)).await;
+        let (_, last) = before.frames.last().cloned().expect("there were frames");
+        let hung = WORKERS.into_iter().find(|name| *name == last).expect("a worker made it");
+        let others = || [COORDINATOR, "client"].into_iter().chain(WORKERS).filter(move |name| *name != hung);
+        // What is said to it and by it waits, as where a process is stopped.
+        let hang = async {
+            after(0.5, || others().for_each(|name| turmoil::hold(hung, name))).await;
+            after(8.0, || others().for_each(|name| turmoil::release(hung, name))).await;
+        };
+        let (seen, ()) = tokio::join!(moves(&mut session, Duration::from_secs(12)), hang);
+        assert!(seen.failures.is_empty(), "{:?}", seen.failures);
+        assert!(seen.gap < WORST_GAP, "a frame took {:?}", seen.gap);
+        let during = Duration::from_secs(4)..Duration::from_secs(8);
+        assert!(seen.frames.iter().any(|(at, worker)| during.contains(at) && *worker != hung));
+        assert!(seen.frames.iter().all(|(at, worker)| !during.contains(at) || *worker != hung));
+        Ok(())
+    });
+    run(sim);
+}
+
+#[test]
+fn a_coordinator_that_is_started_anew_finds_sessions_and_tickets_again() {
+    let mut sim = cluster(32, |_| {});
+    sim.client("client", async {
+        there(3).await;
+        let client = client().await;
+        let mut sessions: Vec<Session> = (0..4)
+            .map(|i| client.session(SessionOptions { redirect: i % 2 == 0, ..Default::default() }))
+            .collect();
+        let moving = sessions.iter_mut().map(|session| moves(session, Duration::from_secs(12)));
+        for seen in join_all(moving).await {
+            // Nobody has joined the new one yet: that is an answer, and no loss.
+            assert!(seen.failures.len() < 60, "{:?}", seen.failures);
+            assert!(seen.gap < Duration::from_secs(5), "a frame took {:?}", seen.gap);
+            let (last, _) = seen.frames.last().expect("there were frames");
+            assert!(*last > Duration::from_secs(11), "no frame after {last:?}");
+        }
+        there(3).await;
+        Ok(())
+    });
+    let (mut steps, mut done) = (0_u64, false);
+    while !done {
+        steps += 1;
+        if steps == 3000 {
+            sim.bounce(COORDINATOR);
+        }
+        done = sim.step().unwrap();
+        std::thread::sleep(MOMENT);
+    }
+}
+
+#[test]
+fn the_only_sampler_or_a_compositor_that_is_cut_off_costs_a_session_no_frame() {
+    for (seed, role) in [(33, v1::Role::Sampler), (34, v1::Role::Compositor)] {
+        let mut sim = cluster(seed, |_| {});
+        sim.client("client", async move {
+            there(3).await;
+            let mut session = client().await.session(SessionOptions::default());
+            moves(&mut session, Duration::from_secs(2)).await;
+            let lost = *with_role(role).await.first().expect("every role is played");
+            let others =
+                || [COORDINATOR, "client"].into_iter().chain(WORKERS).filter(move |name| *name != lost);
+            let cut = async {
+                after(0.5, || others().for_each(|name| turmoil::partition(lost, name))).await;
+                after(8.0, || others().for_each(|name| turmoil::repair(lost, name))).await;
+            };
+            let (seen, ()) = tokio::join!(moves(&mut session, Duration::from_secs(12)), cut);
+            assert!(seen.failures.is_empty(), "{role:?}: {:?}", seen.failures);
+            assert!(seen.gap < WORST_GAP, "{role:?}: a frame took {:?}", seen.gap);
+            assert!(status().await.counters.unwrap().workers_lost >= 1);
+            Ok(())
+        });
+        run(sim);
     }
 }

@@ -1,19 +1,22 @@
 //! Sessions that fetch their frames from the workers themselves.
 
+use std::sync::Arc;
 use std::time::Duration;
 
+use argus_client::{Client, ClientError, ConnectOptions, Credentials, SessionEvent, SessionOptions, Token};
 use argus_cluster::core;
+use argus_cluster::security::{CLUSTER_NAME, Security, Tokens};
 use argus_cluster::worker::{Config, Public};
 use argus_proto::chunks::FrameAssembler;
 use argus_proto::v1;
 use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::session_request::Body as Asked;
 use argus_proto::v1::views_client::ViewsClient;
-use argus_scene::{Frame, Limits, View};
+use argus_scene::{Frame, Limits, Stage, View};
 use tonic::{Code, Status};
 
 use crate::common::session::Session;
-use crate::common::{Cluster, LIMIT, channel, quick, start_worker_with, view};
+use crate::common::{Authority, Cluster, LIMIT, channel, quick, start_coordinator, start_worker_with, view};
 use crate::watching::{page, value};
 
 /// A cluster whose workers clients can reach.
@@ -52,6 +55,7 @@ async fn redeem(elsewhere: &v1::Elsewhere) -> Result<(Frame, v1::Sealed), Status
                 Some(Redeemed::Receipt(receipt)) => {
                     return Ok((frame.expect("a receipt is behind its frame").0, receipt));
                 }
+                Some(Redeemed::Working(_)) => {}
                 None => return Err(Status::data_loss("no receipt")),
             }
         }
@@ -80,6 +84,9 @@ async fn frames_come_from_the_worker_and_the_coordinator_learns_of_them_by_recei
     // Frames are counted by what receipts say of them.
     let (_, metrics) = page(cluster.coordinator.address, "/metrics").await;
     assert_eq!(value(&metrics, "argus_view_seconds_count"), 6.0);
+    for way in ["fetched", "relayed"] {
+        assert_eq!(value(&metrics, &format!("argus_frames_total{{way=\"{way}\"}}")), 3.0, "{way}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -222,4 +229,129 @@ async fn a_client_that_says_nothing_of_its_frame_holds_nothing_for_long() {
     redeem(&elsewhere).await.unwrap();
     session.acknowledge(2).await;
     cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 1).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_that_brings_no_receipts_is_relayed_and_hoards_no_tickets() {
+    let cluster = open_to_clients(quick(), 1).await;
+    let mut session = redirectable(&cluster).await;
+    let mut hoard = Vec::new();
+    // One receipt may be lost.
+    for seq in 1..=2 {
+        session.ask(seq, &view(seq as usize)).await;
+        hoard.push(session.elsewhere().await.1);
+        session.acknowledge(seq).await;
+    }
+    session.ask(3, &view(3)).await;
+    assert!(matches!(session.answer().await, Some((3, 0, Ok(())))), "it is sent nowhere for a while");
+    // Numbers are the session's, so that they tell tickets apart whichever worker they are for.
+    assert_eq!(hoard.iter().map(|elsewhere| elsewhere.serial).collect::<Vec<_>>(), [1, 2]);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_has_no_more_tickets_out_than_views_that_it_may_have_in_work() {
+    let core = core::Config { max_views_per_client: 3, ..quick().core };
+    let cluster = open_to_clients(argus_cluster::coordinator::Config { core, ..quick() }, 1).await;
+    let (mut kept, mut sessions) = (Vec::new(), Vec::new());
+    for _ in 0..3 {
+        // A session that is opened anew has missed nothing yet.
+        let mut session = redirectable(&cluster).await;
+        session.ask(1, &view(1)).await;
+        kept.push(session.elsewhere().await.1);
+        session.acknowledge(1).await;
+        sessions.push(session);
+    }
+    cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 3).await;
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    assert!(matches!(session.answer().await, Some((1, 0, Ok(())))), "a fourth has its frames relayed");
+    // They are good for what they were given for, and no more.
+    for elsewhere in &kept {
+        redeem(elsewhere).await.unwrap();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_frame_that_is_missed_twice_is_relayed() {
+    let cluster = open_to_clients(quick(), 3).await;
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    let (_, first) = session.elsewhere().await;
+    session.say(1, missed(first.serial, false)).await;
+    let (_, second) = session.elsewhere().await;
+    // What crossed the second ticket is about the first, whatever the workers count.
+    session.say(1, missed(first.serial, false)).await;
+    session.say(1, missed(second.serial, false)).await;
+    assert!(matches!(session.answer().await, Some((1, 0, Ok(())))));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_that_waits_for_a_slow_frame_hears_that_it_is_in_work() {
+    let cluster = open_to_clients(quick(), 1).await;
+    cluster.knobs.set(1_200_000, 1_200_000);
+    let mut session = redirectable(&cluster).await;
+    session.ask(1, &view(1)).await;
+    let (_, elsewhere) = session.elsewhere().await;
+    let mut worker = ViewsClient::new(channel(&elsewhere.address));
+    let request = v1::RedeemRequest { ticket: elsewhere.ticket };
+    let mut answers = worker.redeem(request).await.unwrap().into_inner();
+    let mut beats = 0;
+    while let Some(answer) = answers.message().await.unwrap() {
+        beats += u32::from(matches!(answer.body, Some(Redeemed::Working(_))));
+    }
+    assert!((1..=4).contains(&beats), "{beats}");
+    // One that goes ends the work for it.
+    session.acknowledge(1).await;
+    session.ask(2, &view(2)).await;
+    let (_, elsewhere) = session.elsewhere().await;
+    let request = v1::RedeemRequest { ticket: elsewhere.ticket };
+    let mut answers = worker.redeem(request).await.unwrap().into_inner();
+    assert!(matches!(answers.message().await.unwrap().unwrap().body, Some(Redeemed::Working(_))));
+    drop(answers);
+    let cancelled = async {
+        while cluster.knobs.cancelled.load(std::sync::atomic::Ordering::SeqCst) == 0 {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    tokio::time::timeout(LIMIT, cancelled).await.expect("nobody wants that frame");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn by_tls_a_client_knows_a_worker_by_the_clusters_name_and_the_coordinator_by_its_hosts() {
+    let authority = Authority::new();
+    let ca = authority.pem().into_bytes();
+    let member = |names: &[&str], tokens: Tokens| {
+        let [certificate, key] = authority.certify(names).map(String::into_bytes);
+        let ca = ca.clone();
+        Some(Arc::new(Security { certificate, key, ca, tokens, require_client_certificates: false }))
+    };
+    let token = "a-token-of-the-tests-0123456789";
+    let tokens = Tokens::parse(&format!("view tester {token}\n")).unwrap();
+    let security = member(&[CLUSTER_NAME, "127.0.0.1"], tokens);
+    let coordinator = start_coordinator(argus_cluster::coordinator::Config { security, ..quick() });
+    let url = coordinator.url().replace("http:", "https:");
+    // Where workers will be was not known when their certificates were made.
+    let security = member(&[CLUSTER_NAME], Tokens::default());
+    let config = Config { public: Some(Public::AsAdvertised), security, ..Config::new(&url) };
+    let worker = start_worker_with(config, &Default::default(), Default::default());
+    let token = Token::parse(token).ok();
+    let credentials = Credentials { ca: Some(ca), token, identity: None };
+    let options = ConnectOptions { credentials, ..ConnectOptions::default() };
+    let client = Client::connect_with(&url, &options).await.unwrap();
+    let mut session = client.session(SessionOptions::default());
+    let fetched = async {
+        loop {
+            session.send(&view(1));
+            // Until a worker is ready there is a failure, and then no frame may be relayed.
+            if let SessionEvent::Frame { frame, .. } = session.next().await.unwrap() {
+                return frame.stages.iter().any(|stage| stage.name == Stage::DETOUR);
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    assert!(tokio::time::timeout(LIMIT, fetched).await.unwrap(), "the worker was not trusted");
+    // A worker that poses as the coordinator is found out.
+    let posing = worker.url().replace("http:", "https:");
+    let error = Client::connect_with(&posing, &options).await.unwrap_err();
+    assert!(matches!(error, ClientError::Untrusted { .. }), "{error}");
 }

@@ -11,7 +11,7 @@ use std::io::Write;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use argus_cluster::leadership::{LocalRegistry, Registry};
@@ -125,6 +125,15 @@ pub struct Process<E> {
     ended: Option<tokio::sync::oneshot::Receiver<Result<(), E>>>,
 }
 
+/// A process that hangs.
+pub struct Hung(Arc<AtomicBool>);
+
+impl Drop for Hung {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::SeqCst);
+    }
+}
+
 impl<E: Send + 'static> Process<E> {
     fn start<F, Run>(address: Option<SocketAddr>, run: Run) -> Self
     where
@@ -152,6 +161,20 @@ impl<E: Send + 'static> Process<E> {
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_background();
         }
+    }
+
+    /// Stops it, as SIGSTOP would, until what is returned is dropped: its connections stay, and new ones are made by the
+    /// system alone.
+    pub fn hang(&mut self) -> Hung {
+        let hung = Hung(Arc::new(AtomicBool::new(true)));
+        let still = hung.0.clone();
+        // It has one thread.
+        self.runtime.as_ref().unwrap().spawn(async move {
+            while still.load(Ordering::SeqCst) {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        });
+        hung
     }
 
     /// Asks it to end and waits for what it returns.
@@ -349,4 +372,27 @@ pub fn direct(i: usize) -> View {
 
 pub fn pinned(i: usize, pin: Provenance) -> View {
     View { pin: Some(pin), ..view(i) }
+}
+
+/// An authority as `argus certs` makes it, and certificates that it signs.
+pub struct Authority(rcgen::CertifiedIssuer<'static, rcgen::KeyPair>);
+
+impl Authority {
+    pub fn new() -> Self {
+        let mut params = rcgen::CertificateParams::new(Vec::new()).unwrap();
+        params.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Constrained(0));
+        Self(rcgen::CertifiedIssuer::self_signed(params, rcgen::KeyPair::generate().unwrap()).unwrap())
+    }
+
+    pub fn pem(&self) -> String {
+        self.0.pem()
+    }
+
+    /// A certificate and its key.
+    pub fn certify(&self, names: &[&str]) -> [String; 2] {
+        let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
+        let pair = rcgen::KeyPair::generate().unwrap();
+        let signed = rcgen::CertificateParams::new(names).unwrap().signed_by(&pair, &self.0).unwrap();
+        [signed.pem(), pair.serialize_pem()]
+    }
 }

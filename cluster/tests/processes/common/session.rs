@@ -29,7 +29,8 @@ impl Session {
 
     pub async fn ask(&self, camera_seq: u64, view: &View) {
         let encoding = v1::Encoding::Zstd as i32;
-        let view = v1::SessionView { view: Some(view.into()), encoding, redirectable: self.redirectable };
+        let (view, redirectable) = (Some(view.into()), self.redirectable);
+        let view = v1::SessionView { view, encoding, redirectable, ..Default::default() };
         self.say(camera_seq, Asked::View(view)).await;
     }
 
