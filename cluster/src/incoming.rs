@@ -23,6 +23,7 @@ use tonic::transport::server::{Connected, TcpConnectInfo};
 use tracing::warn;
 
 use crate::network::{Accept, Duplex};
+use crate::seldom::Seldom;
 
 /// Until what made a connection fail may have passed.
 const PAUSE: Duration = Duration::from_millis(100);
@@ -76,11 +77,19 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
                     let address = between.remote_addr().map_or(Ipv4Addr::UNSPECIFIED.into(), |a| a.ip());
                     match PeerSeat::take(&peers, address, most_of_one) {
                         Some(own) => yield Ok(Connection::new(stream, between, (seat, own))),
-                        None => warn!(%address, "a connection is refused: its address has too many"),
+                        None => {
+                            static REFUSED: Seldom = Seldom::new();
+                            if let Some(left_out) = REFUSED.now() {
+                                warn!(%address, left_out, "a connection is refused: its address has too many");
+                            }
+                        }
                     }
                 }
                 Err(error) => {
-                    warn!(%error, "no connection can be accepted");
+                    static FAILED: Seldom = Seldom::new();
+                    if let Some(left_out) = FAILED.now() {
+                        warn!(%error, left_out, "no connection can be accepted");
+                    }
                     tokio::time::sleep(PAUSE).await;
                 }
             }

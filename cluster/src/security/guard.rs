@@ -17,6 +17,7 @@ use tracing::warn;
 use webpki::EndEntityCert;
 
 use super::{CLUSTER_NAME, Security};
+use crate::seldom::Seldom;
 
 /// What a caller may do; each may do what those before it may.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -188,7 +189,10 @@ where
                 Either::Right(self.inner.call(request))
             }
             Err(status) => {
-                warn!(peer = %peer.address, path, reason = status.message(), "refused");
+                static REFUSED: Seldom = Seldom::new();
+                if let Some(left_out) = REFUSED.now() {
+                    warn!(peer = %peer.address, path, reason = status.message(), left_out, "refused");
+                }
                 let code = status.code();
                 let mut response = status.into_http();
                 // A page is not asked for by gRPC, whose refusals are successes of HTTP.
