@@ -19,6 +19,7 @@ use super::node::Node;
 use super::{RunError, ahead, scene};
 use crate::core::Role;
 use crate::sealed::SealKey;
+use crate::seldom::Seldom;
 use crate::{SceneOpener, SceneRef, net, wire};
 
 /// Pause before the first attempt to join again; it doubles up to [`super::Config::rejoin_pause`].
@@ -77,6 +78,7 @@ pub(super) async fn stay(
             ended = attempt => ended,
             () = shutdown.cancelled() => return Ok(()),
         };
+        node.lose_coordinator();
         // A stream that the coordinator ended by itself is its shutdown, and no trouble yet.
         let (orderly, reason) = match ended {
             Ok(()) => (true, "the coordinator ended the stream".to_owned()),
@@ -86,13 +88,18 @@ pub(super) async fn stay(
         if !joined_once && net::is_distrust(&reason) {
             return Err(RunError::Untrusted { url, reason });
         }
-        if !joined_once && began.elapsed() >= node.config.join_timeout {
+        if !joined_once && node.config.give_up_after.is_some_and(|most| began.elapsed() >= most) {
             return Err(RunError::Unreachable { url, reason });
         }
         match (joined_once, orderly) {
             (true, true) => info!(url, "coordinator gone, joining again"),
             (true, false) => warn!(url, reason, "coordinator lost, joining again"),
-            (false, _) => {}
+            (false, _) => {
+                static ABSENT: Seldom = Seldom::new();
+                if let Some(left_out) = ABSENT.now() {
+                    warn!(url, reason, left_out, "no coordinator answers yet, trying on");
+                }
+            }
         }
         tokio::select! {
             () = tokio::time::sleep(pause) => {}

@@ -18,18 +18,20 @@ use argus_scene::{
 };
 use futures::Stream;
 use futures::future::try_join_all;
-use tokio::sync::mpsc;
+use prost::Message;
 use tokio::time::Instant;
-use tokio_stream::wrappers::ReceiverStream;
 use tonic::metadata::MetadataMap;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::{Instrument, Span, debug_span, field, warn};
 
 use super::node::{Active, Node};
 use super::queue::Rendered;
+use super::room::{self, Room};
 use super::{fetch, trace};
 use crate::core::quality::Observed;
 use crate::sealed::Kind;
+use crate::seldom::Seldom;
+use crate::taken::in_time;
 use crate::wire;
 
 /// The service.
@@ -39,7 +41,7 @@ pub(super) struct ViewsService {
 
 type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
-/// How long a client may take to read a frame that it fetches.
+/// How long a client may take to read all of a frame that it fetches: nobody's patience with a slow one ends before.
 const READ_WITHIN: Duration = Duration::from_secs(60);
 
 /// The stage of waiting for samples.
@@ -79,12 +81,8 @@ impl Views for ViewsService {
         request: Request<v1::RenderRequest>,
     ) -> Result<Response<Self::RenderStream>, Status> {
         let (arrived, span) = (Instant::now(), self.span(request.metadata()));
-        let (chunks, active) = self.answer(request.into_inner(), arrived, span).await?;
-        let stream = futures::stream::iter(chunks.into_iter().map(move |chunk| {
-            let _in_work_until_sent = &active;
-            Ok(chunk)
-        }));
-        Ok(Response::new(Box::pin(stream)))
+        let (chunks, places) = self.answer(request.into_inner(), arrived, span, false).await?;
+        Ok(Response::new(self.sent(chunks.into_iter(), places, None)))
     }
 
     async fn redeem(
@@ -101,15 +99,15 @@ impl Views for ViewsService {
             metadata.insert("traceparent", value);
         }
         let request = request.ok_or_else(|| invalid(InvalidField::new("ticket", "holds no request")))?;
-        let (chunks, active) = self.answer(request, arrived, self.span(&metadata)).await?;
+        let (chunks, places) = self.answer(request, arrived, self.span(&metadata), true).await?;
         let header = chunks.iter().find_map(|chunk| match &chunk.body {
             Some(Body::Header(header)) => Some(header.clone()),
             _ => None,
         });
         let receipt = key.seal(Kind::Receipt, &v1::Receipt { serial, header });
         let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
-        let answers = bodies.map(|body| Ok(v1::RedeemResponse { body: Some(body) }));
-        Ok(Response::new(sent_in_time(answers, (active, fetching))))
+        let answers = bodies.map(|body| v1::RedeemResponse { body: Some(body) });
+        Ok(Response::new(self.sent(answers, (places, fetching), Some(READ_WITHIN))))
     }
 
     async fn session(
@@ -120,28 +118,22 @@ impl Views for ViewsService {
     }
 }
 
-/// A stream of what is there already, to a client, whom nothing makes read it: what is not read in time is dropped, and
-/// the places that it holds with it.
-fn sent_in_time<T: Send + 'static>(
-    items: impl Iterator<Item = Result<T, Status>> + Send + 'static,
-    places: impl Send + 'static,
-) -> Streamed<T> {
-    let (sender, receiver) = mpsc::channel(1);
-    tokio::spawn(async move {
-        let sending = async {
-            for item in items {
-                // A client that is gone needs no more.
-                sender.send(item).await.ok()?;
-            }
-            Some(())
-        };
-        let _ = tokio::time::timeout(READ_WITHIN, sending).await;
-        drop(places);
-    });
-    Box::pin(ReceiverStream::new(receiver))
-}
-
 impl ViewsService {
+    /// A stream of what is there already, which has its `places` until it is sent. Nothing makes who asked read it: what is
+    /// not read in time is dropped.
+    fn sent<T: Send + 'static>(
+        &self,
+        items: impl Iterator<Item = T> + Send + 'static,
+        places: impl Send + 'static,
+        all_within: Option<Duration>,
+    ) -> Streamed<T> {
+        let items = items.map(move |item| {
+            let _in_work_until_sent = &places;
+            Ok(item)
+        });
+        Box::pin(in_time(futures::stream::iter(items), self.node.config.read_within, all_within))
+    }
+
     /// What a request's way through this worker is traced as.
     fn span(&self, metadata: &MetadataMap) -> Span {
         let worker = self.node.hello.name.as_str();
@@ -150,13 +142,15 @@ impl ViewsService {
         span
     }
 
-    /// The frame of an order, in chunks.
+    /// The frame of an order, in chunks, and the places that it has among requests and in memory. `for_client`: it is not
+    /// the coordinator who reads it.
     async fn answer(
         &self,
         request: v1::RenderRequest,
         arrived: Instant,
         span: Span,
-    ) -> Result<(Vec<v1::FrameChunk>, Active), Status> {
+        for_client: bool,
+    ) -> Result<(Vec<v1::FrameChunk>, (Active, Room)), Status> {
         span.record("view", &request.view_id);
         let active = self.node.begin()?;
         let Some(order) = request.order else { return Err(ask_the_coordinator()) };
@@ -168,8 +162,13 @@ impl ViewsService {
         let deadline = (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into()));
         // What is left of it is for packing a frame whose holes could not be traced in time.
         let trace_until = deadline.map(|deadline| arrived + deadline.mul_f64(0.9));
-        let answer = traced(&self.node, &ordered, trace_until).instrument(span.clone());
-        let frame = match deadline {
+        let bytes = room::bytes_of(&ordered.job);
+        let answer = async {
+            let room = self.node.rooms.take(bytes, for_client).await?;
+            Ok::<_, Fault>((traced(&self.node, &ordered, trace_until).await?, room))
+        };
+        let answer = answer.instrument(span.clone());
+        let (frame, mut room) = match deadline {
             None => answer.await?,
             Some(deadline) => {
                 let late = |_| Fault::Deadline(deadline);
@@ -188,7 +187,9 @@ impl ViewsService {
         let chunks =
             tokio::task::spawn_blocking(pack).await.map_err(|e| Status::internal(e.to_string()))??;
         drop((turn, span));
-        Ok((chunks, active))
+        // The frame as it was rendered is gone.
+        room.keep(chunks.iter().map(|chunk| chunk.encoded_len() as u64).sum());
+        Ok((chunks, (active, room)))
     }
 }
 
@@ -261,7 +262,10 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
         if ordered.pinned {
             return Err(fault);
         }
-        warn!(%fault, "a frame is delivered with its holes marked instead of traced");
+        static MARKED: Seldom = Seldom::new();
+        if let Some(left_out) = MARKED.now() {
+            warn!(%fault, left_out, "a frame is delivered with its holes marked instead of traced");
+        }
         if let Plan::Warp(done) = &mut frame.provenance.plan {
             done.holes = Holes::Mark;
         }
