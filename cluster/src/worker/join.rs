@@ -229,6 +229,7 @@ async fn report(
             () = node.news.notified() => {}
             changed = interval.changed() => if changed.is_err() { return },
         }
+        node.channels.close_unused();
         let acting = node.acting().unwrap_or(Role::Both);
         if reports.send(wire::report(node.report(), acting)).await.is_err() {
             return;

@@ -138,8 +138,8 @@ async fn serve_and_stay(
     let views = ViewsServer::new(views::ViewsService { node: node.clone() });
     let services = Routes::new(views.max_decoding_message_size(MOST_ORDER_BYTES))
         .add_service(SamplesServer::new(samples::SamplesService { node: node.clone() }))
-        .add_service(health_service)
-        .add_service(reflection);
+        .add_service(health_service.max_decoding_message_size(net::MOST_QUESTION_BYTES))
+        .add_service(reflection.max_decoding_message_size(net::MOST_QUESTION_BYTES));
     let server = net::server(Guarded::Worker, node.config.security.as_ref())?
         .add_routes(with_pages(services, watch, Registry::with_prefix(PREFIX)))
         .serve_with_incoming_shutdown(

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use argus_cluster::leadership::{Held, LocalRegistry, NatsRegistry, Registry, RegistryError};
+use argus_cluster::leadership::{Held, LateRegistry, LocalRegistry, NatsRegistry, Registry, RegistryError};
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
@@ -13,6 +13,7 @@ use tonic::Code;
 
 use crate::common;
 use crate::common::{Coordinator, LIMIT, Opener, Source, channel, quick, scene, start_coordinator_of, view};
+use crate::watching::page;
 
 const LEASE: Duration = Duration::from_millis(600);
 
@@ -256,4 +257,20 @@ async fn a_renewal_whose_answer_was_lost_is_known_for_ones_own() {
 async fn a_registry_that_is_not_there_is_an_error_that_names_it() {
     let error = NatsRegistry::connect("nats://127.0.0.1:9", Duration::from_secs(1)).await.unwrap_err();
     assert!(error.to_string().contains("nats://127.0.0.1:9"), "{error}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_coordinator_stands_by_until_its_registry_is_there() {
+    let registry = Arc::new(LateRegistry::new("nats://127.0.0.1:9", Duration::from_secs(1)));
+    let source = Source { scene: scene("test"), files: Vec::new() };
+    let coordinator = start_coordinator_of(quick(), None, source, registry);
+    assert_eq!(page(coordinator.address, "/livez").await.0, 200);
+    let (code, reason) = page(coordinator.address, "/readyz").await;
+    assert_eq!(code, 503);
+    assert!(reason.contains("stands by"), "{reason}");
+    let Some(nats) = Nats::start() else { return };
+    let late = LateRegistry::new(&nats.url, Duration::from_secs(30));
+    let held = late.acquire("a").await.unwrap().unwrap();
+    assert!(late.renew(held, "a").await.unwrap().is_some());
+    assert_eq!(late.leader().await.as_deref(), Some("a"));
 }

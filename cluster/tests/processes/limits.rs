@@ -215,3 +215,32 @@ async fn views_wait_for_memory_for_their_frames_and_are_all_answered() {
     // One that is larger than all there is is made alone.
     cluster.render(&View { width: 256, height: 256, ..view(2) }).await.unwrap();
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn clients_that_take_all_places_of_a_worker_do_not_keep_its_coordinator_out() {
+    let mut cluster = Cluster::start_with(quick(), 0).await;
+    let config = worker::Config { max_connections: 8, ..worker::Config::new(cluster.coordinator.url()) };
+    cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    cluster.wait_for(|status| status.processes == 1).await;
+    // They say nothing, and come from several addresses, since one has not that many places.
+    let mut clients = Vec::new();
+    for i in 0..9 {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind(([127, 0, 0, 2 + i / 3], 0).into()).unwrap();
+        clients.push(socket.connect(cluster.workers[0].address).await.unwrap());
+    }
+    cluster.render(&view(1)).await.unwrap();
+    cluster.render(&view(2)).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn strangers_ask_in_few_bytes() {
+    let cluster = Cluster::start(1).await;
+    for url in [cluster.coordinator.url(), cluster.workers[0].url()] {
+        let mut health = tonic_health::pb::health_client::HealthClient::new(common::channel(&url));
+        let ask = |service: String| tonic_health::pb::HealthCheckRequest { service };
+        let refused = health.check(ask("x".repeat(5000))).await.unwrap_err();
+        assert_eq!(refused.code(), Code::OutOfRange, "{refused}");
+        health.check(ask(String::new())).await.unwrap();
+    }
+}
