@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use argus_cluster::SceneSource;
 use argus_cluster::coordinator::{Config, serve};
 use argus_cluster::core::quality::Model;
-use argus_cluster::leadership::{LocalRegistry, NatsRegistry, Registry};
+use argus_cluster::leadership::{LateRegistry, LocalRegistry, NatsRegistry, Registry};
 use argus_scene::{Camera, Rig, Sampling, Scene};
 use argus_studies::calibration;
 use serde::Serialize;
@@ -19,6 +19,9 @@ use crate::exit::bad_arguments;
 use crate::settings::{self, Flags, Settings, Sources};
 use crate::wiring::OpenScene;
 use crate::{args, credentials, output, shutdown};
+
+/// Between two attempts to reach a registry that is not there yet.
+const TRY_AGAIN: Duration = Duration::from_millis(500);
 
 /// Accepts workers and answers clients; renders nothing itself.
 ///
@@ -171,7 +174,10 @@ impl Service {
         config.core.refresh_views = self.refresh_views;
         config.drifts = drifts;
         config.core.samples_per_view = self.rig.samples.unwrap_or(config.core.samples_per_view);
-        let registry = registry(settings).await?;
+        let registry = tokio::select! {
+            registry = registry(settings) => registry?,
+            () = shutdown.cancelled() => anyhow::bail!("stopped before the registry answered"),
+        };
         Ok(Ready { url, listener, source, config, registry, shutdown })
     }
 
@@ -228,5 +234,15 @@ async fn registry(settings: &Settings) -> anyhow::Result<Arc<dyn Registry>> {
     let Some(url) = &coordinator.registry else { return Ok(Arc::new(LocalRegistry::alone())) };
     let access = credentials::of_registry(url, coordinator, &settings.security)?;
     let lease = Duration::try_from_secs_f64(coordinator.registry_lease_secs)?;
-    Ok(Arc::new(NatsRegistry::connect_as(url, lease, access).await?))
+    let Some(most) = coordinator.registry_wait_secs.map(settings::secs) else {
+        return Ok(Arc::new(LateRegistry::new(url, lease, access)));
+    };
+    let began = Instant::now();
+    loop {
+        match NatsRegistry::connect_as(url, lease, access.clone()).await {
+            Ok(registry) => return Ok(Arc::new(registry)),
+            Err(error) if began.elapsed() >= most => return Err(error.into()),
+            Err(_) => tokio::time::sleep(TRY_AGAIN).await,
+        }
+    }
 }

@@ -62,14 +62,14 @@ impl Args {
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
-    let Settings { worker, security: files, .. } = args.settings(sources)?;
+    let Settings { worker, limits, security: files, .. } = args.settings(sources)?;
     let Some(coordinator) = worker.coordinator.clone() else {
         return Err(bad_arguments("--coordinator URL is wanted: where the coordinator is"));
     };
     let shutdown = shutdown::requested(args.exit_with_stdin);
     let security = credentials::of_member(&files, false)?;
     let listener = credentials::listen(&worker.listen, security.is_some(), &files).await?;
-    let config = Config { security, ..worker.config(coordinator) };
+    let config = Config { security, ..worker.config(coordinator, &limits) };
     let device = Arc::new(Device::new(args.sampling.knobs()?, settings::mib(worker.gpu_samples_mib)));
     let opener = Arc::new(SceneFolder::new(worker.scenes));
     Ok(run_worker(config, listener, device, opener, shutdown).await?)

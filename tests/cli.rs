@@ -93,7 +93,9 @@ fn nobody_listening_is_told_in_one_line_that_says_what_to_do() {
     ] {
         fails_in_one_line(&[subcommand, &["--server", &url]].concat(), 1, &["argus serve", &url]);
     }
-    fails_with(&["worker", "--coordinator", &url], 1, &["argus coordinator", &url]);
+    // Else it goes on trying.
+    let at_once = ["worker", "--set", "worker.coordinator_wait_secs=0", "--coordinator", &url];
+    fails_with(&at_once, 1, &["argus coordinator", &url]);
     fails_in_one_line(&["status", "--server", "not an address"], 2, &["not an address"]);
 }
 

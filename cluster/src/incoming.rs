@@ -4,6 +4,13 @@
 //! everybody. So errors are waited out here. Beyond the bound, connections wait in the operating system's queue, which has
 //! a bound of its own. One address has three quarters of the places at most, so that nobody takes them all; and who says
 //! nothing at all for a minute, not even the answers to this side's probes, has none.
+//!
+//! A quarter of the places is a reserve for the cluster's own processes: else clients, wherever they come from, could keep
+//! those out, who would wait behind them. Who comes is known by its certificate, and so only after it has a place. One of the
+//! reserve is therefore lost again unless its first moments show a member (the guard of `security` says so), and clients who
+//! have one are told at once that there is no room for them; probes of health are answered. In plaintext there are no
+//! certificates, and everybody may ask for everything: there whoever calls what members alone call counts as one. That keeps
+//! clients out that mean no harm, and nobody else: against those, listen on loopback or give certificates.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -11,6 +18,7 @@ use std::io;
 use std::net::{IpAddr, Ipv4Addr};
 use std::pin::Pin;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
@@ -23,12 +31,16 @@ use tonic::transport::server::{Connected, TcpConnectInfo};
 use tracing::warn;
 
 use crate::network::{Accept, Duplex};
+use crate::seldom::Seldom;
 
 /// Until what made a connection fail may have passed.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// A connection over which nothing came for so long is ended: both sides probe theirs more often.
 const SILENCE: Duration = Duration::from_secs(60);
+
+/// Who has a place of the reserve has so long to show that it is a member: connections within a cluster take milliseconds.
+const INTRODUCTION: Duration = Duration::from_secs(5);
 
 /// How many places each address has.
 type Peers = Arc<Mutex<HashMap<IpAddr, usize>>>;
@@ -68,19 +80,36 @@ impl Drop for PeerSeat {
 pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item = io::Result<Connection>> {
     let peers = Peers::default();
     let most_of_one = (most / 4 * 3).max(1);
-    let seats = Arc::new(Semaphore::new(most.min(Semaphore::MAX_PERMITS)));
+    let reserve = most / 4;
+    let seats = |count: usize| Arc::new(Semaphore::new(count.min(Semaphore::MAX_PERMITS)));
+    let (open, reserved) = (seats(most - reserve), seats(reserve));
     async_stream::stream! {
-        while let Ok(seat) = seats.clone().acquire_owned().await {
+        loop {
+            let (seat, is_reserved) = tokio::select! {
+                biased;
+                seat = open.clone().acquire_owned() => (seat, false),
+                seat = reserved.clone().acquire_owned() => (seat, true),
+            };
+            // They are never closed.
+            let Ok(seat) = seat else { return };
             match listener.accept().await {
                 Ok((stream, between)) => {
                     let address = between.remote_addr().map_or(Ipv4Addr::UNSPECIFIED.into(), |a| a.ip());
                     match PeerSeat::take(&peers, address, most_of_one) {
-                        Some(own) => yield Ok(Connection::new(stream, between, (seat, own))),
-                        None => warn!(%address, "a connection is refused: its address has too many"),
+                        Some(own) => yield Ok(Connection::new(stream, between, is_reserved, (seat, own))),
+                        None => {
+                            static REFUSED: Seldom = Seldom::new();
+                            if let Some(left_out) = REFUSED.now() {
+                                warn!(%address, left_out, "a connection is refused: its address has too many");
+                            }
+                        }
                     }
                 }
                 Err(error) => {
-                    warn!(%error, "no connection can be accepted");
+                    static FAILED: Seldom = Seldom::new();
+                    if let Some(left_out) = FAILED.now() {
+                        warn!(%error, left_out, "no connection can be accepted");
+                    }
                     tokio::time::sleep(PAUSE).await;
                 }
             }
@@ -88,10 +117,35 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
     }
 }
 
+/// Between whom a connection is, and what its place is: in the extensions of its requests.
+#[derive(Clone)]
+pub(crate) struct Between {
+    pub(crate) tcp: TcpConnectInfo,
+    place: Arc<Place>,
+}
+
+struct Place {
+    is_reserved: bool,
+    is_members: AtomicBool,
+}
+
+impl Between {
+    /// It is a member of the cluster that is at the other end.
+    pub(crate) fn is_members(&self) {
+        self.place.is_members.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether it has a place that is kept for somebody else.
+    pub(crate) fn is_in_the_way(&self) -> bool {
+        self.place.is_reserved && !self.place.is_members.load(Ordering::Relaxed)
+    }
+}
+
 /// A connection, and its place among those that are open.
 pub(crate) struct Connection {
     stream: Box<dyn Duplex>,
-    between: TcpConnectInfo,
+    between: Between,
+    since: Instant,
     /// When something came last, and when that is looked at.
     heard: Instant,
     silent: Pin<Box<Sleep>>,
@@ -101,18 +155,37 @@ pub(crate) struct Connection {
 impl Connection {
     fn new(
         stream: Box<dyn Duplex>,
-        between: TcpConnectInfo,
+        tcp: TcpConnectInfo,
+        is_reserved: bool,
         seats: (OwnedSemaphorePermit, PeerSeat),
     ) -> Self {
-        let heard = Instant::now();
-        Self { stream, between, heard, silent: Box::pin(sleep_until(heard + SILENCE)), _seats: seats }
+        let now = Instant::now();
+        let place = Arc::new(Place { is_reserved, is_members: AtomicBool::new(false) });
+        let look = now + if is_reserved { INTRODUCTION } else { SILENCE };
+        Self {
+            stream,
+            between: Between { tcp, place },
+            since: now,
+            heard: now,
+            silent: Box::pin(sleep_until(look)),
+            _seats: seats,
+        }
+    }
+
+    /// When it is over unless something comes, or a member shows itself, before.
+    fn ends(&self) -> Instant {
+        let silent = self.heard + SILENCE;
+        match self.between.is_in_the_way() {
+            true => silent.min(self.since + INTRODUCTION),
+            false => silent,
+        }
     }
 }
 
 impl Connected for Connection {
-    type ConnectInfo = TcpConnectInfo;
+    type ConnectInfo = Between;
 
-    fn connect_info(&self) -> TcpConnectInfo {
+    fn connect_info(&self) -> Between {
         self.between.clone()
     }
 }
@@ -133,7 +206,7 @@ impl AsyncRead for Connection {
         }
         // The timer is moved when it rings rather than with each read.
         while self.silent.as_mut().poll(cx).is_ready() {
-            let until = self.heard + SILENCE;
+            let until = self.ends();
             if until <= Instant::now() {
                 return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
             }
@@ -232,5 +305,37 @@ mod tests {
         connection.silent.as_mut().reset(Instant::now());
         let error = connection.read_exact(&mut byte).await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+    }
+
+    #[tokio::test]
+    async fn a_place_of_the_reserve_is_kept_by_members_alone() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let accepted = incoming(listener, 8);
+        tokio::pin!(accepted);
+        let mut clients = Vec::new();
+        // From several addresses, since one has not that many places.
+        for from in [2, 2, 2, 3, 3, 3, 4, 4] {
+            let socket = tokio::net::TcpSocket::new_v4().unwrap();
+            socket.bind((Ipv4Addr::new(127, 0, 0, from), 0).into()).unwrap();
+            clients.push(socket.connect(address).await.unwrap());
+        }
+        let mut open = Vec::new();
+        for _ in 0..8 {
+            open.push(accepted.next().await.unwrap().unwrap());
+        }
+        let in_the_way: Vec<bool> = open.iter().map(|c| c.between.is_in_the_way()).collect();
+        assert_eq!(in_the_way, [false, false, false, false, false, false, true, true]);
+        // One of the two is a member's, which shows in time.
+        open[7].connect_info().is_members();
+        let mut byte = [0];
+        for connection in &mut open[6..] {
+            connection.since = Instant::now() - INTRODUCTION;
+            connection.silent.as_mut().reset(Instant::now());
+        }
+        let error = open[6].read_exact(&mut byte).await.unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+        let waits = tokio::time::timeout(Duration::from_millis(50), open[7].read_exact(&mut byte)).await;
+        assert!(waits.is_err(), "a member stays");
     }
 }

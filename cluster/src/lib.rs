@@ -25,6 +25,8 @@ pub mod network;
 mod observe;
 pub mod sealed;
 pub mod security;
+mod seldom;
+mod taken;
 #[doc(hidden)]
 pub mod untrusted;
 mod wire;

@@ -8,6 +8,7 @@ use std::time::Duration;
 use argus_proto::Fault;
 use argus_proto::transport::tuned;
 use parking_lot::Mutex;
+use tokio::time::Instant;
 use tonic::transport::{Channel, Endpoint, Server};
 use tower::layer::util::{Identity, Stack};
 
@@ -18,9 +19,17 @@ use crate::security::guard::{Guard, Guarded};
 /// Both ends probe an idle connection this often, so that a machine that vanished is noticed.
 const KEEPALIVE: Duration = Duration::from_secs(10);
 
-/// Requests on one connection. A load balancer or a test client puts thousands on one; what is too many is the
-/// core's decision, and it says so at once, while a request over this limit would silently wait in the client.
-const MAX_STREAMS: u32 = 1 << 16;
+/// Channels that were used so long ago are closed: a connection is made anew within milliseconds.
+const UNUSED: Duration = Duration::from_secs(30);
+
+/// Requests on one connection: as many as a coordinator has sessions by default, all of which a load balancer, or one that
+/// tries how much a service bears, may put on one connection (`argus load` takes four). What is too many is the core's
+/// decision, and it says so at once, while a request over this limit would silently wait in the client; each that is open
+/// takes memory whatever becomes of it, so that it is no larger.
+const MAX_STREAMS: u32 = 1 << 14;
+
+/// Bytes of what strangers may ask: a service's name, or that of a symbol.
+pub(crate) const MOST_QUESTION_BYTES: usize = 4 << 10;
 
 /// Requests that were cancelled before they were looked at, on one connection: a client that gives up on all
 /// of its views at once is no attack.
@@ -108,7 +117,14 @@ pub(crate) struct Channels {
     connect_timeout: Duration,
     security: Option<Arc<Security>>,
     network: Network,
-    by_address: Mutex<HashMap<String, Channel>>,
+    by_address: Mutex<HashMap<String, Known>>,
+}
+
+/// A channel that was made.
+#[derive(Debug)]
+struct Known {
+    channel: Channel,
+    used: Instant,
 }
 
 impl Channels {
@@ -126,17 +142,50 @@ impl Channels {
     /// # Errors
     /// [`Fault::Unavailable`] if the address is none.
     pub(crate) fn to(&self, address: &str) -> Result<Channel, Fault> {
-        if let Some(channel) = self.by_address.lock().get(address) {
-            return Ok(channel.clone());
+        let now = Instant::now();
+        if let Some(known) = self.by_address.lock().get_mut(address) {
+            known.used = now;
+            return Ok(known.channel.clone());
         }
         let endpoint = endpoint(address, self.connect_timeout, self.security.as_deref());
         let endpoint = endpoint.map_err(Fault::Unavailable)?;
         let mut channels = self.by_address.lock();
-        Ok(channels.entry(address.to_owned()).or_insert_with(|| self.network.channel(&endpoint)).clone())
+        let made = || Known { channel: self.network.channel(&endpoint), used: now };
+        Ok(channels.entry(address.to_owned()).or_insert_with(made).channel.clone())
+    }
+
+    /// Closes channels that nobody has asked for in a while, once nobody uses them: each keeps a place at its other end, and
+    /// in a large cluster everybody talks to everybody sooner or later.
+    pub(crate) fn close_unused(&self) {
+        let now = Instant::now();
+        self.by_address.lock().retain(|_, known| now < known.used + UNUSED);
     }
 
     /// Closes the channel to an address once nobody uses it.
     pub(crate) fn forget(&self, address: &str) {
         self.by_address.lock().remove(address);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn channels_that_nobody_uses_are_closed() {
+        let channels = Channels::new(Duration::from_secs(1), None, Network::default());
+        let count = || channels.by_address.lock().len();
+        channels.to("http://127.0.0.1:1").unwrap();
+        tokio::time::advance(UNUSED / 2).await;
+        channels.to("http://127.0.0.1:2").unwrap();
+        channels.close_unused();
+        assert_eq!(count(), 2);
+        tokio::time::advance(UNUSED / 2).await;
+        channels.close_unused();
+        assert_eq!(count(), 1);
+        channels.to("http://127.0.0.1:2").unwrap();
+        tokio::time::advance(UNUSED - Duration::from_secs(1)).await;
+        channels.close_unused();
+        assert_eq!(count(), 1, "it was used since");
     }
 }

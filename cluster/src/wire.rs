@@ -87,6 +87,7 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         compositing_busy_ms: busy(wire.compositing_busy_ms),
         held: wire.held.into_iter().map(Into::into).collect(),
         leaving: wire.leaving,
+        piece_ms: busy(wire.piece_ms),
         ways: wire
             .ways
             .into_iter()
@@ -113,6 +114,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         compositing_busy_ms: report.compositing_busy_ms,
         held: report.held.into_iter().map(Into::into).collect(),
         leaving: report.leaving,
+        piece_ms: report.piece_ms,
         ways: report.ways.into_iter().map(way_cost).collect(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }

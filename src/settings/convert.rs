@@ -23,6 +23,7 @@ impl Settings {
         };
         let some = |key, value: u64| (value == 0).then(|| (key, "must be at least 1".to_owned()));
         let rate = |key, value: Option<f64>| value.and_then(|value| within(key, value, 1.0, 1e15));
+        let patience = |key, secs: Option<f64>| secs.and_then(|secs| within(key, secs, 0.0, MOST_SECS));
         [
             coordinator.sampling().is_none().then(|| {
                 let names = Sampling::NAMES.join(" or ");
@@ -44,6 +45,11 @@ impl Settings {
             within("coordinator.registry_lease_secs", coordinator.registry_lease_secs, 0.5, 3600.0),
             within("coordinator.grace_secs", coordinator.grace_secs, 0.0, MOST_SECS),
             within("worker.grace_secs", worker.grace_secs, 0.0, MOST_SECS),
+            patience("coordinator.registry_wait_secs", coordinator.registry_wait_secs),
+            patience("worker.coordinator_wait_secs", worker.coordinator_wait_secs),
+            within("worker.rest_secs", worker.rest_secs, 1.0, MOST_SECS),
+            within("limits.view_secs", limits.view_secs, 1.0, MOST_SECS),
+            within("limits.read_secs", limits.read_secs, 1.0, 3600.0),
             within("limits.wait_secs", limits.wait_secs, 0.0, MOST_SECS),
             rate("limits.pixels_per_sec", limits.pixels_per_sec),
             rate("limits.pixels_per_sec_per_client", limits.pixels_per_sec_per_client),
@@ -51,6 +57,10 @@ impl Settings {
             some("worker.gpu_samples_mib", worker.gpu_samples_mib),
             some("worker.queued_views", worker.queued_views as u64),
             some("worker.queued_samples", worker.queued_samples as u64),
+            some("worker.frames_mib", worker.frames_mib),
+            some("worker.requests", worker.requests as u64),
+            some("worker.connections", worker.connections as u64),
+            some("limits.views_per_worker", limits.views_per_worker as u64),
             some("worker.bundle_mib", worker.bundle_mib),
             some("limits.views", limits.views as u64),
             some("limits.views_per_client", limits.views_per_client as u64),
@@ -79,7 +89,7 @@ impl Security {
 }
 
 /// Of a number that was checked.
-fn secs(secs: f64) -> Duration {
+pub(crate) fn secs(secs: f64) -> Duration {
     Duration::try_from_secs_f64(secs).unwrap_or(Duration::MAX)
 }
 
@@ -111,6 +121,9 @@ impl Coordinator {
             max_sessions_per_client: limits.sessions_per_client,
             pixels_per_sec: limits.pixels_per_sec,
             pixels_per_sec_per_client: limits.pixels_per_sec_per_client,
+            max_views_per_worker: limits.views_per_worker,
+            max_view_time: secs(limits.view_secs),
+            refining_bytes: mib(self.refining_mib),
             max_wait: secs(limits.wait_secs),
             limits: argus_scene::Limits { max_side: limits.view_side, max_pixels: limits.view_pixels },
             ..core::Config::default()
@@ -122,6 +135,7 @@ impl Coordinator {
             time_scale,
             grace,
             max_connections: limits.connections,
+            read_within: secs(limits.read_secs),
             max_request_bytes: limits.request_kib.saturating_mul(1 << 10),
             ..coordinator::Config::default()
         }
@@ -130,7 +144,7 @@ impl Coordinator {
 
 impl Worker {
     /// The worker's part of them, for the coordinator at that address.
-    pub(crate) fn config(&self, coordinator: String) -> worker::Config {
+    pub(crate) fn config(&self, coordinator: String, limits: &Limits) -> worker::Config {
         worker::Config {
             advertise: self.advertise.clone(),
             public: self.public_address.as_ref().map(|address| match address.as_str() {
@@ -140,6 +154,12 @@ impl Worker {
             held_bytes: mib(self.samples_mib),
             max_queued_views: self.queued_views,
             max_queued_samples: self.queued_samples,
+            frame_bytes: mib(self.frames_mib),
+            read_within: secs(limits.read_secs),
+            max_requests: self.requests,
+            max_connections: self.connections,
+            rest_after: secs(self.rest_secs),
+            give_up_after: self.coordinator_wait_secs.map(secs),
             standby_sampler: self.standby_sampler,
             max_bundle_bytes: mib(self.bundle_mib),
             grace: secs(self.grace_secs),

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use argus_scene::{MegaViews, Sampling};
 use serde::{Deserialize, Serialize};
 
-pub(crate) use convert::mib;
+pub(crate) use convert::{mib, secs};
 pub(crate) use layers::{Flags, Sources, path};
 
 /// All settings. Units are in the names.
@@ -89,6 +89,11 @@ pub(crate) struct Coordinator {
     /// How long leadership lasts unless renewed: a standby leads at most so long after the leader died, and a leader that
     /// hears nothing of the registry stops within it. Where the registry knows a lease already, that counts.
     pub(crate) registry_lease_secs: f64,
+    /// How long the registry may be absent at the start before this process gives up; unset: it stands by until
+    /// the registry is there.
+    pub(crate) registry_wait_secs: Option<f64>,
+    /// Samples beside the rig's own that may exist in a worker at the same time.
+    pub(crate) refining_mib: u64,
     /// Where others reach this coordinator, if not where it listens; whoever asks a standby is told.
     pub(crate) advertise: Option<String>,
 }
@@ -113,6 +118,8 @@ impl Default for Coordinator {
             registry: None,
             registry_credentials: None,
             registry_lease_secs: 2.5,
+            registry_wait_secs: None,
+            refining_mib: 1024,
             advertise: None,
         }
     }
@@ -124,6 +131,9 @@ impl Default for Coordinator {
 pub(crate) struct Worker {
     /// Where the coordinator is; several with commas between them, of which one leads.
     pub(crate) coordinator: Option<String>,
+    /// How long nobody may answer there at the start before this process gives up; unset: it goes on trying, since processes
+    /// are started in any order.
+    pub(crate) coordinator_wait_secs: Option<f64>,
     /// Where to listen; port 0 takes any that is free, since only the coordinator has to find it.
     pub(crate) listen: String,
     /// Where others reach this worker, if not where it listens.
@@ -141,6 +151,15 @@ pub(crate) struct Worker {
     pub(crate) queued_views: usize,
     /// Samples that wait for the render thread.
     pub(crate) queued_samples: usize,
+    /// Frames that are being made, packed or sent; further views wait. 2 GiB: a hundred and fifty of 1920×1080 pixels, or six
+    /// of the largest with all images.
+    pub(crate) frames_mib: u64,
+    /// Requests in work, of the coordinator and of other workers.
+    pub(crate) requests: usize,
+    /// Open connections. A quarter is for the cluster's own processes.
+    pub(crate) connections: usize,
+    /// What the other role would need is given up after nobody has used it for so long.
+    pub(crate) rest_secs: f64,
     /// Whether a worker that composites has a sampler at hand, for when the samplers are lost.
     pub(crate) standby_sampler: bool,
     /// The largest scene that is fetched from a coordinator.
@@ -153,6 +172,7 @@ impl Default for Worker {
     fn default() -> Self {
         Self {
             coordinator: None,
+            coordinator_wait_secs: None,
             listen: "127.0.0.1:0".to_owned(),
             advertise: None,
             public_address: None,
@@ -161,6 +181,10 @@ impl Default for Worker {
             gpu_samples_mib: 4096,
             queued_views: 256,
             queued_samples: 4096,
+            frames_mib: 2048,
+            requests: 2048,
+            connections: 4096,
+            rest_secs: 30.0,
             standby_sampler: false,
             bundle_mib: 8192,
             grace_secs: 5.0,
@@ -177,6 +201,12 @@ pub(crate) struct Limits {
     pub(crate) views: usize,
     /// … of one client: three quarters, so that nobody fills the cluster alone.
     pub(crate) views_per_client: usize,
+    /// … at one worker: two full batches, so that one is ready when the other is done.
+    pub(crate) views_per_worker: usize,
+    /// A view is given up after this long, whatever its deadline: one whose client takes nothing would keep its place.
+    pub(crate) view_secs: f64,
+    /// A client that does not read a MiB of its frame for so long loses the frame, or its session.
+    pub(crate) read_secs: f64,
     /// A view that would wait longer than this for its turn, by measured costs, is turned away: the work before it is
     /// done for clients who still wait.
     pub(crate) wait_secs: f64,
@@ -188,7 +218,8 @@ pub(crate) struct Limits {
     pub(crate) sessions: usize,
     /// … of one client: three quarters.
     pub(crate) sessions_per_client: usize,
-    /// Open connections: a machine's file descriptors are many times as many.
+    /// Open connections, of which a quarter is for the cluster's own processes: a machine's file descriptors are many times
+    /// as many.
     pub(crate) connections: usize,
     /// Bytes of a client's request. The largest one that means anything, a view with a pinned plan, is some hundred.
     pub(crate) request_kib: usize,
@@ -204,6 +235,9 @@ impl Default for Limits {
         Self {
             views: 2048,
             views_per_client: 1536,
+            views_per_worker: 128,
+            view_secs: 600.0,
+            read_secs: 20.0,
             wait_secs: 60.0,
             pixels_per_sec: None,
             pixels_per_sec_per_client: None,

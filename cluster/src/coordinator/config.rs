@@ -33,6 +33,9 @@ pub struct Config {
     pub connect_timeout: Duration,
     /// Bytes of a client's request. The largest one that means anything, a view with a pinned plan, is some hundred.
     pub max_request_bytes: usize,
+    /// A client that does not read a chunk of a frame, a MiB at most, for so long loses that frame, or its session. Until
+    /// then its worker holds the frame, and the one connection to that worker the part that is on its way.
+    pub read_within: Duration,
     /// Connections that are open at the same time; further ones wait.
     pub max_connections: usize,
     /// Who may ask and join; `None`: plaintext, and everybody.
@@ -56,6 +59,7 @@ impl Default for Config {
             grace: Duration::from_secs(5),
             connect_timeout: Duration::from_secs(2),
             max_request_bytes: 256 << 10,
+            read_within: Duration::from_secs(20),
             max_connections: 16384,
             security: None,
             network: Network::default(),

@@ -34,6 +34,8 @@ pub(super) struct Hub {
     pub(super) source: Arc<dyn SceneSource>,
     pub(super) standing: Standing,
     pub(super) channels: Channels,
+    /// How long a client may take to read a chunk.
+    pub(super) read_within: Duration,
     /// What is recorded of the frames that pass.
     pub(super) frames: Frames,
     /// What clients were sent to workers with.
@@ -154,6 +156,7 @@ impl Hub {
             source,
             standing,
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
+            read_within: config.read_within,
             frames: Frames::default(),
             tickets: Tickets::default(),
             closing: CancellationToken::new(),
@@ -437,7 +440,12 @@ impl Asked {
         self.end(Event::Failed { ticket: self.ticket, attempt, failure: Failure::Final });
     }
 
-    /// That attempt failed before its frame began; a verdict follows.
+    /// That attempt failed, and its worker is to blame; a verdict follows.
+    pub(super) fn blame_worker(&self, attempt: u32) {
+        self.hub.step(Event::Failed { ticket: self.ticket, attempt, failure: Failure::OfWorker });
+    }
+
+    /// That attempt came to nothing, which says nothing of its worker; a verdict follows.
     pub(super) fn try_elsewhere(&self, attempt: u32) {
         self.hub.step(Event::Failed { ticket: self.ticket, attempt, failure: Failure::TryElsewhere });
     }

@@ -20,7 +20,8 @@ const RETRY: Duration = Duration::from_millis(250);
 
 /// Leads whenever it can. Never ends.
 pub(super) async fn lead(hub: &Hub, registry: &Arc<dyn Registry>, address: &str) {
-    let pause = registry.lease().map_or(RETRY, |lease| lease / OFTEN);
+    // What its lease is, a registry knows once it was reached.
+    let pause = || registry.lease().map_or(RETRY, |lease| lease / OFTEN);
     let mut told = false;
     loop {
         let asked = Instant::now();
@@ -30,7 +31,7 @@ pub(super) async fn lead(hub: &Hub, registry: &Arc<dyn Registry>, address: &str)
                 let expected = registry.noted_workers().await.len();
                 hub.lead(held.term, until(registry.as_ref(), asked), expected);
                 *hub.held.lock() = Some(held);
-                keep(hub, registry.as_ref(), held, address, pause).await;
+                keep(hub, registry.as_ref(), held, address, pause()).await;
                 hub.step_down("another coordinator may lead");
                 give_up(hub, registry.as_ref()).await;
             }
@@ -44,7 +45,7 @@ pub(super) async fn lead(hub: &Hub, registry: &Arc<dyn Registry>, address: &str)
             Err(error) if !std::mem::replace(&mut told, true) => warn!(%error, "nobody can lead"),
             Err(_) => {}
         }
-        tokio::time::sleep(pause).await;
+        tokio::time::sleep(pause()).await;
     }
 }
 

@@ -120,9 +120,9 @@ pub async fn serve(
     let views = ViewsServer::new(views::ViewsService::new(hub.clone()));
     let services = Routes::new(views.max_decoding_message_size(config.max_request_bytes))
         .add_service(ClusterServer::new(cluster::ClusterService { hub: hub.clone() }))
-        .add_service(ScenesServer::new(scenes::ScenesService { hub: hub.clone() }))
-        .add_service(health_service)
-        .add_service(reflection);
+        .add_service(ScenesServer::new(scenes::ScenesService::new(hub.clone())))
+        .add_service(health_service.max_decoding_message_size(net::MOST_QUESTION_BYTES))
+        .add_service(reflection.max_decoding_message_size(net::MOST_QUESTION_BYTES));
     let server = net::server(Guarded::Coordinator, config.security.as_ref())?
         .add_routes(with_pages(services, watch, hub.frames.registry()))
         .serve_with_incoming_shutdown(incoming(listener, config.max_connections), draining);
@@ -156,6 +156,7 @@ async fn tick(hub: &Hub, config: &Config) {
         interval.tick().await;
         hub.step(Event::Tick);
         hub.frames.ticked();
+        hub.channels.close_unused();
     }
 }
 

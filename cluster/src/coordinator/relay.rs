@@ -24,6 +24,9 @@ use super::hub::{Asked, Hub, Ruling, Verdict};
 use crate::core::{Client, Order};
 use crate::wire;
 
+/// How long a worker that has sent all of a frame may take to say so.
+const LAST_WORD: Duration = Duration::from_secs(1);
+
 /// A view that is asked for.
 pub(super) struct Wanted {
     /// Who asks.
@@ -124,9 +127,9 @@ pub(super) fn relay_from(
                                 hub.frames.relayed();
                                 arrived(&hub, asked, &order, relayed.header.as_ref());
                                 yield chunk;
-                                // Reading to the end lets the worker's stream close in order.
+                                // Reading to the end lets the worker's stream close in order, if it does soon.
                                 if let Some(chunks) = &mut chunks {
-                                    let _ = chunks.message().await;
+                                    let _ = tokio::time::timeout(LAST_WORD, chunks.message()).await;
                                 }
                                 return;
                             }
@@ -149,7 +152,10 @@ pub(super) fn relay_from(
                 }
                 Broken::Failed(status) => {
                     debug!(view = wanted.view_id, attempt = order.attempt, %status, "attempt failed");
-                    asked.try_elsewhere(order.attempt);
+                    match is_its_own(&status) {
+                        true => asked.blame_worker(order.attempt),
+                        false => asked.try_elsewhere(order.attempt),
+                    }
                     // Where no other is left, what the last one said tells more than that it was the last.
                     match ordered(&mut asked).await {
                         Err(Fault::Unavailable(_)) => Err(status)?,
@@ -209,6 +215,11 @@ pub(super) fn rendering_ms(header: &v1::FrameHeader) -> f64 {
 /// Whether a worker's failure may be its own: all but what is wrong with the request itself.
 fn another_may_succeed(status: &Status) -> bool {
     !matches!(status.code(), Code::InvalidArgument | Code::DeadlineExceeded | Code::Unimplemented)
+}
+
+/// Whether a failure says that a worker does not work: not that it has no room, or may not do what it was asked.
+fn is_its_own(status: &Status) -> bool {
+    matches!(status.code(), Code::Unavailable | Code::Internal | Code::DataLoss | Code::Unknown)
 }
 
 /// An order as its worker gets it.

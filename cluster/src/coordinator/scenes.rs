@@ -1,7 +1,7 @@
 //! `Scenes`: how a worker comes by a scene that it does not have.
 
 use std::pin::Pin;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use argus_proto::chunks::{bundle_chunks, procedural_chunk};
 use argus_proto::convert::scene_hash;
@@ -10,6 +10,7 @@ use argus_proto::v1::scenes_server::Scenes;
 use argus_proto::{Fault, v1};
 use bytes::Bytes;
 use futures::Stream;
+use tokio::sync::Mutex;
 use tonic::{Request, Response, Status};
 use tracing::info;
 
@@ -18,10 +19,41 @@ use crate::SceneSource;
 
 /// The service.
 pub(super) struct ScenesService {
-    pub(super) hub: Arc<Hub>,
+    hub: Arc<Hub>,
+    /// What is being sent: in memory once, however many fetch it at the same time, and no longer than that.
+    bundle: Mutex<Weak<Bundle>>,
+}
+
+/// The scene's files, those that are opened first at the beginning.
+struct Bundle {
+    files: Vec<(String, Bytes)>,
 }
 
 type Chunks = Box<dyn Iterator<Item = v1::SceneChunk> + Send>;
+
+impl ScenesService {
+    pub(super) fn new(hub: Arc<Hub>) -> Self {
+        Self { hub, bundle: Mutex::default() }
+    }
+
+    async fn chunks(&self) -> Result<Chunks, Status> {
+        let source = self.hub.source.clone();
+        let scene = source.scene().clone();
+        if let Some(spec) = source.procedural() {
+            return Ok(Box::new(std::iter::once(procedural_chunk(&scene.name, scene.hash, &spec))));
+        }
+        let bundle = shared(&self.bundle, move || read(source.as_ref())).await?;
+        let Some(root) = bundle.files.first().map(|(name, _)| name.clone()) else {
+            return Err(Status::internal("the scene has no files"));
+        };
+        // These are references to the same bytes.
+        let chunks =
+            bundle_chunks(&scene.name, scene.hash, &root, bundle.files.clone()).map_err(Fault::from)?;
+        Ok(Box::new(chunks.inspect(move |_| {
+            let _found_by_others_until_sent = &bundle;
+        })))
+    }
+}
 
 #[tonic::async_trait]
 impl Scenes for ScenesService {
@@ -33,30 +65,58 @@ impl Scenes for ScenesService {
         if wanted != ours {
             return Err(Fault::NotFound(format!("scene {wanted} is not served here, {ours} is")).into());
         }
-        let source = self.hub.source.clone();
-        let chunks = tokio::task::spawn_blocking(move || chunks(source.as_ref()))
-            .await
-            .map_err(|e| Status::internal(e.to_string()))??;
+        let chunks = self.chunks().await?;
         info!(scene = self.hub.standing.scene.name, "scene sent");
         Ok(Response::new(Box::pin(futures::stream::iter(chunks.map(Ok)))))
     }
 }
 
-/// Reads the bundle. It is in memory once while it is sent; a worker fetches it once in its life.
-fn chunks(source: &dyn SceneSource) -> Result<Chunks, Status> {
-    let scene = source.scene();
-    if let Some(spec) = source.procedural() {
-        return Ok(Box::new(std::iter::once(procedural_chunk(&scene.name, scene.hash, &spec))));
+/// What somebody has already, or else what is read. Who comes meanwhile waits for it instead of reading as well.
+async fn shared<T: Send + Sync + 'static>(
+    known: &Mutex<Weak<T>>,
+    read: impl FnOnce() -> Result<T, Status> + Send + 'static,
+) -> Result<Arc<T>, Status> {
+    let mut known = known.lock().await;
+    if let Some(here) = known.upgrade() {
+        return Ok(here);
     }
-    let files = source.files().map_err(Status::internal)?;
-    let Some(root) = files.first().map(|(name, _)| name.clone()) else {
-        return Err(Status::internal("the scene has no files"));
-    };
+    let read = tokio::task::spawn_blocking(read).await.map_err(|e| Status::internal(e.to_string()))?;
+    let read = Arc::new(read?);
+    *known = Arc::downgrade(&read);
+    Ok(read)
+}
+
+fn read(source: &dyn SceneSource) -> Result<Bundle, Status> {
     let read = |(name, path): (String, std::path::PathBuf)| match std::fs::read(&path) {
         Ok(bytes) => Ok((name, Bytes::from(bytes))),
         Err(e) => Err(Status::internal(format!("{}: {e}", path.display()))),
     };
-    let files = files.into_iter().map(read).collect::<Result<Vec<_>, Status>>()?;
-    let chunks = bundle_chunks(&scene.name, scene.hash, &root, files).map_err(Fault::from)?;
-    Ok(Box::new(chunks))
+    let files = source.files().map_err(Status::internal)?;
+    Ok(Bundle { files: files.into_iter().map(read).collect::<Result<_, Status>>()? })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use futures::future::join_all;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn a_bundle_is_read_once_for_all_who_fetch_it_at_the_same_time() {
+        let (known, reads) = (Mutex::default(), Arc::new(AtomicUsize::new(0)));
+        let fetch = || {
+            let reads = reads.clone();
+            shared(&known, move || {
+                std::thread::sleep(std::time::Duration::from_millis(20));
+                Ok(reads.fetch_add(1, Ordering::SeqCst))
+            })
+        };
+        let together = join_all((0..8).map(|_| fetch())).await;
+        assert!(together.iter().all(|read| read.as_ref().is_ok_and(|read| **read == 0)));
+        drop(together);
+        assert!(known.lock().await.upgrade().is_none(), "nothing stays");
+        assert_eq!(*fetch().await.unwrap(), 1);
+    }
 }

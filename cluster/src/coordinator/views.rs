@@ -19,6 +19,7 @@ use super::hub::Hub;
 use super::relay::{Wanted, relay};
 use super::session;
 use crate::security::guard::Caller;
+use crate::taken::in_time;
 
 /// The longest `view_id` that is carried around.
 const MAX_VIEW_ID: usize = 128;
@@ -127,7 +128,8 @@ impl Views for ViewsService {
             arrived,
             span,
         };
-        Ok(Response::new(Box::pin(relay(self.hub.clone(), wanted))))
+        let frame = relay(self.hub.clone(), wanted);
+        Ok(Response::new(Box::pin(in_time(frame, self.hub.read_within, None))))
     }
 
     async fn redeem(
@@ -142,6 +144,7 @@ impl Views for ViewsService {
         request: Request<Streaming<v1::SessionRequest>>,
     ) -> Result<Response<Self::SessionStream>, Status> {
         let open = session::Open::new(self.hub.clone(), Caller::of(&request).name)?;
-        Ok(Response::new(Box::pin(session::run(open, request.into_inner()))))
+        let answers = session::run(open, request.into_inner());
+        Ok(Response::new(Box::pin(in_time(answers, self.hub.read_within, None))))
     }
 }

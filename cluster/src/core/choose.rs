@@ -96,8 +96,8 @@ impl Core {
             .values()
             .filter(|w| w.is_ready() && (view.device_kind.is_empty() || w.hello.device == view.device_kind))
             .collect();
-        // Who seems to hang is asked where there is nobody else.
-        let awake: Vec<&Worker> = able.iter().filter(|w| !w.suspected).copied().collect();
+        // Who seems to hang, or fails, is asked where there is nobody else.
+        let awake: Vec<&Worker> = able.iter().filter(|w| w.answers()).copied().collect();
         let able = if awake.is_empty() { able } else { awake };
         let untried: Vec<&Worker> = able.iter().filter(|w| !view.tried.contains(&w.id)).copied().collect();
         let open = if untried.is_empty() { able } else { untried };

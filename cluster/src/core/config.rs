@@ -23,6 +23,11 @@ pub struct Config {
     /// A worker that has not reported for this long is lost. Twenty reports: a machine with more renderers
     /// than cores may starve one for seconds; a process that dies closes its stream and is noticed at once.
     pub lease: Duration,
+    /// A worker whose render thread has been at one piece of work for this long, and for ten times as long as that is
+    /// expected to take, is suspected as if it were silent.
+    pub stuck_after: Duration,
+    /// … this long while nobody has measured such work yet: a first sample may wait for machine code.
+    pub first_of_its_kind: Duration,
     /// How often workers report.
     pub report_interval: Duration,
     /// Views waiting or in work in the whole cluster; one more is turned away at once.
@@ -103,6 +108,8 @@ impl Default for Config {
             dwell: Duration::from_secs(3),
             idle_fraction: 0.01,
             lease: Duration::from_secs(5),
+            stuck_after: Duration::from_secs(5),
+            first_of_its_kind: Duration::from_secs(60),
             report_interval: Duration::from_millis(250),
             max_views: 2048,
             max_views_per_client: 1536,

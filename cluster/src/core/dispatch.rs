@@ -140,6 +140,11 @@ impl Pending {
         matches!(self.plan, Plan::Direct { .. })
     }
 
+    /// What is rendered for it: pixels with their sub-pixels.
+    pub(super) fn work(&self) -> u64 {
+        self.pixels.saturating_mul(sub_pixels(&self.plan))
+    }
+
     fn traces_holes(&self) -> bool {
         matches!(&self.plan, Plan::Warp(warp) if warp.holes == Holes::Trace)
     }
@@ -387,6 +392,14 @@ impl Core {
             if let Some(ms) = ms {
                 self.learn_pace(ticket, ms);
             }
+            if let Some(view) = self.views.get(&ticket) {
+                let costs = &mut self.costs;
+                let pixels = if view.is_direct() { &mut costs.direct_pixels } else { &mut costs.view_pixels };
+                pixels.observe(view.work() as f64);
+                if let Some(worker) = view.worker.and_then(|id| self.workers.get_mut(&id)) {
+                    worker.record.answered();
+                }
+            }
             self.take_back(ticket, true);
             if let (Some(view), Some(uncovered)) = (self.forget(ticket), uncovered)
                 && !view.is_direct()
@@ -413,6 +426,10 @@ impl Core {
         }
         match failure {
             Failure::TryElsewhere => self.retry(ticket, now, actions),
+            Failure::OfWorker => {
+                self.blame(self.views.get(&ticket).and_then(|view| view.worker), ticket, now);
+                self.retry(ticket, now, actions);
+            }
             Failure::Final => {
                 self.take_back(ticket, false);
                 self.forget(ticket);

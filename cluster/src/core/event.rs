@@ -97,6 +97,8 @@ pub struct Report {
     pub held: Vec<SampleId>,
     /// It is about to leave.
     pub leaving: bool,
+    /// Milliseconds that its render thread has been at the piece of work that it is at; 0 while it waits, or gets ready.
+    pub piece_ms: f64,
     /// What each way to see triangles costs there, ms for a tile of a sample; where it was told to measure.
     pub ways: Vec<(Visibility, f64)>,
 }
@@ -104,8 +106,10 @@ pub struct Report {
 /// How an attempt at a view ended without its frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Failure {
-    /// Another worker may succeed: nothing was relayed yet.
+    /// Another worker may succeed, and nothing says that this one is at fault.
     TryElsewhere,
+    /// Another worker may succeed: the failure is this worker's own.
+    OfWorker,
     /// The failure is the view's own, or part of the frame is already with the client.
     Final,
 }

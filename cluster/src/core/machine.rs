@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use std::time::Duration;
 
 use argus_proto::Fault;
 use argus_scene::SampleSetInfo;
@@ -65,6 +66,9 @@ pub(super) struct MeasuredCosts {
     pub(super) direct: Smoothed,
     pub(super) view: Smoothed,
     pub(super) ray: Smoothed,
+    /// What is rendered for such a view, pixels with their sub-pixels.
+    pub(super) direct_pixels: Smoothed,
+    pub(super) view_pixels: Smoothed,
     /// Busy seconds of the busiest worker in a tick.
     pub(super) tick_secs: f64,
 }
@@ -133,6 +137,8 @@ impl Core {
                 direct: cost(),
                 view: cost(),
                 ray: cost(),
+                direct_pixels: cost(),
+                view_pixels: cost(),
                 tick_secs: 0.0,
             },
             models: Vec::new(),
@@ -188,7 +194,7 @@ impl Core {
 
     /// Whether a view that is asked for now has somebody to render it.
     pub fn can_answer(&self) -> bool {
-        !self.draining && self.members().next().is_some()
+        !self.draining && self.members().any(Worker::seems_well)
     }
 
     /// Whether that view waits or is in work.
@@ -263,6 +269,7 @@ impl Core {
     }
 
     fn report(&mut self, id: WorkerId, mut report: Report, now: Uptime, actions: &mut Vec<Action>) {
+        let is_stuck = self.workers.get(&id).is_some_and(|worker| self.is_stuck(worker, &report));
         let Some(worker) = self.workers.get_mut(&id) else {
             let reason = "its lease ran out, or it was replaced".to_owned();
             actions.push(Action::Expel { worker: id, reason });
@@ -291,8 +298,9 @@ impl Core {
         let ways = std::mem::take(&mut report.ways);
         let (could_compose, could_sample) = (worker.takes_views(), worker.takes_samples());
         let news = worker.take_report(report, now, &mut self.whereabouts);
+        worker.suspected = is_stuck;
         self.lines.update(worker);
-        self.to_refine |= was_suspected
+        self.to_refine |= was_suspected != is_stuck
             || news
             || (could_compose, could_sample) != (worker.takes_views(), worker.takes_samples());
         if worker.is_ready() != was_ready {
@@ -329,29 +337,10 @@ impl Core {
         self.seek_way(actions);
     }
 
-    /// Suspects workers that have been silent for a part of their lease: others get their views, in whose samples and
-    /// roles nothing changes until the lease is over.
-    fn suspect(&mut self, now: Uptime, actions: &mut Vec<Action>) {
-        let silence = self.config.suspected_after();
-        // After a pause of this process itself all reports are late.
-        let awake = now.since(std::mem::replace(&mut self.ticked, now)) < silence / 2;
-        let silent = |w: &&mut Worker| awake && !w.suspected && now.since(w.last_report) >= silence;
-        for worker in self.workers.values_mut().filter(silent) {
-            worker.suspected = true;
-            self.lines.update(worker);
-            self.to_refine = true;
-        }
-        // Where nobody else can have it a view stays, until somebody can; so does one that has gone round already.
-        let can = |w: &Worker, v: &Pending| {
-            w.answers() && (v.device_kind.is_empty() || w.hello.device == v.device_kind)
-        };
-        let elsewhere = |v: &Pending| self.workers.values().any(|w| can(w, v));
-        let moves = |ticket: &Ticket| {
-            self.views.get(ticket).is_some_and(|view| self.may_be_retried(view) && elsewhere(view))
-        };
-        let suspected = self.workers.values().filter(|w| w.suspected);
-        let views: Vec<Ticket> = suspected.flat_map(|w| w.views.iter().copied()).filter(moves).collect();
-        views.into_iter().for_each(|ticket| self.retry(ticket, now, actions));
+    /// Whether this process itself did not pause for longer than that since the last tick: after a pause of it, all reports
+    /// are late.
+    pub(super) fn was_awake(&mut self, longest: Duration, now: Uptime) -> bool {
+        now.since(std::mem::replace(&mut self.ticked, now)) < longest
     }
 
     fn tick(&mut self, now: Uptime, actions: &mut Vec<Action>) {

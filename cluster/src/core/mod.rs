@@ -31,6 +31,7 @@ mod roles;
 pub mod smooth;
 mod spread;
 mod status;
+mod suspicion;
 mod time;
 mod ways;
 mod whereabouts;

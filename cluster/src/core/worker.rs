@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use argus_scene::SampleId;
 
 use super::event::{Assignment, Hello, Report, Role, Source, Ticket, WorkerId};
+use super::suspicion::Record;
 use super::time::Uptime;
 use super::whereabouts::Whereabouts;
 
@@ -37,8 +38,10 @@ pub(super) struct Worker {
     fetching: BTreeMap<SampleId, usize>,
     /// Busy milliseconds when the current tick began.
     pub(super) busy_at_tick_ms: f64,
-    /// It has not reported for [`super::Config::suspected_after`].
+    /// It has not reported for [`super::Config::suspected_after`], or does not get on with what it does.
     pub(super) suspected: bool,
+    /// How it has fared with its views.
+    pub(super) record: Record,
 }
 
 impl Worker {
@@ -66,6 +69,7 @@ impl Worker {
             fetching: BTreeMap::new(),
             busy_at_tick_ms: 0.0,
             suspected: false,
+            record: Record::default(),
         }
     }
 
@@ -89,9 +93,15 @@ impl Worker {
         self.acting.map(|_| self.assigned.role)
     }
 
-    /// Whether it can be given something: it is ready, and was heard of lately.
+    /// Whether it was heard of lately, gets on, and does not rest from failures.
+    pub(super) fn seems_well(&self) -> bool {
+        !(self.suspected || self.record.rests())
+    }
+
+    /// Whether it can be given something: it is ready and seems well. One view is enough to find out whether one that
+    /// failed works again.
     pub(super) fn answers(&self) -> bool {
-        self.is_ready() && !self.suspected
+        self.is_ready() && self.seems_well() && !(self.record.is_on_trial() && !self.views.is_empty())
     }
 
     /// Whether it takes new samples and direct views: on the way to another role, only what both include.

@@ -5,18 +5,25 @@
 
 use std::sync::Arc;
 use std::task::{Context, Poll};
+use std::time::Duration;
 
+use argus_proto::Fault;
 use futures::future::{Either, Ready, ready};
 use rustls_pki_types::{CertificateDer, ServerName};
 use tonic::body::Body;
 use tonic::codegen::http;
-use tonic::transport::server::{TcpConnectInfo, TlsConnectInfo};
+use tonic::transport::server::TlsConnectInfo;
 use tonic::{Code, Status};
 use tower::{Layer, Service};
 use tracing::warn;
 use webpki::EndEntityCert;
 
 use super::{CLUSTER_NAME, Security};
+use crate::incoming::Between;
+use crate::seldom::Seldom;
+
+/// When connections that were refused their place may find one.
+const COME_AGAIN: Duration = Duration::from_secs(1);
 
 /// What a caller may do; each may do what those before it may.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -56,8 +63,7 @@ pub(crate) enum Guarded {
 /// What a call needs.
 fn needed(guarded: Guarded, path: &str) -> Rank {
     match (guarded, path) {
-        (_, path) if path.starts_with("/grpc.health.v1.Health/") => Rank::Anybody,
-        (_, "/livez" | "/readyz") => Rank::Anybody,
+        (_, path) if is_health(path) => Rank::Anybody,
         // Whoever was sent to a worker shows a ticket, which is looked at there.
         (Guarded::Worker, "/argus.v1.Views/Redeem") => Rank::Anybody,
         (_, "/metrics") => Rank::Admin,
@@ -66,6 +72,17 @@ fn needed(guarded: Guarded, path: &str) -> Rank {
         (Guarded::Coordinator, "/argus.v1.Cluster/Status") => Rank::Admin,
         _ => Rank::Member,
     }
+}
+
+/// Whether a probe asks.
+fn is_health(path: &str) -> bool {
+    path.starts_with("/grpc.health.v1.Health/") || matches!(path, "/livez" | "/readyz")
+}
+
+/// The answer to a client whose connection has a place that is kept for members.
+fn no_place() -> Status {
+    let what = "as many connections as there are places for are open here".to_owned();
+    Fault::Overloaded { what, retry_after: COME_AGAIN }.into()
 }
 
 /// The layer that puts a guard before services.
@@ -173,22 +190,39 @@ where
 
     fn call(&mut self, mut request: http::Request<B>) -> Self::Future {
         let extensions = request.extensions();
-        let secured = extensions.get::<TlsConnectInfo<TcpConnectInfo>>();
+        let secured = extensions.get::<TlsConnectInfo<Between>>();
         let certificates = secured.and_then(TlsConnectInfo::peer_certs);
-        let connection = secured.map(TlsConnectInfo::get_ref).or_else(|| extensions.get::<TcpConnectInfo>());
-        let address = connection.and_then(TcpConnectInfo::remote_addr);
+        let connection = secured.map(TlsConnectInfo::get_ref).or_else(|| extensions.get::<Between>());
+        let address = connection.and_then(|connection| connection.tcp.remote_addr());
         let peer = Peer {
             address: address.map_or_else(|| "unknown".into(), |address| address.ip().to_string().into()),
             certificate: certificates.as_deref().and_then(|chain| chain.first()),
         };
         let path = request.uri().path();
-        match self.guard.admit(path, request.headers(), &peer) {
+        let needs = needed(self.guard.guarded, path);
+        let admitted = self.guard.admit(path, request.headers(), &peer);
+        if let Some(connection) = connection.filter(|_| admitted.is_ok()) {
+            // Where there are no certificates, by what it asks for.
+            let is_members = match &self.guard.security {
+                Some(_) => peer.is_member(),
+                None => needs == Rank::Member,
+            };
+            if is_members {
+                connection.is_members();
+            }
+        }
+        let kept = connection.is_some_and(Between::is_in_the_way) && !is_health(path);
+        let admitted = admitted.and_then(|caller| if kept { Err(no_place()) } else { Ok(caller) });
+        match admitted {
             Ok(caller) => {
                 request.extensions_mut().insert(caller);
                 Either::Right(self.inner.call(request))
             }
             Err(status) => {
-                warn!(peer = %peer.address, path, reason = status.message(), "refused");
+                static REFUSED: Seldom = Seldom::new();
+                if let Some(left_out) = REFUSED.now() {
+                    warn!(peer = %peer.address, path, reason = status.message(), left_out, "refused");
+                }
                 let code = status.code();
                 let mut response = status.into_http();
                 // A page is not asked for by gRPC, whose refusals are successes of HTTP.

@@ -21,8 +21,11 @@ pub struct Config {
     pub public: Option<Public>,
     /// Its name; `None`: drawn at random. The same name joining again replaces the older process.
     pub id: Option<String>,
-    /// How long the coordinator may take to answer at the start.
+    /// How long the coordinator may take to answer.
     pub join_timeout: Duration,
+    /// How long nobody may answer at the start before the process gives up; `None`: it goes on trying, since whoever
+    /// starts processes in no order would start it again for nothing, and later each time.
+    pub give_up_after: Option<Duration>,
     /// Longest pause between two attempts to join again.
     pub rejoin_pause: Duration,
     /// Views that may wait for the render thread; one more is turned away at once.
@@ -53,6 +56,12 @@ pub struct Config {
     /// Whether a worker that composites has a sampler at hand, made beside its work: when the samplers are lost, samples
     /// are taken over at once. It costs the scene's memory, on the device too.
     pub standby_sampler: bool,
+    /// Bytes of frames that are being made, packed or sent; further views wait. One that is larger is made alone.
+    pub frame_bytes: u64,
+    /// A chunk of a frame, a MiB at most, is dropped with the rest of it if it is not read for so long.
+    pub read_within: Duration,
+    /// What a role needs, and the other one does not, is given up after nobody has used it for so long.
+    pub rest_after: Duration,
     /// Requests in work, those included that wait for samples: what the coordinator sends, and what other workers fetch.
     pub max_requests: usize,
     /// Connections that are open at the same time; further ones wait.
@@ -84,6 +93,7 @@ impl Config {
             public: None,
             id: None,
             join_timeout: Duration::from_secs(10),
+            give_up_after: None,
             rejoin_pause: Duration::from_secs(2),
             max_queued_views: 256,
             max_queued_samples: 4096,
@@ -97,6 +107,9 @@ impl Config {
             grace: Duration::from_secs(5),
             wedged_after: Duration::from_secs(300),
             standby_sampler: false,
+            frame_bytes: 2 << 30,
+            read_within: Duration::from_secs(20),
+            rest_after: Duration::from_secs(30),
             max_requests: 2048,
             max_connections: 4096,
             security: None,

@@ -28,6 +28,7 @@ use tracing::{Instrument, Span, debug_span, warn};
 
 use super::node::Node;
 use crate::core::Role;
+use crate::seldom::Seldom;
 
 pub(super) type Fetch = BoxFuture<'static, Result<Arc<Sample>, Fault>>;
 
@@ -104,7 +105,12 @@ pub(super) async fn at_hand(
             for address in addresses.iter().filter(|address| **address != node.hello.address) {
                 match from_other(&node, &info, id, address, false).await {
                     Ok(sample) => return Ok(node.store.insert(sample)),
-                    Err(fault) => warn!(%id, address, %fault, "sample not to be had there"),
+                    Err(fault) => {
+                        static MISSED: Seldom = Seldom::new();
+                        if let Some(left_out) = MISSED.now() {
+                            warn!(%id, address, %fault, left_out, "sample not to be had there");
+                        }
+                    }
                 }
             }
             node.render_sample(id, info, false).await

@@ -20,6 +20,7 @@ use super::node::Node;
 use super::{RunError, ahead, scene};
 use crate::core::Role;
 use crate::sealed::SealKey;
+use crate::seldom::Seldom;
 use crate::{SceneOpener, SceneRef, net, wire};
 
 /// Pause before the first attempt to join again; it doubles up to [`super::Config::rejoin_pause`].
@@ -82,6 +83,7 @@ pub(super) async fn stay(
             ended = attempt => ended,
             () = shutdown.cancelled() => return Ok(()),
         };
+        node.lose_coordinator();
         // A stream that the coordinator ended by itself is its shutdown, and no trouble yet.
         let (orderly, reason) = match ended {
             Ok(()) => (true, "the coordinator ended the stream".to_owned()),
@@ -91,13 +93,18 @@ pub(super) async fn stay(
         if !joined_once && net::is_distrust(&reason) {
             return Err(RunError::Untrusted { url, reason });
         }
-        if !joined_once && began.elapsed() >= node.config.join_timeout {
+        if !joined_once && node.config.give_up_after.is_some_and(|most| began.elapsed() >= most) {
             return Err(RunError::Unreachable { url, reason });
         }
         match (joined_once, orderly) {
             (true, true) => info!(url, "coordinator gone, joining again"),
             (true, false) => warn!(url, reason, "coordinator lost, joining again"),
-            (false, _) => {}
+            (false, _) => {
+                static ABSENT: Seldom = Seldom::new();
+                if let Some(left_out) = ABSENT.now() {
+                    warn!(url, reason, left_out, "no coordinator answers yet, trying on");
+                }
+            }
         }
         tokio::select! {
             () = tokio::time::sleep(pause) => {}
@@ -227,6 +234,7 @@ async fn report(
             () = node.news.notified() => {}
             changed = interval.changed() => if changed.is_err() { return },
         }
+        node.channels.close_unused();
         let acting = node.acting().unwrap_or(Role::Both);
         if reports.send(wire::report(node.report(), acting)).await.is_err() {
             return;

@@ -8,11 +8,13 @@ mod ahead;
 mod claim;
 mod config;
 mod fetch;
+mod health;
 mod join;
 mod meter;
 mod node;
 mod queue;
 mod render;
+mod room;
 mod samples;
 mod scene;
 mod store;
@@ -42,10 +44,11 @@ use tracing::{info, warn};
 pub use config::{Config, Public, RunError};
 pub(crate) use join::checked_assignment;
 
+use self::health::Health;
 use self::meter::Meter;
 use self::node::Node;
 use self::queue::Queue;
-use self::render::Renderer;
+use self::render::{Renderer, Rest};
 use self::store::Store;
 use crate::core::Hello;
 use crate::incoming::incoming;
@@ -67,7 +70,7 @@ const MOST_ORDER_BYTES: usize = 1 << 20;
 /// and tries to join again.
 ///
 /// # Errors
-/// [`RunError::Unreachable`] if the coordinator does not answer within [`Config::join_timeout`] at the start;
+/// [`RunError::Unreachable`] if the coordinator does not answer within [`Config::give_up_after`] at the start;
 /// [`RunError`] otherwise if the scene cannot be had or no role can be played on this machine.
 pub async fn run(
     config: Config,
@@ -85,7 +88,13 @@ pub async fn run(
     let queue = Arc::new(Queue::new(&config));
     let store = Arc::new(Store::new(config.held_bytes));
     let meter = Arc::new(Meter::default());
-    let (device, rendering) = start_rendering(factory, queue.clone(), store.clone(), meter.clone()).await?;
+    let health = Arc::new(Health::default());
+    let rest = Rest { after: config.rest_after, keeps_sampler: config.standby_sampler };
+    let made = {
+        let (queue, store, meter, health) = (queue.clone(), store.clone(), meter.clone(), health.clone());
+        move || Renderer::new(factory, queue, store, meter, health, rest)
+    };
+    let (device, rendering) = start_rendering(made).await?;
     info!(worker = name, address, device, "worker starts");
     let public_address = config.public.as_ref().map(|public| match public {
         Public::AsAdvertised => address.clone(),
@@ -100,7 +109,7 @@ pub async fn run(
         cores: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
     };
     let grace = config.grace;
-    let node = Node::new(config, hello, queue, store, meter);
+    let node = Node::new(config, hello, queue, store, meter, health);
     // A child: what fails here must not stop what else the caller's token stops.
     let result = serve_and_stay(&node, listener, opener, shutdown.child_token()).await;
     // A process that exits while its driver still renders, or gives a device up, may crash on its way out.
@@ -129,8 +138,8 @@ async fn serve_and_stay(
     let views = ViewsServer::new(views::ViewsService { node: node.clone() });
     let services = Routes::new(views.max_decoding_message_size(MOST_ORDER_BYTES))
         .add_service(SamplesServer::new(samples::SamplesService { node: node.clone() }))
-        .add_service(health_service)
-        .add_service(reflection);
+        .add_service(health_service.max_decoding_message_size(net::MOST_QUESTION_BYTES))
+        .add_service(reflection.max_decoding_message_size(net::MOST_QUESTION_BYTES));
     let server = net::server(Guarded::Worker, node.config.security.as_ref())?
         .add_routes(with_pages(services, watch, Registry::with_prefix(PREFIX)))
         .serve_with_incoming_shutdown(
@@ -204,10 +213,7 @@ impl Rendering {
 
 /// Starts the render thread; with the device's name once its compositor is made.
 async fn start_rendering(
-    factory: Arc<dyn RoleFactory>,
-    queue: Arc<Queue>,
-    store: Arc<Store>,
-    meter: Arc<Meter>,
+    make: impl FnOnce() -> Result<(Renderer, String), RenderError> + Send + 'static,
 ) -> Result<(String, Rendering), RunError> {
     let (made, device) = oneshot::channel();
     let (running, ended) = oneshot::channel::<()>();
@@ -215,7 +221,7 @@ async fn start_rendering(
         // Dropped last, after all that the thread owns.
         let _running = running;
         // Nobody waits for the answer any more if the worker was stopped meanwhile.
-        match Renderer::new(factory, queue, store, meter) {
+        match make() {
             Err(error) => drop(made.send(Err(error))),
             Ok((renderer, device)) => {
                 if made.send(Ok(device)).is_ok() {

@@ -18,15 +18,17 @@ use super::Config;
 use super::ahead::Ahead;
 use super::claim::claim;
 use super::fetch::Fetches;
+use super::health::Health;
 use super::meter::Meter;
 use super::queue::{Backlog, PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
+use super::room::Rooms;
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
 use crate::sealed::{Kind, SealKey, Shown};
 
 /// When a full worker may have room again: a few batches later.
-const RETRY: Duration = Duration::from_millis(250);
+pub(super) const RETRY: Duration = Duration::from_millis(250);
 
 /// Epochs whose sets are kept: those of views in work, and the next one.
 const EPOCHS_AT_HAND: usize = 8;
@@ -40,6 +42,8 @@ struct Told {
     scene: Option<Arc<Scene>>,
     limits: Limits,
     acting: Option<Role>,
+    /// Whether that is by the word of a coordinator that is still there.
+    is_led: bool,
     applied: u64,
     leaving: bool,
     /// What was measured for the newest assignment, if it asked for that.
@@ -59,8 +63,11 @@ pub(super) struct Node {
     /// Turns of packing frames and samples: as many at a time as leave the render thread its core. A batch ends with
     /// all of its frames at once, and as many threads would keep the next batch waiting.
     pub(super) packing: Semaphore,
+    /// Memory for frames.
+    pub(super) rooms: Rooms,
     queue: Arc<Queue>,
     meter: Arc<Meter>,
+    pub(super) health: Arc<Health>,
     told: Mutex<Told>,
     /// Addresses of workers that seem to hang.
     pub(super) suspected: watch::Sender<HashSet<String>>,
@@ -97,10 +104,12 @@ impl Node {
         queue: Arc<Queue>,
         store: Arc<Store>,
         meter: Arc<Meter>,
+        health: Arc<Health>,
     ) -> Arc<Self> {
         Arc::new(Self {
             packing: Semaphore::new((hello.cores as usize).saturating_sub(1).max(1)),
             fetching: Arc::new(Semaphore::new((config.max_queued_views / 2).max(1))),
+            rooms: Rooms::new(config.frame_bytes),
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             config,
             hello,
@@ -110,6 +119,7 @@ impl Node {
             news: Notify::new(),
             queue,
             meter,
+            health,
             told: Mutex::default(),
             suspected: watch::Sender::default(),
             door: Mutex::new(None),
@@ -261,8 +271,19 @@ impl Node {
         let mut told = self.told.lock();
         told.acting = role.or(told.acting);
         told.applied = applied;
+        told.is_led = applied > 0;
         drop(told);
         self.news.notify_one();
+    }
+
+    /// The coordinator is gone: what it told holds until another one, or itself, says something else.
+    pub(super) fn lose_coordinator(&self) {
+        self.told.lock().is_led = false;
+    }
+
+    /// Whether a coordinator is there that knows of the role.
+    pub(super) fn is_led(&self) -> bool {
+        self.told.lock().is_led
     }
 
     /// Says in the next report, which is due now, that it is about to leave.
@@ -291,6 +312,7 @@ impl Node {
             queued_views: (backlog.views + backlog.direct + backlog.pixels) as u32,
             held: self.store.ids(),
             leaving: told.leaving,
+            piece_ms: self.queue.at_piece_for().as_secs_f64() * 1e3,
             ways: told.ways.clone(),
             ..Report::default()
         };
@@ -319,7 +341,12 @@ impl Node {
 
     /// Whether no request is in work.
     pub(super) fn is_idle(&self) -> bool {
-        self.active.load(Ordering::Acquire) == 0
+        self.requests() == 0
+    }
+
+    /// Requests in work.
+    pub(super) fn requests(&self) -> usize {
+        self.active.load(Ordering::Acquire)
     }
 
     /// Has all that a role needs.

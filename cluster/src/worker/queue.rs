@@ -78,6 +78,8 @@ pub(super) enum Work {
     Pixels(Vec<PixelTask>),
     Views(Vec<ViewTask>),
     Direct(Vec<ViewTask>),
+    /// Nothing came for a while.
+    Nothing,
     Stop,
 }
 
@@ -101,6 +103,8 @@ struct State {
     in_work: Backlog,
     /// When what is in work was taken.
     taken: Option<Instant>,
+    /// It is not that yet that the render thread is at: it makes what it needs for it.
+    gets_ready: bool,
     direct_had_its_turn: bool,
     stopped: bool,
 }
@@ -177,24 +181,44 @@ impl Queue {
         Ok(())
     }
 
-    /// Waits for work. What came before is done, whatever became of it.
-    pub(super) fn next(&self) -> Work {
+    /// Waits for work, and no longer than that. What came before is done, whatever became of it.
+    pub(super) fn next(&self, at_most: Duration) -> Work {
         let mut state = self.state.lock();
         state.in_work = Backlog::default();
         state.taken = None;
+        state.gets_ready = false;
         loop {
             state.forget_the_gone();
             if let Some(work) = state.take(self.max_batch, self.max_direct_batch) {
                 state.taken = Some(Instant::now());
                 return work;
             }
-            self.filled.wait(&mut state);
+            if self.filled.wait_for(&mut state, at_most).timed_out() {
+                return Work::Nothing;
+            }
         }
     }
 
     /// How long the render thread has been at what it took last; zero while it waits.
     pub(super) fn busy_for(&self) -> Duration {
         self.state.lock().taken.map_or(Duration::ZERO, |taken| taken.elapsed())
+    }
+
+    /// … at samples, views or pixels, for which it has all that it needs.
+    pub(super) fn at_piece_for(&self) -> Duration {
+        let state = self.state.lock();
+        let at_one = state.in_work != Backlog::default() && !state.gets_ready;
+        state.taken.filter(|_| at_one).map_or(Duration::ZERO, |taken| taken.elapsed())
+    }
+
+    /// Does what has to be done before the work that was taken: making a role may take as long as it likes.
+    pub(super) fn getting_ready<T>(&self, make: impl FnOnce() -> T) -> T {
+        self.state.lock().gets_ready = true;
+        let made = make();
+        let mut state = self.state.lock();
+        state.gets_ready = false;
+        state.taken = state.taken.map(|_| Instant::now());
+        made
     }
 
     pub(super) fn backlog(&self) -> Backlog {

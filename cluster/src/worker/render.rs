@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Weak};
 use std::thread::JoinHandle;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use argus_scene::{
     Compositor, Frame, PixelJob, RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler,
@@ -17,12 +17,14 @@ use argus_scene::{
 use tracing::{debug, info, warn};
 
 use super::claim::Batch;
+use super::health::Health;
 use super::meter::{Kind, Meter};
 use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::store::Store;
 use super::warm;
 use crate::RoleFactory;
 use crate::core::Role;
+use crate::seldom::Seldom;
 
 /// What the render thread owns.
 pub(super) struct Renderer {
@@ -43,6 +45,29 @@ pub(super) struct Renderer {
     is_warm: bool,
     /// Counts batches of views.
     batches: u64,
+    health: Arc<Health>,
+    rest: Rest,
+    /// The role that it was made ready for last.
+    role: Role,
+    /// When the sampler was used last, when the compositor was, and when that was looked at.
+    sampled: Instant,
+    composed: Instant,
+    tidied: Instant,
+}
+
+/// When a role's own things are given up that nobody uses: the other role would keep them for ever.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rest {
+    pub(super) after: Duration,
+    /// Not a sampler.
+    pub(super) keeps_sampler: bool,
+}
+
+impl Rest {
+    /// How often it is looked at.
+    fn look(&self) -> Duration {
+        self.after / 4
+    }
 }
 
 /// A sample that the compositor holds.
@@ -65,9 +90,12 @@ impl Renderer {
         queue: Arc<Queue>,
         store: Arc<Store>,
         meter: Arc<Meter>,
+        health: Arc<Health>,
+        rest: Rest,
     ) -> Result<(Self, String), RenderError> {
         let compositor = factory.compositor()?;
         let device = compositor.device().to_owned();
+        let now = Instant::now();
         let renderer = Self {
             factory,
             queue,
@@ -81,6 +109,12 @@ impl Renderer {
             held: HashMap::new(),
             is_warm: false,
             batches: 0,
+            health,
+            rest,
+            role: Role::Both,
+            sampled: now,
+            composed: now,
+            tidied: now,
         };
         Ok((renderer, device))
     }
@@ -88,7 +122,8 @@ impl Renderer {
     /// Renders until it is told to stop.
     pub(super) fn run(mut self) {
         loop {
-            match self.queue.next() {
+            match self.queue.next(self.rest.look()) {
+                Work::Nothing => {}
                 Work::Stop => {
                     // A process that exits while its driver works may crash on its way out.
                     self.retire_standby();
@@ -113,12 +148,39 @@ impl Renderer {
                 Work::Views(tasks) => self.views(tasks),
                 Work::Direct(tasks) => self.direct(tasks),
             }
+            self.tidy();
         }
+    }
+
+    /// Gives up what nobody has used for a while: a sampler, with the scene on its device, where samples are another's work,
+    /// and samples where composing is. The compositor itself is small, and samplers with time to spare compose.
+    fn tidy(&mut self) {
+        if self.tidied.elapsed() < self.rest.look() {
+            return;
+        }
+        self.tidied = Instant::now();
+        let rests = |used: Instant| used.elapsed() >= self.rest.after;
+        if self.sampler.is_some() && !(self.role.samples() || self.rest.keeps_sampler) && rests(self.sampled)
+        {
+            self.sampler = None;
+            debug!("the sampler is given up: nobody has used it for a while");
+        }
+        let none = !self.role.composites() && rests(self.composed);
+        let gone = |held: &Held| none || held.sample.strong_count() == 0;
+        let gone: Vec<SampleId> =
+            self.held.iter().filter(|(_, held)| gone(held)).map(|(id, _)| *id).collect();
+        if let Some(compositor) = self.compositor.as_mut().filter(|_| !gone.is_empty()) {
+            compositor.release(&gone);
+            self.held.retain(|id, _| !gone.contains(id));
+            debug!(released = gone.len(), held = self.held.len(), "samples released");
+        }
+        self.health.holds(self.held.len());
     }
 
     /// Makes what a role needs; a compositor has composed something, too. A sampler's samples are asked for ahead of
     /// demand.
     fn prepare(&mut self, info: &Arc<SampleSetInfo>, role: Role) -> Result<(), RenderError> {
+        self.role = role;
         if role.samples() && self.sampler.is_none() {
             self.sampler()?;
         }
@@ -147,13 +209,17 @@ impl Renderer {
     }
 
     fn sampler(&mut self) -> Result<&mut dyn Sampler, RenderError> {
+        self.sampled = Instant::now();
         if self.sampler.is_none() {
             let scene = self.scene.clone().ok_or_else(|| RenderError::Internal("no scene yet".to_owned()))?;
-            let standby = self.standby.take().and_then(|thread| thread.join().ok()).and_then(Result::ok);
-            self.sampler = Some(match standby {
-                Some(sampler) => sampler,
-                None => made_sampler(self.factory.as_ref(), scene)?,
+            let (standby, factory) = (self.standby.take(), self.factory.as_ref());
+            let sampler = self.queue.getting_ready(|| {
+                match standby.and_then(|thread| thread.join().ok()).and_then(Result::ok) {
+                    Some(sampler) => Ok(sampler),
+                    None => made_sampler(factory, scene),
+                }
             });
+            self.sampler = Some(sampler.inspect_err(|error| self.health.failed(&error.to_string()))?);
         }
         match &mut self.sampler {
             Some(sampler) => Ok(sampler.as_mut()),
@@ -163,7 +229,9 @@ impl Renderer {
 
     fn compositor(&mut self) -> Result<&mut dyn Compositor, RenderError> {
         if self.compositor.is_none() {
-            self.compositor = Some(self.factory.compositor()?);
+            let compositor = self.queue.getting_ready(|| self.factory.compositor());
+            let failed = |error: &RenderError| self.health.failed(&error.to_string());
+            self.compositor = Some(compositor.inspect_err(failed)?);
         }
         match &mut self.compositor {
             Some(compositor) => Ok(compositor.as_mut()),
@@ -173,7 +241,10 @@ impl Renderer {
 
     /// Gives the device up; the next work makes both roles anew.
     fn rebuild(&mut self, reason: &str) {
-        warn!(reason, "device lost, the roles are made anew");
+        static LOST: Seldom = Seldom::new();
+        if let Some(left_out) = LOST.now() {
+            warn!(reason, left_out, "device lost, the roles are made anew");
+        }
         self.sampler = None;
         self.retire_standby();
         (self.compositor, self.is_warm) = (None, false);
@@ -200,7 +271,10 @@ impl Renderer {
             }),
         };
         if let Some(reason) = lost {
+            self.health.failed(&reason);
             self.rebuild(&reason);
+        } else if results.as_ref().is_ok_and(|results| results.iter().any(Result::is_ok)) {
+            self.health.works();
         }
         results
     }
@@ -268,7 +342,7 @@ impl Renderer {
             return;
         }
         let began = Instant::now();
-        self.batches += 1;
+        (self.composed, self.batches) = (began, self.batches + 1);
         let tasks: Vec<ViewTask> = tasks.into_iter().filter_map(|task| self.holding(task)).collect();
         if tasks.is_empty() {
             return;
@@ -277,6 +351,7 @@ impl Renderer {
         let composing = Instant::now();
         let results = self.guarded(|own| Ok(own.compositor()?.compose(&jobs, &batch.cancel)));
         self.record(Kind::View, &results, composing, began);
+        self.health.holds(self.held.len());
         deliver_frames(tasks, results, began);
     }
 

@@ -16,6 +16,7 @@ use tokio::time::Instant;
 use tracing::{Span, warn};
 
 use super::node::Node;
+use crate::seldom::Seldom;
 
 /// In the mask: no sample saw the pixel, and it is a guess.
 const GUESSED: u8 = 255;
@@ -73,7 +74,10 @@ pub(super) async fn fill(
                 return Ok(());
             }
             Err(fault) => {
-                warn!(address, %fault, "pixels that no sample saw are not traced there");
+                static UNTRACED: Seldom = Seldom::new();
+                if let Some(left_out) = UNTRACED.now() {
+                    warn!(address, %fault, left_out, "pixels that no sample saw are not traced there");
+                }
                 last = fault;
             }
         }

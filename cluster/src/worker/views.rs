@@ -18,6 +18,7 @@ use argus_scene::{
 };
 use futures::Stream;
 use futures::future::try_join_all;
+use prost::Message;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
@@ -26,9 +27,12 @@ use tracing::{Instrument, Span, debug_span, field, warn};
 
 use super::node::{Active, Node};
 use super::queue::Rendered;
+use super::room::{self, Room};
 use super::{fetch, trace};
 use crate::core::quality::Observed;
 use crate::sealed::Kind;
+use crate::seldom::Seldom;
+use crate::taken::in_time;
 use crate::wire;
 
 /// The service.
@@ -38,7 +42,7 @@ pub(super) struct ViewsService {
 
 type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
-/// How long a client may take to read a frame that it fetches.
+/// How long a client may take to read all of a frame that it fetches: nobody's patience with a slow one ends before.
 const READ_WITHIN: Duration = Duration::from_secs(60);
 
 /// How often a client that waits for its frame hears that it is in work.
@@ -82,12 +86,8 @@ impl Views for ViewsService {
     ) -> Result<Response<Self::RenderStream>, Status> {
         let (arrived, span) = (Instant::now(), self.span());
         continued(&span, request.metadata());
-        let (chunks, active) = self.answer(request.into_inner(), arrived, span).await?;
-        let stream = futures::stream::iter(chunks.into_iter().map(move |chunk| {
-            let _in_work_until_sent = &active;
-            Ok(chunk)
-        }));
-        Ok(Response::new(Box::pin(stream)))
+        let (chunks, places) = self.answer(request.into_inner(), arrived, span, false).await?;
+        Ok(Response::new(self.sent(chunks.into_iter(), places)))
     }
 
     async fn redeem(
@@ -104,14 +104,14 @@ impl Views for ViewsService {
         continued_from(&span, &traceparent);
         let service = Self { node: self.node.clone() };
         Ok(Response::new(answered_in_time(fetching, async move {
-            let (chunks, active) = service.answer(request, arrived, span).await?;
+            let (chunks, places) = service.answer(request, arrived, span, true).await?;
             let header = chunks.iter().find_map(|chunk| match &chunk.body {
                 Some(Body::Header(header)) => Some(header.clone()),
                 _ => None,
             });
             let receipt = key.seal(Kind::Receipt, &v1::Receipt { serial, header });
             let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
-            Ok((bodies.collect(), active))
+            Ok((bodies.collect(), places))
         })))
     }
 
@@ -164,19 +164,35 @@ fn answered_in_time<Held: Send + 'static>(
 }
 
 impl ViewsService {
+    /// A stream of what is there already, which has its `places` until it is sent. Nothing makes who asked read it: what is
+    /// not read in time is dropped.
+    fn sent<T: Send + 'static>(
+        &self,
+        items: impl Iterator<Item = T> + Send + 'static,
+        places: impl Send + 'static,
+    ) -> Streamed<T> {
+        let items = items.map(move |item| {
+            let _in_work_until_sent = &places;
+            Ok(item)
+        });
+        Box::pin(in_time(futures::stream::iter(items), self.node.config.read_within, None))
+    }
+
     /// What a request's way through this worker is traced as.
     fn span(&self) -> Span {
         let worker = self.node.hello.name.as_str();
         debug_span!(target: TARGET, "render", view = field::Empty, worker)
     }
 
-    /// The frame of an order, in chunks.
+    /// The frame of an order, in chunks, and the places that it has among requests and in memory. `for_client`: it is not
+    /// the coordinator who reads it.
     async fn answer(
         &self,
         request: v1::RenderRequest,
         arrived: Instant,
         span: Span,
-    ) -> Result<(Vec<v1::FrameChunk>, Active), Status> {
+        for_client: bool,
+    ) -> Result<(Vec<v1::FrameChunk>, (Active, Room)), Status> {
         span.record("view", &request.view_id);
         let active = self.node.begin()?;
         let Some(order) = request.order else { return Err(ask_the_coordinator()) };
@@ -188,8 +204,13 @@ impl ViewsService {
         let deadline = (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into()));
         // What is left of it is for packing a frame whose holes could not be traced in time.
         let trace_until = deadline.map(|deadline| arrived + deadline.mul_f64(0.9));
-        let answer = traced(&self.node, &ordered, trace_until).instrument(span.clone());
-        let frame = match deadline {
+        let bytes = room::bytes_of(&ordered.job);
+        let answer = async {
+            let room = self.node.rooms.take(bytes, for_client).await?;
+            Ok::<_, Fault>((traced(&self.node, &ordered, trace_until).await?, room))
+        };
+        let answer = answer.instrument(span.clone());
+        let (frame, mut room) = match deadline {
             None => answer.await?,
             Some(deadline) => {
                 let late = |_| Fault::Deadline(deadline);
@@ -208,7 +229,9 @@ impl ViewsService {
         let chunks =
             tokio::task::spawn_blocking(pack).await.map_err(|e| Status::internal(e.to_string()))??;
         drop((turn, span));
-        Ok((chunks, active))
+        // The frame as it was rendered is gone.
+        room.keep(chunks.iter().map(|chunk| chunk.encoded_len() as u64).sum());
+        Ok((chunks, (active, room)))
     }
 }
 
@@ -281,7 +304,10 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
         if ordered.pinned {
             return Err(fault);
         }
-        warn!(%fault, "a frame is delivered with its holes marked instead of traced");
+        static MARKED: Seldom = Seldom::new();
+        if let Some(left_out) = MARKED.now() {
+            warn!(%fault, left_out, "a frame is delivered with its holes marked instead of traced");
+        }
         if let Plan::Warp(done) = &mut frame.provenance.plan {
             done.holes = Holes::Mark;
         }

@@ -12,10 +12,11 @@ pub(super) struct Watch(pub(super) Arc<Node>);
 
 impl Watched for Watch {
     fn ready(&self) -> Result<(), String> {
-        match (self.0.is_leaving(), self.0.acting()) {
-            (true, _) => Err("the worker is shutting down".to_owned()),
-            (_, Some(_)) => Ok(()),
-            (_, None) => Err("no coordinator has given the worker a role yet".to_owned()),
+        match (self.0.is_leaving(), self.0.acting(), self.0.is_led()) {
+            (true, ..) => Err("the worker is shutting down".to_owned()),
+            (_, None, _) => Err("no coordinator has given the worker a role yet".to_owned()),
+            (_, Some(_), false) => Err("the worker has lost its coordinator".to_owned()),
+            (_, Some(_), true) => self.0.health.check(),
         }
     }
 
@@ -62,6 +63,11 @@ impl Watched for Watch {
             ],
         )?;
         to.gauge("worker_samples_held", "Samples it can serve", report.held.len() as f64)?;
-        to.gauge("worker_held_bytes", "Texel bytes of samples that it keeps", self.0.store.bytes() as f64)
+        to.gauge("worker_held_bytes", "Texel bytes of samples that it keeps", self.0.store.bytes() as f64)?;
+        let composed_from = self.0.health.held() as f64;
+        to.gauge("worker_samples_composed_from", "Samples that its compositor holds", composed_from)?;
+        to.gauge("worker_requests", "Requests in work", self.0.requests() as f64)?;
+        let frames = "Bytes of frames that are being made, packed or sent";
+        to.gauge("worker_frame_bytes", frames, self.0.rooms.taken() as f64)
     }
 }

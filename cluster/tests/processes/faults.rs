@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use argus_cluster::{core, worker};
+use argus_proto::v1::Role;
 use argus_scene::View;
 use futures::future::join_all;
 use tonic::Code;
@@ -15,6 +16,7 @@ use crate::common::{
     Cluster, Opener, Source, direct, quick, scene, start_coordinator, start_coordinator_at, start_worker,
     start_worker_with, view,
 };
+use crate::watching::page;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_killed_in_the_middle_of_its_work_costs_no_view() {
@@ -263,12 +265,150 @@ async fn a_silent_worker_is_lost_and_its_view_answered_by_another() {
     cluster.workers.clear();
 }
 
+/// Workers whose knobs are their own.
+async fn with_knobs_of_their_own(
+    config: argus_cluster::coordinator::Config,
+    count: usize,
+) -> (Cluster, Vec<Arc<Knobs>>) {
+    let mut cluster = Cluster::start_with(config, 0).await;
+    let knobs: Vec<Arc<Knobs>> = (0..count).map(|_| Arc::default()).collect();
+    let url = cluster.coordinator.url();
+    cluster.workers.extend(knobs.iter().map(|own| start_worker(&url, own)));
+    cluster.wait_for(|status| status.processes as usize == count).await;
+    (cluster, knobs)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_that_reports_and_is_stuck_in_its_work_costs_no_view_in_either_role() {
+    for role in [Role::Compositor, Role::Sampler] {
+        let mut config = quick();
+        config.core.stuck_after = Duration::from_millis(500);
+        // Far longer than this takes, should it be by its silence that it is found.
+        config.core.lease = Duration::from_secs(600);
+        config.rig.tiles = Some([4, 4]);
+        let (cluster, knobs) = with_knobs_of_their_own(config, 3).await;
+        for i in 0..6 {
+            cluster.render(&view(i)).await.unwrap();
+            cluster.render(&direct(i)).await.unwrap();
+        }
+        let measured = cluster.wait_for(|s| s.view_ms > 0.0 && s.sample_ms > 0.0 && s.direct_ms > 0.0).await;
+        let stuck = measured.workers.iter().find(|w| w.role() == role).unwrap();
+        let at = cluster.workers.iter().position(|w| w.url() == stuck.address).unwrap();
+        knobs[at].stuck.store(true, Ordering::SeqCst);
+        // Of tiles that nobody has samples of, too, and some that samplers render.
+        let answers = join_all((6..30).map(|i| {
+            let (client, view) = (cluster.views(), if i % 4 == 0 { direct(i) } else { view(i) });
+            async move { common::render(client, &view, 0).await }
+        }))
+        .await;
+        for answer in answers {
+            assert_ne!(answer.unwrap().1.worker, stuck.id);
+        }
+        let status = cluster.status().await;
+        let counters = status.counters.unwrap();
+        assert!(counters.views_retried > 0, "{role:?}: {counters:?}");
+        assert_eq!((counters.views_failed, counters.workers_lost, status.processes), (0, 0, 3), "{role:?}");
+        // What was only slow is part of it again.
+        knobs[at].stuck.store(false, Ordering::SeqCst);
+        let back = async {
+            for i in 0.. {
+                let view = if role == Role::Sampler { direct(i) } else { view(i) };
+                if cluster.render(&view).await.unwrap().1.worker == stuck.id {
+                    return;
+                }
+            }
+        };
+        tokio::time::timeout(common::LIMIT, back).await.expect("it is given views again");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_whose_device_is_gone_for_good_attracts_no_views_and_says_so() {
+    let (cluster, knobs) = with_knobs_of_their_own(quick(), 3).await;
+    for i in 0..6 {
+        cluster.render(&view(i)).await.unwrap();
+    }
+    let status = cluster.status().await;
+    let broken = status.workers.iter().find(|w| w.role() == Role::Compositor).unwrap();
+    let at = cluster.workers.iter().position(|w| w.url() == broken.address).unwrap();
+    assert_eq!(page(cluster.workers[at].address, "/readyz").await.0, 200);
+    knobs[at].lose_device.store(1, Ordering::SeqCst);
+    knobs[at].no_device.store(true, Ordering::SeqCst);
+    // One after the other, so that the shortest queue is always its own.
+    for i in 0..40 {
+        assert_ne!(cluster.render(&view(i)).await.unwrap().1.worker, broken.id);
+    }
+    let retried = cluster.status().await.counters.unwrap().views_retried;
+    assert!((3..12).contains(&retried), "{retried} views went there");
+    let (code, reason) = page(cluster.workers[at].address, "/readyz").await;
+    assert_eq!(code, 503);
+    assert!(reason.contains("in a row") && reason.contains("no device"), "{reason}");
+    // It is asked again now and then, and is part of it once it answers.
+    knobs[at].no_device.store(false, Ordering::SeqCst);
+    knobs[at].lose_device.store(0, Ordering::SeqCst);
+    let back = async { while cluster.render(&view(1)).await.unwrap().1.worker != broken.id {} };
+    tokio::time::timeout(common::LIMIT, back).await.expect("it is given views again");
+    assert_eq!(page(cluster.workers[at].address, "/readyz").await.0, 200);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_sampler_that_a_compositor_needed_once_is_given_up_after_a_rest() {
+    let mut cluster = Cluster::start(0).await;
+    let rest_after = Duration::from_millis(400);
+    let config = worker::Config { rest_after, ..worker::Config::new(cluster.coordinator.url()) };
+    for _ in 0..2 {
+        cluster.workers.push(start_worker_with(config.clone(), &cluster.knobs, Opener::default().into()));
+        // The first one alone plays both roles, and gives one of them up.
+        let count = cluster.workers.len() as u32;
+        cluster.wait_for(|status| status.processes == count).await;
+        cluster.render(&view(1)).await.unwrap();
+    }
+    let count = |count: &std::sync::atomic::AtomicUsize| count.load(Ordering::SeqCst);
+    let status = cluster.status().await;
+    let sampler = status.workers.iter().find(|w| w.role() == Role::Sampler).unwrap().address.clone();
+    cluster.worker_at(&sampler).kill();
+    cluster.wait_for(|status| status.processes == 1).await;
+    cluster.render(&direct(1)).await.unwrap();
+    let made = count(&cluster.knobs.samplers_made);
+    // Another one comes, and samples in its place or lets it go on: one of the two has a sampler that nobody uses.
+    cluster.workers.push(start_worker_with(config, &cluster.knobs, Opener::default().into()));
+    cluster.wait_for(|status| status.processes == 2 && status.samplers == 1).await;
+    let dropped = async {
+        while count(&cluster.knobs.samplers_dropped) < made - 1 {
+            cluster.render(&view(1)).await.unwrap();
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    tokio::time::timeout(common::LIMIT, dropped).await.expect("what nobody uses is given up");
+    cluster.render(&view(2)).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_waits_for_a_coordinator_that_is_not_there_yet() {
+    let address = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let knobs = Arc::new(Knobs::default());
+    let short = Duration::from_millis(50);
+    let config = worker::Config {
+        join_timeout: short,
+        connect_timeout: short,
+        ..worker::Config::new(format!("http://{address}"))
+    };
+    let worker = start_worker_with(config, &knobs, Opener::default().into());
+    tokio::time::sleep(short * 10).await;
+    assert!(page(worker.address, "/readyz").await.1.contains("no coordinator"));
+    let source = Source { scene: scene("test"), files: Vec::new() };
+    let coordinator = start_coordinator_at(quick(), Some(address), source);
+    let client = argus_proto::v1::views_client::ViewsClient::new(common::channel(&coordinator.url()));
+    common::render(client, &view(0), 0).await.unwrap();
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_says_in_one_line_why_it_cannot_work() {
     let knobs = Arc::new(Knobs::default());
     let opener = || Arc::new(Opener::default());
     let config = |url: &str| worker::Config {
         join_timeout: Duration::from_millis(300),
+        give_up_after: Some(Duration::from_millis(300)),
         connect_timeout: Duration::from_millis(200),
         ..worker::Config::new(url)
     };

@@ -3,8 +3,9 @@
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use argus_cluster::{coordinator, core};
+use argus_cluster::{coordinator, core, worker};
 use argus_proto::status::retry_after;
+use argus_proto::v1::views_client::ViewsClient;
 use argus_scene::{PlanRequest, View};
 use futures::future::join_all;
 use tokio::time::Instant;
@@ -12,7 +13,8 @@ use tonic::Code;
 
 use crate::common;
 use crate::common::session::Session;
-use crate::common::{Cluster, direct, quick, render, request, view};
+use crate::common::{Cluster, direct, quick, render, request, start_worker_with, view};
+use crate::watching::{page, value};
 
 fn with(limits: impl FnOnce(&mut core::Config)) -> coordinator::Config {
     let mut config = quick();
@@ -143,4 +145,102 @@ async fn a_compositor_that_is_full_forgets_what_was_used_longest_ago_and_no_fram
     let most = |cluster: &Cluster| cluster.knobs.most_held.load(Ordering::SeqCst);
     assert!(most(&free) > 6, "{} samples are too few to show anything", most(&free));
     assert!(most(&full) <= 6);
+}
+
+/// Nobody has this many bytes of a frame on their way, whatever the windows are.
+const LARGE: [u32; 2] = [2048, 2048];
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn clients_that_do_not_read_relayed_frames_keep_nobody_else_out() {
+    let config = coordinator::Config { read_within: Duration::from_secs(1), ..quick() };
+    let mut cluster = Cluster::start_with(config, 0).await;
+    let url = cluster.coordinator.url();
+    // Room for no more than those frames: while they are there, nobody else's is made.
+    let frame_bytes = 10 * u64::from(LARGE[0] * LARGE[1]) * 3;
+    let config = worker::Config { frame_bytes, ..worker::Config::new(&url) };
+    cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    cluster.wait_for(|status| status.processes == 1).await;
+    let large = View { width: LARGE[0], height: LARGE[1], ..view(1) };
+    let (mut frames, mut sessions) = (Vec::new(), Vec::new());
+    for i in 0..10 {
+        let mut client = ViewsClient::new(common::channel(&url));
+        if i % 3 == 0 {
+            let session = Session::open_by(client).await;
+            session.ask(1, &large).await;
+            sessions.push(session);
+        } else {
+            frames.push(client.render(request(&large, 0)).await.unwrap().into_inner());
+        }
+    }
+    let held = async |least: f64| {
+        let (_, metrics) = page(cluster.workers[0].address, "/metrics").await;
+        value(&metrics, "argus_worker_frame_bytes") > least
+    };
+    while !held(0.0).await {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    // Through the very channel whose windows those frames fill.
+    cluster.render(&large).await.unwrap();
+    cluster.render(&view(3)).await.unwrap();
+    let began = Instant::now();
+    while held(0.0).await {
+        assert!(began.elapsed() < common::LIMIT, "unread frames stay with their worker");
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    // Whoever comes back to it is told, and may ask again.
+    let mut unread = frames.pop().unwrap();
+    let ended = loop {
+        match unread.message().await {
+            Ok(chunk) => assert!(chunk.is_some(), "half a frame is not all of it"),
+            Err(status) => break status,
+        }
+    };
+    assert_eq!(ended.code(), Code::Unavailable, "{ended}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn views_wait_for_memory_for_their_frames_and_are_all_answered() {
+    let mut cluster = Cluster::start_with(quick(), 0).await;
+    let wanted = View { width: 64, height: 48, ..view(1) };
+    // Room for two, each as it is rendered and as it is packed.
+    let frame_bytes = 2 * u64::from(wanted.width * wanted.height) * 3 * 2;
+    let config = worker::Config { frame_bytes, ..worker::Config::new(cluster.coordinator.url()) };
+    cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    cluster.wait_for(|status| status.processes == 1).await;
+    cluster.knobs.set(20_000, 0);
+    for answer in join_all((0..12).map(|_| cluster.render(&wanted))).await {
+        answer.unwrap();
+    }
+    assert_eq!(cluster.knobs.largest_batch.load(Ordering::SeqCst), 2);
+    // One that is larger than all there is is made alone.
+    cluster.render(&View { width: 256, height: 256, ..view(2) }).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn clients_that_take_all_places_of_a_worker_do_not_keep_its_coordinator_out() {
+    let mut cluster = Cluster::start_with(quick(), 0).await;
+    let config = worker::Config { max_connections: 8, ..worker::Config::new(cluster.coordinator.url()) };
+    cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    cluster.wait_for(|status| status.processes == 1).await;
+    // They say nothing, and come from several addresses, since one has not that many places.
+    let mut clients = Vec::new();
+    for i in 0..9 {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind(([127, 0, 0, 2 + i / 3], 0).into()).unwrap();
+        clients.push(socket.connect(cluster.workers[0].address).await.unwrap());
+    }
+    cluster.render(&view(1)).await.unwrap();
+    cluster.render(&view(2)).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn strangers_ask_in_few_bytes() {
+    let cluster = Cluster::start(1).await;
+    for url in [cluster.coordinator.url(), cluster.workers[0].url()] {
+        let mut health = tonic_health::pb::health_client::HealthClient::new(common::channel(&url));
+        let ask = |service: String| tonic_health::pb::HealthCheckRequest { service };
+        let refused = health.check(ask("x".repeat(5000))).await.unwrap_err();
+        assert_eq!(refused.code(), Code::OutOfRange, "{refused}");
+        health.check(ask(String::new())).await.unwrap();
+    }
 }

@@ -173,3 +173,30 @@ async fn a_worker_that_listens_everywhere_says_where_it_is_reached() {
     });
     answered.await.expect("the coordinator reaches the worker");
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_is_not_ready_while_its_coordinator_is_gone() {
+    let mut cluster = Cluster::start(1).await;
+    let worker = cluster.workers[0].address;
+    let reaches = async |wanted: u16| {
+        tokio::time::timeout(common::LIMIT, async {
+            loop {
+                let (code, reason) = page(worker, "/readyz").await;
+                if code == wanted {
+                    return reason;
+                }
+                tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+            }
+        })
+        .await
+        .unwrap_or_else(|_| panic!("never {wanted}"))
+    };
+    reaches(200).await;
+    cluster.coordinator.kill();
+    let reason = reaches(503).await;
+    assert!(reason.contains("lost its coordinator"), "{reason}");
+    let source = common::Source { scene: common::scene("test"), files: Vec::new() };
+    let again = common::start_coordinator_at(quick(), Some(cluster.coordinator.address), source);
+    reaches(200).await;
+    drop(again);
+}

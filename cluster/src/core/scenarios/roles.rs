@@ -263,3 +263,140 @@ fn a_worker_that_says_it_leaves_finishes_and_gets_nothing_new() {
     let counters = sim.core.status().counters;
     assert_eq!((counters.views_answered, counters.workers_lost, counters.views_retried), (30, 0, 0));
 }
+
+/// Time passes in which all report, that one that it has been at one piece of work for so long.
+fn at_one_piece(sim: &mut Sim, id: WorkerId, piece: Duration) {
+    sim.workers.get_mut(&id).unwrap().report.piece_ms = piece.as_secs_f64() * 1e3;
+    sim.now = sim.now.after(Duration::from_millis(250));
+    sim.report_all();
+    sim.step(Event::Tick);
+}
+
+#[test]
+fn a_worker_that_reports_and_does_not_get_on_is_suspected_where_another_answers() {
+    let secs = Duration::from_secs_f64;
+    let mut sim = Sim::with_workers(3);
+    (0..4).for_each(|_| sim.second(40, 2));
+    let ticket = sim.ask(true);
+    let (stuck, address) = (sim.orders[&ticket].worker, sim.orders[&ticket].address.clone());
+    at_one_piece(&mut sim, stuck, secs(4.9));
+    assert_eq!(sim.orders[&ticket].worker, stuck);
+    at_one_piece(&mut sim, stuck, secs(5.1));
+    assert_ne!(sim.orders[&ticket].worker, stuck);
+    let other = sim.orders[&ticket].worker;
+    assert_eq!(sim.workers[&other].told.last().unwrap().suspected, [address], "nobody waits for it");
+    for direct in [false, true, false, true] {
+        let next = sim.ask(direct);
+        assert_ne!(sim.orders[&next].worker, stuck);
+    }
+    at_one_piece(&mut sim, stuck, secs(5.4));
+    assert_eq!(sim.core.status().counters.views_retried, 1, "one piece of work is one suspicion");
+    sim.answer_all();
+    at_one_piece(&mut sim, stuck, secs(0.0));
+    assert!(sim.workers[&other].told.last().unwrap().suspected.is_empty(), "it was only slow");
+    assert!(sim.expelled.is_empty());
+}
+
+#[test]
+fn work_that_takes_long_by_all_measurements_is_no_reason_to_suspect_anybody() {
+    let secs = Duration::from_secs_f64;
+    let mut sim = Sim::with_workers(3);
+    // Nobody knows yet what a direct view takes: its device may be making machine code.
+    let ticket = sim.ask(true);
+    let busy = sim.orders[&ticket].worker;
+    at_one_piece(&mut sim, busy, secs(50.0));
+    assert_eq!(sim.orders[&ticket].worker, busy);
+    sim.answer(ticket);
+    // Two seconds each, by now.
+    sim.direct_ms = 2000.0;
+    (0..8).for_each(|_| sim.second(0, 2));
+    let ticket = sim.ask(true);
+    let busy = sim.orders[&ticket].worker;
+    at_one_piece(&mut sim, busy, secs(19.0));
+    assert_eq!(sim.orders[&ticket].worker, busy);
+    at_one_piece(&mut sim, busy, secs(90.0));
+    assert_ne!(sim.orders[&ticket].worker, busy);
+}
+
+#[test]
+fn a_worker_alone_is_suspected_of_nothing_by_what_it_reports() {
+    let mut sim = Sim::with_workers(1);
+    (0..4).for_each(|_| sim.second(20, 2));
+    let ticket = sim.ask(true);
+    let only = sim.orders[&ticket].worker;
+    at_one_piece(&mut sim, only, Duration::from_secs(200));
+    assert_eq!((sim.orders[&ticket].attempt, sim.core.can_answer()), (1, true));
+}
+
+#[test]
+fn a_worker_that_fails_at_everything_rests_and_is_tried_with_one_view() {
+    let mut sim = Sim::with_workers(3);
+    sim.answer_all();
+    // A compositor, which has the shortest queue whenever it has failed.
+    let ticket = sim.ask(false);
+    let broken = sim.orders[&ticket].worker;
+    sim.answer(ticket);
+    // It fails at what it has; how many views it was given.
+    let press = |sim: &mut Sim, views: usize| {
+        let asked: Vec<Ticket> = (0..views).map(|_| sim.ask(false)).collect();
+        let mut given = 0;
+        for ticket in asked {
+            let (worker, attempt) = (sim.orders[&ticket].worker, sim.orders[&ticket].attempt);
+            if worker == broken {
+                given += 1;
+                sim.step(Event::Failed { ticket, attempt, failure: Failure::OfWorker });
+            }
+            assert_ne!(sim.orders[&ticket].worker, broken, "not twice");
+            sim.answer(ticket);
+        }
+        given
+    };
+    let given: usize = (0..60).map(|_| press(&mut sim, 1)).sum();
+    assert_eq!(given, 3);
+    let pass = |sim: &mut Sim, millis: u64| {
+        for _ in 0..millis / 250 {
+            sim.now = sim.now.after(Duration::from_millis(250));
+            sim.report_all();
+            sim.step(Event::Tick);
+        }
+    };
+    pass(&mut sim, 750);
+    assert_eq!(press(&mut sim, 20), 0);
+    pass(&mut sim, 500);
+    assert_eq!(press(&mut sim, 20), 1, "one is enough to find out");
+    pass(&mut sim, 1500);
+    assert_eq!(press(&mut sim, 20), 0, "twice as long as before");
+    pass(&mut sim, 750);
+    let asked: Vec<Ticket> = (0..20).map(|_| sim.ask(false)).collect();
+    sim.answer_all();
+    assert!(asked.iter().all(|ticket| sim.answered.contains(ticket)));
+    let again = (0..20).map(|_| sim.ask(false)).collect::<Vec<_>>();
+    let given = again.iter().filter(|ticket| sim.orders[ticket].worker == broken).count();
+    assert!(given > 5, "it has answered: {given}");
+    assert_eq!(sim.core.status().counters.views_failed, 0);
+}
+
+#[test]
+fn workers_that_all_fail_are_asked_all_the_same() {
+    let mut sim = Sim::with_workers(2);
+    for _ in 0..12 {
+        let ticket = sim.ask(false);
+        let attempt = sim.orders[&ticket].attempt;
+        sim.step(Event::Failed { ticket, attempt, failure: Failure::OfWorker });
+        sim.step(Event::Cancelled { ticket });
+        sim.orders.remove(&ticket);
+    }
+    let ticket = sim.ask(false);
+    assert!(sim.orders.contains_key(&ticket));
+}
+
+#[test]
+fn who_has_only_workers_that_are_suspected_can_answer_nothing() {
+    let mut sim = Sim::with_workers(1);
+    let only = *sim.workers.keys().next().unwrap();
+    assert!(sim.core.can_answer());
+    all_but(&mut sim, only, 7);
+    assert!(sim.expelled.is_empty() && !sim.core.can_answer());
+    sim.report(only);
+    assert!(sim.core.can_answer());
+}

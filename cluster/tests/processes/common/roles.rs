@@ -19,6 +19,8 @@ pub struct Knobs {
     pub view_us: AtomicU64,
     pub direct_us: AtomicU64,
     pub sample_us: AtomicU64,
+    /// Whoever works stays at it, cancelled or not, until this is taken back.
+    pub stuck: AtomicBool,
     /// The next calls that lose the device.
     pub lose_device: AtomicUsize,
     /// The next calls that panic.
@@ -27,6 +29,7 @@ pub struct Knobs {
     pub poisoned_width: AtomicU64,
     pub compositors_made: AtomicUsize,
     pub samplers_made: AtomicUsize,
+    pub samplers_dropped: AtomicUsize,
     pub samples_rendered: AtomicUsize,
     pub samples_read_back: AtomicUsize,
     pub largest_batch: AtomicUsize,
@@ -47,6 +50,9 @@ impl Knobs {
 
     /// Works for a while, a slice at a time; whether it was cancelled.
     fn work(&self, us: &AtomicU64, cancel: &Cancel) -> bool {
+        while self.stuck.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
         let mut left = Duration::from_micros(us.load(Ordering::SeqCst));
         while !left.is_zero() {
             if cancel.is_cancelled() {
@@ -145,6 +151,12 @@ fn seed_of(job: &ViewJob, more: &[u8]) -> u64 {
 struct FakeSampler {
     knobs: Arc<Knobs>,
     scene: Arc<Scene>,
+}
+
+impl Drop for FakeSampler {
+    fn drop(&mut self) {
+        self.knobs.samplers_dropped.fetch_add(1, Ordering::SeqCst);
+    }
 }
 
 impl FakeSampler {

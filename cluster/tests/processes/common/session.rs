@@ -4,10 +4,12 @@ use argus_proto::chunks::FrameAssembler;
 use argus_proto::v1;
 use argus_proto::v1::session_request::Body as Asked;
 use argus_proto::v1::session_response::Body as Answer;
+use argus_proto::v1::views_client::ViewsClient;
 use argus_scene::{Limits, View};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Streaming;
+use tonic::transport::Channel;
 
 use super::{Cluster, LIMIT};
 
@@ -22,8 +24,13 @@ pub struct Session {
 
 impl Session {
     pub async fn open(cluster: &Cluster) -> Self {
+        Self::open_by(cluster.views()).await
+    }
+
+    /// By a connection of its own: one that is not read holds up others of the same connection, whoever is at its end.
+    pub async fn open_by(mut views: ViewsClient<Channel>) -> Self {
         let (requests, outgoing) = mpsc::channel(64);
-        let answers = cluster.views().session(ReceiverStream::new(outgoing)).await.unwrap().into_inner();
+        let answers = views.session(ReceiverStream::new(outgoing)).await.unwrap().into_inner();
         Self { requests, answers, assembler: FrameAssembler::new(Limits::default()), redirectable: false }
     }
 

@@ -1,0 +1,77 @@
+//! A registry that may not be there yet.
+
+use std::time::Duration;
+
+use tokio::sync::OnceCell;
+use tracing::warn;
+
+use super::{Held, NatsAccess, NatsRegistry, Registry, RegistryError};
+use crate::seldom::Seldom;
+
+/// A registry at a NATS server that is connected to when it is first asked, and again each time until it answers. So
+/// processes may be started in any order: a coordinator stands by meanwhile, and says so to whoever asks.
+#[derive(Debug)]
+pub struct LateRegistry {
+    url: String,
+    lease: Duration,
+    access: NatsAccess,
+    there: OnceCell<NatsRegistry>,
+}
+
+impl LateRegistry {
+    /// As [`NatsRegistry::connect_as`], which is not waited for.
+    pub fn new(url: &str, lease: Duration, access: NatsAccess) -> Self {
+        Self { url: url.to_owned(), lease, access, there: OnceCell::new() }
+    }
+
+    async fn there(&self) -> Result<&NatsRegistry, RegistryError> {
+        let connected = self
+            .there
+            .get_or_try_init(|| NatsRegistry::connect_as(&self.url, self.lease, self.access.clone()))
+            .await;
+        connected.inspect_err(|error| {
+            static ABSENT: Seldom = Seldom::new();
+            if let Some(left_out) = ABSENT.now() {
+                warn!(%error, left_out, "the registry does not answer yet, trying on");
+            }
+        })
+    }
+}
+
+#[tonic::async_trait]
+impl Registry for LateRegistry {
+    fn lease(&self) -> Option<Duration> {
+        self.there.get().map_or(Some(self.lease), Registry::lease)
+    }
+
+    async fn acquire(&self, address: &str) -> Result<Option<Held>, RegistryError> {
+        self.there().await?.acquire(address).await
+    }
+
+    async fn renew(&self, held: Held, address: &str) -> Result<Option<Held>, RegistryError> {
+        self.there().await?.renew(held, address).await
+    }
+
+    async fn release(&self, held: Held) {
+        if let Some(there) = self.there.get() {
+            there.release(held).await;
+        }
+    }
+
+    async fn leader(&self) -> Option<String> {
+        self.there.get()?.leader().await
+    }
+
+    async fn note_workers(&self, names: &[String]) {
+        if let Some(there) = self.there.get() {
+            there.note_workers(names).await;
+        }
+    }
+
+    async fn noted_workers(&self) -> Vec<String> {
+        match self.there.get() {
+            Some(there) => there.noted_workers().await,
+            None => Vec::new(),
+        }
+    }
+}

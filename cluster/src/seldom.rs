@@ -1,0 +1,55 @@
+//! Log lines about what may happen with every request: the first at once, then no more than one in ten seconds, with how
+//! many were left out.
+
+use std::time::Duration;
+
+use parking_lot::Mutex;
+use tokio::time::Instant;
+
+/// Between two lines.
+const PAUSE: Duration = Duration::from_secs(10);
+
+/// One kind of line, wherever it comes from in this process.
+#[derive(Debug)]
+pub(crate) struct Seldom(Mutex<State>);
+
+#[derive(Debug)]
+struct State {
+    said: Option<Instant>,
+    left_out: u64,
+}
+
+impl Seldom {
+    pub(crate) const fn new() -> Self {
+        Self(Mutex::new(State { said: None, left_out: 0 }))
+    }
+
+    /// Whether to say it now: how many were left out before it; `None` to leave this one out, too.
+    pub(crate) fn now(&self) -> Option<u64> {
+        let now = Instant::now();
+        let mut state = self.0.lock();
+        if state.said.is_some_and(|said| now < said + PAUSE) {
+            state.left_out += 1;
+            return None;
+        }
+        state.said = Some(now);
+        Some(std::mem::take(&mut state.left_out))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn the_first_line_comes_at_once_and_the_next_says_how_many_were_left_out() {
+        let line = Seldom::new();
+        assert_eq!(line.now(), Some(0));
+        assert!((0..1000).all(|_| line.now().is_none()));
+        tokio::time::advance(PAUSE).await;
+        assert_eq!(line.now(), Some(1000));
+        assert_eq!(line.now(), None);
+        tokio::time::advance(PAUSE).await;
+        assert_eq!(line.now(), Some(1));
+    }
+}
