@@ -101,7 +101,7 @@ impl Worker {
     /// Whether it can be given something: it is ready and seems well. One view is enough to find out whether one that
     /// failed works again.
     pub(super) fn answers(&self) -> bool {
-        self.is_ready() && self.seems_well() && !(self.record.is_on_trial() && !self.views.is_empty())
+        self.is_ready() && self.seems_well() && (!self.record.is_on_trial() || self.views.is_empty())
     }
 
     /// Whether it takes new samples and direct views: on the way to another role, only what both include.
