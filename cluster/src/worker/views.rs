@@ -44,6 +44,10 @@ type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 /// How long a client may take to read all of a frame that it fetches: nobody's patience with a slow one ends before.
 const READ_WITHIN: Duration = Duration::from_secs(60);
 
+/// A coordinator reads a window ahead of its client, and then no more until the client has read half of that: what a client
+/// may take for a chunk, it may take for several. It drops what its client does not read; this is for one that hangs.
+const RELAY_PATIENCE: u32 = 8;
+
 /// The stage of waiting for samples.
 const SAMPLES: &str = "samples";
 
@@ -82,7 +86,8 @@ impl Views for ViewsService {
     ) -> Result<Response<Self::RenderStream>, Status> {
         let (arrived, span) = (Instant::now(), self.span(request.metadata()));
         let (chunks, places) = self.answer(request.into_inner(), arrived, span, false).await?;
-        Ok(Response::new(self.sent(chunks.into_iter(), places, None)))
+        let patience = self.node.config.read_within * RELAY_PATIENCE;
+        Ok(Response::new(sent(chunks.into_iter(), places, patience, None)))
     }
 
     async fn redeem(
@@ -107,7 +112,8 @@ impl Views for ViewsService {
         let receipt = key.seal(Kind::Receipt, &v1::Receipt { serial, header });
         let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
         let answers = bodies.map(|body| v1::RedeemResponse { body: Some(body) });
-        Ok(Response::new(self.sent(answers, (places, fetching), Some(READ_WITHIN))))
+        let patience = self.node.config.read_within;
+        Ok(Response::new(sent(answers, (places, fetching), patience, Some(READ_WITHIN))))
     }
 
     async fn session(
@@ -118,22 +124,22 @@ impl Views for ViewsService {
     }
 }
 
-impl ViewsService {
-    /// A stream of what is there already, which has its `places` until it is sent. Nothing makes who asked read it: what is
-    /// not read in time is dropped.
-    fn sent<T: Send + 'static>(
-        &self,
-        items: impl Iterator<Item = T> + Send + 'static,
-        places: impl Send + 'static,
-        all_within: Option<Duration>,
-    ) -> Streamed<T> {
-        let items = items.map(move |item| {
-            let _in_work_until_sent = &places;
-            Ok(item)
-        });
-        Box::pin(in_time(futures::stream::iter(items), self.node.config.read_within, all_within))
-    }
+/// A stream of what is there already, which has its `places` until it is sent. Nothing makes who asked read it: what is not
+/// read in time is dropped.
+fn sent<T: Send + 'static>(
+    items: impl Iterator<Item = T> + Send + 'static,
+    places: impl Send + 'static,
+    item_within: Duration,
+    all_within: Option<Duration>,
+) -> Streamed<T> {
+    let items = items.map(move |item| {
+        let _in_work_until_sent = &places;
+        Ok(item)
+    });
+    Box::pin(in_time(futures::stream::iter(items), item_within, all_within))
+}
 
+impl ViewsService {
     /// What a request's way through this worker is traced as.
     fn span(&self, metadata: &MetadataMap) -> Span {
         let worker = self.node.hello.name.as_str();
