@@ -31,30 +31,27 @@ struct State<T> {
     late: bool,
 }
 
-/// The stream, of which each item is sent within `item`, and all within `all`, if that is given: for streams that never
-/// wait for anybody but their reader.
+/// The stream, of which each item is sent within `item`.
 pub(crate) fn in_time<T: Send + 'static>(
     stream: impl Stream<Item = Result<T, Status>> + Send + 'static,
     item: Duration,
-    all: Option<Duration>,
 ) -> Taken<T> {
     let inner: Inner<T> = Box::pin(stream);
     let state = Arc::new(Mutex::new(State { inner: Some(inner), unsent: None, late: false }));
-    let until = all.map(|all| Instant::now() + all);
-    let watch = tokio::spawn(watch(state.clone(), item, until)).abort_handle();
+    let watch = tokio::spawn(watch(state.clone(), item)).abort_handle();
     Taken { state, watch, item }
 }
 
 /// Looks at the time until it is over.
-async fn watch<T>(state: Arc<Mutex<State<T>>>, item: Duration, until: Option<Instant>) {
+async fn watch<T>(state: Arc<Mutex<State<T>>>, item: Duration) {
     let mut look = Instant::now() + item;
     loop {
-        sleep_until(until.map_or(look, |until| look.min(until))).await;
+        sleep_until(look).await;
         let now = Instant::now();
         let dropped = {
             let mut state = state.lock();
             let unsent = state.unsent.map(|since| since + item);
-            let late = unsent.is_some_and(|due| due <= now) || until.is_some_and(|until| until <= now);
+            let late = unsent.is_some_and(|due| due <= now);
             state.late |= late;
             look = unsent.unwrap_or(now + item);
             if late { state.inner.take() } else { None }
@@ -114,7 +111,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn an_item_that_is_not_sent_in_time_ends_the_stream_and_frees_what_it_holds() {
         let place = Arc::new(());
-        let mut stream = in_time(held(&place, 9), ITEM, None);
+        let mut stream = in_time(held(&place, 9), ITEM);
         for item in 0..4 {
             assert_eq!(stream.next().await.unwrap().unwrap(), item);
             tokio::time::sleep(ITEM * 9 / 10).await;
@@ -133,7 +130,7 @@ mod tests {
             tokio::time::sleep(ITEM * 20).await;
             Ok(7)
         });
-        let mut stream = in_time(late.chain(held(&place, 1)), ITEM, None);
+        let mut stream = in_time(late.chain(held(&place, 1)), ITEM);
         assert_eq!(stream.next().await.unwrap().unwrap(), 7, "the reader did not keep it waiting");
         assert_eq!(stream.next().await.unwrap().unwrap(), 0);
         tokio::time::sleep(ITEM * 2).await;
@@ -141,17 +138,9 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn all_of_it_has_its_time_as_well_and_whoever_goes_frees_all_at_once() {
+    async fn whoever_goes_frees_all_at_once() {
         let place = Arc::new(());
-        let mut stream = in_time(held(&place, 9), ITEM, Some(ITEM * 2));
-        for _ in 0..2 {
-            stream.next().await.unwrap().unwrap();
-            tokio::time::sleep(ITEM * 9 / 10).await;
-        }
-        stream.next().await.unwrap().unwrap();
-        tokio::time::sleep(ITEM / 2).await;
-        assert_eq!(Arc::strong_count(&place), 1, "one item at a time in time is not enough");
-        let stream = in_time(held(&place, 9), ITEM, None);
+        let stream = in_time(held(&place, 9), ITEM);
         assert_eq!(Arc::strong_count(&place), 2);
         drop(stream);
         assert_eq!(Arc::strong_count(&place), 1);

@@ -129,7 +129,7 @@ impl Views for ViewsService {
             span,
         };
         let frame = relay(self.hub.clone(), wanted);
-        Ok(Response::new(Box::pin(in_time(frame, self.hub.read_within, None))))
+        Ok(Response::new(Box::pin(in_time(frame, self.hub.read_within))))
     }
 
     async fn redeem(
@@ -145,6 +145,6 @@ impl Views for ViewsService {
     ) -> Result<Response<Self::SessionStream>, Status> {
         let open = session::Open::new(self.hub.clone(), Caller::of(&request).name)?;
         let answers = session::run(open, request.into_inner());
-        Ok(Response::new(Box::pin(in_time(answers, self.hub.read_within, None))))
+        Ok(Response::new(Box::pin(in_time(answers, self.hub.read_within))))
     }
 }

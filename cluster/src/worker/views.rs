@@ -48,6 +48,10 @@ const READ_WITHIN: Duration = Duration::from_secs(60);
 /// How often a client that waits for its frame hears that it is in work.
 const BEAT: Duration = Duration::from_millis(500);
 
+/// A coordinator reads a window ahead of its client, and then no more until the client has read half of that: what a client
+/// may take for a chunk, it may take for several. It drops what its client does not read; this is for one that hangs.
+const RELAY_PATIENCE: u32 = 8;
+
 /// The stage of waiting for samples.
 const SAMPLES: &str = "samples";
 
@@ -87,7 +91,8 @@ impl Views for ViewsService {
         let (arrived, span) = (Instant::now(), self.span());
         continued(&span, request.metadata());
         let (chunks, places) = self.answer(request.into_inner(), arrived, span, false).await?;
-        Ok(Response::new(self.sent(chunks.into_iter(), places)))
+        let patience = self.node.config.read_within * RELAY_PATIENCE;
+        Ok(Response::new(sent(chunks.into_iter(), places, patience)))
     }
 
     async fn redeem(
@@ -103,7 +108,7 @@ impl Views for ViewsService {
         let span = self.span();
         continued_from(&span, &traceparent);
         let service = Self { node: self.node.clone() };
-        Ok(Response::new(answered_in_time(fetching, async move {
+        let answered = answered(fetching, async move {
             let (chunks, places) = service.answer(request, arrived, span, true).await?;
             let header = chunks.iter().find_map(|chunk| match &chunk.body {
                 Some(Body::Header(header)) => Some(header.clone()),
@@ -112,7 +117,8 @@ impl Views for ViewsService {
             let receipt = key.seal(Kind::Receipt, &v1::Receipt { serial, header });
             let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
             Ok((bodies.collect(), places))
-        })))
+        });
+        Ok(Response::new(Box::pin(in_time(answered, self.node.config.read_within))))
     }
 
     async fn session(
@@ -123,12 +129,12 @@ impl Views for ViewsService {
     }
 }
 
-/// What a client is answered that nothing makes read: until there is an answer, that it is in work; what is not read in time
-/// is dropped, and the places that it holds with it. A client that goes ends the work for it.
-fn answered_in_time<Held: Send + 'static>(
+/// What a client is answered: until there is a frame, that it is in work. All of it is sent in [`READ_WITHIN`] or dropped,
+/// and the places that it holds with it. A client that goes ends the work for it.
+fn answered<Held: Send + 'static>(
     place: impl Send + 'static,
     answer: impl Future<Output = Result<(Vec<Redeemed>, Held), Status>> + Send + 'static,
-) -> Streamed<v1::RedeemResponse> {
+) -> ReceiverStream<Result<v1::RedeemResponse, Status>> {
     let (sender, receiver) = mpsc::channel(1);
     let said = |body| Ok(v1::RedeemResponse { body: Some(body) });
     tokio::spawn(async move {
@@ -160,24 +166,24 @@ fn answered_in_time<Held: Send + 'static>(
         let _ = tokio::time::timeout(READ_WITHIN, sending).await;
         drop(place);
     });
-    Box::pin(ReceiverStream::new(receiver))
+    ReceiverStream::new(receiver)
+}
+
+/// A stream of what is there already, which has its `places` until it is sent. Nothing makes who asked read it: an item
+/// that is not read in time ends it.
+fn sent<T: Send + 'static>(
+    items: impl Iterator<Item = T> + Send + 'static,
+    places: impl Send + 'static,
+    item_within: Duration,
+) -> Streamed<T> {
+    let items = items.map(move |item| {
+        let _in_work_until_sent = &places;
+        Ok(item)
+    });
+    Box::pin(in_time(futures::stream::iter(items), item_within))
 }
 
 impl ViewsService {
-    /// A stream of what is there already, which has its `places` until it is sent. Nothing makes who asked read it: what is
-    /// not read in time is dropped.
-    fn sent<T: Send + 'static>(
-        &self,
-        items: impl Iterator<Item = T> + Send + 'static,
-        places: impl Send + 'static,
-    ) -> Streamed<T> {
-        let items = items.map(move |item| {
-            let _in_work_until_sent = &places;
-            Ok(item)
-        });
-        Box::pin(in_time(futures::stream::iter(items), self.node.config.read_within, None))
-    }
-
     /// What a request's way through this worker is traced as.
     fn span(&self) -> Span {
         let worker = self.node.hello.name.as_str();
