@@ -45,8 +45,8 @@ pub(super) struct Soak {
     /// Which workers, and when: the same for the same seed
     #[arg(long, value_name = "N", default_value_t = 1, requires = "chaos")]
     seed: u64,
-    /// Seconds between two of these
-    #[arg(long, value_name = "SECONDS", default_value = "3", value_parser = args::positive, requires = "chaos")]
+    /// Seconds between two of these, while there is somebody to disturb
+    #[arg(long, value_name = "SECONDS", default_value = "2.8", value_parser = args::positive, requires = "chaos")]
     chaos_every: f64,
 }
 

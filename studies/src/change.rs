@@ -27,6 +27,22 @@ pub fn run(parameters: &Parameters, progress: &ProgressBar) -> Result<Report> {
     let mut report = Report::new("simulated", Machine::here("none"), rows);
     let lost: u64 = outcomes.iter().map(|outcome| outcome.lost).sum();
     report.notes.push(format!("Views lost in all scenarios together: {lost}."));
+    let steady = outcomes.iter().filter_map(|o| Some((o.scenario, o.seeds, o.steady_changes_per_min?)));
+    let moved: Vec<String> = steady
+        .filter(|(_, _, changes)| *changes > 0.0)
+        .map(|(scenario, runs, changes)| format!("{scenario}: {changes:.2} (mean of {runs} runs)"))
+        .collect();
+    report.notes.push(match moved.is_empty() {
+        true => "Changes of role a minute under steady load: 0 wherever it is steady.".to_owned(),
+        false => {
+            format!("Changes of role a minute under steady load, where 0 are wanted: {}.", moved.join("; "))
+        }
+    });
+    report.notes.push(
+        "Configured by default: samplers compose in their spare time, and half of their time may go into refinements; the \
+         others have exclusive roles and no refinements. Simulated views have no holes, so that nothing is refined."
+            .to_owned(),
+    );
     report.notes.push(format!("Costs: {}", serde_json::to_string(parameters)?));
     Ok(report)
 }

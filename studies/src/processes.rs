@@ -19,6 +19,21 @@ pub(crate) fn resident_bytes(pid: u32) -> Option<u64> {
     Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
 }
 
+/// Files that a process has open, connections among them; `None` where it is gone or nothing tells.
+pub(crate) fn open_files(pid: u32) -> Option<usize> {
+    Some(fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count())
+}
+
+/// Files that this process and those that it starts may have open, once it has asked for as many as it may ask for.
+pub(crate) fn most_open_files() -> usize {
+    use rustix::process::{Resource, getrlimit, setrlimit};
+    let limit = getrlimit(Resource::Nofile);
+    // Whoever may not raise it keeps what there is.
+    let _ = setrlimit(Resource::Nofile, rustix::process::Rlimit { current: limit.maximum, ..limit });
+    // Without a limit, more than there are ports.
+    getrlimit(Resource::Nofile).current.map_or(1 << 20, |most| most.try_into().unwrap_or(usize::MAX))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -32,5 +47,17 @@ mod tests {
         assert!(cpu_secs(me).unwrap() > before);
         assert!(resident_bytes(me).unwrap() > 1 << 20);
         assert_eq!((cpu_secs(u32::MAX), resident_bytes(u32::MAX)), (None, None));
+    }
+
+    #[test]
+    fn a_file_that_is_opened_counts() {
+        let me = std::process::id();
+        assert!(most_open_files() >= 64);
+        // Tests beside this one open files, too.
+        let before = open_files(me).unwrap();
+        let many: Vec<fs::File> = (0..50).map(|_| fs::File::open("/dev/null").unwrap()).collect();
+        let after = open_files(me).unwrap();
+        assert!(after + 10 >= before + many.len(), "{before} {after}");
+        assert_eq!(open_files(u32::MAX), None);
     }
 }

@@ -21,7 +21,7 @@ use tokio::task::{AbortHandle, JoinSet};
 use self::peer::Shared;
 use crate::burst::patient;
 use crate::local_cluster::LocalCluster;
-use crate::processes::{cpu_secs, resident_bytes};
+use crate::processes::{cpu_secs, most_open_files, open_files, resident_bytes};
 use crate::{Effort, Machine, Report, report};
 
 /// How many peers there are.
@@ -29,6 +29,8 @@ use crate::{Effort, Machine, Report, report};
 pub struct Options {
     /// Sessions that are open at the same time.
     pub sessions: usize,
+    /// Connections to the coordinator that they have in all; `None`: one each, as far as this process may have files open.
+    pub connections: Option<usize>,
     /// Workers.
     pub workers: usize,
     /// Pixels of a view.
@@ -45,6 +47,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             sessions: 10_000,
+            connections: None,
             workers: 1000,
             size: [200, 150],
             camera_every: Duration::from_secs(20),
@@ -57,15 +60,19 @@ impl Default for Options {
 impl Effort for Options {
     fn quick() -> Self {
         let (camera_every, phase) = (Duration::from_millis(500), Duration::from_secs(1));
-        Self { sessions: 50, workers: 20, camera_every, phase, losses: 2, ..Self::default() }
+        Self { sessions: 50, workers: 20, camera_every, phase, losses: 1, ..Self::default() }
     }
 }
 
 /// Nothing is rendered; the smallest scene there is will do.
 const SCENE: &str = "terrain:2000";
 
-/// Connections that the sessions share.
-const CONNECTIONS: usize = 64;
+/// Files that each simulated worker opens here: its stream, the connections on which it gets orders and tickets, and the
+/// client's end of that of tickets.
+const FILES_A_WORKER: usize = 4;
+
+/// … and that are open besides.
+const OTHER_FILES: usize = 256;
 
 /// How long a lost view may take to be given to another worker before the study gives up.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -77,6 +84,10 @@ const PATIENCE: Duration = Duration::from_secs(20);
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_length(5);
     progress.set_message("workers join");
+    // Before the coordinator starts, which inherits what files it may open.
+    let files = most_open_files();
+    let spare = files.saturating_sub(FILES_A_WORKER * options.workers + OTHER_FILES).max(1);
+    let wanted = options.connections.unwrap_or(options.sessions).max(1);
     let more = ["--refining-share=0".to_owned(), "--visibility=raster".to_owned()];
     let coordinator = LocalCluster::coordinator(argus, SCENE, &more)?;
     let pid = coordinator.pid();
@@ -90,10 +101,9 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         let joining = peer::join(shared.clone(), coordinator.url().to_owned(), worker, port);
         workers.push(tokio::spawn(joining).abort_handle());
     }
-    let connections = ConnectOptions { connections: CONNECTIONS, ..ConnectOptions::default() };
-    let client = Client::connect_with(coordinator.url(), &connections).await?;
+    let watching = Client::connect(coordinator.url()).await?;
     let ready = async {
-        while client.status().await.map_or(0, |status| status.processes as usize) < options.workers {
+        while watching.status().await.map_or(0, |status| status.processes as usize) < options.workers {
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
     };
@@ -104,10 +114,16 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     progress.inc(1);
 
     progress.set_message("sessions open");
+    let quiet_mb = resident_bytes(pid).unwrap_or(0) as f64 / 1e6;
+    let open_before = open_files(pid).context("the coordinator is gone")?;
     let began = Instant::now();
+    let connections = ConnectOptions { connections: wanted.min(spare), ..ConnectOptions::default() };
+    let client = Client::connect_with(coordinator.url(), &connections).await?;
     let (moving, watched) = watch::channel(false);
     let mut sessions = open(&client, options, &shared, watched).await?;
     let opened_secs = began.elapsed().as_secs_f64();
+    let connected =
+        open_files(pid).context("the coordinator is gone")?.saturating_sub(open_before).min(wanted);
     // Sessions are open and quiet; workers report.
     let idle_cores = cores(pid, options.phase).await?;
     progress.inc(1);
@@ -136,27 +152,33 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     progress.inc(1);
 
     progress.set_message("workers are lost");
-    let mut worst = Duration::ZERO;
-    for _ in 0..options.losses {
-        worst = worst.max(lose(&client, &shared, &mut workers, options).await?);
+    let mut worst = [Duration::ZERO; 2];
+    for (way, worst) in [Way::Breaks, Way::Hangs].into_iter().zip(&mut worst) {
+        for _ in 0..options.losses {
+            *worst = (*worst).max(lose(&client, &shared, &mut workers, options, way).await?);
+        }
     }
+    let [after_break_ms, after_hang_ms] = worst.map(|worst| worst.as_secs_f64() * 1e3);
     progress.inc(1);
     sessions.abort_all();
     while sessions.join_next().await.is_some() {}
     workers.iter().for_each(AbortHandle::abort);
-    drop(client);
+    drop((client, watching));
     coordinator.stop()?;
 
     let bytes = f64::from(options.size[0] * options.size[1] * 3);
     let row = json!({
         "workers": options.workers,
         "sessions": options.sessions,
+        "connections": connected,
+        "camera_every_secs": options.camera_every.as_secs_f64(),
         "joined_secs": joined_secs,
         "opened_secs": opened_secs,
         "idle_cores": idle_cores,
         "redirected_per_sec": fetching.per_sec,
         "redirected_cores": fetching.cores,
         "redirected_per_sec_of_a_core": fetching.per_sec / (fetching.cores - idle_cores).max(1e-9),
+        "resident_mb_workers": quiet_mb,
         "resident_mb": resident_mb,
         "resident_mb_relaying": busy_mb,
         "relayed_per_sec": frames / relayed_secs,
@@ -164,16 +186,29 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         "relayed_per_sec_of_a_core": frames / of_frames,
         "relayed_mb_per_sec_of_a_core": frames * bytes / of_frames / 1e6,
         "us_per_frame": of_frames / frames * 1e6,
-        "assigned_after_loss_ms": worst.as_secs_f64() * 1e3,
+        "assigned_after_break_ms": after_break_ms,
+        "assigned_after_hang_ms": after_hang_ms,
     });
     let mut report = Report::new("peers", Machine::here("none"), vec![report::row(row)]);
-    report.notes.push(
+    report.notes.push(format!(
         "Sessions are redirected: they get tickets from the coordinator, fetch their frames from the workers, and say so. \
-         idle_cores: while they ask for nothing; redirected_cores: while cameras move, redirected_per_sec frames a second in \
-         all; relayed_*: single views besides, raw and relayed unopened, at us_per_frame each. assigned_after_loss_ms: the \
-         longest from the end of a worker's stream until another worker had the order of its view."
+         connections: those to the coordinator that came with the sessions; those to workers are one each, which all \
+         sessions share, since what they cost is not the coordinator's. idle_cores: while sessions ask for nothing; \
+         redirected_cores: while each moves its camera every {} s, redirected_per_sec frames a second in all; relayed_*: \
+         single views besides, raw and relayed unopened, at us_per_frame each.",
+        options.camera_every.as_secs_f64()
+    ));
+    report.notes.push(
+        "assigned_after_break_ms: the longest from the end of a worker's stream, as a process that dies ends it, until all \
+         of its views were with another worker; assigned_after_hang_ms: the same from when a worker fell silent with its \
+         stream open, which is noticed by suspicion, after three tenths of its lease."
             .to_owned(),
     );
+    if connected < wanted {
+        report.notes.push(format!(
+            "{wanted} connections were wanted and {connected} made: this process may have {files} files open."
+        ));
+    }
     Ok(report)
 }
 
@@ -265,12 +300,22 @@ async fn keep(
     }
 }
 
-/// A worker falls silent with a view, and its stream ends: how long until another worker has that view.
+/// How a worker is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Way {
+    /// Its stream ends.
+    Breaks,
+    /// Its stream stays open, and nothing comes.
+    Hangs,
+}
+
+/// A worker that has views is lost: how long until others have all of them.
 async fn lose(
     client: &Client,
     shared: &Shared,
     workers: &mut [AbortHandle],
     options: &Options,
+    way: Way,
 ) -> Result<Duration> {
     // Whoever gets the next view keeps it.
     shared.silence_next();
@@ -280,31 +325,32 @@ async fn lose(
         let client = client.clone();
         async move { burst(&client, views, 256, &patient(), |_, _| ()).await }
     });
-    let reached = async {
-        loop {
-            if let Some(worker) = shared.silent() {
-                return worker;
-            }
-            tokio::time::sleep(Duration::from_millis(1)).await;
-        }
-    };
+    let reached = until(|| shared.silent());
     let worker = tokio::time::timeout(PATIENCE, reached).await.context("no view reaches any worker")?;
     // The others' answers are in by now; what is open is what the silent one has.
     tokio::time::sleep(Duration::from_millis(500)).await;
     let lost = Instant::now();
-    shared.hear(true);
-    workers[worker].abort();
-    let moved = async {
-        loop {
-            if let Some((at, _)) = shared.orders().first() {
-                return at.saturating_duration_since(lost);
-            }
-            tokio::time::sleep(Duration::from_millis(1)).await;
-        }
-    };
-    let moved = tokio::time::timeout(PATIENCE, moved).await.context("a lost worker's view went to nobody")?;
-    shared.hear(false);
+    match way {
+        Way::Breaks => workers[worker].abort(),
+        Way::Hangs => shared.hang(),
+    }
+    let moved = until(|| shared.moved());
+    let moved =
+        tokio::time::timeout(PATIENCE, moved).await.context("a lost worker's views went to nobody")?;
     let outcome = asking.await?;
+    // One that hung is not to come back among the next one's.
+    workers[worker].abort();
+    shared.end_silence();
     anyhow::ensure!(outcome.failed == 0, "a view was lost with its worker: {:?}", outcome.first_error);
-    Ok(moved)
+    Ok(moved.saturating_duration_since(lost))
+}
+
+/// Waits until there is something.
+async fn until<T>(mut there: impl FnMut() -> Option<T>) -> T {
+    loop {
+        if let Some(found) = there() {
+            return found;
+        }
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    }
 }

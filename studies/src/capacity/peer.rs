@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
@@ -34,47 +34,93 @@ pub(super) struct Shared {
     pub(super) answered: AtomicU64,
     /// Those of them that clients fetched.
     pub(super) redeemed: AtomicU64,
-    /// The worker that answers nothing, by its number; or [`NEXT`], [`NOBODY`], [`UNHEARD`].
-    silent: AtomicUsize,
-    /// When an order reached a worker, and which: the newest ones.
-    orders: Mutex<Vec<(Instant, usize)>>,
+    silence: Mutex<Silence>,
     /// With which each worker's tickets are sealed, by its number.
     keys: Mutex<HashMap<usize, SealKey>>,
     /// Random pixels: nothing packs them.
     pixels: Bytes,
 }
 
-/// Whoever gets the next order answers nothing from then on.
-const NEXT: usize = usize::MAX - 2;
-/// All answer; orders are noted.
-const NOBODY: usize = usize::MAX - 1;
-/// All answer, and nobody notes it.
-const UNHEARD: usize = usize::MAX;
+/// A worker that answers nothing, and what becomes of the views that it has.
+#[derive(Debug, Default)]
+struct Silence {
+    who: Silent,
+    /// Whether it says nothing to the coordinator either.
+    hangs: bool,
+    /// The views that it has, and when each came to another worker.
+    kept: HashMap<String, Option<Instant>>,
+}
+
+/// Who answers nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Silent {
+    #[default]
+    Nobody,
+    /// Whoever gets the next order.
+    Next,
+    /// The worker of that number.
+    Worker(usize),
+}
+
+impl Silence {
+    /// Whether an order for a view is answered by the worker that it came to.
+    fn answers(&mut self, worker: usize, view_id: &str) -> bool {
+        if self.who == Silent::Next {
+            self.who = Silent::Worker(worker);
+        }
+        match self.who {
+            Silent::Worker(silent) if silent == worker => {
+                self.kept.insert(view_id.to_owned(), None);
+                false
+            }
+            _ => {
+                if let Some(moved) = self.kept.get_mut(view_id) {
+                    moved.get_or_insert_with(Instant::now);
+                }
+                true
+            }
+        }
+    }
+}
 
 impl Shared {
     pub(super) fn new(pixels: Vec<u8>) -> Arc<Self> {
-        let silent = AtomicUsize::new(UNHEARD);
-        Arc::new(Self { silent, pixels: pixels.into(), ..Self::default() })
+        Arc::new(Self { pixels: pixels.into(), ..Self::default() })
     }
 
     /// Whoever gets the next order falls silent.
     pub(super) fn silence_next(&self) {
-        self.begin(NEXT);
+        *self.silence.lock() = Silence { who: Silent::Next, ..Silence::default() };
     }
 
     /// The silent worker, once there is one.
     pub(super) fn silent(&self) -> Option<usize> {
-        Some(self.silent.load(Ordering::SeqCst)).filter(|worker| *worker < NEXT)
+        match self.silence.lock().who {
+            Silent::Worker(worker) => Some(worker),
+            Silent::Nobody | Silent::Next => None,
+        }
     }
 
-    /// Nobody falls silent from here on, and orders are noted, or not.
-    pub(super) fn hear(&self, noted: bool) {
-        self.begin(if noted { NOBODY } else { UNHEARD });
+    /// The silent worker reports no more, while its stream stays open.
+    pub(super) fn hang(&self) {
+        self.silence.lock().hangs = true;
     }
 
-    fn begin(&self, silent: usize) {
-        self.silent.store(silent, Ordering::SeqCst);
-        self.orders.lock().clear();
+    fn hangs(&self, worker: usize) -> bool {
+        let silence = self.silence.lock();
+        silence.hangs && silence.who == Silent::Worker(worker)
+    }
+
+    /// All answer from here on.
+    pub(super) fn end_silence(&self) {
+        *self.silence.lock() = Silence::default();
+    }
+
+    /// When the last of the silent worker's views came to another one; `None` while one has not.
+    pub(super) fn moved(&self) -> Option<Instant> {
+        let silence = self.silence.lock();
+        let all: Option<Vec<Instant>> = silence.kept.values().copied().collect();
+        all?.into_iter().max()
     }
 
     /// What a worker sends of a frame: the header and all of its bytes.
@@ -110,11 +156,6 @@ impl Shared {
         self.answered.fetch_add(1, Ordering::Relaxed);
         let chunks = [Body::Header(header), Body::Data(v1::FrameData { offset: 0, bytes })];
         chunks.map(|body| v1::FrameChunk { body: Some(body) }).into_iter()
-    }
-
-    /// The orders since the last silence.
-    pub(super) fn orders(&self) -> Vec<(Instant, usize)> {
-        self.orders.lock().clone()
     }
 }
 
@@ -172,12 +213,8 @@ impl Views for Answering {
     ) -> Result<Response<Self::RenderStream>, Status> {
         let worker = worker_of(&request);
         let request = request.into_inner();
-        let silent = &self.shared.silent;
-        let _ = silent.compare_exchange(NEXT, worker, Ordering::SeqCst, Ordering::SeqCst);
-        match silent.load(Ordering::SeqCst) {
-            UNHEARD => {}
-            silent if silent == worker => std::future::pending::<()>().await,
-            _ => self.shared.orders.lock().push((Instant::now(), worker)),
+        if !self.shared.silence.lock().answers(worker, &request.view_id) {
+            std::future::pending::<()>().await;
         }
         let chunks = self.shared.frame(worker, request).map(Ok);
         Ok(Response::new(stream::iter(chunks).boxed()))
@@ -245,9 +282,37 @@ pub(super) async fn join(shared: Arc<Shared>, coordinator: String, worker: usize
             }
             _ = interval.tick() => {}
         }
+        if shared.hangs(worker) {
+            std::future::pending::<()>().await;
+        }
         let body = v1::worker_report::Body::Measurements(report.clone());
         if reports.send(v1::WorkerReport { body: Some(body) }).await.is_err() {
             return Ok(());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_silent_workers_own_views_count_as_moved_and_all_of_them_must() {
+        let shared = Shared::new(Vec::new());
+        let order = |worker, view: &str| shared.silence.lock().answers(worker, view);
+        assert!(order(3, "before"));
+        shared.silence_next();
+        assert_eq!((order(5, "a"), order(5, "b"), shared.silent()), (false, false, Some(5)));
+        assert!(order(4, "c"), "others answer");
+        assert_eq!(shared.moved(), None, "of the views that wait, none has moved");
+        assert!(order(4, "a") && shared.moved().is_none(), "one of two");
+        let before = Instant::now();
+        assert!(order(7, "b"));
+        assert!(shared.moved().is_some_and(|at| at >= before));
+        assert!(!shared.hangs(5));
+        shared.hang();
+        assert!(shared.hangs(5) && !shared.hangs(4));
+        shared.end_silence();
+        assert!(order(5, "d") && !shared.hangs(5));
     }
 }

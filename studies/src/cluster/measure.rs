@@ -8,7 +8,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result, bail};
 use argus_client::load::path_views;
 use argus_client::{Client, ClusterStatus};
-use argus_scene::{PlanRequest, Stage, View};
+use argus_proto::v1;
+use argus_proto::v1::sample_chunk::Body;
+use argus_proto::v1::samples_client::SamplesClient;
+use argus_scene::{Plan, PlanRequest, Stage, View};
 use parking_lot::Mutex;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
@@ -44,33 +47,79 @@ pub(super) struct Measured {
     pub(super) direct_secs: f64,
     pub(super) view_secs: f64,
     pub(super) sampling: f64,
-    pub(super) compositing: f64,
-    /// Uploads, and frames on their way from the device to the host.
-    pub(super) readback: f64,
-    pub(super) encode: f64,
-    /// From the worker's last byte to the client, by way of the coordinator.
-    pub(super) network: f64,
+    /// The share of a sample's time that its stages call `other`: submission, and waiting for the device and for its planes
+    /// to be read back.
+    pub(super) sampling_rest_share: Option<f64>,
+    /// By the frames' stages.
+    pub(super) parts: Parts,
+    /// What c has beyond its stages, or a direct view's stages beyond its passes: submission, and waiting for the device
+    /// and for pixels to be read back.
+    pub(super) rest: f64,
     /// Samples that were rendered anew.
     pub(super) samples: f64,
     /// Seconds on a core a tick: samplers, compositors, the coordinator, this process.
     pub(super) cpu: [f64; 4],
 }
 
+/// What views were at, summed over views: the first ones are work, waits of many views pass at the same time.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Parts {
+    /// On the device.
+    pub(super) passes: f64,
+    /// On the host: views are prepared and uploaded, passes recorded.
+    pub(super) record: f64,
+    /// On the host: pixels that were read back are put in their places.
+    pub(super) unpack: f64,
+    /// Of direct views, what no other stage has.
+    other: f64,
+    pub(super) encode: f64,
+    /// Beside the coordinator's relaying, the way of a frame from its worker to the client is in it.
+    pub(super) relay: f64,
+    /// Until a view's samples were at hand.
+    pub(super) await_samples: f64,
+    /// Until a view's batch began.
+    pub(super) queue: f64,
+}
+
+impl Parts {
+    fn add(&mut self, stage: &Stage) {
+        let part = match stage.name.as_str() {
+            "prepare views" | "record passes" => &mut self.record,
+            "unpack frames" => &mut self.unpack,
+            "other" => &mut self.other,
+            "encode" => &mut self.encode,
+            "relay" => &mut self.relay,
+            "samples" => &mut self.await_samples,
+            "queue" => &mut self.queue,
+            _ => &mut self.passes,
+        };
+        *part += stage.ms * 1e-3;
+    }
+
+    fn per(self, ticks: f64) -> Self {
+        let Self { passes, record, unpack, other, encode, relay, await_samples, queue } = self;
+        Self {
+            passes: passes / ticks,
+            record: record / ticks,
+            unpack: unpack / ticks,
+            other: other / ticks,
+            encode: encode / ticks,
+            relay: relay / ticks,
+            await_samples: await_samples / ticks,
+            queue: queue / ticks,
+        }
+    }
+}
+
 /// Sums over frames.
 #[derive(Debug, Default)]
 struct Sums {
     frames: u64,
-    compositing: f64,
-    readback: f64,
-    encode: f64,
-    network: f64,
+    parts: Parts,
     /// By tick: views answered, and when the last was.
     ticks: BTreeMap<usize, (u32, Option<Instant>)>,
     failure: Option<String>,
 }
-
-/// Stages that move pixels between the device and the host.
-const READBACK: [&str; 2] = ["record passes", "unpack frames"];
 
 /// Starts a cluster, lets its roles settle under the load, and measures.
 pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
@@ -94,7 +143,10 @@ pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
     let measured = watch(run, &cluster, &client, &sums).await;
     asking.abort();
     let _ = asking.await;
-    let measured = measured?;
+    let mut measured = measured?;
+    if run.way != Way::Naive {
+        measured.sampling_rest_share = rest_of_samples(&client, run.size).await;
+    }
     drop(client);
     cluster.stop()?;
     Ok(measured)
@@ -125,14 +177,7 @@ async fn ask(client: Client, views: Vec<View>, processes: usize, refreshed: bool
                 let mut sums = sums.lock();
                 match outcome {
                     Ok(answer) => {
-                        let of = |is: &dyn Fn(&str) -> bool| -> f64 {
-                            answer.frame.stages.iter().filter(|s| is(&s.name)).map(|s| s.ms * 1e-3).sum()
-                        };
-                        let readback = of(&|name| READBACK.contains(&name));
-                        sums.compositing += of(&|name| !Stage::is_on_the_way(name)) - readback;
-                        sums.readback += readback;
-                        sums.encode += of(&|name| name == "encode");
-                        sums.network += of(&|name| name == "relay");
+                        answer.frame.stages.iter().for_each(|stage| sums.parts.add(stage));
                         sums.frames += 1;
                         let of_tick = sums.ticks.entry(tick).or_default();
                         *of_tick = (of_tick.0 + 1, Some(Instant::now()));
@@ -180,8 +225,7 @@ async fn watch(
     let before = snapshot(client, cluster).await?;
     let (from, frames_before) = {
         let mut sums = sums.lock();
-        let Sums { compositing, readback, encode, network, .. } = &mut *sums;
-        (*compositing, *readback, *encode, *network) = (0.0, 0.0, 0.0, 0.0);
+        sums.parts = Parts::default();
         (sums.ticks.values().take_while(|t| t.0 == run.views).count(), sums.frames)
     };
     while whole(sums, run.views)? < from + run.ticks {
@@ -194,6 +238,7 @@ async fn watch(
     let tick_secs = (ended(last)? - ended(from - 1)?).as_secs_f64() / run.ticks as f64;
     // What was counted between the two looks, by as many ticks as that were.
     let ticks = (sums.frames - frames_before) as f64 / f64::from(run.views);
+    let parts = sums.parts.per(ticks);
     let status = &after.status;
     let count = |of: fn(&argus_client::WorkerStatus) -> u64| -> f64 {
         let sum = |status: &ClusterStatus| status.workers.iter().map(of).sum::<u64>();
@@ -219,10 +264,13 @@ async fn watch(
         direct_secs: status.direct_ms * 1e-3,
         view_secs: status.view_ms * 1e-3,
         sampling: samples * status.sample_ms * 1e-3,
-        compositing: sums.compositing / ticks,
-        readback: sums.readback / ticks,
-        encode: sums.encode / ticks,
-        network: sums.network / ticks,
+        sampling_rest_share: None,
+        rest: match run.way {
+            Way::Naive => parts.other,
+            _ => (f64::from(run.views) * status.view_ms * 1e-3 - parts.passes - parts.record - parts.unpack)
+                .max(0.0),
+        },
+        parts,
         samples,
         cpu,
     })
@@ -239,4 +287,54 @@ async fn snapshot(client: &Client, cluster: &LocalCluster) -> Result<Snapshot> {
     let pids = status.workers.iter().map(|w| w.pid).chain([cluster.pid(), std::process::id()]);
     let cpu = pids.filter_map(|pid| Some((pid, cpu_secs(pid)?))).collect();
     Ok(Snapshot { status, cpu })
+}
+
+/// The share of `other` in the stages of the samples of one view, as whoever has them says; `None` where nobody does.
+async fn rest_of_samples(client: &Client, size: [u32; 2]) -> Option<f64> {
+    let view = path_views(client.description(), 1, size, PlanRequest::default()).pop()?;
+    let frame = client.render(&view, &patient()).await.ok()?.frame;
+    let Plan::Warp(plan) = &frame.provenance.plan else { return None };
+    let mut stages: Vec<v1::Stage> = Vec::new();
+    for worker in client.status().await.ok()?.workers {
+        let Ok(mut worker) = SamplesClient::connect(worker.address).await else { continue };
+        for id in &plan.samples {
+            let request = v1::SubscribeRequest {
+                scene_hash: frame.provenance.scene.0.to_vec().into(),
+                epoch: id.epoch,
+                generation: id.generation,
+                indices: vec![id.index],
+                // Nobody waits for it: what a worker does not have it is not to render.
+                ahead: true,
+                ..v1::SubscribeRequest::default()
+            };
+            let header = async { worker.subscribe(request).await.ok()?.into_inner().message().await.ok()? };
+            let chunk = tokio::time::timeout(Duration::from_millis(300), header).await.ok().flatten();
+            if let Some(Body::Header(header)) = chunk.and_then(|chunk| chunk.body) {
+                stages.extend(header.stages);
+            }
+        }
+    }
+    let sum = |is: &dyn Fn(&str) -> bool| -> f64 {
+        stages.iter().filter(|stage| is(&stage.name)).map(|stage| stage.ms).sum()
+    };
+    let all = sum(&|_| true);
+    (all > 0.0).then(|| sum(&|name| name == "other") / all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_stage_is_a_part_and_what_has_no_other_name_is_a_pass() {
+        let mut parts = Parts::default();
+        let names = ["samples", "queue", "prepare views", "record passes", "splat samples", "mend"];
+        names.iter().for_each(|name| parts.add(&Stage::new(*name, 1000.0)));
+        for (name, ms) in [("unpack frames", 3e3), ("other", 5e3), ("encode", 7e3), ("relay", 11e3)] {
+            parts.add(&Stage::new(name, ms));
+        }
+        let Parts { passes, record, unpack, other, encode, relay, await_samples, queue } = parts.per(2.0);
+        assert_eq!((await_samples, queue, record, passes), (0.5, 0.5, 1.0, 1.0));
+        assert_eq!((unpack, other, encode, relay), (1.5, 2.5, 3.5, 5.5));
+    }
 }

@@ -3,13 +3,14 @@
 //!
 //! What things cost is given ([`Parameters`]); what comes of it is not: who does what, who waits for whom, how long a
 //! tick takes. `host` is a machine's cores and link, `worker` what a worker process does with its orders, `world` the
-//! events, `load` the clients, `efficiency` and `change` the experiments.
+//! events, `load` the clients, `efficiency`, `trouble` and `change` the experiments.
 
 pub mod change;
 pub mod efficiency;
 mod host;
 mod load;
 mod parameters;
+pub mod trouble;
 mod worker;
 mod world;
 

@@ -56,6 +56,15 @@ pub enum Machines {
     },
 }
 
+impl Machines {
+    /// Of one machine.
+    pub fn cores(self) -> u32 {
+        match self {
+            Self::Shared { cores } | Self::Each { cores } => cores,
+        }
+    }
+}
+
 impl Default for Parameters {
     fn default() -> Self {
         Self {

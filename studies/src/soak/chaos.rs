@@ -24,6 +24,7 @@ pub(super) struct Disturbed {
 pub(super) struct Chaos {
     rng: SmallRng,
     every: Duration,
+    /// When the next turn is due; it is taken once somebody can be disturbed.
     next: Instant,
     /// Who is paused, and until when.
     paused: Vec<(u32, Instant)>,
@@ -33,7 +34,7 @@ pub(super) struct Chaos {
 impl Chaos {
     pub(super) fn new(seed: u64, every: Duration) -> Self {
         let rng = SmallRng::seed_from_u64(seed);
-        Self { rng, every, next: Instant::now() + every, paused: Vec::new(), done: Disturbed::default() }
+        Self { rng, every, next: Instant::now() + every / 2, paused: Vec::new(), done: Disturbed::default() }
     }
 
     /// Does what is due; `left` is how long the test goes on.
@@ -43,7 +44,6 @@ impl Chaos {
         if now < self.next || left < REST {
             return;
         }
-        self.next = now + self.every;
         let Ok(status) = client.status().await else { return };
         // Workers that play a role: of those that start, killing would only say how fast they start.
         let is_paused = |pid: u32| self.paused.iter().any(|(paused, _)| *paused == pid);
@@ -54,8 +54,10 @@ impl Chaos {
         if pids.len() < 2 {
             return;
         }
+        // What had to wait for somebody is made up for, yet not all at once.
+        self.next = (self.next + self.every).max(now + self.every / 2);
         let pid = pids[self.rng.random_range(0..pids.len())];
-        if self.rng.random_bool(0.5) {
+        if self.kills_next() {
             signal(pid, "-KILL");
             self.done.kills += 1;
         } else {
@@ -63,6 +65,17 @@ impl Chaos {
             let ms = self.rng.random_range(100..LONGEST_PAUSE.as_millis() as u64);
             self.paused.push((pid, now + Duration::from_millis(ms)));
             self.done.pauses += 1;
+        }
+    }
+
+    /// By chance; but a pause comes first and a kill soon after it, so that a short test has both, and the pause does not
+    /// wait for a new process.
+    fn kills_next(&mut self) -> bool {
+        let by_chance = self.rng.random_bool(0.5);
+        match self.done {
+            Disturbed { pauses: 0, .. } => false,
+            Disturbed { kills: 0, .. } => true,
+            _ => by_chance,
         }
     }
 
@@ -93,4 +106,23 @@ impl Drop for Chaos {
 fn signal(pid: u32, name: &str) {
     let mut kill = Command::new("kill");
     let _ = kill.args([name, &pid.to_string()]).stdout(Stdio::null()).stderr(Stdio::null()).status();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn short_tests_have_both_kinds_and_long_ones_about_as_many_of_each() {
+        let mut chaos = Chaos::new(3, Duration::from_secs(1));
+        let take = |chaos: &mut Chaos| {
+            let kills = chaos.kills_next();
+            chaos.done.kills += u64::from(kills);
+            chaos.done.pauses += u64::from(!kills);
+        };
+        (0..2).for_each(|_| take(&mut chaos));
+        assert_eq!((chaos.done.kills, chaos.done.pauses), (1, 1));
+        (0..198).for_each(|_| take(&mut chaos));
+        assert!(chaos.done.kills.abs_diff(100) < 25, "{:?}", chaos.done);
+    }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use argus_client::load::CameraPath;
 use argus_client::{Client, ClientError, SessionEvent, SessionOptions};
-use argus_scene::{Frame, Outputs, PlanRequest, View};
+use argus_scene::{Frame, Outputs, PlanRequest, Stage, View};
 use parking_lot::Mutex;
 use tokio::time::{sleep, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
@@ -22,10 +22,14 @@ pub(super) struct Heard {
     /// Sessions whose newest camera was not answered, and cameras that failed.
     pub(super) lost: u64,
     pub(super) latencies_ms: Vec<f64>,
+    /// Frames that sessions fetched from workers, instead of having them relayed.
+    pub(super) redirected: u64,
     pub(super) worst_gap: Duration,
     pub(super) first_failure: Option<String>,
     pub(super) checked: u64,
     pub(super) wrong: u64,
+    /// Repeats that were not answered, so that nothing was compared.
+    pub(super) repeats_failed: u64,
     /// The frame that is to be compared next.
     to_check: Option<(View, Box<Frame>)>,
 }
@@ -34,6 +38,11 @@ impl Heard {
     fn lose(&mut self, why: String) {
         self.lost += 1;
         self.first_failure.get_or_insert(why);
+    }
+
+    /// A session got no frame since then, though it had asked for one.
+    fn gap(&mut self, since: Option<Instant>) {
+        self.worst_gap = self.worst_gap.max(since.map_or(Duration::ZERO, |since| since.elapsed()));
     }
 }
 
@@ -61,7 +70,7 @@ pub(super) async fn run(
     let mut session = client.session(options.clone());
     let mut open: BTreeMap<u64, (Instant, View)> = BTreeMap::new();
     let mut next = 0_u32;
-    // Since when it waits for a frame.
+    // Since when it waits for a frame: until one comes, whatever becomes of single cameras meanwhile.
     let mut waits: Option<Instant> = None;
     let mut until: Option<Instant> = None;
     loop {
@@ -69,14 +78,16 @@ pub(super) async fn run(
         let due = until.unwrap_or(begin + Duration::from_secs_f64(secs));
         let idle = session.is_idle();
         if until.is_some() && idle {
-            return;
+            return heard.lock().gap(waits);
         }
         tokio::select! {
             biased;
             () = ending.cancelled(), if until.is_none() => until = Some(Instant::now() + PATIENCE),
             () = sleep_until(due.into()) => {
                 if until.is_some() {
-                    return heard.lock().lose("a session's newest camera was not answered".to_owned());
+                    let mut heard = heard.lock();
+                    heard.gap(waits);
+                    return heard.lose("a session's newest camera was not answered".to_owned());
                 }
                 let view = View {
                     camera: path.camera(secs),
@@ -96,13 +107,15 @@ pub(super) async fn run(
                     let now = Instant::now();
                     let newer = open.split_off(&(camera_seq + 1));
                     let answered = std::mem::replace(&mut open, newer).remove(&camera_seq);
-                    let gap = waits.take().map(|since| now - since);
+                    let waited = waits.take();
                     if !session.is_idle() {
                         waits = Some(now);
                     }
+                    let fetched = frame.stages.iter().any(|stage| stage.name == Stage::DETOUR);
                     let mut heard = heard.lock();
-                    heard.worst_gap = heard.worst_gap.max(gap.unwrap_or_default());
+                    heard.gap(waited);
                     heard.answered += 1;
+                    heard.redirected += u64::from(fetched);
                     if let Some((due, view)) = answered {
                         heard.latencies_ms.push(now.saturating_duration_since(due).as_secs_f64() * 1e3);
                         heard.to_check.get_or_insert((view, frame));
@@ -110,17 +123,20 @@ pub(super) async fn run(
                 }
                 Ok(SessionEvent::Failed { camera_seq, error }) => {
                     open = open.split_off(&(camera_seq + 1));
-                    waits = if session.is_idle() { None } else { waits };
                     let mut heard = heard.lock();
+                    heard.gap(waits);
                     match error {
                         ClientError::Overloaded { .. } => heard.rejected += 1,
                         error => heard.lose(error.to_string()),
                     }
                 }
                 Err(error) => {
-                    heard.lock().lose(error.to_string());
+                    {
+                        let mut heard = heard.lock();
+                        heard.gap(waits);
+                        heard.lose(error.to_string());
+                    }
                     open.clear();
-                    waits = None;
                     session = client.session(options.clone());
                 }
             },
@@ -136,6 +152,7 @@ pub(super) async fn check(client: Client, heard: Arc<Mutex<Heard>>) {
         let Some((view, frame)) = taken else { continue };
         let repeat = pinned(&view, frame.provenance.clone());
         let Ok(Ok(answer)) = timeout(PATIENCE, client.render(&repeat, &repeat_options())).await else {
+            heard.lock().repeats_failed += 1;
             continue;
         };
         let same = matches!((color(&frame), color(&answer.frame)), (Ok(a), Ok(b)) if a == b);
