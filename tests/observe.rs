@@ -173,6 +173,7 @@ fn watching_shows_the_table_again_and_again_and_logs_are_json_on_request() {
     assert!(shown.contains("views a second"), "{shown}");
 
     let mut command = argus(&["worker", "--coordinator", "http://127.0.0.1:9", "--log-format", "json"]);
+    command.arg("--set=worker.coordinator_wait_secs=1");
     let output = command.stdin(Stdio::null()).output().unwrap();
     for line in stderr(&output).lines().filter(|line| line.starts_with('{')) {
         let line: serde_json::Value = serde_json::from_str(line).unwrap();

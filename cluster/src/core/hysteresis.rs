@@ -5,7 +5,8 @@
 //! boundary of K_fd then never move a role. Among a thousand processes K can be far from the best and yet within that
 //! margin: a gain of [`LEAST_GAIN`] is taken as well, once it has been predicted on the mean for
 //! [`PATIENT_DWELLS`] times as long, which trembling does not outlast; and it is not taken back for a small gain, since
-//! what is measured under either of two splits may well speak for the other one. One case does not wait: a stage with work and
+//! what is measured under either of two splits may well speak for the other one. For the same reason a change that was made
+//! lately is undone only for the square of the margin. One case does not wait: a stage with work and
 //! nobody to do it, whose predicted tick is infinite.
 
 use std::time::Duration;
@@ -30,6 +31,9 @@ const TREMBLES: f64 = 3.0;
 const LONG_DWELLS: f64 = 10.0;
 const LONG_TREMBLES: f64 = 2.0;
 
+/// Dwell times for which a change is harder to undo than to make.
+const REMEMBERED_DWELLS: u32 = 60;
+
 /// Decides between the split there is and the split the formula wants.
 #[derive(Debug, Clone)]
 pub struct Hysteresis {
@@ -50,6 +54,8 @@ pub struct Hysteresis {
     looked: Option<Uptime>,
     /// Where small gains have led since the last large one.
     leaning: Option<Direction>,
+    /// The latest change, among these processes.
+    changed: Option<(Direction, Uptime)>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,6 +89,7 @@ impl Hysteresis {
             tremble: 0.0,
             looked: None,
             leaning: None,
+            changed: None,
         }
     }
 
@@ -126,26 +133,30 @@ impl Hysteresis {
             mean if mean <= -least => Some(Direction::FewerSamplers),
             _ => None,
         };
-        let at_once = towards(self.mean, self.margin.ln().max(TREMBLES * self.tremble));
+        let is_undone =
+            |(changed, when)| changed != direction && now.since(when) < self.dwell * REMEMBERED_DWELLS;
+        let margin = if self.changed.is_some_and(is_undone) { self.margin.powi(2) } else { self.margin };
+        let at_once = towards(self.mean, margin.ln().max(TREMBLES * self.tremble));
         let in_time = towards(self.long_mean, LEAST_GAIN.ln().max(LONG_TREMBLES * self.tremble));
-        let goes = (gain >= self.margin).then_some(direction);
+        let goes = (gain >= margin).then_some(direction);
         let lasted = lasting(&mut self.pending, goes);
-        let margin = lasted.is_some_and(|lasted| lasted >= self.dwell) && at_once == Some(direction);
+        let large = lasted.is_some_and(|lasted| lasted >= self.dwell) && at_once == Some(direction);
         let lasted = lasting(&mut self.patient, in_time);
         let patience = lasted.is_some_and(|lasted| lasted >= self.dwell * PATIENT_DWELLS)
             && self.leaning.is_none_or(|leaning| leaning == direction);
         let small = patience && in_time == Some(direction) && gain >= LEAST_GAIN;
-        if margin || small {
+        if large || small {
             self.reset();
-            self.leaning = (!margin).then_some(direction);
+            self.leaning = (!large).then_some(direction);
+            self.changed = Some((direction, now));
         }
-        margin || small
+        large || small
     }
 
     /// Starts the dwell anew, because the processes changed.
     pub fn reset(&mut self) {
         (self.pending, self.patient, self.looked) = (None, None, None);
-        (self.mean, self.long_mean, self.leaning) = (0.0, 0.0, None);
+        (self.mean, self.long_mean, self.leaning, self.changed) = (0.0, 0.0, None, None);
     }
 }
 
@@ -233,6 +244,25 @@ mod tests {
         assert!(!look(&mut h, (more, few), 1.07, 4800));
         assert!(look(&mut h, (more, few), 1.3, 480));
         assert!(look(&mut h, (few, more), 1.07, 480), "after a large one it begins anew");
+    }
+
+    #[test]
+    fn a_late_change_is_undone_for_much_at_once_and_for_the_margin_once_it_is_old() {
+        let (few, more) = (Split::Divided(1), Split::Divided(2));
+        let mut h = hysteresis();
+        let mut quarters = 0..;
+        let mut look = |h: &mut Hysteresis, (from, to), gain, most| {
+            let paid = |i: u32| h.pays(at(f64::from(i) * 0.25), (from, gain), (to, 1.0), 3);
+            quarters.by_ref().take(most).position(paid)
+        };
+        // Sixty dwells of three seconds are 720 quarters of a second.
+        assert!(look(&mut h, (few, more), 1.25, 480).is_some());
+        assert_eq!(look(&mut h, (more, few), 1.25, 700), None);
+        assert!(look(&mut h, (more, few), 1.25, 480).is_some(), "it is old");
+        assert!(
+            look(&mut h, (few, more), 1.6, 480).is_some_and(|when| when < 40),
+            "demand that rises is followed"
+        );
     }
 
     #[test]
