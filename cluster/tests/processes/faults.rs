@@ -106,10 +106,14 @@ async fn a_compositor_has_a_sampler_at_hand_when_the_sampler_is_lost() {
     let with = async |standby_sampler| {
         let mut cluster = Cluster::start(0).await;
         let config = worker::Config { standby_sampler, ..worker::Config::new(cluster.coordinator.url()) };
-        for _ in 0..2 {
+        // One after the other, and until roles are taken up: on the way there either may sample for a moment.
+        for roles in [&[Role::Both][..], &[Role::Sampler, Role::Compositor]] {
             cluster.workers.push(start_worker_with(config.clone(), &cluster.knobs, Opener::default().into()));
+            let played = |status: &argus_proto::v1::StatusResponse| {
+                roles.iter().all(|role| status.workers.iter().any(|w| w.role() == *role))
+            };
+            cluster.wait_for(played).await;
         }
-        cluster.wait_for(|status| status.processes == 2).await;
         cluster
     };
     let mut cluster = with(true).await;
