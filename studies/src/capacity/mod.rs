@@ -95,13 +95,19 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     SmallRng::seed_from_u64(1).fill_bytes(&mut pixels);
     let shared = Shared::new(pixels);
     let (port, _serving) = peer::serve(shared.clone()).await?;
+    let watching = Client::connect(coordinator.url()).await?;
+    let leads = async {
+        while watching.status().await.is_err() {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(30), leads).await.context("the coordinator does not lead")?;
     let began = Instant::now();
     let mut workers: Vec<AbortHandle> = Vec::new();
     for worker in 0..options.workers {
         let joining = peer::join(shared.clone(), coordinator.url().to_owned(), worker, port);
         workers.push(tokio::spawn(joining).abort_handle());
     }
-    let watching = Client::connect(coordinator.url()).await?;
     let ready = async {
         while watching.status().await.map_or(0, |status| status.processes as usize) < options.workers {
             tokio::time::sleep(Duration::from_millis(50)).await;
