@@ -17,6 +17,7 @@ use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::v1::scenes_client::ScenesClient;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_scene::{Outputs, PlanRequest, View};
+use base64::Engine;
 use support::{PATIENCE, Process, SMALL, argus, run, stderr};
 use tonic::body::Body;
 use tonic::codegen::{Body as _, Service as _, http};
@@ -391,4 +392,36 @@ fn where_clients_need_certificates_a_token_is_not_enough() {
     let with = [&VIEW[..], &[&identity[0], &identity[1]]].concat();
     let seen = cluster.client(&with, Some(&ca), Some(&view));
     assert!(seen.status.success(), "{}", stderr(&seen));
+}
+
+#[test]
+fn a_workers_certificate_has_no_host_of_the_coordinator() {
+    let folder = tempfile::tempdir().unwrap();
+    let made = run(&["certs", text(folder.path()), "--host", "render.example.org"]);
+    assert!(made.status.success(), "{}", stderr(&made));
+    let holds = |file: &str, name: &str| {
+        let pem = std::fs::read_to_string(folder.path().join(file)).unwrap();
+        let packed: String = pem.lines().filter(|line| !line.starts_with("-----")).collect();
+        let der = base64::engine::general_purpose::STANDARD.decode(packed).unwrap();
+        der.windows(name.len()).any(|window| window == name.as_bytes())
+    };
+    for (file, coordinators, members) in
+        [("server.pem", true, true), ("worker.pem", false, true), ("client.pem", false, false)]
+    {
+        assert_eq!(holds(file, "render.example.org"), coordinators, "{file}");
+        assert_eq!(holds(file, "cluster.argus.internal"), members, "{file}");
+    }
+}
+
+#[test]
+fn a_registry_beyond_this_machine_is_spoken_to_by_tls_and_no_address_holds_a_password() {
+    for (url, word) in [
+        ("nats://nats.example.org:4222", "--insecure"),
+        ("nats://argus:s3cret@127.0.0.1:4222", "coordinator.registry_credentials"),
+    ] {
+        let output = run(&["coordinator", "--scene", SMALL, "--listen", "127.0.0.1:0", "--registry", url]);
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(word) && !message.contains("s3cret"), "{message}");
+    }
 }
