@@ -415,16 +415,13 @@ fn a_workers_certificate_has_no_host_of_the_coordinator() {
 
 #[test]
 fn a_registry_beyond_this_machine_is_spoken_to_by_tls_and_no_address_holds_a_password() {
-    let coordinator =
-        |url: &str| run(&["coordinator", "--scene", SMALL, "--listen", "127.0.0.1:0", "--registry", url]);
-    for (url, words) in [
-        ("nats://nats.example.org:4222", &["nats.example.org", "--insecure"][..]),
-        ("nats://argus:s3cret@127.0.0.1:4222", &["coordinator.registry_credentials"]),
+    for (url, word) in [
+        ("nats://nats.example.org:4222", "--insecure"),
+        ("nats://argus:s3cret@127.0.0.1:4222", "coordinator.registry_credentials"),
     ] {
-        let output = coordinator(url);
+        let output = run(&["coordinator", "--scene", SMALL, "--listen", "127.0.0.1:0", "--registry", url]);
         let message = stderr(&output);
-        assert!(!output.status.success(), "{message}");
-        assert!(words.iter().all(|word| message.contains(word)), "{message}");
-        assert!(!message.contains("s3cret"), "{message}");
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(word) && !message.contains("s3cret"), "{message}");
     }
 }
