@@ -15,7 +15,7 @@ fn knobs(points: PointKnobs) -> SamplerKnobs {
 
 /// Enough for rooms of four metres.
 fn fine() -> PointKnobs {
-    PointKnobs { levels: 6, ..PointKnobs::default() }
+    PointKnobs { levels: 5, ..PointKnobs::default() }
 }
 
 #[test]
@@ -88,7 +88,7 @@ fn the_same_knobs_give_the_same_bytes_whatever_was_rendered_before() {
     let refused = again.set_indirect(Indirect::Off).unwrap_err();
     assert!(refused.to_string().contains("indirect"), "{refused}");
     let row = again.plan().into_iter().find(|row| row.name == "receive light").expect("the plan names it");
-    assert!(row.on && row.why.contains("6 levels"), "{row:?}");
+    assert!(row.on && row.why.contains("5 levels"), "{row:?}");
 }
 
 #[test]
