@@ -19,6 +19,9 @@ fn main() -> Result<(), Box<dyn error::Error>> {
     let out = PathBuf::from(env::var("OUT_DIR")?);
     fs::write(out.join("argus_descriptors.bin"), descriptors.encode_to_vec())?;
     // Chunks are decoded as slices of the received buffer rather than copies.
-    tonic_prost_build::configure().bytes(".").compile_fds(descriptors)?;
+    tonic_prost_build::configure()
+        .bytes(".")
+        .codec_path("crate::buffers::Frugal")
+        .compile_fds(descriptors)?;
     Ok(())
 }

@@ -6,6 +6,7 @@
 //! which error becomes which gRPC code. Whatever arrives is untrusted: a message that claims more than its
 //! receiver expects is refused before memory is set aside for it.
 
+pub mod buffers;
 pub mod chunks;
 pub mod codec;
 pub mod convert;

@@ -96,9 +96,9 @@ pub(super) fn run(
             };
             let Some((camera_seq, asked, arrived)) = taken else { return };
             let client = open.client.clone();
-            let answers =
-                frames(hub.clone(), client, camera_seq, asked, arrived, shared.clone(), &mut detours);
-            tokio::pin!(answers);
+            // In memory of its own: most sessions wait for a camera most of the time.
+            let mut answers =
+                Box::pin(frames(hub.clone(), client, camera_seq, asked, arrived, shared.clone(), &mut detours));
             let mut failed = false;
             loop {
                 let answer = tokio::select! {

@@ -135,7 +135,8 @@ impl Hysteresis {
         };
         let is_undone =
             |(changed, when)| changed != direction && now.since(when) < self.dwell * REMEMBERED_DWELLS;
-        let margin = if self.changed.is_some_and(is_undone) { self.margin.powi(2) } else { self.margin };
+        let undoes = self.changed.is_some_and(is_undone);
+        let margin = if undoes { self.margin.powi(2) } else { self.margin };
         let at_once = towards(self.mean, margin.ln().max(TREMBLES * self.tremble));
         let in_time = towards(self.long_mean, LEAST_GAIN.ln().max(LONG_TREMBLES * self.tremble));
         let goes = (gain >= margin).then_some(direction);
@@ -144,7 +145,7 @@ impl Hysteresis {
         let lasted = lasting(&mut self.patient, in_time);
         let patience = lasted.is_some_and(|lasted| lasted >= self.dwell * PATIENT_DWELLS)
             && self.leaning.is_none_or(|leaning| leaning == direction);
-        let small = patience && in_time == Some(direction) && gain >= LEAST_GAIN;
+        let small = patience && !undoes && in_time == Some(direction) && gain >= LEAST_GAIN;
         if large || small {
             self.reset();
             self.leaning = (!large).then_some(direction);
@@ -243,7 +244,7 @@ mod tests {
         assert!(look(&mut h, (few, more), 1.07, 480));
         assert!(!look(&mut h, (more, few), 1.07, 4800));
         assert!(look(&mut h, (more, few), 1.3, 480));
-        assert!(look(&mut h, (few, more), 1.07, 480), "after a large one it begins anew");
+        assert!(look(&mut h, (few, more), 1.07, 1200), "after a large one it begins anew, once that is old");
     }
 
     #[test]
