@@ -6,7 +6,7 @@ use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::sampler::LookUp as Parameters;
 use argus_shaders::sampler::LOOK_UP;
 
-use super::TileContext;
+use super::{TileContext, with_node_maps};
 
 /// Looks nodes up in maps that lie in so many arrays.
 pub(crate) struct LookUp {
@@ -53,24 +53,15 @@ impl LookUp {
             radius: (0.5 * 3f64.sqrt() * cell) as f32,
         };
         let told = gpu.upload("look up", &[told], wgpu::BufferUsages::UNIFORM);
-        // Arrays that there are not stand behind no texel.
-        let array = |i: usize| set.arrays.get(i).unwrap_or(&set.arrays[0]);
-        let arrays: [&wgpu::Buffer; 4] = std::array::from_fn(array);
         let [width, height] = tile.sub_samples();
-        commands
-            .compute("look maps up", &self.pipeline)
+        with_node_maps(commands.compute("look maps up", &self.pipeline), maps.views)
             .read("rays", rays)
             .read("told", &told)
             .read("lighting", &eye.lighting)
             .read("nodes", &octree.nodes)
             .read("surfels", maps.surfels)
             .read("ends", maps.ends)
-            .read("map_of_view", maps.views.map_of_view())
             .read("middles", maps.views.middles())
-            .read("maps0", arrays[0])
-            .read("maps1", arrays[1])
-            .read("maps2", arrays[2])
-            .read("maps3", arrays[3])
             .write("shaded", &targets.shaded)
             .dispatch_threads([width, height, 1]);
     }

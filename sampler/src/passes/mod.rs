@@ -20,6 +20,7 @@ mod visibility;
 
 use std::sync::Arc;
 
+use argus_gpu::many_views::ManyViews;
 use argus_gpu::{ComputeCall, Gpu, wgpu};
 
 use crate::eye::Eye;
@@ -43,6 +44,18 @@ pub(crate) use spread::{Spread, SpreadFrom};
 pub(crate) use surfels::Surfels;
 pub(crate) use trace::Trace;
 pub(crate) use visibility::Rasteriser;
+
+/// Binds what a program reads of maps of nodes (`shaders/shared/node_maps.wgsl`).
+fn with_node_maps<'a>(call: ComputeCall<'a>, views: &'a ManyViews) -> ComputeCall<'a> {
+    let arrays = &views.maps().arrays;
+    // Arrays that there are not stand behind no texel.
+    let array = |i: usize| arrays.get(i).unwrap_or(&arrays[0]);
+    call.read("map_of_view", views.map_of_view())
+        .read("maps0", array(0))
+        .read("maps1", array(1))
+        .read("maps2", array(2))
+        .read("maps3", array(3))
+}
 
 /// A tile about to be rendered: all that its passes have in common.
 pub(crate) struct TileContext<'a> {

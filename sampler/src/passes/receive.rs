@@ -5,6 +5,8 @@ use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::sampler::Receive as Parameters;
 use argus_shaders::sampler::RECEIVE;
 
+use super::with_node_maps;
+
 /// Receives light by maps that lie in so many arrays.
 pub(crate) struct Receive {
     pipeline: ComputePipeline,
@@ -47,20 +49,11 @@ impl Receive {
         let told =
             Parameters { first: batch.first, count: batch.count, map_shift: set.shift, map_side: set.side };
         let told = gpu.upload("receive", &[told], wgpu::BufferUsages::UNIFORM);
-        // Arrays that there are not stand behind no texel.
-        let array = |i: usize| set.arrays.get(i).unwrap_or(&set.arrays[0]);
-        let arrays: [&wgpu::Buffer; 4] = std::array::from_fn(array);
         let across = batch.count.min(1 << 15);
-        commands
-            .compute("receive light", &self.pipeline)
+        with_node_maps(commands.compute("receive light", &self.pipeline), batch.views)
             .read("receive", &told)
             .read("receivers", batch.receivers)
             .read("surfels", batch.surfels)
-            .read("map_of_view", batch.views.map_of_view())
-            .read("maps0", arrays[0])
-            .read("maps1", arrays[1])
-            .read("maps2", arrays[2])
-            .read("maps3", arrays[3])
             .write("received", received)
             .dispatch([across, batch.count.div_ceil(across.max(1)), 1]);
     }

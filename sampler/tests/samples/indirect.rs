@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_sampler::{Indirect, MapSource, SamplerKnobs, VplKnobs};
-use argus_scene::{Camera, Cancel, Light, Material, Sampler as _, Scene, ViewJob};
+use argus_scene::{Camera, Cancel, Light, Sampler as _, Scene, ViewJob};
 use glam::{DVec3, Vec3};
 
 use crate::common::*;
@@ -15,11 +15,7 @@ fn knobs(vpl: VplKnobs) -> SamplerKnobs {
 
 #[test]
 fn in_a_furnace_everything_looks_alike_as_bright_as_the_series_says() {
-    let mut scene = empty_scene();
-    scene.materials = vec![Material { emissive: Vec3::splat(0.1), ..grey(0.5) }];
-    scene.lighting = lit_by(Vec::new());
-    add_room(&mut scene, DVec3::ZERO, [0; 6]);
-    let scene = Arc::new(scene);
+    let scene = furnace();
     // Without maps nothing is hidden in a convex room, and all of the VPLs are gathered.
     let all = VplKnobs {
         vpls: 4000,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_sampler::{Indirect, PointKnobs, SamplerKnobs};
-use argus_scene::{Camera, Light, Material, MegaViews, SampleJob, SampleSetInfo, Sampling, Scene};
+use argus_scene::{Camera, Light, MegaViews, SampleJob, SampleSetInfo, Sampling, Scene};
 use glam::{DAffine3, DVec3, Vec3};
 
 use crate::common::*;
@@ -20,11 +20,7 @@ fn fine() -> PointKnobs {
 
 #[test]
 fn in_a_furnace_everything_looks_alike_as_bright_as_the_series_says() {
-    let mut scene = empty_scene();
-    scene.materials = vec![Material { emissive: Vec3::splat(0.1), ..grey(0.5) }];
-    scene.lighting = lit_by(Vec::new());
-    add_room(&mut scene, DVec3::ZERO, [0; 6]);
-    let scene = Arc::new(scene);
+    let scene = furnace();
     let camera = Camera { fov_deg: 60.0, ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z) };
     for (bounces, sharing) in [(1, true), (3, true), (3, false)] {
         let mut sampler = sampler_with(&scene, knobs(PointKnobs { bounces, sharing, ..fine() }));

@@ -32,6 +32,15 @@ pub(crate) fn lit_by(lights: Vec<Light>) -> Lighting {
     Lighting { lights, sky: Sky::BLACK, exposure: 1.0 }
 }
 
+/// A room whose walls shine and reflect half of what they receive.
+pub(crate) fn furnace() -> Arc<Scene> {
+    let mut scene = empty_scene();
+    scene.materials = vec![Material { emissive: Vec3::splat(0.1), ..grey(0.5) }];
+    scene.lighting = lit_by(Vec::new());
+    add_room(&mut scene, DVec3::ZERO, [0; 6]);
+    Arc::new(scene)
+}
+
 /// A room with a red and a green wall, a block in it and a light under the ceiling.
 pub(crate) fn box_of_cornell(center: DVec3) -> Arc<Scene> {
     let mut scene = empty_scene();
