@@ -145,6 +145,19 @@ pub(crate) struct SampleSource {
     /// megaviews: 1, where each has its own, 2 or 4 [default: 1]
     #[arg(long, value_name = "N")]
     map_block: Option<u32>,
+    /// What glossy and transparent things show of the scene around them: off, or maps, one around each of them, of an
+    /// octree of the scene; direct views, too [default: off]
+    #[arg(long, value_name = "WAY", value_parser = ["off", "maps"])]
+    reflections: Option<String>,
+    /// Texels on a side of such a map: 16, 32, 64, 128 or 256 [default: 64]
+    #[arg(long, value_name = "TEXELS")]
+    reflection_side: Option<u32>,
+    /// Levels of the octree that they show: 1 to 10 [default: 8]
+    #[arg(long, value_name = "N")]
+    reflection_levels: Option<u32>,
+    /// Things that have a map, the largest first: 1 to 1024 [default: 256]
+    #[arg(long, value_name = "N")]
+    reflectors: Option<u32>,
 }
 
 impl SampleSource {
@@ -155,6 +168,10 @@ impl SampleSource {
             .with("coordinator.map_side", "--map-side", self.map_side)
             .with("coordinator.octree_levels", "--octree-levels", self.octree_levels)
             .with("coordinator.map_block", "--map-block", self.map_block)
+            .with("coordinator.reflections", "--reflections", self.reflections.as_ref())
+            .with("coordinator.reflection_side", "--reflection-side", self.reflection_side)
+            .with("coordinator.reflection_levels", "--reflection-levels", self.reflection_levels)
+            .with("coordinator.reflectors", "--reflectors", self.reflectors)
     }
 }
 

@@ -30,6 +30,7 @@ fn set() -> Arc<SampleSetInfo> {
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        reflections: None,
     })
 }
 

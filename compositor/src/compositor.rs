@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::wgpu::BufferUsages;
-use argus_gpu::{Gpu, wgpu};
+use argus_gpu::{Gpu, Surroundings, wgpu};
 use argus_scene::{
     Cancel, Compositor, Frame, Plan, PlaneKind, Provenance, RenderError, SampleId, SampleSet, Search, Stage,
     ViewJob, Warp,
@@ -65,6 +65,8 @@ pub struct GpuCompositor {
     resolve: ResolvePass,
     floor: FloorPass,
     trials: BTreeMap<Search, Trial>,
+    /// Bound where no surface looks anything up.
+    no_surroundings: Surroundings,
 }
 
 /// What becomes of a batch.
@@ -145,6 +147,7 @@ impl GpuCompositor {
             resolve: ResolvePass::new(&gpu),
             floor: FloorPass::default(),
             trials: BTreeMap::new(),
+            no_surroundings: Surroundings::none(&gpu),
             gpu,
         })
     }
@@ -211,7 +214,8 @@ impl GpuCompositor {
         let mut stages = vec![Stage::new("prepare views", milliseconds(began))];
         let extent = |v: &PreparedView| {
             let ViewJob { width, height, .. } = jobs[v.job];
-            Extent { width, height, side: v.side, pool: v.pool }
+            let surroundings = v.surroundings.as_ref().map(|(id, _)| *id);
+            Extent { width, height, side: v.side, pool: v.pool, surroundings }
         };
         let extents: Vec<Extent> = views.iter().map(extent).collect();
         let mut assemblies: Vec<Assembly> = views
@@ -294,7 +298,14 @@ impl GpuCompositor {
 
         let mut commands = self.gpu.commands("compose views");
         let pool = self.holdings.pool(chunk.pieces.first().map_or(0, |piece| views[piece.view].pool))?;
-        let shared = Shared { pool, nearest: &self.nearest, bilinear: &self.bilinear, lights: &data.lights };
+        let around = chunk.pieces.first().and_then(|piece| views[piece.view].surroundings.as_ref());
+        let shared = Shared {
+            pool,
+            nearest: &self.nearest,
+            bilinear: &self.bilinear,
+            lights: &data.lights,
+            surroundings: around.map_or(&self.no_surroundings, |(_, maps)| maps),
+        };
         if !data.fills.is_empty() {
             // Cells that no texel reaches stay 0: infinitely far.
             commands.encoder().clear_buffer(&data.splatted.cells, 0, Some(data.cell_bytes));
@@ -418,7 +429,8 @@ impl GpuCompositor {
             let confident = job.outputs.confidence;
             let range = fine || confident || job.outputs.range;
             let (omni, glossy, between_levels) = (view.omni, view.glossy, view.between_levels);
-            let variant = Variant { omni, glossy, fine, range, confident, between_levels };
+            let reflects = view.surroundings.is_some();
+            let variant = Variant { omni, glossy, reflects, fine, range, confident, between_levels };
             draws.entry((view.search, variant)).or_default().push(i);
         }
         let mut upload = |label, bytes: &[u8], usage| {

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use argus_gpu::{
-    Bindable, ColorTarget, Commands, ComputePipeline, Gpu, RenderPipeline, RenderPipelineDesc, wgpu,
+    Bindable, ColorTarget, Commands, ComputePipeline, Gpu, RenderPipeline, RenderPipelineDesc, Surroundings,
+    wgpu,
 };
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::Program;
@@ -30,6 +31,8 @@ pub(crate) struct Variant {
     pub(crate) omni: bool,
     /// The samples carry what specular needs.
     pub(crate) glossy: bool,
+    /// They look up what is around their surfaces.
+    pub(crate) reflects: bool,
     /// Sub-pixels are drawn, to be averaged.
     pub(crate) fine: bool,
     /// Range is written.
@@ -52,9 +55,15 @@ impl Variant {
     }
 
     /// Values of the programs' `override`s.
-    pub(crate) fn constants(self) -> [(&'static str, f64); 4] {
-        [("omni", self.omni), ("glossy", self.glossy), ("confident", self.confident), ("linear", self.fine)]
-            .map(|(name, on)| (name, f64::from(u8::from(on))))
+    pub(crate) fn constants(self) -> [(&'static str, f64); 5] {
+        [
+            ("omni", self.omni),
+            ("glossy", self.glossy),
+            ("reflects", self.reflects),
+            ("confident", self.confident),
+            ("linear", self.fine),
+        ]
+        .map(|(name, on)| (name, f64::from(u8::from(on))))
     }
 
     /// Formats of the targets that fragment programs draw to.
@@ -75,12 +84,16 @@ pub(crate) struct Shared<'a> {
     pub(crate) bilinear: &'a wgpu::Sampler,
     /// Lights of every view, relative to its eye.
     pub(crate) lights: &'a wgpu::Buffer,
+    /// Maps that the samples' surfaces look up.
+    pub(crate) surroundings: &'a Surroundings,
 }
 
 impl<'a> Shared<'a> {
     /// All of it under the names that the programs have for it.
     pub(crate) fn bindings(&self) -> Result<Vec<Extra<'a>>, RenderError> {
-        Ok(vec![
+        let reflectors =
+            self.pool.view(PlaneKind::Reflector).unwrap_or_else(|_| self.surroundings.no_words());
+        let mut bindings = vec![
             Extra::read("inverse_range", self.pool.view(PlaneKind::InverseRange)?),
             Extra::read("radiance", self.pool.view(PlaneKind::Radiance)?),
             Extra::read("nearest", self.nearest),
@@ -88,7 +101,11 @@ impl<'a> Shared<'a> {
             Extra::read("normal_plane", self.pool.view_or_radiance(PlaneKind::Normal)?),
             Extra::read("specular_plane", self.pool.view_or_radiance(PlaneKind::Specular)?),
             Extra::read("lights", self.lights),
-        ])
+            Extra::read("reflector_plane", reflectors),
+        ];
+        let around = self.surroundings.bindings().map(|(name, resource)| Extra::read(name, resource));
+        bindings.extend(around);
+        Ok(bindings)
     }
 
     /// The same, and for programs that look at it a level of the display plane, with the next coarser one.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use argus_gpu::Gpu;
+use argus_gpu::{Gpu, Surroundings};
 use argus_scene::camera::Face;
 use argus_scene::{InvalidField, RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo};
 
@@ -41,12 +41,22 @@ fn within_memory(bytes: u64, knobs: &CompositorKnobs) -> Result<(), RenderError>
 #[derive(Debug, Default)]
 pub(crate) struct Holdings {
     held: BTreeMap<SampleId, Arc<Held>>,
+    /// Maps that samples' surfaces look up.
+    surroundings: BTreeMap<SampleId, Arc<Surroundings>>,
     /// `None` where a pool was emptied and its memory given back, so that indices stay.
     pools: Vec<Option<Pool>>,
     bytes: u64,
 }
 
 impl Holdings {
+    /// Surroundings that are held.
+    ///
+    /// # Errors
+    /// [`RenderError::MissingSample`] for others.
+    pub(crate) fn surroundings(&self, id: SampleId) -> Result<Arc<Surroundings>, RenderError> {
+        self.surroundings.get(&id).cloned().ok_or(RenderError::MissingSample(id))
+    }
+
     /// The samples of a plan, all of one set.
     ///
     /// # Errors
@@ -86,13 +96,20 @@ impl Holdings {
         knobs: &CompositorKnobs,
         set: &SampleSet,
     ) -> Result<(), RenderError> {
-        let classes = set.samples.iter().map(|s| class_of(s)).collect::<Result<Vec<_>, _>>()?;
+        let (around, of_rig): (Vec<&Arc<Sample>>, Vec<_>) =
+            set.samples.iter().partition(|sample| sample.id.is_surroundings());
+        let classes = of_rig.iter().map(|s| class_of(s)).collect::<Result<Vec<_>, _>>()?;
+        let around = around
+            .into_iter()
+            .map(|sample| Ok((sample.id, Arc::new(Surroundings::new(gpu, sample)?))))
+            .collect::<Result<Vec<_>, RenderError>>()?;
         let replaced: u64 = set.samples.iter().map(|s| self.bytes_of(s.id)).sum();
-        let added: u64 = classes.iter().map(|class| class.layer_bytes()).sum();
+        let added: u64 = classes.iter().map(|class| class.layer_bytes()).sum::<u64>()
+            + around.iter().map(|(_, maps)| maps.bytes()).sum::<u64>();
         let pyramids: u64 = self.pools.iter().flatten().map(|pool| pool.pyramid_bytes(false)).sum();
         within_memory((self.bytes + added + pyramids).saturating_sub(replaced), knobs)?;
-        let mut placed: Vec<(&Sample, usize, u32)> = Vec::with_capacity(set.samples.len());
-        for (sample, class) in set.samples.iter().zip(classes) {
+        let mut placed: Vec<(&Sample, usize, u32)> = Vec::with_capacity(of_rig.len());
+        for (sample, class) in of_rig.into_iter().zip(classes) {
             let index = self.pools.iter().position(|p| p.as_ref().is_some_and(|p| p.class == class));
             let index = index.unwrap_or_else(|| {
                 let vacant = self.pools.iter().position(Option::is_none);
@@ -114,6 +131,11 @@ impl Holdings {
         }
         match self.write(gpu, bounds, mips, &set.info, &placed) {
             Ok(tiles) => {
+                for (id, maps) in around {
+                    self.release(&[id]);
+                    self.bytes += maps.bytes();
+                    self.surroundings.insert(id, maps);
+                }
                 for ((sample, pool, layer), tiles) in placed.into_iter().zip(tiles) {
                     self.release(&[sample.id]);
                     self.insert(Arc::clone(&set.info), sample, tiles, pool, layer);
@@ -155,6 +177,7 @@ impl Holdings {
     pub(crate) fn release(&mut self, ids: &[SampleId]) {
         for id in ids {
             self.bytes -= self.bytes_of(*id);
+            self.surroundings.remove(id);
             if let Some(held) = self.held.remove(id) {
                 self.free([(held.pool, held.layer)]);
             }
@@ -199,8 +222,9 @@ impl Holdings {
     }
 
     fn bytes_of(&self, id: SampleId) -> u64 {
+        let around = self.surroundings.get(&id).map_or(0, |maps| maps.bytes());
         let pool = self.held.get(&id).and_then(|held| self.pools[held.pool].as_ref());
-        pool.map_or(0, |pool| pool.class.layer_bytes())
+        pool.map_or(around, |pool| pool.class.layer_bytes())
     }
 
     fn free(&mut self, layers: impl IntoIterator<Item = (usize, u32)>) {
@@ -221,6 +245,6 @@ impl Holdings {
 
     /// Number of samples.
     pub(crate) fn len(&self) -> usize {
-        self.held.len()
+        self.held.len() + self.surroundings.len()
     }
 }

@@ -3,6 +3,8 @@
 //!
 //! None of it shows: a piece's pixels are computed from their position in the whole view.
 
+use argus_scene::SampleId;
+
 use crate::knobs::CompositorKnobs;
 
 /// A rectangle of pixels: x, y, width, height.
@@ -48,6 +50,8 @@ pub(crate) struct Extent {
     pub(crate) side: u32,
     /// Pool that its samples are in.
     pub(crate) pool: usize,
+    /// The maps that their surfaces look up.
+    pub(crate) surroundings: Option<SampleId>,
 }
 
 /// Pieces of one submission and the extent of their target.
@@ -60,21 +64,22 @@ pub(crate) struct Chunk {
 /// Rows that a chunk's target has at most.
 const MAX_ROWS: u32 = 8192;
 
-/// Cuts views into chunks. The pieces of a chunk have one pool, and one scale of their fine target.
+/// Cuts views into chunks. The pieces of a chunk have one pool, one set of surroundings, and one scale of their fine target.
 pub(crate) fn chunks(views: &[Extent], knobs: &CompositorKnobs) -> Vec<Chunk> {
     let mut order: Vec<usize> = (0..views.len()).collect();
-    order.sort_by_key(|&i| (views[i].pool, views[i].side));
+    let alike = |view: &Extent| (view.pool, view.surroundings, view.side);
+    order.sort_by_key(|&i| alike(&views[i]));
     let mut chunks = Vec::new();
     let mut open: Vec<Piece> = Vec::new();
     let mut pixels = 0;
     for view in order {
-        let Extent { width, height, side, pool } = views[view];
+        let Extent { width, height, side, .. } = views[view];
         let step = (knobs.piece_side / side).max(1);
         for y in (0..height).step_by(step as usize) {
             for x in (0..width).step_by(step as usize) {
                 let part = Rect { x, y, width: step.min(width - x), height: step.min(height - y) };
                 let area = u64::from(part.width) * u64::from(part.height) * u64::from(side * side);
-                let other = open.last().is_some_and(|p| p.side != side || views[p.view].pool != pool);
+                let other = open.last().is_some_and(|p| alike(&views[p.view]) != alike(&views[view]));
                 if !open.is_empty() && (pixels + area > knobs.chunk_pixels || other) {
                     chunks.push(place(std::mem::take(&mut open)));
                     pixels = 0;
@@ -134,7 +139,7 @@ mod tests {
             let piece_side = piece_side.max(40);
             let views: Vec<Extent> = views
                 .into_iter()
-                .map(|(width, height, side, pool)| Extent { width, height, side, pool })
+                .map(|(width, height, side, pool)| Extent { width, height, side, pool, surroundings: None })
                 .collect();
             let knobs = CompositorKnobs { piece_side, chunk_pixels: 200_000, ..Default::default() };
             let chunks = chunks(&views, &knobs);

@@ -19,6 +19,8 @@ pub(crate) struct PoolClass {
     pub(crate) size: [u32; 2],
     pub(crate) radiance: PlaneFormat,
     pub(crate) glossy: bool,
+    /// They say which map of surroundings each surface looks up.
+    pub(crate) reflects: bool,
     pub(crate) omni: bool,
 }
 
@@ -32,6 +34,9 @@ impl PoolClass {
         if self.glossy {
             planes.push((PlaneKind::Normal, PlaneFormat::Rg16Snorm));
             planes.push((PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
+        }
+        if self.reflects {
+            planes.push((PlaneKind::Reflector, PlaneFormat::R32Uint));
         }
         planes
     }

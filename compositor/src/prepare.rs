@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
+use argus_gpu::Surroundings;
 use argus_scene::camera::Face;
-use argus_scene::{InvalidField, Plan, RenderError, Search, ViewJob, Warp};
+use argus_scene::{InvalidField, Plan, RenderError, SampleId, Search, ViewJob, Warp};
 use argus_shaders::layout::compositor::{Fill, MAX_SAMPLES, Splat, ViewSample, ViewUniform};
 use bytemuck::Zeroable;
 use glam::DVec2;
@@ -26,6 +27,8 @@ pub(crate) struct PreparedView {
     pub(crate) pool: usize,
     pub(crate) omni: bool,
     pub(crate) glossy: bool,
+    /// Maps that the samples' surfaces look up.
+    pub(crate) surroundings: Option<(SampleId, Arc<Surroundings>)>,
     /// Level of the samples whose texels are no larger than most sub-pixels.
     pub(crate) level: u32,
     /// Whether sub-pixels are of a size between its texels and the next coarser one's.
@@ -70,7 +73,9 @@ impl PreparedView {
             true => Ok(()),
             false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {value}"))),
         };
-        within("plan.samples", samples.len(), MAX_SAMPLES)?;
+        let (around, of_rig): (Vec<SampleId>, Vec<SampleId>) =
+            samples.iter().copied().partition(SampleId::is_surroundings);
+        within("plan.samples", of_rig.len(), MAX_SAMPLES)?;
         within("plan.supersampling", *supersampling as usize, 8)?;
         if search.takes_steps() {
             within("plan.steps", *steps as usize, 4096)?;
@@ -78,9 +83,13 @@ impl PreparedView {
         job.camera.validate()?;
         within("width", job.width as usize, 1 << 16)?;
         within("height", job.height as usize, 1 << 16)?;
-        let samples = holdings.of_plan(samples)?;
+        let samples = holdings.of_plan(&of_rig)?;
         let pool = samples.first().map_or(0, |held| held.pool);
         let class = holdings.pool(pool)?.class;
+        // What looks nothing up needs no maps, whatever the set has.
+        let around = around.first().filter(|_| class.reflects);
+        let surroundings =
+            around.map(|&id| Ok::<_, RenderError>((id, holdings.surroundings(id)?))).transpose()?;
         let geometry = ViewGeometry::new(&job.camera, job.width, job.height, *supersampling);
         let mut view = Self {
             job: index,
@@ -90,6 +99,7 @@ impl PreparedView {
             pool,
             omni: class.omni,
             glossy: class.glossy,
+            surroundings,
             level: 0,
             between_levels: false,
             geometry,
@@ -174,8 +184,12 @@ impl PreparedView {
             footprint: self.footprint(),
             piece_size: piece.fine_size(),
             lighting: held.map_or(Zeroable::zeroed(), |held| lighting_uniform(&held.info.lighting)),
+            around: self
+                .surroundings
+                .as_ref()
+                .map_or(Zeroable::zeroed(), |(_, maps)| maps.around(self.geometry.eye)),
             samples,
-            _pad: [0.0; 16],
+            _pad: [0.0; 12],
         }
     }
 

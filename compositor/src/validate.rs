@@ -46,6 +46,10 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
     if glossy != has(PlaneKind::Specular) {
         return Err(invalid("Normal and Specular planes come together or not at all".to_owned()));
     }
+    let reflects = has(PlaneKind::Reflector);
+    if reflects && !glossy {
+        return Err(invalid("what is not glossy looks no surroundings up".to_owned()));
+    }
     for (i, plane) in sample.planes.iter().enumerate() {
         let kind = plane.kind;
         if sample.planes[..i].iter().any(|other| other.kind == kind) {
@@ -56,6 +60,8 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
             PlaneKind::InverseRange => &[PlaneFormat::R32Float],
             PlaneKind::Normal => &[PlaneFormat::Rg16Snorm],
             PlaneKind::Specular => &[PlaneFormat::Rgba8Unorm],
+            PlaneKind::Reflector => &[PlaneFormat::R32Uint],
+            PlaneKind::Place => return Err(invalid("a sample of the rig has no places of maps".to_owned())),
         };
         if !formats.contains(&plane.format) {
             return Err(invalid(format!("{kind:?} is stored as {:?}, not {formats:?}", plane.format)));
@@ -81,5 +87,5 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
             }
         }
     }
-    Ok(PoolClass { size, radiance, glossy, omni })
+    Ok(PoolClass { size, radiance, glossy, reflects, omni })
 }

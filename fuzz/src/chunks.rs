@@ -100,6 +100,7 @@ fn set() -> SampleSetInfo {
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        reflections: None,
     }
 }
 
@@ -150,6 +151,7 @@ fn job() -> PixelJob {
         samples_per_pixel: 4,
         epoch: 0,
         time_secs: 0.0,
+        reflections: None,
     }
 }
 

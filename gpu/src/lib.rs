@@ -18,6 +18,7 @@ pub mod many_views;
 mod pipeline;
 pub mod plane;
 mod readback;
+mod surroundings;
 mod timing;
 
 pub use commands::{
@@ -28,5 +29,6 @@ pub use error::GpuError;
 pub use pipeline::{ComputePipeline, RenderPipeline, RenderPipelineDesc};
 pub use plane::DevicePlane;
 pub use readback::{Finished, Ticket};
+pub use surroundings::Surroundings;
 /// The graphics library itself, so that a role depends on one version of it.
 pub use wgpu;

@@ -23,6 +23,7 @@ pub fn texture_format(format: PlaneFormat) -> wgpu::TextureFormat {
         PlaneFormat::R32Float => wgpu::TextureFormat::R32Float,
         PlaneFormat::Rg16Snorm => wgpu::TextureFormat::Rg16Snorm,
         PlaneFormat::Rgba8Unorm => wgpu::TextureFormat::Rgba8Unorm,
+        PlaneFormat::R32Uint => wgpu::TextureFormat::R32Uint,
     }
 }
 

@@ -3,9 +3,9 @@
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
     Bounds, Camera, Effect, Frame, Holes, Light, Lighting, Limits, MegaViews, OmniLayout, Output, Outputs,
-    Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, Prediction, Preset, Provenance, Rig, Sample,
-    SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Stage, View, Visibility,
-    Warp,
+    Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, Prediction, Preset, Provenance, Reflections,
+    Rig, Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Stage,
+    Surroundings, View, Visibility, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -106,6 +106,10 @@ pub(crate) fn sample_camera() -> impl Strategy<Value = SampleCamera> {
             center,
             layout: OmniLayout::DualParaboloid { side }
         }),
+        (point(), surroundings()).prop_map(|(center, Surroundings { knobs, count })| SampleCamera::Omni {
+            center,
+            layout: OmniLayout::Surroundings { side: knobs.side, count }
+        }),
     ]
 }
 
@@ -115,9 +119,17 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
 
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     let visibility = prop::sample::select(Visibility::ALL.to_vec());
-    let ways = (visibility, sampling());
+    let ways = (visibility, sampling(), prop::option::of(surroundings()));
     (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), ways).prop_map(
-        |(scene, bounds, rig, (epoch, generation), epoch_secs, lighting, (visibility, sampling))| {
+        |(
+            scene,
+            bounds,
+            rig,
+            (epoch, generation),
+            epoch_secs,
+            lighting,
+            (visibility, sampling, reflections),
+        )| {
             // Omni cameras alone are taken in every way.
             let sampling = sampling.validate(&rig).map_or(Sampling::Triangles, |()| sampling);
             SampleSetInfo {
@@ -130,9 +142,16 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
                 lighting,
                 visibility,
                 sampling,
+                reflections,
             }
         },
     )
+}
+
+fn surroundings() -> impl Strategy<Value = Surroundings> {
+    (4..=8u32, 1..=10u32, 1..=1024u32, any::<u32>()).prop_map(|(log_side, levels, most, count)| {
+        Surroundings { knobs: Reflections { side: 1 << log_side, levels, most }, count: 1 + count % most }
+    })
 }
 
 fn sampling() -> impl Strategy<Value = Sampling> {
@@ -320,17 +339,25 @@ pub(crate) fn frame_meta() -> impl Strategy<Value = FrameMeta> {
     })
 }
 
-/// A set of small omni samples and one of its samples, with or without the planes for specular.
+/// A set of small omni samples and one of its samples, with or without the planes for specular and reflections; now and
+/// then its surroundings.
 pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
-    (set_info(), 8..24u32, any::<bool>(), any::<u64>(), stages()).prop_map(
-        |(info, face, glossy, seed, stages)| {
+    (set_info(), 8..24u32, any::<(bool, bool)>(), any::<u64>(), stages()).prop_map(
+        |(info, face, (glossy, of_rig), seed, stages)| {
             let rig = Rig::Cell { origin: DVec3::ONE, spacing: 2.0, face };
-            let info = SampleSetInfo { rig, ..info };
+            // A few small maps.
+            let small = |maps: Surroundings| Surroundings {
+                knobs: Reflections { side: 16, ..maps.knobs },
+                count: maps.count.min(3),
+            };
+            let info = SampleSetInfo { rig, reflections: info.reflections.map(small), ..info };
             let at = DVec3::splat((seed % 1000) as f64);
-            let index = rig.nearest(&Camera::look_at(at, at + DVec3::X), 1)[0];
-            let camera = rig.camera(index).unwrap();
-            let size = camera.size();
+            let nearest = rig.nearest(&Camera::look_at(at, at + DVec3::X), 1)[0];
+            let of_rig = of_rig || info.reflections.is_none();
+            let index = if of_rig { nearest } else { SampleId::SURROUNDINGS };
+            let camera = info.camera(index).unwrap();
             let plane = |kind, format: PlaneFormat| {
+                let size = Plane::size_of(kind, &camera);
                 let bytes = size[0] as usize * size[1] as usize * format.texel_bytes();
                 Plane { kind, format, size, data: PlaneData::Host(image(true, bytes, seed).unwrap()) }
             };
@@ -338,9 +365,12 @@ pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
                 plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat),
                 plane(PlaneKind::InverseRange, PlaneFormat::R32Float),
             ];
-            if glossy {
+            if !of_rig {
+                planes.push(plane(PlaneKind::Place, PlaneFormat::R32Float));
+            } else if glossy {
                 planes.push(plane(PlaneKind::Normal, PlaneFormat::Rg16Snorm));
                 planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
+                planes.extend(info.reflections.map(|_| plane(PlaneKind::Reflector, PlaneFormat::R32Uint)));
             }
             let id = SampleId { epoch: info.epoch, generation: info.generation, index };
             (info, Sample { id, camera, planes, stages })

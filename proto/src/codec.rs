@@ -52,7 +52,8 @@ impl From<PlaneFormat> for Layout {
             PlaneFormat::Rgba16Float => Self::Rgba16,
             PlaneFormat::R32Float => Self::R32,
             PlaneFormat::Rg16Snorm => Self::Rg16,
-            PlaneFormat::Rgba8Unorm => Self::Rgba8,
+            // Words are of bytes and parts of bytes: small numbers side by side.
+            PlaneFormat::Rgba8Unorm | PlaneFormat::R32Uint => Self::Rgba8,
         }
     }
 }

@@ -13,6 +13,7 @@ mod eye;
 mod indirect;
 mod knobs;
 mod lit_octree;
+mod mirrors;
 mod omni_maps;
 mod packets;
 mod passes;

@@ -16,7 +16,7 @@ use argus_shaders::layout::sampler::{LEAF_BLOCK, LeafChunk, SURFEL_BYTES};
 use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, Vec3};
 
-use crate::passes::{Leaves, ShadeLeaves, Surfels, TileContext};
+use crate::passes::{Belongings, Leaves, OwnNodes, ShadeLeaves, Surfels, TileContext};
 use crate::resident::{Cull, Placement, Resident, upload};
 use crate::tile::Tile;
 
@@ -150,6 +150,18 @@ impl LitOctree {
             octree: Arc::new(octree),
         });
         Ok(Some(vec![Stage::new("build octree", begin.elapsed().as_secs_f64() * 1e3)]))
+    }
+
+    /// Which of its nodes belong to whom, once the scene was posed: see [`OwnNodes::record`].
+    pub(crate) fn owners(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        pass: &OwnNodes,
+        map_of_instance: &wgpu::Buffer,
+    ) -> Option<wgpu::Buffer> {
+        let Faced { octree, triangle_ids, facing, .. } = self.faced.as_ref()?;
+        Some(pass.record(gpu, commands, &Belongings { octree, facing, triangle_ids, map_of_instance }))
     }
 
     /// The octree, once the scene was posed.

@@ -59,7 +59,7 @@ impl OmniMaps {
             knobs,
             octree: LitOctree::new(gpu, resident, keeps_guides, knobs.levels),
             look_up: LookUp::new(gpu, 1),
-            resolve: ResolveSample::new(gpu, false, sampler.side()),
+            resolve: ResolveSample::new(gpu, false, sampler.side(), false),
             traversed: None,
         }
     }

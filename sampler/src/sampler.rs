@@ -1,6 +1,7 @@
 //! The frame, top to bottom.
 
 mod mapped;
+mod mirrored;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -16,10 +17,11 @@ use argus_shaders::layout::sampler::Rays;
 use glam::DVec3;
 use tracing::warn;
 
+use self::mirrored::{Look, Looks};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, Spreading, ToLight};
 use crate::omni_maps::OmniMaps;
-use crate::passes::{PlaneBuffers, ResolveSample, ResolveView, Shade, Shading, TileContext};
+use crate::passes::{PlaneBuffers, ResolveView, Shading, TileContext};
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
 use crate::point_based::PointReport;
@@ -47,8 +49,7 @@ pub struct GpuSampler {
     posed_secs: f64,
     resident: Resident,
     seeing: Seeing,
-    shade: Shade,
-    resolve_sample: ResolveSample,
+    looks: Looks,
     resolve_view: ResolveView,
     scratch: Scratch,
     /// Light from surface to surface, made when it is first needed.
@@ -81,10 +82,9 @@ impl GpuSampler {
         let glossy = resident.features.specular;
         Ok(Self {
             seeing: Seeing::new(&gpu, &scene, &resident),
-            shade: Shade::new(&gpu, resident.features, knobs.indirect != Indirect::Off),
+            looks: Looks::new(&gpu, &resident, &knobs),
             indirect: None,
             maps: None,
-            resolve_sample: ResolveSample::new(&gpu, glossy, knobs.side()),
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
             animated: scene.is_animated(),
@@ -112,25 +112,28 @@ impl GpuSampler {
     ) -> Result<Sample, RenderError> {
         let begin = Instant::now();
         self.check_job(job)?;
-        let camera = job.info.rig.camera(id.index)?;
+        let camera = job.info.camera(id.index)?;
         let tiles = sample_tiles(&camera, self.knobs.side())?;
         let mut stages = self.pose(job.info.time_secs());
         stages.extend(self.light(&job.info.lighting, job.info.time_secs())?);
+        stages.extend(self.mirror(job.info.reflections, &job.info.lighting, job.info.time_secs(), cancel)?);
         let eye = self.eye(camera.center(), &job.info.lighting)?;
-        let planes = self.resolve_sample.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
         let way = self.ready(job.info.visibility);
+        let Look { shade, resolve, mirrored } = self.looks.of(job.info.reflections);
+        let planes = resolve.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
 
         let mut under_way: Vec<Submitted> = Vec::new();
         for tile in &tiles {
             check_wanted(cancel)?;
             let mut commands = self.gpu.commands("render sample");
-            let extras = Extras { gloss: self.glossy, guides: self.indirect.is_some() };
+            let reflectors = job.info.reflections.is_some();
+            let extras = Extras { gloss: self.glossy, reflectors, guides: self.indirect.is_some() };
             let context = TileContext::new(&self.gpu, &self.resident, &eye, tile, &mut self.scratch, extras);
             self.seeing.see(&mut commands, &context, way, &mut stages)?;
-            self.shade.record(&mut commands, &context, Shading::Sample);
+            shade.record(&mut commands, &context, mirrored, Shading::Sample);
             let mut commands =
                 add_light(&mut self.indirect, commands, &context, Spreading::Image, &mut stages)?;
-            self.resolve_sample.record(&mut commands, &context, &self.knobs, &planes);
+            resolve.record(&mut commands, &context, &self.knobs, &planes);
             under_way.push(commands.submit());
         }
         for submitted in under_way {
@@ -189,22 +192,24 @@ impl GpuSampler {
         let lighting = self.lighting.clone();
         if view.outputs.color {
             stages.extend(self.light(&lighting, view.time_secs)?);
+            stages.extend(self.mirror(view.reflections, &lighting, view.time_secs, cancel)?);
         }
         let eye = self.eye(view.camera.eye, &lighting)?;
 
         let color_tiles = tiles(&faces, side);
         let way = self.ready(view.visibility);
+        let Look { shade, mirrored, .. } = self.looks.of(view.reflections);
         let mut parts = ViewParts::default();
         if view.outputs.color {
             let mut image = Image::new([width, height], 3);
             for tile in color_tiles {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render view");
-                let extras = Extras { gloss: false, guides: self.indirect.is_some() };
+                let extras = Extras { guides: self.indirect.is_some(), ..Extras::default() };
                 let context =
                     TileContext::new(&self.gpu, &self.resident, &eye, &tile, &mut self.scratch, extras);
                 self.seeing.see(&mut commands, &context, way, &mut stages)?;
-                self.shade.record(&mut commands, &context, Shading::View);
+                shade.record(&mut commands, &context, mirrored, Shading::View);
                 let mut commands =
                     add_light(&mut self.indirect, commands, &context, Spreading::Image, &mut stages)?;
                 let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
@@ -232,7 +237,10 @@ impl GpuSampler {
             parts.range = Some(image.into_bytes());
         }
         timing::add_rest(&mut stages, begin);
-        let device = self.device_seeing_by(way);
+        let mut device = self.device_seeing_by(way);
+        if let Some(maps) = view.reflections {
+            device = maps.knobs.on_device(&device);
+        }
         Ok(frame(view, &self.scene, &device, parts, stages))
     }
 
@@ -251,6 +259,9 @@ impl GpuSampler {
         }
         if let Some(maps) = &mut self.maps {
             maps.forget_pose();
+        }
+        if let Some(mirrors) = &mut self.looks.mirrors {
+            mirrors.forget_pose();
         }
         self.lighting = pose.lighting;
         self.posed_secs = time_secs;
@@ -317,6 +328,9 @@ impl GpuSampler {
         if let Some(maps) = &mut self.maps {
             maps.octree.forget_light();
         }
+        if let Some(mirrors) = &mut self.looks.mirrors {
+            mirrors.forget_light();
+        }
         Ok(())
     }
 
@@ -382,7 +396,9 @@ impl GpuSampler {
         let faces = SampleCamera::Perspective { camera: job.camera, width, height }.faces();
         let lighting = self.lighting.clone();
         stages.extend(self.light(&lighting, job.time_secs)?);
+        stages.extend(self.mirror(job.reflections, &lighting, job.time_secs, cancel)?);
         let eye = self.eye(job.camera.eye, &lighting)?;
+        let Look { shade, mirrored, .. } = self.looks.of(job.reflections);
         let mut color = vec![0; job.pixels.len() * 3];
         let mut range = vec![0; job.pixels.len() * 4];
         for (side, images) in [(side, true), (1, false)] {
@@ -395,12 +411,12 @@ impl GpuSampler {
             {
                 check_wanted(cancel)?;
                 let mut commands = self.gpu.commands("render pixels");
-                let extras = Extras { gloss: false, guides: images && self.indirect.is_some() };
+                let extras = Extras { guides: images && self.indirect.is_some(), ..Extras::default() };
                 let context =
                     list_context(&self.gpu, &self.resident, &eye, listing, &mut self.scratch, extras);
                 self.seeing.see_list(&context, listing, &mut stages)?;
                 let (ticket, out, bytes) = if images {
-                    self.shade.record(&mut commands, &context, Shading::View);
+                    shade.record(&mut commands, &context, mirrored, Shading::View);
                     commands =
                         add_light(&mut self.indirect, commands, &context, Spreading::Pixels, &mut stages)?;
                     let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
@@ -447,10 +463,20 @@ impl Sampler for GpuSampler {
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {
-        match job.info.sampling {
-            Sampling::Triangles => job.ids.iter().map(|&id| self.render_sample(job, id, cancel)).collect(),
-            Sampling::MegaViews(knobs) => self.render_mapped(job, knobs, cancel),
-        }
+        let (around, of_rig): (Vec<_>, Vec<_>) = job.ids.iter().copied().partition(SampleId::is_surroundings);
+        let job_of_rig = SampleJob { ids: of_rig, ..job.clone() };
+        let of_rig = match job.info.sampling {
+            Sampling::Triangles => {
+                job_of_rig.ids.iter().map(|&id| self.render_sample(job, id, cancel)).collect()
+            }
+            Sampling::MegaViews(knobs) => self.render_mapped(&job_of_rig, knobs, cancel),
+        };
+        let around: Vec<_> = around.into_iter().map(|id| self.render_surroundings(job, id, cancel)).collect();
+        // In the order that they were asked for.
+        let (mut of_rig, mut around) = (of_rig.into_iter(), around.into_iter());
+        let missing = || Err(RenderError::Internal("a sample was neither rendered nor refused".to_owned()));
+        let next = |id: &SampleId| if id.is_surroundings() { around.next() } else { of_rig.next() };
+        job.ids.iter().map(next).map(|sample| sample.unwrap_or_else(missing)).collect()
     }
 
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {

@@ -7,7 +7,7 @@ pub(crate) const VISIBILITY: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint
 /// Format of depth.
 pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
-/// Sub-samples that are kept in all, at 28 to 56 bytes each: twice a largest tile's.
+/// Sub-samples that are kept in all, at 28 to 60 bytes each: twice a largest tile's.
 const KEPT: u64 = 2 << 22;
 
 /// Targets of one size.
@@ -20,6 +20,8 @@ pub(crate) struct Targets {
     pub(crate) shaded: wgpu::Buffer,
     /// Two words a sub-sample; made when a glossy sample first needs it.
     pub(crate) gloss: Option<wgpu::Buffer>,
+    /// A word a sub-sample; made when a sample whose surfaces look up what is around them first needs it.
+    pub(crate) reflectors: Option<wgpu::Buffer>,
     /// Where shading leaves what indirect light needs, where there is any.
     pub(crate) guides: Option<Guides>,
 }
@@ -43,6 +45,7 @@ impl Guides {
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Extras {
     pub(crate) gloss: bool,
+    pub(crate) reflectors: bool,
     pub(crate) guides: bool,
 }
 
@@ -62,6 +65,9 @@ impl Scratch {
         let storage = wgpu::BufferUsages::STORAGE;
         if extras.gloss && targets.gloss.is_none() {
             targets.gloss = Some(gpu.buffer("gloss", all * 8, storage));
+        }
+        if extras.reflectors && targets.reflectors.is_none() {
+            targets.reflectors = Some(gpu.buffer("reflectors", all * 4, storage));
         }
         if extras.guides && targets.guides.is_none() {
             targets.guides = Some(Guides {
@@ -101,6 +107,7 @@ impl Targets {
             depth: view("depth", DEPTH, attachment),
             shaded: gpu.buffer("shaded sub-samples", bytes, wgpu::BufferUsages::STORAGE),
             gloss: None,
+            reflectors: None,
             guides: None,
         }
     }

@@ -4,6 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::InvalidField;
+use crate::reflection::map_size;
 
 /// A client's viewpoint: an ideal pinhole, looking from `eye` to `target`.
 ///
@@ -97,6 +98,14 @@ pub enum OmniLayout {
         /// Side of a hemisphere's square in texels.
         side: u32,
     },
+    /// Maps of what is around `count` reflectors, one below the other, each from a place of its own
+    /// ([`crate::reflection`]).
+    Surroundings {
+        /// Texels on a side of a map's finest level.
+        side: u32,
+        /// How many.
+        count: u32,
+    },
 }
 
 /// Where a sample was taken from, and which direction each of its texels looks in.
@@ -151,11 +160,15 @@ impl SampleCamera {
             Self::Perspective { width, height, .. } => [width, height],
             Self::Omni { layout: OmniLayout::CubeFaces { face }, .. } => [3 * face, 2 * face],
             Self::Omni { layout: OmniLayout::DualParaboloid { side }, .. } => [2 * side, side],
+            Self::Omni { layout: OmniLayout::Surroundings { side, count }, .. } => {
+                let [columns, rows] = map_size(side);
+                [columns, rows.saturating_mul(count)]
+            }
         }
     }
 
     /// The pinhole images that make up the sample: one for a perspective camera, six for a cube. A dual
-    /// paraboloid has none; its texels are not a projection onto planes.
+    /// paraboloid has none, and maps of surroundings have none: their texels are no projection onto planes.
     pub fn faces(&self) -> Vec<Face> {
         match *self {
             Self::Perspective { camera, width, height } => vec![Face {
@@ -172,7 +185,7 @@ impl SampleCamera {
                     size: [face, face],
                 })
                 .collect(),
-            Self::Omni { layout: OmniLayout::DualParaboloid { .. }, .. } => Vec::new(),
+            Self::Omni { .. } => Vec::new(),
         }
     }
 }

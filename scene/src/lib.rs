@@ -19,6 +19,7 @@ pub mod material;
 pub mod paraboloid;
 pub mod particles;
 pub mod path;
+pub mod reflection;
 pub mod rig;
 pub mod role;
 pub mod sample;
@@ -51,9 +52,12 @@ pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
 pub use open::{is_procedural, open};
+pub use reflection::{Reflections, Reflector};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
-pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo};
+pub use sample::{
+    Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo, Surroundings,
+};
 pub use sampling::{MegaViews, Sampling};
 pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash, SharedScene};
 pub use view::{Holes, Limits, Output, Outputs, Plan, PlanRequest, Preset, Search, View, Warp};

@@ -1,39 +1,56 @@
 //! A scene by the name that a user gives it.
 
+use std::fmt::Display;
+use std::ops::RangeInclusive;
 use std::path::Path;
+use std::str::FromStr;
 
 use crate::Scene;
 use crate::load::{LoadError, load_path};
-use crate::procedural::{DEFAULT_TERRAIN_TRIANGLES, TERRAIN_TRIANGLES, terrain};
+use crate::procedural::{
+    DEFAULT_MIRRORS, DEFAULT_TERRAIN_TRIANGLES, MIRRORS, TERRAIN_TRIANGLES, mirrors, terrain,
+};
 
-/// `terrain`, `terrain:TRIANGLES`, or the path of a scene file.
+/// `terrain`, `terrain:TRIANGLES`, `mirrors`, `mirrors:BALLS`, or the path of a scene file.
 ///
 /// # Errors
-/// One line that names the scene and the reason: a number of triangles that is none or outside
-/// [`TERRAIN_TRIANGLES`], or what [`load_path`] says of the file.
+/// One line that names the scene and the reason: a number that is none or outside [`TERRAIN_TRIANGLES`] or [`MIRRORS`],
+/// or what [`load_path`] says of the file.
 pub fn open(spec: &str) -> Result<Scene, LoadError> {
-    if spec == "terrain" {
-        return Ok(terrain(DEFAULT_TERRAIN_TRIANGLES));
-    }
-    let Some(count) = spec.strip_prefix("terrain:") else {
-        if !Path::new(spec).exists() {
-            let reason = "no such file, nor the built-in scene terrain[:TRIANGLES]";
-            return Err(LoadError::new(spec, reason));
+    let (name, count) = spec.split_once(':').map_or((spec, None), |(name, count)| (name, Some(count)));
+    match name {
+        "terrain" => {
+            let triangles = number(spec, count, DEFAULT_TERRAIN_TRIANGLES, &TERRAIN_TRIANGLES, "triangles")?;
+            Ok(terrain(triangles))
         }
-        return load_path(spec);
-    };
-    match count.parse::<u64>() {
-        Ok(triangles) if TERRAIN_TRIANGLES.contains(&triangles) => Ok(terrain(triangles)),
-        _ => {
-            let (least, most) = (TERRAIN_TRIANGLES.start(), TERRAIN_TRIANGLES.end());
-            Err(LoadError::new(spec, format!("the number of triangles must be {least} to {most}")))
+        "mirrors" => Ok(mirrors(number(spec, count, DEFAULT_MIRRORS, &MIRRORS, "balls")?)),
+        _ if !Path::new(spec).exists() => {
+            let reason = "no such file, nor a built-in scene: terrain[:TRIANGLES] or mirrors[:BALLS]";
+            Err(LoadError::new(spec, reason))
         }
+        _ => load_path(spec),
     }
+}
+
+/// How many of something a built-in scene has.
+fn number<N: FromStr + PartialOrd + Display>(
+    spec: &str,
+    count: Option<&str>,
+    default: N,
+    range: &RangeInclusive<N>,
+    of: &str,
+) -> Result<N, LoadError> {
+    let Some(count) = count else { return Ok(default) };
+    count.parse::<N>().ok().filter(|count| range.contains(count)).ok_or_else(|| {
+        let (least, most) = (range.start(), range.end());
+        LoadError::new(spec, format!("the number of {of} must be {least} to {most}"))
+    })
 }
 
 /// Whether `spec` names a built-in scene, which every process makes for itself, rather than a file.
 pub fn is_procedural(spec: &str) -> bool {
-    spec == "terrain" || spec.starts_with("terrain:")
+    let name = spec.split_once(':').map_or(spec, |(name, _)| name);
+    ["terrain", "mirrors"].contains(&name)
 }
 
 #[cfg(test)]
@@ -41,13 +58,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn terrains_are_opened_by_name_and_number() {
+    fn built_in_scenes_are_opened_by_name_and_number() {
         assert_eq!(open("terrain:2000").unwrap().name, "terrain:2000");
+        assert_eq!(open("mirrors:12").unwrap().name, "mirrors:12");
+        assert_eq!(open("mirrors").unwrap().name, format!("mirrors:{DEFAULT_MIRRORS}"));
+        assert!(["terrain", "terrain:2000", "mirrors", "mirrors:3"].iter().all(|spec| is_procedural(spec)));
+        assert!(!is_procedural("terrains") && !is_procedural("mirror.glb"));
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused_with_the_range() {
         for spec in
             ["terrain:", "terrain:1999", "terrain:20000001", "terrain:-5", "terrain:1e5", "terrain:many"]
         {
             let error = open(spec).expect_err(spec).to_string();
             assert!(error.starts_with(spec) && error.contains("2000 to 20000000"), "{error}");
+        }
+        for spec in ["mirrors:0", "mirrors:1001", "mirrors:"] {
+            let error = open(spec).expect_err(spec).to_string();
+            assert!(error.contains("balls must be 1 to 1000"), "{error}");
         }
     }
 

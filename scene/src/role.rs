@@ -8,7 +8,7 @@ use bytes::Bytes;
 
 use crate::{
     Camera, Frame, InvalidField, Outputs, Plan, RenderError, Sample, SampleId, SampleSet, SampleSetInfo,
-    Stage, Visibility,
+    Stage, Surroundings, Visibility,
 };
 
 /// A flag that whoever waits for a result raises when it no longer does. Renders look at it between
@@ -63,6 +63,8 @@ pub struct ViewJob {
     pub time_secs: f64,
     /// How triangles are seen, of a view whose plan is [`Plan::Direct`].
     pub visibility: Visibility,
+    /// What such a view's surfaces mirror of the scene.
+    pub reflections: Option<Surroundings>,
 }
 
 /// An order for some pixels of a view: those that no sample saw.
@@ -82,6 +84,8 @@ pub struct PixelJob {
     pub epoch: u64,
     /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
     pub time_secs: f64,
+    /// What surfaces mirror of the scene.
+    pub reflections: Option<Surroundings>,
 }
 
 /// Some pixels of a view, in the order that they were asked for in.
@@ -130,6 +134,7 @@ pub trait Sampler: Send {
                 epoch: job.epoch,
                 time_secs: job.time_secs,
                 visibility: Visibility::default(),
+                reflections: job.reflections,
             })
             .collect();
         let frames = self.render_views(&views, cancel);

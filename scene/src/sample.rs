@@ -7,7 +7,10 @@ use std::sync::Arc;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Bounds, Lighting, Rig, SampleCamera, Sampling, Scene, SceneHash, Stage, Visibility};
+use crate::{
+    Bounds, InvalidField, Lighting, OmniLayout, Reflections, Rig, SampleCamera, Sampling, Scene, SceneHash,
+    Stage, Visibility,
+};
 
 /// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig, `epoch` when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -18,6 +21,17 @@ pub struct SampleId {
     pub generation: u64,
     /// Argument of [`Rig::camera`].
     pub index: u64,
+}
+
+impl SampleId {
+    /// The index of a set's surroundings: no camera of a rig has it.
+    pub const SURROUNDINGS: u64 = u64::MAX;
+
+    /// Whether it names a set's surroundings: the maps that reflections are looked up in ([`crate::reflection`]), which no
+    /// view is warped from.
+    pub fn is_surroundings(&self) -> bool {
+        self.index == Self::SURROUNDINGS
+    }
 }
 
 impl fmt::Display for SampleId {
@@ -38,6 +52,13 @@ pub enum PlaneKind {
     Normal,
     /// F0 in rgb, perceptual roughness in a; F0 is 0 where there is no specular lobe. Only with `Normal`.
     Specular,
+    /// Which map of the set's surroundings the surface looks up, and what passes through it; from the lowest bits: 1 + the
+    /// number of the map, 0 for none (11 bits), and the shares of red, green and blue that pass (7 each). Only in sets with
+    /// reflections.
+    Reflector,
+    /// Of surroundings alone, a row a map: where it is seen from, as x, y and z from the sample's centre, and how far from
+    /// there its reflector reaches; metres.
+    Place,
 }
 
 /// How a texel is stored. Names, channel order and meaning are those of the wgpu texture format.
@@ -53,6 +74,8 @@ pub enum PlaneFormat {
     Rg16Snorm,
     /// Four unsigned 8-bit fractions.
     Rgba8Unorm,
+    /// One u32.
+    R32Uint,
 }
 
 impl PlaneFormat {
@@ -60,7 +83,7 @@ impl PlaneFormat {
     pub fn texel_bytes(self) -> usize {
         match self {
             Self::Rgba16Float => 8,
-            Self::Rgb9e5Ufloat | Self::R32Float | Self::Rg16Snorm | Self::Rgba8Unorm => 4,
+            Self::Rgb9e5Ufloat | Self::R32Float | Self::Rg16Snorm | Self::Rgba8Unorm | Self::R32Uint => 4,
         }
     }
 }
@@ -103,10 +126,23 @@ pub struct Sample {
     pub id: SampleId,
     /// Where from.
     pub camera: SampleCamera,
-    /// `Radiance` and `InverseRange` always; `Normal` and `Specular` where the scene is glossy.
+    /// `Radiance` and `InverseRange` always; `Normal` and `Specular` where the scene is glossy, and `Reflector` where such a
+    /// set has reflections. Surroundings have the first two, and `Place`.
     pub planes: Vec<Plane>,
     /// What rendering it cost, by pass.
     pub stages: Vec<Stage>,
+}
+
+impl Plane {
+    /// Texels that a plane of that kind has in a sample of that camera.
+    pub fn size_of(kind: PlaneKind, camera: &SampleCamera) -> [u32; 2] {
+        match (kind, camera) {
+            (PlaneKind::Place, SampleCamera::Omni { layout: OmniLayout::Surroundings { count, .. }, .. }) => {
+                [4, *count]
+            }
+            _ => camera.size(),
+        }
+    }
 }
 
 impl Sample {
@@ -137,6 +173,42 @@ pub struct SampleSetInfo {
     pub visibility: Visibility,
     /// What they are rendered from.
     pub sampling: Sampling,
+    /// The maps that glossy and transparent surfaces look up; `None` where they reflect lights and the sky alone.
+    pub reflections: Option<Surroundings>,
+}
+
+/// The maps around the reflectors of a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Surroundings {
+    /// What each is like.
+    pub knobs: Reflections,
+    /// How many there are, at least 1.
+    pub count: u32,
+}
+
+impl Surroundings {
+    /// Those of a scene; `None` where nothing in it mirrors anything.
+    ///
+    /// # Errors
+    /// A knob out of range, by name.
+    pub fn of(scene: &Scene, knobs: Reflections) -> Result<Option<Self>, InvalidField> {
+        knobs.validate()?;
+        let count = scene.reflectors(knobs.most).len() as u32;
+        Ok((count > 0).then_some(Self { knobs, count }))
+    }
+
+    /// Rejects what [`Surroundings::of`] never makes.
+    ///
+    /// # Errors
+    /// The field, by name.
+    pub fn validate(&self) -> Result<(), InvalidField> {
+        self.knobs.validate()?;
+        if !(1..=self.knobs.most).contains(&self.count) {
+            let reason = format!("must be 1 to {}, not {}", self.knobs.most, self.count);
+            return Err(InvalidField::new("reflections.count", reason));
+        }
+        Ok(())
+    }
 }
 
 impl SampleSetInfo {
@@ -147,7 +219,30 @@ impl SampleSetInfo {
 
     /// What a device of that kind is called that took samples of this set, as [`crate::Provenance::device`] has it.
     pub fn device(&self, kind: &str) -> String {
-        self.sampling.on_device(self.visibility.on_device(kind))
+        let device = self.sampling.on_device(self.visibility.on_device(kind));
+        self.reflections.map_or(device.clone(), |maps| maps.knobs.on_device(&device))
+    }
+
+    /// The camera of a sample of the set: the rig's, or that of its surroundings.
+    ///
+    /// # Errors
+    /// That of [`Rig::camera`]; also for surroundings of a set without reflections.
+    pub fn camera(&self, index: u64) -> Result<SampleCamera, InvalidField> {
+        match self.reflections {
+            Some(Surroundings { knobs, count }) if index == SampleId::SURROUNDINGS => {
+                let layout = OmniLayout::Surroundings { side: knobs.side, count };
+                Ok(SampleCamera::Omni { center: self.bounds.center(), layout })
+            }
+            _ => self.rig.camera(index),
+        }
+    }
+
+    /// What a view from these samples of the rig is composed of: them, and the set's surroundings if it has any.
+    pub fn with_surroundings(&self, mut ids: Vec<SampleId>) -> Vec<SampleId> {
+        let (epoch, generation) =
+            ids.first().map_or((self.epoch, self.generation), |id| (id.epoch, id.generation));
+        ids.extend(self.reflections.map(|_| SampleId { epoch, generation, index: SampleId::SURROUNDINGS }));
+        ids
     }
 
     /// The set of the same rig at another epoch, which may be lit otherwise.

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{InvalidField, Rig, RigKind, RigKnobs};
+use crate::{InvalidField, Reflections, Rig, RigKind, RigKnobs};
 
 /// What a sampler renders samples from: alike in all samples of a set, whoever renders them. Direct views, and single
 /// pixels that no sample saw, come from triangles always.
@@ -125,6 +125,7 @@ impl Sampling {
 
     /// A [`crate::Provenance::device`] without how its samples came about, and what it says of that, if anything.
     pub fn of_device(device: &str) -> (&str, Option<&str>) {
+        let (device, _) = Reflections::of_device(device);
         match device.split_once(SAMPLES_BY) {
             Some((device, by)) => (device, Some(by)),
             None => (device, None),

@@ -13,8 +13,9 @@
 //! - lights cast no shadows on what is seen, and the sky is not occluded;
 //! - light that surfaces emit or reflect onto one another is added where a sampler is asked for it (`--indirect`): with
 //!   shadows, both of the lights on the surfaces that reflect and of those surfaces, and without the sky's share;
-//! - mirrors (smooth metals) reflect lights and the sky, not the scene;
-//! - transmission keeps the diffuse lobe: glass looks like its base colour with a sheen;
+//! - glossy surfaces reflect lights and the sky, and transmission keeps the diffuse lobe: glass looks like its base colour
+//!   with a sheen; unless things are to show what is around them (`--reflections`): then smooth ones reflect the scene, and
+//!   what passes through them is refracted once, where it enters ([`crate::reflection`]); what is seen so is diffuse;
 //! - albedo is base colour · (1 − metallic), without Fresnel's attenuation, since that would depend on the
 //!   viewer.
 //!
@@ -114,14 +115,30 @@ pub fn specular_radiance(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -
     if surface.f0 == Vec3::ZERO {
         return Vec3::ZERO;
     }
+    reflected_sky(surface, to_eye, lighting) + reflected_lights(surface, to_eye, lighting)
+}
+
+/// The part of [`specular_radiance`] that is the sky's, as of a surface that nothing else is around.
+pub fn reflected_sky(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -> Vec3 {
+    let reflected = 2.0 * surface.normal.dot(to_eye) * surface.normal - to_eye;
+    let sky = sky_radiance(&lighting.sky, reflected)
+        .lerp(sky_ambient(&lighting.sky, reflected), surface.roughness.clamp(0.0, 1.0));
+    reflected_around(surface, to_eye, sky)
+}
+
+/// What a glossy surface reflects towards the unit direction `to_eye` of surroundings whose radiance, blurred as the surface
+/// is rough, is `around`.
+pub fn reflected_around(surface: &Surface, to_eye: Vec3, around: Vec3) -> Vec3 {
+    around * environment_brdf(surface.f0, surface.roughness, surface.normal.dot(to_eye).max(1e-3))
+}
+
+/// The part of [`specular_radiance`] that is the lights'.
+pub fn reflected_lights(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -> Vec3 {
     let n = surface.normal;
     let n_v = n.dot(to_eye).max(1e-3);
     // Rougher than a perfect mirror, so that a point light's reflection has an extent.
     let alpha = (surface.roughness * surface.roughness).max(2e-3);
-    let reflected = 2.0 * n.dot(to_eye) * n - to_eye;
-    let sky = sky_radiance(&lighting.sky, reflected)
-        .lerp(sky_ambient(&lighting.sky, reflected), surface.roughness.clamp(0.0, 1.0));
-    let mut radiance = sky * environment_brdf(surface.f0, surface.roughness, n_v);
+    let mut radiance = Vec3::ZERO;
     for light in &lighting.lights {
         let (l, irradiance) = incident(light, surface.position);
         let n_l = n.dot(l);

@@ -36,6 +36,8 @@ struct PairStep {
     far: f32,
     // 1: the view nodes of the pairs tested are leaves.
     leaf_views: u32,
+    // The owner of what belongs to the first view.
+    first_owner: u32,
 }
 
 var<immediate> step: PairStep;
@@ -52,6 +54,8 @@ override reach: u32 = 1u;
 override occludes: bool = false;
 // Whether every view is a node of its own.
 override alone: bool = false;
+// Whether a view sees nothing of what is its own; every view is then a node of its own.
+override leaves_out: bool = false;
 
 @group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
 @group(0) @binding(1) var<storage, read> view_bounds: array<vec4f>;
@@ -60,6 +64,8 @@ override alone: bool = false;
 @group(0) @binding(4) var<storage, read> queue: array<vec2u>;
 @group(0) @binding(5) var<storage, read_write> next: array<vec2u>;
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
+// Of each node, 1 + the number of whom it belongs to with all that is in it; 0 where that is several or nobody.
+@group(0) @binding(7) var<storage, read> owners: array<u32>;
 
 // Entries of a step in `counters`.
 const QUEUED: u32 = 0u;
@@ -267,6 +273,9 @@ fn divide(
         }
         let scene_node = select(child, pair.x, divides_views);
         var outcome = verdict(mean, view);
+        if leaves_out && owners[scene_node] == step.first_owner + view.node + 1u {
+            outcome = CULL;
+        }
         if leaves && outcome == DIVIDE {
             outcome = RENDER;
         }

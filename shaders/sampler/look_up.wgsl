@@ -1,78 +1,18 @@
 // Program of `sampler/src/passes/look_up.rs`: what each sub-sample of an omni sample sees, by its camera's map of an
 // octree's nodes.
 
-import package::shared::encode::{unit_from_octahedral};
-import package::shared::finite::{finite_or_zero};
-import package::shared::node_maps::{map_of, node_texel};
-import package::shared::paraboloid::{paraboloid_index};
+import package::shared::lit_maps::{seen_in_map, told};
 import package::shared::rays::{Rays, central_ray, ray_through};
-import package::shared::shading::{sky_radiance};
-import package::shared::surface::{lighting};
-import package::shared::surfel::{Surfel, is_seen, radiance_towards};
-
-struct LookUp {
-    // Number of the camera among the views that maps were rendered for.
-    view: u32,
-    // Maps of one array: 2 to the power of this.
-    map_shift: u32,
-    // Texels of a hemisphere's side.
-    map_side: u32,
-    // Length of the octree's root's edge, metres.
-    edge: f32,
-    // Radius of the ball around a leaf's cell, metres.
-    radius: f32,
-}
-
-// Sine of the angle to a plane below which its own direction is no guide to where the surface goes on.
-const FLATTEST: f32 = 0.1;
 
 @group(0) @binding(0) var<uniform> rays: Rays;
-@group(0) @binding(3) var<uniform> told: LookUp;
 @group(0) @binding(4) var<storage, read_write> shaded: array<vec4f>;
-@group(0) @binding(5) var<storage, read> nodes: array<vec4u>;
-@group(0) @binding(6) var<storage, read> surfels: array<Surfel>;
-// Of each level, the leaves' first, the number of the node after its last.
-@group(0) @binding(7) var<storage, read> ends: array<u32>;
-// Where each map is seen from: in edges of the root, f32 bits.
-@group(0) @binding(9) var<storage, read> middles: array<vec4u>;
-
-// The radius of the ball around a node's cell: twice that of the level below.
-fn radius_of(node: u32) -> f32 {
-    var radius = told.radius;
-    for (var i = 0u; i < arrayLength(&ends); i++) {
-        radius *= select(1.0, 2.0, node >= ends[i]);
-    }
-    return radius;
-}
 
 @compute @workgroup_size(8, 8)
 fn look_up(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {
         return;
     }
-    let at = id.y * rays.width + id.x;
-    let ray = ray_through(rays, vec2f(id.xy) + 0.5);
-    let map = map_of(told.view);
-    let texel = node_texel(map, told.map_shift, told.map_side, paraboloid_index(ray, told.map_side));
-    let node = min(texel.x, arrayLength(&surfels) - 1u);
-    let surfel = surfels[node];
-    let axis = unit_from_octahedral(unpack2x16snorm(surfel.axis));
-    let radiance = radiance_towards(surfel, axis, normalize(ray));
-    // A map holds the nearest node alone: what lies behind the back of a single-sided surface is taken for sky.
-    if texel.y == 0u || !is_seen(radiance) {
-        shaded[at] = vec4f(finite_or_zero(sky_radiance(lighting, normalize(ray))), 0.0);
-        return;
-    }
-    let eye = bitcast<vec3f>(middles[min(map, arrayLength(&middles) - 1u)].xyz);
-    let to_mean = (bitcast<vec3f>(nodes[node].xyz) - eye) * told.edge;
-    // Where the texel's central ray meets the node's plane. A map has a node where rays meet its cell, so that a ray
-    // that grazes the plane may yet go on to meet it some cells away.
-    let central = normalize(central_ray(rays, id.xy));
-    let closest = dot(to_mean, central);
-    let slope = dot(axis, central);
-    let plane = (dot(axis, to_mean) + surfel.offset) / slope;
-    let reach = radius_of(node) / max(abs(slope), FLATTEST);
-    let met = clamp(select(closest, plane, abs(plane) < 1e18), closest - reach, closest + reach);
-    let range = max(met, 1e-3 * told.radius);
-    shaded[at] = vec4f(radiance, 1.0 / range);
+    // Its range is that on the texel's central ray.
+    let ray = normalize(ray_through(rays, vec2f(id.xy) + 0.5));
+    shaded[id.y * rays.width + id.x] = seen_in_map(told.view, ray, normalize(central_ray(rays, id.xy)));
 }

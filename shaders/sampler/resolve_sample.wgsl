@@ -19,6 +19,8 @@ struct ResolveSample {
 
 // Sub-samples along each side of a texel, at most four: constant, so that they can be kept in registers.
 override side: u32 = 2u;
+// Surfaces look up what is around them: which map, a plane says.
+override reflects: bool = false;
 
 @group(0) @binding(0) var<uniform> resolve: ResolveSample;
 @group(0) @binding(1) var<storage, read> shaded: array<vec4f>;
@@ -27,6 +29,8 @@ override side: u32 = 2u;
 @group(0) @binding(4) var<storage, read_write> inverse_range_plane: array<u32>;
 @group(0) @binding(5) var<storage, read_write> normal_plane: array<u32>;
 @group(0) @binding(6) var<storage, read_write> specular_plane: array<u32>;
+@group(0) @binding(7) var<storage, read> reflectors: array<u32>;
+@group(0) @binding(8) var<storage, read_write> reflector_plane: array<u32>;
 
 // Two sub-samples show one surface if their inverse ranges on the texel's central ray differ by less than this
 // share: then a warp that moves the texel by a hundred pixels misplaces neither by more than about one.
@@ -112,6 +116,8 @@ fn resolve_glossy(@builtin(global_invocation_id) id: vec3u) {
     var sum = vec4f(0.0);
     var normal = vec3f(0.0);
     var specular = vec4f(0.0);
+    // What a surface looks up is the same all over it, but for the edges of things: of several words the greatest.
+    var reflector = 0u;
     var members = 0.0;
     for (var i = 0u; i < side * side; i++) {
         let at = address(id.xy, i);
@@ -121,6 +127,9 @@ fn resolve_glossy(@builtin(global_invocation_id) id: vec3u) {
             let lobe = gloss[at];
             normal += unit_from_octahedral(unpack2x16snorm(lobe.x));
             specular += unpack4x8unorm(lobe.y);
+            if reflects {
+                reflector = max(reflector, reflectors[at]);
+            }
             members += 1.0;
         }
     }
@@ -130,4 +139,7 @@ fn resolve_glossy(@builtin(global_invocation_id) id: vec3u) {
     let octahedral = pack2x16snorm(octahedral_from_unit(normal / max(length(normal), 1e-12)));
     normal_plane[at] = select(octahedral, 0u, sky);
     specular_plane[at] = select(pack4x8unorm(specular / max(members, 1.0)), 0u, sky);
+    if reflects {
+        reflector_plane[at] = select(reflector, 0u, sky);
+    }
 }

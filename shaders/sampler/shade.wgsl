@@ -6,8 +6,9 @@ import package::shared::geometry::{attributes, instances, mesh_from_world, meshe
 import package::shared::guide::{keep_guide};
 import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{Rays, central_ray, list_index, listed_sub_sample, ray_through};
-import package::shared::shading::{sky_radiance};
-import package::shared::surface::{Hit, lighting, radiance, surface_at};
+import package::shared::shading::{Surface, sky_radiance};
+import package::shared::surface::{Hit, has_specular, lighting, radiance, reflects, surface_at};
+import package::shared::surroundings::{Around, reflector_word, sent_of_around};
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(3) var visibility: texture_2d<u32>;
@@ -15,6 +16,11 @@ import package::shared::surface::{Hit, lighting, radiance, surface_at};
 @group(0) @binding(4) var<storage, read_write> shaded: array<vec4f>;
 // Octahedral normal (2x16snorm), F0 and roughness (4x8unorm).
 @group(0) @binding(5) var<storage, read_write> gloss: array<vec2u>;
+// Of each instance, 1 + the number of the map that it looks up; 0 for none.
+@group(2) @binding(4) var<storage, read> map_of_instance: array<u32>;
+@group(2) @binding(5) var<uniform> around: Around;
+// As `PlaneKind::Reflector` has it.
+@group(2) @binding(6) var<storage, read_write> reflectors: array<u32>;
 // Of a list of pixels, where each lies in the tile.
 @group(0) @binding(6) var<storage, read> places: array<u32>;
 
@@ -55,9 +61,32 @@ fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
         return vec4f(sky_along(sub_sample), 0.0);
     }
     let hit = hit_at(ids, sub_sample);
-    let surface = surface_at(hit);
+    let map = map_of(ids.x);
+    let surface = surface_of(hit, map);
     keep_guide(at, surface);
-    return vec4f(finite_or_zero(radiance(surface, true)), 1.0 / hit.range);
+    var seen = radiance(surface, true);
+    if has_specular && any(surface.f0 != vec3f(0.0)) {
+        seen += sent_of_around(surface, -normalize(surface.position), lighting, around, map);
+    }
+    return vec4f(finite_or_zero(seen), 1.0 / hit.range);
+}
+
+// The surface at a hit; what would pass through it is not seen where it looks no map up.
+fn surface_of(hit: Hit, map: u32) -> Surface {
+    var surface = surface_at(hit);
+    if reflects && map == 0u {
+        surface.albedo += surface.transmitted;
+        surface.transmitted = vec3f(0.0);
+    }
+    return surface;
+}
+
+// 1 + the number of the map that a visible instance looks up, 0 for none.
+fn map_of(instance: u32) -> u32 {
+    if !reflects {
+        return 0u;
+    }
+    return map_of_instance[min(instance - 1u, arrayLength(&map_of_instance) - 1u)];
 }
 
 // For a direct view: everything that reaches its eye.
@@ -112,13 +141,20 @@ fn shade_glossy_sample(@builtin(global_invocation_id) id: vec3u) {
     if ids.x == 0u {
         shaded[at] = vec4f(sky_along(id.xy), 0.0);
         gloss[at] = vec2u(0u);
+        if reflects {
+            reflectors[at] = 0u;
+        }
         return;
     }
     let hit = hit_at(ids, id.xy);
-    let surface = surface_at(hit);
+    let map = map_of(ids.x);
+    let surface = surface_of(hit, map);
     keep_guide(at, surface);
     let inverse_range = central_inverse_range(hit, id.xy);
     shaded[at] = vec4f(finite_or_zero(radiance(surface, false)), inverse_range);
     let specular = vec4f(surface.f0, surface.roughness);
     gloss[at] = vec2u(pack2x16snorm(octahedral_from_unit(surface.normal)), pack4x8unorm(specular));
+    if reflects {
+        reflectors[at] = reflector_word(map, surface.transmitted);
+    }
 }

@@ -3,6 +3,7 @@
 
 import package::shared::camera::{Pinhole, Seen, in_pinhole, seen_by_cube, seen_by_pinhole};
 import package::shared::shading::Lighting;
+import package::shared::surroundings::Around;
 
 // A sample as the pixels of one view look it up.
 struct ViewSample {
@@ -54,8 +55,10 @@ struct ViewUniform {
     // Columns and rows of the piece's pixels.
     piece_size: vec2u,
     lighting: Lighting,
+    // Where maps of surroundings lie about the eye.
+    around: Around,
     // So much that an array's elements lie at multiples of 256 bytes, as uniforms must.
-    @size(576) samples: array<ViewSample, 8>,
+    @size(560) samples: array<ViewSample, 8>,
 }
 
 // The samples are cubes rather than pinhole images. An override, not a uniform: the software driver runs both sides

@@ -27,7 +27,8 @@ struct MaterialData {
     factors: vec4f,
     // Its textures in `slots`: the first that is sRGB-encoded and how many, the first of the others and how many.
     textures: vec4u,
-    // Whether it has a specular lobe at all; 1 + the index of the base colour's slot, 0 if it has no texture.
+    // Whether it has a specular lobe at all; 1 + the index of the base colour's slot, 0 if it has no texture; the share of
+    // light that passes through, f32 bits.
     traits: vec4u,
 }
 

@@ -4,9 +4,13 @@ import package::shared::encode::unit_from_octahedral;
 import package::shared::fetch::{Fetch, SETTLED, bilinear, fetch_from, nearest, not_baked, omni, radiance, view};
 import package::shared::finite::finite_or_zero;
 import package::shared::shading::{Light, Surface, sky_radiance, specular_light, specular_sky};
+import package::shared::surroundings::{map_in_word, sent_of_around, transmitted_in_word};
 
 // The samples carry what specular needs. Where they do not, these two planes are any others, and not looked at.
 override glossy: bool = false;
+
+// They say which map of surroundings their surfaces look up. Where they do not, the plane is any other.
+override reflects: bool = false;
 
 // The view asks for how sure its pixels are. Else no sample is looked up for it.
 override confident: bool = false;
@@ -17,6 +21,7 @@ override linear: bool = false;
 @group(0) @binding(6) var normal_plane: texture_2d_array<f32>;
 @group(0) @binding(7) var specular_plane: texture_2d_array<f32>;
 @group(0) @binding(8) var<storage, read> lights: array<Light>;
+@group(2) @binding(4) var reflector_plane: texture_2d_array<u32>;
 
 // A corner-to-corner triangle over the viewport.
 fn corner_of_target(index: u32) -> vec4f {
@@ -114,8 +119,19 @@ fn with_specular(pixel: Pixel) -> Pixel {
     for (var k = 0u; k < 1u && pixel.range > 0.0 && any(stored.rgb > vec3f(0.0)); k++) {
         let to_eye = -pixel.position / pixel.range;
         let normal = unit_from_octahedral(textureSampleLevel(normal_plane, nearest, pixel.uv, pixel.layer, 0.0).xy);
-        let surface = Surface(pixel.position, normal, vec3f(0.0), vec3f(0.0), stored.rgb, stored.a);
-        var sum = specular_sky(surface, to_eye, view.lighting);
+        var word = 0u;
+        if reflects {
+            let size = vec2f(textureDimensions(reflector_plane));
+            word = textureLoad(reflector_plane, vec2i(pixel.uv * size), pixel.layer, 0).x;
+        }
+        let through = transmitted_in_word(word);
+        let surface = Surface(pixel.position, normal, vec3f(0.0), vec3f(0.0), stored.rgb, stored.a, through);
+        var sum = vec3f(0.0);
+        if reflects {
+            sum = sent_of_around(surface, to_eye, view.lighting, view.around, map_in_word(word));
+        } else {
+            sum = specular_sky(surface, to_eye, view.lighting);
+        }
         // Not the bare uniform: Mesa's software driver bakes a uniform that bounds a loop into the machine code, and
         // compiles the shader again (45 ms and more) for each draw that comes with another uniform buffer.
         let count = min(view.lighting.light_count, arrayLength(&lights));

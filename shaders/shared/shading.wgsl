@@ -28,6 +28,8 @@ struct Surface {
     emissive: vec3f,
     f0: vec3f,
     roughness: f32,
+    // Share of light that passes through; 0 where nobody looks what is behind up.
+    transmitted: vec3f,
 }
 
 // Radiance of the sky in direction d (unit).
@@ -106,14 +108,24 @@ fn environment_brdf(f0: vec3f, roughness: f32, n_v: f32) -> vec3f {
     return f0 * (-1.04 * a004 + z) + vec3f(1.04 * a004 + w);
 }
 
+// The unit direction that a surface mirrors towards the unit direction to_eye.
+fn mirrored(surface: Surface, to_eye: vec3f) -> vec3f {
+    return 2.0 * dot(surface.normal, to_eye) * surface.normal - to_eye;
+}
+
+// The share of what is around a glossy surface, as blurred as that is rough, that it reflects towards to_eye.
+fn specular_around(surface: Surface, to_eye: vec3f, around: vec3f) -> vec3f {
+    let n_v = max(dot(surface.normal, to_eye), 1e-3);
+    return around * environment_brdf(surface.f0, surface.roughness, n_v);
+}
+
 // The sky's reflection on a glossy surface towards the unit direction to_eye.
 fn specular_sky(surface: Surface, to_eye: vec3f, lighting: Lighting) -> vec3f {
-    let n_v = max(dot(surface.normal, to_eye), 1e-3);
-    let reflected = 2.0 * dot(surface.normal, to_eye) * surface.normal - to_eye;
+    let reflected = mirrored(surface, to_eye);
     let sky = mix(
         sky_radiance(lighting, reflected), sky_ambient(lighting, reflected), saturate(surface.roughness),
     );
-    return sky * environment_brdf(surface.f0, surface.roughness, n_v);
+    return specular_around(surface, to_eye, sky);
 }
 
 // A light's reflection on a glossy surface towards the unit direction to_eye.

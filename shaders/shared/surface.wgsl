@@ -5,7 +5,7 @@ import package::shared::geometry::{
     mesh_from_world, normal_from_mesh, normal_from_word, uv_of,
 };
 import package::shared::shading::{
-    Light, Lighting, Surface, diffuse_light, sky_ambient, specular_light, specular_sky,
+    Light, Lighting, Surface, diffuse_light, sky_ambient, specular_light,
 };
 import package::shared::texture::{
     ROLE_BASE_COLOR, ROLE_EMISSIVE, ROLE_METALLIC_ROUGHNESS, ROLE_NONE, ROLE_NORMAL, sample_texture, slots, texels,
@@ -22,6 +22,8 @@ override has_linear_textures: bool = true;
 override has_normal_maps: bool = true;
 override has_vertex_colors: bool = true;
 override has_specular: bool = true;
+// Glossy and transparent surfaces look up what is around them.
+override reflects: bool = false;
 
 // A triangle where a ray meets it.
 struct Hit {
@@ -141,6 +143,11 @@ fn surface_at(hit: Hit) -> Surface {
     var surface: Surface;
     surface.position = hit.direction * hit.range;
     surface.albedo = base.rgb * (1.0 - metallic);
+    surface.transmitted = vec3f(0.0);
+    if reflects {
+        surface.transmitted = surface.albedo * bitcast<f32>(material.traits.z);
+        surface.albedo -= surface.transmitted;
+    }
     surface.emissive = material.emissive * looked.emissive;
     surface.f0 = vec3f(0.0);
     if has_specular && material.traits.x != 0u {
@@ -187,21 +194,18 @@ fn unit_or(v: vec3f, other: vec3f) -> vec3f {
     return select(other, normalize(v / select(1.0, most, some)), some);
 }
 
-// What leaves a surface in every direction alike, and, if it is `seen` by a view, what it reflects to the eye.
+// What leaves a surface in every direction alike, and, if it is `seen` by a view, what it reflects of lights to the eye.
 fn radiance(surface: Surface, seen: bool) -> vec3f {
-    let reflects = has_specular && seen;
+    let shines = has_specular && seen;
     let to_eye = -normalize(surface.position);
     var irradiance_by_pi = sky_ambient(lighting, surface.normal);
     var reflected = vec3f(0.0);
-    if reflects {
-        reflected = specular_sky(surface, to_eye, lighting);
-    }
     // The body comes first, as above; where there is no light the array holds one that is black.
     var i = 0u;
     loop {
         let light = lights[i];
         irradiance_by_pi += diffuse_light(light, surface.position, surface.normal);
-        if reflects {
+        if shines {
             reflected += specular_light(surface, to_eye, light);
         }
         i += 1u;

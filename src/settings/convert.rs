@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use argus_cluster::leadership::nats_host;
 use argus_cluster::{coordinator, core, worker};
-use argus_scene::{MegaViews, Sampling};
+use argus_scene::{MegaViews, Reflections, Sampling};
 
 use super::{Coordinator, Limits, Security, Settings, Worker};
 
@@ -34,6 +34,10 @@ impl Settings {
             (![1, 2, 4].contains(&coordinator.map_block)).then(|| {
                 ("coordinator.map_block", format!("must be 1, 2 or 4, not {}", coordinator.map_block))
             }),
+            coordinator.reflections().is_err().then(|| {
+                ("coordinator.reflections", format!("must be off or maps, not {:?}", coordinator.reflections))
+            }),
+            coordinator.reflections_error(),
             within("coordinator.refining_share", coordinator.refining_share, 0.0, 1.0),
             within("coordinator.epoch_ms", coordinator.epoch_ms, 1e-3, 1e3 * MOST_SECS),
             within("coordinator.time_scale", coordinator.time_scale, 0.0, 1e6),
@@ -106,6 +110,33 @@ impl Coordinator {
         all.into_iter().find(|sampling| sampling.name() == self.sampling)
     }
 
+    /// What maps of surroundings are like; none where there are none.
+    ///
+    /// # Errors
+    /// For a word that is none of them.
+    pub(crate) fn reflections(&self) -> Result<Option<Reflections>, ()> {
+        match self.reflections.as_str() {
+            "off" => Ok(None),
+            "maps" => Ok(Some(self.maps_around())),
+            _ => Err(()),
+        }
+    }
+
+    fn maps_around(&self) -> Reflections {
+        Reflections { side: self.reflection_side, levels: self.reflection_levels, most: self.reflectors }
+    }
+
+    /// What is wrong with the knobs of such maps, by setting.
+    fn reflections_error(&self) -> Option<(&'static str, String)> {
+        let invalid = self.maps_around().validate().err()?;
+        let key = match invalid.field {
+            "reflections.side" => "coordinator.reflection_side",
+            "reflections.levels" => "coordinator.reflection_levels",
+            _ => "coordinator.reflectors",
+        };
+        Some((key, invalid.reason))
+    }
+
     /// The coordinator's part of them.
     pub(crate) fn config(&self, limits: &Limits) -> coordinator::Config {
         let core = core::Config {
@@ -132,6 +163,7 @@ impl Coordinator {
         coordinator::Config {
             core,
             sampling: self.sampling().unwrap_or_default(),
+            reflections: self.reflections().unwrap_or_default(),
             time_scale,
             grace,
             max_connections: limits.connections,

@@ -10,7 +10,7 @@ mod layers;
 
 use std::path::PathBuf;
 
-use argus_scene::{MegaViews, Sampling};
+use argus_scene::{MegaViews, Reflections, Sampling};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use convert::{mib, secs};
@@ -69,6 +69,14 @@ pub(crate) struct Coordinator {
     /// Cameras along an edge of the block whose maps share what looks alike: 1, since neighbours of a lattice see little
     /// alike at that resolution.
     pub(crate) map_block: u32,
+    /// What glossy and transparent things show of the scene around them: `off`, the sky alone, or `maps` around them.
+    pub(crate) reflections: String,
+    /// Texels on a side of such a map: of three degrees.
+    pub(crate) reflection_side: u32,
+    /// Levels of the octree that they show: cells of a two-hundred-and-fiftieth of the scene.
+    pub(crate) reflection_levels: u32,
+    /// Things that have a map, the largest first: a map takes 50 KiB.
+    pub(crate) reflectors: u32,
     /// Share of the samplers' time for samples where views have holes: they wait for everything else, so a half takes
     /// little from others.
     pub(crate) refining_share: f64,
@@ -100,7 +108,7 @@ pub(crate) struct Coordinator {
 
 impl Default for Coordinator {
     fn default() -> Self {
-        let maps = MegaViews::default();
+        let (maps, around) = (MegaViews::default(), Reflections::default());
         Self {
             scene: None,
             listen: "127.0.0.1:7400".to_owned(),
@@ -109,6 +117,10 @@ impl Default for Coordinator {
             map_side: maps.map_side,
             octree_levels: maps.levels,
             map_block: maps.block,
+            reflections: "off".to_owned(),
+            reflection_side: around.side,
+            reflection_levels: around.levels,
+            reflectors: around.most,
             refining_share: 0.5,
             model: None,
             epoch_ms: 100.0,

@@ -80,6 +80,7 @@ impl Bench {
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            reflections: None,
         });
         let sampler = GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), sampler)?;
         let compositor = GpuCompositor::new(Arc::clone(gpu))?;
@@ -167,7 +168,8 @@ impl Bench {
     ) -> ViewJob {
         let (epoch, time_secs) = (self.info.epoch, self.info.time_secs());
         let visibility = self.info.visibility;
-        ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility }
+        let reflections = self.info.reflections;
+        ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections }
     }
 
     /// Milliseconds that a batch takes, and its frames. All jobs are direct, or none is.

@@ -134,6 +134,7 @@ impl Bench {
             lighting: scene.lighting.clone(),
             visibility: way,
             sampling: Sampling::default(),
+            reflections: None,
         };
         let ids = vec![SampleId { epoch: 0, generation: 1, index }];
         let job = SampleJob { info: Arc::new(info), ids, to_host: false };
@@ -182,6 +183,7 @@ impl Bench {
                     epoch: 0,
                     time_secs: 0.0,
                     visibility: way,
+                    reflections: None,
                 };
                 let sampler = &mut self.sampler;
                 let cancel = Cancel::new();
@@ -243,7 +245,8 @@ fn pixels(camera: &Camera, [width, height]: [u32; 2], samples_per_pixel: u32, pe
         (mixed >> 12) % 100 < percent
     };
     let pixels = (0..width * height).filter(holed).collect();
-    PixelJob { camera: *camera, width, height, pixels, samples_per_pixel, epoch: 0, time_secs: 0.0 }
+    let (camera, reflections) = (*camera, None);
+    PixelJob { camera, width, height, pixels, samples_per_pixel, epoch: 0, time_secs: 0.0, reflections }
 }
 
 /// Milliseconds of one call, the median of the rounds after the first.

@@ -422,6 +422,7 @@ mod tests {
             epoch: 0,
             time_secs: 0.0,
             visibility: Visibility::default(),
+            reflections: None,
         };
         let taken = |count| -> Vec<u32> {
             every((0..12).map(job).collect(), count).iter().map(|j| j.width).collect()

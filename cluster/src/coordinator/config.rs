@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_scene::{InvalidField, RigKnobs, Sampling};
+use argus_scene::{InvalidField, Reflections, RigKnobs, Sampling};
 use serde::Serialize;
 
 use crate::core;
@@ -19,6 +19,8 @@ pub struct Config {
     pub rig: RigKnobs,
     /// What samples are rendered from, for which the rig must have the cameras.
     pub sampling: Sampling,
+    /// What the maps are like that glossy and transparent surfaces look up, of a scene that has some; `None`: there are none.
+    pub reflections: Option<Reflections>,
     /// Seconds that an animated scene moves on in a second; 0 holds it still.
     pub time_scale: f64,
     /// Whether time changes what is seen though nothing of the scene moves: where workers are told of lights that do.
@@ -52,6 +54,7 @@ impl Default for Config {
             core: core::Config::default(),
             rig: RigKnobs::default(),
             sampling: Sampling::default(),
+            reflections: None,
             time_scale: 1.0,
             drifts: false,
             models: Vec::new(),

@@ -18,7 +18,7 @@ use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::cluster_server::ClusterServer;
 use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
-use argus_scene::{InvalidField, Rig, SampleSetInfo, Visibility};
+use argus_scene::{InvalidField, Rig, SampleSetInfo, Sampling, Surroundings, Visibility};
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
 use tonic::service::Routes;
@@ -74,6 +74,14 @@ pub async fn serve(
         // As the configuration says, or as is measured.
         visibility: Visibility::default(),
         sampling: config.sampling,
+        reflections: match config.reflections {
+            Some(_) if config.sampling != Sampling::Triangles => {
+                let reason = "maps are looked up by samples from triangles, and megaviews has none: take one of the two";
+                return Err(ServeError::Sampling(InvalidField::new("reflections", reason)));
+            }
+            Some(knobs) => Surroundings::of(scene, knobs).map_err(ServeError::Sampling)?,
+            None => None,
+        },
     });
     let standing = Standing {
         scene: SceneRef { name: scene.name.clone(), hash: scene.hash },

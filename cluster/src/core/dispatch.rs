@@ -260,7 +260,7 @@ impl Core {
     pub(super) fn sample_ids(&self, camera: &Camera, count: usize, epoch: u64) -> Vec<SampleId> {
         let generation = self.set.generation;
         let indices = self.set.rig.nearest_among(camera, count, self.placement.usable()).into_iter();
-        indices.map(|index| SampleId { epoch, generation, index }).collect()
+        self.set.with_surroundings(indices.map(|index| SampleId { epoch, generation, index }).collect())
     }
 
     /// How long the views of one kind that are in flight will take those who play that role, as far as their

@@ -66,6 +66,7 @@ mod tests {
             lighting: Lighting::default(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            reflections: None,
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Holes, InvalidField, Plan, Preset, Provenance, Rig, SampleId, SampleSetInfo, Sampling, Search, View,
-    Visibility, Warp,
+    Holes, InvalidField, Plan, Preset, Provenance, Reflections, SampleId, SampleSetInfo, Sampling, Search,
+    View, Visibility, Warp,
 };
 
 use super::config::Config;
@@ -54,7 +54,9 @@ pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) 
         steps: request.steps.unwrap_or(usual_steps),
         supersampling: side,
         holes: request.holes.unwrap_or(if exact { Holes::Trace } else { Holes::Mark }),
-        samples: indices.into_iter().map(|index| SampleId { epoch, generation, index }).collect(),
+        samples: set.with_surroundings(
+            indices.into_iter().map(|index| SampleId { epoch, generation, index }).collect(),
+        ),
     }))
 }
 
@@ -80,6 +82,14 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
             return differs("samples by", said(theirs), said(ours));
         }
     }
+    if !pin.device.is_empty() {
+        let ours = set.device("");
+        let [theirs, ours] = [&pin.device, &ours].map(|device| Reflections::of_device(device).1);
+        if theirs != ours {
+            let said = |by: Option<&str>| by.map_or("none".to_owned(), |by| format!("by maps {by}"));
+            return differs("reflections", said(theirs), said(ours));
+        }
+    }
     match Visibility::of_device(&pin.device).1 {
         None => return Err(Fault::Pin(format!("{:?} names no way to see triangles", pin.device))),
         Some(way) if sampled && !pin.device.is_empty() && way != set.visibility => {
@@ -87,11 +97,11 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
         }
         Some(_) => (),
     }
-    Ok(check_plan(&pin.plan, &set.rig, (pin.epoch, set.generation))?)
+    Ok(check_plan(&pin.plan, set, (pin.epoch, set.generation))?)
 }
 
 /// Plans come from outside only as pins; what [`View::validate`] checks of a wish is checked here of a plan.
-fn check_plan(plan: &Plan, rig: &Rig, of: (u64, u64)) -> Result<(), InvalidField> {
+fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), InvalidField> {
     let within = |field, n: u32, most: u32| match (1..=most).contains(&n) {
         true => Ok(()),
         false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {n}"))),
@@ -114,18 +124,19 @@ fn check_plan(plan: &Plan, rig: &Rig, of: (u64, u64)) -> Result<(), InvalidField
             }
             within("pin.plan.warp.supersampling", *supersampling, 8)?;
             let field = "pin.plan.warp.samples";
-            if !(1..=8).contains(&samples.len()) {
-                return Err(InvalidField::new(
-                    field,
-                    format!("must be 1 to 8 samples, not {}", samples.len()),
-                ));
+            let of_rig = samples.iter().filter(|id| !id.is_surroundings()).count();
+            if !(1..=8).contains(&of_rig) {
+                return Err(InvalidField::new(field, format!("must be 1 to 8 samples, not {of_rig}")));
+            }
+            if set.reflections.is_some() && of_rig == samples.len() {
+                return Err(InvalidField::new(field, "must have the surroundings that are reflected"));
             }
             for (i, id) in samples.iter().enumerate() {
                 if (id.epoch, id.generation) != of {
                     let reason = format!("sample {id} is not of epoch {}, generation {}", of.0, of.1);
                     return Err(InvalidField::new(field, reason));
                 }
-                rig.camera(id.index).map_err(|e| InvalidField::new(field, e.reason))?;
+                set.camera(id.index).map_err(|e| InvalidField::new(field, e.reason))?;
                 if samples[..i].contains(id) {
                     return Err(InvalidField::new(field, format!("sample {id} is named twice")));
                 }

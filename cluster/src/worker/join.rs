@@ -206,7 +206,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
     let mut ahead = Vec::with_capacity(wire.sources.len());
     for source in wire.sources {
         let id = SampleId::from(source.id.ok_or_else(|| missing("sources.id"))?);
-        set.rig.camera(id.index)?;
+        set.camera(id.index)?;
         ahead.push((id, source.addresses));
     }
     Ok(Duty {

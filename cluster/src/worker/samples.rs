@@ -91,7 +91,7 @@ fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInf
         return Err(InvalidField::new("indices", reason).into());
     }
     for index in &request.indices {
-        info.rig.camera(*index)?;
+        info.camera(*index)?;
     }
     Ok(info)
 }

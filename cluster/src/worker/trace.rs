@@ -51,6 +51,7 @@ pub(super) async fn fill(
         samples_per_pixel: warp.supersampling * warp.supersampling,
         epoch: job.epoch,
         time_secs: job.time_secs,
+        reflections: job.reflections,
     };
     let scene = frame.provenance.scene;
     let himself = [node.hello.address.clone()];
@@ -118,7 +119,7 @@ pub(super) fn check(node: &Node, request: v1::TraceRequest) -> Result<PixelJob, 
     if scene != info.scene {
         return Err(Fault::NotFound(format!("scene {scene} is not served here")));
     }
-    Ok(job)
+    Ok(PixelJob { reflections: info.reflections, ..job })
 }
 
 /// Puts traced pixels, which are as many as `pixels`, in their places.

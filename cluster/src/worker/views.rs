@@ -266,7 +266,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
             let reason = format!("sample {id} is ordered for a view of {at}");
             return Err(Fault::Unavailable(reason));
         }
-        info.rig.camera(id.index)?;
+        info.camera(id.index)?;
         samples.push((*id, addresses.remove(id).unwrap_or_default()));
     }
     let View { camera, width, height, outputs, pin, .. } = view;
@@ -282,7 +282,8 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         true => outputs.with(Output::Color).with(Output::Confidence),
         false => outputs,
     };
-    let job = ViewJob { camera, width, height, outputs, plan, epoch: order.epoch, time_secs, visibility };
+    let (epoch, reflections) = (order.epoch, info.reflections);
+    let job = ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections };
     Ok(Ordered { job, info, samples, outputs: asked, tracers: order.tracers, pinned: pin.is_some(), device })
 }
 

@@ -71,7 +71,9 @@ fn viewpoint(info: &SampleSetInfo) -> Camera {
 fn view(info: &SampleSetInfo, camera: Camera, plan: Plan) -> ViewJob {
     let ([width, height], visibility) = (SIZE, info.visibility);
     let (epoch, time_secs) = (info.epoch, info.time_secs());
-    ViewJob { camera, width, height, outputs: Outputs::COLOR, plan, epoch, time_secs, visibility }
+    // Maps of surroundings are made when somebody looks: they take what samples take.
+    let (outputs, reflections) = (Outputs::COLOR, None);
+    ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections }
 }
 
 /// Grey, a metre away in all directions.

@@ -297,6 +297,7 @@ pub(crate) fn sample_set(
         lighting: subject.lighting(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        reflections: None,
     };
     let samples = cameras
         .iter()
@@ -341,6 +342,7 @@ pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], se
         epoch: 3,
         time_secs: 0.3,
         visibility: Visibility::default(),
+        reflections: None,
     }
 }
 

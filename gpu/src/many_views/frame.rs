@@ -10,7 +10,7 @@ use super::counters::{self, FrameStats, HEAD, entry};
 use super::fuse::Fuse;
 use super::maps::MAX_ARRAYS;
 use super::schedule::{Step, steps};
-use super::traverse::{Part, Queues, Traverse, Work};
+use super::traverse::{Own, Part, Queues, Traverse, Work};
 use super::view_octree::{ViewOctree, ViewOctreeBuilder};
 use super::{Knobs, MapSet, Occlusion, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, Octree, largest_array};
@@ -39,6 +39,7 @@ pub struct ManyViews {
     multipass_level: u32,
     /// Whether views are traversed each by itself though they might share.
     fell_back: bool,
+    own: Option<Own>,
 }
 
 impl ManyViews {
@@ -54,7 +55,7 @@ impl ManyViews {
         let maps = MapSet::new(gpu, knobs.side, code, 1)?;
         Ok(Self {
             builder: ViewOctreeBuilder::new(gpu),
-            traverse: Traverse::new(gpu, &knobs, &maps),
+            traverse: Traverse::new(gpu, &knobs, &maps, false),
             fuse: Fuse::new(gpu, &maps),
             views: ViewOctree::new(gpu, 0, 0)?,
             maps,
@@ -62,10 +63,27 @@ impl ManyViews {
             parts: Vec::new(),
             multipass_level: 0,
             fell_back: false,
+            own: None,
             gpu: Arc::clone(gpu),
             octree,
             knobs,
         })
+    }
+
+    /// Leaves out of each view what is its own from now on.
+    ///
+    /// # Errors
+    /// [`HierarchyError::OutOfRange`] where views share maps: what is one's own is another's to see.
+    pub fn leave_out(&mut self, own: Own) -> Result<(), HierarchyError> {
+        if self.knobs.sharing {
+            let range = "off where views leave out what is their own".to_owned();
+            return Err(HierarchyError::OutOfRange { field: "sharing", range, value: "on".to_owned() });
+        }
+        if self.own.is_none() {
+            self.traverse = Traverse::new(&self.gpu, &self.knobs, &self.maps, true);
+        }
+        self.own = Some(own);
+        Ok(())
     }
 
     /// Renders the maps of all views. A frame in which a queue or the maps overflowed is thrown away and run again,
@@ -220,7 +238,7 @@ impl ManyViews {
 
     fn work<'a>(&'a self, steps: &'a [Step]) -> Work<'a> {
         let Self { octree, views, maps, queues, knobs, .. } = self;
-        Work { octree, views, maps, queues, knobs, steps }
+        Work { octree, views, maps, queues, knobs, steps, own: self.own.as_ref() }
     }
 
     fn record(&self, commands: &mut Commands, views: &ViewList, steps: &[Step]) {
@@ -285,7 +303,7 @@ impl ManyViews {
         let maps = MapSet::new(&self.gpu, self.knobs.side, self.maps.code, maps)?;
         debug_assert!(maps.arrays.len() <= MAX_ARRAYS as usize);
         if maps.arrays.len() != self.maps.arrays.len() {
-            self.traverse = Traverse::new(&self.gpu, &self.knobs, &maps);
+            self.traverse = Traverse::new(&self.gpu, &self.knobs, &maps, self.own.is_some());
             self.fuse = Fuse::new(&self.gpu, &maps);
         }
         self.maps = maps;

@@ -40,6 +40,17 @@ pub(super) struct Work<'a> {
     pub(super) queues: &'a Queues,
     pub(super) knobs: &'a Knobs,
     pub(super) steps: &'a [Step],
+    pub(super) own: Option<&'a Own>,
+}
+
+/// What views do not see though it is there: what is their own, as a thing is to the view from its middle.
+#[derive(Debug, Clone)]
+pub struct Own {
+    /// A word a node of the octree: 1 + the number of the view that it belongs to with all that is in it, 0 where that is
+    /// several or none.
+    pub of_nodes: Buffer,
+    /// What number the first view of a list has.
+    pub first: u32,
 }
 
 /// A part of the frame whose queues are held at once.
@@ -108,7 +119,7 @@ pub(super) fn with_maps<'a>(mut call: ComputeCall<'a>, maps: &'a MapSet) -> Comp
 
 impl Traverse {
     /// For maps like these, however many.
-    pub(super) fn new(gpu: &Gpu, knobs: &Knobs, maps: &MapSet) -> Self {
+    pub(super) fn new(gpu: &Gpu, knobs: &Knobs, maps: &MapSet, leaves_out: bool) -> Self {
         let of_maps = maps.constants();
         let divide = |views: bool, leaves: bool| {
             let own = [
@@ -117,6 +128,7 @@ impl Traverse {
                 ("culls", f64::from(knobs.culling)),
                 ("occludes", f64::from(knobs.occlusion != Occlusion::Off)),
                 ("alone", f64::from(!knobs.sharing)),
+                ("leaves_out", f64::from(leaves_out)),
                 ("reach", f64::from(knobs.threshold.ceil())),
             ];
             gpu.compute_pipeline_with(&TRAVERSE, "divide", &[&own[..], &of_maps].concat())
@@ -203,7 +215,7 @@ impl Traverse {
         part: Part,
         [near, far]: [f32; 2],
     ) {
-        let Work { octree, views, maps, queues, knobs, steps } = work;
+        let Work { octree, views, maps, queues, knobs, steps, own } = work;
         let index = index as usize;
         let cells = (1u32 << step.scene_level) as f32;
         let mut pairs = PairStep {
@@ -222,6 +234,7 @@ impl Traverse {
             near,
             far,
             leaf_views: u32::from(step.view_level == views.depth),
+            first_owner: own.map_or(0, |own| own.first),
         };
         if let Part::Octants { level, .. } = part {
             if step.divides_views && step.view_level <= level {
@@ -239,12 +252,14 @@ impl Traverse {
             .read("view_maps", &views.node_maps)
             .read("queue", &queues.pairs[index % 2])
             .write("next", &queues.pairs[(index + 1) % 2])
-            .write("counters", &queues.counters);
+            .write("counters", &queues.counters)
+            // Not looked at where views own nothing.
+            .read("owners", own.map_or(&octree.codes, |own| &own.of_nodes));
         with_maps(call, maps).immediates(bytemuck::bytes_of(&pairs)).dispatch_indirect(&queues.arguments, 0);
     }
 
     fn fill(&self, commands: &mut Commands, work: &Work<'_>, counters: u32) {
-        let Work { octree, views, maps, queues, knobs, steps } = work;
+        let Work { octree, views, maps, queues, knobs, steps, .. } = work;
         let cells = (1u32 << octree.depth) as f32;
         let step = FillStep {
             cells,

@@ -75,7 +75,10 @@ pub fn trace_job(
     let pixels = taken(&wire.runs, u64::from(wire.width) * u64::from(wire.height))?;
     let View { camera, width, height, .. } = view;
     let v1::TraceRequest { samples_per_pixel, epoch, .. } = wire;
-    Ok((scene, PixelJob { camera, width, height, pixels, samples_per_pixel, epoch, time_secs }))
+    Ok((
+        scene,
+        PixelJob { camera, width, height, pixels, samples_per_pixel, epoch, time_secs, reflections: None },
+    ))
 }
 
 /// Inverse of [`runs`] for a view of `count` pixels.
@@ -208,7 +211,16 @@ mod tests {
 
     fn job(width: u32, height: u32, pixels: Vec<u32>) -> PixelJob {
         let camera = argus_scene::Camera::look_at(glam::DVec3::ONE, glam::DVec3::ZERO);
-        PixelJob { camera, width, height, pixels, samples_per_pixel: 4, epoch: 3, time_secs: 0.5 }
+        PixelJob {
+            camera,
+            width,
+            height,
+            pixels,
+            samples_per_pixel: 4,
+            epoch: 3,
+            time_secs: 0.5,
+            reflections: None,
+        }
     }
 
     fn pixels(count: usize) -> Pixels {

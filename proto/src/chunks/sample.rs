@@ -195,14 +195,14 @@ impl SampleAssembler {
 impl Header {
     fn check(id: SampleId, header: v1::SampleHeader, info: &SampleSetInfo) -> Result<Self, InvalidField> {
         let camera: SampleCamera = required(header.camera, "sample.camera")?.try_into()?;
-        let due = info.rig.camera(id.index)?;
+        let due = info.camera(id.index)?;
         // Not the whole camera: the last bit of a tangent may differ between machines.
         if camera.size() != due.size() || std::mem::discriminant(&camera) != std::mem::discriminant(&due) {
             return Err(InvalidField::new("sample.camera", format!("is not camera {} of the rig", id.index)));
         }
         let mut planes: Vec<PlaneHeader> = Vec::new();
         for plane in header.planes {
-            let plane = PlaneHeader::check(plane, camera.size())?;
+            let plane = PlaneHeader::check(plane, &camera)?;
             if planes.iter().any(|other| other.kind == plane.kind) {
                 return Err(InvalidField::new("planes.kind", format!("{:?} comes twice", plane.kind)));
             }
@@ -242,14 +242,17 @@ impl Header {
 }
 
 impl PlaneHeader {
-    fn check(wire: v1::PlaneHeader, size: [u32; 2]) -> Result<Self, InvalidField> {
+    fn check(wire: v1::PlaneHeader, camera: &SampleCamera) -> Result<Self, InvalidField> {
         let kind = match known(wire.kind, "planes.kind")? {
             v1::PlaneKind::Unspecified => return Err(unspecified("planes.kind")),
             v1::PlaneKind::Radiance => PlaneKind::Radiance,
             v1::PlaneKind::InverseRange => PlaneKind::InverseRange,
             v1::PlaneKind::Normal => PlaneKind::Normal,
             v1::PlaneKind::Specular => PlaneKind::Specular,
+            v1::PlaneKind::Reflector => PlaneKind::Reflector,
+            v1::PlaneKind::Place => PlaneKind::Place,
         };
+        let size = Plane::size_of(kind, camera);
         let format = match known(wire.format, "planes.format")? {
             v1::PlaneFormat::Unspecified => return Err(unspecified("planes.format")),
             v1::PlaneFormat::Rgb9e5Ufloat => PlaneFormat::Rgb9e5Ufloat,
@@ -257,6 +260,7 @@ impl PlaneHeader {
             v1::PlaneFormat::R32Float => PlaneFormat::R32Float,
             v1::PlaneFormat::Rg16Snorm => PlaneFormat::Rg16Snorm,
             v1::PlaneFormat::Rgba8Unorm => PlaneFormat::Rgba8Unorm,
+            v1::PlaneFormat::R32Uint => PlaneFormat::R32Uint,
         };
         if [wire.width, wire.height] != size {
             let reason =
@@ -288,6 +292,8 @@ fn wire_kind(kind: PlaneKind) -> v1::PlaneKind {
         PlaneKind::InverseRange => v1::PlaneKind::InverseRange,
         PlaneKind::Normal => v1::PlaneKind::Normal,
         PlaneKind::Specular => v1::PlaneKind::Specular,
+        PlaneKind::Reflector => v1::PlaneKind::Reflector,
+        PlaneKind::Place => v1::PlaneKind::Place,
     }
 }
 
@@ -298,5 +304,6 @@ fn wire_format(format: PlaneFormat) -> v1::PlaneFormat {
         PlaneFormat::R32Float => v1::PlaneFormat::R32Float,
         PlaneFormat::Rg16Snorm => v1::PlaneFormat::Rg16Snorm,
         PlaneFormat::Rgba8Unorm => v1::PlaneFormat::Rgba8Unorm,
+        PlaneFormat::R32Uint => v1::PlaneFormat::R32Uint,
     }
 }

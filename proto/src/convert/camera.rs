@@ -1,7 +1,7 @@
 //! Cameras, boxes, sample cameras.
 
 use argus_scene::scene::NamedCamera;
-use argus_scene::{Bounds, Camera, InvalidField, OmniLayout, SampleCamera};
+use argus_scene::{Bounds, Camera, InvalidField, OmniLayout, Reflections, SampleCamera};
 use glam::DVec3;
 
 use super::{point, required};
@@ -94,6 +94,9 @@ impl From<&SampleCamera> for v1::SampleCamera {
                 layout: Some(match *layout {
                     OmniLayout::CubeFaces { face } => Layout::CubeFace(face),
                     OmniLayout::DualParaboloid { side } => Layout::ParaboloidSide(side),
+                    OmniLayout::Surroundings { side, count } => {
+                        Layout::Surroundings(v1::SurroundingsLayout { side, count })
+                    }
                 }),
             }),
         };
@@ -130,6 +133,14 @@ impl TryFrom<v1::SampleCamera> for SampleCamera {
                     Layout::ParaboloidSide(side) => OmniLayout::DualParaboloid {
                         side: within("sample.camera.omni.paraboloid_side", side, 1, 4096)?,
                     },
+                    Layout::Surroundings(v1::SurroundingsLayout { side, count }) => {
+                        let knobs = Reflections { side, ..Reflections::default() };
+                        knobs.validate()?;
+                        OmniLayout::Surroundings {
+                            side,
+                            count: within("sample.camera.omni.surroundings.count", count, 1, 1024)?,
+                        }
+                    }
                 },
             }),
         }

@@ -1,8 +1,8 @@
 //! Light, rigs, and what a sample set's samples have in common.
 
 use argus_scene::{
-    Bounds, Effect, InvalidField, Light, Lighting, MegaViews, Rig, SampleId, SampleSetInfo, Sampling, Sky,
-    Stage, Visibility,
+    Bounds, Effect, InvalidField, Light, Lighting, MegaViews, Reflections, Rig, SampleId, SampleSetInfo,
+    Sampling, Sky, Stage, Surroundings, Visibility,
 };
 use glam::DVec3;
 
@@ -217,6 +217,12 @@ impl From<&SampleSetInfo> for v1::SampleSetInfo {
             lighting: Some((&info.lighting).into()),
             visibility: v1::Visibility::from(info.visibility) as i32,
             sampling: sampling_to_wire(info.sampling),
+            reflections: info.reflections.map(|Surroundings { knobs, count }| v1::Surroundings {
+                side: knobs.side,
+                levels: knobs.levels,
+                most: knobs.most,
+                count,
+            }),
         }
     }
 }
@@ -228,6 +234,10 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
         let rig: Rig = required(wire.rig, "set.rig")?.try_into()?;
         let sampling = sampling(wire.sampling);
         sampling.validate(&rig)?;
+        let reflections = wire.reflections.map(|v1::Surroundings { side, levels, most, count }| {
+            Surroundings { knobs: Reflections { side, levels, most }, count }
+        });
+        reflections.map_or(Ok(()), |maps| maps.validate())?;
         Ok(Self {
             scene: scene_hash(&wire.scene_hash, "set.scene_hash")?,
             bounds: required::<v1::Bounds>(wire.bounds, "set.bounds").and_then(Bounds::try_from)?,
@@ -238,6 +248,7 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
             lighting: required(wire.lighting, "set.lighting")?.try_into()?,
             visibility: visibility(wire.visibility, "set.visibility")?,
             sampling,
+            reflections,
         })
     }
 }

@@ -1,8 +1,8 @@
 //! Views, plans and provenance.
 
 use argus_scene::{
-    Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset, Provenance, Search,
-    Served, View, Warp,
+    Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset, Provenance,
+    SampleId, Search, Served, View, Warp,
 };
 
 use super::{duration_ms, known, required, scene_hash, scene_hash_bytes, unspecified};
@@ -223,8 +223,10 @@ impl TryFrom<v1::Plan> for Plan {
                 Self::Direct { samples_per_pixel }
             }
             Kind::Warp(plan) => {
-                if !(1..=MAX_PLAN_SAMPLES).contains(&plan.samples.len()) {
-                    let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {}", plan.samples.len());
+                // Surroundings come on top; nobody needs them twice.
+                let of_rig = plan.samples.iter().filter(|id| id.index != SampleId::SURROUNDINGS).count();
+                if !(1..=MAX_PLAN_SAMPLES).contains(&of_rig) || plan.samples.len() > of_rig + 1 {
+                    let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {of_rig}");
                     return Err(InvalidField::new("plan.warp.samples", reason));
                 }
                 let search = search(plan.search)?.ok_or_else(|| unspecified("plan.warp.search"))?;

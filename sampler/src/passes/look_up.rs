@@ -2,7 +2,7 @@
 
 use argus_gpu::hierarchy::Octree;
 use argus_gpu::many_views::ManyViews;
-use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_gpu::{Commands, ComputeCall, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::sampler::LookUp as Parameters;
 use argus_shaders::sampler::LOOK_UP;
 
@@ -43,7 +43,21 @@ impl LookUp {
         view: u32,
     ) {
         let TileContext { gpu, eye, targets, tile, rays, .. } = context;
-        let (octree, set) = (maps.octree, maps.views.maps());
+        let told = maps.told(gpu, view);
+        let [width, height] = tile.sub_samples();
+        maps.bind(commands.compute("look maps up", &self.pipeline))
+            .read("rays", rays)
+            .read("told", &told)
+            .read("lighting", &eye.lighting)
+            .write("shaded", &targets.shaded)
+            .dispatch_threads([width, height, 1]);
+    }
+}
+
+impl Maps<'_> {
+    /// What a program is told of them, a uniform; `view` is the one that is looked up, or the first.
+    pub(crate) fn told(&self, gpu: &Gpu, view: u32) -> wgpu::Buffer {
+        let (octree, set) = (self.octree, self.views.maps());
         let cell = octree.root.edge * (-f64::from(octree.depth)).exp2();
         let told = Parameters {
             view,
@@ -52,17 +66,15 @@ impl LookUp {
             edge: octree.root.edge as f32,
             radius: (0.5 * 3f64.sqrt() * cell) as f32,
         };
-        let told = gpu.upload("look up", &[told], wgpu::BufferUsages::UNIFORM);
-        let [width, height] = tile.sub_samples();
-        with_node_maps(commands.compute("look maps up", &self.pipeline), maps.views)
-            .read("rays", rays)
-            .read("told", &told)
-            .read("lighting", &eye.lighting)
-            .read("nodes", &octree.nodes)
-            .read("surfels", maps.surfels)
-            .read("ends", maps.ends)
-            .read("middles", maps.views.middles())
-            .write("shaded", &targets.shaded)
-            .dispatch_threads([width, height, 1]);
+        gpu.upload("look up", &[told], wgpu::BufferUsages::UNIFORM)
+    }
+
+    /// Binds what a program reads to look them up (`shaders/shared/lit_maps.wgsl`), but for what it is told.
+    pub(crate) fn bind<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
+        with_node_maps(call, self.views)
+            .read("nodes", &self.octree.nodes)
+            .read("surfels", self.surfels)
+            .read("ends", self.ends)
+            .read("middles", self.views.middles())
     }
 }

@@ -15,6 +15,9 @@ const ROW_TEXELS: u32 = 64;
 pub(crate) struct ResolveSample {
     pipeline: ComputePipeline,
     glossy: bool,
+    reflects: bool,
+    /// Bound where surfaces look nothing up.
+    unused: wgpu::Buffer,
 }
 
 /// Planes of one sample in the making.
@@ -26,11 +29,18 @@ pub(crate) struct PlaneBuffers {
 }
 
 impl ResolveSample {
-    /// For a scene with or without glossy materials, and `side` sub-samples along each side of a texel.
-    pub(crate) fn new(gpu: &Gpu, glossy: bool, side: u32) -> Self {
+    /// For a scene with or without glossy materials that may look up what is around them, and `side` sub-samples along each
+    /// side of a texel.
+    pub(crate) fn new(gpu: &Gpu, glossy: bool, side: u32, reflects: bool) -> Self {
         let entry = if glossy { "resolve_glossy" } else { "resolve_matt" };
-        let constants = [("side", f64::from(side))];
-        Self { pipeline: gpu.compute_pipeline_with(&RESOLVE_SAMPLE, entry, &constants), glossy }
+        let reflects = glossy && reflects;
+        let constants = [("side", f64::from(side)), ("reflects", f64::from(u8::from(reflects)))];
+        Self {
+            pipeline: gpu.compute_pipeline_with(&RESOLVE_SAMPLE, entry, &constants),
+            glossy,
+            reflects,
+            unused: gpu.buffer("no reflectors", 16, wgpu::BufferUsages::STORAGE),
+        }
     }
 
     /// Buffers for a sample of `size` texels; rows are padded unless they are read back.
@@ -49,6 +59,9 @@ impl ResolveSample {
         if self.glossy {
             kinds.push((PlaneKind::Normal, PlaneFormat::Rg16Snorm));
             kinds.push((PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
+        }
+        if self.reflects {
+            kinds.push((PlaneKind::Reflector, PlaneFormat::R32Uint));
         }
         let planes = kinds
             .into_iter()
@@ -84,7 +97,10 @@ impl ResolveSample {
             .read("resolve", &parameters)
             .read("shaded", &targets.shaded);
         if let (true, Some(gloss)) = (self.glossy, &targets.gloss) {
-            call = call.read("gloss", gloss);
+            call = call.read("gloss", gloss).read("reflectors", targets.reflectors.as_ref().unwrap_or(gloss));
+            if !self.reflects {
+                call = call.write("reflector_plane", &self.unused);
+            }
         }
         for (kind, _, buffer) in &planes.planes {
             call = call.write(name(*kind), buffer);
@@ -100,6 +116,8 @@ fn name(kind: PlaneKind) -> &'static str {
         PlaneKind::InverseRange => "inverse_range_plane",
         PlaneKind::Normal => "normal_plane",
         PlaneKind::Specular => "specular_plane",
+        PlaneKind::Reflector => "reflector_plane",
+        PlaneKind::Place => "no plane of a sample",
     }
 }
 

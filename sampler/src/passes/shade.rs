@@ -4,6 +4,7 @@ use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE;
 
 use super::TileContext;
+use crate::mirrors::Mirrored;
 use crate::resident::Features;
 use crate::scratch::Guides;
 
@@ -22,14 +23,16 @@ pub(crate) struct Shade {
     pixels: ComputePipeline,
     sample: ComputePipeline,
     glossy: bool,
-    /// Bound where nothing is kept for indirect light.
+    /// Bound where nothing is kept for indirect light or reflections.
     unused: wgpu::Buffer,
 }
 
 impl Shade {
-    /// For a scene with those features; `keeps_guides` for passes that add indirect light.
-    pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool) -> Self {
-        let constants = features.constants(keeps_guides);
+    /// For a scene with those features; `keeps_guides` for passes that add indirect light, `reflects` where surfaces look
+    /// up what is around them.
+    pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool, reflects: bool) -> Self {
+        let mut constants = features.constants(keeps_guides).to_vec();
+        constants.push(("reflects", f64::from(u8::from(reflects))));
         let pipeline = |entry| gpu.compute_pipeline_with(&SHADE, entry, &constants);
         let sample = if features.specular { "shade_glossy_sample" } else { "shade_sample" };
         Self {
@@ -37,13 +40,19 @@ impl Shade {
             pixels: pipeline("shade_pixels"),
             sample: pipeline(sample),
             glossy: features.specular,
-            unused: gpu.buffer("no guides", 16, wgpu::BufferUsages::STORAGE),
+            unused: gpu.buffer("unused", 16, wgpu::BufferUsages::STORAGE),
         }
     }
 
     /// Shades a tile's visibility buffer.
-    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, shading: Shading) {
-        let TileContext { targets, tile, rays, .. } = context;
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        mirrored: &Mirrored,
+        shading: Shading,
+    ) {
+        let TileContext { gpu, eye, targets, tile, rays, .. } = context;
         let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
         if targets.guides.is_some() {
             // The sky keeps none.
@@ -62,8 +71,22 @@ impl Shade {
             .write("guides", guides)
             .write("guide_albedos", albedos)
             .write("shaded", &targets.shaded);
-        if let (Shading::Sample, true, Some(gloss)) = (shading, self.glossy, &targets.gloss) {
-            call = call.write("gloss", gloss);
+        let around =
+            gpu.upload("around", &[mirrored.surroundings.around(eye.position)], wgpu::BufferUsages::UNIFORM);
+        match (shading, &targets.gloss) {
+            (Shading::View, _) => {
+                call = call.read("map_of_instance", &mirrored.map_of_instance).read("around", &around);
+                for (name, resource) in mirrored.surroundings.bindings() {
+                    call = call.read(name, resource);
+                }
+            }
+            (Shading::Sample, Some(gloss)) if self.glossy => {
+                call = call
+                    .write("gloss", gloss)
+                    .read("map_of_instance", &mirrored.map_of_instance)
+                    .write("reflectors", targets.reflectors.as_ref().unwrap_or(&self.unused));
+            }
+            (Shading::Sample, _) => (),
         }
         if let Some(places) = &context.places {
             call = call.read("places", places);

@@ -50,6 +50,8 @@ impl Materials {
         let (first_linear, linear_count) = take(false);
         let mine = first_srgb..first_linear + linear_count;
         let alpha = mine.into_iter().find(|&i| self.slots[i as usize].usage[2] == role::BASE_COLOR);
+        // What is not glossy looks nothing up.
+        let transmission = if material.is_glossy() { material.transmission.to_bits() } else { 0 };
         self.data.push(MaterialData {
             base_color: material.base_color.to_array(),
             emissive: material.emissive.to_array(),
@@ -61,7 +63,7 @@ impl Materials {
                 material.alpha_cutoff().unwrap_or(0.0),
             ],
             textures: [first_srgb, srgb_count, first_linear, linear_count],
-            traits: [u32::from(material.is_glossy()), alpha.map_or(0, |i| i + 1), 0, 0],
+            traits: [u32::from(material.is_glossy()), alpha.map_or(0, |i| i + 1), transmission, 0],
         });
     }
 }

@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
-use argus_scene::{Cancel, MegaViews, RenderError, Sample, SampleId, SampleJob, Stage};
+use argus_scene::{Cancel, Lighting, MegaViews, RenderError, Sample, SampleId, SampleJob, Stage};
 
 use super::{GpuSampler, add_light, check_wanted, sample_tiles};
 use crate::Indirect;
 use crate::eye::Eye;
 use crate::indirect::Spreading;
+use crate::lit_octree::LitOctree;
 use crate::omni_maps::{OmniMaps, groups};
 use crate::passes::TileContext;
 use crate::scratch::Extras;
@@ -71,27 +72,44 @@ impl GpuSampler {
         let mut stages = self.pose(time_secs);
         timing::add(&mut stages, self.light(lighting, time_secs)?);
         let (gpu, resident, sampler) = (self.gpu.clone(), &self.resident, &self.knobs);
-        let maps = self.maps.get_or_insert_with(|| OmniMaps::new(&gpu, resident, sampler, knobs));
+        let mut maps = self.maps.take().unwrap_or_else(|| OmniMaps::new(&gpu, resident, sampler, knobs));
         maps.set_knobs(knobs);
-        let Some(posed) = maps.octree.pose(&gpu, &self.scene, &resident.instances)? else { return Ok(None) };
-        timing::add(&mut stages, posed);
-        let drifts = matches!(self.knobs.indirect, Indirect::Vpl(knobs) if knobs.particles > 0);
-        let octree = &maps.octree;
-        let Some(root) = octree.octree().map(|octree| octree.root) else { return Ok(None) };
+        let lit = self.light_octree(&mut maps.octree, lighting, time_secs, cancel);
+        self.maps = Some(maps);
+        Ok(lit?.map(|lit| {
+            timing::add(&mut stages, lit);
+            stages
+        }))
+    }
+
+    /// Builds an octree of the scene as it is posed and shades its leaves, unless that was done under these lights; `None`
+    /// for a scene without surfaces.
+    pub(super) fn light_octree(
+        &mut self,
+        octree: &mut LitOctree,
+        lighting: &Lighting,
+        time_secs: f64,
+        cancel: &Cancel,
+    ) -> Result<Option<Vec<Stage>>, RenderError> {
+        let (gpu, drifts) = (self.gpu.clone(), self.drifts());
+        let posed = octree.pose(&gpu, &self.scene, &self.resident.instances)?;
+        let (Some(mut stages), Some(root)) = (posed, octree.octree().map(|octree| octree.root)) else {
+            return Ok(None);
+        };
         if octree.is_lit(lighting, time_secs, drifts) {
             return Ok(Some(stages));
         }
-
         let begin = Instant::now();
         let (surfels, chunks) = (octree.make_surfels(&gpu)?, octree.chunks(&gpu));
-        let extras = Extras { gloss: false, guides: self.indirect.is_some() };
-        let eye = Eye::new(&gpu, resident, root.world_from_unit(glam::DVec3::splat(0.5)), lighting)?;
+        let extras = Extras { guides: self.indirect.is_some(), ..Extras::default() };
+        let middle = root.world_from_unit(glam::DVec3::splat(0.5));
+        let eye = Eye::new(&gpu, &self.resident, middle, lighting)?;
         for chunk in &chunks {
             check_wanted(cancel)?;
             let mut commands = gpu.commands("shade leaves");
             let context = TileContext {
                 places: octree.places(),
-                ..TileContext::new(&gpu, resident, &eye, &chunk.tile, &mut self.scratch, extras)
+                ..TileContext::new(&gpu, &self.resident, &eye, &chunk.tile, &mut self.scratch, extras)
             };
             octree.shade(&mut commands, &context, chunk, &surfels);
             let mut commands =
@@ -100,10 +118,15 @@ impl GpuSampler {
             commands.submit().wait()?;
         }
         let mut commands = gpu.commands("average surfels");
-        maps.octree.light(&mut commands, surfels, lighting, time_secs);
+        octree.light(&mut commands, surfels, lighting, time_secs);
         commands.submit().wait()?;
         timing::add_since(&mut stages, "shade leaves", begin);
         Ok(Some(stages))
+    }
+
+    /// Whether light drifts though nothing of the scene moves.
+    pub(super) fn drifts(&self) -> bool {
+        matches!(self.knobs.indirect, Indirect::Vpl(knobs) if knobs.particles > 0)
     }
 
     /// One sample of the group that was traversed last: per tile, look up what each sub-sample sees, choose a surface

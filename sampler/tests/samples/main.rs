@@ -6,6 +6,7 @@ mod against_reference;
 mod hard_cases;
 mod indirect;
 mod megaviews;
+mod mirrors;
 mod motion;
 mod points;
 mod rooms;

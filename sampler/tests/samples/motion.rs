@@ -161,6 +161,7 @@ fn samples_and_pixels_move_too() {
         samples_per_pixel: 1,
         epoch: 6,
         time_secs: job.time_secs,
+        reflections: None,
     };
     direct(&mut moving, &at_epoch(&job, 1));
     let some = moving.render_pixels(&[wanted], &argus_scene::Cancel::new()).remove(0).expect("renders");

@@ -91,6 +91,7 @@ pub(crate) fn off_in_a_list(sampler: &mut GpuSampler, samples_per_pixel: u32) ->
         samples_per_pixel,
         epoch: 0,
         time_secs: 0.0,
+        reflections: None,
     };
     let found = sampler.render_pixels(&[job], &Cancel::new()).remove(0).expect("renders");
     let off = |(i, &pixel): (usize, &u32)| {

@@ -182,6 +182,7 @@ fn a_list_of_pixels_holds_what_the_traced_view_holds_byte_for_byte() {
                 samples_per_pixel: samples,
                 epoch: 0,
                 time_secs: 0.0,
+                reflections: None,
             };
             let found = sampler.render_pixels(&[job], &Cancel::new()).remove(0).unwrap();
             for (i, &pixel) in pixels.iter().enumerate() {
@@ -207,6 +208,7 @@ fn no_pixels_cost_nothing_and_a_pixel_beyond_the_view_is_refused() {
         samples_per_pixel: 1,
         epoch: 0,
         time_secs: 0.0,
+        reflections: None,
     };
     let jobs = [job(Vec::new()), job(vec![SIZE[0] * SIZE[1]])];
     let mut results = sampler.render_pixels(&jobs, &Cancel::new());

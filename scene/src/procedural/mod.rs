@@ -1,10 +1,11 @@
 //! Generated scenes, the same triangles on every machine.
 //!
-//! [`terrain`] is the scene that needs no file: after the cluster paper's (section 5), one highly
+//! [`terrain`] and [`mirrors`] are the scenes that need no file. The first is after the cluster paper's (section 5): one highly
 //! tessellated tree over a height-field terrain, with a lake for a surface whose look depends on the viewer.
 
 mod ground;
 mod lake;
+mod mirrors;
 mod noise;
 mod occlusion;
 mod textures;
@@ -16,6 +17,7 @@ use glam::{DAffine3, DVec3, Vec4};
 
 use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Camera, Lighting, Material, Mesh, Scene, SceneHash, TextureRef};
+pub use mirrors::{DEFAULT_MIRRORS, MIRRORS, mirrors};
 use noise::Random;
 use occlusion::{Crown, GroundOcclusion};
 

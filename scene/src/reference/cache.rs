@@ -93,6 +93,11 @@ fn name_with(
         hasher.update(b"indirect");
         hasher.update(bytemuck::bytes_of(&[paths, bounces]));
     }
+    if let Some(reflecting) = &tracer.reflecting {
+        hasher.update(b"reflecting");
+        hasher.update(&reflecting.rays.to_le_bytes());
+        hasher.update(bytemuck::cast_slice(&reflecting.instances));
+    }
     format!("{}.ref", hasher.finalize().to_hex())
 }
 

@@ -99,7 +99,7 @@ impl Tracer {
             let hit = self.trace(rays.eye, direction);
             sum += self.radiance_of(hit.as_ref(), direction, dx, dy);
             if let (Some((indirect, pixel)), Some(hit)) = (indirect, &hit) {
-                let surface = self.surface(hit, direction, dx, dy);
+                let (surface, _) = self.without_transmitted(hit, &self.surface(hit, direction, dx, dy));
                 let seed = pixel << 16 | u64::from(i);
                 sum += surface.albedo * self.indirect_by_pi(hit, &surface, direction, indirect, seed);
             }

@@ -21,12 +21,14 @@ mod boxes;
 pub mod cache;
 mod image;
 mod indirect;
+mod reflection;
 mod surface;
 mod tracer;
 mod triangle;
 
 pub use self::image::ReferenceImage;
 pub use indirect::Indirect;
+pub use reflection::Reflecting;
 pub use tracer::{Hit, Tracer};
 
 /// Changes whenever the same scene and camera would give another image, so that stored images of an older

@@ -6,8 +6,9 @@ use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::boxes::BoxTree;
+use super::reflection::Reflecting;
 use super::triangle::{Crossing, ShearedRay};
-use crate::shading::{diffuse_radiance, sky_radiance, specular_radiance};
+use crate::shading::{diffuse_radiance, reflected_lights, reflected_sky, sky_radiance};
 use crate::texture::{MipChain, mip_chains, transform_uv};
 use crate::{Bounds, Instance, Material, Mesh, Pose, Scene};
 
@@ -44,6 +45,8 @@ pub struct Tracer {
     placed: Vec<Placed>,
     top: BoxTree,
     pub(super) content_hash: OnceLock<blake3::Hash>,
+    /// Things that show what is around them.
+    pub(super) reflecting: Option<Reflecting>,
 }
 
 /// Triangles of one mesh in the order of their tree, so that a leaf's lie side by side.
@@ -77,7 +80,8 @@ impl Tracer {
         let (placed, top) = place(&scene, &pose, &boxes);
         let textures = Arc::new(mip_chains(&scene));
         let (meshes, boxes) = (Arc::new(meshes), Arc::new(boxes));
-        Self { scene, pose, textures, meshes, boxes, placed, top, content_hash: OnceLock::new() }
+        let content_hash = OnceLock::new();
+        Self { scene, pose, textures, meshes, boxes, placed, top, content_hash, reflecting: None }
     }
 
     /// The same scene at another time, seconds. What does not move is shared, so that this takes as long as there
@@ -98,6 +102,7 @@ impl Tracer {
             placed,
             top,
             content_hash,
+            reflecting: self.reflecting.clone(),
         }
     }
 
@@ -186,7 +191,22 @@ impl Tracer {
         let lighting = &self.pose.lighting;
         let Some(hit) = hit else { return sky_radiance(&lighting.sky, direction.as_vec3()) };
         let surface = self.surface(hit, direction, dx, dy);
-        diffuse_radiance(&surface, lighting) + specular_radiance(&surface, -direction.as_vec3(), lighting)
+        let to_eye = -direction.as_vec3();
+        let (surface, transmitted) = self.without_transmitted(hit, &surface);
+        let around = self
+            .sent_of_around(hit, &surface, transmitted, direction)
+            .unwrap_or_else(|| reflected_sky(&surface, to_eye, lighting));
+        let shining = match surface.f0 == Vec3::ZERO {
+            true => Vec3::ZERO,
+            false => around + reflected_lights(&surface, to_eye, lighting),
+        };
+        diffuse_radiance(&surface, lighting) + shining
+    }
+
+    /// The material of what a ray met.
+    pub(super) fn material_of(&self, hit: &Hit) -> &Material {
+        let instance = &self.pose.instances[hit.instance as usize];
+        &self.scene.materials[self.scene.meshes[instance.mesh as usize].material as usize]
     }
 }
 

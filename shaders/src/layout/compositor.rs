@@ -1,7 +1,7 @@
 //! `shaders/compositor/*.wgsl` and what they share: the compositor's side of the GPU.
 
 use super::Mirror;
-use super::shared::Lighting;
+use super::shared::{Around, Lighting};
 
 /// All of this file's.
 pub(super) const MIRRORS: &[Mirror] = &[
@@ -86,10 +86,12 @@ mirror! {
         pub piece_size: [u32; 2],
         /// Sky, exposure and number of lights.
         pub lighting: Lighting,
+        /// Where maps of surroundings lie about the eye.
+        pub around: Around,
         /// The plan's samples, in its order.
         pub samples: [ViewSample; MAX_SAMPLES],
         /// As many as make 768 bytes, so that an array's elements lie where uniforms may.
-        pub _pad: [f32; 16],
+        pub _pad: [f32; 12],
     }
 }
 

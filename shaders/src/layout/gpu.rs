@@ -118,6 +118,8 @@ mirror! {
         pub far: f32,
         /// 1: the view nodes of the pairs tested are leaves.
         pub leaf_views: u32,
+        /// The owner of what belongs to the first view.
+        pub first_owner: u32,
     }
 }
 

@@ -22,6 +22,8 @@ pub(super) const MIRRORS: &[Mirror] = &[
     LeafChunk::MIRROR,
     NodeLevel::MIRROR,
     LookUp::MIRROR,
+    LookAround::MIRROR,
+    OwnLevel::MIRROR,
     Blocks::MIRROR,
     Chosen::MIRROR,
     Receive::MIRROR,
@@ -92,7 +94,8 @@ mirror! {
         pub factors: [f32; 4],
         /// First sRGB-encoded texture among all slots, how many, first of the others, how many.
         pub textures: [u32; 4],
-        /// Whether it has a specular lobe; 1 + the index of the base colour's slot, or 0.
+        /// Whether it has a specular lobe; 1 + the index of the base colour's slot, or 0; the share of light that passes
+        /// through, f32 bits.
         pub traits: [u32; 4],
     }
 }
@@ -363,9 +366,9 @@ mirror! {
 }
 
 mirror! {
-    /// What `sampler/look_up.wgsl` is told.
+    /// What is told of maps of an octree: `shared/lit_maps.wgsl`.
     pub struct LookUp {
-        /// Number of the camera among the views that maps were rendered for.
+        /// Number of the camera, or of the first, among the views that maps were rendered for.
         pub view: u32,
         /// Maps of one array: 2 to the power of this.
         pub map_shift: u32,
@@ -375,6 +378,34 @@ mirror! {
         pub edge: f32,
         /// Radius of the ball around a leaf's cell, metres.
         pub radius: f32,
+    }
+}
+
+mirror! {
+    /// A level of maps of surroundings: `sampler/look_around.wgsl`.
+    pub struct LookAround {
+        /// Texels on a side of the finest level.
+        pub side: u32,
+        /// Columns of a map.
+        pub columns: u32,
+        /// Rows of a map.
+        pub rows: u32,
+        /// Texels on a side of this level.
+        pub level_side: u32,
+        /// Its first row within the map.
+        pub level_row: u32,
+        /// Roughness that it stands for.
+        pub roughness: f32,
+    }
+}
+
+mirror! {
+    /// A level of an octree: `sampler/own_nodes.wgsl`.
+    pub struct OwnLevel {
+        /// First node.
+        pub first: u32,
+        /// Nodes.
+        pub count: u32,
     }
 }
 

@@ -3,7 +3,7 @@
 use super::Mirror;
 
 /// All of this file's.
-pub(super) const MIRRORS: &[Mirror] = &[Light::MIRROR, Lighting::MIRROR];
+pub(super) const MIRRORS: &[Mirror] = &[Light::MIRROR, Lighting::MIRROR, Around::MIRROR];
 
 mirror! {
     /// A light, relative to the origin of the pass that shades: `shared/shading.wgsl`.
@@ -24,6 +24,16 @@ mirror! {
         pub cos_outer: f32,
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: [f32; 3],
+    }
+}
+
+mirror! {
+    /// Where maps of surroundings lie about the eye: `shared/surroundings.wgsl`.
+    pub struct Around {
+        /// The middle of the scene's bounds, metres from the eye.
+        pub middle: [f32; 3],
+        /// Texels on a side of a map's finest level.
+        pub side: f32,
     }
 }
 

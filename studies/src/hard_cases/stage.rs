@@ -155,6 +155,7 @@ impl Stages {
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            reflections: None,
         });
         let mut ids: Vec<SampleId> =
             poses.iter().flat_map(|pose| nearest(&info, &pose.camera, pose.samples)).collect();
@@ -240,6 +241,7 @@ impl Stage {
             epoch: 0,
             time_secs: 0.0,
             visibility: Visibility::default(),
+            reflections: None,
         }
     }
 }

@@ -391,6 +391,7 @@ impl Stage {
             epoch: 0,
             time_secs: 0.0,
             visibility: Visibility::default(),
+            reflections: None,
         };
         let sampler = |indirect| {
             let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };

@@ -49,5 +49,6 @@ fn set_info(moves: bool, cell: Option<f64>) -> SampleSetInfo {
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        reflections: None,
     }
 }

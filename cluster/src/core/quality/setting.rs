@@ -36,7 +36,7 @@ impl Setting {
                 search: warp.search,
                 steps: if warp.search.takes_steps() { warp.steps } else { 0 },
                 supersampling: warp.supersampling,
-                samples: u32::try_from(warp.samples.len()).unwrap_or(u32::MAX),
+                samples: warp.samples.iter().filter(|id| !id.is_surroundings()).count() as u32,
                 holes: warp.holes,
             },
         }

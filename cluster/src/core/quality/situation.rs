@@ -82,9 +82,9 @@ fn texels_per_radian(camera: &SampleCamera) -> f64 {
         }
         // A face covers a right angle; so does half of a paraboloid's hemisphere, a little more coarsely.
         SampleCamera::Omni { layout, .. } => match layout {
-            OmniLayout::CubeFaces { face: side } | OmniLayout::DualParaboloid { side } => {
-                0.5 * f64::from(*side)
-            }
+            OmniLayout::CubeFaces { face: side }
+            | OmniLayout::DualParaboloid { side }
+            | OmniLayout::Surroundings { side, .. } => 0.5 * f64::from(*side),
         },
     }
 }

@@ -41,6 +41,7 @@ pub(crate) fn view_job(camera: Camera, size: [u32; 2], samples_per_pixel: u32) -
         plan: Plan::Direct { samples_per_pixel },
         epoch: 0,
         time_secs: 0.0,
+        reflections: None,
         visibility: Visibility::default(),
     }
 }
@@ -78,6 +79,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         lighting: scene.lighting.clone(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        reflections: None,
     };
     SampleJob { info: Arc::new(info), ids: vec![SampleId { epoch: 0, generation: 7, index }], to_host }
 }

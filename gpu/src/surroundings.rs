@@ -1,0 +1,159 @@
+//! Maps of what is around reflectors, as both roles look them up: `shaders/shared/surroundings.wgsl`.
+
+use argus_scene::reflection::map_size;
+use argus_scene::{
+    InvalidField, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Sample, SampleCamera,
+};
+use argus_shaders::layout::shared::Around;
+use bytes::Bytes;
+use glam::DVec3;
+
+use crate::plane::texture_format;
+use crate::{Bindable, Gpu};
+
+/// The maps of one moment of a scene, on a device.
+#[derive(Debug)]
+pub struct Surroundings {
+    radiance: wgpu::TextureView,
+    inverse_range: wgpu::TextureView,
+    sampler: wgpu::Sampler,
+    places: wgpu::Buffer,
+    /// What stands in for reflector planes where there are none.
+    no_words: wgpu::TextureView,
+    /// The middle of the scene's bounds, metres, world space.
+    middle: DVec3,
+    side: u32,
+    bytes: u64,
+}
+
+impl Surroundings {
+    /// Brings a set's surroundings to a device.
+    ///
+    /// # Errors
+    /// [`RenderError::Invalid`] for a sample that is none, or whose planes are not what its camera calls for;
+    /// [`RenderError::OutOfMemory`] for more maps than the device has layers.
+    pub fn new(gpu: &Gpu, sample: &Sample) -> Result<Self, RenderError> {
+        let invalid = |reason: String| RenderError::from(InvalidField::new("sample.planes", reason));
+        let SampleCamera::Omni { center, layout: OmniLayout::Surroundings { side, count } } = sample.camera
+        else {
+            return Err(InvalidField::new("sample.camera", "is none of surroundings").into());
+        };
+        let most = gpu.device.limits().max_texture_array_layers;
+        if count > most {
+            let reason = format!("{count} maps of surroundings, and this device has {most} layers");
+            return Err(RenderError::OutOfMemory(reason));
+        }
+        let host = |kind: PlaneKind, format: PlaneFormat| -> Result<(&Plane, &Bytes), RenderError> {
+            let plane =
+                sample.plane(kind).ok_or_else(|| invalid(format!("surroundings have no {kind:?} plane")))?;
+            let size = Plane::size_of(kind, &sample.camera);
+            let expected = size[0] as usize * size[1] as usize * plane.format.texel_bytes();
+            match &plane.data {
+                PlaneData::Host(bytes)
+                    if plane.format == format && plane.size == size && bytes.len() == expected =>
+                {
+                    Ok((plane, bytes))
+                }
+                data => {
+                    let is = format!("{:?} texels of {:?}, {data:?}", plane.size, plane.format);
+                    Err(invalid(format!("{kind:?} is {is}, not {size:?} of {format:?} on the host")))
+                }
+            }
+        };
+        let radiance = host(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat)?;
+        let inverse_range = host(PlaneKind::InverseRange, PlaneFormat::R32Float)?;
+        let (_, places) = host(PlaneKind::Place, PlaneFormat::R32Float)?;
+        let places: Vec<[f32; 4]> =
+            places.as_chunks::<16>().0.iter().map(|row| bytemuck::pod_read_unaligned(row)).collect();
+        if !places.iter().flatten().all(|value| value.is_finite()) {
+            return Err(invalid("a map is seen from nowhere".to_owned()));
+        }
+        let [width, height] = map_size(side);
+        let layers = |(plane, bytes): (&Plane, &Bytes)| {
+            let size = wgpu::Extent3d { width, height, depth_or_array_layers: count };
+            let texture = array(gpu, size, texture_format(plane.format));
+            let layout = wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(width * plane.format.texel_bytes() as u32),
+                rows_per_image: Some(height),
+            };
+            gpu.queue.write_texture(texture.as_image_copy(), bytes, layout, size);
+            view(&texture)
+        };
+        let bytes = (radiance.1.len() + inverse_range.1.len()) as u64;
+        Ok(Self {
+            radiance: layers(radiance),
+            inverse_range: layers(inverse_range),
+            places: gpu.upload("places of maps", &places, wgpu::BufferUsages::STORAGE),
+            middle: center,
+            side,
+            bytes,
+            ..Self::none(gpu)
+        })
+    }
+
+    /// What is bound where nothing looks surroundings up.
+    pub fn none(gpu: &Gpu) -> Self {
+        let one = wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 };
+        let any = |format| view(&array(gpu, one, format));
+        Self {
+            radiance: any(wgpu::TextureFormat::Rgb9e5Ufloat),
+            inverse_range: any(wgpu::TextureFormat::R32Float),
+            sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("surroundings"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            places: gpu.upload("no places", &[[0f32; 4]], wgpu::BufferUsages::STORAGE),
+            no_words: any(wgpu::TextureFormat::R32Uint),
+            middle: DVec3::ZERO,
+            side: 1,
+            bytes: 0,
+        }
+    }
+
+    /// Where the maps lie about an eye.
+    pub fn around(&self, eye: DVec3) -> Around {
+        Around { middle: (self.middle - eye).as_vec3().to_array(), side: self.side as f32 }
+    }
+
+    /// Device memory of the maps.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// All of them under the names that programs have for them.
+    pub fn bindings(&self) -> [(&'static str, &dyn Bindable); 4] {
+        [
+            ("around_radiance", &self.radiance),
+            ("around_range", &self.inverse_range),
+            ("around_sampler", &self.sampler),
+            ("around_places", &self.places),
+        ]
+    }
+
+    /// What stands in for the reflector plane of samples that have none.
+    pub fn no_words(&self) -> &wgpu::TextureView {
+        &self.no_words
+    }
+}
+
+fn array(gpu: &Gpu, size: wgpu::Extent3d, format: wgpu::TextureFormat) -> wgpu::Texture {
+    gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("surroundings"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
+}
+
+/// Said outright to be an array, since one layer would be seen as none.
+fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
+    let dimension = Some(wgpu::TextureViewDimension::D2Array);
+    texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() })
+}

@@ -1,0 +1,94 @@
+//! Program: `shaders/sampler/look_around.wgsl`. Maps of what is around reflectors, level by level.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_scene::reflection::{level_sides, map_size};
+use argus_shaders::layout::sampler::LookAround as Step;
+use argus_shaders::sampler::LOOK_AROUND;
+
+use super::NodeMaps;
+
+/// Looks nodes up in maps that lie in so many arrays.
+pub(crate) struct LookAround {
+    look: ComputePipeline,
+    blur: ComputePipeline,
+    arrays: usize,
+}
+
+/// Maps in the making.
+pub(crate) struct AroundPlanes {
+    /// Radiance and inverse range of the finest levels, before they are stored.
+    finest: wgpu::Buffer,
+    pub(crate) radiance: wgpu::Buffer,
+    pub(crate) inverse_range: wgpu::Buffer,
+    side: u32,
+    count: u32,
+}
+
+impl AroundPlanes {
+    /// Room for so many maps.
+    pub(crate) fn new(gpu: &Gpu, side: u32, count: u32) -> Self {
+        let (storage, read) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::COPY_SRC);
+        let texels = map_size(side).map(u64::from).iter().product::<u64>() * u64::from(count);
+        Self {
+            finest: gpu.buffer("around", u64::from(side + 2).pow(2) * u64::from(count) * 16, storage),
+            radiance: gpu.buffer("radiance around", texels * 4, storage | read),
+            inverse_range: gpu.buffer("ranges around", texels * 4, storage | read),
+            side,
+            count,
+        }
+    }
+
+    /// Bytes of one map while it is made.
+    pub(crate) fn bytes_of_map(side: u32) -> u64 {
+        let texels = map_size(side).map(u64::from).iter().product::<u64>();
+        u64::from(side + 2).pow(2) * 16 + texels * 8
+    }
+}
+
+impl LookAround {
+    pub(crate) fn new(gpu: &Gpu, arrays: usize) -> Self {
+        let constants = [("arrays", arrays as f64)];
+        Self {
+            look: gpu.compute_pipeline_with(&LOOK_AROUND, "look_around", &constants),
+            blur: gpu.compute_pipeline_with(&LOOK_AROUND, "blur", &constants),
+            arrays,
+        }
+    }
+
+    /// Arrays that it knows.
+    pub(crate) fn arrays(&self) -> usize {
+        self.arrays
+    }
+
+    /// Makes a map for each of the first views that `maps` were rendered for; `lighting` has the sky.
+    pub(crate) fn record(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        maps: &NodeMaps<'_>,
+        lighting: &wgpu::Buffer,
+        planes: &AroundPlanes,
+    ) {
+        let told = maps.told(gpu, 0);
+        let [columns, rows] = map_size(planes.side);
+        let levels = level_sides(planes.side).count();
+        let mut level_row = 0;
+        for (level, level_side) in level_sides(planes.side).enumerate() {
+            let roughness = level as f32 / (levels - 1).max(1) as f32;
+            let step = Step { side: planes.side, columns, rows, level_side, level_row, roughness };
+            let call = match level {
+                0 => maps
+                    .bind(commands.compute("look around", &self.look))
+                    .read("told", &told)
+                    .read("lighting", lighting),
+                _ => commands.compute("blur surroundings", &self.blur),
+            };
+            call.write("finest", &planes.finest)
+                .write("radiance_plane", &planes.radiance)
+                .write("inverse_range_plane", &planes.inverse_range)
+                .immediates(bytemuck::bytes_of(&step))
+                .dispatch_threads([level_side + 2, level_side + 2, planes.count]);
+            level_row += level_side + 2;
+        }
+    }
+}

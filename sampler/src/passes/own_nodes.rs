@@ -1,0 +1,52 @@
+//! Program: `shaders/sampler/own_nodes.wgsl`. Which nodes of an octree belong to one reflector alone.
+
+use argus_gpu::hierarchy::Octree;
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::layout::sampler::OwnLevel;
+use argus_shaders::sampler::OWN_NODES;
+
+/// The pass, run once a pose.
+pub(crate) struct OwnNodes {
+    leaves: ComputePipeline,
+    nodes: ComputePipeline,
+}
+
+/// Surfaces and whose they are.
+pub(crate) struct Belongings<'a> {
+    pub(crate) octree: &'a Octree,
+    /// Triangles that each leaf shows to either side.
+    pub(crate) facing: &'a wgpu::Buffer,
+    /// Of each triangle, its instance and its number in the mesh.
+    pub(crate) triangle_ids: &'a wgpu::Buffer,
+    /// Of each instance, 1 + the number of its reflector; 0 for none.
+    pub(crate) map_of_instance: &'a wgpu::Buffer,
+}
+
+impl OwnNodes {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let pipeline = |entry| gpu.compute_pipeline(&OWN_NODES, entry);
+        Self { leaves: pipeline("own_leaves"), nodes: pipeline("own_nodes") }
+    }
+
+    /// A word a node: 1 + the number of the reflector that it belongs to with all that is in it, or 0.
+    pub(crate) fn record(&self, gpu: &Gpu, commands: &mut Commands, of: &Belongings<'_>) -> wgpu::Buffer {
+        let Belongings { octree, facing, triangle_ids, map_of_instance } = *of;
+        let owners =
+            gpu.buffer("owners of nodes", u64::from(octree.node_count()) * 4, wgpu::BufferUsages::STORAGE);
+        for (up, &[first, count]) in octree.levels.iter().rev().enumerate() {
+            let level = OwnLevel { first, count };
+            let call = match up {
+                0 => commands
+                    .compute("own leaves", &self.leaves)
+                    .read("facing", facing)
+                    .read("triangle_ids", triangle_ids)
+                    .read("map_of_instance", map_of_instance),
+                _ => commands.compute("own nodes", &self.nodes).read("nodes", &octree.nodes),
+            };
+            call.write("owners", &owners)
+                .immediates(bytemuck::bytes_of(&level))
+                .dispatch_linear(u64::from(count));
+        }
+        owners
+    }
+}

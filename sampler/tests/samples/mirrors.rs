@@ -1,0 +1,214 @@
+//! What glossy and transparent things show of the scene around them, against rays.
+
+use std::sync::Arc;
+
+use argus_scene::procedural::mirrors;
+use argus_scene::reference::{Reflecting, Tracer};
+use argus_scene::reflection::{level_sides, map_size};
+use argus_scene::{
+    Camera, Cancel, Material, PixelJob, PlaneKind, Reflections, RenderError, SampleId, SampleJob,
+    SampleSetInfo, Sampler as _, Scene, Surroundings, ViewJob,
+};
+use glam::{DAffine3, DVec3, Vec3};
+
+use crate::common::*;
+use crate::rooms::{add_room, grey, lit_by};
+
+const SIZE: [u32; 2] = [160, 120];
+
+fn maps(scene: &Scene) -> Option<Surroundings> {
+    Surroundings::of(scene, Reflections { levels: 7, ..Reflections::default() }).unwrap()
+}
+
+fn traced(scene: &Arc<Scene>, time_secs: f64) -> Tracer {
+    let tracer = Tracer::new(Arc::clone(scene)).at(time_secs);
+    tracer.reflecting(Reflecting { rays: 32, instances: scene.reflectors(1024) })
+}
+
+/// FLIP of a direct view with maps, and of one without, against rays; and what the first shows.
+fn judged(name: &str, scene: &Arc<Scene>, camera: Camera, time_secs: f64) -> (f64, f64, Vec<u8>) {
+    let truth = traced(scene, time_secs).render(&camera, SIZE[0], SIZE[1], 4, |_| {});
+    let truth = truth.display(scene.lighting.exposure);
+    let plain = ViewJob { time_secs, epoch: 1, ..view_job(camera, SIZE, 4) };
+    let mirrored = ViewJob { reflections: maps(scene), ..plain.clone() };
+    let mut sampler = sampler(scene);
+    let [with, without] = [mirrored, plain].map(|job| image_of(&direct(&mut sampler, &job)));
+    let (good, bad) = (flip(name, &with, &truth), flip(&format!("{name}-without"), &without, &truth));
+    (good, bad, with.into_raw())
+}
+
+#[test]
+fn things_show_the_room_and_each_other_wherever_they_have_moved() {
+    let scene = Arc::new(mirrors(7));
+    let camera = scene.cameras[0].camera;
+    for (name, time_secs) in [("mirrors", 0.0), ("mirrors-moved", 2.0)] {
+        let (with, without, _) = judged(name, &scene, camera, time_secs);
+        assert!(with < 0.06 && with < 0.55 * without, "{name}: FLIP {with} with maps, {without} without");
+    }
+}
+
+/// A room about `center` with a ball of a material in its middle.
+fn room_with_a_ball(center: DVec3, material: Material) -> Arc<Scene> {
+    let mut scene = empty_scene();
+    let color = |c: Vec3| Material { base_color: c.extend(1.0), ..grey(0.5) };
+    let walls = [color(Vec3::new(0.8, 0.1, 0.1)), color(Vec3::new(0.1, 0.7, 0.1)), grey(0.8)];
+    scene.materials = [&walls[..], &[material]].concat();
+    scene.lighting = lit_by(vec![argus_scene::Light::Point {
+        position: center + DVec3::new(0.3, 1.5, 0.8),
+        intensity: Vec3::splat(5.0),
+        range: None,
+    }]);
+    add_room(&mut scene, center, [0, 1, 2, 2, 2, 2]);
+    let placed = DAffine3::from_translation(center) * DAffine3::from_scale(DVec3::splat(0.7));
+    place(&mut scene, ball(3, 24), placed);
+    Arc::new(scene)
+}
+
+fn chrome(roughness: f32) -> Material {
+    Material { metallic: 1.0, roughness, ..grey(0.9) }
+}
+
+fn into_room(center: DVec3) -> Camera {
+    Camera { fov_deg: 70.0, ..Camera::look_at(center + DVec3::new(0.2, 0.4, 1.9), center) }
+}
+
+#[test]
+fn smooth_rough_and_glass_balls_show_what_rays_show() {
+    let glass = Material { transmission: 0.9, roughness: 0.0, ..grey(0.95) };
+    for (name, material) in [("chrome", chrome(0.0)), ("brushed", chrome(0.35)), ("glass", glass)] {
+        let scene = room_with_a_ball(DVec3::ZERO, material);
+        let (with, without, _) = judged(name, &scene, into_room(DVec3::ZERO), 0.0);
+        assert!(with < 0.06 && with < 0.6 * without, "{name}: FLIP {with} with maps, {without} without");
+    }
+}
+
+#[test]
+fn a_million_metres_away_things_show_the_same() {
+    let far = DVec3::new(1e6, -1e6, 1e6);
+    let [near, moved] = [DVec3::ZERO, far].map(|center| {
+        let scene = room_with_a_ball(center, chrome(0.0));
+        let (flip, _, image) = judged("chrome-far", &scene, into_room(center), 0.0);
+        (flip, image)
+    });
+    assert!((near.0 - moved.0).abs() < 0.01, "{} and {}", near.0, moved.0);
+    let apart = near.1.iter().zip(&moved.1).filter(|(a, b)| a.abs_diff(**b) > 8).count();
+    assert!(apart * 50 < near.1.len(), "{apart} of {} bytes differ", near.1.len());
+}
+
+fn surroundings_of(scene: &Arc<Scene>, reflections: Option<Surroundings>) -> SampleJob {
+    let job = sample_job(scene, omni_rig(scene.bounds().center(), 16), 0, true);
+    let info = SampleSetInfo { reflections, ..(*job.info).clone() };
+    let id = SampleId { index: SampleId::SURROUNDINGS, ..job.ids[0] };
+    SampleJob { info: Arc::new(info), ids: vec![id], ..job }
+}
+
+#[test]
+fn a_thing_is_left_out_of_its_own_map_and_the_walls_are_where_they_are() {
+    let scene = room_with_a_ball(DVec3::new(5.0, 0.0, 0.0), chrome(0.0));
+    let maps = maps(&scene).unwrap();
+    assert_eq!(maps.count, 1);
+    let found = sample(&mut sampler(&scene), &surroundings_of(&scene, Some(maps)));
+    let [columns, rows] = map_size(maps.knobs.side);
+    assert_eq!(found.camera.size(), [columns, rows]);
+    let ranges = floats(&host_bytes(&found, PlaneKind::InverseRange));
+    // Of the finest level, which comes first.
+    let finest = &ranges[..(columns * columns) as usize];
+    for &inverse in finest {
+        let range = 1.0 / inverse;
+        assert!(
+            (1.8..3.7).contains(&range),
+            "the ball has a radius of 0.7, walls are 2 to 3.5 away: {range}"
+        );
+    }
+    let place = floats(&host_bytes(&found, PlaneKind::Place));
+    assert!(
+        Vec3::new(place[0], place[1], place[2]).length() < 1e-6 && (place[3] - 1.2).abs() < 0.1,
+        "{place:?}"
+    );
+}
+
+#[test]
+fn levels_blur_and_keep_what_there_is_of_light() {
+    let scene = room_with_a_ball(DVec3::ZERO, chrome(0.0));
+    let maps = maps(&scene).unwrap();
+    let found = sample(&mut sampler(&scene), &surroundings_of(&scene, Some(maps)));
+    let radiance = radiance_of(&found);
+    let columns = map_size(maps.knobs.side)[0] as usize;
+    let mut row = 1;
+    let mut means = Vec::new();
+    for side in level_sides(maps.knobs.side).map(|side| side as usize) {
+        let texels = (0..side * side).map(|i| radiance[(row + i / side) * columns + 1 + i % side]);
+        means.push(texels.sum::<Vec3>() / (side * side) as f32);
+        row += side + 2;
+    }
+    for mean in &means {
+        assert!((*mean - means[0]).abs().max_element() < 0.15 * means[0].max_element(), "{means:?}");
+    }
+}
+
+#[test]
+fn pixels_of_a_list_and_samples_asked_for_again_are_the_same() {
+    let scene = Arc::new(mirrors(5));
+    let job = ViewJob { reflections: maps(&scene), ..view_job(scene.cameras[1].camera, [64, 48], 4) };
+    let mut sampler = sampler(&scene);
+    let whole = image_of(&direct(&mut sampler, &job)).into_raw();
+    let wanted = PixelJob {
+        camera: job.camera,
+        width: job.width,
+        height: job.height,
+        pixels: (0..64 * 48).step_by(5).collect(),
+        samples_per_pixel: 4,
+        epoch: 0,
+        time_secs: 0.0,
+        reflections: job.reflections,
+    };
+    let pixels = wanted.pixels.clone();
+    let some = sampler.render_pixels(&[wanted], &Cancel::new()).remove(0).unwrap();
+    let same = |(i, &p): (usize, &u32)| some.color[3 * i..3 * i + 3] == whole[3 * p as usize..][..3];
+    let apart = pixels.iter().enumerate().filter(|&at| !same(at)).count();
+    assert!(apart * 50 <= pixels.len(), "{apart} of {} differ: only edges may", pixels.len());
+
+    let order = surroundings_of(&scene, maps(&scene));
+    let planes = [PlaneKind::Radiance, PlaneKind::InverseRange, PlaneKind::Place];
+    let again = [&mut sampler, &mut crate::common::sampler(&scene)]
+        .map(|sampler| planes.map(|kind| host_bytes(&sample(sampler, &order), kind)));
+    assert_eq!(again[0], again[1], "whatever was rendered before");
+}
+
+#[test]
+fn a_sample_says_which_map_its_surfaces_look_up() {
+    let scene = Arc::new(mirrors(5));
+    let job = sample_job(&scene, omni_rig(DVec3::new(0.0, 2.4, 3.5), 64), 0, true);
+    let plain = sample(&mut sampler(&scene), &job);
+    assert!(plain.plane(PlaneKind::Reflector).is_none(), "simulated only where it is asked for");
+    let info = SampleSetInfo { reflections: maps(&scene), ..(*job.info).clone() };
+    let found = sample(&mut sampler(&scene), &SampleJob { info: Arc::new(info), ..job });
+    let words = host_bytes(&found, PlaneKind::Reflector);
+    let words: Vec<u32> = words.as_chunks::<4>().0.iter().map(|&b| u32::from_le_bytes(b)).collect();
+    let mut seen: Vec<u32> = words.iter().map(|word| word & 2047).collect();
+    seen.sort_unstable();
+    seen.dedup();
+    assert!(seen.len() > 2 && seen.iter().all(|&map| map <= 5), "{seen:?}");
+    // Glass alone lets light through.
+    let through = words.iter().filter(|&&word| word >> 11 != 0).map(|word| word & 2047);
+    assert!(
+        through.clone().count() > 0 && through.into_iter().all(|map| map == 3),
+        "the third ball is glass"
+    );
+}
+
+#[test]
+fn what_a_scene_does_not_have_is_refused_by_name() {
+    let scene = Arc::new(mirrors(5));
+    let refused = |reflections| {
+        let found =
+            sampler(&scene).render_samples(&surroundings_of(&scene, reflections), &Cancel::new()).remove(0);
+        match found.unwrap_err() {
+            RenderError::Invalid(field) => field.field,
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(refused(None), "sample");
+    let maps = maps(&scene).unwrap();
+    assert_eq!(refused(Some(Surroundings { count: 4, ..maps })), "reflections.count");
+}

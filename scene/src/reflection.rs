@@ -1,0 +1,257 @@
+//! What glossy and transparent things show of the scene around them: a map of all directions for each such thing
+//! (ManyLoDs, Holländer et al. 2011, section 5 and figure 3), which its pixels look up along the directions in which
+//! they reflect and refract.
+
+use std::fmt;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::{Bounds, Instance, InvalidField, Material, Scene};
+
+/// Maps around reflectors: alike in all samples of a set, whoever renders them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Reflections {
+    /// Texels on a side of a map's finest level: a power of two, 16 to 256.
+    pub side: u32,
+    /// Levels of the octree of the scene that maps show, below its root: 1 to 10.
+    pub levels: u32,
+    /// Maps of a scene at most, 1 to 1024: its largest reflectors have one, others reflect the sky alone.
+    pub most: u32,
+}
+
+/// Texels on a side of a map's coarsest level, which stands for surfaces of roughness 1.
+const COARSEST: u32 = 4;
+/// Texels around a level, so that a bilinear fetch never leaves it.
+const RING: u32 = 1;
+
+/// Roughness up to which an instance as a whole counts as a reflector: a rougher one shows light and dark of what is
+/// around it, and no image.
+const ROUGHEST: f32 = 0.6;
+
+/// Stands in [`crate::Provenance::device`] before the knobs of the maps that reflections come from.
+const REFLECTIONS_BY: &str = "; reflections by maps";
+
+impl Default for Reflections {
+    /// Texels of three degrees, and cells of a two-hundred-and-fiftieth of the scene.
+    fn default() -> Self {
+        Self { side: 64, levels: 8, most: 256 }
+    }
+}
+
+impl fmt::Display for Reflections {
+    /// All of them in a few words: what a frame's provenance has.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "of {} from {} levels, at most {}", self.side, self.levels, self.most)
+    }
+}
+
+impl Reflections {
+    /// Rejects knobs that are out of range.
+    ///
+    /// # Errors
+    /// `reflections` and the knob's name.
+    pub fn validate(&self) -> Result<(), InvalidField> {
+        if !(self.side.is_power_of_two() && (16..=256).contains(&self.side)) {
+            let reason = format!("must be 16, 32, 64, 128 or 256 texels, not {}", self.side);
+            return Err(InvalidField::new("reflections.side", reason));
+        }
+        if !(1..=10).contains(&self.levels) {
+            return Err(InvalidField::new(
+                "reflections.levels",
+                format!("must be 1 to 10, not {}", self.levels),
+            ));
+        }
+        if !(1..=1024).contains(&self.most) {
+            return Err(InvalidField::new(
+                "reflections.most",
+                format!("must be 1 to 1024, not {}", self.most),
+            ));
+        }
+        Ok(())
+    }
+
+    /// What a device is called whose frames have such reflections, by what it is called otherwise.
+    pub fn on_device(&self, device: &str) -> String {
+        format!("{device}{REFLECTIONS_BY} {self}")
+    }
+
+    /// A [`crate::Provenance::device`] without its reflections, and what it says of them, if anything.
+    pub fn of_device(device: &str) -> (&str, Option<&str>) {
+        match device.split_once(REFLECTIONS_BY) {
+            Some((device, by)) => (device, Some(by.trim_start())),
+            None => (device, None),
+        }
+    }
+}
+
+/// Texels on a side of each level of a map, the finest first: each half as many, and for surfaces as much rougher.
+pub fn level_sides(side: u32) -> impl Iterator<Item = u32> {
+    std::iter::successors(Some(side), |side| (*side / 2 >= COARSEST).then_some(*side / 2))
+}
+
+/// Columns and rows of a map: its levels one below the other, each with a ring around it.
+pub fn map_size(side: u32) -> [u32; 2] {
+    [side + 2 * RING, level_sides(side).map(|side| side + 2 * RING).sum()]
+}
+
+/// Something that a map is made around.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reflector {
+    /// Index into [`Scene::instances`].
+    pub instance: u32,
+    /// The middle of its bounds, metres, world space: where its map is seen from.
+    pub center: DVec3,
+    /// Half the diagonal of its bounds, metres.
+    pub radius: f64,
+}
+
+impl Material {
+    /// Whether things of it show an image of what is around them, rather than light and dark. Roughness that a texture
+    /// varies is taken as it is in the mean.
+    fn mirrors(&self, scene: &Scene) -> bool {
+        let in_mean = |reference: crate::TextureRef| {
+            scene.textures.get(reference.texture as usize).map_or(1.0, |texture| {
+                let texels = texture.rgba.len() / 4;
+                // Some thousands of them tell the mean of millions.
+                let step = (texels / 4096).max(1);
+                let greens = texture.rgba.iter().skip(1).step_by(4 * step);
+                let (sum, count) =
+                    greens.fold((0u64, 0u64), |(sum, count), green| (sum + u64::from(*green), count + 1));
+                sum as f32 / (255 * count.max(1)) as f32
+            })
+        };
+        let roughness = self.roughness * self.metallic_roughness_texture.map_or(1.0, in_mean);
+        self.is_glossy() && roughness <= ROUGHEST
+    }
+}
+
+impl Scene {
+    /// The instances that a map is made around, ascending: those that mirror what is around them, or if there are more
+    /// than `most`, the largest of those. As they are at time zero, so that they are the same at all times.
+    pub fn reflectors(&self, most: u32) -> Vec<u32> {
+        let mirrors: Vec<bool> = self.materials.iter().map(|material| material.mirrors(self)).collect();
+        let mut found: Vec<Reflector> = (0u32..)
+            .zip(&self.instances)
+            .filter(|(_, i)| mirrors[self.meshes[i.mesh as usize].material as usize])
+            .filter_map(|(index, instance)| self.reflector(index, instance))
+            .collect();
+        found.sort_by(|a, b| b.radius.total_cmp(&a.radius).then(a.instance.cmp(&b.instance)));
+        let mut chosen: Vec<u32> = found.iter().take(most as usize).map(|r| r.instance).collect();
+        chosen.sort_unstable();
+        chosen
+    }
+
+    /// An instance as a reflector, where it is posed; `None` if nothing of it is anywhere.
+    pub fn reflector(&self, index: u32, instance: &Instance) -> Option<Reflector> {
+        let mesh = &self.meshes[instance.mesh as usize];
+        let mut bounds = Bounds::EMPTY;
+        for &vertex in &mesh.indices {
+            let position = mesh.positions.get(vertex as usize)?.as_dvec3();
+            bounds.extend(instance.world_from_mesh.transform_point3(mesh.origin + position));
+        }
+        let (center, radius) = (bounds.center(), 0.5 * bounds.size().length());
+        (!bounds.is_empty() && radius > 0.0 && radius.is_finite()).then_some(Reflector {
+            instance: index,
+            center,
+            radius,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::{DAffine3, Vec3};
+
+    use super::*;
+    use crate::material::Wrap;
+    use crate::{Mesh, Texture, TextureRef};
+
+    fn ball(size: f32, material: u32) -> Mesh {
+        Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X * size, Vec3::Y * size, Vec3::Z * size],
+            indices: vec![0, 1, 2, 0, 2, 3],
+            material,
+            ..Mesh::default()
+        }
+    }
+
+    fn scene() -> Scene {
+        let chrome = Material { metallic: 1.0, roughness: 0.1, ..Material::default() };
+        let matt = Material::default();
+        let textured =
+            Material { metallic_roughness_texture: Some(TextureRef::new(0)), ..Material::default() };
+        let texture = Texture {
+            name: "rough in the mean".to_owned(),
+            width: 2,
+            height: 1,
+            rgba: Arc::from([0, 255, 0, 255, 0, 200, 0, 255]),
+            srgb: false,
+            wrap: [Wrap::Repeat; 2],
+        };
+        let at = |mesh, x| Instance {
+            mesh,
+            node: None,
+            world_from_mesh: DAffine3::from_translation(DVec3::X * x),
+        };
+        Scene {
+            meshes: vec![ball(1.0, 0), ball(2.0, 0), ball(4.0, 1), ball(4.0, 2), Mesh::default()],
+            instances: vec![at(0, 0.0), at(2, 1.0), at(1, 1e6), at(3, 2.0), at(0, 5.0), at(4, 0.0)],
+            materials: vec![chrome, matt, textured],
+            textures: vec![texture],
+            name: String::new(),
+            hash: crate::SceneHash([0; 32]),
+            nodes: Vec::new(),
+            animations: Vec::new(),
+            lighting: crate::Lighting::default(),
+            cameras: Vec::new(),
+            rig: crate::RigKind::Cell,
+            warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn what_mirrors_has_a_map_and_of_too_many_the_largest_have() {
+        let scene = scene();
+        assert_eq!(scene.reflectors(10), [0, 2, 4], "neither matt nor rough in the mean, nor nowhere");
+        assert_eq!(scene.reflectors(2), [0, 2], "of two of one size the first");
+        assert_eq!(scene.reflectors(1), [2]);
+    }
+
+    #[test]
+    fn a_map_is_seen_from_the_middle_of_its_reflector_wherever_that_is() {
+        let scene = scene();
+        let far = scene.reflector(2, &scene.instances[2]).unwrap();
+        assert!((far.center - DVec3::new(1e6 + 1.0, 1.0, 1.0)).length() < 1e-6, "{far:?}");
+        assert!((far.radius - 3f64.sqrt()).abs() < 1e-9);
+        assert_eq!(scene.reflector(5, &scene.instances[5]), None, "a mesh without triangles");
+    }
+
+    #[test]
+    fn levels_end_at_four_texels_and_lie_below_one_another() {
+        assert_eq!(level_sides(64).collect::<Vec<_>>(), [64, 32, 16, 8, 4]);
+        assert_eq!(map_size(64), [66, 66 + 34 + 18 + 10 + 6]);
+        assert_eq!(map_size(16), [18, 18 + 10 + 6]);
+    }
+
+    #[test]
+    fn every_knob_out_of_range_is_named() {
+        let field = |reflections: Reflections| reflections.validate().unwrap_err().field;
+        let default = Reflections::default();
+        assert_eq!(default.validate(), Ok(()));
+        assert_eq!(field(Reflections { side: 48, ..default }), "reflections.side");
+        assert_eq!(field(Reflections { side: 512, ..default }), "reflections.side");
+        assert_eq!(field(Reflections { levels: 11, ..default }), "reflections.levels");
+        assert_eq!(field(Reflections { most: 0, ..default }), "reflections.most");
+    }
+
+    #[test]
+    fn a_device_says_how_its_reflections_came_about() {
+        let device = Reflections::default().on_device("llvmpipe; triangles by cpu");
+        let by = "of 64 from 8 levels, at most 256";
+        assert_eq!(Reflections::of_device(&device), ("llvmpipe; triangles by cpu", Some(by)));
+        assert_eq!(Reflections::of_device("llvmpipe"), ("llvmpipe", None));
+    }
+}
