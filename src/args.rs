@@ -173,6 +173,22 @@ impl SampleSource {
             .with("coordinator.reflection_levels", "--reflection-levels", self.reflection_levels)
             .with("coordinator.reflectors", "--reflectors", self.reflectors)
     }
+
+    /// The same as arguments of a subcommand that runs in a process of its own.
+    pub(crate) fn to_arguments(&self) -> Vec<String> {
+        let number = |n: Option<u32>| n.map(|n| n.to_string());
+        let values = [
+            ("--sampling", self.sampling.clone()),
+            ("--map-side", number(self.map_side)),
+            ("--octree-levels", number(self.octree_levels)),
+            ("--map-block", number(self.map_block)),
+            ("--reflections", self.reflections.clone()),
+            ("--reflection-side", number(self.reflection_side)),
+            ("--reflection-levels", number(self.reflection_levels)),
+            ("--reflectors", number(self.reflectors)),
+        ];
+        values.into_iter().filter_map(|(name, value)| value.map(|v| format!("{name}={v}"))).collect()
+    }
 }
 
 /// How workers render samples.

@@ -61,7 +61,7 @@ Examples:
   argus status                                who does what, and what it costs
   argus config                                the settings in effect, and where they come from
 
-A scene is a file (.glb, .gltf, .obj, .ply) or the built-in `terrain[:TRIANGLES]`.
+A scene is a file (.glb, .gltf, .obj, .ply) or the built-in `terrain[:TRIANGLES]` or `mirrors[:BALLS]`.
 Exit codes: 0 done, 1 failed, 2 bad arguments.";
 
 #[derive(Subcommand)]

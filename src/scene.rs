@@ -9,7 +9,7 @@ use crate::output;
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  argus scene model.glb\n  argus scene terrain:2000000 --json")]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply) or `terrain[:TRIANGLES]`
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
     #[arg(value_name = "S")]
     scene: String,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,

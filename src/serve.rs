@@ -15,7 +15,7 @@ Examples:
   argus serve --scene model.glb --workers 4
   argus serve --scene room.glb --rig cell --cell 0.5 --listen 127.0.0.1:7500")]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply) or `terrain[:TRIANGLES]` [default: terrain]
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]` [default: terrain]
     #[arg(long, value_name = "S")]
     scene: Option<String>,
     /// Worker processes [default: one a core, at least 2 and at most 4]

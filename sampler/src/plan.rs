@@ -60,6 +60,7 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
         ),
         row("emit", has(Effect::Emission), said(has(Effect::Emission), "a material emits", "nothing emits")),
         row("light", lights > 0, format!("{lights} directional, point and spot lights")),
+        mirrors(scene, features.specular),
         indirect(knobs.indirect, lights > 0 || has(Effect::Emission)),
         row("choose surface", true, format!("{} sub-samples in a texel of a sample", knobs.sub_samples)),
         row(
@@ -79,6 +80,16 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
             said(has(Effect::Animation), "where an epoch is another than the last", "nothing moves"),
         ),
     ]
+}
+
+/// Maps around what mirrors the scene.
+fn mirrors(scene: &Scene, glossy: bool) -> PassPlan {
+    let count = if glossy { scene.reflectors(u32::MAX).len() } else { 0 };
+    let why = match count {
+        0 => "nothing mirrors what is around it".to_owned(),
+        count => format!("{count} things mirror what is around them, in sets with reflections"),
+    };
+    PassPlan { name: "look around", on: count > 0, why }
 }
 
 fn indirect(knob: Indirect, shines: bool) -> PassPlan {

@@ -26,9 +26,10 @@ use crate::{args, output, processes};
 #[command(after_help = "\
 Examples:
   argus demo
-  argus demo --scene model.glb --views 8 --size 320x240 --out pictures")]
+  argus demo --scene model.glb --views 8 --size 320x240 --out pictures
+  argus demo --scene mirrors --reflections maps")]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply) or `terrain[:TRIANGLES]`
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
     #[arg(long, value_name = "S", default_value = "terrain")]
     scene: String,
     /// Clients, each with a viewpoint of its own
@@ -48,6 +49,8 @@ pub(crate) struct Args {
     json: bool,
     #[command(flatten)]
     rig: args::Rig,
+    #[command(flatten)]
+    source: args::SampleSource,
     #[command(flatten)]
     sampling: args::Sampling,
     #[command(flatten)]
@@ -79,6 +82,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     progress.set_message(format!("starting a coordinator and {workers} workers"));
     let program = std::env::current_exe().context("cannot find this program's own file")?;
     let (scene, mut more) = (args.scene.clone(), args.rig.to_arguments());
+    more.extend(args.source.to_arguments());
     more.extend(args.sampling.to_arguments());
     more.extend(args.seeing.to_arguments());
     let starting = move || LocalCluster::start(&program, &scene, workers, &more);

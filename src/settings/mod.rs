@@ -54,7 +54,7 @@ impl Default for Client {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Coordinator {
-    /// A file or `terrain[:TRIANGLES]`. Said here or by a flag and never by a request.
+    /// A file, `terrain[:TRIANGLES]` or `mirrors[:BALLS]`. Said here or by a flag and never by a request.
     pub(crate) scene: Option<String>,
     /// Where to listen. This machine alone: what others reach needs TLS.
     pub(crate) listen: String,

@@ -9,7 +9,7 @@ use crate::args;
 /// One scene.
 #[derive(clap::Args)]
 pub(super) struct Scene {
-    /// A file or `terrain[:TRIANGLES]`
+    /// A file, `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
     #[arg(long = "scene", value_name = "S")]
     name: Option<String>,
 }
@@ -25,7 +25,7 @@ impl Scene {
 /// Scenes, each measured for itself.
 #[derive(clap::Args)]
 pub(super) struct Scenes {
-    /// A file or `terrain[:TRIANGLES]`; may be given more than once
+    /// A file, `terrain[:TRIANGLES]` or `mirrors[:BALLS]`; may be given more than once
     #[arg(long = "scene", value_name = "S")]
     names: Vec<String>,
 }

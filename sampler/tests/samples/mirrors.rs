@@ -178,7 +178,10 @@ fn pixels_of_a_list_and_samples_asked_for_again_are_the_same() {
 #[test]
 fn a_sample_says_which_map_its_surfaces_look_up() {
     let scene = Arc::new(mirrors(5));
-    let job = sample_job(&scene, omni_rig(DVec3::new(0.0, 2.4, 3.5), 64), 0, true);
+    let eye = DVec3::new(0.0, 2.4, 3.5);
+    let rig = omni_rig(eye, 64);
+    let nearest = rig.nearest(&Camera::look_at(eye, DVec3::ZERO), 1)[0];
+    let job = sample_job(&scene, rig, nearest, true);
     let plain = sample(&mut sampler(&scene), &job);
     assert!(plain.plane(PlaneKind::Reflector).is_none(), "simulated only where it is asked for");
     let info = SampleSetInfo { reflections: maps(&scene), ..(*job.info).clone() };
@@ -208,7 +211,7 @@ fn what_a_scene_does_not_have_is_refused_by_name() {
             other => panic!("{other:?}"),
         }
     };
-    assert_eq!(refused(None), "sample");
+    assert_eq!(refused(None), "sample.index");
     let maps = maps(&scene).unwrap();
     assert_eq!(refused(Some(Surroundings { count: 4, ..maps })), "reflections.count");
 }

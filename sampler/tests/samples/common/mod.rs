@@ -181,7 +181,7 @@ pub(crate) fn corner_rig(bounds: Bounds, size: [u32; 2]) -> Rig {
     Rig::TileCorners { bounds, tiles: [1, 1], height: 1.0, size }
 }
 
-/// A rig whose camera stands at `origin` and looks everywhere.
+/// A rig one of whose cameras stands at `origin`, whatever its index, and looks everywhere.
 pub(crate) fn omni_rig(origin: DVec3, face: u32) -> Rig {
     Rig::Cell { origin, spacing: 1.0, face }
 }
