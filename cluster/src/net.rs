@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_proto::transport::tuned;
+use argus_proto::transport::{relayed, tuned};
 use parking_lot::Mutex;
 use tokio::time::Instant;
 use tonic::transport::{Channel, Endpoint, Server};
@@ -117,6 +117,8 @@ pub(crate) struct Channels {
     connect_timeout: Duration,
     security: Option<Arc<Security>>,
     network: Network,
+    /// Answers of one address at the same time that are passed on; `None` where all are read here.
+    relays: Option<usize>,
     by_address: Mutex<HashMap<String, Known>>,
 }
 
@@ -129,7 +131,13 @@ struct Known {
 
 impl Channels {
     pub(crate) fn new(connect_timeout: Duration, security: Option<Arc<Security>>, network: Network) -> Self {
-        Self { connect_timeout, security, network, by_address: Mutex::default() }
+        Self { connect_timeout, security, network, relays: None, by_address: Mutex::default() }
+    }
+
+    /// The same, for answers that are passed on, up to `most` of one address at the same time: those that nobody reads never
+    /// stop the others.
+    pub(crate) fn for_relays(self, most: usize) -> Self {
+        Self { relays: Some(most), ..self }
     }
 
     /// By which they are secured.
@@ -149,6 +157,10 @@ impl Channels {
         }
         let endpoint = endpoint(address, self.connect_timeout, self.security.as_deref());
         let endpoint = endpoint.map_err(Fault::Unavailable)?;
+        let endpoint = match self.relays {
+            Some(most) => relayed(endpoint, most),
+            None => endpoint,
+        };
         let mut channels = self.by_address.lock();
         let made = || Known { channel: self.network.channel(&endpoint), used: now };
         Ok(channels.entry(address.to_owned()).or_insert_with(made).channel.clone())
