@@ -79,7 +79,8 @@ impl Core {
             |w: &Worker| w.answers() && w.rhythm.is_steady(two) && now.since(w.last_report) < on_time;
         let others_are_heard = self.workers.values().any(punctual);
         for worker in self.workers.values_mut().filter(|worker| !worker.suspected) {
-            let patience = if others_are_heard { worker.rhythm.patience(soon, late) } else { late };
+            let alone = worker.rhythm.patience(soon, late);
+            let patience = if others_are_heard { alone } else { late };
             if self.awake.silence(worker.last_report, now) >= patience {
                 worker.suspected = true;
                 self.lines.update(worker);
