@@ -355,7 +355,7 @@ fn the_capacity_study_counts_what_a_coordinator_relays_and_how_soon_a_lost_view_
     assert!(number(row, "assigned_after_break_ms") < 1000.0, "{row:#}");
     // One that hangs is suspected after a while, and not before.
     let hang = number(row, "assigned_after_hang_ms");
-    assert!((1000.0..5000.0).contains(&hang), "{row:#}");
+    assert!((500.0..5000.0).contains(&hang), "{row:#}");
     assert!(number(row, "resident_mb") < 500.0, "{row:#}");
 }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_proto::transport::tuned;
+use argus_proto::transport::{relayed, tuned};
 use parking_lot::Mutex;
 use tokio::time::Instant;
 use tonic::transport::{Channel, Endpoint, Server};
@@ -117,6 +117,8 @@ pub(crate) struct Channels {
     connect_timeout: Duration,
     security: Option<Arc<Security>>,
     network: Network,
+    /// Answers of one address at the same time that are passed on; `None` where all are read here.
+    relays: Option<usize>,
     by_address: Mutex<HashMap<String, Known>>,
 }
 
@@ -129,7 +131,13 @@ struct Known {
 
 impl Channels {
     pub(crate) fn new(connect_timeout: Duration, security: Option<Arc<Security>>, network: Network) -> Self {
-        Self { connect_timeout, security, network, by_address: Mutex::default() }
+        Self { connect_timeout, security, network, relays: None, by_address: Mutex::default() }
+    }
+
+    /// The same, for answers that are passed on, up to `most` of one address at the same time: those that nobody reads never
+    /// stop the others.
+    pub(crate) fn for_relays(self, most: usize) -> Self {
+        Self { relays: Some(most), ..self }
     }
 
     /// By which they are secured.
@@ -149,6 +157,10 @@ impl Channels {
         }
         let endpoint = endpoint(address, self.connect_timeout, self.security.as_deref());
         let endpoint = endpoint.map_err(Fault::Unavailable)?;
+        let endpoint = match self.relays {
+            Some(most) => relayed(endpoint, most),
+            None => endpoint,
+        };
         let mut channels = self.by_address.lock();
         let made = || Known { channel: self.network.channel(&endpoint), used: now };
         Ok(channels.entry(address.to_owned()).or_insert_with(made).channel.clone())
@@ -169,6 +181,17 @@ impl Channels {
 
 #[cfg(test)]
 mod tests {
+    use std::pin::Pin;
+
+    use argus_proto::v1;
+    use argus_proto::v1::scenes_client::ScenesClient;
+    use argus_proto::v1::scenes_server::{Scenes, ScenesServer};
+    use futures::Stream;
+    use tokio::net::{TcpListener, TcpStream};
+    use tokio::sync::{Semaphore, mpsc};
+    use tokio_stream::wrappers::TcpListenerStream;
+    use tonic::{Request, Response, Status};
+
     use super::*;
 
     #[tokio::test(start_paused = true)]
@@ -187,5 +210,101 @@ mod tests {
         tokio::time::advance(UNUSED - Duration::from_secs(1)).await;
         channels.close_unused();
         assert_eq!(count(), 1, "it was used since");
+    }
+
+    /// Answers when it is told to, and then sends a chunk each time that it is told to.
+    struct Told {
+        answer: Arc<Semaphore>,
+        chunk: Arc<Semaphore>,
+    }
+
+    const CHUNKS: usize = 4;
+
+    #[tonic::async_trait]
+    impl Scenes for Told {
+        type FetchStream = Pin<Box<dyn Stream<Item = Result<v1::SceneChunk, Status>> + Send>>;
+
+        async fn fetch(&self, _: Request<v1::FetchRequest>) -> Result<Response<Self::FetchStream>, Status> {
+            self.answer.acquire().await.unwrap().forget();
+            let chunk = self.chunk.clone();
+            Ok(Response::new(Box::pin(async_stream::stream! {
+                for _ in 0..CHUNKS {
+                    chunk.acquire().await.unwrap().forget();
+                    yield Ok(v1::SceneChunk::default());
+                }
+            })))
+        }
+    }
+
+    /// Such a service, its address, and what says of each connection there that it was closed.
+    async fn told() -> (Told, String, mpsc::UnboundedReceiver<()>) {
+        let told = Told { answer: Arc::new(Semaphore::new(0)), chunk: Arc::new(Semaphore::new(0)) };
+        let server = Told { answer: told.answer.clone(), chunk: told.chunk.clone() };
+        let inner = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let outer = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let (behind, address) = (inner.local_addr().unwrap(), outer.local_addr().unwrap());
+        let server = Server::builder().add_service(ScenesServer::new(server));
+        tokio::spawn(server.serve_with_incoming(TcpListenerStream::new(inner)));
+        let (sender, closed) = mpsc::unbounded_channel();
+        tokio::spawn(async move {
+            loop {
+                let (mut from, _) = outer.accept().await.unwrap();
+                let mut to = TcpStream::connect(behind).await.unwrap();
+                let sender = sender.clone();
+                tokio::spawn(async move {
+                    let _ = tokio::io::copy_bidirectional(&mut from, &mut to).await;
+                    let _ = sender.send(());
+                });
+            }
+        });
+        (told, format!("http://{address}"), closed)
+    }
+
+    #[tokio::test]
+    async fn requests_in_flight_outlive_their_channel_and_its_connection_ends_with_them() {
+        let forget: [fn(&Channels, &str); 2] = [
+            |channels, address| channels.forget(address),
+            |channels, _| {
+                for known in channels.by_address.lock().values_mut() {
+                    known.used -= UNUSED;
+                }
+                channels.close_unused();
+            },
+        ];
+        for forget in forget {
+            let (told, address, mut closed) = told().await;
+            let channels = Channels::new(Duration::from_secs(1), None, Network::default()).for_relays(2);
+            let ask = || {
+                // As a relay does: the stream alone stays.
+                let channel = channels.to(&address).unwrap();
+                async move { ScenesClient::new(channel).fetch(v1::FetchRequest::default()).await }
+            };
+            // Some of one answer is there, another was asked for, and a third is not on its way yet.
+            told.answer.add_permits(1);
+            let mut begun = ask().await.unwrap().into_inner();
+            told.chunk.add_permits(1);
+            assert!(begun.message().await.unwrap().is_some());
+            let asked = tokio::spawn(ask());
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            let to_ask = ask();
+            forget(&channels, &address);
+            assert!(channels.by_address.lock().is_empty());
+            let to_ask = tokio::spawn(to_ask);
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            assert!(closed.try_recv().is_err(), "it is in use");
+
+            told.answer.add_permits(2);
+            told.chunk.add_permits(3 * CHUNKS - 1);
+            let asked = asked.await.unwrap().unwrap().into_inner();
+            let to_ask = to_ask.await.unwrap().unwrap().into_inner();
+            for (mut chunks, left) in [(begun, CHUNKS - 1), (asked, CHUNKS), (to_ask, CHUNKS)] {
+                for _ in 0..left {
+                    assert!(chunks.message().await.unwrap().is_some());
+                }
+                assert!(chunks.message().await.unwrap().is_none());
+            }
+            let ended = tokio::time::timeout(Duration::from_secs(5), closed.recv()).await;
+            ended.expect("nobody uses it").unwrap();
+        }
     }
 }

@@ -36,7 +36,8 @@ pub struct Config {
     /// Bytes of a client's request. The largest one that means anything, a view with a pinned plan, is some hundred.
     pub max_request_bytes: usize,
     /// A client that does not read a chunk of a frame, a MiB at most, for so long loses that frame, or its session. Until
-    /// then its worker holds the frame, and the one connection to that worker the part that is on its way.
+    /// then its worker holds the frame, and this process what is on its way of it: that chunk and a window of a MiB, for
+    /// which the connection to the worker has room beside those of all other views.
     pub read_within: Duration,
     /// Connections that are open at the same time; further ones wait.
     pub max_connections: usize,

@@ -155,7 +155,8 @@ impl Hub {
         Self {
             source,
             standing,
-            channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
+            channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone())
+                .for_relays(config.core.max_views_per_worker),
             read_within: config.read_within,
             frames: Frames::default(),
             tickets: Tickets::default(),

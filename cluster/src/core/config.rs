@@ -90,10 +90,16 @@ pub struct Config {
 }
 
 impl Config {
-    /// A worker that has not reported for this long is *suspected* (Chandra and Toueg's word): nothing new goes to it,
-    /// and its views go to others, while it keeps its place until its lease is over. A part of the lease, six reports
-    /// by default: wrongly suspecting one that was merely starved costs a view's time, and waiting for one that hangs
-    /// costs its clients all of it.
+    /// A worker that has not reported for this long is *suspected* (Chandra and Toueg's word), where another one that could
+    /// answer is heard of on time: nothing new goes to it, and its views go to others, while it keeps its place until its
+    /// lease is over. Three reports by default: its views are with others within a second of a hang.
+    pub(super) fn doubted_after(&self) -> Duration {
+        self.lease * 3 / 20
+    }
+
+    /// … this long, whatever others do, and however late its reports were lately. Six reports by default: wrongly
+    /// suspecting one that was merely starved costs a view's time, and waiting for one that hangs costs its clients all
+    /// of it.
     pub(super) fn suspected_after(&self) -> Duration {
         self.lease * 3 / 10
     }

@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::Duration;
 
 use argus_proto::Fault;
 use argus_scene::SampleSetInfo;
@@ -19,6 +18,7 @@ use super::hysteresis::Hysteresis;
 use super::lines::Lines;
 use super::placement::Placement;
 use super::quality::{Model, Pace};
+use super::silence::Awake;
 use super::smooth::{Rate, Smoothed};
 use super::spread::Spread;
 use super::time::Uptime;
@@ -111,8 +111,8 @@ pub struct Core {
     pub(super) way_is_settled: bool,
     /// Workers that will probably join.
     pub(super) expected: usize,
+    pub(super) awake: Awake,
     tick_began: Uptime,
-    ticked: Uptime,
 }
 
 impl Core {
@@ -164,8 +164,8 @@ impl Core {
             draining: false,
             way_is_settled,
             expected: 0,
+            awake: Awake::default(),
             tick_began: Uptime::default(),
-            ticked: Uptime::default(),
         }
     }
 
@@ -335,12 +335,6 @@ impl Core {
         }
         self.processes_changed(actions);
         self.seek_way(actions);
-    }
-
-    /// Whether this process itself did not pause for longer than that since the last tick: after a pause of it, all reports
-    /// are late.
-    pub(super) fn was_awake(&mut self, longest: Duration, now: Uptime) -> bool {
-        now.since(std::mem::replace(&mut self.ticked, now)) < longest
     }
 
     fn tick(&mut self, now: Uptime, actions: &mut Vec<Action>) {

@@ -28,6 +28,7 @@ pub mod plan;
 pub mod quality;
 mod refine;
 mod roles;
+mod silence;
 pub mod smooth;
 mod spread;
 mod status;

@@ -1,4 +1,4 @@
-//! Whom nothing new is given while others can have it: workers that are silent, that do not get on, or that fail at all
+//! Whom nothing new is given while others can have it: workers that are silent (`silence`), that do not get on, or that fail at all
 //! that they are given.
 //!
 //! A worker keeps its role and its samples throughout: all three pass, and being wrong costs the time of a view. One that
@@ -68,15 +68,11 @@ impl Record {
 }
 
 impl Core {
-    /// Suspects workers that have been silent for a part of their lease, and gives others the views of all who are
-    /// suspected. Ends the rests that are over.
+    /// Suspects workers that have been silent for too long, and gives others the views of all who are suspected. Ends the rests that are over.
     pub(super) fn suspect(&mut self, now: Uptime, actions: &mut Vec<Action>) {
-        let silence = self.config.suspected_after();
-        let awake = self.was_awake(silence / 2, now);
+        self.notice_silence(now);
         for worker in self.workers.values_mut() {
-            let silent = awake && !worker.suspected && now.since(worker.last_report) >= silence;
-            worker.suspected |= silent;
-            if worker.record.wakes(now) || silent {
+            if worker.record.wakes(now) {
                 self.lines.update(worker);
                 self.to_refine = true;
             }

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use argus_scene::SampleId;
 
 use super::event::{Assignment, Hello, Report, Role, Source, Ticket, WorkerId};
+use super::silence::Rhythm;
 use super::suspicion::Record;
 use super::time::Uptime;
 use super::whereabouts::Whereabouts;
@@ -15,6 +16,8 @@ pub(super) struct Worker {
     pub(super) id: WorkerId,
     pub(super) hello: Hello,
     pub(super) last_report: Uptime,
+    /// How late its reports were lately.
+    pub(super) rhythm: Rhythm,
     /// The newest report; a default one until the first.
     pub(super) report: Report,
     /// What it did before the newest assignment that it has not acknowledged; `None` until its first role
@@ -38,7 +41,7 @@ pub(super) struct Worker {
     fetching: BTreeMap<SampleId, usize>,
     /// Busy milliseconds when the current tick began.
     pub(super) busy_at_tick_ms: f64,
-    /// It has not reported for [`super::Config::suspected_after`], or does not get on with what it does.
+    /// It has been silent for too long (`silence`), or does not get on with what it does.
     pub(super) suspected: bool,
     /// How it has fared with its views.
     pub(super) record: Record,
@@ -50,6 +53,7 @@ impl Worker {
             id,
             hello,
             last_report: now,
+            rhythm: Rhythm::default(),
             report: Report::default(),
             acting: None,
             assigned: Assignment {
@@ -164,6 +168,7 @@ impl Worker {
 
     /// Takes a report in. Whether it has samples that it was not known to have.
     pub(super) fn take_report(&mut self, report: Report, now: Uptime, whereabouts: &mut Whereabouts) -> bool {
+        self.rhythm.reported(now.since(self.last_report));
         self.last_report = now;
         self.suspected = false;
         // A later assignment of the same role says so too.

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use argus_cluster::{coordinator, core, worker};
 use argus_proto::status::retry_after;
+use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_scene::{PlanRequest, View};
 use futures::future::join_all;
@@ -196,6 +197,40 @@ async fn clients_that_do_not_read_relayed_frames_keep_nobody_else_out() {
         }
     };
     assert_eq!(ended.code(), Code::Unavailable, "{ended}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_whose_frames_are_not_read_goes_on_for_everybody_else() {
+    let cluster = Cluster::start(1).await;
+    let url = cluster.coordinator.url();
+    let large = View { width: LARGE[0], height: LARGE[1], ..view(1) };
+    cluster.render(&large).await.unwrap();
+    // Each by a connection of its own, of which the header is read and nothing more.
+    let mut slow = Vec::new();
+    for i in 0..8 {
+        let began = Instant::now();
+        let mut client = ViewsClient::new(common::channel(&url));
+        let mut frame = client.render(request(&large, 0)).await.unwrap().into_inner();
+        assert!(frame.message().await.unwrap().is_some());
+        slow.push(frame);
+        assert!(began.elapsed() < AT_ONCE, "client {i} waited {:?} for others", began.elapsed());
+    }
+    let began = Instant::now();
+    for frame in [cluster.render(&large).await, cluster.render(&view(3)).await] {
+        frame.unwrap();
+    }
+    assert!(began.elapsed() < AT_ONCE, "whoever reads waited {:?} for others", began.elapsed());
+    // Theirs are still to be had.
+    for mut frame in slow {
+        let mut bytes = 0;
+        while let Some(chunk) = frame.message().await.unwrap() {
+            bytes += chunk.body.map_or(0, |body| match body {
+                Body::Data(data) => data.bytes.len(),
+                Body::Header(_) => 0,
+            });
+        }
+        assert_eq!(bytes, (LARGE[0] * LARGE[1] * 3) as usize);
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -79,6 +79,11 @@ impl Accept for Listening {
 
 /// A coordinator and three workers, none of which is there yet.
 fn cluster<'a>(seed: u64, change: impl FnOnce(&mut Builder)) -> Sim<'a> {
+    cluster_of(quick(), seed, change)
+}
+
+/// … with another configuration.
+fn cluster_of<'a>(config: coordinator::Config, seed: u64, change: impl FnOnce(&mut Builder)) -> Sim<'a> {
     let mut builder = Builder::new();
     builder
         .rng_seed(seed)
@@ -90,14 +95,8 @@ fn cluster<'a>(seed: u64, change: impl FnOnce(&mut Builder)) -> Sim<'a> {
         .enable_random_order();
     change(&mut builder);
     let mut sim = builder.build();
-    sim.host(COORDINATOR, || async {
-        let config = coordinator::Config { network: Network::simulated(Arc::new(Simulated)), ..quick() };
-        let source = Arc::new(Source { scene: scene("test"), files: Vec::new() });
-        let registry = Arc::new(LocalRegistry::alone());
-        let listening = Listening::on(PORT).await?;
-        coordinator::serve(config, listening, source, registry, CancellationToken::new()).await?;
-        Ok(())
-    });
+    let config = coordinator::Config { network: Network::simulated(Arc::new(Simulated)), ..config };
+    sim.host(COORDINATOR, move || serve(config.clone()));
     for name in WORKERS {
         sim.host(name, move || async move {
             let config = worker::Config {
@@ -116,6 +115,14 @@ fn cluster<'a>(seed: u64, change: impl FnOnce(&mut Builder)) -> Sim<'a> {
         });
     }
     sim
+}
+
+async fn serve(config: coordinator::Config) -> Result<(), Box<dyn std::error::Error>> {
+    let source = Arc::new(Source { scene: scene("test"), files: Vec::new() });
+    let registry = Arc::new(LocalRegistry::alone());
+    let listening = Listening::on(PORT).await?;
+    coordinator::serve(config, listening, source, registry, CancellationToken::new()).await?;
+    Ok(())
 }
 
 fn run(mut sim: Sim<'_>) {
@@ -247,6 +254,30 @@ fn a_worker_that_is_cut_off_costs_no_view_and_comes_back() {
         Ok(())
     });
     run(sim);
+}
+
+#[test]
+fn views_of_a_worker_that_hangs_are_answered_within_a_second() {
+    for seed in 40..44 {
+        // A lease and reports as they are by default.
+        let mut sim = cluster_of(coordinator::Config::default(), seed, |_| {});
+        sim.client("client", async move {
+            there(3).await;
+            asks(40).await;
+            let hung = *with_role(v1::Role::Compositor).await.first().expect("every role is played");
+            let others = [COORDINATOR, "client"].into_iter().chain(WORKERS).filter(|name| *name != hung);
+            // At another moment between two reports each time.
+            let hang =
+                after(1.0 + 0.06 * (seed - 40) as f64, || others.for_each(|name| turmoil::hold(hung, name)));
+            let (longest, ()) = tokio::join!(asks(60), hang);
+            let counters = status().await.counters.unwrap();
+            assert_eq!((counters.views_answered, counters.views_failed), (100, 0), "{seed} {counters:?}");
+            assert_eq!((counters.workers_lost, counters.views_retried > 0), (0, true), "{seed} {counters:?}");
+            assert!(longest < Duration::from_secs(1), "{seed}: a view took {longest:?}");
+            Ok(())
+        });
+        run(sim);
+    }
 }
 
 #[test]

@@ -207,7 +207,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     report.notes.push(
         "assigned_after_break_ms: the longest from the end of a worker's stream, as a process that dies ends it, until all \
          of its views were with another worker; assigned_after_hang_ms: the same from when a worker fell silent with its \
-         stream open, which is noticed by suspicion, after three tenths of its lease."
+         stream open, which is noticed by suspicion, after three reports that did not come."
             .to_owned(),
     );
     if connected < wanted {

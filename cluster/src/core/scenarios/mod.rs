@@ -4,6 +4,7 @@ mod epochs;
 mod placement;
 mod property;
 mod roles;
+mod silence;
 mod sim;
 mod views;
 mod ways;
