@@ -80,6 +80,24 @@ fn the_omni_maps_study_has_triangles_and_maps_side_by_side() {
 }
 
 #[test]
+fn the_reflections_study_has_maps_beside_the_sky_and_brute_force() {
+    let study = json(&["study", "reflections", "--quick", "--json"]);
+    let sky = &rows(&study)[0];
+    assert_eq!(number(sky, "maps"), 0.0);
+    assert_eq!(rows(&study).len(), 4, "as given, another resolution, other levels");
+    for row in &rows(&study)[1..] {
+        assert_eq!(number(row, "maps"), 4.0);
+        assert!(
+            ["maps_ms", "ready_ms", "brute_force_ms", "view_ms"].iter().all(|key| number(row, key) > 0.0)
+        );
+        // Few samples leave holes, which maps do not fill.
+        for (flip, share) in [("flip", 1.0), ("direct_flip", 0.8)] {
+            assert!(number(row, flip) < share * number(sky, flip), "{flip}: {row:#}, the sky alone: {sky:#}");
+        }
+    }
+}
+
+#[test]
 fn the_break_even_study_says_from_how_many_views_samples_pay() {
     let study = json(&["study", "break-even", "--quick", "--json"]);
     for row in rows(&study) {

@@ -16,6 +16,7 @@ mod omni_maps;
 mod overload;
 mod particles;
 mod radiosity;
+mod reflections;
 mod soak;
 mod visibility;
 mod walk;
@@ -71,6 +72,7 @@ enum Study {
     OmniMaps(omni_maps::OmniMaps),
     Particles(particles::Particles),
     Radiosity(radiosity::Radiosity),
+    Reflections(reflections::Mirrors),
     Overload(overload::Overload),
 }
 
@@ -111,6 +113,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::OmniMaps(study) => ("omni-maps", study.run(form.quick, &progress).await?),
         Study::Particles(study) => ("particles", study.run(form.quick, &progress).await?),
         Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
+        Study::Reflections(study) => ("reflections", study.run(form.quick, &progress).await?),
         Study::Overload(study) => ("overload", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
     };

@@ -27,6 +27,7 @@ pub mod particles;
 mod plot;
 mod processes;
 pub mod radiosity;
+pub mod reflections;
 mod report;
 pub mod simulate;
 pub mod soak;

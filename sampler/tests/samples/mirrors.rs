@@ -17,7 +17,8 @@ use crate::rooms::{add_room, grey, lit_by};
 const SIZE: [u32; 2] = [160, 120];
 
 fn maps(scene: &Scene) -> Option<Surroundings> {
-    Surroundings::of(scene, Reflections { levels: 7, ..Reflections::default() }).unwrap()
+    Surroundings::of(scene, Reflections { levels: 7, ..Reflections::default() })
+        .expect("the knobs are in range")
 }
 
 fn traced(scene: &Arc<Scene>, time_secs: f64) -> Tracer {

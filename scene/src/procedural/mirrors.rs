@@ -138,7 +138,7 @@ fn cameras() -> Vec<NamedCamera> {
     };
     vec![
         camera("door", DVec3::new(0.0, 2.4, 3.8), DVec3::new(0.0, 2.2, 0.0)),
-        camera("corner", DVec3::new(3.6, 4.2, 3.6), DVec3::new(0.0, 2.0, 0.0)),
+        camera("corner", DVec3::new(2.9, 4.2, 3.4), DVec3::new(0.0, 2.0, 0.0)),
         camera("floor", DVec3::new(-3.4, 0.5, 3.0), DVec3::new(0.5, 2.4, -0.5)),
     ]
 }

@@ -1,0 +1,322 @@
+//! What maps of what is around reflectors cost, and how near they come to rays: `--reflections maps`, ManyLoDs' figure 3.
+//!
+//! Truth has every reflector's lobe followed by rays. Times of maps are those of an animated scene, for which all of them
+//! are made anew at each moment: the octree, the light of its leaves, and the maps. What brute force takes for the same maps
+//! is measured beside them, every triangle in every map.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use argus_gpu::hierarchy::{RootCube, stream};
+use argus_gpu::many_views::{Knobs, RasterViews, ViewList, ViewPoint};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::SamplerKnobs;
+use argus_scene::reference::{Reflecting, Tracer};
+use argus_scene::{
+    Camera, Cancel, Frame, Outputs, Plan, Reflections, RenderError, RigKind, RigKnobs, SampleId, SampleJob,
+    SampleSetInfo, Sampler as _, Stage, Surroundings, ViewJob, Warp,
+};
+use image::RgbImage;
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use crate::bench::{Bench, compare};
+use crate::median::{mean, median};
+use crate::plot::{Axis, Plot, Series};
+use crate::{Effort, Machine, Report, report};
+
+/// What is measured.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// A scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// Where the omni cameras stand that views are reconstructed from.
+    pub rig: RigKnobs,
+    /// What the rows depart from.
+    pub base: Reflections,
+    /// Texels on a side of a map.
+    pub sides: Vec<u32>,
+    /// Levels of the octree.
+    pub levels: Vec<u32>,
+    /// Rays over a lobe, and samples a pixel, of the truth.
+    pub truth: (u32, u32),
+    /// Rounds that times are the median of.
+    pub rounds: usize,
+    /// Folder for the pictures of all rows.
+    pub images: Option<std::path::PathBuf>,
+}
+
+impl Default for Options {
+    /// Some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scene: "mirrors:60".to_owned(),
+            size: [320, 240],
+            rig: RigKnobs { spacing: Some(1.0), face: Some(384), ..RigKnobs::default() },
+            base: Reflections::default(),
+            sides: vec![16, 32, 128],
+            levels: vec![6, 7, 9],
+            truth: (64, 9),
+            rounds: 3,
+            images: None,
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "mirrors:4".to_owned(),
+            size: [64, 48],
+            rig: RigKnobs { spacing: Some(2.0), face: Some(64), ..RigKnobs::default() },
+            base: Reflections { side: 32, levels: 6, ..Reflections::default() },
+            sides: vec![16],
+            levels: vec![5],
+            truth: (8, 1),
+            rounds: 1,
+            ..Self::default()
+        }
+    }
+}
+
+/// Seconds between moments that maps are made for.
+const EPOCH_SECS: f64 = 0.1;
+/// Sub-pixels on a side of a pixel, so that what is judged is reflections and not edges.
+const SUPERSAMPLING: u32 = 2;
+/// Samples that a view is reconstructed from.
+const SAMPLES: usize = 4;
+
+/// A scene, the views of it, and what they should show.
+struct Subject {
+    bench: Bench,
+    views: Vec<Camera>,
+    truths: Vec<RgbImage>,
+    size: [u32; 2],
+    rounds: usize,
+}
+
+/// Runs the study; `progress` counts rows.
+///
+/// # Errors
+/// A scene that cannot be opened or mirrors nothing, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    let rows = rows_of(options);
+    progress.set_length(rows.len() as u64 + 1);
+    progress.set_message(options.scene.clone());
+    let rig = RigKnobs { kind: Some(RigKind::Cell), ..options.rig };
+    let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerKnobs::default())?;
+    bench.info = Arc::new(SampleSetInfo { epoch_secs: EPOCH_SECS, ..(*bench.info).clone() });
+    let instances = bench.scene.reflectors(options.base.most);
+    anyhow::ensure!(!instances.is_empty(), "nothing in {} mirrors what is around it", options.scene);
+    let views = bench.suggested();
+    let (rays, samples) = options.truth;
+    let tracer =
+        Tracer::new(bench.scene.clone()).reflecting(Reflecting { rays, instances: instances.clone() });
+    let [width, height] = options.size;
+    let exposure = bench.scene.lighting.exposure;
+    let truth = |view: &Camera| tracer.render(view, width, height, samples, |_| ()).display(exposure);
+    let truths = views.iter().map(truth).collect();
+    progress.inc(1);
+    let mut subject = Subject { bench, views, truths, size: options.size, rounds: options.rounds };
+    if let Some(folder) = &options.images {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        for (number, truth) in subject.truths.iter().enumerate() {
+            truth.save(folder.join(format!("truth-{number}.png")))?;
+        }
+    }
+    let mut found = Vec::new();
+    for (number, (differs, knobs)) in rows.into_iter().enumerate() {
+        progress.set_message(differs);
+        let (row, frames) = subject.row(&gpu, differs, knobs)?;
+        if let Some(folder) = &options.images {
+            for (view, frame) in frames.iter().enumerate() {
+                let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+                let image = RgbImage::from_raw(width, height, pixels).context("the frame is short")?;
+                image.save(folder.join(format!("{number:02}-{}-{view}.png", differs.replace(' ', "-"))))?;
+            }
+        }
+        found.push(row);
+        progress.inc(1);
+    }
+    let scene = &subject.bench.scene;
+    let mut report = Report::new(&scene.name, Machine::here(gpu.kind()), found);
+    report.notes.push(format!(
+        "{} views of {width}×{height} pixels at {SUPERSAMPLING}² rays a pixel; {} of {} instances mirror what is around \
+         them, {} triangles in all. maps_ms is the time of all maps at one moment, ready_ms that of the octree and its light \
+         before them, brute_force_ms that of every triangle in every map; view_ms is the time of a view from {SAMPLES} \
+         samples. flip is against rays, {rays} over a lobe.",
+        subject.views.len(),
+        instances.len(),
+        scene.instances.len(),
+        scene.triangles(),
+    ));
+    report.plots = vec![plot(&scene.name, &report.rows)];
+    Ok(report)
+}
+
+/// Without maps, then the base, then each departure from it.
+fn rows_of(options: &Options) -> Vec<(&'static str, Option<Reflections>)> {
+    let base = options.base;
+    let sides = options.sides.iter().map(|&side| ("resolution", Some(Reflections { side, ..base })));
+    let levels = options.levels.iter().map(|&levels| ("octree levels", Some(Reflections { levels, ..base })));
+    let mut rows = vec![("sky alone", None), ("as given", Some(base))];
+    rows.extend(sides.chain(levels));
+    let mut unique: Vec<(&'static str, Option<Reflections>)> = Vec::new();
+    for row in rows {
+        if unique.iter().all(|(_, knobs)| *knobs != row.1) {
+            unique.push(row);
+        }
+    }
+    unique
+}
+
+impl Subject {
+    fn row(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        differs: &str,
+        knobs: Option<Reflections>,
+    ) -> Result<(Map<String, Value>, Vec<Frame>)> {
+        let maps = knobs.map(|knobs| Surroundings::of(&self.bench.scene, knobs)).transpose()?.flatten();
+        let info = SampleSetInfo {
+            reflections: maps,
+            generation: self.bench.info.generation + 1,
+            ..(*self.bench.info).clone()
+        };
+        self.bench.info = Arc::new(info);
+        let [maps_ms, ready_ms] = maps.map_or(Ok([0.0; 2]), |_| self.time_maps())?;
+        let brute_force_ms = maps.map(|maps| self.brute_force(gpu, maps)).transpose()?;
+
+        let mut ids = self.bench.all_ids(&self.views, SAMPLES);
+        ids = self.bench.info.with_surroundings(ids);
+        let taken = self.bench.take(ids.clone(), 0)?;
+        let plan = |camera: &Camera| {
+            let samples = self.bench.info.with_surroundings(self.bench.sample_ids(camera, SAMPLES));
+            Plan::Warp(Warp { supersampling: SUPERSAMPLING, samples, ..Warp::default() })
+        };
+        let direct = Plan::Direct { samples_per_pixel: SUPERSAMPLING * SUPERSAMPLING };
+        let job = |camera: &Camera, plan| self.bench.job(*camera, self.size, Outputs::COLOR, plan);
+        let warped: Vec<ViewJob> = self.views.iter().map(|camera| job(camera, plan(camera))).collect();
+        let direct: Vec<ViewJob> = self.views.iter().map(|camera| job(camera, direct.clone())).collect();
+        let (view_ms, warped) = self.time_views(&warped)?;
+        let (direct_ms, direct) = self.time_views(&direct)?;
+        self.bench.forget(&ids);
+        let judge = |frames: &[Frame]| -> Result<[f64; 3]> {
+            let judged = frames.iter().zip(&self.truths).map(|(frame, truth)| compare(frame, truth));
+            let judged = judged.collect::<Result<Vec<_>>>()?;
+            Ok([
+                mean(judged.iter().map(|j| j.flip_mean)),
+                mean(judged.iter().map(|j| j.psnr_db)),
+                mean(judged.iter().map(|j| j.ssim)),
+            ])
+        };
+        let [flip, psnr_db, ssim] = judge(&warped)?;
+        let [direct_flip, direct_psnr_db, direct_ssim] = judge(&direct)?;
+        let row = report::row(json!({
+            "differs": differs,
+            "maps": maps.map_or(0, |maps| maps.count),
+            "side": knobs.map(|knobs| knobs.side),
+            "levels": knobs.map(|knobs| knobs.levels),
+            "maps_ms": maps_ms,
+            "ready_ms": ready_ms,
+            "brute_force_ms": brute_force_ms,
+            "samples": taken.count,
+            "view_ms": view_ms,
+            "direct_ms": direct_ms,
+            "flip": flip,
+            "psnr_db": psnr_db,
+            "ssim": ssim,
+            "direct_flip": direct_flip,
+            "direct_psnr_db": direct_psnr_db,
+            "direct_ssim": direct_ssim,
+            "unresolved_fraction": mean(warped.iter().map(|frame| frame.unresolved_fraction)),
+        }));
+        Ok((row, direct))
+    }
+
+    /// Milliseconds of all maps, and of what is made ready before them, at moments that follow one another.
+    fn time_maps(&mut self) -> Result<[f64; 2]> {
+        let mut times: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+        // The first makes machine code; the last is the moment that views are of.
+        for epoch in (0..=self.rounds as u64 + 1).rev() {
+            let info = self.bench.info.at_epoch(&self.bench.scene, epoch);
+            let id = SampleId { epoch, generation: info.generation, index: SampleId::SURROUNDINGS };
+            let job = SampleJob { info: Arc::new(info), ids: vec![id], to_host: true };
+            let begin = Instant::now();
+            let found = self.bench.sampler.render_samples(&job, &Cancel::new());
+            let all = begin.elapsed().as_secs_f64() * 1e3;
+            let found = found.into_iter().collect::<Result<Vec<_>, RenderError>>()?;
+            let stages = || found.iter().flat_map(|sample| &sample.stages);
+            let maps =
+                stages().filter(|stage: &&Stage| stage.name == "look around").fold(0.0, |sum, s| sum + s.ms);
+            if epoch <= self.rounds as u64 {
+                times[0].push(maps);
+                times[1].push(all - maps);
+            }
+        }
+        Ok(times.map(|times| median(&times)))
+    }
+
+    /// Milliseconds of maps as large without any hierarchy: what is seen alone, without its light.
+    fn brute_force(&self, gpu: &Arc<Gpu>, maps: Surroundings) -> Result<f64> {
+        let scene = &self.bench.scene;
+        let (pose, root) = (scene.at(0.0), RootCube::around(&scene.bounds()));
+        let centers = scene.reflectors(maps.knobs.most).into_iter();
+        let views: Vec<ViewPoint> = centers
+            .filter_map(|index| scene.reflector(index, &pose.instances[index as usize]))
+            .map(|reflector| ViewPoint::everywhere(reflector.center))
+            .collect();
+        let list = ViewList::new(gpu, &root, &views)?;
+        let knobs = Knobs { side: maps.knobs.side, ..Knobs::default() };
+        let mut raster = RasterViews::new(gpu, root, stream::triangles(scene, &pose), knobs)?;
+        let mut times = Vec::new();
+        for round in 0..=self.rounds {
+            let stats = raster.render(&list)?;
+            if round > 0 {
+                times.push(stats.frame_ms);
+            }
+        }
+        Ok(median(&times))
+    }
+
+    /// Milliseconds a view, the median of the rounds, and the frames.
+    fn time_views(&mut self, jobs: &[ViewJob]) -> Result<(f64, Vec<Frame>)> {
+        let (mut times, mut frames) = (Vec::new(), Vec::new());
+        for round in 0..=self.rounds {
+            let (ms, found) = self.bench.time(jobs)?;
+            if round > 0 {
+                times.push(ms / jobs.len() as f64);
+            }
+            frames = found;
+        }
+        Ok((median(&times), frames))
+    }
+}
+
+/// Error against the time of the maps.
+fn plot(scene: &str, rows: &[Map<String, Value>]) -> Plot {
+    let number =
+        |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let mut series: Vec<Series> = Vec::new();
+    for row in rows.iter().filter(|row| number(row, "maps_ms") > 0.0) {
+        let name = row.get("differs").and_then(Value::as_str).unwrap_or_default().to_owned();
+        if series.last().is_none_or(|last| last.name != name) {
+            series.push(Series { name, points: Vec::new(), line: true });
+        }
+        if let Some(last) = series.last_mut() {
+            last.points.push((number(row, "maps_ms") + number(row, "ready_ms"), number(row, "direct_flip")));
+        }
+    }
+    Plot {
+        name: "flip".to_owned(),
+        title: format!("{scene}: maps around what mirrors the scene"),
+        x: Axis::log("milliseconds of all maps at a moment, octree and light included"),
+        y: Axis::linear("mean FLIP of direct views against rays"),
+        series,
+        ..Plot::default()
+    }
+}
