@@ -158,7 +158,8 @@ impl GpuCompositor {
     /// As the view itself would fail: a sample that is not held, a plan that cannot be followed.
     pub fn plan(&self, job: &ViewJob) -> Result<Vec<PassPlan>, RenderError> {
         let view = PreparedView::new(0, job, &self.holdings, self.knobs.splatting)?;
-        Ok(plan(&job.plan, job.outputs, view.glossy, self.knobs.splatting))
+        let looks = [view.glossy, view.surroundings.is_some()];
+        Ok(plan(&job.plan, job.outputs, looks, self.knobs.splatting))
     }
 
     /// Which of a search's two programs draws: what the knob says, or what was found to be the faster on this device;

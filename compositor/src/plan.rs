@@ -20,7 +20,12 @@ pub struct PassPlan {
 }
 
 /// The passes for one view.
-pub(crate) fn plan(plan: &Plan, outputs: Outputs, glossy: bool, splatting: usize) -> Vec<PassPlan> {
+pub(crate) fn plan(
+    plan: &Plan,
+    outputs: Outputs,
+    [glossy, reflects]: [bool; 2],
+    splatting: usize,
+) -> Vec<PassPlan> {
     let Plan::Warp(Warp { search, supersampling, samples, steps, .. }) = plan else {
         let why =
             "the plan is direct: it is rendered from triangles, which a compositor never has".to_owned();
@@ -53,6 +58,15 @@ pub(crate) fn plan(plan: &Plan, outputs: Outputs, glossy: bool, splatting: usize
             "specular",
             glossy,
             if glossy { "the samples carry normals and F0" } else { "nothing in the samples is glossy" },
+        ),
+        row(
+            "look surroundings up",
+            reflects,
+            if reflects {
+                "the samples say which map each surface looks up"
+            } else {
+                "the set has no reflections"
+            },
         ),
         row("average sub-pixels", *supersampling > 1, &format!("{supersampling} sub-pixels a side")),
         row(

@@ -40,7 +40,7 @@ macro_rules! messages {
 }
 
 messages! {
-    Vec3, Rgb, PerspectiveCamera, OmniCamera,
+    Vec3, Rgb, PerspectiveCamera, OmniCamera, SurroundingsLayout,
     Bounds => |m| converted(Bounds::try_from(m)),
     Camera => |m| converted(Camera::try_from(m)),
     NamedCamera => |m| converted(NamedCamera::try_from(m)),
@@ -66,7 +66,7 @@ messages! {
     Lighting => |m| converted(Lighting::try_from(m)),
     TileCornersRig, CellRig,
     Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
-    MegaViewsSampling,
+    MegaViewsSampling, Surroundings,
     SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),
     SampleId,
     Stage => |m| converted(Stage::try_from(m)),

@@ -52,12 +52,10 @@ pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
 pub use open::{is_procedural, open};
-pub use reflection::{Reflections, Reflector};
+pub use reflection::{Reflections, Reflector, Surroundings};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
-pub use sample::{
-    Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo, Surroundings,
-};
+pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo};
 pub use sampling::{MegaViews, Sampling};
 pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash, SharedScene};
 pub use view::{Holes, Limits, Output, Outputs, Plan, PlanRequest, Preset, Search, View, Warp};

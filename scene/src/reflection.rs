@@ -29,6 +29,9 @@ const RING: u32 = 1;
 /// around it, and no image.
 const ROUGHEST: f32 = 0.6;
 
+/// Bytes of all maps of a scene, at most: every sampler makes them and every compositor holds them.
+const MOST_BYTES: u64 = 256 << 20;
+
 /// Stands in [`crate::Provenance::device`] before the knobs of the maps that reflections come from.
 const REFLECTIONS_BY: &str = "; reflections by maps";
 
@@ -93,6 +96,59 @@ pub fn level_sides(side: u32) -> impl Iterator<Item = u32> {
 /// Columns and rows of a map: its levels one below the other, each with a ring around it.
 pub fn map_size(side: u32) -> [u32; 2] {
     [side + 2 * RING, level_sides(side).map(|side| side + 2 * RING).sum()]
+}
+
+/// The maps around the reflectors of a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Surroundings {
+    /// What each is like.
+    pub knobs: Reflections,
+    /// How many there are, at least 1.
+    pub count: u32,
+}
+
+impl Surroundings {
+    /// Those of a scene; `None` where nothing in it mirrors anything.
+    ///
+    /// # Errors
+    /// A knob out of range, or maps that take too much memory together, by name.
+    pub fn of(scene: &Scene, knobs: Reflections) -> Result<Option<Self>, InvalidField> {
+        knobs.validate()?;
+        let maps = Self { knobs, count: scene.reflectors(knobs.most).len() as u32 };
+        if maps.count == 0 {
+            return Ok(None);
+        }
+        maps.validate()?;
+        Ok(Some(maps))
+    }
+
+    /// Rejects what [`Surroundings::of`] never makes.
+    ///
+    /// # Errors
+    /// The field, by name.
+    pub fn validate(&self) -> Result<(), InvalidField> {
+        self.knobs.validate()?;
+        if !(1..=self.knobs.most).contains(&self.count) {
+            let reason = format!("must be 1 to {}, not {}", self.knobs.most, self.count);
+            return Err(InvalidField::new("reflections.count", reason));
+        }
+        let bytes = self.bytes();
+        if bytes > MOST_BYTES {
+            let (mib, most) = (bytes >> 20, MOST_BYTES >> 20);
+            let (count, side) = (self.count, self.knobs.side);
+            let reason = format!(
+                "{count} maps of {side} take {mib} MiB, and {most} are the most: take fewer or smaller"
+            );
+            return Err(InvalidField::new("reflections.side", reason));
+        }
+        Ok(())
+    }
+
+    /// Bytes of all maps: radiance and range.
+    fn bytes(&self) -> u64 {
+        let texels: u64 = map_size(self.knobs.side).map(u64::from).iter().product();
+        texels * 8 * u64::from(self.count)
+    }
 }
 
 /// Something that a map is made around.
@@ -245,6 +301,18 @@ mod tests {
         assert_eq!(field(Reflections { side: 512, ..default }), "reflections.side");
         assert_eq!(field(Reflections { levels: 11, ..default }), "reflections.levels");
         assert_eq!(field(Reflections { most: 0, ..default }), "reflections.most");
+    }
+
+    #[test]
+    fn maps_that_take_too_much_memory_and_a_wrong_number_of_them_are_refused() {
+        let field = |maps: Surroundings| maps.validate().unwrap_err().field;
+        let few = Surroundings { knobs: Reflections { most: 1024, ..Reflections::default() }, count: 1024 };
+        assert_eq!(few.validate(), Ok(()));
+        assert_eq!(field(Surroundings { count: 1025, ..few }), "reflections.count");
+        assert_eq!(field(Surroundings { count: 0, ..few }), "reflections.count");
+        let large = Surroundings { knobs: Reflections { side: 256, ..few.knobs }, ..few };
+        assert_eq!(field(large), "reflections.side");
+        assert_eq!(Surroundings::of(&scene(), Reflections::default()).unwrap().unwrap().count, 3);
     }
 
     #[test]

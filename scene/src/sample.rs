@@ -8,8 +8,8 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Bounds, InvalidField, Lighting, OmniLayout, Reflections, Rig, SampleCamera, Sampling, Scene, SceneHash,
-    Stage, Visibility,
+    Bounds, InvalidField, Lighting, OmniLayout, Rig, SampleCamera, Sampling, Scene, SceneHash, Stage,
+    Surroundings, Visibility,
 };
 
 /// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig, `epoch` when.
@@ -177,40 +177,6 @@ pub struct SampleSetInfo {
     pub reflections: Option<Surroundings>,
 }
 
-/// The maps around the reflectors of a scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Surroundings {
-    /// What each is like.
-    pub knobs: Reflections,
-    /// How many there are, at least 1.
-    pub count: u32,
-}
-
-impl Surroundings {
-    /// Those of a scene; `None` where nothing in it mirrors anything.
-    ///
-    /// # Errors
-    /// A knob out of range, by name.
-    pub fn of(scene: &Scene, knobs: Reflections) -> Result<Option<Self>, InvalidField> {
-        knobs.validate()?;
-        let count = scene.reflectors(knobs.most).len() as u32;
-        Ok((count > 0).then_some(Self { knobs, count }))
-    }
-
-    /// Rejects what [`Surroundings::of`] never makes.
-    ///
-    /// # Errors
-    /// The field, by name.
-    pub fn validate(&self) -> Result<(), InvalidField> {
-        self.knobs.validate()?;
-        if !(1..=self.knobs.most).contains(&self.count) {
-            let reason = format!("must be 1 to {}, not {}", self.knobs.most, self.count);
-            return Err(InvalidField::new("reflections.count", reason));
-        }
-        Ok(())
-    }
-}
-
 impl SampleSetInfo {
     /// Scene time, seconds: epoch·Δt.
     pub fn time_secs(&self) -> f64 {
@@ -220,7 +186,10 @@ impl SampleSetInfo {
     /// What a device of that kind is called that took samples of this set, as [`crate::Provenance::device`] has it.
     pub fn device(&self, kind: &str) -> String {
         let device = self.sampling.on_device(self.visibility.on_device(kind));
-        self.reflections.map_or(device.clone(), |maps| maps.knobs.on_device(&device))
+        match self.reflections {
+            Some(maps) => maps.knobs.on_device(&device),
+            None => device,
+        }
     }
 
     /// The camera of a sample of the set: the rig's, or that of its surroundings.

@@ -62,16 +62,27 @@ impl GpuSampler {
             Some(mirrors) => mirrors,
             None => Box::new(Mirrors::new(&self.gpu, &self.scene, &self.resident, &self.knobs, of)?),
         };
-        if mirrors.is_made(lighting, time_secs, drifts) {
-            self.looks.mirrors = Some(mirrors);
-            return Ok(Vec::new());
-        }
+        // Programs outlive an order that nobody waits for any more.
+        let stages = match mirrors.is_made(lighting, time_secs, drifts) {
+            true => Ok(Vec::new()),
+            false => self.make_mirrors(&mut mirrors, lighting, time_secs, cancel),
+        };
+        self.looks.mirrors = Some(mirrors);
+        stages
+    }
+
+    fn make_mirrors(
+        &mut self,
+        mirrors: &mut Mirrors,
+        lighting: &Lighting,
+        time_secs: f64,
+        cancel: &Cancel,
+    ) -> Result<Vec<Stage>, RenderError> {
         check_wanted(cancel)?;
         let mut stages =
             self.light_octree(&mut mirrors.octree, lighting, time_secs, cancel)?.unwrap_or_default();
         let made = mirrors.make(&self.gpu, &self.scene, &self.resident, lighting, time_secs)?;
         timing::add(&mut stages, made);
-        self.looks.mirrors = Some(mirrors);
         Ok(stages)
     }
 
