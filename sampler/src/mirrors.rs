@@ -34,6 +34,8 @@ pub(crate) struct Mirrors {
     pub(crate) octree: LitOctree,
     own_nodes: OwnNodes,
     look: LookAround,
+    /// Their programs outlast the octree that they were made for.
+    views: Option<ManyViews>,
     pub(crate) shade: Shade,
     pub(crate) resolve: ResolveSample,
     made: Option<Made>,
@@ -88,6 +90,7 @@ impl Mirrors {
             octree: LitOctree::new(gpu, resident, keeps_guides, of.knobs.levels),
             own_nodes: OwnNodes::new(gpu),
             look: LookAround::new(gpu, 1),
+            views: None,
             shade: Shade::new(gpu, resident.features, keeps_guides, true),
             resolve: ResolveSample::new(gpu, resident.features.specular, sampler.side(), true),
             made: None,
@@ -171,11 +174,13 @@ impl Mirrors {
             let points: Vec<ViewPoint> = places.iter().map(seen_from).collect();
             let eye = Eye::new(gpu, resident, middle, lighting)?;
             let most = (MOST_BYTES / AroundPlanes::bytes_of_map(side)).max(1) as usize;
-            let mut views: Option<ManyViews> = None;
+            if let Some(views) = &mut self.views {
+                views.set_octree(Arc::clone(&octree)).map_err(refused)?;
+            }
             for (first, points) in (0..).step_by(most).zip(points.chunks(most)) {
                 let list = ViewList::new(gpu, &octree.root, points)?;
                 let own = Own { of_nodes: owners.clone(), first };
-                let mut traversed = match views.take() {
+                let mut traversed = match self.views.take() {
                     Some(views) => views,
                     None => {
                         ManyViews::new(gpu, Arc::clone(&octree), traversal(side, &octree)).map_err(refused)?
@@ -199,7 +204,7 @@ impl Mirrors {
                 let [one, other] = tickets.map(|ticket| finished.take(ticket));
                 radiance.extend_from_slice(&one);
                 inverse_range.extend_from_slice(&other);
-                views = Some(traversed);
+                self.views = Some(traversed);
             }
         }
         let layout = OmniLayout::Surroundings { side, count: self.of.count };

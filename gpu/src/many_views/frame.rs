@@ -70,6 +70,24 @@ impl ManyViews {
         })
     }
 
+    /// Goes on with another octree, such as the same scene's at the next moment. Programs are kept where its texels are
+    /// divided alike, which is as long as its root is and, in texels of 32 bits, its nodes are about as many.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn set_octree(&mut self, octree: Arc<Octree>) -> Result<(), HierarchyError> {
+        let code = TexelCode::new(self.knobs.texel, octree.node_count(), octree.root.edge)?;
+        if code != self.maps.code {
+            self.maps = MapSet::new(&self.gpu, self.knobs.side, code, 1)?;
+            self.traverse = Traverse::new(&self.gpu, &self.knobs, &self.maps, self.own.is_some());
+            self.fuse = Fuse::new(&self.gpu, &self.maps);
+        }
+        // Maps and parts are made for the next list of views, as at first.
+        self.views = ViewOctree::new(&self.gpu, 0, 0)?;
+        self.octree = octree;
+        Ok(())
+    }
+
     /// Leaves out of each view what is its own from now on.
     ///
     /// # Errors

@@ -177,6 +177,24 @@ fn pixels_of_a_list_and_samples_asked_for_again_are_the_same() {
 }
 
 #[test]
+fn maps_of_a_moment_are_the_same_whichever_moments_came_before() {
+    let scene = Arc::new(mirrors(5));
+    let at = |epoch| {
+        let job = surroundings_of(&scene, maps(&scene));
+        let info = SampleSetInfo { epoch_secs: 0.5, ..(*job.info).clone() }.at_epoch(&scene, epoch);
+        let ids = job.ids.iter().map(|id| SampleId { epoch, ..*id }).collect();
+        SampleJob { info: Arc::new(info), ids, ..job }
+    };
+    let mut moving = sampler(&scene);
+    let planes = [PlaneKind::Radiance, PlaneKind::InverseRange, PlaneKind::Place];
+    let [before, moved] =
+        [0, 5].map(|epoch| planes.map(|kind| host_bytes(&sample(&mut moving, &at(epoch)), kind)));
+    assert_ne!(before, moved);
+    let fresh = planes.map(|kind| host_bytes(&sample(&mut sampler(&scene), &at(5)), kind));
+    assert_eq!(moved, fresh);
+}
+
+#[test]
 fn a_sample_says_which_map_its_surfaces_look_up() {
     let scene = Arc::new(mirrors(5));
     let eye = DVec3::new(0.0, 2.4, 3.5);
