@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Triangle};
+use argus_gpu::many_views::{Knobs, Texel};
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::camera::Face;
 use argus_scene::{InvalidField, Lighting, RenderError, Scene, Stage};
@@ -273,6 +274,23 @@ impl LitOctree {
 fn image_of(size: [u32; 2]) -> Tile {
     let face = Face { view_from_world: DMat3::IDENTITY, tan_half_fov: DVec2::ONE, offset: [0, 0], size };
     Tile { face, begin: [0, 0], size, side: 1 }
+}
+
+/// How pictures of an octree are taken, each from a view of its own: a function of nothing that was rendered before.
+pub(crate) fn pictures(side: u32, octree: &Octree) -> Knobs {
+    Knobs {
+        side,
+        texel: Texel::RangeAndNode,
+        sharing: false,
+        // What was rendered before decides nothing.
+        falls_back: false,
+        // A picture of what surrounds a view, and not of the wall that it stands in.
+        own_cell: false,
+        // Each view's pairs are fewer than leaves; what does not fit is traversed in parts.
+        queue_pairs: Some(octree.leaf_count().saturating_mul(8).max(1 << 16)),
+        view_depth: Some(octree.depth),
+        ..Knobs::default()
+    }
 }
 
 /// What a hierarchy refuses, in a sampler's words.

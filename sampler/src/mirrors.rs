@@ -7,8 +7,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_gpu::hierarchy::Octree;
-use argus_gpu::many_views::{Knobs, ManyViews, Own, Texel, ViewList, ViewPoint};
+use argus_gpu::many_views::{ManyViews, Own, ViewList, ViewPoint};
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{
     InvalidField, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind, Reflector, RenderError,
@@ -19,7 +18,7 @@ use glam::DVec3;
 
 use crate::SamplerKnobs;
 use crate::eye::Eye;
-use crate::lit_octree::{LitOctree, refused};
+use crate::lit_octree::{LitOctree, pictures, refused};
 use crate::passes::{AroundPlanes, LookAround, NodeMaps, OwnNodes, ResolveSample, Shade};
 use crate::resident::{Resident, upload};
 
@@ -183,7 +182,7 @@ impl Mirrors {
                 let mut traversed = match self.views.take() {
                     Some(views) => views,
                     None => {
-                        ManyViews::new(gpu, Arc::clone(&octree), traversal(side, &octree)).map_err(refused)?
+                        ManyViews::new(gpu, Arc::clone(&octree), pictures(side, &octree)).map_err(refused)?
                     }
                 };
                 traversed.leave_out(own).map_err(refused)?;
@@ -235,19 +234,5 @@ impl Mirrors {
             mirrored: Mirrored { surroundings, map_of_instance },
         });
         Ok(stages)
-    }
-}
-
-/// Each reflector's view by itself: what one leaves out, others see.
-fn traversal(side: u32, octree: &Octree) -> Knobs {
-    Knobs {
-        side,
-        texel: Texel::RangeAndNode,
-        sharing: false,
-        falls_back: false,
-        own_cell: false,
-        queue_pairs: Some(octree.leaf_count().saturating_mul(8).max(1 << 16)),
-        view_depth: Some(octree.depth),
-        ..Knobs::default()
     }
 }

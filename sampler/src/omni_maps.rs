@@ -15,7 +15,7 @@ use argus_gpu::many_views::{Knobs, ManyViews, Texel, ViewList, ViewPoint};
 use argus_gpu::{Commands, Gpu};
 use argus_scene::{InvalidField, MegaViews, RenderError, Rig, SampleId, Stage};
 
-use crate::lit_octree::{LitOctree, refused};
+use crate::lit_octree::{LitOctree, pictures, refused};
 use crate::passes::{LookUp, NodeMaps, ResolveSample, TileContext};
 use crate::resident::Resident;
 use crate::{Indirect, SamplerKnobs};
@@ -119,19 +119,7 @@ impl OmniMaps {
 
     /// How a group is traversed: by a function of its cameras alone.
     fn traversal(&self, rig: &Rig, octree: &Octree, group: &Group, edge: f64) -> Knobs {
-        let alone = Knobs {
-            side: self.knobs.map_side,
-            texel: Texel::RangeAndNode,
-            sharing: false,
-            // What was rendered before decides nothing.
-            falls_back: false,
-            // A picture of what surrounds a camera, and not of the wall that it stands in.
-            own_cell: false,
-            // Each camera's pairs are fewer than leaves; what does not fit is traversed in parts.
-            queue_pairs: Some(octree.leaf_count().saturating_mul(8).max(1 << 16)),
-            view_depth: Some(octree.depth),
-            ..Knobs::default()
-        };
+        let alone = pictures(self.knobs.map_side, octree);
         let spacing = group.cameras.first().and_then(|&index| rig.spacing_of(index));
         let (Some(spacing), true) = (spacing, self.knobs.block > 1 && group.cameras.len() > 1) else {
             return alone;

@@ -1,5 +1,5 @@
-//! Whom nothing new is given while others can have it: workers that are silent (`silence`), that do not get on, or that fail at all
-//! that they are given.
+//! Whom nothing new is given while others can have it: workers that are silent (`silence`), that do not get on, or that
+//! fail at all that they are given.
 //!
 //! A worker keeps its role and its samples throughout: all three pass, and being wrong costs the time of a view. One that
 //! fails fast has the shortest queue and would have every view first, so that it rests after a few failures, for longer
@@ -68,7 +68,8 @@ impl Record {
 }
 
 impl Core {
-    /// Suspects workers that have been silent for too long, and gives others the views of all who are suspected. Ends the rests that are over.
+    /// Suspects workers that have been silent for too long, and gives others the views of all who are suspected. Ends the
+    /// rests that are over.
     pub(super) fn suspect(&mut self, now: Uptime, actions: &mut Vec<Action>) {
         self.notice_silence(now);
         for worker in self.workers.values_mut() {

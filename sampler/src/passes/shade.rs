@@ -71,10 +71,11 @@ impl Shade {
             .write("guides", guides)
             .write("guide_albedos", albedos)
             .write("shaded", &targets.shaded);
-        let around =
-            gpu.upload("around", &[mirrored.surroundings.around(eye.position)], wgpu::BufferUsages::UNIFORM);
+        let around;
         match (shading, &targets.gloss) {
             (Shading::View, _) => {
+                let about_eye = mirrored.surroundings.around(eye.position);
+                around = gpu.upload("around", &[about_eye], wgpu::BufferUsages::UNIFORM);
                 call = call.read("map_of_instance", &mirrored.map_of_instance).read("around", &around);
                 for (name, resource) in mirrored.surroundings.bindings() {
                     call = call.read(name, resource);
