@@ -97,13 +97,7 @@ async fn cluster(machine: &Arc<Machine>, ending: &CancellationToken) -> Client {
     let config = coordinator::Config::default();
     tokio::spawn(coordinator::serve(config, listener, served.clone(), registry, ending.clone()));
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    tokio::spawn(worker::run(
-        worker::Config::new(&url),
-        listener,
-        machine.clone(),
-        served,
-        ending.clone(),
-    ));
+    tokio::spawn(worker::run(worker::Config::new(&url), listener, machine.clone(), served, ending.clone()));
     let connected = async {
         loop {
             match Client::connect(&url).await {

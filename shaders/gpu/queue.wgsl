@@ -11,11 +11,13 @@ struct QueueStep {
     arguments: u32,
     // Pairs that a workgroup takes.
     group: u32,
-    // The scene's root.
+    // The scene's root, or the first of its leaves.
     scene_node: u32,
-    // First view and number of views; no views: the root of the view octree.
     first_view: u32,
-    views: u32,
+    // Pairs that a traversal begins with.
+    count: u32,
+    // Of the view octree.
+    level: u32,
     // Maps that there is room for.
     maps: u32,
 }
@@ -48,7 +50,7 @@ fn prepare() {
 @compute @workgroup_size(1)
 fn prepare_fusion() {
     let overflowed = atomicLoad(&counters[0]) != 0u;
-    let maps = select(map_levels[step.views].y, 0u, overflowed);
+    let maps = select(map_levels[step.level].y, 0u, overflowed);
     arguments_for(maps * step.group);
 }
 
@@ -70,10 +72,29 @@ fn seed_views(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, local);
-    if at < step.views {
+    if at < step.count {
         queue[at] = vec2u(step.scene_node, step.first_view + at);
     }
     if at == 0u {
-        atomicStore(&counters[step.counters], step.views);
+        atomicStore(&counters[step.counters], step.count);
+    }
+}
+
+// Every leaf of the scene with the root of the view octree.
+@compute @workgroup_size(64)
+fn seed_leaves(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let at = linear_index(group, groups, local);
+    if at < step.count {
+        queue[at] = vec2u(step.scene_node + at, levels[0].x);
+    }
+    if at == 0u {
+        if map_total[0] > step.maps {
+            atomicMax(&counters[0], 1u);
+        }
+        atomicStore(&counters[step.counters], step.count);
     }
 }

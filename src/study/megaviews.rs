@@ -36,7 +36,8 @@ pub(super) struct MegaViews {
     /// middle that their map is rendered from]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     view_levels: Option<u32>,
-    /// What is compared [default: all]
+    /// What is compared: scene and views traversed together, the scene for each view, each leaf of the scene's octree down
+    /// that over the views, every triangle for every view [default: all but flat-scene]
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = method())]
     method: Vec<Method>,
     /// Where light comes from: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG [default: the scene's first light that has

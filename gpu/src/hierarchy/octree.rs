@@ -269,6 +269,11 @@ impl Octree {
         self.levels.last().map_or(0, |level| level[1])
     }
 
+    /// The first leaf's index among the nodes, and the number of leaves.
+    pub fn leaves(&self) -> [u32; 2] {
+        self.levels.last().copied().unwrap_or_default()
+    }
+
     /// The root's index among the nodes.
     pub fn root_node(&self) -> u32 {
         self.node_count() - 1

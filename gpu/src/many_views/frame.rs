@@ -51,6 +51,7 @@ impl ManyViews {
         knobs.validate()?;
         let pairs = (largest_array(gpu).min(QUEUE_BYTES) / 8) as u32;
         let pairs = knobs.queue_pairs.map_or(pairs, |n| n.min(pairs));
+        Self::begins(&knobs, &octree, pairs)?;
         let code = TexelCode::new(knobs.texel, octree.node_count(), octree.root.edge)?;
         let maps = MapSet::new(gpu, knobs.side, code, 1)?;
         Ok(Self {
@@ -76,6 +77,7 @@ impl ManyViews {
     /// # Errors
     /// As [`Self::new`].
     pub fn set_octree(&mut self, octree: Arc<Octree>) -> Result<(), HierarchyError> {
+        Self::begins(&self.knobs, &octree, self.queues.capacity)?;
         let code = TexelCode::new(self.knobs.texel, octree.node_count(), octree.root.edge)?;
         if code != self.maps.code {
             self.maps = MapSet::new(&self.gpu, self.knobs.side, code, 1)?;
@@ -86,6 +88,15 @@ impl ManyViews {
         self.views = ViewOctree::new(&self.gpu, 0, 0)?;
         self.octree = octree;
         Ok(())
+    }
+
+    /// Whether a queue holds what a traversal begins with, however its views are split.
+    fn begins(knobs: &Knobs, octree: &Octree, pairs: u32) -> Result<(), HierarchyError> {
+        if knobs.scene_hierarchy || octree.leaf_count() <= pairs {
+            return Ok(());
+        }
+        let [needed, limit] = [octree.leaf_count(), pairs].map(|pairs| u64::from(pairs) * 8);
+        Err(HierarchyError::TooLarge { what: "leaves of the scene in a queue of pairs", needed, limit })
     }
 
     /// Leaves out of each view what is its own from now on.
@@ -115,7 +126,8 @@ impl ManyViews {
         self.make_room(views)?;
         let mut reruns = 0;
         loop {
-            let steps = steps(self.octree.depth, self.views.depth, views.edge);
+            let from_level = if self.knobs.scene_hierarchy { 0 } else { self.octree.depth };
+            let steps = steps(from_level, self.octree.depth, self.views.depth, views.edge);
             let passes = self.passes();
             let words = entry(passes.len() as u32, 0, steps.len());
             self.make_counters(words);

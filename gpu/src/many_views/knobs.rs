@@ -51,6 +51,9 @@ pub struct Knobs {
     /// Whether views share what looks alike from all of them (MegaViews); otherwise each is traversed by itself
     /// (ManyLoDs).
     pub sharing: bool,
+    /// Whether the scene's octree is traversed too; else each of its leaves goes down the octree over the views by itself: a
+    /// baseline, which says what the scene's hierarchy is worth. Where views share, and do not fall back.
+    pub scene_hierarchy: bool,
     /// Whether views are traversed each by itself after a frame in which rendered pairs were shared by fewer than
     /// [`Knobs::WORTH_SHARING`] views in the mean.
     pub falls_back: bool,
@@ -80,6 +83,7 @@ impl Default for Knobs {
             texel: Texel::Range,
             threshold: 1.0,
             sharing: true,
+            scene_hierarchy: true,
             falls_back: true,
             view_depth: None,
             bounding: Bounding::Tight,
@@ -125,6 +129,12 @@ impl Knobs {
             self.threshold >= 1.0 && self.threshold <= 8.0,
             "1 to 8 texels",
             self.threshold.to_string(),
+        )?;
+        check(
+            "scene hierarchy",
+            self.scene_hierarchy || (self.sharing && !self.falls_back),
+            "on unless views share and never fall back",
+            "off".to_owned(),
         )?;
         let depth = self.view_depth.is_none_or(|depth| (1..=MAX_DEPTH).contains(&depth));
         check("levels of the view octree", depth, "1 to 10", format!("{:?}", self.view_depth))?;

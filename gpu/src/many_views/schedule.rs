@@ -17,10 +17,10 @@ pub(super) struct Step {
     pub(super) leaves: bool,
 }
 
-/// The steps from both roots to both lowest levels; `view_edge` is the edge of the views' root cube in edges of the
-/// scene's.
-pub(super) fn steps(scene_depth: u32, view_depth: u32, view_edge: f64) -> Vec<Step> {
-    let (mut scene_level, mut view_level) = (0, 0);
+/// The steps from a level of the scene's octree and the root of the views' to both lowest levels; `view_edge` is the edge of
+/// the views' root cube in edges of the scene's.
+pub(super) fn steps(from_level: u32, scene_depth: u32, view_depth: u32, view_edge: f64) -> Vec<Step> {
+    let (mut scene_level, mut view_level) = (from_level, 0);
     let mut steps = Vec::with_capacity((scene_depth + view_depth) as usize);
     while scene_level < scene_depth || view_level < view_depth {
         let scene_is_larger = 0.5f64.powi(scene_level as i32) > view_edge * 0.5f64.powi(view_level as i32);
@@ -42,7 +42,7 @@ mod tests {
 
     fn divided(scene_depth: u32, view_depth: u32, view_edge: f64) -> String {
         let letter = |step: &Step| if step.divides_views { 'v' } else { 's' };
-        steps(scene_depth, view_depth, view_edge).iter().map(letter).collect()
+        steps(0, scene_depth, view_depth, view_edge).iter().map(letter).collect()
     }
 
     #[test]
@@ -63,10 +63,17 @@ mod tests {
     }
 
     #[test]
+    fn leaves_of_the_scene_meet_the_views_level_by_level() {
+        let steps = steps(4, 4, 2, 1.0);
+        assert!(steps.iter().all(|step| step.divides_views && step.scene_level == 4));
+        assert_eq!(steps.len(), 2);
+    }
+
+    #[test]
     fn only_the_last_step_makes_pairs_of_leaves() {
-        for step in steps(5, 3, 1.0).split_last().unwrap().1 {
+        for step in steps(0, 5, 3, 1.0).split_last().unwrap().1 {
             assert!(!step.leaves);
         }
-        assert!(steps(5, 3, 1.0).last().unwrap().leaves);
+        assert!(steps(0, 5, 3, 1.0).last().unwrap().leaves);
     }
 }

@@ -21,6 +21,7 @@ pub(super) struct Traverse {
     prepare_fusion: ComputePipeline,
     seed_roots: ComputePipeline,
     seed_views: ComputePipeline,
+    seed_leaves: ComputePipeline,
 }
 
 /// Two queues, what is counted, and the extent of the next step.
@@ -144,6 +145,7 @@ impl Traverse {
             prepare_fusion: gpu.compute_pipeline(&QUEUE, "prepare_fusion"),
             seed_roots: gpu.compute_pipeline(&QUEUE, "seed_roots"),
             seed_views: gpu.compute_pipeline(&QUEUE, "seed_views"),
+            seed_leaves: gpu.compute_pipeline(&QUEUE, "seed_leaves"),
         }
     }
 
@@ -165,10 +167,22 @@ impl Traverse {
             group: 64,
             scene_node: octree.root_node(),
             first_view: 0,
-            views: 0,
+            count: 1,
+            level: 0,
             maps: work.maps.capacity,
         };
         match part {
+            Part::Octants { .. } if !work.knobs.scene_hierarchy => {
+                [seed.scene_node, seed.count] = octree.leaves();
+                commands
+                    .compute("seed", &self.seed_leaves)
+                    .write("counters", &queues.counters)
+                    .write("queue", &queues.pairs[0])
+                    .read("levels", &views.nodes.levels)
+                    .read("map_total", views.map_total())
+                    .immediates(bytemuck::bytes_of(&seed))
+                    .dispatch_linear(u64::from(seed.count));
+            }
             Part::Octants { .. } => commands
                 .compute("seed", &self.seed_roots)
                 .write("counters", &queues.counters)
@@ -178,7 +192,7 @@ impl Traverse {
                 .immediates(bytemuck::bytes_of(&seed))
                 .dispatch([1, 1, 1]),
             Part::Views { first, count } => {
-                (seed.first_view, seed.views) = (first, count);
+                (seed.first_view, seed.count) = (first, count);
                 commands
                     .compute("seed", &self.seed_views)
                     .write("counters", &queues.counters)
@@ -288,7 +302,7 @@ impl Traverse {
             let step = QueueStep {
                 arguments: 4 * level,
                 group: texels.div_ceil(64),
-                views: level,
+                level,
                 ..bytemuck::Zeroable::zeroed()
             };
             commands

@@ -241,3 +241,39 @@ fn views_too_far_apart_to_share_are_traversed_each_by_itself_from_the_second_fra
         assert_eq!(shared.many.maps().read(&gpu(), view).unwrap(), alone.of(view as usize));
     }
 }
+
+#[test]
+fn leaves_without_a_hierarchy_of_the_scene_are_seen_as_with_one_at_the_cost_of_more_pairs() {
+    let views = everywhere(64, 7);
+    // Leaves so large that no node above them is ever rendered whole: the same maps, byte for byte.
+    let coarse = octree_of(&room(), 3);
+    let knobs = wide(3, 32, true);
+    let flat = |knobs| Knobs { scene_hierarchy: false, ..knobs };
+    let [with, without] = [knobs, flat(knobs)].map(|knobs| Frame::new(&coarse, knobs, &views));
+    assert_eq!(with.maps, without.maps);
+    // And in parts, since every part begins with all leaves.
+    let tight = Knobs { queue_pairs: Some(coarse.leaf_count() * 2), ..flat(knobs) };
+    let split = Frame::new(&coarse, tight, &views);
+    assert!(split.stats.multipass_level > 0, "{:?}", split.stats);
+    assert_eq!(split.maps, with.maps);
+    // Small ones: what was a node of some leaves is its leaves.
+    let fine = octree_of(&room(), 6);
+    let knobs = wide(6, 16, true);
+    let [with, without] = [knobs, flat(knobs)].map(|knobs| Frame::new(&fine, knobs, &views));
+    let tested = |frame: &Frame| frame.stats.steps.iter().map(|step| step.tested).sum::<u64>();
+    assert!(tested(&without) > tested(&with), "{} and {}", tested(&without), tested(&with));
+    for view in 0..views.len() {
+        let far = with.of(view).iter().zip(without.of(view)).filter(|(a, b)| {
+            let [a, b] = [a, b].map(|value| f32::from_bits(value[0]));
+            (a - b).abs() > 0.25 * a.max(b)
+        });
+        let far = far.count();
+        assert!(far * 10 <= with.of(view).len(), "view {view}: {far} texels");
+    }
+    // What a queue cannot begin with is refused before anything runs.
+    let tiny = Knobs { queue_pairs: Some(64), ..flat(knobs) };
+    let error = ManyViews::new(&gpu(), fine, tiny).unwrap_err().to_string();
+    assert!(error.contains("leaves of the scene"), "{error}");
+    let alone = Knobs { sharing: false, ..flat(knobs) };
+    assert!(alone.validate().unwrap_err().to_string().contains("scene hierarchy"));
+}

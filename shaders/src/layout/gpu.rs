@@ -134,12 +134,14 @@ mirror! {
         pub arguments: u32,
         /// Pairs that a workgroup takes.
         pub group: u32,
-        /// The scene's root.
+        /// The scene's root, or the first of its leaves.
         pub scene_node: u32,
         /// First view.
         pub first_view: u32,
-        /// Number of views.
-        pub views: u32,
+        /// Pairs that a traversal begins with.
+        pub count: u32,
+        /// Of the view octree.
+        pub level: u32,
         /// Maps that there is room for.
         pub maps: u32,
     }

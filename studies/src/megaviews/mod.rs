@@ -32,19 +32,22 @@ pub enum Method {
     MegaViews,
     /// The scene's octree traversed for each view.
     ManyLods,
+    /// Every leaf of the scene's octree sent down the octree over the views: without a hierarchy of the scene.
+    FlatScene,
     /// Every triangle for every view.
     Raster,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::MegaViews, Self::ManyLods, Self::Raster];
+    pub const ALL: [Self; 4] = [Self::MegaViews, Self::ManyLods, Self::FlatScene, Self::Raster];
 
     /// As options and tables have it.
     pub fn name(self) -> &'static str {
         match self {
             Self::MegaViews => "megaviews",
             Self::ManyLods => "manylods",
+            Self::FlatScene => "flat-scene",
             Self::Raster => "raster",
         }
     }
@@ -92,7 +95,7 @@ impl Default for Options {
             resolutions: vec![16],
             levels: vec![9],
             view_levels: None,
-            methods: Method::ALL.to_vec(),
+            methods: vec![Method::MegaViews, Method::ManyLods, Method::Raster],
             light: None,
             rounds: 3,
             patience_secs: 60.0,
@@ -263,7 +266,9 @@ impl<'a> Bench<'a> {
         let views = self.views(placement, count)?;
         let knobs = Knobs {
             side: resolution,
-            sharing: method == Method::MegaViews,
+            sharing: method != Method::ManyLods,
+            scene_hierarchy: method != Method::FlatScene,
+            falls_back: method == Method::MegaViews,
             view_depth: self.options.view_levels,
             occlusion,
             texel,
