@@ -115,6 +115,21 @@ fn fused_maps_hold_what_queries_find_byte_for_byte() {
     }
 }
 
+/// By how much ranges differ where both have one, ascending.
+fn apart(a: &Frame, b: &Frame, views: usize) -> Vec<f32> {
+    let mut off = Vec::new();
+    for view in 0..views {
+        for (a, b) in a.of(view).iter().zip(b.of(view)) {
+            let [a, b] = [a, b].map(|value| f32::from_bits(value[0]));
+            if a > 0.0 && b > 0.0 {
+                off.push((a / b - 1.0).abs());
+            }
+        }
+    }
+    off.sort_by(f32::total_cmp);
+    off
+}
+
 #[test]
 fn sharing_changes_ranges_by_little() {
     let octree = octree_of(&room(), 7);
@@ -123,16 +138,7 @@ fn sharing_changes_ranges_by_little() {
         let shared = Frame::new(&octree, Knobs { bounding, ..wide(7, 16, true) }, &views);
         let alone = Frame::new(&octree, wide(7, 16, false), &views);
         assert!(shared.stats.processed() < alone.stats.processed());
-        let mut off = Vec::new();
-        for view in 0..views.len() {
-            for (a, b) in shared.of(view).iter().zip(alone.of(view)) {
-                let [a, b] = [a, b].map(|value| f32::from_bits(value[0]));
-                if a > 0.0 && b > 0.0 {
-                    off.push((a / b - 1.0).abs());
-                }
-            }
-        }
-        off.sort_by(f32::total_cmp);
+        let off = apart(&shared, &alone, views.len());
         // The field notes' prototype: 0.7% or less in the median, after the correction.
         assert!(off[off.len() / 2] < 0.01, "median {}", off[off.len() / 2]);
         assert!(off[off.len() * 9 / 10] < 0.1, "90th percentile {}", off[off.len() * 9 / 10]);
@@ -262,14 +268,10 @@ fn leaves_without_a_hierarchy_of_the_scene_are_seen_as_with_one_at_the_cost_of_m
     let [with, without] = [knobs, flat(knobs)].map(|knobs| Frame::new(&fine, knobs, &views));
     let tested = |frame: &Frame| frame.stats.steps.iter().map(|step| step.tested).sum::<u64>();
     assert!(tested(&without) > tested(&with), "{} and {}", tested(&without), tested(&with));
-    for view in 0..views.len() {
-        let far = with.of(view).iter().zip(without.of(view)).filter(|(a, b)| {
-            let [a, b] = [a, b].map(|value| f32::from_bits(value[0]));
-            (a - b).abs() > 0.25 * a.max(b)
-        });
-        let far = far.count();
-        assert!(far * 10 <= with.of(view).len(), "view {view}: {far} texels");
-    }
+    let off = apart(&without, &with, views.len());
+    assert!(off.len() > with.of(0).len() * views.len() / 2, "a room is seen almost everywhere");
+    assert!(off[off.len() / 2] < 0.03, "median {}", off[off.len() / 2]);
+    assert!(off[off.len() * 9 / 10] < 0.3, "90th percentile {}", off[off.len() * 9 / 10]);
     // What a queue cannot begin with is refused before anything runs.
     let tiny = Knobs { queue_pairs: Some(64), ..flat(knobs) };
     let error = ManyViews::new(&gpu(), fine, tiny).unwrap_err().to_string();
