@@ -177,6 +177,11 @@ fn the_megaviews_study_counts_fewer_pairs_than_manylods_and_says_what_it_extrapo
             assert!(number(&row["bytes"], "maps") > 0.0 && number(row, "frame_ms") > 0.0);
             assert!(row["stages_ms"].as_object().unwrap().contains_key("divide scene"), "{row:#}");
         }
+        // Leaves that go down the view octree one by one are many more, as near to the truth.
+        let flat = of("flat-scene", placement, 256);
+        assert!(number(flat, "pairs_processed") > number(shared, "pairs_processed"), "{shared:#} {flat:#}");
+        assert_eq!(flat["fell_back"], false);
+        assert!(!flat["stages_ms"].as_object().unwrap().contains_key("divide scene"), "{flat:#}");
         // Exact maps of low resolution err too, and less.
         let exact = of("raster", placement, 256);
         assert_eq!(exact["extrapolated"], true, "of 96 views");

@@ -286,8 +286,9 @@ pub(crate) fn pictures(side: u32, octree: &Octree) -> Knobs {
         falls_back: false,
         // A picture of what surrounds a view, and not of the wall that it stands in.
         own_cell: false,
-        // Each view's pairs are fewer than leaves; what does not fit is traversed in parts.
-        queue_pairs: Some(octree.leaf_count().saturating_mul(8).max(1 << 16)),
+        // Each view's pairs are fewer than leaves; what does not fit is traversed in parts. As many at the next moment, when
+        // leaves are about as many.
+        queue_pairs: Some(octree.leaf_count().saturating_mul(8).clamp(1 << 16, 1 << 31).next_power_of_two()),
         view_depth: Some(octree.depth),
         ..Knobs::default()
     }

@@ -173,18 +173,12 @@ impl Mirrors {
             let points: Vec<ViewPoint> = places.iter().map(seen_from).collect();
             let eye = Eye::new(gpu, resident, middle, lighting)?;
             let most = (MOST_BYTES / AroundPlanes::bytes_of_map(side)).max(1) as usize;
-            if let Some(views) = &mut self.views {
-                views.set_octree(Arc::clone(&octree)).map_err(refused)?;
-            }
             for (first, points) in (0..).step_by(most).zip(points.chunks(most)) {
                 let list = ViewList::new(gpu, &octree.root, points)?;
                 let own = Own { of_nodes: owners.clone(), first };
-                let mut traversed = match self.views.take() {
-                    Some(views) => views,
-                    None => {
-                        ManyViews::new(gpu, Arc::clone(&octree), pictures(side, &octree)).map_err(refused)?
-                    }
-                };
+                let kept = self.views.take();
+                let traversed = ManyViews::kept_or_new(kept, gpu, &octree, pictures(side, &octree));
+                let mut traversed = traversed.map_err(refused)?;
                 traversed.leave_out(own).map_err(refused)?;
                 traversed.render(&list).map_err(refused)?;
                 if traversed.maps().arrays.len() != self.look.arrays() {

@@ -32,14 +32,10 @@ pub(crate) struct OmniMaps {
     look_up: LookUp,
     /// Such samples have no planes for reflections, whatever the scene has.
     pub(crate) resolve: ResolveSample,
-    traversed: Option<Traversed>,
-}
-
-/// Maps of some cameras of a rig.
-struct Traversed {
-    rig: Rig,
-    cameras: Vec<u64>,
-    views: ManyViews,
+    /// Programs outlast the octree that they were made for.
+    views: Option<ManyViews>,
+    /// What cameras of which rig have maps in them.
+    traversed: Option<(Rig, Vec<u64>)>,
 }
 
 /// Samples whose maps are rendered in one traversal.
@@ -60,6 +56,7 @@ impl OmniMaps {
             octree: LitOctree::new(gpu, resident, keeps_guides, knobs.levels),
             look_up: LookUp::new(gpu, 1),
             resolve: ResolveSample::new(gpu, false, sampler.side(), false),
+            views: None,
             traversed: None,
         }
     }
@@ -92,10 +89,10 @@ impl OmniMaps {
         let Some(octree) = self.octree.octree() else {
             return Err(RenderError::Internal("the octree was not built".to_owned()));
         };
-        let is_there = |t: &Traversed| t.rig == *rig && t.cameras == group.cameras;
-        if self.traversed.as_ref().is_some_and(is_there) {
+        if self.traversed.as_ref().is_some_and(|(of, cameras)| of == rig && *cameras == group.cameras) {
             return Ok(Vec::new());
         }
+        self.traversed = None;
         let begin = Instant::now();
         let points = group
             .cameras
@@ -104,16 +101,13 @@ impl OmniMaps {
             .collect::<Result<Vec<_>, InvalidField>>()?;
         let list = ViewList::new(gpu, &octree.root, &points)?;
         let knobs = self.traversal(rig, octree, group, list.edge());
-        let kept = self.traversed.take().filter(|traversed| *traversed.views.knobs() == knobs);
-        let mut views = match kept {
-            Some(traversed) => traversed.views,
-            None => ManyViews::new(gpu, Arc::clone(octree), knobs).map_err(refused)?,
-        };
+        let mut views = ManyViews::kept_or_new(self.views.take(), gpu, octree, knobs).map_err(refused)?;
         views.render(&list).map_err(refused)?;
         if views.maps().arrays.len() != self.look_up.arrays() {
             self.look_up = LookUp::new(gpu, views.maps().arrays.len());
         }
-        self.traversed = Some(Traversed { rig: *rig, cameras: group.cameras.clone(), views });
+        self.views = Some(views);
+        self.traversed = Some((*rig, group.cameras.clone()));
         Ok(vec![Stage::new("traverse octree", begin.elapsed().as_secs_f64() * 1e3)])
     }
 
@@ -136,9 +130,8 @@ impl OmniMaps {
 
     /// Shades a tile of a sample of the group that was traversed last, from its camera's map.
     pub(crate) fn look_up(&self, commands: &mut Commands, context: &TileContext<'_>, view: u32) {
-        let (Some(lit), Some(traversed)) = (self.octree.nodes(), &self.traversed) else { return };
-        let maps =
-            NodeMaps { octree: lit.octree, views: &traversed.views, surfels: lit.surfels, ends: lit.ends };
+        let (Some(lit), Some(views)) = (self.octree.nodes(), &self.views) else { return };
+        let maps = NodeMaps { octree: lit.octree, views, surfels: lit.surfels, ends: lit.ends };
         self.look_up.record(commands, context, &maps, view);
     }
 }

@@ -71,6 +71,26 @@ impl ManyViews {
         })
     }
 
+    /// For this octree and these knobs: what was `kept` from before if its knobs are the same, which saves making the
+    /// pipelines; else as [`Self::new`].
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn kept_or_new(
+        kept: Option<Self>,
+        gpu: &Arc<Gpu>,
+        octree: &Arc<Octree>,
+        knobs: Knobs,
+    ) -> Result<Self, HierarchyError> {
+        let Some(mut kept) = kept.filter(|kept| kept.knobs == knobs) else {
+            return Self::new(gpu, Arc::clone(octree), knobs);
+        };
+        if !Arc::ptr_eq(&kept.octree, octree) {
+            kept.set_octree(Arc::clone(octree))?;
+        }
+        Ok(kept)
+    }
+
     /// Goes on with another octree, such as the same scene's at the next moment. Programs are kept where its texels are
     /// divided alike, which is as long as its root is and, in texels of 32 bits, its nodes are about as many.
     ///

@@ -11,7 +11,6 @@ mod direct;
 mod knobs;
 
 use std::f64::consts::FRAC_PI_2;
-use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::hierarchy::Octree;
@@ -65,6 +64,7 @@ pub(crate) struct PointBased {
     choose: ChooseReceivers,
     receive: Receive,
     spread: Spread,
+    /// Programs outlast the octree that they were made for.
     views: Option<ManyViews>,
     report: PointReport,
 }
@@ -97,14 +97,12 @@ impl PointBased {
     pub(crate) fn set_knobs(&mut self, knobs: PointKnobs) {
         self.octree.set_levels(knobs.levels);
         self.octree.forget_light();
-        self.views = None;
         self.knobs = knobs;
     }
 
     /// Surfaces lie elsewhere.
     pub(crate) fn forget_pose(&mut self) {
         self.octree.forget_pose();
-        self.views = None;
     }
 
     /// What is known, once the scene was lit.
@@ -126,8 +124,6 @@ impl PointBased {
             return Ok(Vec::new());
         };
         if !stages.is_empty() {
-            // The traversal's programs know the octree that they were made for.
-            self.views = None;
             self.report.octree_ms = stages.iter().map(|stage| stage.ms).sum();
         }
         let Some(octree) = self.octree.octree().cloned() else { return Ok(stages) };
@@ -248,13 +244,9 @@ impl PointBased {
                 };
                 let points: Vec<ViewPoint> = batch.iter().map(point).collect();
                 let list = ViewList::new(gpu, &nodes.octree.root, &points)?;
-                let views = match &mut self.views {
-                    Some(views) => views,
-                    none => {
-                        let views = ManyViews::new(gpu, Arc::clone(nodes.octree), self.knobs.traversal());
-                        none.insert(views.map_err(refused)?)
-                    }
-                };
+                let kept = self.views.take();
+                let views = ManyViews::kept_or_new(kept, gpu, nodes.octree, self.knobs.traversal());
+                let views = self.views.insert(views.map_err(refused)?);
                 views.render(&list).map_err(refused)?;
                 let arrays = views.maps().arrays.len();
                 if arrays != self.receive.arrays() {

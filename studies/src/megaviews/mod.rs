@@ -112,8 +112,8 @@ impl Effort for Options {
             scene: "terrain:20000".to_owned(),
             views: vec![64, 256],
             levels: vec![5],
+            methods: Method::ALL.to_vec(),
             rounds: 1,
-            knobs: Knobs::default(),
             ..Self::default()
         }
     }

@@ -3,8 +3,10 @@
 
 mod chaos;
 mod session;
+mod tail;
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -94,7 +96,8 @@ const TRIAL: (u32, usize) = (400, 128);
 /// Connections that all sessions share.
 const CONNECTIONS: usize = 8;
 
-/// Before memory is said to be flat or not: caches fill, programs are compiled.
+/// Before memory is said to be flat or not, and latencies to be alike: caches fill, programs are compiled, and samples are
+/// placed where views had holes. What latencies were until then stands beside.
 const WARM_UP: f64 = 0.25;
 
 /// What a run must keep to: p99 by p50, the swing of the service's memory, and with chaos the longest that a session waits
@@ -202,10 +205,10 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     cluster.stop().or_else(|error| if options.chaos.is_some() { Ok(()) } else { Err(error) })?;
 
     let heard = std::mem::take(&mut *heard.lock());
-    let mut latencies = heard.latencies_ms;
-    latencies.sort_by(f64::total_cmp);
-    let at = |share: f64| latencies.get((latencies.len() as f64 * share) as usize).copied();
-    let (p50, p99) = (at(0.5), at(0.99));
+    let over_time = heard.latencies_ms;
+    let warm_secs = WARM_UP * measured_secs;
+    let [first, latencies] = [0.0..warm_secs, warm_secs..f64::INFINITY].map(|span| sorted(&over_time, &span));
+    let (p50, p99) = (quantile(&latencies, 0.5), quantile(&latencies, 0.99));
     let lost = heard.lost + unfinished;
     let swing = |of: &str| {
         let of = memory.iter().filter(|(name, _)| name.starts_with(of));
@@ -243,10 +246,13 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         "rejected": heard.rejected,
         "lost": lost,
         "p50_ms": p50,
-        "p90_ms": at(0.9),
+        "p90_ms": quantile(&latencies, 0.9),
         "p99_ms": p99,
         "p99_per_p50": p99_per_p50,
         "max_ms": latencies.last(),
+        "first_p50_ms": quantile(&first, 0.5),
+        "first_p99_ms": quantile(&first, 0.99),
+        "first_max_ms": first.last(),
         "worst_gap_secs": heard.worst_gap.as_secs_f64(),
         "kills": disturbed.kills,
         "pauses": disturbed.pauses,
@@ -270,11 +276,13 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         "passed": bars.met(),
     });
     let mut report = Report::new(options.scene.clone(), Machine::here(&device), vec![report::row(row)]);
-    report.plots = vec![memory_plot(&memory), latency_plot(&latencies)];
+    report.plots =
+        vec![memory_plot(&memory), latency_plot(&latencies), over_time_plot(&over_time, measured_secs)];
     report.notes.extend(heard.first_failure.map(|failure| format!("The first failure: {failure}")));
+    report.notes.extend(heard.tail.sentence());
     report.notes.push(
         "Lost: a camera that is the newest of its session and is neither answered nor turned away. Latency: from when a \
-         camera was due. Gap: the longest that a session which had asked for a frame got none, whether its cameras were \
+         camera was due, after the first quarter of the time; what it was until then stands apart. Gap: the longest that a session which had asked for a frame got none, whether its cameras were \
          overtaken, turned away or lost meanwhile. Redirected: frames that a session fetched from a worker. Repeats that \
          failed were not compared. Swing: half of the range of resident memory after the first quarter of the time, by its \
          middle."
@@ -339,6 +347,39 @@ fn memory_plot(memory: &BTreeMap<String, Memory>) -> Plot {
         x: Axis::linear("seconds"),
         y: Axis::linear("megabytes"),
         series: series.collect(),
+        ..Plot::default()
+    }
+}
+
+/// Latencies of the frames that came in a span of time, ascending.
+fn sorted(over_time: &[(f64, f64)], span: &Range<f64>) -> Vec<f64> {
+    let of_span = over_time.iter().filter(|(secs, _)| span.contains(secs));
+    let mut latencies: Vec<f64> = of_span.map(|(_, ms)| *ms).collect();
+    latencies.sort_by(f64::total_cmp);
+    latencies
+}
+
+fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+    sorted.get((sorted.len() as f64 * share) as usize).copied()
+}
+
+/// What half of the frames and what nearly all of them took, hundredth by hundredth of the time.
+fn over_time_plot(over_time: &[(f64, f64)], whole_secs: f64) -> Plot {
+    const SPANS: u32 = 100;
+    let edge = |i: u32| whole_secs * f64::from(i) / f64::from(SPANS);
+    let spans: Vec<(f64, Vec<f64>)> =
+        (0..SPANS).map(|i| (edge(i), sorted(over_time, &(edge(i)..edge(i + 1))))).collect();
+    let series = [("half of the frames", 0.5), ("99 of 100", 0.99)].map(|(name, share)| Series {
+        name: name.to_owned(),
+        points: spans.iter().filter_map(|(secs, ms)| Some((*secs, quantile(ms, share)?))).collect(),
+        line: true,
+    });
+    Plot {
+        name: "latency-over-time".to_owned(),
+        title: "Latency".to_owned(),
+        x: Axis::linear("seconds"),
+        y: Axis::log("milliseconds from when it was due, at most"),
+        series: series.into(),
         ..Plot::default()
     }
 }

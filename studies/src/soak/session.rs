@@ -11,6 +11,7 @@ use parking_lot::Mutex;
 use tokio::time::{sleep, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
 
+use super::tail::Tail;
 use super::{PATIENCE, color, pinned, repeat_options};
 
 /// What all sessions heard.
@@ -21,7 +22,10 @@ pub(super) struct Heard {
     pub(super) rejected: u64,
     /// Sessions whose newest camera was not answered, and cameras that failed.
     pub(super) lost: u64,
-    pub(super) latencies_ms: Vec<f64>,
+    /// When each frame came, seconds from the beginning, and how long after its camera was due.
+    pub(super) latencies_ms: Vec<(f64, f64)>,
+    /// Where the slowest of them spent their time.
+    pub(super) tail: Tail,
     /// Frames that sessions fetched from workers, instead of having them relayed.
     pub(super) redirected: u64,
     pub(super) worst_gap: Duration,
@@ -117,7 +121,9 @@ pub(super) async fn run(
                     heard.answered += 1;
                     heard.redirected += u64::from(fetched);
                     if let Some((due, view)) = answered {
-                        heard.latencies_ms.push(now.saturating_duration_since(due).as_secs_f64() * 1e3);
+                        let ms = now.saturating_duration_since(due).as_secs_f64() * 1e3;
+                        heard.latencies_ms.push(((now - begin).as_secs_f64(), ms));
+                        heard.tail.push(ms, &frame.stages);
                         heard.to_check.get_or_insert((view, frame));
                     }
                 }
