@@ -83,7 +83,26 @@ impl Core {
     }
 
     fn cost(&self, worker: &Worker, view: &Pending) -> f64 {
-        worker.views.len() as f64 + worker.missing(view.samples()) as f64 * self.config.missing_sample_views
+        let queued = worker.views.len() as f64;
+        let fetched = worker.missing(view.samples()) as f64 * self.config.missing_sample_views;
+        queued + fetched + self.refining_views(worker)
+    }
+
+    /// Views that are composed while a sampler renders the sample that it may be busy with: views go before those at
+    /// refinements, yet none is broken off.
+    fn refining_views(&self, worker: &Worker) -> f64 {
+        if !(worker.takes_samples() && self.has_to_render(worker, |index| self.placement.is_placed(index))) {
+            return 0.0;
+        }
+        let costs = self.believed_costs();
+        let views = costs.sample_secs / costs.view_secs;
+        if views.is_finite() { views } else { MOST_SPARE_VIEWS as f64 }
+    }
+
+    /// Whether a sampler has yet to render any of such samples.
+    fn has_to_render(&self, sampler: &Worker, such: impl Fn(u64) -> bool) -> bool {
+        let mut to_render = self.whereabouts.to_render();
+        to_render.any(|id| such(id.index) && self.directory.is_owner(sampler.id, id))
     }
 
     fn choose_among_all(&self, view: &Pending) -> Option<WorkerId> {
@@ -114,13 +133,13 @@ impl Core {
     }
 
     /// Whether a sampler has time to compose a view: it holds the view's samples, there is none that it has yet to
-    /// render, and it has few views, so that the next sample does not wait for long.
+    /// render but at refinements, which can wait, and it has few views, so that the next sample does not wait for long.
     fn may_help_out(&self, sampler: &Worker, view: &Pending) -> bool {
         self.config.samplers_composite
             && sampler.takes_samples()
             && sampler.views.len() < MOST_SPARE_VIEWS
             && view.samples().iter().all(|id| sampler.has(*id))
-            && !self.whereabouts.to_render().any(|id| self.directory.is_owner(sampler.id, id))
+            && !self.has_to_render(sampler, |index| !self.placement.is_placed(index))
     }
 
     /// Who traces pixels for a view that `reader` composes: itself if it samples, since that needs no transfer,

@@ -102,6 +102,11 @@ impl Placement {
         self.sites.iter().filter(|(_, site)| site.placed.is_some()).map(|(index, _)| *index)
     }
 
+    /// Whether that refinement shall be rendered and kept.
+    pub(super) fn is_placed(&self, index: u64) -> bool {
+        self.sites.get(&index).is_some_and(|site| site.placed.is_some())
+    }
+
     /// Sites that views have need of and no sample, those that are given one, and those of them that views may use.
     pub(super) fn counts(&self) -> Refinements {
         let placed = self.placed().count();

@@ -17,6 +17,13 @@ use super::worker::Worker;
 /// At most so many refinements, however small a sample is: every one stands in every worker's assignment.
 const MOST_REFINEMENTS: u64 = 512;
 
+/// The share of the time that is to spare which refinements may take: they have to be brought to those who compose, too,
+/// and demand comes in waves.
+const OF_SPARE: f64 = 0.5;
+
+/// … and of their own share what they may take however busy everybody is: where all is holes, no view is worth its time.
+const ALWAYS: f64 = 0.1;
+
 /// Bytes of a texel: radiance and inverse range.
 const TEXEL_BYTES: u64 = 8;
 
@@ -28,7 +35,8 @@ impl Core {
             return;
         }
         let secs = self.believed_costs().sample_secs;
-        let time = self.config.refining_share * self.config.tick.as_secs_f64() * ticks * samplers as f64;
+        let share = self.config.refining_share * self.config.tick.as_secs_f64() * samplers as f64;
+        let time = ticks * share.min((OF_SPARE * self.spare_secs(samplers)).max(ALWAYS * share));
         // Until a sample's cost is known, one at a time.
         let per_tick = if secs > 0.0 { time / secs } else { 1.0 };
         let bytes = self.set.rig.sample_texels() * TEXEL_BYTES;
@@ -36,6 +44,18 @@ impl Core {
         let most = most.min(self.refinements_an_epoch(self.config.refining_share, samplers, secs));
         let placed = self.placement.tick(Budget { per_tick, most });
         self.rates.samples.count(placed as u64);
+    }
+
+    /// Seconds of a tick in which those who could render refinements have nothing else to do.
+    fn spare_secs(&self, samplers: usize) -> f64 {
+        let (demand, costs) = (self.demand(), self.believed_costs());
+        let from_triangles = demand.direct * costs.direct_secs + demand.rays * costs.ray_secs;
+        // Where samplers compose, views are everybody's.
+        let (workers, busy_secs) = match self.config.samplers_composite {
+            true => (self.lines.ready(), from_triangles + demand.views * costs.view_secs),
+            false => (samplers, from_triangles),
+        };
+        (workers as f64 * self.config.tick.as_secs_f64() - busy_secs).max(0.0)
     }
 
     /// Tells workers what to have at hand, where that is news, and sees what views may use.

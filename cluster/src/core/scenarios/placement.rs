@@ -136,6 +136,53 @@ fn samplers_spend_no_more_than_their_share() {
 }
 
 #[test]
+fn a_sampler_that_refines_composes_once_others_would_take_as_long_as_a_sample() {
+    let mut sim = cluster(Config { samplers_composite: true, ..Config::default() }, 2);
+    (sim.direct_ms, sim.view_ms) = (100.0, 10.0);
+    let views = walk(8);
+    (0..3).for_each(|_| drop(lap(&mut sim, &views)));
+    let sampler = sim.sampler();
+    // It has rendered what views need.
+    let ticket = sim.ask_from(views[0], PlanRequest::default(), None);
+    let Plan::Warp(warp) = sim.orders[&ticket].plan.clone() else { panic!("a warp") };
+    sim.answer(ticket);
+    sim.workers.get_mut(&sampler).unwrap().report.held.extend(warp.samples);
+    // Somebody looks where samples are needed that nobody has yet: the sampler is told, and has not reported since.
+    let place = Camera::look_at(DVec3::new(3.9, 1.7, 0.9), DVec3::new(9.0, 1.0, 3.0));
+    for _ in 0..20 {
+        let ticket = sim.ask_from(place, PlanRequest::default(), None);
+        sim.answer_with(ticket, PIXELS as u64 / 5);
+    }
+    let told = |sim: &Sim| sim.workers[&sampler].told.last().map_or(0, |told| told.ahead.len());
+    let before = told(&sim);
+    sim.now = sim.now.after(Duration::from_secs(2));
+    sim.report_all();
+    sim.step(Event::Tick);
+    assert!(told(&sim) > before, "a sample is placed");
+    let asked: Vec<Ticket> = (0..40).map(|_| sim.ask_from(views[0], PlanRequest::default(), None)).collect();
+    let to_it: Vec<bool> = asked.iter().map(|ticket| sim.orders[ticket].worker == sampler).collect();
+    // A sample takes as long as ten views; from then on they take turns.
+    assert!(to_it.iter().take(9).all(|is| !is), "{to_it:?}");
+    let count = to_it.iter().filter(|is| **is).count();
+    assert!((10..=20).contains(&count), "{count}: {to_it:?}");
+}
+
+#[test]
+fn busy_workers_refine_little_and_idle_ones_as_much_as_their_share_allows() {
+    let rendered_in_a_minute = |view_ms: f64| {
+        let mut sim = cluster(Config { samplers_composite: true, ..Config::default() }, 2);
+        (sim.direct_ms, sim.view_ms) = (250.0, view_ms);
+        for _ in 0..3 {
+            // Four views a second, and many more viewpoints than there is time for samples.
+            lap(&mut sim, &walk(80));
+        }
+        rendered(&sim)
+    };
+    let [idle, busy] = [1.0, 480.0].map(rendered_in_a_minute);
+    assert!(busy > 0 && busy * 2 < idle, "{busy} samples where views keep workers busy, {idle} where not");
+}
+
+#[test]
 fn without_a_share_the_rig_stays_as_it_is() {
     let mut sim = cluster(Config { refining_share: 0.0, ..Config::default() }, 2);
     (0..5).for_each(|_| drop(lap(&mut sim, &walk(20))));
