@@ -88,7 +88,12 @@ impl Figures {
         // The cluster's own figures are running means; the last of them has all but forgotten the first views.
         let view_ms = steady.last().unwrap_or(warped).status.view_ms;
         let steady_ms = Spread::of(steady.iter().map(|round| round.total.as_secs_f64() * 1e3)).median;
-        let direct_ms = naive.status.direct_ms;
+        let naive_ms = naive.total.as_secs_f64() * 1e3;
+        // Of few views the cluster has no mean yet, since it leaves out those that programs are compiled for: then by the
+        // clock, as if all workers had been busy throughout.
+        let by_the_clock = naive_ms * workers as f64 / judged.len().max(1) as f64;
+        let known = naive.status.direct_ms > 0.0;
+        let direct_ms = if known { naive.status.direct_ms } else { by_the_clock };
         Self {
             scene: scene.to_owned(),
             workers,
@@ -101,7 +106,7 @@ impl Figures {
             view_per_direct: view_ms / direct_ms,
             total_ms: warped.total.as_secs_f64() * 1e3,
             steady_ms,
-            naive_ms: naive.total.as_secs_f64() * 1e3,
+            naive_ms,
             flip: Spread::of(judged.iter().map(|view| view.flip)),
             flip_direct: Spread::of(judged.iter().map(|view| view.flip_direct)),
             unresolved_fraction: judged.iter().map(|view| view.unresolved_fraction).sum::<f64>()

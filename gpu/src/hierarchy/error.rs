@@ -29,7 +29,7 @@ pub enum HierarchyError {
     },
     /// One array would be larger than a program may bind on this device.
     #[error(
-        "{what} need {needed} bytes in one array, and this device binds at most {limit}; use fewer levels"
+        "{what} need {needed} bytes in one array, and this device binds at most {limit}; use fewer levels or views"
     )]
     TooLarge {
         /// What is in the array.
