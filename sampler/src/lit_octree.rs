@@ -281,6 +281,8 @@ pub(crate) fn pictures(side: u32, octree: &Octree) -> Knobs {
     Knobs {
         side,
         texel: Texel::RangeAndNode,
+        disc: Knobs::COVERING,
+        shared_disc: Knobs::COVERING,
         sharing: false,
         // What was rendered before decides nothing.
         falls_back: false,

@@ -45,13 +45,13 @@ const OVERFLOW: u32 = 0u;
 const DRAWN: u32 = 11u;
 const HIGH: u32 = 4u;
 
-// A disc in radii of its ball: discs around the middles of cells, an edge apart, cover a plane; a point's ball has the
-// area that it stands for by its square, and points are spread less evenly than cells.
-const DISC_OF_CELL: f32 = 0.8165;
+// A disc in radii of its ball. A point's ball has the area that it stands for by its square, and points are spread less
+// evenly than cells.
+override disc_of_cell: f32 = 0.5;
 const DISC_OF_POINT: f32 = 1.0;
 
 fn disc_radius(radius: f32) -> f32 {
-    return radius * select(DISC_OF_CELL, DISC_OF_POINT, surfels);
+    return radius * select(disc_of_cell, DISC_OF_POINT, surfels);
 }
 
 fn groups_for(count: u32) {

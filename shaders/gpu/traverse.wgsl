@@ -173,8 +173,9 @@ fn verdict(mean: vec3f, view: ViewNode) -> u32 {
     return select(DIVIDE, RENDER, nearest > step.radius && step.side * step.radius < texels_over);
 }
 
-// A node's disc in radii of its cell's sphere: discs around the middles of cells, an edge apart, cover a plane.
-const DISC: f32 = 0.8165;
+// A node's disc in radii of its cell's sphere: in a map of one view or leaf of views, and in one that several continue.
+override own_disc: f32 = 0.5;
+override shared_disc: f32 = 0.4;
 
 // What becomes of a node that is rendered.
 const DRAWN: u32 = 0u;
@@ -207,12 +208,13 @@ fn render(mean: vec3f, node: u32, view: ViewNode) -> u32 {
     // What covers no sample point is behind none, and counts as rendered with and without occlusion.
     var became = DRAWN;
     let hemisphere = select(0u, 1u, d.x < 0.0);
+    let reaches = disc * select(shared_disc, own_disc, alone || leaf_views());
     let map = view_maps[view.node].x;
     let value = MapTexel(1.0 / max(range * step.edge, 1e-37), node);
     let side = u32(step.side);
     if reach == 1u {
         let cell = min(vec2u((at * 0.5 + 0.5) * step.side), vec2u(side - 1u));
-        if distance(paraboloid_sample(cell, step.side), at) <= DISC * disc {
+        if distance(paraboloid_sample(cell, step.side), at) <= reaches {
             let texel = (hemisphere * side + cell.y) * side + cell.x;
             became = leave(map, texel, value, BEHIND);
         }
@@ -221,7 +223,7 @@ fn render(mean: vec3f, node: u32, view: ViewNode) -> u32 {
         let first = vec2u(max(((at - disc) * 0.5 + 0.5) * step.side, vec2f(0.0)));
         for (var i = 0u; i < (reach + 1u) * (reach + 1u); i++) {
             let cell = first + vec2u(i % (reach + 1u), i / (reach + 1u));
-            if all(cell < vec2u(side)) && distance(paraboloid_sample(cell, step.side), at) <= DISC * disc {
+            if all(cell < vec2u(side)) && distance(paraboloid_sample(cell, step.side), at) <= reaches {
                 let texel = (hemisphere * side + cell.y) * side + cell.x;
                 became = leave(map, texel, value, select(BEHIND, became, covered));
                 covered = true;

@@ -48,6 +48,12 @@ pub struct Knobs {
     pub texel: Texel,
     /// How large a node may appear and still be rendered whole, texels: 1 to 8.
     pub threshold: f32,
+    /// The disc by which a rendered node covers texels' sample points, in radii of its cell's ball. [`Knobs::COVERING`]
+    /// leaves no gap in a surface, as a picture has it; less lets less stand in the way that is not there, as a shadow has
+    /// it, up to where light leaks.
+    pub disc: f32,
+    /// The same where several views share what is rendered: each sees it somewhere else, so that less is sure.
+    pub shared_disc: f32,
     /// Whether views share what looks alike from all of them (MegaViews); otherwise each is traversed by itself
     /// (ManyLoDs).
     pub sharing: bool,
@@ -82,6 +88,8 @@ impl Default for Knobs {
             side: 16,
             texel: Texel::Range,
             threshold: 1.0,
+            disc: Self::DISC,
+            shared_disc: 0.4,
             sharing: true,
             scene_hierarchy: true,
             falls_back: true,
@@ -100,6 +108,13 @@ impl Knobs {
     /// Views that share a rendered pair, in the mean, below which an octree over the views costs more pairs than it
     /// saves.
     pub const WORTH_SHARING: f64 = 1.4;
+
+    /// The disc with which discs around the middles of cells, an edge apart, cover a plane.
+    pub const COVERING: f32 = 0.8165;
+
+    /// The disc with which maps of single views err least about shadow: as often to either side, as exact maps of as many
+    /// texels do. `argus study megaviews --disc` measures it.
+    pub const DISC: f32 = 0.5;
 
     /// Where shells of pairs end, edges of the scene's root: nodes of a cut are about as many in each doubling.
     pub(super) fn shells(&self) -> &'static [[f32; 2]] {
@@ -130,6 +145,9 @@ impl Knobs {
             "1 to 8 texels",
             self.threshold.to_string(),
         )?;
+        for (field, disc) in [("disc", self.disc), ("shared disc", self.shared_disc)] {
+            check(field, disc > 0.0 && disc <= 1.0, "above 0 and at most 1", disc.to_string())?;
+        }
         check(
             "scene hierarchy",
             self.scene_hierarchy || (self.sharing && !self.falls_back),

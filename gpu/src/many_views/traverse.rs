@@ -131,6 +131,8 @@ impl Traverse {
                 ("alone", f64::from(!knobs.sharing)),
                 ("leaves_out", f64::from(leaves_out)),
                 ("reach", f64::from(knobs.threshold.ceil())),
+                ("own_disc", f64::from(knobs.disc)),
+                ("shared_disc", f64::from(knobs.shared_disc)),
             ];
             gpu.compute_pipeline_with(&TRAVERSE, "divide", &[&own[..], &of_maps].concat())
         };

@@ -284,7 +284,8 @@ fn maps_of_octree_cuts_are_those_of_the_double_traversal_without_sharing() {
         let knobs = wide(5, side, false);
         let frame = Frame::new(&octree, knobs, &views);
         for method in [CutMethod::Basic, CutMethod::Incremental] {
-            let told = CutKnobs { method, side, texel: Texel::RangeAndNode, ..CutKnobs::default() };
+            let texel = Texel::RangeAndNode;
+            let told = CutKnobs { method, side, texel, disc: knobs.disc, ..CutKnobs::default() };
             let mut cuts = ManyLods::new(&gpu(), tree.clone(), told).unwrap();
             let stats = cuts.render(&list(&tree, &views)).unwrap();
             assert_eq!(stats.nodes, cuts.cuts().unwrap().len() as u64);

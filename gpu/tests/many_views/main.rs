@@ -104,6 +104,14 @@ impl Frame {
 
 /// Knobs whose texels name their node, with an octree over the views as deep as the scene's.
 fn wide(depth: u32, side: u32, sharing: bool) -> Knobs {
-    let view_depth = Some(depth);
-    Knobs { side, sharing, view_depth, falls_back: false, texel: Texel::RangeAndNode, ..Knobs::default() }
+    Knobs {
+        side,
+        sharing,
+        view_depth: Some(depth),
+        falls_back: false,
+        texel: Texel::RangeAndNode,
+        disc: Knobs::COVERING,
+        shared_disc: Knobs::COVERING,
+        ..Knobs::default()
+    }
 }

@@ -7,9 +7,6 @@ use glam::{DVec2, DVec3};
 
 use crate::read;
 
-/// A node's disc in radii of its cell's sphere.
-const DISC: f64 = 0.8165;
-
 /// An octree, read back; positions are world space.
 pub(crate) struct Nodes {
     pub(crate) means: Vec<DVec3>,
@@ -82,7 +79,9 @@ impl Nodes {
         if to_mean.length() > radius && size(to_mean) <= f64::from(knobs.threshold) {
             let at = ParaboloidPosition::of(to_mean, knobs.side);
             let cell = at.at.floor().min(DVec2::splat(side - 1.0));
-            if sample(cell, side).distance(at.at / side * 2.0 - 1.0) <= DISC * size(to_mean) / side {
+            if sample(cell, side).distance(at.at / side * 2.0 - 1.0)
+                <= f64::from(knobs.disc) * size(to_mean) / side
+            {
                 put(((f64::from(at.hemisphere) * side + cell.y) * side + cell.x) as usize);
             }
             return;

@@ -283,6 +283,8 @@ impl PointKnobs {
         Knobs {
             side: self.map_side,
             texel: Texel::RangeAndNode,
+            disc: Knobs::COVERING,
+            shared_disc: Knobs::COVERING,
             sharing: self.sharing,
             // What was rendered before decides nothing.
             falls_back: false,

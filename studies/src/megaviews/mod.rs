@@ -20,7 +20,7 @@ use serde_json::{Map, Value, json};
 pub use argus_gpu::many_views::{Occlusion, Texel};
 
 pub use self::placement::{Emitter, Placement};
-use self::shadows::Shadows;
+use self::shadows::{Shadows, Wrong};
 use crate::median::median;
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report};
@@ -81,6 +81,8 @@ pub struct Options {
     pub occlusion: Vec<Occlusion>,
     /// What a texel holds, each format measured.
     pub texels: Vec<Texel>,
+    /// Discs that nodes cover, of single views and where several share them, each pair measured.
+    pub discs: Vec<[f32; 2]>,
     /// The rest of what a traversal may be told.
     pub knobs: Knobs,
 }
@@ -101,6 +103,7 @@ impl Default for Options {
             patience_secs: 60.0,
             occlusion: vec![Occlusion::Off],
             texels: vec![Texel::Range],
+            discs: vec![[Knobs::default().disc, Knobs::default().shared_disc]],
             knobs: Knobs::default(),
         }
     }
@@ -137,10 +140,10 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         let octree = Arc::new(octree);
         for &placement in &options.placements {
             for &resolution in &options.resolutions {
-                for &Way { method, occlusion, texel } in &ways {
+                for &Way { method, occlusion, texel, discs } in &ways {
                     progress.set_message(format!("{} {} {resolution}²", method.name(), placement.name()));
                     let subject =
-                        Subject { octree: &octree, placement, resolution, method, occlusion, texel };
+                        Subject { octree: &octree, placement, resolution, method, occlusion, texel, discs };
                     rows.extend(bench.series(&subject, progress)?);
                 }
             }
@@ -170,19 +173,23 @@ struct Way {
     method: Method,
     occlusion: Occlusion,
     texel: Texel,
+    discs: [f32; 2],
 }
 
 impl Options {
     /// Every method with every choice that it knows: rasterised triangles are the same with and without occlusion, and
     /// show what exact maps of one format cost.
     fn ways(&self) -> Vec<Way> {
-        let first = (self.occlusion.first(), self.texels.first());
+        let first = (self.occlusion.first(), self.texels.first(), self.discs.first());
         let mut ways = Vec::new();
         for &method in &self.methods {
             for &occlusion in &self.occlusion {
                 for &texel in &self.texels {
-                    if method != Method::Raster || first == (Some(&occlusion), Some(&texel)) {
-                        ways.push(Way { method, occlusion, texel });
+                    for &discs in &self.discs {
+                        if method != Method::Raster || first == (Some(&occlusion), Some(&texel), Some(&discs))
+                        {
+                            ways.push(Way { method, occlusion, texel, discs });
+                        }
                     }
                 }
             }
@@ -211,6 +218,7 @@ struct Subject<'a> {
     method: Method,
     occlusion: Occlusion,
     texel: Texel,
+    discs: [f32; 2],
 }
 
 impl<'a> Bench<'a> {
@@ -262,7 +270,7 @@ impl<'a> Bench<'a> {
 
     /// `None` where it does not fit into memory.
     fn measure(&self, subject: &Subject<'_>, count: u32) -> Result<Option<Measured>> {
-        let &Subject { octree, placement, resolution, method, occlusion, texel } = subject;
+        let &Subject { octree, placement, resolution, method, occlusion, texel, discs } = subject;
         let views = self.views(placement, count)?;
         let knobs = Knobs {
             side: resolution,
@@ -272,6 +280,8 @@ impl<'a> Bench<'a> {
             view_depth: self.options.view_levels,
             occlusion,
             texel,
+            disc: discs[0],
+            shared_disc: discs[1],
             ..self.options.knobs
         };
         let shadows = Shadows::new(&self.tracer, &views, octree.root.edge / f64::from(1u32 << octree.depth));
@@ -282,8 +292,8 @@ impl<'a> Bench<'a> {
             let mut raster = RasterViews::new(self.gpu, self.root, triangles, knobs)?;
             let frames = frames(self.options.rounds, || raster.render(&list))?;
             let wrong =
-                shadows.wrong(|nth| Ok((raster.maps().read(self.gpu, nth as u32)?, few[nth].position)))?;
-            let errors = Errors { wrong_shadow_fraction: wrong, range: None };
+                shadows.errors(|nth| Ok((raster.maps().read(self.gpu, nth as u32)?, few[nth].position)))?;
+            let errors = Errors { wrong, range: None };
             let measured = Measured::of(frames, octree, errors);
             let share = f64::from(count) / few.len() as f64;
             return Ok(Some(if share > 1.0 { measured.scaled(share) } else { measured }));
@@ -307,13 +317,13 @@ impl<'a> Bench<'a> {
         let maps = many.map_of_views(views.len())?;
         let asked = shadows.asked();
         let middles = many.middles_of_maps()?;
-        let wrong_shadow_fraction = shadows.wrong(|nth| {
+        let wrong = shadows.errors(|nth| {
             let map = maps[asked[nth]];
             Ok((many.maps().read(self.gpu, map)?, middles[map as usize]))
         })?;
         let asked: Vec<u32> = asked.into_iter().map(|view| maps[view]).collect();
         let range = texels::range_error(self.gpu, &list, &many, &asked)?;
-        Ok(Some(Measured::of(frames, octree, Errors { wrong_shadow_fraction, range })))
+        Ok(Some(Measured::of(frames, octree, Errors { wrong, range })))
     }
 }
 
@@ -353,7 +363,7 @@ struct Measured {
 /// How far maps are off.
 #[derive(Clone, Copy)]
 struct Errors {
-    wrong_shadow_fraction: f64,
+    wrong: Wrong,
     /// Of ranges, relative, by what texels leave away.
     range: Option<f64>,
 }
@@ -407,6 +417,8 @@ fn row(subject: &Subject<'_>, views: u32, measured: &Measured) -> Map<String, Va
         ("frame_ms", json!(measured.frame_ms)),
         ("occlusion", json!((subject.method != Method::Raster).then_some(subject.occlusion.name()))),
         ("texel", json!(subject.texel.name())),
+        ("disc", json!((subject.method != Method::Raster).then_some(subject.discs[0]))),
+        ("shared_disc", json!((subject.method != Method::Raster).then_some(subject.discs[1]))),
         ("extrapolated", json!(measured.extrapolated)),
         ("fell_back", json!(last.fell_back)),
         ("pairs_processed", json!(last.processed())),
@@ -416,7 +428,8 @@ fn row(subject: &Subject<'_>, views: u32, measured: &Measured) -> Map<String, Va
         ("views_per_node", json!(last.views_per_node())),
         ("multipass_level", json!(last.multipass_level)),
         ("maps", json!(last.maps)),
-        ("wrong_shadow_fraction", json!(measured.errors.wrong_shadow_fraction)),
+        ("wrong_shadow_fraction", json!(measured.errors.wrong.wrong())),
+        ("wrongly_lit_fraction", json!(measured.errors.wrong.lit)),
         ("range_error", json!(measured.errors.range)),
         ("stages_ms", Value::Object(measured.stages.clone())),
         ("bytes", bytes),
@@ -436,6 +449,8 @@ fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
                     && row["method"] == method.name()
                     && (row["occlusion"].is_null() || row["occlusion"] == options.occlusion[0].name())
                     && row["texel"] == options.texels[0].name()
+                    && (row["disc"].is_null() || row["disc"] == json!(options.discs[0][0]))
+                    && (row["shared_disc"].is_null() || row["shared_disc"] == json!(options.discs[0][1]))
                     && number(row, fixed) == value
             };
             let points =
@@ -463,6 +478,16 @@ fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
         .filter(|_| options.texels.len() > 1)
         .map(|p| texels::plot(rows, &options.texels, p, format!("Texels: {scene}, {}", p.name())));
     against_views.chain(against_resolution).chain(against_error).collect()
+}
+
+/// `OWN:SHARED`, in radii of a node's ball.
+///
+/// # Errors
+/// What it should have been.
+pub fn parse_discs(text: &str) -> Result<[f32; 2]> {
+    let both = text.split_once(':').and_then(|(own, shared)| Some([own.parse().ok()?, shared.parse().ok()?]));
+    both.filter(|discs: &[f32; 2]| discs.iter().all(|disc| *disc > 0.0 && *disc <= 1.0))
+        .with_context(|| format!("`{text}` is not OWN:SHARED, each above 0 and at most 1"))
 }
 
 /// `point:X,Y,Z` or `spot:X,Y,Z:DX,DY,DZ:HALF_DEG`, metres and degrees.
@@ -498,6 +523,14 @@ pub fn parse_light(text: &str) -> Result<Emitter> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn discs_are_two_numbers_in_their_range() {
+        assert_eq!(parse_discs("0.5:0.25").unwrap(), [0.5, 0.25]);
+        for wrong in ["0.5", "0:1", "1:2", "nan:1", "a:b"] {
+            assert!(parse_discs(wrong).is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn lights_are_read_and_what_is_none_is_told_what_it_should_be() {

@@ -10,6 +10,22 @@ use glam::DVec3;
 const VIEWS: usize = 96;
 const POINTS: usize = 96;
 
+/// Shares of all points that were asked about.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wrong {
+    /// In shadow by the map, and lit by the ray: something in the map is too near.
+    pub(crate) shadowed: f64,
+    /// Lit by the map, and in shadow by the ray: something is missing in the map.
+    pub(crate) lit: f64,
+}
+
+impl Wrong {
+    /// Both.
+    pub(crate) fn wrong(self) -> f64 {
+        self.shadowed + self.lit
+    }
+}
+
 /// Points that views may see or not.
 pub(crate) struct Shadows<'a> {
     tracer: &'a Tracer,
@@ -28,11 +44,16 @@ impl<'a> Shadows<'a> {
         spread(VIEWS, self.views.len())
     }
 
-    /// The share of points, on other views' surfaces and in what a view looks at, of which a map says otherwise than
+    /// As [`Self::errors`], both kinds together.
+    pub(crate) fn wrong(&self, map: impl Fn(usize) -> Result<(Vec<[u32; 2]>, DVec3)>) -> Result<f64> {
+        Ok(self.errors(map)?.wrong())
+    }
+
+    /// The shares of points, on other views' surfaces and in what a view looks at, of which a map says otherwise than
     /// a ray. `map` gives the texels of the nth of the views that are asked, and where its map is rendered from. A point is in
     /// shadow where the map's range is shorter than its own by more than two cells and 5%.
-    pub(crate) fn wrong(&self, map: impl Fn(usize) -> Result<(Vec<[u32; 2]>, DVec3)>) -> Result<f64> {
-        let (mut asked, mut wrong) = (0u32, 0u32);
+    pub(crate) fn errors(&self, map: impl Fn(usize) -> Result<(Vec<[u32; 2]>, DVec3)>) -> Result<Wrong> {
+        let (mut asked, mut shadowed, mut lit) = (0u32, 0u32, 0u32);
         for (nth, view) in self.asked().into_iter().enumerate() {
             let (texels, middle) = map(nth)?;
             let side = ((texels.len() / 2) as f64).sqrt() as u32;
@@ -51,10 +72,13 @@ impl<'a> Shadows<'a> {
                     f64::from(f32::from_bits(texels[paraboloid::texel_of(in_map, side) as usize][0]));
                 let told = inverse > 0.0 && 1.0 / inverse < in_map.length() * 0.95 - 2.0 * self.cell;
                 asked += 1;
-                wrong += u32::from(told != self.is_blocked(eye, to));
+                let blocked = self.is_blocked(eye, to);
+                shadowed += u32::from(told && !blocked);
+                lit += u32::from(!told && blocked);
             }
         }
-        Ok(if asked == 0 { f64::NAN } else { f64::from(wrong) / f64::from(asked) })
+        let share = |of: u32| if asked == 0 { f64::NAN } else { f64::from(of) / f64::from(asked) };
+        Ok(Wrong { shadowed: share(shadowed), lit: share(lit) })
     }
 
     /// Whether a surface lies between a view and a point.

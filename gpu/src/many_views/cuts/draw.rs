@@ -28,7 +28,8 @@ impl DrawPasses {
         let surfels = ("surfels", f64::from(u8::from(surfels)));
         let reach = ("reach", f64::from(knobs.threshold.ceil()));
         let fill = [&[surfels][..], &maps.constants()].concat();
-        let draw = [&fill[..], &[reach]].concat();
+        let disc = ("disc_of_cell", f64::from(knobs.disc));
+        let draw = [&fill[..], &[reach, disc]].concat();
         Self {
             prepare_draw: gpu.compute_pipeline(&CUT_DRAW, "prepare_draw"),
             draw: gpu.compute_pipeline_with(&CUT_DRAW, "draw", &draw),

@@ -1,7 +1,7 @@
 //! What finding cuts may be told.
 
 use crate::hierarchy::HierarchyError;
-use crate::many_views::Texel;
+use crate::many_views::{Knobs, Texel};
 
 /// How cuts are found (ManyLoDs, sections 3.1 to 3.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,6 +41,8 @@ pub struct CutKnobs {
     pub texel: Texel,
     /// How large a node may appear and still be in a cut, texels: 1 to a quarter of `side`, at most 8.
     pub threshold: f32,
+    /// The disc by which a node of an octree covers texels' sample points: as [`Knobs::disc`].
+    pub disc: f32,
     /// Whether nodes that a view does not see are left as large as they are.
     pub culling: bool,
     /// Share of the root's edge: a view that moves by more starts over from the root.
@@ -58,6 +60,7 @@ impl Default for CutKnobs {
             side: 16,
             texel: Texel::Range,
             threshold: 1.0,
+            disc: Knobs::DISC,
             culling: true,
             jump: 1.0 / 32.0,
             lag: 0.005,
@@ -77,6 +80,7 @@ impl CutKnobs {
             false => Err(HierarchyError::OutOfRange { field, range: range.to_owned(), value }),
         };
         check("resolution", (8..=1024).contains(&self.side), "8 to 1024 texels", self.side.to_string())?;
+        check("disc", self.disc > 0.0 && self.disc <= 1.0, "above 0 and at most 1", self.disc.to_string())?;
         // What a verdict is worth by distance and by radius holds for these alone.
         let most = (self.side as f32 / 4.0).min(8.0);
         let threshold = self.threshold >= 1.0 && self.threshold <= most;
