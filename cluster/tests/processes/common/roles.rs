@@ -138,6 +138,7 @@ fn frame(job: &ViewJob, scene: &Scene, generation: u64, seed: u64) -> Frame {
             generation,
             plan: job.plan.clone(),
             device: DEVICE.to_owned(),
+            history: job.history.is_some(),
         },
         stages: vec![Stage::new("render", 1.0)],
     }
