@@ -263,6 +263,8 @@ impl Compositor for FakeCompositor {
                 of = Some(info.clone());
                 planes.iter().for_each(|plane| texels.extend_from_slice(&plane[..64]));
             }
+            // As a search's beginning may show.
+            texels.push(job.history.is_some().into());
             let info = of.ok_or_else(|| RenderError::Internal("no samples".to_owned()))?;
             let mut made = frame(job, &super::scene("test"), info.generation, seed_of(job, &texels));
             made.provenance.scene = info.scene;
