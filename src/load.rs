@@ -23,6 +23,7 @@ use crate::{args, output};
 Examples:
   argus load --clients 16 --seconds 10
   argus load --clients 4 --seconds 10 --rate 30 --sessions --json
+  argus load --clients 4 --seconds 10 --sessions --history     each search begins from the frame before
   argus load --views 290 --size 200x150            all at once: how long does it take?
   argus load --views 290 --size 200x150 --direct   … and without samples?"
 )]
@@ -44,14 +45,18 @@ pub(crate) struct Args {
     /// Cameras of sessions, where newer ones supersede older ones, in place of views that each want an answer
     #[arg(long)]
     sessions: bool,
+    /// Have the search of each camera begin from its session's frame before, where that shows enough of it; it then is the
+    /// seeded one. Such frames say so, and cannot be repeated
+    #[arg(long, requires = "sessions")]
+    history: bool,
     /// Ask for this many views as fast as they are answered, in place of clients and a rate
-    #[arg(long, value_name = "N", conflicts_with_all = ["clients", "seconds", "rate", "sessions"], value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", conflicts_with_all = ["clients", "seconds", "rate", "sessions", "history"], value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     views: Option<u32>,
     /// A view without an answer for this many seconds has failed
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = args::positive)]
     timeout: f64,
-    /// Print one JSON object: sent, answered, failed, rejected, superseded, views_per_sec,
-    /// latency_ms: {p50, p90, p99, max}, total_secs
+    /// Print one JSON object: sent, answered, failed, rejected, superseded, from_history,
+    /// views_per_sec, latency_ms: {p50, p90, p99, max}, total_secs
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -65,6 +70,7 @@ struct Report {
     failed: u64,
     rejected: u64,
     superseded: u64,
+    from_history: u64,
     views_per_sec: f64,
     latency_ms: LatencyMs,
     /// From the first view to the last answer of a burst, or the load's duration.
@@ -86,6 +92,9 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
         "{} views sent: {} answered, {} failed, {} rejected, {} superseded",
         report.sent, report.answered, report.failed, report.rejected, report.superseded
     );
+    if args.history {
+        println!("  {} of those answered began from the frame before", report.from_history);
+    }
     println!("  {:.1} views/s in {:.2} s", report.views_per_sec, report.total_secs);
     let LatencyMs { p50, p90, p99, max } = report.latency_ms;
     println!("  latency p50 {p50:.1} ms, p90 {p90:.1} ms, p99 {p99:.1} ms, max {max:.1} ms");
@@ -107,17 +116,28 @@ async fn steady(client: &Client, args: &Args) -> anyhow::Result<Report> {
         size: args.size,
         plan: args.plan.request(),
         mode: if args.sessions { Mode::Sessions } else { Mode::Requests },
+        history: args.history,
         deadline: duration(args.timeout),
         ..LoadOptions::default()
     };
-    let LoadReport { sent, answered, failed, rejected, superseded, views_per_sec, latency_ms, first_error } =
-        load::run(client, &options).await?;
+    let LoadReport {
+        sent,
+        answered,
+        failed,
+        rejected,
+        superseded,
+        from_history,
+        views_per_sec,
+        latency_ms,
+        first_error,
+    } = load::run(client, &options).await?;
     Ok(Report {
         sent,
         answered,
         failed,
         rejected,
         superseded,
+        from_history,
         views_per_sec,
         latency_ms,
         total_secs: seconds,
@@ -139,6 +159,7 @@ async fn all_at_once(client: &Client, views: u32, args: &Args) -> anyhow::Result
         failed: outcome.failed,
         rejected: 0,
         superseded: 0,
+        from_history: 0,
         views_per_sec: outcome.views_per_sec,
         latency_ms: outcome.latency_ms,
         total_secs: outcome.total_ms / 1e3,

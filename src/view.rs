@@ -217,6 +217,7 @@ fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::R
         generation: 0,
         plan: Plan::Direct { samples_per_pixel: side.saturating_mul(side) },
         device: String::new(),
+        history: false,
     })
 }
 

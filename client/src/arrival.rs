@@ -34,6 +34,11 @@ impl Arrival {
         Ok(Some((frame, meta)))
     }
 
+    /// Forgets what has arrived of a frame: it is sent anew.
+    pub(crate) fn begin_again(&mut self) {
+        self.assembler.abandon();
+    }
+
     /// # Errors
     /// As [`FrameAssembler::end`].
     pub(crate) fn end(&self) -> Result<(), WireError> {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use argus_proto::WireError;
 use argus_proto::chunks::FrameMeta;
 use argus_proto::trace::traceparent;
-use argus_proto::v1::{self, Encoding, session_response::Body};
+use argus_proto::v1::{self, Encoding, frame_chunk, session_response::Body};
 use argus_scene::{Frame, InvalidField, View};
 use tokio::time::{Instant, sleep, timeout_at};
 use tonic::{Code, Streaming};
@@ -31,11 +31,15 @@ pub struct SessionOptions {
     pub patience: Duration,
     /// Whether frames may be fetched from workers where the server says so; it relays those that cannot be.
     pub redirect: bool,
+    /// Whether searches may begin from this session's frame before; [`argus_scene::Provenance::history`] says of each frame
+    /// whether its did. Plans may leave the search open or ask for the seeded one.
+    pub history: bool,
 }
 
 impl Default for SessionOptions {
     fn default() -> Self {
-        Self { encoding: Encoding::Unspecified, patience: Duration::from_secs(30), redirect: true }
+        let patience = Duration::from_secs(30);
+        Self { encoding: Encoding::Unspecified, patience, redirect: true, history: false }
     }
 }
 
@@ -206,6 +210,10 @@ impl Session {
                     let reason = format!("frames of two cameras interleave at {camera_seq}");
                     return Err(WireError::OutOfOrder { what: "frame", reason }.into());
                 }
+                // What began from an earlier frame is not taken up where a lost worker left off.
+                if matches!(chunk.body, Some(frame_chunk::Body::Header(_))) {
+                    self.arrival.begin_again();
+                }
                 let Some((frame, meta)) = self.arrival.push(chunk)? else { return Ok(None) };
                 self.arriving = None;
                 self.outbox.acknowledge(camera_seq, None);
@@ -282,9 +290,9 @@ impl Session {
 }
 
 fn wire(options: &SessionOptions, camera: &Camera) -> v1::SessionView {
-    let SessionOptions { encoding, redirect, .. } = *options;
+    let SessionOptions { encoding, redirect, history, .. } = *options;
     let (view, traceparent) = (Some((&camera.view).into()), traceparent(&camera.span));
-    v1::SessionView { view, encoding: encoding as i32, redirectable: redirect, traceparent }
+    v1::SessionView { view, encoding: encoding as i32, redirectable: redirect, traceparent, history }
 }
 
 impl Drop for Session {

@@ -10,7 +10,7 @@ use argus_scene::{
     Cancel, Compositor, Frame, Plan, PlaneKind, Provenance, RenderError, SampleId, SampleSet, Search, Stage,
     ViewJob, Warp,
 };
-use argus_shaders::layout::compositor::{Fill, ViewUniform};
+use argus_shaders::layout::compositor::{Fill, Recall, ViewUniform};
 use argus_shaders::layout::shared::Light;
 use bytemuck::Zeroable as _;
 
@@ -31,6 +31,7 @@ use crate::passes::linear::LinearPass;
 use crate::passes::mend::{COUNTS, MendPass};
 use crate::passes::mips::MipsPass;
 use crate::passes::pyramid::PyramidPass;
+use crate::passes::recall::RecallPass;
 use crate::passes::resolve::ResolvePass;
 use crate::passes::seeded::SeededPass;
 use crate::passes::splat::{SplatCall, SplatPass};
@@ -52,6 +53,7 @@ pub struct GpuCompositor {
     bounds: BoundsPass,
     mips: MipsPass,
     splat: SplatPass,
+    recall: RecallPass,
     fill: FillPass,
     clear: ClearPass,
     warp: WarpPass,
@@ -87,6 +89,9 @@ struct ChunkData {
     splatted: Splatted,
     cell_bytes: u64,
     splats: Vec<SplatCall>,
+    /// Of views that begin from an earlier frame, and the words of those frames' pixels.
+    recalls: Vec<Recall>,
+    words: wgpu::Buffer,
     /// One a piece whose search splats.
     fills: BTreeMap<usize, Fill>,
     /// By search and pipeline: indices into the chunk's pieces.
@@ -134,6 +139,7 @@ impl GpuCompositor {
             bounds: BoundsPass::new(&gpu),
             mips: MipsPass::new(&gpu),
             splat: SplatPass::new(&gpu),
+            recall: RecallPass::new(&gpu),
             fill: FillPass::new(&gpu),
             clear: ClearPass::default(),
             warp: WarpPass::new(),
@@ -159,7 +165,8 @@ impl GpuCompositor {
     pub fn plan(&self, job: &ViewJob) -> Result<Vec<PassPlan>, RenderError> {
         let view = PreparedView::new(0, job, &self.holdings, self.knobs.splatting)?;
         let looks = [view.glossy, view.surroundings.is_some()];
-        Ok(plan(&job.plan, job.outputs, looks, self.knobs.splatting))
+        let recalled = view.recalled.as_ref().err().copied();
+        Ok(plan(&job.plan, job.outputs, looks, recalled, self.knobs.splatting))
     }
 
     /// Which of a search's two programs draws: what the knob says, or what was found to be the faster on this device;
@@ -248,6 +255,7 @@ impl GpuCompositor {
                     generation: first.info.generation,
                     plan: jobs[view.job].plan.clone(),
                     device: first.info.device(self.gpu.kind()),
+                    history: view.recalled.is_ok(),
                 };
                 frames.insert(view.job, assembly.finish(provenance, stages.clone()));
             }
@@ -310,8 +318,14 @@ impl GpuCompositor {
         if !data.fills.is_empty() {
             // Cells that no texel reaches stay 0: infinitely far.
             commands.encoder().clear_buffer(&data.splatted.cells, 0, Some(data.cell_bytes));
-            let inverse_range = pool.view(PlaneKind::InverseRange)?;
-            self.splat.record(&mut commands, &data.splats, inverse_range, &data.blocks, &data.splatted.cells);
+            if !data.splats.is_empty() {
+                let inverse_range = pool.view(PlaneKind::InverseRange)?;
+                let cells = &data.splatted.cells;
+                self.splat.record(&mut commands, &data.splats, inverse_range, &data.blocks, cells);
+            }
+            if !data.recalls.is_empty() {
+                self.recall.record(&mut commands, &data.recalls, &data.words, &data.splatted.cells);
+            }
             let fills: Vec<Fill> = data.fills.values().copied().collect();
             self.fill.record(&mut commands, &fills, &data.splatted.cells, &data.splatted.depths);
         }
@@ -407,8 +421,8 @@ impl GpuCompositor {
     /// Uploads what the passes of a chunk read.
     fn upload(&mut self, chunk: &Chunk, views: &[PreparedView], jobs: &[ViewJob]) -> ChunkData {
         let mut uniforms: Vec<ViewUniform> = Vec::with_capacity(chunk.pieces.len());
-        let (mut lights, mut blocks) = (Vec::new(), Vec::new());
-        let (mut splats, mut fills) = (Vec::new(), BTreeMap::new());
+        let (mut lights, mut blocks, mut words) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut splats, mut recalls, mut fills) = (Vec::new(), Vec::new(), BTreeMap::new());
         let mut draws: BTreeMap<(Search, Variant), Vec<usize>> = BTreeMap::new();
         let mut first = First::default();
         for (i, piece) in chunk.pieces.iter().enumerate() {
@@ -422,6 +436,7 @@ impl GpuCompositor {
             }
             if view.splats_first() {
                 splats.append(&mut view.splats(piece, first.cell, &mut blocks));
+                recalls.extend(view.recall(piece, first.cell, &mut words));
                 fills.insert(i, view.fill(piece, first.cell));
                 first.cell += view.cell_count(piece);
                 first.unsettled += piece.part.width * piece.part.height * piece.side * piece.side + COUNTS;
@@ -446,6 +461,7 @@ impl GpuCompositor {
         }
         let lights = upload("lights", bytemuck::cast_slice(&lights), BufferUsages::STORAGE);
         let blocks = upload("blocks", bytemuck::cast_slice(&blocks), BufferUsages::STORAGE);
+        let words = upload("words", bytemuck::cast_slice(&words), BufferUsages::STORAGE);
         let cell_bytes = u64::from(first.cell) * 4;
         let mut scratch =
             |label, bytes: u64| self.targets.buffer(&self.gpu, label, bytes, BufferUsages::STORAGE);
@@ -454,7 +470,7 @@ impl GpuCompositor {
             depths: scratch("depths", cell_bytes),
             unsettled: scratch("unsettled", u64::from(first.unsettled) * 4),
         };
-        ChunkData { views, lights, blocks, splatted, cell_bytes, splats, fills, draws }
+        ChunkData { views, lights, blocks, splatted, cell_bytes, splats, recalls, words, fills, draws }
     }
 }
 

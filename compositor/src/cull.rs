@@ -171,7 +171,7 @@ pub(crate) fn cell_size(spacing: f64, size: DVec2) -> u32 {
 
 /// Cells on the distance of texels that are splatted. Denser ones would cost more and show less: of several texels in a cell
 /// the nearest stays, so that what is in front grows (terrain, 800x600 texels: FLIP 0.0371 at 0.8, 0.0366 at 1.2).
-const DENSITY: f64 = 1.2;
+pub(crate) const DENSITY: f64 = 1.2;
 
 /// Appends the blocks of 8×8 texels that reach into a part of the image (in pixels) to `blocks`, and returns how
 /// many.

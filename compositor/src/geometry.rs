@@ -3,7 +3,7 @@
 
 use argus_scene::camera::Face;
 use argus_scene::{Bounds, Camera, SampleCamera};
-use argus_shaders::layout::compositor::ViewSample;
+use argus_shaders::layout::compositor::{Landing, ViewSample};
 use glam::{DMat3, DVec2, DVec3, DVec4};
 
 /// A view's camera, ready to be combined with samples'.
@@ -68,6 +68,22 @@ impl ViewGeometry {
             x: (row(0) / self.half.x + w) * (0.5 * self.size.x),
             y: (w - row(1) / self.half.y) * (0.5 * self.size.y),
             w,
+        }
+    }
+}
+
+impl PixelFromFace {
+    /// The same for cells of `cell` sub-pixels, and an image whose texels have directions by this factor and summand; the
+    /// rest of it is taken from `about`.
+    pub(crate) fn landing(&self, about: Landing, cell: u32, scale: DVec2, bias: DVec2) -> Landing {
+        let cell = f64::from(cell);
+        Landing {
+            column: (self.x / cell).as_vec4().to_array(),
+            row: (self.y / cell).as_vec4().to_array(),
+            depth: self.w.as_vec4().to_array(),
+            scale: scale.as_vec2().to_array(),
+            bias: bias.as_vec2().to_array(),
+            ..about
         }
     }
 }

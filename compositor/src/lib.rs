@@ -10,7 +10,8 @@
 //! - [`argus_scene::Search::Linear`]: the cluster paper's (section 4.2), linear steps and bisection;
 //! - [`argus_scene::Search::FixedPoint`]: from the middle of the scene's bounds to the surface that a sample has there, back to
 //!   the ray, and again; a linear search where that does not settle;
-//! - [`argus_scene::Search::Seeded`]: the same, begun at what a coarse splat left;
+//! - [`argus_scene::Search::Seeded`]: the same, begun at what a coarse splat left, or where an earlier frame of the same
+//!   session had its surfaces ([`argus_scene::History`]);
 //! - [`argus_scene::Search::Pyramid`]: the ray is followed texel by texel through all samples, in large steps where a pyramid of
 //!   their nearest surfaces has nothing.
 //!
@@ -40,6 +41,7 @@ mod plan;
 mod pool;
 mod prepare;
 mod pyramid;
+mod recall;
 mod targets;
 mod trial;
 mod validate;

@@ -5,6 +5,7 @@ use argus_scene::{Outputs, Plan, Search, Warp};
 use crate::passes::fixed_point::FixedPointPass;
 use crate::passes::linear::LinearPass;
 use crate::passes::pyramid::PyramidPass;
+use crate::passes::recall::RecallPass;
 use crate::passes::seeded::SeededPass;
 use crate::passes::warp::WarpPass;
 
@@ -19,11 +20,12 @@ pub struct PassPlan {
     pub why: String,
 }
 
-/// The passes for one view.
+/// The passes for one view. `unrecalled` is why it does not begin from an earlier frame, if it does not.
 pub(crate) fn plan(
     plan: &Plan,
     outputs: Outputs,
     [glossy, reflects]: [bool; 2],
+    unrecalled: Option<&'static str>,
     splatting: usize,
 ) -> Vec<PassPlan> {
     let Plan::Warp(Warp { search, supersampling, samples, steps, .. }) = plan else {
@@ -35,11 +37,17 @@ pub(crate) fn plan(
     let searched = format!("the plan's search is `{}`", search.name());
     let stepped = format!("{searched}; at most {steps} steps");
     let count = splatting.min(samples.len());
-    let splats = matches!(search, Search::Splat | Search::Seeded);
+    let fills = matches!(search, Search::Splat | Search::Seeded);
+    let recalls = unrecalled.is_none();
+    let splat_why = match recalls {
+        true => "an earlier frame says where surfaces are".to_owned(),
+        false => format!("{searched}; the first {count} samples leave their depth"),
+    };
     let is = |one| *search == one;
     vec![
-        row("splat samples", splats, &format!("{searched}; the first {count} samples leave their depth")),
-        row("fill cells", splats, &searched),
+        row("splat samples", fills && !recalls, &splat_why),
+        row(RecallPass::NAME, recalls, unrecalled.unwrap_or("an earlier frame shows most of the view")),
+        row("fill cells", fills, &searched),
         row("clear cells", is(Search::Splat), "cells that no texel came near are sky if the samples say so"),
         row(WarpPass::NAME, is(Search::Splat), &searched),
         row("collect pixels", is(Search::Splat), "pixels that the warp left over are listed"),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use argus_gpu::Surroundings;
 use argus_scene::camera::Face;
 use argus_scene::{InvalidField, Plan, RenderError, SampleId, Search, ViewJob, Warp};
-use argus_shaders::layout::compositor::{Fill, MAX_SAMPLES, Splat, ViewSample, ViewUniform};
+use argus_shaders::layout::compositor::{Fill, Landing, MAX_SAMPLES, Recall, Splat, ViewSample, ViewUniform};
 use bytemuck::Zeroable;
 use glam::DVec2;
 
@@ -15,6 +15,7 @@ use crate::holdings::{Held, Holdings};
 use crate::layout::{Piece, Rect};
 use crate::lights::lighting_uniform;
 use crate::passes::splat::SplatCall;
+use crate::recall::Recalled;
 
 /// One view of a batch.
 #[derive(Debug)]
@@ -38,6 +39,8 @@ pub(crate) struct PreparedView {
     /// Sub-pixels on the edge of a cell.
     pub(crate) cell: u32,
     sources: Vec<SplatSource>,
+    /// What its search begins from in place of a splat, or why not.
+    pub(crate) recalled: Result<Recalled, &'static str>,
 }
 
 /// Texels of a level on the edge of a pixel, up to which it serves it alone: `fetch_from` in `shaders/shared/fetch.wgsl`.
@@ -106,9 +109,16 @@ impl PreparedView {
             steps: *steps,
             cell: 1,
             sources: Vec::new(),
+            recalled: Err("the search begins nowhere"),
         };
-        if view.splats_first() {
-            view.find_sources(splatting);
+        if view.search == Search::Seeded {
+            let history = job.history.as_ref().ok_or("no earlier frame is at hand");
+            view.recalled = history.and_then(|history| Recalled::new(history, &view.geometry, &of_rig));
+        }
+        match &view.recalled {
+            Ok(recalled) => view.cell = cell_size(recalled.spacing(), view.geometry.size),
+            Err(_) if view.splats_first() => view.find_sources(splatting),
+            Err(_) => {}
         }
         Ok(view)
     }
@@ -231,6 +241,12 @@ impl PreparedView {
         Fill { first_cell, columns: cells.columns, rows: cells.rows }
     }
 
+    /// What a piece takes of an earlier frame; the words of its pixels are appended to `words`.
+    pub(crate) fn recall(&self, piece: &Piece, first_cell: u32, words: &mut Vec<u32>) -> Option<Recall> {
+        let recalled = self.recalled.as_ref().ok()?;
+        Some(recalled.call(self.cells_of(piece.part).landing(first_cell), self.cell, words))
+    }
+
     /// The splats of a piece; their blocks are appended to `blocks`.
     pub(crate) fn splats(&self, piece: &Piece, first_cell: u32, blocks: &mut Vec<u32>) -> Vec<SplatCall> {
         let cells = self.cells_of(piece.part);
@@ -247,23 +263,15 @@ impl PreparedView {
                 continue;
             }
             let size = DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
-            let m = source.pixel_from_face;
+            let (scale, bias) = (2.0 * face.tan_half_fov / size, -face.tan_half_fov);
             let splat = Splat {
-                column: (m.x / cell).as_vec4().to_array(),
-                row: (m.y / cell).as_vec4().to_array(),
-                depth: m.w.as_vec4().to_array(),
-                scale: (2.0 * face.tan_half_fov / size).as_vec2().to_array(),
-                bias: (-face.tan_half_fov).as_vec2().to_array(),
+                landing: source.pixel_from_face.landing(cells.landing(first_cell), self.cell, scale, bias),
                 face_offset: face.offset,
                 face_size: face.size,
                 layer: held.layer,
                 first_block,
-                first_cell,
-                cell_columns: cells.columns,
-                cell_rows: cells.rows,
-                origin_column: cells.first_column,
-                origin_row: cells.first_row,
                 source: source.sample as u32,
+                _pad: 0,
             };
             calls.push(SplatCall { splat, block_count });
         }
@@ -288,4 +296,18 @@ struct Cells {
     first_row: i32,
     columns: i32,
     rows: i32,
+}
+
+impl Cells {
+    /// What lands in them, whose numbers begin at `first_cell`; all but the image is known.
+    fn landing(&self, first_cell: u32) -> Landing {
+        Landing {
+            first_cell,
+            cell_columns: self.columns,
+            cell_rows: self.rows,
+            origin_column: self.first_column,
+            origin_row: self.first_row,
+            ..Landing::zeroed()
+        }
+    }
 }

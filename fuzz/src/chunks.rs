@@ -61,6 +61,7 @@ fn frame() -> Frame {
             generation: 2,
             plan: Plan::Direct { samples_per_pixel: 4 },
             device: "none".to_owned(),
+            history: false,
         },
         stages: vec![Stage::new("render", 1.5)],
     }

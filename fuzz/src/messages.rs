@@ -155,7 +155,8 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
     };
     let plan = v1::Plan { kind: Some(v1::plan::Kind::Warp(warp)) };
     messages.push(("Plan", plan.encode_to_vec()));
-    let order = v1::ViewOrder { term: 1, plan: Some(plan), age_ms: 2.0, ..Default::default() };
+    let history = "0f1e2d3c".to_owned();
+    let order = v1::ViewOrder { term: 1, plan: Some(plan), age_ms: 2.0, history, ..Default::default() };
     let ordered = v1::RenderRequest { view: Some(wire.clone()), order: Some(order), ..Default::default() };
     let traceparent = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".to_owned();
     let ticket = v1::Ticket { serial: 5, request: Some(ordered), traceparent };
@@ -176,6 +177,7 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
         view: Some(wire),
         encoding: v1::Encoding::Zstd as i32,
         redirectable: true,
+        history: true,
         ..Default::default()
     };
     messages.push(("SessionView", session.encode_to_vec()));

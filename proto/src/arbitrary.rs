@@ -231,8 +231,15 @@ pub(crate) fn plan() -> impl Strategy<Value = Plan> {
 }
 
 pub(crate) fn provenance() -> impl Strategy<Value = Provenance> {
-    (scene_hash(), any::<u64>(), any::<u64>(), plan(), ".{0,20}").prop_map(
-        |(scene, epoch, generation, plan, device)| Provenance { scene, epoch, generation, plan, device },
+    (scene_hash(), any::<u64>(), any::<u64>(), plan(), ".{0,20}", any::<bool>()).prop_map(
+        |(scene, epoch, generation, plan, device, history)| Provenance {
+            scene,
+            epoch,
+            generation,
+            plan,
+            device,
+            history,
+        },
     )
 }
 

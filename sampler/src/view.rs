@@ -112,6 +112,7 @@ pub(crate) fn frame(
             generation: 0,
             plan: view.plan.clone(),
             device: device.to_owned(),
+            history: false,
         },
         stages,
     }

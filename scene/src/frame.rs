@@ -54,6 +54,9 @@ pub struct Provenance {
     /// triangles by what they come from ([`crate::Sampling::on_device`]), and of a direct view with indirect light by
     /// [`INDIRECT_BY`] and its knobs. Empty in a pin means any.
     pub device: String,
+    /// Whether its search began from an earlier frame ([`crate::History`]): its bytes are then a function of that one, too,
+    /// and nobody can repeat it.
+    pub history: bool,
 }
 
 /// How many of a frame's pixels were served in which way.

@@ -14,6 +14,7 @@ pub mod animation;
 pub mod camera;
 pub mod error;
 pub mod frame;
+pub mod history;
 pub mod light;
 pub mod material;
 pub mod paraboloid;
@@ -46,6 +47,7 @@ pub use animation::Pose;
 pub use camera::{Camera, OmniLayout, SampleCamera};
 pub use error::{InvalidField, RenderError};
 pub use frame::{Frame, Prediction, Provenance, Served, Stage};
+pub use history::History;
 pub use light::{Light, Lighting, Sky};
 #[cfg(feature = "loaders")]
 pub use load::LoadError;

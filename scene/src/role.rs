@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bytes::Bytes;
 
 use crate::{
-    Camera, Frame, InvalidField, Outputs, Plan, RenderError, Sample, SampleId, SampleSet, SampleSetInfo,
-    Stage, Surroundings, Visibility,
+    Camera, Frame, History, InvalidField, Outputs, Plan, RenderError, Sample, SampleId, SampleSet,
+    SampleSetInfo, Stage, Surroundings, Visibility,
 };
 
 /// A flag that whoever waits for a result raises when it no longer does. Renders look at it between
@@ -65,6 +65,9 @@ pub struct ViewJob {
     pub visibility: Visibility,
     /// What such a view's surfaces mirror of the scene.
     pub reflections: Option<Surroundings>,
+    /// An earlier frame for [`crate::Search::Seeded`] to begin from, where it shows enough of what this view does; other
+    /// searches do not look at it. [`crate::Provenance::history`] says whether it was of use.
+    pub history: Option<Arc<History>>,
 }
 
 /// An order for some pixels of a view: those that no sample saw.
@@ -135,6 +138,7 @@ pub trait Sampler: Send {
                 time_secs: job.time_secs,
                 visibility: Visibility::default(),
                 reflections: job.reflections,
+                history: None,
             })
             .collect();
         let frames = self.render_views(&views, cancel);

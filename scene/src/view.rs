@@ -290,6 +290,10 @@ impl View {
         if self.plan.deadline_ms.is_some_and(|ms| !(ms > 0.0 && ms <= 3.6e6)) {
             return Err(InvalidField::new("plan.deadline_ms", "must be above 0 and at most an hour"));
         }
+        if self.pin.as_ref().is_some_and(|pin| pin.history) {
+            let reason = "began from an earlier frame of its session: it cannot be repeated";
+            return Err(InvalidField::new("pin.history", reason));
+        }
         let (field, per_pixel) = match self.pin.as_ref().map(|pin| &pin.plan) {
             Some(Plan::Direct { samples_per_pixel }) => ("pin.plan", u64::from(*samples_per_pixel)),
             Some(Plan::Warp(warp)) => ("pin.plan", u64::from(warp.supersampling).pow(2)),
@@ -351,11 +355,13 @@ mod tests {
         assert_eq!(field(large), "plan.supersampling");
         let pin = |plan| {
             let scene = crate::SceneHash([0; 32]);
-            Some(Provenance { scene, epoch: 0, generation: 0, plan, device: String::new() })
+            Some(Provenance { scene, epoch: 0, generation: 0, plan, device: String::new(), history: false })
         };
         let direct = pin(Plan::Direct { samples_per_pixel: 64 });
         let pinned = View { width: 4096, height: 4096, pin: direct, ..view() };
         assert_eq!(pinned.validate(&limits).unwrap_err().field, "pin.plan");
+        let begun = pin(Plan::Direct { samples_per_pixel: 1 }).map(|pin| Provenance { history: true, ..pin });
+        assert_eq!(View { pin: begun, ..view() }.validate(&limits).unwrap_err().field, "pin.history");
         view().validate(&limits).unwrap();
     }
 }

@@ -166,6 +166,9 @@ pub(crate) struct Worker {
     /// Frames that are being made, packed or sent; further views wait. 2 GiB: a hundred and fifty of 1920×1080 pixels, or six
     /// of the largest with all images.
     pub(crate) frames_mib: u64,
+    /// Depth that frames leave for the next ones of their sessions, where those ask for that; 0: none. 256 MiB: two thousand
+    /// sessions of 200×150 pixels, or thirty of 1920×1080.
+    pub(crate) history_mib: u64,
     /// Requests in work, of the coordinator and of other workers.
     pub(crate) requests: usize,
     /// Open connections. A quarter is for the cluster's own processes.
@@ -194,6 +197,7 @@ impl Default for Worker {
             queued_views: 256,
             queued_samples: 4096,
             frames_mib: 2048,
+            history_mib: 256,
             requests: 2048,
             connections: 4096,
             rest_secs: 30.0,

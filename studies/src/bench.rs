@@ -169,7 +169,8 @@ impl Bench {
         let (epoch, time_secs) = (self.info.epoch, self.info.time_secs());
         let visibility = self.info.visibility;
         let reflections = self.info.reflections;
-        ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections }
+        let history = None;
+        ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }
     }
 
     /// Milliseconds that a batch takes, and its frames. All jobs are direct, or none is.
@@ -247,7 +248,7 @@ impl Bench {
     }
 
     /// Where somebody who goes `step` from `from` ends up: at most three quarters of the way to a surface.
-    fn advance(&self, from: DVec3, step: DVec3) -> DVec3 {
+    pub(crate) fn advance(&self, from: DVec3, step: DVec3) -> DVec3 {
         let length = step.length();
         if !(length > 0.0) {
             return from;

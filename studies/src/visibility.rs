@@ -184,6 +184,7 @@ impl Bench {
                     time_secs: 0.0,
                     visibility: way,
                     reflections: None,
+                    history: None,
                 };
                 let sampler = &mut self.sampler;
                 let cancel = Cancel::new();

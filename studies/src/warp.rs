@@ -423,6 +423,7 @@ mod tests {
             time_secs: 0.0,
             visibility: Visibility::default(),
             reflections: None,
+            history: None,
         };
         let taken = |count| -> Vec<u32> {
             every((0..12).map(job).collect(), count).iter().map(|j| j.width).collect()

@@ -51,6 +51,8 @@ pub struct LoadOptions {
     pub plan: PlanRequest,
     /// Whether views are requests or cameras of sessions.
     pub mode: Mode,
+    /// Whether the searches of sessions may begin from the frame before.
+    pub history: bool,
     /// How images travel.
     pub encoding: Encoding,
     /// A view without an answer for this long has failed.
@@ -66,6 +68,7 @@ impl Default for LoadOptions {
             size: [200, 150],
             plan: PlanRequest::default(),
             mode: Mode::Requests,
+            history: false,
             encoding: Encoding::Unspecified,
             deadline: Duration::from_secs(10),
         }

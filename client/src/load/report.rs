@@ -33,6 +33,8 @@ pub struct LoadReport {
     pub rejected: u64,
     /// Cameras of sessions that a newer one overtook.
     pub superseded: u64,
+    /// Answered views whose search began from the frame before.
+    pub from_history: u64,
     /// Answered views by the time from the first view to the last answer, at least the load's duration.
     pub views_per_sec: f64,
     /// From due to answered.
@@ -69,6 +71,7 @@ impl Latencies {
 pub(super) struct Tally {
     pub(super) sent: u64,
     pub(super) superseded: u64,
+    pub(super) from_history: u64,
     answered: u64,
     failed: u64,
     rejected: u64,
@@ -83,6 +86,7 @@ impl Tally {
         Self {
             sent: 0,
             superseded: 0,
+            from_history: 0,
             answered: 0,
             failed: 0,
             rejected: 0,
@@ -111,6 +115,7 @@ impl Tally {
     pub(super) fn merge(&mut self, other: &Self) {
         self.sent += other.sent;
         self.superseded += other.superseded;
+        self.from_history += other.from_history;
         self.answered += other.answered;
         self.failed += other.failed;
         self.rejected += other.rejected;
@@ -129,6 +134,7 @@ impl Tally {
             failed: self.failed,
             rejected: self.rejected,
             superseded: self.superseded,
+            from_history: self.from_history,
             views_per_sec: if elapsed > 0.0 { self.answered as f64 / elapsed } else { 0.0 },
             latency_ms: self.latencies.ms(),
             first_error: self.first_error,

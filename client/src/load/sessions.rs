@@ -12,11 +12,12 @@ use crate::{Client, ClientError, SessionEvent, SessionOptions};
 /// Moves the camera when it is due and counts the frames that come. The newest camera, when no more follow, is
 /// to be answered; that it is not is a failure, while those that newer ones overtook are superseded.
 pub(super) async fn run(client: Client, options: LoadOptions, schedule: Schedule, begin: Instant) -> Tally {
-    let (encoding, patience) = (options.encoding, options.deadline);
-    let mut session = client.session(SessionOptions { encoding, patience, ..SessionOptions::default() });
+    let (encoding, patience, history) = (options.encoding, options.deadline, options.history);
+    let open = || client.session(SessionOptions { encoding, patience, history, ..SessionOptions::default() });
+    let mut session = open();
     let mut tally = Tally::new();
     // When each camera that may still be answered was due.
-    let mut open: BTreeMap<u64, Duration> = BTreeMap::new();
+    let mut unanswered: BTreeMap<u64, Duration> = BTreeMap::new();
     let mut schedule = schedule.due().peekable();
     let mut end = begin + options.deadline;
     loop {
@@ -33,33 +34,36 @@ pub(super) async fn run(client: Client, options: LoadOptions, schedule: Schedule
                     let last = "the session's newest camera was not answered".to_owned();
                     tally.fail(&ClientError::Deadline { after: options.deadline, last });
                     // Of what is open, the newest has just been counted.
-                    open.pop_last();
+                    unanswered.pop_last();
                     break;
                 };
-                open.insert(session.send(&view), due);
+                unanswered.insert(session.send(&view), due);
                 tally.sent += 1;
                 end = begin + due + options.deadline;
             }
             event = session.next(), if !idle => match event {
-                Ok(SessionEvent::Frame { camera_seq, .. }) => {
-                    settle(&mut tally, &mut open, camera_seq, |tally, due| tally.answer(due, begin.elapsed()));
+                Ok(SessionEvent::Frame { camera_seq, frame, .. }) => {
+                    settle(&mut tally, &mut unanswered, camera_seq, |tally, due| {
+                        tally.answer(due, begin.elapsed());
+                        tally.from_history += u64::from(frame.provenance.history);
+                    });
                 }
                 Ok(SessionEvent::Failed { camera_seq, error }) => {
-                    settle(&mut tally, &mut open, camera_seq, |tally, _| tally.fail(&error));
+                    settle(&mut tally, &mut unanswered, camera_seq, |tally, _| tally.fail(&error));
                 }
                 Err(error) => {
                     // The newest camera is lost with the session; the next one begins another.
-                    if open.pop_last().is_some() {
+                    if unanswered.pop_last().is_some() {
                         tally.fail(&error);
                     }
-                    tally.superseded += open.len() as u64;
-                    open.clear();
-                    session = client.session(SessionOptions { encoding, patience, ..SessionOptions::default() });
+                    tally.superseded += unanswered.len() as u64;
+                    unanswered.clear();
+                    session = open();
                 }
             },
         }
     }
-    tally.superseded += open.len() as u64;
+    tally.superseded += unanswered.len() as u64;
     tally
 }
 

@@ -160,8 +160,14 @@ pub(crate) fn frame(view: &View) -> Frame {
         samples: vec![SampleId { epoch: 0, generation: 1, index: 2 }],
         ..Warp::default()
     });
-    let provenance =
-        Provenance { scene: SceneHash([7; 32]), epoch: 0, generation: 1, plan, device: "none".to_owned() };
+    let provenance = Provenance {
+        scene: SceneHash([7; 32]),
+        epoch: 0,
+        generation: 1,
+        plan,
+        device: "none".to_owned(),
+        history: false,
+    };
     Frame {
         width: view.width,
         height: view.height,

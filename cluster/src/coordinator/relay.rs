@@ -38,6 +38,8 @@ pub(super) struct Wanted {
     pub(super) view_id: String,
     pub(super) deadline: Option<Duration>,
     pub(super) encoding: i32,
+    /// Under which name its worker keeps what it leaves for its session's next frame; empty: it does not.
+    pub(super) history: String,
     /// When its request arrived.
     pub(super) arrived: Instant,
     /// Its way through this process.
@@ -243,6 +245,7 @@ pub(super) fn request(hub: &Hub, wanted: &Wanted, order: &Order) -> v1::RenderRe
             tracers: order.tracers.clone(),
             observe: order.judged,
             predicted: order.expected.map(Into::into),
+            history: wanted.history.clone(),
         }),
     }
 }
@@ -270,6 +273,13 @@ impl Relayed {
     ) -> Result<Option<v1::FrameChunk>, Status> {
         match chunk.body {
             Some(Body::Header(mut header)) => {
+                let begun_from_history = |header: &v1::FrameHeader| {
+                    header.provenance.as_ref().is_some_and(|provenance| provenance.history)
+                };
+                // Nobody repeats a frame that began from an earlier one: a session's client has it anew.
+                if self.header.iter().chain([&header]).any(begun_from_history) {
+                    (self.header, self.bytes) = (None, 0);
+                }
                 if let Some(sent) = &self.header {
                     let same = sent.provenance == header.provenance && sent.images == header.images;
                     let reason = "the worker failed within a frame, and no other makes the same one";

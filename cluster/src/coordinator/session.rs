@@ -13,8 +13,11 @@ use argus_proto::trace::{TARGET, continued_from};
 use argus_proto::v1::session_request::Body as Asked;
 use argus_proto::v1::session_response::Body as Answer;
 use argus_proto::{Fault, v1};
+use argus_scene::{InvalidField, Search, View};
 use futures::{Stream, StreamExt};
 use parking_lot::Mutex;
+use rand::rngs::SmallRng;
+use rand::{Rng, SeedableRng};
 use tokio::sync::Notify;
 use tokio::time::Instant;
 use tonic::{Status, Streaming};
@@ -85,6 +88,7 @@ pub(super) fn run(
         tokio::pin!(reader);
         let mut reading = true;
         let mut detours = Detours::default();
+        let mut history = None;
         loop {
             // Listening goes on within this task, so that it ends with it.
             // It comes first: what has arrived meanwhile overtakes what waits.
@@ -94,11 +98,13 @@ pub(super) fn run(
                 taken = take(&shared) => taken,
                 () = hub.closing.cancelled() => None,
             };
-            let Some((camera_seq, asked, arrived)) = taken else { return };
+            let Some(taken) = taken else { return };
+            let camera_seq = taken.0;
             let client = open.client.clone();
+            let name = if taken.1.history { history.get_or_insert_with(drawn_name).clone() } else { String::new() };
             // In memory of its own: most sessions wait for a camera most of the time.
             let mut answers =
-                Box::pin(frames(hub.clone(), client, camera_seq, asked, arrived, shared.clone(), &mut detours));
+                Box::pin(frames(hub.clone(), client, taken, name, shared.clone(), &mut detours));
             let mut failed = false;
             loop {
                 let answer = tokio::select! {
@@ -219,18 +225,42 @@ async fn word(shared: &Shared, camera_seq: u64) -> Word {
     }
 }
 
-/// The frame of one camera, or where to fetch it, or its failure.
+/// A name for what a session's frames leave at workers, that no other session has.
+fn drawn_name() -> String {
+    format!("{:032x}", SmallRng::from_os_rng().random::<u128>())
+}
+
+/// A view whose search may begin from an earlier frame: by the one search that can.
+fn begun_from_history(mut view: View) -> Result<View, InvalidField> {
+    let reason = match view.plan.search {
+        _ if view.pin.is_some() => {
+            "a pinned frame is repeated, and none that began from an earlier one can be".to_owned()
+        }
+        _ if view.plan.direct => "a view from the triangles is not searched".to_owned(),
+        Some(search) if search != Search::Seeded => {
+            format!("only the seeded search begins from an earlier frame, not the search `{}`", search.name())
+        }
+        _ => {
+            view.plan.search = Some(Search::Seeded);
+            return Ok(view);
+        }
+    };
+    Err(InvalidField::new("history", reason))
+}
+
+/// The frame of one camera, or where to fetch it, or its failure. `history` names what its session's frames leave at
+/// workers; empty: nothing.
 fn frames(
     hub: Arc<Hub>,
     client: Client,
-    camera_seq: u64,
-    asked: v1::SessionView,
-    arrived: Instant,
+    (camera_seq, asked, arrived): (u64, v1::SessionView, Instant),
+    history: String,
     shared: Arc<Shared>,
     detours: &mut Detours,
 ) -> impl Stream<Item = Answer> {
     async_stream::stream! {
         let checks = checked(&hub, asked.view.as_ref())
+            .and_then(|view| if asked.history { begun_from_history(view) } else { Ok(view) })
             .and_then(|view| Ok((view, checked_encoding(asked.encoding)?)));
         let (view, encoding) = match checks {
             Ok(checks) => checks,
@@ -249,6 +279,7 @@ fn frames(
             view_id: camera_seq.to_string(),
             deadline: None,
             encoding,
+            history,
             arrived,
             span,
         };

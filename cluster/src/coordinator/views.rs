@@ -125,6 +125,7 @@ impl Views for ViewsService {
             view_id: request.view_id,
             deadline: (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into())),
             encoding,
+            history: String::new(),
             arrived,
             span,
         };

@@ -174,6 +174,7 @@ mod tests {
             generation: set.generation,
             plan: free,
             device: String::new(),
+            history: false,
         };
         change(&mut pin);
         plan(&View { pin: Some(pin), ..view() }, &set, &[], &Config::default())

@@ -58,6 +58,9 @@ pub struct Config {
     pub standby_sampler: bool,
     /// Bytes of frames that are being made, packed or sent; further views wait. One that is larger is made alone.
     pub frame_bytes: u64,
+    /// Bytes of depth that frames of sessions leave for the next ones, before the least recently used is forgotten; 0: none is
+    /// kept.
+    pub history_bytes: u64,
     /// A chunk of a frame, a MiB at most, is dropped with the rest of it if it is not read for so long.
     pub read_within: Duration,
     /// What a role needs, and the other one does not, is given up after nobody has used it for so long.
@@ -108,6 +111,7 @@ impl Config {
             wedged_after: Duration::from_secs(300),
             standby_sampler: false,
             frame_bytes: 2 << 30,
+            history_bytes: 256 << 20,
             read_within: Duration::from_secs(20),
             rest_after: Duration::from_secs(30),
             max_requests: 2048,

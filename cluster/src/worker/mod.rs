@@ -9,6 +9,7 @@ mod claim;
 mod config;
 mod fetch;
 mod health;
+mod histories;
 mod join;
 mod meter;
 mod node;

@@ -19,6 +19,7 @@ use super::ahead::Ahead;
 use super::claim::claim;
 use super::fetch::Fetches;
 use super::health::Health;
+use super::histories::Histories;
 use super::meter::Meter;
 use super::queue::{Backlog, PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
 use super::room::Rooms;
@@ -65,6 +66,8 @@ pub(super) struct Node {
     pub(super) packing: Semaphore,
     /// Memory for frames.
     pub(super) rooms: Rooms,
+    /// What the last frames of sessions left.
+    pub(super) histories: Histories,
     queue: Arc<Queue>,
     meter: Arc<Meter>,
     pub(super) health: Arc<Health>,
@@ -110,6 +113,7 @@ impl Node {
             packing: Semaphore::new((hello.cores as usize).saturating_sub(1).max(1)),
             fetching: Arc::new(Semaphore::new((config.max_queued_views / 2).max(1))),
             rooms: Rooms::new(config.frame_bytes),
+            histories: Histories::new(config.history_bytes),
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             config,
             hello,
@@ -256,6 +260,7 @@ impl Node {
             told.epochs = if set.epoch_secs == 0.0 { VecDeque::from([set.clone()]) } else { VecDeque::new() };
             told.set = Some(set);
             self.store.clear();
+            self.histories.clear();
         }
         told.limits = limits;
         new_scene

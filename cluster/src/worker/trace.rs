@@ -174,6 +174,7 @@ mod tests {
                 generation: 1,
                 plan: Plan::Warp(Warp::default()),
                 device: String::new(),
+                history: false,
             },
             stages: Vec::new(),
         };

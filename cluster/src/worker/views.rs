@@ -13,8 +13,8 @@ use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::{
-    Frame, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleId, SampleSetInfo, Stage, View,
-    ViewJob, Visibility,
+    Frame, History, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleId, SampleSetInfo, Search,
+    Stage, View, ViewJob, Visibility,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -25,6 +25,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::{Instrument, Span, debug_span, field, warn};
 
+use super::histories::MAX_NAME;
 use super::node::{Active, Node};
 use super::queue::Rendered;
 use super::room::{self, Room};
@@ -69,6 +70,8 @@ struct Ordered {
     device: String,
     /// The images that the frame shall hold; the job's may be more.
     outputs: Outputs,
+    /// Under which name what it leaves for the next frame is kept; the job has what the last one left.
+    history: Option<String>,
 }
 
 #[tonic::async_trait]
@@ -227,7 +230,12 @@ impl ViewsService {
         let measured = frame.stages.iter().filter(|stage| stage.name != SAMPLES);
         stages(&span, measured.map(|stage| (stage.name.as_str(), stage.ms)));
         let meta = FrameMeta { view_id: request.view_id, worker: self.node.hello.name.clone(), age_ms };
+        let (node, camera, history) = (self.node.clone(), ordered.job.camera, ordered.history);
         let pack = move || {
+            // Whatever became of its holes: the next frame is ordered once this one has been sent.
+            if let Some((name, left)) = history.zip(History::of(&frame, &camera)) {
+                node.histories.keep(name, left);
+            }
             let observed = if observe { Observed::of(&frame) } else { None };
             encode(&with_only(frame, outputs), meta, encoding, arrived, observed, predicted)
         };
@@ -277,14 +285,18 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
     let time_secs = info.time_secs();
     let asked = outputs;
-    // What the frame is judged by, whether or not it was asked for.
-    let outputs = match order.observe {
-        true => outputs.with(Output::Color).with(Output::Confidence),
-        false => outputs,
-    };
+    let begins = matches!(&plan, Plan::Warp(warp) if warp.search == Search::Seeded);
+    let name = Some(order.history).filter(|name| begins && (1..=MAX_NAME).contains(&name.len()));
+    // What the frame is judged by, and what the next one begins from, whether or not it was asked for.
+    let judged_by = [Output::Color, Output::Confidence].into_iter().filter(|_| order.observe);
+    let begun_from = [Output::Range, Output::Source].into_iter().filter(|_| name.is_some());
+    let outputs = judged_by.chain(begun_from).fold(asked, Outputs::with);
+    let history = name.as_deref().and_then(|name| node.histories.get(name));
     let (epoch, reflections) = (order.epoch, info.reflections);
-    let job = ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections };
-    Ok(Ordered { job, info, samples, outputs: asked, tracers: order.tracers, pinned: pin.is_some(), device })
+    let job =
+        ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history };
+    let (tracers, pinned) = (order.tracers, pin.is_some());
+    Ok(Ordered { job, info, samples, outputs: asked, tracers, pinned, device, history: name })
 }
 
 /// The frame without images that nobody asked for.

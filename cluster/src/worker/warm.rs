@@ -72,8 +72,8 @@ fn view(info: &SampleSetInfo, camera: Camera, plan: Plan) -> ViewJob {
     let ([width, height], visibility) = (SIZE, info.visibility);
     let (epoch, time_secs) = (info.epoch, info.time_secs());
     // Maps of surroundings are made when somebody looks: they take what samples take.
-    let (outputs, reflections) = (Outputs::COLOR, None);
-    ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections }
+    let (outputs, reflections, history) = (Outputs::COLOR, None, None);
+    ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }
 }
 
 /// Grey, a metre away in all directions.

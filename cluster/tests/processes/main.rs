@@ -5,6 +5,7 @@
 mod common;
 
 mod faults;
+mod history;
 mod leadership;
 mod limits;
 mod network;

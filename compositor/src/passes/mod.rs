@@ -11,6 +11,7 @@ pub(crate) mod linear;
 pub(crate) mod mend;
 pub(crate) mod mips;
 pub(crate) mod pyramid;
+pub(crate) mod recall;
 pub(crate) mod resolve;
 pub(crate) mod seeded;
 pub(crate) mod splat;

@@ -343,6 +343,7 @@ pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], se
         time_secs: 0.3,
         visibility: Visibility::default(),
         reflections: None,
+        history: None,
     }
 }
 

@@ -132,6 +132,11 @@ impl FrameAssembler {
         }
     }
 
+    /// Forgets what it has of a frame.
+    pub fn abandon(&mut self) {
+        self.partial = None;
+    }
+
     /// Whether the stream may end here.
     ///
     /// # Errors

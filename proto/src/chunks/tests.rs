@@ -100,7 +100,14 @@ fn frame() -> Frame {
         unresolved_fraction: 0.25,
         served: Served::default(),
         predicted: None,
-        provenance: argus_scene::Provenance { scene: hash, epoch: 1, generation: 2, plan, device },
+        provenance: argus_scene::Provenance {
+            scene: hash,
+            epoch: 1,
+            generation: 2,
+            plan,
+            device,
+            history: false,
+        },
         stages: Vec::new(),
     }
 }

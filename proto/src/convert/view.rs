@@ -252,6 +252,7 @@ impl From<&Provenance> for v1::Provenance {
             generation: provenance.generation,
             plan: Some((&provenance.plan).into()),
             device: provenance.device.clone(),
+            history: provenance.history,
         }
     }
 }
@@ -266,6 +267,7 @@ impl TryFrom<v1::Provenance> for Provenance {
             generation: wire.generation,
             plan: required(wire.plan, "provenance.plan")?.try_into()?,
             device: wire.device,
+            history: wire.history,
         })
     }
 }

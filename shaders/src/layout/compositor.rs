@@ -7,7 +7,9 @@ use super::shared::{Around, Lighting};
 pub(super) const MIRRORS: &[Mirror] = &[
     ViewSample::MIRROR,
     ViewUniform::MIRROR,
+    Landing::MIRROR,
     Splat::MIRROR,
+    Recall::MIRROR,
     Fill::MIRROR,
     Clear::MIRROR,
     Resolve::MIRROR,
@@ -96,26 +98,18 @@ mirror! {
 }
 
 mirror! {
-    /// One face of one sample as one view sees it: `compositor/splat.wgsl`.
-    pub struct Splat {
-        /// Position in the face's axes times its inverse depth, and that inverse depth, to column times w.
+    /// One pinhole image as one piece of one view sees it: `shared/landing.wgsl`.
+    pub struct Landing {
+        /// Position in the image's axes times its inverse depth, and that inverse depth, to column times w.
         pub column: [f32; 4],
         /// To row times w.
         pub row: [f32; 4],
         /// To w.
         pub depth: [f32; 4],
-        /// Texel of the face to its direction: factor.
+        /// Texel of the image to its direction: factor.
         pub scale: [f32; 2],
-        /// Texel of the face to its direction: summand.
+        /// Texel of the image to its direction: summand.
         pub bias: [f32; 2],
-        /// Where the face lies in the sample, texels.
-        pub face_offset: [u32; 2],
-        /// Its size, texels.
-        pub face_size: [u32; 2],
-        /// Layer of the texture array.
-        pub layer: u32,
-        /// First of this dispatch's blocks.
-        pub first_block: u32,
         /// First of the piece's cells.
         pub first_cell: u32,
         /// Columns of the piece's cells.
@@ -126,8 +120,44 @@ mirror! {
         pub origin_column: i32,
         /// Row of the view's cells at which the piece's begin.
         pub origin_row: i32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: [u32; 3],
+    }
+}
+
+mirror! {
+    /// One face of one sample as one view sees it: `compositor/splat.wgsl`.
+    pub struct Splat {
+        /// Where its texels land.
+        pub landing: Landing,
+        /// Where the face lies in the sample, texels.
+        pub face_offset: [u32; 2],
+        /// Its size, texels.
+        pub face_size: [u32; 2],
+        /// Layer of the texture array.
+        pub layer: u32,
+        /// First of this dispatch's blocks.
+        pub first_block: u32,
         /// Position of the sample in the plan's list.
         pub source: u32,
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: u32,
+    }
+}
+
+mirror! {
+    /// Pixels of an earlier frame as one view sees them: `compositor/recall.wgsl`.
+    pub struct Recall {
+        /// Where they land.
+        pub landing: Landing,
+        /// Pixels in a row.
+        pub columns: u32,
+        /// Rows of pixels.
+        pub rows: u32,
+        /// First of their words.
+        pub first_word: u32,
+        /// Position in the plan's list of each of the earlier frame's samples, three bits each.
+        pub sources: u32,
     }
 }
 

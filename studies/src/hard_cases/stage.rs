@@ -242,6 +242,7 @@ impl Stage {
             time_secs: 0.0,
             visibility: Visibility::default(),
             reflections: None,
+            history: None,
         }
     }
 }

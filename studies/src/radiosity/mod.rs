@@ -392,6 +392,7 @@ impl Stage {
             time_secs: 0.0,
             visibility: Visibility::default(),
             reflections: None,
+            history: None,
         };
         let sampler = |indirect| {
             let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };

@@ -118,6 +118,7 @@ mod tests {
                 generation: 0,
                 plan: Plan::Direct { samples_per_pixel: 1 },
                 device: String::new(),
+                history: false,
             },
             stages: Vec::new(),
         }

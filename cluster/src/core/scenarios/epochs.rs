@@ -52,7 +52,7 @@ fn pinned(sim: &mut Sim, epoch: u64, plan: Plan) -> Ticket {
         height: 15,
         outputs: Outputs::COLOR,
         plan: PlanRequest::default(),
-        pin: Some(Provenance { scene, epoch, generation, plan, device }),
+        pin: Some(Provenance { scene, epoch, generation, plan, device, history: false }),
     });
     sim.step(Event::Asked { ticket, client: "a client".into(), view, deadline: None });
     ticket

@@ -257,6 +257,7 @@ fn a_pinned_device_is_waited_for_or_refused() {
                 generation: set.generation,
                 plan: order.plan.clone(),
                 device: device.to_owned(),
+                history: false,
             }),
         });
         sim.step(Event::Asked { ticket, client: "a client".into(), view, deadline: None });

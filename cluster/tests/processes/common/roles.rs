@@ -138,6 +138,7 @@ fn frame(job: &ViewJob, scene: &Scene, generation: u64, seed: u64) -> Frame {
             generation,
             plan: job.plan.clone(),
             device: DEVICE.to_owned(),
+            history: job.history.is_some(),
         },
         stages: vec![Stage::new("render", 1.0)],
     }
@@ -262,6 +263,8 @@ impl Compositor for FakeCompositor {
                 of = Some(info.clone());
                 planes.iter().for_each(|plane| texels.extend_from_slice(&plane[..64]));
             }
+            // As a search's beginning may show.
+            texels.push(job.history.is_some().into());
             let info = of.ok_or_else(|| RenderError::Internal("no samples".to_owned()))?;
             let mut made = frame(job, &super::scene("test"), info.generation, seed_of(job, &texels));
             made.provenance.scene = info.scene;

@@ -20,6 +20,8 @@ pub struct Session {
     assembler: FrameAssembler,
     /// Whether it asks to be sent elsewhere.
     pub redirectable: bool,
+    /// Whether its searches may begin from its frame before.
+    pub history: bool,
 }
 
 impl Session {
@@ -31,13 +33,14 @@ impl Session {
     pub async fn open_by(mut views: ViewsClient<Channel>) -> Self {
         let (requests, outgoing) = mpsc::channel(64);
         let answers = views.session(ReceiverStream::new(outgoing)).await.unwrap().into_inner();
-        Self { requests, answers, assembler: FrameAssembler::new(Limits::default()), redirectable: false }
+        let assembler = FrameAssembler::new(Limits::default());
+        Self { requests, answers, assembler, redirectable: false, history: false }
     }
 
     pub async fn ask(&self, camera_seq: u64, view: &View) {
         let encoding = v1::Encoding::Zstd as i32;
-        let (view, redirectable) = (Some(view.into()), self.redirectable);
-        let view = v1::SessionView { view, encoding, redirectable, ..Default::default() };
+        let (view, redirectable, history) = (Some(view.into()), self.redirectable, self.history);
+        let view = v1::SessionView { view, encoding, redirectable, history, ..Default::default() };
         self.say(camera_seq, Asked::View(view)).await;
     }
 
@@ -57,6 +60,16 @@ impl Session {
         match answer.body.unwrap() {
             Answer::Elsewhere(elsewhere) => (answer.camera_seq, elsewhere),
             other => panic!("a frame is to be fetched, not {other:?}"),
+        }
+    }
+
+    /// The next chunk of a frame.
+    pub async fn chunk(&mut self) -> v1::FrameChunk {
+        let answer =
+            tokio::time::timeout(LIMIT, self.answers.message()).await.expect("a session must answer");
+        match answer.unwrap().unwrap().body.unwrap() {
+            Answer::Chunk(chunk) => chunk,
+            other => panic!("a frame is to arrive, not {other:?}"),
         }
     }
 

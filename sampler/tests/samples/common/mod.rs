@@ -42,6 +42,7 @@ pub(crate) fn view_job(camera: Camera, size: [u32; 2], samples_per_pixel: u32) -
         epoch: 0,
         time_secs: 0.0,
         reflections: None,
+        history: None,
         visibility: Visibility::default(),
     }
 }

@@ -1,0 +1,139 @@
+//! What the last frames of sessions leave for their next ones, by names that the coordinator draws; bounded by their size.
+//!
+//! Nothing depends on one being here: a search without one begins at the samples. So the least recently used goes first,
+//! whoever's it is, and nobody is told.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use argus_scene::History;
+use parking_lot::Mutex;
+
+#[derive(Debug)]
+struct Entry {
+    history: Arc<History>,
+    used: u64,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    entries: HashMap<String, Entry>,
+    bytes: u64,
+    clock: u64,
+}
+
+/// The histories, by name.
+#[derive(Debug)]
+pub(super) struct Histories {
+    limit: u64,
+    state: Mutex<State>,
+}
+
+/// Longest name that is kept: a coordinator's has 32.
+pub(super) const MAX_NAME: usize = 64;
+
+impl Histories {
+    /// Empty; keeps `limit` bytes, 0: none.
+    pub(super) fn new(limit: u64) -> Self {
+        Self { limit, state: Mutex::default() }
+    }
+
+    /// What was kept last under a name, if it still is.
+    pub(super) fn get(&self, name: &str) -> Option<Arc<History>> {
+        let mut state = self.state.lock();
+        state.clock += 1;
+        let clock = state.clock;
+        let entry = state.entries.get_mut(name)?;
+        entry.used = clock;
+        Some(entry.history.clone())
+    }
+
+    /// Keeps a history in place of the one of that name.
+    pub(super) fn keep(&self, name: String, history: History) {
+        let mut state = self.state.lock();
+        state.remove(&name);
+        if history.bytes() > self.limit {
+            return;
+        }
+        state.clock += 1;
+        state.bytes += history.bytes();
+        let entry = Entry { history: Arc::new(history), used: state.clock };
+        state.entries.insert(name, entry);
+        while state.bytes > self.limit {
+            let oldest = state.entries.iter().min_by_key(|(_, entry)| entry.used);
+            let Some(name) = oldest.map(|(name, _)| name.clone()) else { break };
+            state.remove(&name);
+        }
+    }
+
+    /// Forgets all of them.
+    pub(super) fn clear(&self) {
+        *self.state.lock() = State::default();
+    }
+}
+
+impl State {
+    fn remove(&mut self, name: &str) {
+        if let Some(entry) = self.entries.remove(name) {
+            self.bytes -= entry.history.bytes();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Camera, Frame, Plan, Provenance, SampleId, SceneHash, Served, Warp};
+    use glam::DVec3;
+
+    use super::*;
+
+    fn history(pixels: usize) -> History {
+        let samples = vec![SampleId { epoch: 0, generation: 1, index: 0 }];
+        let frame = Frame {
+            width: pixels as u32,
+            height: 1,
+            color: None,
+            range: Some(2f32.to_le_bytes().repeat(pixels).into()),
+            mask: None,
+            source: Some(vec![1; pixels].into()),
+            confidence: None,
+            unresolved_fraction: 0.0,
+            served: Served::default(),
+            predicted: None,
+            provenance: Provenance {
+                scene: SceneHash([0; 32]),
+                epoch: 0,
+                generation: 1,
+                plan: Plan::Warp(Warp { samples, ..Warp::default() }),
+                device: String::new(),
+                history: false,
+            },
+            stages: Vec::new(),
+        };
+        History::of(&frame, &Camera::look_at(DVec3::ONE, DVec3::ZERO)).unwrap()
+    }
+
+    #[test]
+    fn the_least_recently_used_goes_first_and_a_name_has_one() {
+        let one = history(1000).bytes();
+        let histories = Histories::new(2 * one);
+        let pixels = |name| histories.get(name).map(|history| history.size()[0]);
+        histories.keep("a".to_owned(), history(1000));
+        histories.keep("b".to_owned(), history(1000));
+        histories.keep("b".to_owned(), history(900));
+        assert_eq!((pixels("b"), pixels("a")), (Some(900), Some(1000)), "one each, and a was used last");
+        histories.keep("c".to_owned(), history(1000));
+        assert_eq!((pixels("a"), pixels("b"), pixels("c")), (Some(1000), None, Some(1000)));
+        histories.clear();
+        assert_eq!((pixels("a"), pixels("c")), (None, None));
+    }
+
+    #[test]
+    fn what_is_larger_than_all_of_the_room_is_not_kept_nor_is_what_it_replaces() {
+        let histories = Histories::new(history(100).bytes());
+        histories.keep("a".to_owned(), history(100));
+        histories.keep("a".to_owned(), history(101));
+        assert!(histories.get("a").is_none(), "an older frame is of less use than the samples");
+        Histories::new(0).keep("a".to_owned(), history(1));
+    }
+}

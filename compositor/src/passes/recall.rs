@@ -1,0 +1,37 @@
+//! Program: `shaders/compositor/recall.wgsl`. Leaves the depth of an earlier frame's pixels in the cells of views.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::layout::compositor::Recall;
+
+/// The pass: one dispatch a piece.
+#[derive(Debug)]
+pub(crate) struct RecallPass {
+    pipeline: ComputePipeline,
+}
+
+impl RecallPass {
+    /// Its row in the timing table.
+    pub(crate) const NAME: &str = "recall frames";
+
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::RECALL, "recall_pixel") }
+    }
+
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        calls: &[Recall],
+        words: &wgpu::Buffer,
+        cells: &wgpu::Buffer,
+    ) {
+        let [x, y, _] = self.pipeline.workgroup_size();
+        commands.compute(Self::NAME, &self.pipeline).read("words", words).write("cells", cells).each(
+            |pass| {
+                for call in calls {
+                    pass.set_immediates(0, bytemuck::bytes_of(call));
+                    pass.dispatch_workgroups(call.columns.div_ceil(x), call.rows.div_ceil(y), 1);
+                }
+            },
+        );
+    }
+}

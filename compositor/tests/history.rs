@@ -1,0 +1,280 @@
+//! A search that begins where an earlier frame had its surfaces: where that is of use, what it shows, and when it is left.
+
+mod common;
+
+use std::sync::Arc;
+
+use argus_compositor::{CompositorKnobs, GpuCompositor};
+use argus_scene::{
+    Camera, Cancel, Compositor as _, Frame, History, Outputs, Plan, SampleCamera, SampleSet, Search, ViewJob,
+};
+use bytes::Bytes;
+use common::*;
+use glam::{DQuat, DVec3};
+
+const SIZE: [u32; 2] = [120, 90];
+
+fn cameras(about: DVec3) -> [SampleCamera; 4] {
+    [(-8.0, -8.0), (8.0, -8.0), (-8.0, 8.0), (8.0, 8.0)]
+        .map(|(x, z)| perspective(about + DVec3::new(x, 9.0, z), about, 75.0, 200, 150))
+}
+
+fn garden_set() -> SampleSet {
+    sample_set(&Analytic::garden(), &cameras(DVec3::ZERO), false, 1)
+}
+
+fn here() -> Camera {
+    Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO)
+}
+
+/// The camera after a turn and a step aside.
+fn moved(camera: Camera, turn_deg: f64, aside: f64) -> Camera {
+    let axis = DQuat::from_rotation_y(turn_deg.to_radians()) * (camera.target - camera.eye);
+    let eye = camera.eye + axis.cross(camera.up).normalize() * aside;
+    Camera { eye, target: eye + axis, ..camera }
+}
+
+fn seeded(set: &SampleSet, camera: Camera) -> ViewJob {
+    job(set, camera, SIZE, Search::Seeded)
+}
+
+fn history_of(compositor: &mut GpuCompositor, job: &ViewJob) -> Arc<History> {
+    let frame = compose_one(compositor, job).unwrap();
+    Arc::new(History::of(&frame, &job.camera).unwrap())
+}
+
+fn from(history: &Arc<History>, job: ViewJob) -> ViewJob {
+    ViewJob { history: Some(history.clone()), ..job }
+}
+
+fn bytes_of(frame: &Frame) -> [Option<Bytes>; 4] {
+    let Frame { color, range, mask, source, .. } = frame.clone();
+    [color, range, mask, source]
+}
+
+/// The view is what it would be without the history, and says so.
+#[track_caller]
+fn assert_of_no_use(compositor: &mut GpuCompositor, history: &Arc<History>, job: ViewJob) {
+    let without = compose_one(compositor, &job).unwrap();
+    let with = compose_one(compositor, &from(history, job)).unwrap();
+    assert!(!with.provenance.history);
+    assert_eq!(with.provenance, without.provenance);
+    assert!(bytes_of(&with) == bytes_of(&without), "a history that is not used shows");
+}
+
+#[test]
+fn from_the_frame_before_a_view_shows_what_it_shows_from_samples() {
+    let (garden, set) = (Analytic::garden(), garden_set());
+    let mut compositor = compositor(&set);
+    let before = history_of(&mut compositor, &seeded(&set, here()));
+    for (turn_deg, aside) in [(0.0, 0.0), (1.0, 0.0), (0.0, 0.1), (-4.0, 0.3)] {
+        let view = seeded(&set, moved(here(), turn_deg, aside));
+        let fresh = compose_one(&mut compositor, &view).unwrap();
+        let begun = compose_one(&mut compositor, &from(&before, view.clone())).unwrap();
+        assert!(begun.provenance.history && !fresh.provenance.history);
+        let (fresh, begun) = (judge(&garden, &view, &fresh, 0.03), judge(&garden, &view, &begun, 0.03));
+        println!("{turn_deg}° {aside} m: {fresh:?} {begun:?}");
+        // Silhouettes may fall to either side.
+        assert!(begun.bad_range <= fresh.bad_range + 0.01, "{begun:?}, from samples {fresh:?}");
+        assert!(begun.color <= fresh.color + 0.3, "{begun:?}, from samples {fresh:?}");
+        assert!(begun.unresolved <= fresh.unresolved + 0.005, "{begun:?}, from samples {fresh:?}");
+    }
+}
+
+#[test]
+fn frames_that_begin_one_from_the_other_do_not_drift() {
+    let (garden, set) = (Analytic::garden(), garden_set());
+    let mut compositor = compositor(&set);
+    let mut last = history_of(&mut compositor, &seeded(&set, here()));
+    for i in 1..=30 {
+        let view = seeded(&set, moved(here(), f64::from(i), 0.05 * f64::from(i)));
+        let frame = compose_one(&mut compositor, &from(&last, view.clone())).unwrap();
+        assert!(frame.provenance.history, "frame {i}");
+        last = Arc::new(History::of(&frame, &view.camera).unwrap());
+        if i == 30 {
+            let fresh = judge(&garden, &view, &compose_one(&mut compositor, &view).unwrap(), 0.03);
+            let begun = judge(&garden, &view, &frame, 0.03);
+            println!("{fresh:?} {begun:?}");
+            assert!(
+                begun.bad_range <= fresh.bad_range + 0.01 && begun.color <= fresh.color + 0.3,
+                "{begun:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn other_searches_do_not_look_at_a_history() {
+    let set = garden_set();
+    let mut compositor = compositor(&set);
+    let before = history_of(&mut compositor, &seeded(&set, here()));
+    for search in Search::ALL.into_iter().filter(|&search| search != Search::Seeded) {
+        assert_of_no_use(&mut compositor, &before, job(&set, here(), SIZE, search));
+    }
+}
+
+#[test]
+fn a_frame_that_looked_elsewhere_is_of_no_use() {
+    let set = garden_set();
+    let mut compositor = compositor(&set);
+    let before = history_of(&mut compositor, &seeded(&set, here()));
+    let turned = |deg| moved(here(), deg, 0.0);
+    let Camera { eye, target, .. } = here();
+    let opposite = Camera { target: 2.0 * eye - target, ..here() };
+    // All that the frame showed is behind this eye.
+    let past = Camera { eye: target * 2.0 - eye, target: target * 3.0 - 2.0 * eye, ..here() };
+    for camera in [turned(40.0), turned(-90.0), opposite, past] {
+        assert_of_no_use(&mut compositor, &before, seeded(&set, camera));
+    }
+}
+
+#[test]
+fn a_frame_of_nothing_but_sky_is_of_no_use() {
+    let set = garden_set();
+    let mut compositor = compositor(&set);
+    let up =
+        Camera { up: DVec3::X, ..Camera::look_at(DVec3::new(0.0, 9.0, 0.0), DVec3::new(0.0, 20.0, 0.0)) };
+    let before = history_of(&mut compositor, &seeded(&set, up));
+    assert!(before.words().iter().all(|&word| word == 0), "the view looks up");
+    assert_of_no_use(&mut compositor, &before, seeded(&set, up));
+    assert_of_no_use(&mut compositor, &before, seeded(&set, here()));
+}
+
+#[test]
+fn a_frame_of_a_pixel_is_of_no_use() {
+    let set = garden_set();
+    let mut compositor = compositor(&set);
+    for size in [[1, 1], [1, 60], [4, 4]] {
+        let before = history_of(&mut compositor, &job(&set, here(), size, Search::Seeded));
+        assert_of_no_use(&mut compositor, &before, seeded(&set, here()));
+    }
+}
+
+#[test]
+fn ranges_that_nobody_measured_leave_numbers() {
+    let set = garden_set();
+    let mut compositor = compositor(&set);
+    let view = seeded(&set, here());
+    let mut frame = compose_one(&mut compositor, &view).unwrap();
+    let strange = [f32::NAN, -1.0, f32::MAX, 1e-30, f32::MIN_POSITIVE, 1e-45, f32::NEG_INFINITY, 3.0];
+    let pixels = (SIZE[0] * SIZE[1]) as usize;
+    frame.range = Some((0..pixels).flat_map(|i| strange[i * 7 % strange.len()].to_le_bytes()).collect());
+    frame.source = Some((0..pixels).map(|i| (i * 31 % 256) as u8).collect());
+    let before = Arc::new(History::of(&frame, &here()).unwrap());
+    let begun = compose_one(&mut compositor, &from(&before, view.clone())).unwrap();
+    assert!(begun.provenance.history);
+    // Checks each pixel for what no frame may hold.
+    judge(&Analytic::garden(), &view, &begun, 0.03);
+}
+
+#[test]
+fn fields_of_view_sizes_and_supersampling_may_differ() {
+    let (garden, set) = (Analytic::garden(), garden_set());
+    let mut compositor = compositor(&set);
+    let before = history_of(&mut compositor, &seeded(&set, here()));
+    for (fov_deg, size, side) in
+        [(30.0, SIZE, 1), (45.0, [60, 45], 1), (45.0, [200, 150], 1), (40.0, SIZE, 3)]
+    {
+        let mut view = job(&set, Camera { fov_deg, ..here() }, size, Search::Seeded);
+        if let Plan::Warp(warp) = &mut view.plan {
+            warp.supersampling = side;
+        }
+        let fresh = judge(&garden, &view, &compose_one(&mut compositor, &view).unwrap(), 0.03);
+        let begun = compose_one(&mut compositor, &from(&before, view.clone())).unwrap();
+        assert!(begun.provenance.history, "{fov_deg}° {size:?} ×{side}");
+        let begun = judge(&garden, &view, &begun, 0.03);
+        println!("{fov_deg}° {size:?} ×{side}: {fresh:?} {begun:?}");
+        assert!(begun.bad_range <= fresh.bad_range + 0.01 && begun.color <= fresh.color + 0.4, "{begun:?}");
+    }
+    let wide = seeded(&set, Camera { fov_deg: 90.0, ..here() });
+    assert_of_no_use(&mut compositor, &before, wide);
+}
+
+#[test]
+fn samples_that_are_gone_are_the_first_of_the_new_plan() {
+    let (garden, set) = (Analytic::garden(), garden_set());
+    let mut compositor = compositor(&set);
+    let mut view = seeded(&set, here());
+    let samples = |view: &mut ViewJob, range: std::ops::Range<usize>| {
+        if let Plan::Warp(warp) = &mut view.plan {
+            warp.samples = warp.samples[range].to_vec();
+        }
+    };
+    samples(&mut view, 0..2);
+    let before = history_of(&mut compositor, &view);
+    let mut view = seeded(&set, here());
+    samples(&mut view, 2..4);
+    let fresh = judge(&garden, &view, &compose_one(&mut compositor, &view).unwrap(), 0.03);
+    let begun = compose_one(&mut compositor, &from(&before, view.clone())).unwrap();
+    assert!(begun.provenance.history);
+    let begun = judge(&garden, &view, &begun, 0.03);
+    assert!(begun.bad_range <= fresh.bad_range + 0.02, "{begun:?}, from samples {fresh:?}");
+}
+
+#[test]
+fn a_history_at_a_million_metres_is_as_good_as_one_at_zero() {
+    let far = DVec3::new(1e6, -1e6, 1e6);
+    let frame_at = |about: DVec3| {
+        let set = sample_set(&Analytic::garden().at(about), &cameras(about), false, 1);
+        let mut compositor = compositor(&set);
+        let at = |camera: Camera| Camera { eye: camera.eye + about, target: camera.target + about, ..camera };
+        let before = history_of(&mut compositor, &seeded(&set, at(here())));
+        let view = from(&before, seeded(&set, at(moved(here(), 2.0, 0.2))));
+        compose_one(&mut compositor, &view).unwrap()
+    };
+    let (near, away) = (frame_at(DVec3::ZERO), frame_at(far));
+    assert!(near.provenance.history && away.provenance.history);
+    let (a, b) = (near.color.unwrap(), away.color.unwrap());
+    let differ = a.iter().zip(b.iter()).filter(|(a, b)| a.abs_diff(**b) > 2).count();
+    assert!(differ * 100 < a.len(), "{differ} of {} bytes differ", a.len());
+}
+
+#[test]
+fn neither_batch_nor_pieces_show() {
+    let set = garden_set();
+    let mut whole = compositor(&set);
+    let before = history_of(&mut whole, &seeded(&set, here()));
+    let wide = job(&set, moved(here(), 1.0, 0.1), [203, 151], Search::Seeded);
+    let views = [
+        from(&before, seeded(&set, moved(here(), 1.0, 0.0))),
+        seeded(&set, here()),
+        from(&before, wide.clone()),
+        job(&set, here(), SIZE, Search::Splat),
+        from(&before, ViewJob { outputs: Outputs::COLOR, ..seeded(&set, moved(here(), 0.0, 0.2)) }),
+    ];
+    let batch = whole.compose(&views, &Cancel::new());
+    for (view, frame) in views.iter().zip(&batch) {
+        let (frame, alone) = (frame.as_ref().unwrap(), compose_one(&mut whole, view).unwrap());
+        assert_eq!(frame.provenance.history, view.history.is_some());
+        assert!(bytes_of(frame) == bytes_of(&alone), "a view shows its batch");
+    }
+    let pieces = CompositorKnobs { piece_side: 40, chunk_pixels: 5000, ..CompositorKnobs::default() };
+    let mut parts = compositor_with(&set, pieces);
+    let view = from(&before, wide);
+    let (a, b) = (compose_one(&mut whole, &view).unwrap(), compose_one(&mut parts, &view).unwrap());
+    assert!(bytes_of(&a) == bytes_of(&b), "a view shows its pieces");
+}
+
+#[test]
+fn the_plan_of_passes_says_what_the_search_begins_from() {
+    let set = garden_set();
+    let mut compositor = compositor(&set);
+    let before = history_of(&mut compositor, &seeded(&set, here()));
+    let row = |name: &str, job: &ViewJob| {
+        let rows = compositor.plan(job).unwrap();
+        rows.into_iter().find(|row| row.name == name).unwrap()
+    };
+    let plain = seeded(&set, here());
+    let recalled = from(&before, plain.clone());
+    let elsewhere = from(&before, seeded(&set, moved(here(), 30.0, 0.0)));
+    assert!(row("recall frames", &recalled).on && !row("splat samples", &recalled).on);
+    for (job, why) in [
+        (&plain, "no earlier frame is at hand"),
+        (&elsewhere, "the earlier frame shows too little of what the view does"),
+        (&job(&set, here(), SIZE, Search::Linear), "the search begins nowhere"),
+    ] {
+        let found = row("recall frames", job);
+        assert!(!found.on && found.why == why, "{found:?}");
+    }
+    assert!(row("splat samples", &elsewhere).on);
+}

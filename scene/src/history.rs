@@ -1,0 +1,158 @@
+//! What a frame leaves for the next one of its session: where its surfaces were, and which samples served them.
+//!
+//! A camera that moves little sees most of what it saw before, so that [`crate::Search::Seeded`] may begin there instead of
+//! at a coarse splat of the samples. A beginning is all that it is: where the search ends is up to the samples.
+
+use crate::{Camera, Frame, Plan, SampleId};
+
+/// An earlier frame as a search begins from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct History {
+    camera: Camera,
+    size: [u32; 2],
+    samples: Vec<SampleId>,
+    words: Vec<u32>,
+}
+
+/// Bits of a word that name a sample; the rest are those of its inverse range, of which 20 bits of mantissa are more than a
+/// sample stores.
+const SOURCE_BITS: u32 = 3;
+const SOURCE_MASK: u32 = (1 << SOURCE_BITS) - 1;
+
+impl History {
+    /// Of a frame that was reconstructed from samples, and the camera that it shows. `None` where it tells too little: it
+    /// lacks its range or its source, or the camera has no image. Pixels whose range is not a positive number show nothing,
+    /// and a source that no sample has is taken for the first one: frames may have come from anywhere.
+    pub fn of(frame: &Frame, camera: &Camera) -> Option<Self> {
+        let Plan::Warp(warp) = &frame.provenance.plan else { return None };
+        camera.validate().ok()?;
+        let samples: Vec<SampleId> =
+            warp.samples.iter().copied().filter(|id| !id.is_surroundings()).take(1 << SOURCE_BITS).collect();
+        let (ranges, rest) = frame.range.as_ref()?.as_chunks::<4>();
+        let sources = frame.source.as_ref()?;
+        let pixels = u64::from(frame.width) * u64::from(frame.height);
+        let whole = rest.is_empty() && ranges.len() as u64 == pixels && sources.len() as u64 == pixels;
+        if !whole || pixels == 0 || samples.is_empty() {
+            return None;
+        }
+        let word = |(range, &source): (&[u8; 4], &u8)| {
+            let inverse = f32::from_le_bytes(*range).recip();
+            let known = (1..=samples.len()).contains(&usize::from(source));
+            let source = if known { u32::from(source) - 1 } else { 0 };
+            // Written so that NaN is nothing; infinitely far is 0.
+            if inverse >= f32::MIN_POSITIVE && inverse.is_finite() {
+                inverse.to_bits() & !SOURCE_MASK | source
+            } else {
+                0
+            }
+        };
+        let words = ranges.iter().zip(sources.iter()).map(word).collect();
+        Some(Self { camera: *camera, size: [frame.width, frame.height], samples, words })
+    }
+
+    /// The viewpoint that it was seen from.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Pixels in a row, and rows.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// The samples that it was made of, in the order of its plan: at most 8.
+    pub fn samples(&self) -> &[SampleId] {
+        &self.samples
+    }
+
+    /// A word a pixel, row 0 at the top: the bits of the inverse range (1/metres), the last three of them replaced by the
+    /// position in [`History::samples`] of the sample that served it; 0 where there is no surface.
+    pub fn words(&self) -> &[u32] {
+        &self.words
+    }
+
+    /// Inverse range (1/metres) in a word of [`History::words`]; 0 where there is no surface.
+    pub fn inverse_range(word: u32) -> f32 {
+        f32::from_bits(word & !SOURCE_MASK)
+    }
+
+    /// Bytes that it takes.
+    pub fn bytes(&self) -> u64 {
+        let words = self.words.len() * size_of::<u32>();
+        (size_of::<Self>() + words + self.samples.len() * size_of::<SampleId>()) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytes::Bytes;
+    use glam::DVec3;
+
+    use super::*;
+    use crate::{Provenance, SceneHash, Served, Warp};
+
+    fn camera() -> Camera {
+        Camera::look_at(DVec3::new(3.0, 2.0, 5.0), DVec3::ZERO)
+    }
+
+    fn frame(ranges: &[f32], sources: &[u8]) -> Frame {
+        let id = |index| SampleId { epoch: 0, generation: 1, index };
+        let samples = vec![id(7), id(4), id(SampleId::SURROUNDINGS)];
+        Frame {
+            width: ranges.len() as u32,
+            height: 1,
+            color: None,
+            range: Some(ranges.iter().flat_map(|range| range.to_le_bytes()).collect()),
+            mask: None,
+            source: Some(Bytes::copy_from_slice(sources)),
+            confidence: None,
+            unresolved_fraction: 0.0,
+            served: Served::default(),
+            predicted: None,
+            provenance: Provenance {
+                scene: SceneHash([0; 32]),
+                epoch: 0,
+                generation: 1,
+                plan: Plan::Warp(Warp { samples, ..Warp::default() }),
+                device: String::new(),
+                history: false,
+            },
+            stages: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_word_has_the_inverse_range_and_who_served_it() {
+        let history = History::of(&frame(&[4.0, 0.1, f32::INFINITY], &[1, 2, 0]), &camera()).unwrap();
+        let indices: Vec<u64> = history.samples().iter().map(|id| id.index).collect();
+        assert_eq!(indices, [7, 4], "surroundings serve no pixel");
+        let [near, far, sky] = history.words() else { panic!("a word a pixel") };
+        assert_eq!((History::inverse_range(*near), near & 7), (0.25, 0));
+        assert!((History::inverse_range(*far) / 10.0 - 1.0).abs() < 1e-5 && far & 7 == 1);
+        assert_eq!(*sky, 0);
+    }
+
+    #[test]
+    fn what_is_no_range_is_nothing_and_an_unknown_source_is_the_first() {
+        let ranges = [f32::NAN, -3.0, 0.0, -0.0, f32::NEG_INFINITY, f32::MAX, 1e-39, 2.0];
+        let history = History::of(&frame(&ranges, &[1, 1, 1, 1, 1, 1, 1, 99]), &camera()).unwrap();
+        let (last, others) = history.words().split_last().unwrap();
+        assert!(others.iter().all(|&word| word == 0), "{others:?}");
+        assert_eq!((History::inverse_range(*last), last & 7), (0.5, 0));
+    }
+
+    #[test]
+    fn a_frame_that_tells_too_little_leaves_no_history() {
+        let whole = frame(&[1.0, 2.0], &[1, 1]);
+        assert!(History::of(&whole, &camera()).is_some());
+        assert!(History::of(&Frame { range: None, ..whole.clone() }, &camera()).is_none());
+        assert!(History::of(&Frame { source: None, ..whole.clone() }, &camera()).is_none());
+        assert!(History::of(&Frame { width: 3, ..whole.clone() }, &camera()).is_none());
+        assert!(History::of(&frame(&[], &[]), &camera()).is_none(), "no pixels");
+        let nowhere = Camera { eye: DVec3::splat(f64::NAN), ..camera() };
+        assert!(History::of(&whole, &nowhere).is_none());
+        let mut direct = whole;
+        direct.provenance.plan = Plan::Direct { samples_per_pixel: 1 };
+        assert!(History::of(&direct, &camera()).is_none(), "nobody served its pixels");
+    }
+}
