@@ -127,7 +127,7 @@ async fn views_in_flight_outlive_the_device_and_look_the_same_on_the_next_one() 
             width: 160,
             height: 120,
             outputs: Outputs::COLOR,
-            plan: plans[i % plans.len()].clone(),
+            plan: plans[i % plans.len()],
             pin: None,
         })
         .collect();

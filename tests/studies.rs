@@ -66,6 +66,38 @@ fn the_cells_study_goes_from_the_sample_camera_to_where_samples_serve_worst() {
 }
 
 #[test]
+fn the_history_study_has_both_beginnings_and_says_where_the_frame_before_helps() {
+    let study = json(&["study", "history", "--quick", "--json"]);
+    let of = |seed: &str| rows(&study).iter().filter(|row| row["seed"] == seed).collect::<Vec<_>>();
+    let searches: Vec<&Value> = of("samples").into_iter().map(|row| &row["search"]).collect();
+    assert_eq!(searches, ["splat", "seeded"]);
+    for row in rows(&study) {
+        for key in ["view_ms", "per_seeded", "flip", "psnr_db", "ssim"] {
+            assert!(number(row, key) > 0.0, "{key}: {row:#}");
+        }
+        for key in ["unresolved_fraction", "wrong_surface_fraction", "used_fraction"] {
+            assert!((0.0..=1.0).contains(&number(row, key)), "{key}: {row:#}");
+        }
+    }
+    let fresh = of("samples")[1];
+    let after = |motion: &str| of("history").into_iter().find(|row| row["motion"] == motion).unwrap();
+    assert_eq!(
+        (number(after("none"), "used_fraction"), number(after("turn 2°"), "used_fraction")),
+        (1.0, 1.0)
+    );
+    // Where the frame before showed something else, it is left, and the view is that from samples.
+    let left = after("turn 90°");
+    assert_eq!((number(left, "used_fraction"), number(left, "flip")), (0.0, number(fresh, "flip")));
+    // A beginning is all that it is, also after a chain of them.
+    for row in of("history") {
+        assert!(number(row, "flip") < 1.2 * number(fresh, "flip"), "{row:#}");
+    }
+    assert!(of("history").last().unwrap()["motion"].as_str().unwrap().starts_with("4 frames"));
+    let verdict = study["notes"][1].as_str().unwrap();
+    assert!(verdict.starts_with("Beginning from history"), "{verdict}");
+}
+
+#[test]
 fn the_omni_maps_study_has_triangles_and_maps_side_by_side() {
     let study = json(&["study", "omni-maps", "--quick", "--json"]);
     let of = |way: &str| rows(&study).iter().filter(|row| row["way"] == way).collect::<Vec<_>>();

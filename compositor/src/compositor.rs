@@ -163,7 +163,7 @@ impl GpuCompositor {
     /// # Errors
     /// As the view itself would fail: a sample that is not held, a plan that cannot be followed.
     pub fn plan(&self, job: &ViewJob) -> Result<Vec<PassPlan>, RenderError> {
-        let view = PreparedView::new(0, job, &self.holdings, self.knobs.splatting)?;
+        let view = PreparedView::new(0, job, &self.holdings, &self.knobs)?;
         let looks = [view.glossy, view.surroundings.is_some()];
         let recalled = view.recalled.as_ref().err().copied();
         Ok(plan(&job.plan, job.outputs, looks, recalled, self.knobs.splatting))
@@ -213,7 +213,7 @@ impl GpuCompositor {
         let mut results: Vec<Option<RenderError>> = vec![None; jobs.len()];
         let mut views = Vec::with_capacity(jobs.len());
         for (index, job) in jobs.iter().enumerate() {
-            let prepared = PreparedView::new(index, job, &self.holdings, self.knobs.splatting);
+            let prepared = PreparedView::new(index, job, &self.holdings, &self.knobs);
             match prepared.and_then(|view| self.with_pyramids(view)) {
                 Ok(view) => views.push(view),
                 Err(error) => results[index] = Some(error),

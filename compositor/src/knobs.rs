@@ -1,4 +1,5 @@
-//! What a user may turn; none of it shows in a frame's bytes but [`CompositorKnobs::splatting`].
+//! What a user may turn; none of it shows in a frame's bytes but [`CompositorKnobs::splatting`] and, of views that come with
+//! a history, [`CompositorKnobs::longest_chain`].
 
 /// How a compositor works.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,6 +12,9 @@ pub struct CompositorKnobs {
     pub chunk_pixels: u64,
     /// Bytes of device memory that samples may fill.
     pub max_sample_bytes: u64,
+    /// Frames that begin one from the other before one begins at the samples again: what a search missed, those after it
+    /// miss, too.
+    pub longest_chain: u32,
     /// Which of the two programs of a search draws.
     pub twin: Twin,
 }
@@ -34,6 +38,8 @@ impl Default for CompositorKnobs {
             piece_side: 2048,
             chunk_pixels: 4 << 20,
             max_sample_bytes: 4 << 30,
+            // After so many, `argus study history` finds errors as large as from samples alone.
+            longest_chain: 8,
             twin: Twin::Auto,
         }
     }

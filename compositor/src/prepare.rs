@@ -12,6 +12,7 @@ use glam::DVec2;
 use crate::cull::{VisibleTile, cell_size, push_blocks, spacings, visible_tiles};
 use crate::geometry::{PixelFromFace, ViewGeometry, bounds_about, view_sample};
 use crate::holdings::{Held, Holdings};
+use crate::knobs::CompositorKnobs;
 use crate::layout::{Piece, Rect};
 use crate::lights::lighting_uniform;
 use crate::passes::splat::SplatCall;
@@ -67,7 +68,7 @@ impl PreparedView {
         index: usize,
         job: &ViewJob,
         holdings: &Holdings,
-        splatting: usize,
+        knobs: &CompositorKnobs,
     ) -> Result<Self, RenderError> {
         let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) = &job.plan else {
             return Err(InvalidField::new("plan", "a compositor has no triangles to render directly").into());
@@ -113,11 +114,12 @@ impl PreparedView {
         };
         if view.search == Search::Seeded {
             let history = job.history.as_ref().ok_or("no earlier frame is at hand");
-            view.recalled = history.and_then(|history| Recalled::new(history, &view.geometry, &of_rig));
+            let recalled = |history| Recalled::new(history, &view.geometry, &of_rig, knobs.longest_chain);
+            view.recalled = history.and_then(recalled);
         }
         match &view.recalled {
             Ok(recalled) => view.cell = cell_size(recalled.spacing(), view.geometry.size),
-            Err(_) if view.splats_first() => view.find_sources(splatting),
+            Err(_) if view.splats_first() => view.find_sources(knobs.splatting),
             Err(_) => {}
         }
         Ok(view)

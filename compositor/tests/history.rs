@@ -1,4 +1,5 @@
 //! A search that begins where an earlier frame had its surfaces: where that is of use, what it shows, and when it is left.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod common;
 
@@ -40,7 +41,7 @@ fn seeded(set: &SampleSet, camera: Camera) -> ViewJob {
 
 fn history_of(compositor: &mut GpuCompositor, job: &ViewJob) -> Arc<History> {
     let frame = compose_one(compositor, job).unwrap();
-    Arc::new(History::of(&frame, &job.camera).unwrap())
+    Arc::new(History::of(&frame, &job.camera, job.history.as_deref()).unwrap())
 }
 
 fn from(history: &Arc<History>, job: ViewJob) -> ViewJob {
@@ -82,24 +83,24 @@ fn from_the_frame_before_a_view_shows_what_it_shows_from_samples() {
 }
 
 #[test]
-fn frames_that_begin_one_from_the_other_do_not_drift() {
+fn frames_that_begin_one_from_the_other_begin_at_the_samples_now_and_then_and_do_not_drift() {
     let (garden, set) = (Analytic::garden(), garden_set());
-    let mut compositor = compositor(&set);
-    let mut last = history_of(&mut compositor, &seeded(&set, here()));
-    for i in 1..=30 {
-        let view = seeded(&set, moved(here(), f64::from(i), 0.05 * f64::from(i)));
-        let frame = compose_one(&mut compositor, &from(&last, view.clone())).unwrap();
-        assert!(frame.provenance.history, "frame {i}");
-        last = Arc::new(History::of(&frame, &view.camera).unwrap());
-        if i == 30 {
-            let fresh = judge(&garden, &view, &compose_one(&mut compositor, &view).unwrap(), 0.03);
-            let begun = judge(&garden, &view, &frame, 0.03);
-            println!("{fresh:?} {begun:?}");
-            assert!(
-                begun.bad_range <= fresh.bad_range + 0.01 && begun.color <= fresh.color + 0.3,
-                "{begun:?}"
-            );
-        }
+    let longest_chain = 5;
+    let mut compositor =
+        compositor_with(&set, CompositorKnobs { longest_chain, ..CompositorKnobs::default() });
+    let mut last: Option<Arc<History>> = None;
+    for i in 0..30 {
+        let fresh = seeded(&set, moved(here(), f64::from(i), 0.05 * f64::from(i)));
+        let view = ViewJob { history: last.clone(), ..fresh.clone() };
+        let frame = compose_one(&mut compositor, &view).unwrap();
+        assert_eq!(frame.provenance.history, i % (longest_chain + 1) > 0, "frame {i}");
+        let fresh = judge(&garden, &fresh, &compose_one(&mut compositor, &fresh).unwrap(), 0.03);
+        let begun = judge(&garden, &view, &frame, 0.03);
+        assert!(
+            begun.bad_range <= fresh.bad_range + 0.01 && begun.color <= fresh.color + 0.3,
+            "{i}: {begun:?}"
+        );
+        last = History::of(&frame, &view.camera, last.as_deref()).map(Arc::new);
     }
 }
 
@@ -160,7 +161,7 @@ fn ranges_that_nobody_measured_leave_numbers() {
     let pixels = (SIZE[0] * SIZE[1]) as usize;
     frame.range = Some((0..pixels).flat_map(|i| strange[i * 7 % strange.len()].to_le_bytes()).collect());
     frame.source = Some((0..pixels).map(|i| (i * 31 % 256) as u8).collect());
-    let before = Arc::new(History::of(&frame, &here()).unwrap());
+    let before = Arc::new(History::of(&frame, &here(), None).unwrap());
     let begun = compose_one(&mut compositor, &from(&before, view.clone())).unwrap();
     assert!(begun.provenance.history);
     // Checks each pixel for what no frame may hold.

@@ -12,6 +12,7 @@ pub struct History {
     size: [u32; 2],
     samples: Vec<SampleId>,
     words: Vec<u32>,
+    links: u32,
 }
 
 /// Bits of a word that name a sample; the rest are those of its inverse range, of which 20 bits of mantissa are more than a
@@ -22,8 +23,9 @@ const SOURCE_MASK: u32 = (1 << SOURCE_BITS) - 1;
 impl History {
     /// Of a frame that was reconstructed from samples, and the camera that it shows. `None` where it tells too little: it
     /// lacks its range or its source, or the camera has no image. Pixels whose range is not a positive number show nothing,
-    /// and a source that no sample has is taken for the first one: frames may have come from anywhere.
-    pub fn of(frame: &Frame, camera: &Camera) -> Option<Self> {
+    /// and a source that no sample has is taken for the first one: frames may have come from anywhere. `before` is what the
+    /// frame was given to begin from.
+    pub fn of(frame: &Frame, camera: &Camera, before: Option<&Self>) -> Option<Self> {
         let Plan::Warp(warp) = &frame.provenance.plan else { return None };
         camera.validate().ok()?;
         let samples: Vec<SampleId> =
@@ -47,7 +49,11 @@ impl History {
             }
         };
         let words = ranges.iter().zip(sources.iter()).map(word).collect();
-        Some(Self { camera: *camera, size: [frame.width, frame.height], samples, words })
+        let links = match frame.provenance.history {
+            true => before.map_or(0, |before| before.links).saturating_add(1),
+            false => 0,
+        };
+        Some(Self { camera: *camera, size: [frame.width, frame.height], samples, words, links })
     }
 
     /// The viewpoint that it was seen from.
@@ -69,6 +75,11 @@ impl History {
     /// position in [`History::samples`] of the sample that served it; 0 where there is no surface.
     pub fn words(&self) -> &[u32] {
         &self.words
+    }
+
+    /// How many frames lie between it and the samples: 0 where its search began there.
+    pub fn links(&self) -> u32 {
+        self.links
     }
 
     /// Inverse range (1/metres) in a word of [`History::words`]; 0 where there is no surface.
@@ -123,7 +134,7 @@ mod tests {
 
     #[test]
     fn a_word_has_the_inverse_range_and_who_served_it() {
-        let history = History::of(&frame(&[4.0, 0.1, f32::INFINITY], &[1, 2, 0]), &camera()).unwrap();
+        let history = History::of(&frame(&[4.0, 0.1, f32::INFINITY], &[1, 2, 0]), &camera(), None).unwrap();
         let indices: Vec<u64> = history.samples().iter().map(|id| id.index).collect();
         assert_eq!(indices, [7, 4], "surroundings serve no pixel");
         let [near, far, sky] = history.words() else { panic!("a word a pixel") };
@@ -135,24 +146,36 @@ mod tests {
     #[test]
     fn what_is_no_range_is_nothing_and_an_unknown_source_is_the_first() {
         let ranges = [f32::NAN, -3.0, 0.0, -0.0, f32::NEG_INFINITY, f32::MAX, 1e-39, 2.0];
-        let history = History::of(&frame(&ranges, &[1, 1, 1, 1, 1, 1, 1, 99]), &camera()).unwrap();
+        let history = History::of(&frame(&ranges, &[1, 1, 1, 1, 1, 1, 1, 99]), &camera(), None).unwrap();
         let (last, others) = history.words().split_last().unwrap();
         assert!(others.iter().all(|&word| word == 0), "{others:?}");
         assert_eq!((History::inverse_range(*last), last & 7), (0.5, 0));
     }
 
     #[test]
+    fn links_count_from_the_frame_that_began_at_the_samples() {
+        let fresh = frame(&[1.0], &[1]);
+        let mut begun = fresh.clone();
+        begun.provenance.history = true;
+        let first = History::of(&fresh, &camera(), None).unwrap();
+        let second = History::of(&begun, &camera(), Some(&first)).unwrap();
+        let third = History::of(&begun, &camera(), Some(&second)).unwrap();
+        let anew = History::of(&fresh, &camera(), Some(&third)).unwrap();
+        assert_eq!([first, second, third, anew].map(|history| history.links()), [0, 1, 2, 0]);
+    }
+
+    #[test]
     fn a_frame_that_tells_too_little_leaves_no_history() {
         let whole = frame(&[1.0, 2.0], &[1, 1]);
-        assert!(History::of(&whole, &camera()).is_some());
-        assert!(History::of(&Frame { range: None, ..whole.clone() }, &camera()).is_none());
-        assert!(History::of(&Frame { source: None, ..whole.clone() }, &camera()).is_none());
-        assert!(History::of(&Frame { width: 3, ..whole.clone() }, &camera()).is_none());
-        assert!(History::of(&frame(&[], &[]), &camera()).is_none(), "no pixels");
+        assert!(History::of(&whole, &camera(), None).is_some());
+        assert!(History::of(&Frame { range: None, ..whole.clone() }, &camera(), None).is_none());
+        assert!(History::of(&Frame { source: None, ..whole.clone() }, &camera(), None).is_none());
+        assert!(History::of(&Frame { width: 3, ..whole.clone() }, &camera(), None).is_none());
+        assert!(History::of(&frame(&[], &[]), &camera(), None).is_none(), "no pixels");
         let nowhere = Camera { eye: DVec3::splat(f64::NAN), ..camera() };
-        assert!(History::of(&whole, &nowhere).is_none());
+        assert!(History::of(&whole, &nowhere, None).is_none());
         let mut direct = whole;
         direct.provenance.plan = Plan::Direct { samples_per_pixel: 1 };
-        assert!(History::of(&direct, &camera()).is_none(), "nobody served its pixels");
+        assert!(History::of(&direct, &camera(), None).is_none(), "nobody served its pixels");
     }
 }

@@ -10,6 +10,7 @@ mod cells;
 mod change;
 mod cluster;
 mod hard_cases;
+mod history;
 mod manylods;
 mod megaviews;
 mod omni_maps;
@@ -65,6 +66,7 @@ enum Study {
     Capacity(capacity::Capacity),
     BreakEven(break_even::BreakEven),
     HardCases(hard_cases::HardCases),
+    History(history::History),
     #[command(name = "megaviews")]
     MegaViews(megaviews::MegaViews),
     #[command(name = "manylods")]
@@ -107,6 +109,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Change(study) => ("change", study.run(&progress).await?),
         Study::Capacity(study) => ("capacity", study.run(form.quick, &progress).await?),
         Study::Soak(study) => ("soak", study.run(form.quick, &progress).await?),
+        Study::History(study) => ("history", study.run(form.quick, &progress).await?),
         Study::BreakEven(study) => ("break-even", study.run(form.quick, &progress).await?),
         Study::MegaViews(study) => ("megaviews", study.run(form.quick, &progress).await?),
         Study::ManyLods(study) => ("manylods", study.run(form.quick, &progress).await?),

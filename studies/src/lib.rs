@@ -17,6 +17,7 @@ pub mod change;
 pub mod cluster;
 mod effort;
 pub mod hard_cases;
+pub mod history;
 mod local_cluster;
 pub mod manylods;
 mod median;

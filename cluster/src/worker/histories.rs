@@ -110,7 +110,7 @@ mod tests {
             },
             stages: Vec::new(),
         };
-        History::of(&frame, &Camera::look_at(DVec3::ONE, DVec3::ZERO)).unwrap()
+        History::of(&frame, &Camera::look_at(DVec3::ONE, DVec3::ZERO), None).unwrap()
     }
 
     #[test]

@@ -230,10 +230,11 @@ impl ViewsService {
         let measured = frame.stages.iter().filter(|stage| stage.name != SAMPLES);
         stages(&span, measured.map(|stage| (stage.name.as_str(), stage.ms)));
         let meta = FrameMeta { view_id: request.view_id, worker: self.node.hello.name.clone(), age_ms };
-        let (node, camera, history) = (self.node.clone(), ordered.job.camera, ordered.history);
+        let (node, job, history) = (self.node.clone(), ordered.job, ordered.history);
         let pack = move || {
             // Whatever became of its holes: the next frame is ordered once this one has been sent.
-            if let Some((name, left)) = history.zip(History::of(&frame, &camera)) {
+            if let Some((name, left)) = history.zip(History::of(&frame, &job.camera, job.history.as_deref()))
+            {
                 node.histories.keep(name, left);
             }
             let observed = if observe { Observed::of(&frame) } else { None };

@@ -1,0 +1,377 @@
+//! Where a search had better begin: at a coarse splat of the samples, or at the session's frame before.
+//!
+//! Views stay where they are and the frame before is what moves, so that each view has one truth and one cost of beginning
+//! at the samples, and rows differ in nothing but how far the camera came. What a row with history takes includes what its
+//! service has to do besides: range and source are read back with the colour, and kept for the next frame.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::Result;
+use argus_compositor::{CompositorKnobs, GpuCompositor};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::SamplerKnobs;
+use argus_scene::{Camera, Frame, History, Output, Outputs, Plan, RigKnobs, SampleId, Search, ViewJob, Warp};
+use glam::DQuat;
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use crate::bench::{Bench, Judged, Truth, WRONG_SURFACE};
+use crate::median::{mean, median};
+use crate::{Effort, Machine, Report, report};
+
+/// What is measured, and how long.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// A scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// Views of the walk.
+    pub views: usize,
+    /// How sample cameras are placed.
+    pub rig: RigKnobs,
+    /// Samples that a view is reconstructed from.
+    pub samples: usize,
+    /// Turns of the camera between two frames, degrees.
+    pub turns_deg: Vec<f64>,
+    /// Steps of the camera between two frames, forward and aside, as shares of the median range of what it sees.
+    pub steps: Vec<f64>,
+    /// Numbers of frames that begin one from the other.
+    pub chains: Vec<usize>,
+    /// Rounds that medians are taken over.
+    pub rounds: usize,
+    /// Samples a pixel of the reference, a square number.
+    pub reference_samples: u32,
+}
+
+impl Default for Options {
+    /// Some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scene: "terrain:500000".to_owned(),
+            size: [200, 150],
+            views: 12,
+            rig: RigKnobs::default(),
+            samples: 4,
+            turns_deg: vec![0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0],
+            steps: vec![0.001, 0.005, 0.01, 0.02, 0.05],
+            chains: vec![3, 5, 8, 12, 30],
+            rounds: 9,
+            reference_samples: 16,
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "terrain:20000".to_owned(),
+            size: [96, 72],
+            views: 3,
+            turns_deg: vec![0.0, 2.0, 90.0],
+            steps: vec![0.01],
+            chains: vec![4],
+            rounds: 1,
+            ..Self::default()
+        }
+    }
+}
+
+/// How a camera came from the frame before.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Motion {
+    turn_deg: f64,
+    /// Of the median range of what is seen.
+    forward: f64,
+    aside: f64,
+}
+
+/// From frame to frame of a chain: a degree, and half a per cent of what is seen.
+const CHAINED: Motion = Motion { turn_deg: 1.0, forward: 0.0, aside: 0.005 };
+
+impl Motion {
+    fn label(self) -> String {
+        let parts = [
+            (self.turn_deg, format!("turn {}°", self.turn_deg)),
+            (self.forward, format!("forward {}%", self.forward * 100.0)),
+            (self.aside, format!("aside {}%", self.aside * 100.0)),
+        ];
+        let said: Vec<String> =
+            parts.into_iter().filter(|(much, _)| *much != 0.0).map(|(_, said)| said).collect();
+        if said.is_empty() { "none".to_owned() } else { said.join(", ") }
+    }
+
+    fn times(self, count: f64) -> Self {
+        Self { turn_deg: self.turn_deg * count, forward: self.forward * count, aside: self.aside * count }
+    }
+
+    /// Where a camera that is now at `camera` came from; it never passed through a surface.
+    fn before(self, bench: &Bench, camera: &Camera, range: f64) -> Camera {
+        let axis = camera.target - camera.eye;
+        let forward = axis.normalize_or_zero();
+        let right = forward.cross(camera.up).normalize_or_zero();
+        let eye = bench.advance(camera.eye, -(forward * self.forward + right * self.aside) * range);
+        let turned = DQuat::from_axis_angle(camera.up.normalize_or_zero(), self.turn_deg.to_radians()) * axis;
+        Camera { eye, target: eye + turned, ..*camera }
+    }
+}
+
+/// One way to answer the views: a row.
+struct Way {
+    search: Search,
+    /// How far they came from the frame that they begin from; `None`: they begin at the samples.
+    motion: Option<(String, Vec<Arc<History>>)>,
+    /// What became of the views: judged once, timed in each round.
+    judged: Vec<Judged>,
+    used: f64,
+    ms: Vec<f64>,
+}
+
+/// Runs the study; `progress` counts ways × rounds.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    progress.set_message(options.scene.clone());
+    let mut bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
+    // What chains lead to is what the knob is to be chosen by.
+    let knobs = CompositorKnobs { longest_chain: u32::MAX, ..CompositorKnobs::default() };
+    bench.compositor = GpuCompositor::with_knobs(Arc::clone(&gpu), knobs)?;
+    let cameras = bench.walk(options.views);
+    let (truths, ranges, held) = (Vec::new(), Vec::new(), BTreeSet::new());
+    let mut study = Study { options, cameras, truths, ranges, held };
+    study.hold(&mut bench, &study.cameras.clone())?;
+    study.truths =
+        study.cameras.iter().map(|c| bench.truth(c, options.size, options.reference_samples, &[1])).collect();
+    study.ranges = study.frames(&mut bench, Search::Seeded, None)?.iter().map(median_range).collect();
+
+    let steps = options.steps.iter();
+    let forward = steps.clone().map(|&forward| Motion { forward, ..Motion::default() });
+    let aside = steps.map(|&aside| Motion { aside, ..Motion::default() });
+    let turns = options.turns_deg.iter().map(|&turn_deg| Motion { turn_deg, ..Motion::default() });
+    let motions: Vec<Motion> = turns.chain(forward).chain(aside).collect();
+    progress.set_length(((motions.len() + options.chains.len() + 2) * (options.rounds + 1)) as u64);
+    let mut ways = vec![
+        study.way(&mut bench, Search::Splat, None, progress)?,
+        study.way(&mut bench, Search::Seeded, None, progress)?,
+    ];
+    for motion in motions {
+        let histories = study.histories(&mut bench, &[motion])?;
+        ways.push(study.way(&mut bench, Search::Seeded, Some((motion.label(), histories.0)), progress)?);
+    }
+    for &frames in &options.chains {
+        let came: Vec<Motion> = (1..=frames).rev().map(|left| CHAINED.times(left as f64)).collect();
+        let (histories, begun) = study.histories(&mut bench, &came)?;
+        let label = format!("{frames} frames, each {}", CHAINED.label());
+        let mut chain = study.way(&mut bench, Search::Seeded, Some((label, histories)), progress)?;
+        // Those between the first of the chain, which nothing is before, and the view.
+        chain.used = (begun * (frames - 1) as f64 + chain.used) / frames as f64;
+        ways.push(chain);
+    }
+    for _ in 0..options.rounds {
+        for way in &mut ways {
+            progress.inc(1);
+            let (ms, _) = study.time(&mut bench, way)?;
+            way.ms.push(ms);
+        }
+    }
+    Ok(study.report(&bench, &gpu, &ways))
+}
+
+struct Study<'a> {
+    options: &'a Options,
+    cameras: Vec<Camera>,
+    truths: Vec<Truth>,
+    /// Median range of each view, metres.
+    ranges: Vec<f64>,
+    /// Samples that were taken.
+    held: BTreeSet<SampleId>,
+}
+
+/// What a frame holds that another may begin from.
+fn with_depth(outputs: Outputs) -> Outputs {
+    outputs.with(Output::Range).with(Output::Source)
+}
+
+impl Study<'_> {
+    /// Has the samples at hand that the cameras are served from.
+    fn hold(&mut self, bench: &mut Bench, cameras: &[Camera]) -> Result<()> {
+        let ids = bench.all_ids(cameras, self.options.samples);
+        let missing: Vec<SampleId> = ids.into_iter().filter(|id| self.held.insert(*id)).collect();
+        if !missing.is_empty() {
+            bench.take(missing, 0)?;
+        }
+        Ok(())
+    }
+
+    fn job(&self, bench: &Bench, camera: &Camera, search: Search, history: Option<Arc<History>>) -> ViewJob {
+        let samples = bench.sample_ids(camera, self.options.samples);
+        let plan = Plan::Warp(Warp { search, samples, steps: search.usual_steps(), ..Warp::default() });
+        ViewJob { history, ..bench.job(*camera, self.options.size, with_depth(Outputs::COLOR), plan) }
+    }
+
+    fn jobs(&self, bench: &Bench, search: Search, histories: Option<&[Arc<History>]>) -> Vec<ViewJob> {
+        let history = |i: usize| histories.and_then(|histories| histories.get(i).cloned());
+        self.cameras
+            .iter()
+            .enumerate()
+            .map(|(i, camera)| self.job(bench, camera, search, history(i)))
+            .collect()
+    }
+
+    fn frames(
+        &self,
+        bench: &mut Bench,
+        search: Search,
+        histories: Option<&[Arc<History>]>,
+    ) -> Result<Vec<Frame>> {
+        let jobs = self.jobs(bench, search, histories);
+        Ok(bench.time(&jobs)?.1)
+    }
+
+    /// What frames of cameras that came to the views by these motions leave, each begun from the one before and the first
+    /// at the samples; with the share of those after the first that did begin so.
+    fn histories(&mut self, bench: &mut Bench, came: &[Motion]) -> Result<(Vec<Arc<History>>, f64)> {
+        let (mut last, mut begun): (Vec<Option<Arc<History>>>, Vec<f64>) =
+            (vec![None; self.cameras.len()], Vec::new());
+        for (step, motion) in came.iter().enumerate() {
+            let views = self.cameras.iter().zip(&self.ranges);
+            let cameras: Vec<Camera> =
+                views.map(|(camera, range)| motion.before(bench, camera, *range)).collect();
+            self.hold(bench, &cameras)?;
+            let jobs: Vec<ViewJob> = cameras
+                .iter()
+                .zip(&last)
+                .map(|(camera, history)| self.job(bench, camera, Search::Seeded, history.clone()))
+                .collect();
+            let (_, frames) = bench.time(&jobs)?;
+            if step > 0 {
+                begun.extend(frames.iter().map(|frame| f64::from(u8::from(frame.provenance.history))));
+            }
+            let left = frames.iter().zip(&cameras).zip(&last);
+            let left = left.map(|((frame, camera), before)| History::of(frame, camera, before.as_deref()));
+            last = left.map(|history| history.map(Arc::new)).collect();
+        }
+        let used = if begun.is_empty() { 1.0 } else { mean(begun) };
+        Ok((last.into_iter().flatten().collect(), used))
+    }
+
+    /// One round for quality, which also makes the pipelines' machine code.
+    fn way(
+        &self,
+        bench: &mut Bench,
+        search: Search,
+        motion: Option<(String, Vec<Arc<History>>)>,
+        progress: &ProgressBar,
+    ) -> Result<Way> {
+        progress.inc(1);
+        let frames = self.frames(bench, search, motion.as_ref().map(|(_, histories)| &histories[..]))?;
+        let judged = frames.iter().zip(&self.truths).map(|(frame, truth)| Bench::judge(frame, truth, 1));
+        let judged = judged.collect::<Result<_>>()?;
+        let used = mean(frames.iter().map(|frame| f64::from(u8::from(frame.provenance.history))));
+        let way = Way { search, motion, judged, used, ms: Vec::new() };
+        self.time(bench, &way)?;
+        Ok(way)
+    }
+
+    /// Milliseconds a view, and the frames: what is kept for the next one included, where the way is one of sessions.
+    fn time(&self, bench: &mut Bench, way: &Way) -> Result<(f64, Vec<Frame>)> {
+        let histories = way.motion.as_ref().map(|(_, histories)| &histories[..]);
+        let mut jobs = self.jobs(bench, way.search, histories);
+        if histories.is_none() {
+            jobs.iter_mut().for_each(|job| job.outputs = Outputs::COLOR);
+        }
+        let (mut ms, frames) = bench.time(&jobs)?;
+        if histories.is_some() {
+            let keeping = Instant::now();
+            let kept = frames
+                .iter()
+                .zip(&self.cameras)
+                .filter_map(|(frame, camera)| History::of(frame, camera, None));
+            assert_eq!(kept.count(), frames.len(), "frames with range and source leave a history");
+            ms += keeping.elapsed().as_secs_f64() * 1e3;
+        }
+        Ok((ms / jobs.len().max(1) as f64, frames))
+    }
+
+    fn report(&self, bench: &Bench, gpu: &Arc<Gpu>, ways: &[Way]) -> Report {
+        let seeded = ways.iter().find(|way| way.search == Search::Seeded && way.motion.is_none());
+        let seeded_ms = seeded.map_or(f64::NAN, |way| median(&way.ms));
+        let rows = ways.iter().map(|way| {
+            let motion = way.motion.as_ref().map(|(label, _)| label);
+            report::row(json!({
+                "search": way.search.name(),
+                "seed": if motion.is_some() { "history" } else { "samples" },
+                "motion": motion,
+                "view_ms": median(&way.ms),
+                "per_seeded": median(&way.ms) / seeded_ms,
+                "flip": mean(way.judged.iter().map(|j| j.image.flip_mean)),
+                "psnr_db": mean(way.judged.iter().map(|j| j.image.psnr_db)),
+                "ssim": mean(way.judged.iter().map(|j| j.image.ssim)),
+                "unresolved_fraction": mean(way.judged.iter().map(|j| j.unresolved)),
+                "wrong_surface_fraction": mean(way.judged.iter().map(|j| j.wrong_surface)),
+                "used_fraction": way.used,
+            }))
+        });
+        let mut report = Report::new(&bench.scene.name, Machine::here(gpu.kind()), rows.collect());
+        let Options { size: [width, height], views, samples, reference_samples, .. } = self.options;
+        report.notes = vec![
+            format!(
+                "{views} views of {width}×{height} pixels, in one batch, {samples} samples a view; steps are shares \
+                 of the median range of what is seen; reference of {reference_samples} samples a pixel; wrong \
+                 surface: range off by more than {}%. With history, a view's time includes range and source, and \
+                 keeping them.",
+                WRONG_SURFACE * 100.0
+            ),
+            verdict(&report.rows),
+        ];
+        report
+    }
+}
+
+/// Where it helps, by the rows.
+fn verdict(rows: &[Map<String, Value>]) -> String {
+    let number =
+        |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let words = |row: &Map<String, Value>, key: &str| -> String {
+        row.get(key).and_then(Value::as_str).unwrap_or_default().to_owned()
+    };
+    let of =
+        |search: &str| rows.iter().find(|r| words(r, "search") == search && words(r, "seed") == "samples");
+    let (Some(splat), Some(seeded)) = (of("splat"), of("seeded")) else { return String::new() };
+    let begun: Vec<_> =
+        rows.iter().filter(|r| words(r, "seed") == "history" && number(r, "used_fraction") > 0.5).collect();
+    let better = |key: &str, than: f64| -> String {
+        let (less, more): (Vec<_>, Vec<_>) = begun.iter().partition(|r| number(r, key) < than);
+        let listed = |rows: &[&&Map<String, Value>]| -> String {
+            rows.iter().map(|r| words(r, "motion")).collect::<Vec<_>>().join("; ")
+        };
+        match (less.len(), more.len()) {
+            (0, _) => "after none of the motions".to_owned(),
+            (_, 0) => "after all motions that it was used after".to_owned(),
+            (few, many) if few <= many => format!("after {}", listed(&less)),
+            _ => format!("but after {}", listed(&more)),
+        }
+    };
+    format!(
+        "Beginning from history, the seeded search is faster than from samples ({:.2} ms) {}; shows a smaller FLIP \
+         ({:.4}) {}; and is faster than the splat ({:.2} ms) {}.",
+        number(seeded, "view_ms"),
+        better("view_ms", number(seeded, "view_ms")),
+        number(seeded, "flip"),
+        better("flip", number(seeded, "flip")),
+        number(splat, "view_ms"),
+        better("view_ms", number(splat, "view_ms")),
+    )
+}
+
+/// Of the surfaces that a frame shows, metres; 1 where it shows none.
+fn median_range(frame: &Frame) -> f64 {
+    let (ranges, _) = frame.range.as_deref().unwrap_or_default().as_chunks::<4>();
+    let all = ranges.iter().map(|range| f64::from(f32::from_le_bytes(*range)));
+    let seen: Vec<f64> = all.filter(|range| range.is_finite()).collect();
+    if seen.is_empty() { 1.0 } else { median(&seen) }
+}
