@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use argus_client::{Client, RenderOptions};
 use argus_cluster::leadership::LocalRegistry;
-use argus_cluster::{BundleFile, RoleFactory, SceneOpener, SceneRef, SceneSource, coordinator, worker};
+use argus_cluster::{BundleFile, RoleFactory, SceneOpener, SceneRef, SceneSource, coordinator, core, worker};
 use argus_compositor::GpuCompositor;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
@@ -94,7 +94,9 @@ async fn cluster(machine: &Arc<Machine>, ending: &CancellationToken) -> Client {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
     let registry = Arc::new(LocalRegistry::alone());
-    let config = coordinator::Config::default();
+    // Samples that are added where views have holes would make other frames of the same views.
+    let core = core::Config { refining_share: 0.0, ..core::Config::default() };
+    let config = coordinator::Config { core, ..coordinator::Config::default() };
     tokio::spawn(coordinator::serve(config, listener, served.clone(), registry, ending.clone()));
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     tokio::spawn(worker::run(worker::Config::new(&url), listener, machine.clone(), served, ending.clone()));

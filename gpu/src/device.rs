@@ -124,6 +124,10 @@ impl Gpu {
 
     /// The loss of the device, or the latest fault if there were any since `count` was read.
     pub(crate) fn fault_since(&self, count: u64) -> Option<GpuError> {
+        if self.fault_count() != count {
+            // What is done with a device that is gone is rejected as invalid, and that it is gone is heard of later.
+            let _ = self.device.poll(wgpu::PollType::Poll);
+        }
         if let Some(reason) = self.lost() {
             return Some(GpuError::Lost(reason));
         }

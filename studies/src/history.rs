@@ -353,7 +353,7 @@ fn verdict(rows: &[Map<String, Value>]) -> String {
             (0, _) => "after none of the motions".to_owned(),
             (_, 0) => "after all motions that it was used after".to_owned(),
             (few, many) if few <= many => format!("after {}", listed(&less)),
-            _ => format!("but after {}", listed(&more)),
+            _ => format!("after all but {}", listed(&more)),
         }
     };
     format!(

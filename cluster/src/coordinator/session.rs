@@ -101,7 +101,10 @@ pub(super) fn run(
             let Some(taken) = taken else { return };
             let camera_seq = taken.0;
             let client = open.client.clone();
-            let name = if taken.1.history { history.get_or_insert_with(drawn_name).clone() } else { String::new() };
+            let name = match taken.1.history {
+                true => history.get_or_insert_with(drawn_name).clone(),
+                false => String::new(),
+            };
             // In memory of its own: most sessions wait for a camera most of the time.
             let mut answers =
                 Box::pin(frames(hub.clone(), client, taken, name, shared.clone(), &mut detours));
