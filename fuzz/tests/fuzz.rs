@@ -155,6 +155,7 @@ fn no_request_of_a_client_can_name_a_file() {
         "SampleSource.addresses",
         "SessionMissed.reason",
         "SessionView.traceparent",
+        "ViewOrder.history",
         "ViewOrder.tracers",
     ];
     assert_eq!(texts.iter().map(String::as_str).collect::<Vec<_>>(), harmless);
