@@ -62,8 +62,8 @@ pub struct Config {
     /// idle. `argus study burst` has a row for each: a fifth less time for 290 views on two workers.
     pub samplers_composite: bool,
     /// The share of the samplers' time that may go into samples at refinements of the rig, where views have holes:
-    /// what a adds to K_fd is at most this share of K ticks. They are rendered when nothing else waits, so that
-    /// even a half takes little from others. 0: the rig's own cameras alone.
+    /// what a adds to K_fd is at most this share of K ticks, and no more than half of what is to spare, yet always a tenth of
+    /// itself. They are rendered when nothing else waits, so that even a half takes little from others. 0: the rig's own cameras alone.
     pub refining_share: f64,
     /// Bytes of samples at refinements that may exist in a worker at the same time; the least useful give way.
     pub refining_bytes: u64,

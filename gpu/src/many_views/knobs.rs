@@ -112,8 +112,9 @@ impl Knobs {
     /// The disc with which discs around the middles of cells, an edge apart, cover a plane.
     pub const COVERING: f32 = 0.8165;
 
-    /// The disc with which maps of single views err least about shadow: as often to either side, as exact maps of as many
-    /// texels do. `argus study megaviews --disc` measures it.
+    /// The disc with which maps of single views err least about shadow while light leaks no more often than through exact
+    /// maps of as many texels: Sponza, 4K views of four bounces, 0.212 wrong at 0.5, 0.221 at 0.4, 0.248 at 0.8165; lit
+    /// wrongly 0.055, 0.089, 0.027, and about 0.06 through exact maps (`argus study megaviews --disc`).
     pub const DISC: f32 = 0.5;
 
     /// Where shells of pairs end, edges of the scene's root: nodes of a cut are about as many in each doubling.

@@ -96,8 +96,8 @@ const TRIAL: (u32, usize) = (400, 128);
 /// Connections that all sessions share.
 const CONNECTIONS: usize = 8;
 
-/// Before memory is said to be flat or not, and latencies to be alike: caches fill, programs are compiled, and samples are
-/// placed where views had holes. What latencies were until then stands beside.
+/// Before memory is said to be flat or not: caches fill, programs are compiled, and samples are placed where views had holes.
+/// Latencies are judged from the beginning; what they are after it stands beside.
 const WARM_UP: f64 = 0.25;
 
 /// What a run must keep to: p99 by p50, the swing of the service's memory, and with chaos the longest that a session waits
@@ -207,7 +207,8 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let heard = std::mem::take(&mut *heard.lock());
     let over_time = heard.latencies_ms;
     let warm_secs = WARM_UP * measured_secs;
-    let [first, latencies] = [0.0..warm_secs, warm_secs..f64::INFINITY].map(|span| sorted(&over_time, &span));
+    let [latencies, settled] =
+        [0.0, warm_secs].map(|from_secs| sorted(&over_time, &(from_secs..f64::INFINITY)));
     let (p50, p99) = (quantile(&latencies, 0.5), quantile(&latencies, 0.99));
     let lost = heard.lost + unfinished;
     let swing = |of: &str| {
@@ -250,9 +251,9 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         "p99_ms": p99,
         "p99_per_p50": p99_per_p50,
         "max_ms": latencies.last(),
-        "first_p50_ms": quantile(&first, 0.5),
-        "first_p99_ms": quantile(&first, 0.99),
-        "first_max_ms": first.last(),
+        "settled_p50_ms": quantile(&settled, 0.5),
+        "settled_p99_ms": quantile(&settled, 0.99),
+        "settled_max_ms": settled.last(),
         "worst_gap_secs": heard.worst_gap.as_secs_f64(),
         "kills": disturbed.kills,
         "pauses": disturbed.pauses,
@@ -282,8 +283,8 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     report.notes.extend(heard.tail.sentence());
     report.notes.push(
         "Lost: a camera that is the newest of its session and is neither answered nor turned away. Latency: from when a \
-         camera was due, after the first quarter of the time; what it was until then stands apart. Gap: the longest that a session which had asked for a frame got none, whether its cameras were \
-         overtaken, turned away or lost meanwhile. Redirected: frames that a session fetched from a worker. Repeats that \
+         camera was due; settled: after the first quarter of the time. Gap: the longest that a session which had asked \
+         for a frame got none, whether its cameras were overtaken, turned away or lost meanwhile. Redirected: frames that a session fetched from a worker. Repeats that \
          failed were not compared. Swing: half of the range of resident memory after the first quarter of the time, by its \
          middle."
             .to_owned(),
