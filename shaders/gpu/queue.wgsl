@@ -54,16 +54,6 @@ fn prepare_fusion() {
     arguments_for(maps * step.group);
 }
 
-// The first pair: both roots. Says so where there are more maps than there is room for.
-@compute @workgroup_size(1)
-fn seed_roots() {
-    if map_total[0] > step.maps {
-        atomicMax(&counters[0], 1u);
-    }
-    queue[0] = vec2u(step.scene_node, levels[0].x);
-    atomicStore(&counters[step.counters], 1u);
-}
-
 // The scene's root with each of a range of views.
 @compute @workgroup_size(64)
 fn seed_views(
@@ -80,9 +70,10 @@ fn seed_views(
     }
 }
 
-// Every leaf of the scene with the root of the view octree.
+// The scene's root, or every leaf of it, with the root of the view octree. Says so where there are more maps than there is room
+// for.
 @compute @workgroup_size(64)
-fn seed_leaves(
+fn seed_nodes(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,

@@ -19,9 +19,8 @@ pub(super) struct Traverse {
     fill: ComputePipeline,
     prepare: ComputePipeline,
     prepare_fusion: ComputePipeline,
-    seed_roots: ComputePipeline,
     seed_views: ComputePipeline,
-    seed_leaves: ComputePipeline,
+    seed_nodes: ComputePipeline,
 }
 
 /// Two queues, what is counted, and the extent of the next step.
@@ -145,9 +144,8 @@ impl Traverse {
             ),
             prepare: gpu.compute_pipeline(&QUEUE, "prepare"),
             prepare_fusion: gpu.compute_pipeline(&QUEUE, "prepare_fusion"),
-            seed_roots: gpu.compute_pipeline(&QUEUE, "seed_roots"),
             seed_views: gpu.compute_pipeline(&QUEUE, "seed_views"),
-            seed_leaves: gpu.compute_pipeline(&QUEUE, "seed_leaves"),
+            seed_nodes: gpu.compute_pipeline(&QUEUE, "seed_nodes"),
         }
     }
 
@@ -174,10 +172,12 @@ impl Traverse {
             maps: work.maps.capacity,
         };
         match part {
-            Part::Octants { .. } if !work.knobs.scene_hierarchy => {
-                [seed.scene_node, seed.count] = octree.leaves();
+            Part::Octants { .. } => {
+                if !work.knobs.scene_hierarchy {
+                    [seed.scene_node, seed.count] = octree.leaves();
+                }
                 commands
-                    .compute("seed", &self.seed_leaves)
+                    .compute("seed", &self.seed_nodes)
                     .write("counters", &queues.counters)
                     .write("queue", &queues.pairs[0])
                     .read("levels", &views.nodes.levels)
@@ -185,14 +185,6 @@ impl Traverse {
                     .immediates(bytemuck::bytes_of(&seed))
                     .dispatch_linear(u64::from(seed.count));
             }
-            Part::Octants { .. } => commands
-                .compute("seed", &self.seed_roots)
-                .write("counters", &queues.counters)
-                .write("queue", &queues.pairs[0])
-                .read("levels", &views.nodes.levels)
-                .read("map_total", views.map_total())
-                .immediates(bytemuck::bytes_of(&seed))
-                .dispatch([1, 1, 1]),
             Part::Views { first, count } => {
                 (seed.first_view, seed.count) = (first, count);
                 commands
