@@ -173,7 +173,11 @@ pub(crate) fn observed_from(wire: v1::Observed) -> Observed {
 pub(crate) fn sources(sources: Vec<Source>) -> Vec<v1::SampleSource> {
     sources
         .into_iter()
-        .map(|source| v1::SampleSource { id: Some(source.id.into()), addresses: source.addresses })
+        .map(|Source { id, addresses, dispensable }| v1::SampleSource {
+            id: Some(id.into()),
+            addresses,
+            dispensable,
+        })
         .collect()
 }
 

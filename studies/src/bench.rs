@@ -138,7 +138,22 @@ impl Bench {
         ids
     }
 
-    /// Takes samples, `rounds` times and once to warm up, and hands them to the compositor.
+    /// Takes samples and hands them to the compositor, a few at a time: many large ones at once would need
+    /// their memory twice.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] for more than the compositor may hold; it then holds some of them.
+    pub(crate) fn hold(&mut self, ids: &[SampleId]) -> Result<(), RenderError> {
+        for ids in ids.chunks(8) {
+            let job = SampleJob { info: Arc::clone(&self.info), ids: ids.to_vec(), to_host: false };
+            let samples = self.sampler.render_samples(&job, &Cancel::new()).into_iter();
+            let samples = samples.map(|sample| Ok(Arc::new(sample?))).collect::<Result<_, RenderError>>()?;
+            self.compositor.hold(&SampleSet { info: Arc::clone(&self.info), samples })?;
+        }
+        Ok(())
+    }
+
+    /// Takes samples, `rounds` times and once to warm up, and hands them to the compositor: what they cost.
     pub(crate) fn take(&mut self, ids: Vec<SampleId>, rounds: usize) -> Result<Taken> {
         let count = ids.len();
         let job = SampleJob { info: Arc::clone(&self.info), ids, to_host: false };

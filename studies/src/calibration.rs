@@ -13,7 +13,7 @@ use argus_sampler::SamplerKnobs;
 use argus_scene::reference::cache;
 use argus_scene::{
     Camera, Cancel, Compositor, Frame, Holes, Outputs, PixelJob, RenderError, Rig, RigKind, RigKnobs,
-    SampleId, SampleJob, SampleSet, Sampler, SceneHash, Search, ViewJob, metrics, path,
+    SampleId, Sampler, SceneHash, Search, ViewJob, metrics, path,
 };
 use glam::DVec2;
 use image::RgbImage;
@@ -184,15 +184,8 @@ impl Answers {
             cameras.iter().flat_map(|camera| self.bench.sample_ids(camera, MOST_SAMPLES)).collect();
         let ids: Vec<SampleId> = wanted.difference(&self.held).copied().collect();
         let began = Instant::now();
-        // A few at a time: the readbacks of many large ones would need as much memory again.
-        for ids in ids.chunks(8) {
-            let job = SampleJob { info: Arc::clone(&self.bench.info), ids: ids.to_vec(), to_host: false };
-            let samples = self.bench.sampler.render_samples(&job, &Cancel::new());
-            let samples = samples.into_iter().map(|sample| Ok(Arc::new(sample?)));
-            let samples = samples.collect::<Result<Vec<_>, RenderError>>()?;
-            self.bench.compositor.hold(&SampleSet { info: Arc::clone(&self.bench.info), samples })?;
-            self.held.extend(ids);
-        }
+        self.bench.hold(&ids)?;
+        self.held.extend(ids);
         Ok(began.elapsed().as_secs_f64() * 1e3)
     }
 

@@ -93,7 +93,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         apart += walk.len() - steps[0].len();
         let cameras: Vec<Camera> = steps.iter().flatten().map(|step| step.camera).collect();
         held = bench.all_ids(&cameras, options.samples);
-        bench.take(held.clone(), 0)?;
+        bench.hold(&held)?;
         for (&way, steps) in options.ways.iter().zip(&steps) {
             if !steps.is_empty() {
                 rows.push(row(&mut bench, options, way, steps, held.len())?);

@@ -202,7 +202,7 @@ impl Study<'_> {
         let ids = bench.all_ids(cameras, self.options.samples);
         let missing: Vec<SampleId> = ids.into_iter().filter(|id| self.held.insert(*id)).collect();
         if !missing.is_empty() {
-            bench.take(missing, 0)?;
+            bench.hold(&missing)?;
         }
         Ok(())
     }

@@ -143,7 +143,7 @@ fn row(
     let ids = bench.all_ids(walk, options.samples);
     let (sample_ms, ready_ms) = time(bench, &ids, options.rounds)?;
     let held = ids.clone();
-    bench.take(ids, 0)?;
+    bench.hold(&ids)?;
     let jobs: Vec<ViewJob> = walk
         .iter()
         .map(|camera| {

@@ -189,7 +189,10 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let fetch_ms = study.measure(&mut bench, &ways, progress)?;
     for rig in rigs {
         bench.replace_rig(&rig, &study.held)?;
-        study.measure(&mut bench, &few, progress)?;
+        match study.measure(&mut bench, &few, progress) {
+            Ok(_) => {}
+            Err(error) => study.leave_out_samples(&bench, error)?,
+        }
     }
     Ok(study.report(&bench, &gpu, fetch_ms))
 }
@@ -213,8 +216,8 @@ struct Study<'a> {
     truths: Vec<Truth>,
     measured: Vec<Measured>,
     held: Vec<argus_scene::SampleId>,
-    /// Searches that the compositor refused, and its reason.
-    refused: BTreeMap<&'static str, String>,
+    /// Searches and samples that the compositor refused, and its reason.
+    refused: BTreeMap<String, String>,
 }
 
 impl<'a> Study<'a> {
@@ -258,7 +261,7 @@ impl<'a> Study<'a> {
     fn measure(&mut self, bench: &mut Bench, ways: &[Way], progress: &ProgressBar) -> Result<f64> {
         let most = self.options.samples.iter().copied().max().unwrap_or(1);
         self.held = bench.all_ids(&self.cameras, most);
-        bench.take(self.held.clone(), 0)?;
+        bench.hold(&self.held)?;
         let first = self.measured.len();
         for &way in ways {
             progress.inc(1);
@@ -305,10 +308,22 @@ impl<'a> Study<'a> {
     fn leave_out(&mut self, way: Way, error: anyhow::Error) -> Result<()> {
         match error.downcast_ref::<RenderError>() {
             Some(RenderError::Invalid(invalid)) if invalid.field == "plan.search" => {
-                self.refused.insert(way.search(), invalid.reason.clone());
+                self.refused.insert(way.search().to_owned(), invalid.reason.clone());
                 Ok(())
             }
             _ => Err(error).with_context(|| way.label()),
+        }
+    }
+
+    /// So are samples that are more than a compositor may hold.
+    fn leave_out_samples(&mut self, bench: &Bench, error: anyhow::Error) -> Result<()> {
+        let samples = format!("samples of {}", texels(&bench.info.rig));
+        match error.downcast_ref::<RenderError>() {
+            Some(RenderError::OutOfMemory(reason)) => {
+                self.refused.insert(samples, reason.clone());
+                Ok(())
+            }
+            _ => Err(error.context(samples)),
         }
     }
 

@@ -7,10 +7,10 @@
 //! In a large cluster not everybody is looked at: those with the shortest queues, and those who have the rarest of
 //! the view's samples, hold the best one or one nearly as good.
 
-use super::dispatch::Pending;
 use super::event::WorkerId;
 use super::lines::Turn;
 use super::machine::Core;
+use super::pending::Pending;
 use super::worker::Worker;
 
 /// Samplers that are named in an order as those who can trace: a second and a third chance.

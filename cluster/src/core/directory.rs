@@ -168,7 +168,17 @@ impl Directory {
                 addresses.push(worker.hello.address.clone());
             }
         }
-        (Source { id, addresses }, to_render)
+        (Source { id, addresses, dispensable: false }, to_render)
+    }
+
+    /// Where worker `reader` finds a sample that its view can do without: with those who have it, and nobody else.
+    pub(super) fn among_holders(id: SampleId, reader: WorkerId, known: Known<'_>) -> Source {
+        let Known { workers, whereabouts, .. } = known;
+        let holds = |worker: &WorkerId| *worker != reader && whereabouts.has(id, *worker);
+        let holders = whereabouts.near(id, reader).filter(holds).filter_map(|worker| workers.get(&worker));
+        let holders = holders.filter(|worker| !worker.suspected).take(MOST_NAMED);
+        let addresses = holders.map(|worker| worker.hello.address.clone()).collect();
+        Source { id, addresses, dispensable: true }
     }
 
     /// Whether that worker is the one who renders the sample.

@@ -2,16 +2,17 @@
 //!
 //! Whom a view is given to is for `choose` to say.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, View, Visibility};
+use argus_scene::{Camera, Plan, Prediction, SampleId, View};
 
 use super::admission::Client;
-use super::directory::Known;
+use super::directory::{Directory, Known};
 use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
 use super::machine::Core;
+use super::pending::{Pending, device_kind, sub_pixels};
 use super::plan::plan;
 use super::time::Uptime;
 use super::wishes::{Planned, Quest};
@@ -19,148 +20,8 @@ use super::wishes::{Planned, Quest};
 /// Views bound to certain workers that are looked at in one go.
 const MOST_BOUND: usize = 64;
 
-/// An admitted view.
-#[derive(Debug, Clone)]
-pub(super) struct Pending {
-    client: Client,
-    camera: Camera,
-    /// How many the frame has.
-    pub(super) pixels: u64,
-    pub(super) epoch: u64,
-    pub(super) plan: Plan,
-    /// What is expected of its frame.
-    pub(super) expected: Option<Prediction>,
-    /// The search for a frame within a bound.
-    pub(super) quest: Option<Box<Quest>>,
-    /// Its plan was pinned: what it lacks says nothing of the plans made here.
-    pinned: bool,
-    /// Pinned kind of device; empty: any.
-    pub(super) device_kind: String,
-    /// When its answer is worthless, and how long that was when it was asked.
-    deadline: (Uptime, Duration),
-    asked: Uptime,
-    /// When it is looked at next, to see whether its time is over.
-    due: Uptime,
-    attempt: u32,
-    worker: Option<WorkerId>,
-    pub(super) tried: BTreeSet<WorkerId>,
-}
-
-/// Views that no worker has room for yet. Tickets ascend with arrival, so the least is the oldest.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Waiting {
-    composed: BTreeSet<Ticket>,
-    direct: BTreeSet<Ticket>,
-    /// Those that only certain workers can answer: they hold nobody up.
-    bound: BTreeSet<Ticket>,
-}
-
-impl Waiting {
-    fn insert(&mut self, ticket: Ticket, view: &Pending) {
-        let line = match (view.is_bound(), view.is_direct()) {
-            (true, _) => &mut self.bound,
-            (_, true) => &mut self.direct,
-            _ => &mut self.composed,
-        };
-        line.insert(ticket);
-    }
-
-    fn remove(&mut self, ticket: Ticket) {
-        for line in [&mut self.composed, &mut self.direct, &mut self.bound] {
-            line.remove(&ticket);
-        }
-    }
-}
-
-/// Views in flight of each kind, and the epochs whose samples they need, each with how many need it.
-#[derive(Debug, Clone, Default)]
-pub(super) struct InFlight {
-    direct: usize,
-    composed: usize,
-    epochs: BTreeMap<u64, usize>,
-}
-
-impl InFlight {
-    fn add(&mut self, view: &Pending) {
-        *if view.is_direct() { &mut self.direct } else { &mut self.composed } += 1;
-        if let Some(epoch) = view.sampled_epoch() {
-            *self.epochs.entry(epoch).or_default() += 1;
-        }
-    }
-
-    fn subtract(&mut self, view: &Pending) {
-        *if view.is_direct() { &mut self.direct } else { &mut self.composed } -= 1;
-        if let Some(epoch) = view.sampled_epoch()
-            && let Some(count) = self.epochs.get_mut(&epoch)
-        {
-            *count -= 1;
-            if *count == 0 {
-                self.epochs.remove(&epoch);
-            }
-        }
-    }
-
-    /// The epochs whose samples views in flight need, ascending.
-    pub(super) fn epochs(&self) -> impl Iterator<Item = u64> {
-        self.epochs.keys().copied()
-    }
-}
-
-/// What is rendered for a pixel.
-fn sub_pixels(plan: &Plan) -> u64 {
-    match plan {
-        Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
-        Plan::Warp(warp) => u64::from(warp.supersampling).pow(2),
-    }
-}
-
-/// The kind of device in a frame's.
-fn device_kind(device: &str) -> &str {
-    Visibility::of_device(device).0
-}
-
-impl Pending {
-    /// Its frame was not good enough: another is made, by whomever.
-    fn begin_again(&mut self, plan: Plan, expected: Prediction, quest: Box<Quest>) {
-        (self.plan, self.expected, self.quest) = (plan, Some(expected), Some(quest));
-        (self.worker, self.tried) = (None, BTreeSet::new());
-    }
-
-    /// Attempts that failed, or are in work: without those whose frame was thrown away.
-    fn attempts(&self) -> u32 {
-        self.attempt - self.quest.as_ref().map_or(0, |quest| quest.thrown_away())
-    }
-
-    /// Whether not just anybody can answer it.
-    pub(super) fn is_bound(&self) -> bool {
-        !self.device_kind.is_empty() || !self.tried.is_empty()
-    }
-
-    pub(super) fn is_direct(&self) -> bool {
-        matches!(self.plan, Plan::Direct { .. })
-    }
-
-    /// What is rendered for it: pixels with their sub-pixels.
-    pub(super) fn work(&self) -> u64 {
-        self.pixels.saturating_mul(sub_pixels(&self.plan))
-    }
-
-    fn traces_holes(&self) -> bool {
-        matches!(&self.plan, Plan::Warp(warp) if warp.holes == Holes::Trace)
-    }
-
-    /// The epoch whose samples it needs, if it needs any.
-    pub(super) fn sampled_epoch(&self) -> Option<u64> {
-        self.samples().first().map(|id| id.epoch)
-    }
-
-    pub(super) fn samples(&self) -> &[SampleId] {
-        match &self.plan {
-            Plan::Direct { .. } => &[],
-            Plan::Warp(warp) => &warp.samples,
-        }
-    }
-}
+/// Attempts that end where a refinement is not where it was thought to be, before it is rendered for the view after all.
+const MOST_WITHOUT: u32 = 3;
 
 impl Core {
     pub(super) fn ask(
@@ -340,18 +201,51 @@ impl Core {
 
     /// Gives a view to the best worker there is; false if none has room.
     fn place(&mut self, ticket: Ticket, now: Uptime, actions: &mut Vec<Action>) -> bool {
+        self.leave_out_lost(ticket);
         let Some(view) = self.views.get(&ticket) else { return true };
         let Some(id) = self.choose(view) else { return false };
         let samples = view.samples().to_vec();
         let mut sources = Vec::with_capacity(samples.len());
-        for &sample in &samples {
+        // What was lost before anybody knew of it shall not send a view to and fro.
+        let may_come_back = view.attempts() < MOST_WITHOUT;
+        let dispensable = |sample| may_come_back && self.is_dispensable(view, sample);
+        let dispensable: Vec<bool> = samples.iter().map(|sample| dispensable(*sample)).collect();
+        for (&sample, dispensable) in samples.iter().zip(dispensable) {
             let known = Known { workers: &self.workers, lines: &self.lines, whereabouts: &self.whereabouts };
+            if dispensable && !self.whereabouts.has(sample, id) {
+                sources.push(Directory::among_holders(sample, id, known));
+                continue;
+            }
             let (source, to_render) = self.directory.locate(sample, id, known, &mut self.spread, now);
             self.rates.samples.count(to_render.into());
             sources.push(source);
         }
         self.dispatch(ticket, id, &samples, sources, actions);
         true
+    }
+
+    /// Whether a view's plan could be made without a sample: refinements are used where they are at hand, and rendered when
+    /// nobody waits. Where the scene moves they come with each moment as all samples do.
+    fn is_dispensable(&self, view: &Pending, id: SampleId) -> bool {
+        !view.pinned && self.set.epoch_secs == 0.0 && self.set.rig.level(id.index) > Some(0)
+    }
+
+    /// A view that names refinements which were lost meanwhile gets the next best samples that somebody has.
+    fn leave_out_lost(&mut self, ticket: Ticket) {
+        let Some(view) = self.views.get(&ticket) else { return };
+        let answers = |worker: WorkerId| self.workers.get(&worker).is_some_and(|w| !w.suspected);
+        let is_lost = |id: SampleId| !self.whereabouts.holders(id).any(answers);
+        let lost = |id: &&SampleId| self.is_dispensable(view, **id) && is_lost(**id);
+        let Some(&SampleId { epoch, generation, .. }) = view.samples().iter().find(lost) else { return };
+        let there = |index: &u64| !is_lost(SampleId { epoch, generation, index: *index });
+        let usable: Vec<u64> = self.placement.usable().iter().copied().filter(there).collect();
+        let count = view.samples().iter().filter(|id| !id.is_surroundings()).count();
+        let indices = self.set.rig.nearest_among(&view.camera, count, &usable).into_iter();
+        let ids = indices.map(|index| SampleId { epoch, generation, index }).collect();
+        let ids = self.set.with_surroundings(ids);
+        if let Some(Pending { plan: Plan::Warp(warp), .. }) = self.views.get_mut(&ticket) {
+            warp.samples = ids;
+        }
     }
 
     fn dispatch(

@@ -220,13 +220,16 @@ pub struct Assignment {
     pub suspected: Vec<String>,
 }
 
-/// Who holds or can render a sample, best first. Empty: the worker renders it itself.
+/// Who holds or can render a sample, best first. Where none of them has it, the worker renders it itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
     /// Which sample.
     pub id: SampleId,
     /// Addresses of workers.
     pub addresses: Vec<String>,
+    /// The view can do without it: where none of them has it, it goes back ([`Failure::TryElsewhere`]) and gets a plan
+    /// without it, since no view waits for a refinement to be rendered.
+    pub dispensable: bool,
 }
 
 /// A view for a worker.

@@ -23,6 +23,7 @@ pub mod hysteresis;
 mod lines;
 mod machine;
 mod moments;
+mod pending;
 mod placement;
 pub mod plan;
 pub mod quality;

@@ -83,7 +83,8 @@ impl Core {
             }
             let address = |worker: WorkerId| self.workers.get(&worker).map(|w| w.hello.address.clone());
             let from = holder.filter(|holder| *holder != owner).and_then(address);
-            lists.entry(owner).or_default().push(Source { id, addresses: from.into_iter().collect() });
+            let addresses = from.into_iter().collect();
+            lists.entry(owner).or_default().push(Source { id, addresses, dispensable: false });
             let root = holder.unwrap_or(owner);
             let reads = |worker: &WorkerId| *worker != owner && *worker != root;
             let hurry = readers.is_some();
@@ -110,7 +111,7 @@ impl Core {
                 }
                 let mut addresses: Vec<String> = parent.and_then(address).into_iter().collect();
                 addresses.push(root_address.clone());
-                lists.entry(*reader).or_default().push(Source { id, addresses });
+                lists.entry(*reader).or_default().push(Source { id, addresses, dispensable: false });
             }
         }
         self.whereabouts.order(to_render.into_iter());

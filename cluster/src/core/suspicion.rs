@@ -7,9 +7,9 @@
 
 use std::time::Duration;
 
-use super::dispatch::Pending;
 use super::event::{Action, Report, Ticket, WorkerId};
 use super::machine::Core;
+use super::pending::Pending;
 use super::time::Uptime;
 use super::worker::Worker;
 

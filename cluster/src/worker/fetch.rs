@@ -32,6 +32,16 @@ use crate::seldom::Seldom;
 
 pub(super) type Fetch = BoxFuture<'static, Result<Arc<Sample>, Fault>>;
 
+/// A sample that a view needs.
+#[derive(Debug, Clone)]
+pub(super) struct Needed {
+    pub(super) id: SampleId,
+    /// Who has it, or can render it, best first.
+    pub(super) addresses: Vec<String>,
+    /// Where none of them has it, the view gets another plan: it is not rendered here.
+    pub(super) dispensable: bool,
+}
+
 /// What a sample is fetched for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum For {
@@ -86,37 +96,55 @@ impl Fetches {
 }
 
 /// The sample for this process's own views.
+///
+/// # Errors
+/// [`Fault::NotFound`] for one that is dispensable, if nobody who is named has it; else what rendering it ends with.
 pub(super) async fn at_hand(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
-    id: SampleId,
-    addresses: Vec<String>,
+    needed: Needed,
 ) -> Result<Arc<Sample>, Fault> {
+    let id = needed.id;
     if let Some(sample) = node.store.get(id) {
         return Ok(sample);
     }
-    let fetch = node.fetches.join((id, For::View), || {
-        let node = node.clone();
-        Box::pin(async move {
-            // Another fetch may have ended between the look above and this one.
-            if let Some(sample) = node.store.get(id) {
-                return Ok(sample);
-            }
-            for address in addresses.iter().filter(|address| **address != node.hello.address) {
-                match from_other(&node, &info, id, address, false).await {
-                    Ok(sample) => return Ok(node.store.insert(sample)),
-                    Err(fault) => {
-                        static MISSED: Seldom = Seldom::new();
-                        if let Some(left_out) = MISSED.now() {
-                            warn!(%id, address, %fault, left_out, "sample not to be had there");
-                        }
-                    }
+    loop {
+        let fetch = node.fetches.join((id, For::View), || {
+            Box::pin(fetched_or_rendered(node.clone(), info.clone(), needed.clone()))
+        });
+        match fetch.await {
+            // Begun for another view, which can do without.
+            Err(Fault::NotFound(_)) if !needed.dispensable => {}
+            fetched => return fetched,
+        }
+    }
+}
+
+async fn fetched_or_rendered(
+    node: Arc<Node>,
+    info: Arc<SampleSetInfo>,
+    needed: Needed,
+) -> Result<Arc<Sample>, Fault> {
+    let Needed { id, addresses, dispensable } = needed;
+    // Another fetch may have ended since somebody looked.
+    if let Some(sample) = node.store.get(id) {
+        return Ok(sample);
+    }
+    for address in addresses.iter().filter(|address| **address != node.hello.address) {
+        match from_other(&node, &info, id, address, false).await {
+            Ok(sample) => return Ok(node.store.insert(sample)),
+            Err(fault) => {
+                static MISSED: Seldom = Seldom::new();
+                if let Some(left_out) = MISSED.now() {
+                    warn!(%id, address, %fault, left_out, "sample not to be had there");
                 }
             }
-            node.render_sample(id, info, false).await
-        })
-    });
-    fetch.await
+        }
+    }
+    match dispensable {
+        true => Err(Fault::NotFound(format!("sample {id} is with none of those who had it"))),
+        false => node.render_sample(id, info, false).await,
+    }
 }
 
 /// The sample for another process. Who samples renders it, at once unless it is wanted `ahead` of demand and is about to

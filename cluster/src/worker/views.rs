@@ -25,6 +25,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::{Instrument, Span, debug_span, field, warn};
 
+use super::fetch::Needed;
 use super::histories::MAX_NAME;
 use super::node::{Active, Node};
 use super::queue::Rendered;
@@ -60,8 +61,8 @@ const SAMPLES: &str = "samples";
 struct Ordered {
     job: ViewJob,
     info: Arc<SampleSetInfo>,
-    /// The plan's samples in its order, with where to fetch each.
-    samples: Vec<(SampleId, Vec<String>)>,
+    /// The plan's samples in its order.
+    samples: Vec<Needed>,
     /// Who traces what no sample saw, where the plan wants that.
     tracers: Vec<String>,
     /// Exactly this plan, or no frame.
@@ -259,11 +260,8 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let view = View::try_from(view.ok_or_else(|| InvalidField::new("view", "must be given"))?)?;
     view.validate(&limits)?;
     let plan = Plan::try_from(order.plan.ok_or_else(|| InvalidField::new("order.plan", "must be given"))?)?;
-    let mut addresses: HashMap<SampleId, Vec<String>> = order
-        .sources
-        .into_iter()
-        .filter_map(|source| Some((SampleId::from(source.id?), source.addresses)))
-        .collect();
+    let mut sources: HashMap<SampleId, v1::SampleSource> =
+        order.sources.into_iter().filter_map(|source| Some((SampleId::from(source.id?), source))).collect();
     let ids: &[SampleId] = match &plan {
         Plan::Direct { .. } => &[],
         Plan::Warp(warp) => &warp.samples,
@@ -276,7 +274,8 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
             return Err(Fault::Unavailable(reason));
         }
         info.camera(id.index)?;
-        samples.push((*id, addresses.remove(id).unwrap_or_default()));
+        let v1::SampleSource { addresses, dispensable, .. } = sources.remove(id).unwrap_or_default();
+        samples.push(Needed { id: *id, addresses, dispensable });
     }
     let View { camera, width, height, outputs, pin, .. } = view;
     // A view from triangles can be repeated in the way that it was seen, whichever is this cluster's.
@@ -345,9 +344,9 @@ async fn render(node: &Arc<Node>, ordered: &Ordered, job: &ViewJob) -> Result<Fr
     let mut again = false;
     loop {
         let began = Instant::now();
-        let fetches = ordered.samples.iter().map(|(id, addresses)| {
-            fetch::at_hand(node.clone(), ordered.info.clone(), *id, addresses.clone())
-        });
+        let fetches = ordered.samples.iter();
+        let fetches =
+            fetches.map(|needed| fetch::at_hand(node.clone(), ordered.info.clone(), needed.clone()));
         let samples = try_join_all(fetches).await?;
         let samples_ms = began.elapsed().as_secs_f64() * 1e3;
         let rendered = node.render_view(job.clone(), ordered.info.clone(), samples, again).await;
@@ -368,7 +367,7 @@ async fn render(node: &Arc<Node>, ordered: &Ordered, job: &ViewJob) -> Result<Fr
             }
             Err(Fault::Render(RenderError::DeviceLost(_) | RenderError::MissingSample(_))) if !again => {
                 again = true;
-                let ids: Vec<SampleId> = ordered.samples.iter().map(|(id, _)| *id).collect();
+                let ids: Vec<SampleId> = ordered.samples.iter().map(|needed| needed.id).collect();
                 node.store.forget(&ids);
             }
             Err(fault) => return Err(fault),

@@ -110,7 +110,8 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     report.notes = vec![
         "cut_ms is device time of finding the cuts, draw_ms of drawing their maps, frame_ms the clock's from call to last \
          counter. Visits are nodes looked at, operations splits and merges, of all views; of an animation, means a frame. \
-         Cuts of the incremental method are those of the basic one, node by node."
+         Cuts of the incremental method are those of the basic one, node by node. Rows without figures: cuts that are more \
+         than this device holds; ask for fewer views."
             .to_owned(),
         "Equal time: imperfect maps have as many points, and raster renders as many maps, as the basic cuts of the tree of \
          balls take time for; views that have no map of their own use the nearest one that was rendered."
@@ -259,12 +260,9 @@ impl<'a> Stage<'a> {
                     views: Some(self.options.views),
                     ..Row::default()
                 };
-                let frames = match frames(self.options.rounds, || cuts.render(&list)) {
-                    Err(HierarchyError::TooLarge { .. }) => {
-                        rows.push(row);
-                        continue;
-                    }
-                    frames => frames?,
+                let Some(frames) = frames(self.options.rounds, || cuts.render(&list))? else {
+                    rows.push(row);
+                    continue;
                 };
                 let asked = self.shadows().asked();
                 let wrong = self.shadows().wrong(|nth| {
@@ -278,11 +276,13 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// Frames after the first, which finds out how much room they take.
+/// Frames after the first, which finds out how much room they take; `None` where the device has less.
 fn frames(
     rounds: usize,
     mut render: impl FnMut() -> Result<CutStats, HierarchyError>,
-) -> Result<Vec<CutStats>, HierarchyError> {
-    render()?;
-    (0..rounds.max(1)).map(|_| render()).collect()
+) -> Result<Option<Vec<CutStats>>, HierarchyError> {
+    match render() {
+        Err(HierarchyError::TooLarge { .. }) => Ok(None),
+        first => first.and_then(|_| (0..rounds.max(1)).map(|_| render()).collect::<Result<_, _>>().map(Some)),
+    }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use argus_scene::{Camera, Plan, PlanRequest, Rig, SampleSetInfo};
+use argus_scene::{Camera, Plan, PlanRequest, Rig, SampleId, SampleSetInfo};
 use glam::DVec3;
 
 use super::sim::Sim;
@@ -246,6 +246,74 @@ fn plans_name_only_what_is_where_views_are_composed() {
     let ticket = sim.ask_from(views[0], PlanRequest::default(), None);
     let Plan::Warp(warp) = &sim.orders[&ticket].plan else { panic!("a warp") };
     assert!(warp.samples.iter().all(|id| interior().rig.level(id.index) == Some(0)));
+}
+
+/// The refinements among a plan's samples.
+fn refinements(order: &Order) -> Vec<SampleId> {
+    let Plan::Warp(warp) = &order.plan else { panic!("a warp") };
+    let refined = |id: &&SampleId| interior().rig.level(id.index) > Some(0);
+    warp.samples.iter().filter(refined).copied().collect()
+}
+
+#[test]
+fn no_view_waits_for_a_refinement_that_is_lost_with_its_workers() {
+    let mut sim = cluster(Config::default(), 5);
+    let views = walk(20);
+    (0..12).for_each(|_| drop(lap(&mut sim, &views)));
+    for camera in views.iter().cycle().take(60) {
+        sim.ask_from(*camera, PlanRequest::default(), None);
+    }
+    let before = sim.orders.clone();
+    assert!(before.values().any(|order| !refinements(order).is_empty()));
+    // One after the other goes; the last one joined before them all and has what it was told to have, or nothing.
+    let last = sim.sampler();
+    sim.workers.get_mut(&last).unwrap().report.held.retain(|id| id.index % 3 == 0);
+    sim.report(last);
+    let (mut sent_again, mut kept) = (0, 0);
+    for gone in sim.workers.keys().copied().filter(|id| *id != last).collect::<Vec<_>>() {
+        let before = sim.orders.clone();
+        sim.leave(gone);
+        for (ticket, order) in &sim.orders {
+            if before.get(ticket).is_some_and(|before| before.attempt == order.attempt) {
+                continue;
+            }
+            sent_again += 1;
+            for id in refinements(order) {
+                kept += 1;
+                let has = |id| sim.workers.iter().filter(move |(_, w)| w.report.held.contains(id));
+                assert!(has(&id).count() > 0, "{id} is nowhere");
+                let source = order.sources.iter().find(|source| source.id == id).unwrap();
+                let itself = has(&id).any(|(worker, _)| *worker == order.worker);
+                assert!(itself || !source.addresses.is_empty(), "{source:?}");
+                assert!(itself || source.dispensable || order.attempt > 3, "{source:?}");
+            }
+        }
+    }
+    assert!(sent_again > 40 && kept > 0, "{sent_again} views were sent again, with {kept} refinements");
+    assert_eq!(sim.orders.len() + sim.workers.len(), before.len() + 1, "all are still in work");
+}
+
+#[test]
+fn a_view_is_not_sent_to_and_fro_for_a_refinement_that_is_not_where_it_was_thought_to_be() {
+    let mut sim = cluster(Config::default(), 3);
+    let views = walk(20);
+    (0..12).for_each(|_| drop(lap(&mut sim, &views)));
+    let usable = sim.core.placement.usable().to_vec();
+    // Whoever is there has lost them and has not said so; a newcomer never had any.
+    let newcomer = sim.join("late");
+    sim.report(newcomer);
+    let lacks = |order: &Order| order.worker == newcomer && !refinements(order).is_empty();
+    let asked = (0..400).map(|i| sim.ask_from(views[i % 20], PlanRequest::default(), None));
+    let asked: Vec<Ticket> = asked.collect();
+    let ticket = *asked.iter().find(|ticket| lacks(&sim.orders[ticket])).unwrap();
+    assert!(sim.orders[&ticket].sources.iter().any(|source| source.dispensable), "{usable:?}");
+    for _ in 0..6 {
+        let order = sim.orders[&ticket].clone();
+        let goes_back = order.sources.iter().any(|source| source.dispensable);
+        assert!(!goes_back || order.attempt <= 3, "attempt {}", order.attempt);
+        sim.step(Event::Failed { ticket, attempt: order.attempt, failure: Failure::TryElsewhere });
+    }
+    assert!(sim.orders.contains_key(&ticket), "it is still in work");
 }
 
 #[test]

@@ -1,0 +1,155 @@
+//! Views that were admitted: what each one is, the lines in which those wait that no worker has room for yet, and how
+//! many there are of each kind.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Visibility};
+
+use super::admission::Client;
+use super::event::{Ticket, WorkerId};
+use super::time::Uptime;
+use super::wishes::Quest;
+
+/// An admitted view.
+#[derive(Debug, Clone)]
+pub(super) struct Pending {
+    pub(super) client: Client,
+    pub(super) camera: Camera,
+    /// How many the frame has.
+    pub(super) pixels: u64,
+    pub(super) epoch: u64,
+    pub(super) plan: Plan,
+    /// What is expected of its frame.
+    pub(super) expected: Option<Prediction>,
+    /// The search for a frame within a bound.
+    pub(super) quest: Option<Box<Quest>>,
+    /// Its plan was pinned: what it lacks says nothing of the plans made here.
+    pub(super) pinned: bool,
+    /// Pinned kind of device; empty: any.
+    pub(super) device_kind: String,
+    /// When its answer is worthless, and how long that was when it was asked.
+    pub(super) deadline: (Uptime, Duration),
+    pub(super) asked: Uptime,
+    /// When it is looked at next, to see whether its time is over.
+    pub(super) due: Uptime,
+    pub(super) attempt: u32,
+    pub(super) worker: Option<WorkerId>,
+    pub(super) tried: BTreeSet<WorkerId>,
+}
+
+/// Views that no worker has room for yet. Tickets ascend with arrival, so the least is the oldest.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Waiting {
+    pub(super) composed: BTreeSet<Ticket>,
+    pub(super) direct: BTreeSet<Ticket>,
+    /// Those that only certain workers can answer: they hold nobody up.
+    pub(super) bound: BTreeSet<Ticket>,
+}
+
+impl Waiting {
+    pub(super) fn insert(&mut self, ticket: Ticket, view: &Pending) {
+        let line = match (view.is_bound(), view.is_direct()) {
+            (true, _) => &mut self.bound,
+            (_, true) => &mut self.direct,
+            _ => &mut self.composed,
+        };
+        line.insert(ticket);
+    }
+
+    pub(super) fn remove(&mut self, ticket: Ticket) {
+        for line in [&mut self.composed, &mut self.direct, &mut self.bound] {
+            line.remove(&ticket);
+        }
+    }
+}
+
+/// Views in flight of each kind, and the epochs whose samples they need, each with how many need it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct InFlight {
+    pub(super) direct: usize,
+    pub(super) composed: usize,
+    epochs: BTreeMap<u64, usize>,
+}
+
+impl InFlight {
+    pub(super) fn add(&mut self, view: &Pending) {
+        *if view.is_direct() { &mut self.direct } else { &mut self.composed } += 1;
+        if let Some(epoch) = view.sampled_epoch() {
+            *self.epochs.entry(epoch).or_default() += 1;
+        }
+    }
+
+    pub(super) fn subtract(&mut self, view: &Pending) {
+        *if view.is_direct() { &mut self.direct } else { &mut self.composed } -= 1;
+        if let Some(epoch) = view.sampled_epoch()
+            && let Some(count) = self.epochs.get_mut(&epoch)
+        {
+            *count -= 1;
+            if *count == 0 {
+                self.epochs.remove(&epoch);
+            }
+        }
+    }
+
+    /// The epochs whose samples views in flight need, ascending.
+    pub(super) fn epochs(&self) -> impl Iterator<Item = u64> {
+        self.epochs.keys().copied()
+    }
+}
+
+/// What is rendered for a pixel.
+pub(super) fn sub_pixels(plan: &Plan) -> u64 {
+    match plan {
+        Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
+        Plan::Warp(warp) => u64::from(warp.supersampling).pow(2),
+    }
+}
+
+/// The kind of device in a frame's.
+pub(super) fn device_kind(device: &str) -> &str {
+    Visibility::of_device(device).0
+}
+
+impl Pending {
+    /// Its frame was not good enough: another is made, by whomever.
+    pub(super) fn begin_again(&mut self, plan: Plan, expected: Prediction, quest: Box<Quest>) {
+        (self.plan, self.expected, self.quest) = (plan, Some(expected), Some(quest));
+        (self.worker, self.tried) = (None, BTreeSet::new());
+    }
+
+    /// Attempts that failed, or are in work: without those whose frame was thrown away.
+    pub(super) fn attempts(&self) -> u32 {
+        self.attempt - self.quest.as_ref().map_or(0, |quest| quest.thrown_away())
+    }
+
+    /// Whether not just anybody can answer it.
+    pub(super) fn is_bound(&self) -> bool {
+        !self.device_kind.is_empty() || !self.tried.is_empty()
+    }
+
+    pub(super) fn is_direct(&self) -> bool {
+        matches!(self.plan, Plan::Direct { .. })
+    }
+
+    /// What is rendered for it: pixels with their sub-pixels.
+    pub(super) fn work(&self) -> u64 {
+        self.pixels.saturating_mul(sub_pixels(&self.plan))
+    }
+
+    pub(super) fn traces_holes(&self) -> bool {
+        matches!(&self.plan, Plan::Warp(warp) if warp.holes == Holes::Trace)
+    }
+
+    /// The epoch whose samples it needs, if it needs any.
+    pub(super) fn sampled_epoch(&self) -> Option<u64> {
+        self.samples().first().map(|id| id.epoch)
+    }
+
+    pub(super) fn samples(&self) -> &[SampleId] {
+        match &self.plan {
+            Plan::Direct { .. } => &[],
+            Plan::Warp(warp) => &warp.samples,
+        }
+    }
+}
