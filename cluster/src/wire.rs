@@ -88,6 +88,7 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         held: wire.held.into_iter().map(Into::into).collect(),
         leaving: wire.leaving,
         piece_ms: busy(wire.piece_ms),
+        part_ms: wire.part_ms,
         ways: wire
             .ways
             .into_iter()
@@ -115,6 +116,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         held: report.held.into_iter().map(Into::into).collect(),
         leaving: report.leaving,
         piece_ms: report.piece_ms,
+        part_ms: report.part_ms,
         ways: report.ways.into_iter().map(way_cost).collect(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }

@@ -33,6 +33,10 @@ use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
 use crate::{Indirect, SamplerKnobs, timing};
 
+/// Sub-samples of a part of a sample whose rays the CPU follows: some 20 ms of a core, with their shading by a software
+/// driver.
+const PART: u32 = 1 << 16;
+
 /// Renders a scene from its triangles, on one device.
 ///
 /// The scene is uploaded when this is made. Samples and views need only what depends on their cameras, and the
@@ -103,22 +107,52 @@ impl GpuSampler {
         plan(&self.scene, &self.resident, &self.knobs)
     }
 
-    /// One sample: per tile, find what is visible, shade it, choose a surface for each texel.
+    /// The samples of a job; with `give_way`, others get a turn between parts of them.
+    fn render_set(
+        &mut self,
+        job: &SampleJob,
+        cancel: &Cancel,
+        mut give_way: Option<&mut dyn FnMut()>,
+    ) -> Vec<Result<Sample, RenderError>> {
+        let (around, of_rig): (Vec<_>, Vec<_>) = job.ids.iter().copied().partition(SampleId::is_surroundings);
+        let job_of_rig = SampleJob { ids: of_rig, ..job.clone() };
+        let of_rig = match job.info.sampling {
+            Sampling::Triangles => {
+                job_of_rig.ids.iter().map(|&id| self.render_sample(job, id, cancel, &mut give_way)).collect()
+            }
+            Sampling::MegaViews(knobs) => self.render_mapped(&job_of_rig, knobs, cancel),
+        };
+        let around: Vec<_> = around.into_iter().map(|id| self.render_surroundings(job, id, cancel)).collect();
+        // In the order that they were asked for.
+        let (mut of_rig, mut around) = (of_rig.into_iter(), around.into_iter());
+        let missing = || Err(RenderError::Internal("a sample was neither rendered nor refused".to_owned()));
+        let next = |id: &SampleId| if id.is_surroundings() { around.next() } else { of_rig.next() };
+        job.ids.iter().map(next).map(|sample| sample.unwrap_or_else(missing)).collect()
+    }
+
+    /// One sample: per tile, find what is visible, shade it, choose a surface for each texel. Where nobody waits for it,
+    /// each tile is done before the next one begins, and others get a turn in between.
     fn render_sample(
         &mut self,
         job: &SampleJob,
         id: SampleId,
         cancel: &Cancel,
+        give_way: &mut Option<&mut dyn FnMut()>,
     ) -> Result<Sample, RenderError> {
-        let begin = Instant::now();
+        let mut begin = Instant::now();
         self.check_job(job)?;
         let camera = job.info.camera(id.index)?;
-        let tiles = sample_tiles(&camera, self.knobs.side())?;
+        let mut tiles = sample_tiles(&camera, self.knobs.side())?;
         let mut stages = self.pose(job.info.time_secs());
         stages.extend(self.light(&job.info.lighting, job.info.time_secs())?);
         stages.extend(self.mirror(job.info.reflections, &job.info.lighting, job.info.time_secs(), cancel)?);
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let way = self.ready(job.info.visibility);
+        // Rays cost the same in parts, which a rasteriser has all triangles to look at for. Indirect light at points is
+        // spread within a tile. All samples are rendered so, whether or not anybody waits: their bytes are the same.
+        if way == Visibility::Cpu && self.indirect.is_none() {
+            tiles = tiles.into_iter().flat_map(|tile| tile.bands(PART)).collect();
+        }
         let Look { shade, resolve, mirrored } = self.looks.of(job.info.reflections);
         let planes = resolve.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
 
@@ -135,10 +169,14 @@ impl GpuSampler {
                 add_light(&mut self.indirect, commands, &context, Spreading::Image, &mut stages)?;
             resolve.record(&mut commands, &context, &self.knobs, &planes);
             under_way.push(commands.submit());
+            if let Some(give_way) = give_way {
+                wait(&mut under_way, &mut stages)?;
+                let began = Instant::now();
+                give_way();
+                begin += began.elapsed();
+            }
         }
-        for submitted in under_way {
-            timing::add(&mut stages, submitted.wait()?.stages);
-        }
+        wait(&mut under_way, &mut stages)?;
 
         let planes = self.hand_over(&planes, camera.size(), job.to_host)?;
         timing::add_rest(&mut stages, begin);
@@ -463,20 +501,16 @@ impl Sampler for GpuSampler {
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {
-        let (around, of_rig): (Vec<_>, Vec<_>) = job.ids.iter().copied().partition(SampleId::is_surroundings);
-        let job_of_rig = SampleJob { ids: of_rig, ..job.clone() };
-        let of_rig = match job.info.sampling {
-            Sampling::Triangles => {
-                job_of_rig.ids.iter().map(|&id| self.render_sample(job, id, cancel)).collect()
-            }
-            Sampling::MegaViews(knobs) => self.render_mapped(&job_of_rig, knobs, cancel),
-        };
-        let around: Vec<_> = around.into_iter().map(|id| self.render_surroundings(job, id, cancel)).collect();
-        // In the order that they were asked for.
-        let (mut of_rig, mut around) = (of_rig.into_iter(), around.into_iter());
-        let missing = || Err(RenderError::Internal("a sample was neither rendered nor refused".to_owned()));
-        let next = |id: &SampleId| if id.is_surroundings() { around.next() } else { of_rig.next() };
-        job.ids.iter().map(next).map(|sample| sample.unwrap_or_else(missing)).collect()
+        self.render_set(job, cancel, None)
+    }
+
+    fn render_samples_ahead(
+        &mut self,
+        job: &SampleJob,
+        cancel: &Cancel,
+        give_way: &mut dyn FnMut(),
+    ) -> Vec<Result<Sample, RenderError>> {
+        self.render_set(job, cancel, Some(give_way))
     }
 
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
@@ -517,6 +551,14 @@ fn add_light(
         Some(light) => light.add(commands, context, spreading, stages),
         None => Ok(commands),
     }
+}
+
+/// Waits for what is under way; how long its stages took.
+fn wait(under_way: &mut Vec<Submitted>, stages: &mut Vec<Stage>) -> Result<(), RenderError> {
+    for submitted in under_way.drain(..) {
+        timing::add(stages, submitted.wait()?.stages);
+    }
+    Ok(())
 }
 
 fn check_wanted(cancel: &Cancel) -> Result<(), RenderError> {

@@ -36,6 +36,19 @@ pub(crate) fn tiles(faces: &[Face], side: u32) -> Vec<Tile> {
 }
 
 impl Tile {
+    /// The same tile as bands of whole rows of texels, each of about `most` sub-samples.
+    pub(crate) fn bands(self, most: u32) -> impl Iterator<Item = Self> {
+        let rows = self.size[1];
+        let in_band = (most / (self.size[0] * self.side * self.side).max(1)).max(1);
+        // As many bands as that takes, all of one height but the last.
+        let height = rows.div_ceil(rows.div_ceil(in_band).max(1)).max(1);
+        (0..rows).step_by(height as usize).map(move |row| Self {
+            begin: [self.begin[0], self.begin[1] + row],
+            size: [self.size[0], height.min(rows - row)],
+            ..self
+        })
+    }
+
     /// Sub-samples: columns, rows.
     pub(crate) fn sub_samples(&self) -> [u32; 2] {
         self.size.map(|texels| texels * self.side)
@@ -129,6 +142,27 @@ mod tests {
             }
         }
         assert!(seen.iter().all(|&n| n == 1));
+    }
+
+    #[test]
+    fn bands_cover_a_tile_once_and_are_alike_but_for_the_last() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
+        for [width, height] in [[400, 300], [1, 1], [1024, 7], [3, 1000]] {
+            let faces = SampleCamera::Perspective { camera, width, height }.faces();
+            let [tile] = tiles(&faces, 2)[..] else { panic!("one tile") };
+            for most in [1, 5000, 1 << 16, u32::MAX] {
+                let bands: Vec<Tile> = tile.bands(most).collect();
+                let mut row = 0;
+                for band in &bands {
+                    assert_eq!((band.begin, band.size[0]), ([0, row], width));
+                    assert!(band.size[1] == bands[0].size[1] || row + band.size[1] == height);
+                    let [columns, rows] = band.sub_samples();
+                    assert!(band.size[1] == 1 || columns * rows <= most, "{band:?}");
+                    row += band.size[1];
+                }
+                assert_eq!(row, height, "{most}");
+            }
+        }
     }
 
     #[test]

@@ -119,6 +119,17 @@ pub trait Sampler: Send {
     /// Renders the samples of `job`, one result each, in order.
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>>;
 
+    /// The same samples, byte for byte, for when nobody waits for them: `give_way` is called between parts of the work, so
+    /// that what others wait for can be done meanwhile. A sampler that knows no parts, as here, never calls it.
+    fn render_samples_ahead(
+        &mut self,
+        job: &SampleJob,
+        cancel: &Cancel,
+        _give_way: &mut dyn FnMut(),
+    ) -> Vec<Result<Sample, RenderError>> {
+        self.render_samples(job, cancel)
+    }
+
     /// Renders views whose plan is [`Plan::Direct`], one result each, in order.
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>>;
 

@@ -8,7 +8,7 @@
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::SamplerKnobs;
-use argus_scene::{Camera, Outputs, Plan, Rig, RigKnobs, Search, ViewJob, Warp};
+use argus_scene::{Camera, Outputs, Plan, Rig, RigKnobs, ViewJob, Warp};
 use glam::DVec3;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -183,7 +183,7 @@ fn row(
         .iter()
         .map(|Step { camera, .. }| {
             let samples = bench.sample_ids(camera, options.samples);
-            let plan = Plan::Warp(Warp { search: Search::default(), samples, ..Warp::default() });
+            let plan = Plan::Warp(Warp::usual(&bench.info.rig, samples));
             bench.job(*camera, options.size, outputs, plan)
         })
         .collect();

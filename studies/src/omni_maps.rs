@@ -8,7 +8,7 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::SamplerKnobs;
 use argus_scene::{
     Camera, Cancel, MegaViews, Outputs, Plan, RenderError, RigKind, RigKnobs, Sample, SampleId, SampleJob,
-    Sampler as _, Sampling, Search, ViewJob, Visibility, Warp,
+    Sampler as _, Sampling, ViewJob, Visibility, Warp,
 };
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -148,7 +148,7 @@ fn row(
         .iter()
         .map(|camera| {
             let samples = bench.sample_ids(camera, options.samples);
-            let plan = Plan::Warp(Warp { search: Search::default(), samples, ..Warp::default() });
+            let plan = Plan::Warp(Warp::usual(&bench.info.rig, samples));
             bench.job(*camera, options.size, Outputs { range: true, ..Outputs::COLOR }, plan)
         })
         .collect();

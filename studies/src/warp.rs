@@ -39,7 +39,7 @@ pub struct Options {
     pub supersampling: Vec<u32>,
     /// Steps of each search that takes them.
     pub steps: fn(Search) -> &'static [u32],
-    /// Resolutions of the samples, as factors of the rig's, that the default search is measured with besides.
+    /// Resolutions of the samples, as factors of the rig's, that its usual search is measured with besides.
     pub resolutions: Vec<f64>,
     /// Rounds that medians are taken over.
     pub rounds: usize,
@@ -180,8 +180,10 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let directs = [1, 4, 16].map(|samples_per_pixel| Way::Direct { samples_per_pixel });
     let ways: Vec<Way> = directs.into_iter().chain(study.grid(&bench)).collect();
     let rigs = options.resolutions.iter().map(|&factor| finer(&bench.info.rig, factor)).collect::<Vec<_>>();
+    let search = bench.info.rig.usual_search();
+    let steps = search.takes_steps().then(|| search.usual_steps());
     let few = |samples| {
-        let way = move |&side: &u32| Way::Warp { search: Search::default(), steps: None, samples, side };
+        let way = move |&side: &u32| Way::Warp { search, steps, samples, side };
         options.supersampling.iter().map(way)
     };
     let few: Vec<Way> = few(2).chain(few(4)).collect();

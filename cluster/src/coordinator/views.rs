@@ -9,7 +9,7 @@ use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Description, v1};
 use argus_scene::scene::NamedCamera;
-use argus_scene::{InvalidField, PlanRequest, Search, View};
+use argus_scene::{InvalidField, PlanRequest, View};
 use futures::Stream;
 use tokio::time::Instant;
 use tonic::{Request, Response, Status, Streaming};
@@ -41,6 +41,7 @@ impl ViewsService {
         if cameras.is_empty() {
             cameras.push(NamedCamera { name: "default".to_owned(), camera: scene.default_camera() });
         }
+        let search = set.rig.usual_search();
         let description = Description {
             scene_name: scene.name.clone(),
             scene_hash: scene.hash,
@@ -53,8 +54,8 @@ impl ViewsService {
             epoch_secs: set.epoch_secs,
             defaults: PlanRequest {
                 direct: false,
-                search: Some(Search::Splat),
-                steps: Some(config.linear_steps),
+                search: Some(search),
+                steps: Some(config.steps_of(search)),
                 supersampling: Some(1),
                 samples: Some(config.samples_per_view),
                 ..PlanRequest::default()

@@ -88,15 +88,16 @@ impl Core {
         queued + fetched + self.refining_views(worker)
     }
 
-    /// Views that are composed while a sampler renders the sample that it may be busy with: views go before those at
-    /// refinements, yet none is broken off.
+    /// Views that are composed while a sampler renders what it may be busy with: views go before refinements, and in between
+    /// the parts that a sampler makes of one.
     fn refining_views(&self, worker: &Worker) -> f64 {
         if !(worker.takes_samples() && self.has_to_render(worker, |index| self.placement.is_placed(index))) {
             return 0.0;
         }
         let costs = self.believed_costs();
-        let views = costs.sample_secs / costs.view_secs;
-        if views.is_finite() { views } else { MOST_SPARE_VIEWS as f64 }
+        let part_secs = worker.report.part_ms.map_or(costs.sample_secs, |ms| ms * 1e-3);
+        let views = part_secs / costs.view_secs;
+        if views >= 0.0 && views.is_finite() { views } else { MOST_SPARE_VIEWS as f64 }
     }
 
     /// Whether a sampler has yet to render any of such samples.

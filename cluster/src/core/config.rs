@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use argus_scene::{Limits, Visibility};
+use argus_scene::{Limits, Search, Visibility};
 use serde::Serialize;
 
 /// How the core decides. Every duration is on the clock that the shell hands in.
@@ -90,6 +90,11 @@ pub struct Config {
 }
 
 impl Config {
+    /// Steps of a search where a request leaves them open.
+    pub fn steps_of(&self, search: Search) -> u32 {
+        if search == Search::Linear { self.linear_steps } else { search.usual_steps() }
+    }
+
     /// A worker that has not reported for this long is *suspected* (Chandra and Toueg's word), where another one that could
     /// answer is heard of on time: nothing new goes to it, and its views go to others, while it keeps its place until its
     /// lease is over. Three reports by default: its views are with others within a second of a hang.

@@ -119,8 +119,19 @@ impl Core {
 
     /// The samples of an epoch that serve a viewpoint best, best first.
     pub(super) fn sample_ids(&self, camera: &Camera, count: usize, epoch: u64) -> Vec<SampleId> {
+        self.sample_ids_among(camera, count, epoch, self.placement.usable())
+    }
+
+    /// … of the rig's own and these refinements.
+    fn sample_ids_among(
+        &self,
+        camera: &Camera,
+        count: usize,
+        epoch: u64,
+        refinements: &[u64],
+    ) -> Vec<SampleId> {
         let generation = self.set.generation;
-        let indices = self.set.rig.nearest_among(camera, count, self.placement.usable()).into_iter();
+        let indices = self.set.rig.nearest_among(camera, count, refinements).into_iter();
         self.set.with_surroundings(indices.map(|index| SampleId { epoch, generation, index }).collect())
     }
 
@@ -208,11 +219,13 @@ impl Core {
         let mut sources = Vec::with_capacity(samples.len());
         // What was lost before anybody knew of it shall not send a view to and fro.
         let may_come_back = view.attempts() < MOST_WITHOUT;
-        let dispensable = |sample| may_come_back && self.is_dispensable(view, sample);
-        let dispensable: Vec<bool> = samples.iter().map(|sample| dispensable(*sample)).collect();
-        for (&sample, dispensable) in samples.iter().zip(dispensable) {
+        let lacks = |sample: &SampleId| !self.whereabouts.has(*sample, id);
+        let dispensable = |sample: &SampleId| lacks(sample) && self.is_dispensable(view, *sample);
+        let dispensable: Vec<SampleId> =
+            samples.iter().copied().filter(|sample| may_come_back && dispensable(sample)).collect();
+        for &sample in &samples {
             let known = Known { workers: &self.workers, lines: &self.lines, whereabouts: &self.whereabouts };
-            if dispensable && !self.whereabouts.has(sample, id) {
+            if dispensable.contains(&sample) {
                 sources.push(Directory::among_holders(sample, id, known));
                 continue;
             }
@@ -240,9 +253,7 @@ impl Core {
         let there = |index: &u64| !is_lost(SampleId { epoch, generation, index: *index });
         let usable: Vec<u64> = self.placement.usable().iter().copied().filter(there).collect();
         let count = view.samples().iter().filter(|id| !id.is_surroundings()).count();
-        let indices = self.set.rig.nearest_among(&view.camera, count, &usable).into_iter();
-        let ids = indices.map(|index| SampleId { epoch, generation, index }).collect();
-        let ids = self.set.with_surroundings(ids);
+        let ids = self.sample_ids_among(&view.camera, count, epoch, &usable);
         if let Some(Pending { plan: Plan::Warp(warp), .. }) = self.views.get_mut(&ticket) {
             warp.samples = ids;
         }

@@ -99,6 +99,9 @@ pub struct Report {
     pub leaving: bool,
     /// Milliseconds that its render thread has been at the piece of work that it is at; 0 while it waits, or gets ready.
     pub piece_ms: f64,
+    /// Milliseconds of one process for a part of a sample that nobody waits for: how long a view waits that comes while one
+    /// is rendered.
+    pub part_ms: Option<f64>,
     /// What each way to see triangles costs there, ms for a tile of a sample; where it was told to measure.
     pub ways: Vec<(Visibility, f64)>,
 }

@@ -2,8 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Holes, InvalidField, Plan, Preset, Provenance, Reflections, SampleId, SampleSetInfo, Sampling, Search,
-    View, Visibility, Warp,
+    Holes, InvalidField, Plan, Preset, Provenance, Reflections, SampleId, SampleSetInfo, Sampling, View,
+    Visibility, Warp,
 };
 
 use super::config::Config;
@@ -47,11 +47,10 @@ pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) 
     let count = request.samples.unwrap_or(samples) as usize;
     let indices = set.rig.nearest_among(&view.camera, count, refined);
     let (epoch, generation) = (set.epoch, set.generation);
-    let search = request.search.unwrap_or(Search::Splat);
-    let usual_steps = if search == Search::Linear { config.linear_steps } else { search.usual_steps() };
+    let search = request.search.unwrap_or(set.rig.usual_search());
     Ok(Plan::Warp(Warp {
         search,
-        steps: request.steps.unwrap_or(usual_steps),
+        steps: request.steps.unwrap_or(config.steps_of(search)),
         supersampling: side,
         holes: request.holes.unwrap_or(if exact { Holes::Trace } else { Holes::Mark }),
         samples: set.with_surroundings(
@@ -148,7 +147,7 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), In
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, MegaViews, Outputs, PlanRequest, SceneHash};
+    use argus_scene::{Camera, MegaViews, Outputs, PlanRequest, SceneHash, Search};
     use glam::DVec3;
 
     use super::super::tests::set_info;

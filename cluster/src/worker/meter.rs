@@ -50,6 +50,8 @@ struct Sums {
     direct: Work,
     views: Work,
     rays: Work,
+    /// Parts of samples that nobody waits for.
+    parts: Work,
     sampling_busy_ms: f64,
     compositing_busy_ms: f64,
 }
@@ -86,6 +88,11 @@ impl Meter {
         }
     }
 
+    /// Samples that nobody waits for took so long, in so many parts.
+    pub(super) fn add_parts(&self, count: usize, rendering: Duration) {
+        self.0.lock().parts.add_warm(count, rendering.as_secs_f64() * 1e3);
+    }
+
     /// Fills in the measured part of a report.
     pub(super) fn fill(&self, report: &mut Report) {
         let mut sums = self.0.lock();
@@ -93,6 +100,7 @@ impl Meter {
         report.direct_ms = sums.direct.mean_ms();
         report.view_ms = sums.views.mean_ms();
         report.ray_ms = sums.rays.mean_ms();
+        report.part_ms = sums.parts.mean_ms();
         report.samples_rendered = sums.samples.total;
         report.views_direct = sums.direct.total;
         report.views_composed = sums.views.total;

@@ -199,6 +199,28 @@ impl Queue {
         }
     }
 
+    /// Between two parts of a sample that nobody waits for: composes views that came meanwhile, a batch of them, unless
+    /// something came that needs the sampler, which had better be free soon.
+    pub(super) fn give_way(&self, compose: impl FnOnce(Vec<ViewTask>)) {
+        let mut state = self.state.lock();
+        state.taken = Some(Instant::now());
+        state.forget_the_gone();
+        let sampler_is_wanted = !(state.orders.is_empty()
+            && state.samples.is_empty()
+            && state.pixels.is_empty()
+            && state.direct.is_empty());
+        if sampler_is_wanted || state.views.is_empty() {
+            return;
+        }
+        let batch = take_batch(&mut state.views, self.max_batch);
+        state.in_work.views = batch.len();
+        drop(state);
+        compose(batch);
+        let mut state = self.state.lock();
+        state.in_work.views = 0;
+        state.taken = Some(Instant::now());
+    }
+
     /// How long the render thread has been at what it took last; zero while it waits.
     pub(super) fn busy_for(&self) -> Duration {
         self.state.lock().taken.map_or(Duration::ZERO, |taken| taken.elapsed())

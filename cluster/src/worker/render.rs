@@ -45,6 +45,8 @@ pub(super) struct Renderer {
     is_warm: bool,
     /// Counts batches of views.
     batches: u64,
+    /// Counts devices that were given up.
+    rebuilt: u64,
     health: Arc<Health>,
     rest: Rest,
     /// The role that it was made ready for last.
@@ -109,6 +111,7 @@ impl Renderer {
             held: HashMap::new(),
             is_warm: false,
             batches: 0,
+            rebuilt: 0,
             health,
             rest,
             role: Role::Both,
@@ -245,6 +248,7 @@ impl Renderer {
         if let Some(left_out) = LOST.now() {
             warn!(reason, left_out, "device lost, the roles are made anew");
         }
+        self.rebuilt += 1;
         self.sampler = None;
         self.retire_standby();
         (self.compositor, self.is_warm) = (None, false);
@@ -298,10 +302,41 @@ impl Renderer {
             return;
         }
         let job = SampleJob { info, ids: tasks.iter().map(|task| task.id).collect(), to_host };
-        let began = Instant::now();
-        let results = self.guarded(|own| Ok(own.sampler()?.render_samples(&job, &batch.cancel)));
+        let mut began = Instant::now();
+        let results = match tasks.iter().all(|task| task.ahead) {
+            false => self.guarded(|own| Ok(own.sampler()?.render_samples(&job, &batch.cancel))),
+            true => self.samples_ahead(&job, &batch, &mut began),
+        };
         self.record(Kind::Sample, &results, began, began);
         deliver(tasks.into_iter().map(|task| task.reply), results);
+    }
+
+    /// Samples that nobody waits for: views are composed between their parts, which `began` is moved on by.
+    fn samples_ahead(&mut self, job: &SampleJob, batch: &Batch, began: &mut Instant) -> Results<Sample> {
+        let mut parts = 0;
+        let results = self.guarded(|own| {
+            own.sampler()?;
+            let rebuilt = own.rebuilt;
+            let none = || RenderError::Internal("no sampler".to_owned());
+            let mut sampler = own.sampler.take().ok_or_else(none)?;
+            let queue = own.queue.clone();
+            let results = sampler.render_samples_ahead(job, &batch.cancel, &mut || {
+                let gave_way = Instant::now();
+                queue.give_way(|tasks| own.views(tasks));
+                *began += gave_way.elapsed();
+                parts += 1;
+            });
+            if own.rebuilt != rebuilt {
+                let reason = "it was lost while views were composed between two parts of a sample";
+                return Err(RenderError::DeviceLost(reason.to_owned()));
+            }
+            own.sampler = Some(sampler);
+            Ok(results)
+        });
+        if results.as_ref().is_ok_and(|results| results.iter().all(Result::is_ok)) {
+            self.meter.add_parts(parts.max(1), began.elapsed());
+        }
+        results
     }
 
     fn pixels(&mut self, tasks: Vec<PixelTask>) {

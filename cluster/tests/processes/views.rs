@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use argus_proto::v1;
 use argus_scene::{Output, Outputs, Plan, View};
@@ -60,6 +60,34 @@ async fn one_process_and_a_cluster_make_the_same_bytes_of_the_same_provenance() 
     assert_eq!(same.color, frame.color);
     let only_range = View { outputs: Outputs::only(Output::Range), ..view(1) };
     assert!(many.render(&only_range).await.unwrap().0.color.is_none());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn views_are_composed_between_the_parts_of_a_sample_that_nobody_waits_for() {
+    let cluster = Cluster::start(1).await;
+    cluster.render(&view(0)).await.unwrap();
+    // More than a second for a refinement, which views ask for.
+    cluster.knobs.sample_parts.store(30, Ordering::SeqCst);
+    cluster.knobs.sample_us.store(50_000, Ordering::SeqCst);
+    cluster.knobs.unresolved_percent.store(20, Ordering::SeqCst);
+    let (began, mut longest) = (Instant::now(), Duration::ZERO);
+    let ahead = || cluster.knobs.samples_ahead.load(Ordering::SeqCst);
+    // A lost device, too: what is rendered ahead begins again, and views are answered.
+    let mut lost = false;
+    for i in 0.. {
+        if ahead() >= 1 && !std::mem::replace(&mut lost, true) {
+            cluster.knobs.lose_device.store(1, Ordering::SeqCst);
+        }
+        if ahead() >= 3 {
+            break;
+        }
+        assert!(began.elapsed() < Duration::from_secs(60), "{} refinements only", ahead());
+        let asked = Instant::now();
+        cluster.render(&view(i % 16)).await.unwrap();
+        longest = longest.max(asked.elapsed());
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    assert!(longest < Duration::from_secs(1), "a view waited {longest:?}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

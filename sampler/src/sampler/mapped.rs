@@ -26,7 +26,9 @@ impl GpuSampler {
         let mut costs = match self.ready_maps(job, knobs, cancel) {
             Ok(Some(stages)) => stages,
             // Without surfaces all is sky, which triangles have as well.
-            Ok(None) => return job.ids.iter().map(|&id| self.render_sample(job, id, cancel)).collect(),
+            Ok(None) => {
+                return job.ids.iter().map(|&id| self.render_sample(job, id, cancel, &mut None)).collect();
+            }
             Err(error) => return vec![Err(error); job.ids.len()],
         };
         // What the rig does not have fails alone.

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::material::{AlphaMode, Wrap};
 use argus_scene::{
-    Camera, Cancel, Material, PixelJob, Rig, RigKnobs, Sampler, Scene, Texture, TextureRef, ViewJob,
-    Visibility, procedural,
+    Camera, Cancel, Material, PixelJob, Rig, RigKnobs, SampleJob, SampleSetInfo, Sampler, Scene, Texture,
+    TextureRef, ViewJob, Visibility, procedural,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
@@ -49,6 +49,32 @@ fn covered_apart(sampler: &mut GpuSampler, camera: &Camera, size: [u32; 2], ways
 fn cameras(scene: &Scene) -> Vec<Camera> {
     let named: Vec<Camera> = scene.cameras.iter().map(|named| named.camera).take(3).collect();
     if named.is_empty() { vec![scene.default_camera()] } else { named }
+}
+
+#[test]
+fn a_sample_that_gives_way_between_its_parts_is_the_same_bytes() {
+    let scene = Arc::new(procedural::terrain(5000));
+    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+    let mut other = sampler_with(&scene, SamplerKnobs::default());
+    let rig = Rig::for_scene(&scene, &RigKnobs::default()).unwrap();
+    for (way, parts) in [(Visibility::Cpu, 5..20), (Visibility::Raster, 1..2)] {
+        let whole = common::sample_job(&scene, rig, 1, true);
+        let info = SampleSetInfo { visibility: way, ..(*whole.info).clone() };
+        let whole = SampleJob { info: Arc::new(info), ..whole };
+        let at_once = common::sample(&mut sampler, &whole);
+        let mut gave_way = 0;
+        // Whoever gets the turn uses the same device.
+        let ahead = sampler.render_samples_ahead(&whole, &Cancel::new(), &mut || {
+            gave_way += 1;
+            common::sample(&mut other, &common::sample_job(&scene, rig, 2, false));
+        });
+        let [Ok(ahead)] = &ahead[..] else { panic!("renders") };
+        assert!(parts.contains(&gave_way), "{way:?}: {gave_way} parts");
+        assert_eq!(ahead.planes.len(), at_once.planes.len());
+        for (a, b) in ahead.planes.iter().zip(&at_once.planes) {
+            assert!(common::host_bytes(ahead, a.kind) == common::host_bytes(&at_once, b.kind), "{way:?}");
+        }
+    }
 }
 
 #[test]

@@ -38,6 +38,12 @@ pub struct Knobs {
     pub compositor_holds: AtomicUsize,
     /// The most that one held.
     pub most_held: AtomicUsize,
+    /// Parts that a sampler makes of a sample which nobody waits for, each as long as a sample; 0: it makes none.
+    pub sample_parts: AtomicUsize,
+    /// Samples that nobody waited for.
+    pub samples_ahead: AtomicUsize,
+    /// Pixels of reconstructed views that no sample saw, in a hundred.
+    pub unresolved_percent: AtomicU64,
     /// Compositors refuse to be made.
     pub no_device: AtomicBool,
 }
@@ -195,6 +201,20 @@ impl Sampler for FakeSampler {
         job.ids.iter().map(one).collect()
     }
 
+    fn render_samples_ahead(
+        &mut self,
+        job: &SampleJob,
+        cancel: &Cancel,
+        give_way: &mut dyn FnMut(),
+    ) -> Vec<Result<Sample, RenderError>> {
+        for _ in 1..self.knobs.sample_parts.load(Ordering::SeqCst) {
+            self.knobs.work(&self.knobs.sample_us, cancel);
+            give_way();
+        }
+        self.knobs.samples_ahead.fetch_add(job.ids.len(), Ordering::SeqCst);
+        self.render_samples(job, cancel)
+    }
+
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
         let one = |job: &ViewJob| {
             assert!(matches!(job.plan, Plan::Direct { .. }));
@@ -268,6 +288,7 @@ impl Compositor for FakeCompositor {
             let info = of.ok_or_else(|| RenderError::Internal("no samples".to_owned()))?;
             let mut made = frame(job, &super::scene("test"), info.generation, seed_of(job, &texels));
             made.provenance.scene = info.scene;
+            made.unresolved_fraction = self.knobs.unresolved_percent.load(Ordering::SeqCst) as f64 * 1e-2;
             Ok(made)
         };
         views.iter().map(one).collect()
