@@ -325,6 +325,10 @@ impl Renderer {
                 queue.give_way(|tasks| own.views(tasks));
                 *began += gave_way.elapsed();
                 parts += 1;
+                // What is made for a device that was given up is of no use: it begins again with the next one.
+                if own.rebuilt != rebuilt {
+                    batch.cancel.cancel();
+                }
             });
             if own.rebuilt != rebuilt {
                 let reason = "it was lost while views were composed between two parts of a sample";
