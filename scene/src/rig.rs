@@ -130,7 +130,7 @@ impl Rig {
     /// The search that views from such samples are best served by where nobody says which (`argus study warp`). Above a
     /// landscape the splat is three times as fast as any other of its error. Between walls a viewer may be nearer to a
     /// surface than any sample: its texels then lie cells apart in the view, and what is behind shows through a splat. The
-    /// seeded search takes as long there and has fewer wrong surfaces.
+    /// seeded search takes as long there and has fewer wrong surfaces; in the open it takes twice as long and more.
     pub fn usual_search(&self) -> Search {
         match self {
             Self::TileCorners { .. } => Search::Splat,

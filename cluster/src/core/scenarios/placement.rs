@@ -265,7 +265,7 @@ fn no_view_waits_for_a_refinement_that_is_lost_with_its_workers() {
     }
     let before = sim.orders.clone();
     assert!(before.values().any(|order| !refinements(order).is_empty()));
-    // One after the other goes; the last one joined before them all and has what it was told to have, or nothing.
+    // One after the other goes, until a sampler is left that has a third of what there was.
     let last = sim.sampler();
     sim.workers.get_mut(&last).unwrap().report.held.retain(|id| id.index % 3 == 0);
     sim.report(last);
@@ -299,7 +299,7 @@ fn a_view_is_not_sent_to_and_fro_for_a_refinement_that_is_not_where_it_was_thoug
     let views = walk(20);
     (0..12).for_each(|_| drop(lap(&mut sim, &views)));
     let usable = sim.core.placement.usable().to_vec();
-    // Whoever is there has lost them and has not said so; a newcomer never had any.
+    // A newcomer has none of them, and finds them nowhere.
     let newcomer = sim.join("late");
     sim.report(newcomer);
     let lacks = |order: &Order| order.worker == newcomer && !refinements(order).is_empty();
