@@ -413,7 +413,7 @@ fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
     })
 }
 
-fn search() -> impl TypedValueParser<Value = Search> {
+pub(crate) fn search() -> impl TypedValueParser<Value = Search> {
     PossibleValuesParser::new(Search::ALL.map(Search::name))
         .map(|name| Search::ALL.into_iter().find(|s| s.name() == name).unwrap_or_default())
 }

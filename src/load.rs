@@ -65,17 +65,10 @@ pub(crate) struct Args {
 
 #[derive(Serialize)]
 struct Report {
-    sent: u64,
-    answered: u64,
-    failed: u64,
-    rejected: u64,
-    superseded: u64,
-    from_history: u64,
-    views_per_sec: f64,
-    latency_ms: LatencyMs,
+    #[serde(flatten)]
+    load: LoadReport,
     /// From the first view to the last answer of a burst, or the load's duration.
     total_secs: f64,
-    first_error: Option<String>,
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
@@ -88,17 +81,18 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     if args.json {
         return output::json(&report);
     }
+    let Report { load, total_secs } = report;
     println!(
         "{} views sent: {} answered, {} failed, {} rejected, {} superseded",
-        report.sent, report.answered, report.failed, report.rejected, report.superseded
+        load.sent, load.answered, load.failed, load.rejected, load.superseded
     );
     if args.history {
-        println!("  {} of those answered began from the frame before", report.from_history);
+        println!("  {} of those answered began from the frame before", load.from_history);
     }
-    println!("  {:.1} views/s in {:.2} s", report.views_per_sec, report.total_secs);
-    let LatencyMs { p50, p90, p99, max } = report.latency_ms;
+    println!("  {:.1} views/s in {total_secs:.2} s", load.views_per_sec);
+    let LatencyMs { p50, p90, p99, max } = load.latency_ms;
     println!("  latency p50 {p50:.1} ms, p90 {p90:.1} ms, p99 {p99:.1} ms, max {max:.1} ms");
-    if let Some(error) = &report.first_error {
+    if let Some(error) = &load.first_error {
         println!("  the first that was not answered: {error}");
     }
     Ok(())
@@ -120,29 +114,7 @@ async fn steady(client: &Client, args: &Args) -> anyhow::Result<Report> {
         deadline: duration(args.timeout),
         ..LoadOptions::default()
     };
-    let LoadReport {
-        sent,
-        answered,
-        failed,
-        rejected,
-        superseded,
-        from_history,
-        views_per_sec,
-        latency_ms,
-        first_error,
-    } = load::run(client, &options).await?;
-    Ok(Report {
-        sent,
-        answered,
-        failed,
-        rejected,
-        superseded,
-        from_history,
-        views_per_sec,
-        latency_ms,
-        total_secs: seconds,
-        first_error,
-    })
+    Ok(Report { load: load::run(client, &options).await?, total_secs: seconds })
 }
 
 /// As fast as they are answered.
@@ -153,7 +125,7 @@ async fn all_at_once(client: &Client, views: u32, args: &Args) -> anyhow::Result
     }
     let options = RenderOptions { deadline: duration(args.timeout), ..RenderOptions::default() };
     let outcome = burst(client, views, IN_FLIGHT, &options, |_, _| ()).await;
-    Ok(Report {
+    let load = LoadReport {
         sent: outcome.views,
         answered: outcome.views - outcome.failed,
         failed: outcome.failed,
@@ -162,9 +134,9 @@ async fn all_at_once(client: &Client, views: u32, args: &Args) -> anyhow::Result
         from_history: 0,
         views_per_sec: outcome.views_per_sec,
         latency_ms: outcome.latency_ms,
-        total_secs: outcome.total_ms / 1e3,
         first_error: outcome.first_error,
-    })
+    };
+    Ok(Report { load, total_secs: outcome.total_ms / 1e3 })
 }
 
 /// Durations beyond what a clock can count are as good as for ever.

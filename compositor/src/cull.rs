@@ -40,6 +40,9 @@ pub(crate) struct VisibleTile {
     /// Box that holds all of its texels in the view, in pixels; unbounded where it reaches behind the eye.
     min: DVec2,
     max: DVec2,
+    /// Pixels on the longer edge of that box for each of the tile's texels: none are farther apart, but where its surface
+    /// grazes the view.
+    spread: f64,
 }
 
 /// The tiles of a face that the view may see.
@@ -79,7 +82,8 @@ pub(crate) fn visible_tiles(
         let Some((min, max, w)) = footprint(&four, depths, offset, view.size) else { continue };
         let depth = 1.0 / (f64::from(least + most) * 0.5 * longest);
         let pixels_per_texel = texel.max_element() * depth / (pixel * w.max(1e-30));
-        visible.push(VisibleTile { column, row, pixels_per_texel, min, max });
+        let spread = (max - min).max_element() / f64::from(side);
+        visible.push(VisibleTile { column, row, pixels_per_texel, min, max, spread });
     }
     visible
 }
@@ -173,10 +177,14 @@ pub(crate) fn cell_size(spacing: f64, size: DVec2) -> u32 {
 /// the nearest stays, so that what is in front grows (terrain, 800x600 texels: FLIP 0.0371 at 0.8, 0.0366 at 1.2).
 pub(crate) const DENSITY: f64 = 1.2;
 
-/// Appends the blocks of 8×8 texels that reach into a part of the image (in pixels) to `blocks`, and returns how
-/// many.
+/// Cells on the distance of texels from which on they are splatted as squares: gaps of one are closed without.
+const APART: f64 = 2.0;
+
+/// Appends the blocks of 8×8 texels that reach into a part of the image (in pixels) to `blocks`, those of tiles whose texels
+/// lie farther apart than cells or those of all others, and returns how many.
 pub(crate) fn push_blocks(
     tiles: &[VisibleTile],
+    sparse: bool,
     part: [DVec2; 2],
     cell: u32,
     face: &Face,
@@ -184,7 +192,7 @@ pub(crate) fn push_blocks(
 ) -> u32 {
     let before = blocks.len();
     let side = tile_side(face);
-    for tile in tiles {
+    for tile in tiles.iter().filter(|tile| (tile.spread > APART * f64::from(cell)) == sparse) {
         if tile.max.cmplt(part[0]).any() || tile.min.cmpgt(part[1]).any() {
             continue;
         }

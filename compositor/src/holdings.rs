@@ -186,7 +186,7 @@ impl Holdings {
 
     /// Copies samples into their layers, makes what is derived from them and finds their tiles' ranges.
     fn write(
-        &self,
+        &mut self,
         gpu: &Arc<Gpu>,
         bounds: &BoundsPass,
         mips: &MipsPass,
@@ -195,7 +195,11 @@ impl Holdings {
     ) -> Result<Vec<Vec<FaceTiles>>, RenderError> {
         let mut all = Vec::with_capacity(placed.len());
         for &(sample, pool, layer) in placed {
-            self.pool(pool)?.write(gpu, sample, layer)?;
+            if let Some(pool) = &mut self.pools[pool] {
+                pool.write(gpu, sample, layer)?;
+            }
+        }
+        for &(sample, pool, layer) in placed {
             all.push((self.pool(pool)?, layer, sample.camera.faces()));
         }
         for index in 0..self.pools.len() {

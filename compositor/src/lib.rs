@@ -27,6 +27,7 @@
 //! [`compositor`] tells a batch from top to bottom; `passes` has one file a pass, its program at
 //! `shaders/compositor/` under the same name.
 
+mod arrays;
 pub mod compositor;
 mod cull;
 mod drawing;

@@ -1,124 +1,17 @@
-//! Texture arrays that samples of one size and format are layers of.
+//! Layers for samples of one size and format, in texture arrays that grow as they are needed.
 //!
 //! Binding arrays are not available everywhere, so all samples that a view may be made of must lie in one
 //! array per plane. Samples of a rig share a size, so in practice there is one pool.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use argus_gpu::Gpu;
-use argus_gpu::plane::{self, texture_format};
-use argus_gpu::wgpu;
-use argus_scene::{PlaneFormat, PlaneKind, RenderError, Sample};
+use argus_gpu::{Gpu, plane, wgpu};
+use argus_scene::{PlaneKind, RenderError, Sample};
 
+use crate::arrays::{Array, Arrays, PoolClass};
 use crate::passes::halve::HalvePass;
 use crate::pyramid::{self, Pyramids};
-
-/// What samples must have in common to share texture arrays.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct PoolClass {
-    pub(crate) size: [u32; 2],
-    pub(crate) radiance: PlaneFormat,
-    pub(crate) glossy: bool,
-    /// They say which map of surroundings each surface looks up.
-    pub(crate) reflects: bool,
-    pub(crate) omni: bool,
-}
-
-/// The texture format of the display plane: sRGB, and whether it is glossy.
-pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
-
-impl PoolClass {
-    fn planes(&self) -> Vec<(PlaneKind, PlaneFormat)> {
-        let mut planes =
-            vec![(PlaneKind::Radiance, self.radiance), (PlaneKind::InverseRange, PlaneFormat::R32Float)];
-        if self.glossy {
-            planes.push((PlaneKind::Normal, PlaneFormat::Rg16Snorm));
-            planes.push((PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
-        }
-        if self.reflects {
-            planes.push((PlaneKind::Reflector, PlaneFormat::R32Uint));
-        }
-        planes
-    }
-
-    /// Levels of a plane, each half as fine as the one before: radiance is looked up with a footprint that fits the view.
-    fn levels(&self, kind: PlaneKind) -> u32 {
-        let shortest = self.size[0].min(self.size[1]);
-        let most = if kind == PlaneKind::Radiance { MAX_LEVELS } else { 1 };
-        // A level of a few texels is of no use, least for the faces of a cube.
-        (1..most).take_while(|&level| (shortest >> level) >= LEAST_SIDE).count() as u32 + 1
-    }
-
-    /// Bytes of one sample.
-    pub(crate) fn layer_bytes(&self) -> u64 {
-        let texels = u64::from(self.size[0]) * u64::from(self.size[1]);
-        let plane = |&(kind, format): &(PlaneKind, PlaneFormat)| {
-            let levels = (0..self.levels(kind)).map(|level| texels >> (2 * level)).sum::<u64>();
-            format.texel_bytes() as u64 * levels
-        };
-        let display =
-            (0..self.levels(PlaneKind::Radiance)).map(|level| 4 * (texels >> (2 * level))).sum::<u64>();
-        self.planes().iter().map(plane).sum::<u64>() + display
-    }
-}
-
-/// One plane's array, and the views that passes bind.
-#[derive(Debug)]
-pub(crate) struct Array {
-    pub(crate) texture: wgpu::Texture,
-    /// All levels.
-    pub(crate) view: wgpu::TextureView,
-    /// Each level alone.
-    pub(crate) levels: Vec<wgpu::TextureView>,
-}
-
-impl Array {
-    fn new(gpu: &Gpu, desc: &wgpu::TextureDescriptor<'_>) -> Self {
-        let texture = gpu.device.create_texture(desc);
-        let view = |base_mip_level, mip_level_count| {
-            texture.create_view(&wgpu::TextureViewDescriptor {
-                // Said outright, since a pool of one layer would be seen as no array.
-                dimension: Some(wgpu::TextureViewDimension::D2Array),
-                base_mip_level,
-                mip_level_count,
-                ..Default::default()
-            })
-        };
-        let levels = (0..desc.mip_level_count).map(|level| view(level, Some(1))).collect();
-        Self { view: view(0, None), levels, texture }
-    }
-
-    /// A level alone, or the coarsest if there is none so coarse.
-    pub(crate) fn level(&self, level: u32) -> &wgpu::TextureView {
-        &self.levels[(level as usize).min(self.levels.len() - 1)]
-    }
-
-    /// Copies the layers of a smaller array.
-    fn copy_from(&self, old: &Self, encoder: &mut wgpu::CommandEncoder) {
-        for mip_level in 0..self.texture.mip_level_count() {
-            let kept = wgpu::Extent3d {
-                width: self.texture.width() >> mip_level,
-                height: self.texture.height() >> mip_level,
-                depth_or_array_layers: old.texture.depth_or_array_layers(),
-            };
-            let level = |texture| wgpu::TexelCopyTextureInfo {
-                texture,
-                mip_level,
-                origin: wgpu::Origin3d::ZERO,
-                aspect: wgpu::TextureAspect::All,
-            };
-            encoder.copy_texture_to_texture(level(&old.texture), level(&self.texture), kept);
-        }
-    }
-}
-
-/// The arrays of a class.
-#[derive(Debug)]
-struct Arrays {
-    planes: Vec<(PlaneKind, Array)>,
-    /// What most views show of the samples, derived from the planes: `shaders/compositor/mips.wgsl`.
-    display: Array,
-}
 
 /// Samples of one class.
 #[derive(Debug)]
@@ -127,22 +20,30 @@ pub(crate) struct Pool {
     arrays: Option<Arrays>,
     capacity: u32,
     free: Vec<u32>,
+    growth: Option<Growth>,
     pyramids: Option<Pyramids>,
 }
 
-/// Levels of radiance: a view may be up to eight times as coarse as its samples before it aliases.
-const MAX_LEVELS: u32 = 4;
-
-/// Texels on a side of the coarsest level.
-const LEAST_SIDE: u32 = 16;
+/// Larger arrays that will take the place of a pool's. They are made ready a few layers at a time, with each sample that comes
+/// in, since all at once keeps the views of a batch waiting for a quarter of a second (64 layers of 800x600 texels).
+#[derive(Debug)]
+struct Growth {
+    arrays: Arrays,
+    capacity: u32,
+    /// Layers that are not yet as the pool's are.
+    left: BTreeSet<u32>,
+}
 
 /// Layers that a pool begins with: the samples of one tile or the nearest of one cell.
 const FIRST_LAYERS: u32 = 4;
 
+/// A pool grows from when this share of its layers is free.
+const FEW: u32 = 4;
+
 impl Pool {
     /// An empty pool; memory is taken with the first sample.
     pub(crate) fn new(class: PoolClass) -> Self {
-        Self { class, arrays: None, capacity: 0, free: Vec::new(), pyramids: None }
+        Self { class, arrays: None, capacity: 0, free: Vec::new(), growth: None, pyramids: None }
     }
 
     /// The array of a plane that the class has.
@@ -181,27 +82,50 @@ impl Pool {
         self.view(kind).or_else(|_| self.view(PlaneKind::Radiance))
     }
 
-    /// A layer for one more sample, doubling the arrays where all are taken.
+    /// A layer for one more sample, on the way to arrays of twice the layers where few are free.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] beyond the layers that the device can address.
     pub(crate) fn take_layer(&mut self, gpu: &Gpu) -> Result<u32, RenderError> {
-        if let Some(layer) = self.free.pop() {
-            return Ok(layer);
-        }
         let most = gpu.device.limits().max_texture_array_layers;
-        if self.capacity >= most {
+        if self.growth.is_none() && self.capacity < most && self.free.len() as u32 <= self.capacity / FEW {
+            let capacity = (2 * self.capacity).clamp(FIRST_LAYERS, most);
+            let arrays = Arrays::new(gpu, &self.class, capacity);
+            self.growth = Some(Growth { arrays, capacity, left: (0..capacity).collect() });
+        }
+        self.grow(gpu);
+        self.free.pop().ok_or_else(|| {
             let reason =
                 format!("{most} samples of one size are held, and a texture array has no more layers");
-            return Err(RenderError::OutOfMemory(reason));
+            RenderError::OutOfMemory(reason)
+        })
+    }
+
+    /// Brings a growth so far on that it ends no later than the free layers.
+    fn grow(&mut self, gpu: &Gpu) {
+        let Some(growth) = &mut self.growth else { return };
+        if let Some(arrays) = &self.arrays {
+            let count = growth.left.len().div_ceil(self.free.len() + 1);
+            let label = wgpu::CommandEncoderDescriptor { label: Some("grow sample pool") };
+            let mut encoder = gpu.device.create_command_encoder(&label);
+            for layer in std::iter::from_fn(|| growth.left.pop_first()).take(count) {
+                // New ones are a copy of any: wgpu would set to zero, all at once, what nothing was ever written to.
+                growth.arrays.copy_layer(layer, arrays, layer % self.capacity, &mut encoder);
+            }
+            gpu.queue.submit([encoder.finish()]);
+        } else {
+            growth.left.clear();
         }
-        let capacity = (2 * self.capacity).clamp(FIRST_LAYERS, most);
-        self.grow(gpu, capacity);
-        // Made again, in a larger array, by the next search that asks.
-        self.pyramids = None;
-        self.free.extend((self.capacity..capacity).rev());
-        self.capacity = capacity;
-        self.free.pop().ok_or_else(|| RenderError::Internal("a grown pool has no free layer".to_owned()))
+        if growth.left.is_empty()
+            && let Some(grown) = self.growth.take()
+        {
+            self.free.extend((self.capacity..grown.capacity).rev());
+            self.capacity = grown.capacity;
+            self.arrays = Some(grown.arrays);
+            // Made again, in a larger array, by the next search that asks.
+            self.pyramids = None;
+            tracing::debug!(layers = self.capacity, ?self.class, "sample pool grown");
+        }
     }
 
     /// Gives a layer back.
@@ -255,49 +179,15 @@ impl Pool {
     ///
     /// # Errors
     /// [`RenderError::Internal`] if they do not fit, which validation excludes.
-    pub(crate) fn write(&self, gpu: &Gpu, sample: &Sample, layer: u32) -> Result<(), RenderError> {
+    pub(crate) fn write(&mut self, gpu: &Gpu, sample: &Sample, layer: u32) -> Result<(), RenderError> {
+        if let Some(growth) = &mut self.growth {
+            growth.left.insert(layer);
+        }
         for (kind, array) in self.arrays.iter().flat_map(|arrays| &arrays.planes) {
             if let Some(plane) = sample.plane(*kind) {
                 plane::copy_into_layer(gpu, plane, &array.texture, layer)?;
             }
         }
         Ok(())
-    }
-
-    fn grow(&mut self, gpu: &Gpu, capacity: u32) {
-        let [width, height] = self.class.size;
-        let label = wgpu::CommandEncoderDescriptor { label: Some("grow sample pool") };
-        let mut encoder = gpu.device.create_command_encoder(&label);
-        let array = |levels, format, usage| {
-            Array::new(
-                gpu,
-                &wgpu::TextureDescriptor {
-                    label: Some("samples"),
-                    size: wgpu::Extent3d { width, height, depth_or_array_layers: capacity },
-                    mip_level_count: levels,
-                    sample_count: 1,
-                    dimension: wgpu::TextureDimension::D2,
-                    format,
-                    usage,
-                    view_formats: &[],
-                },
-            )
-        };
-        let plane =
-            |(kind, format)| (kind, array(self.class.levels(kind), texture_format(format), plane::USAGE));
-        let display_usage = plane::USAGE | wgpu::TextureUsages::STORAGE_BINDING;
-        let new = Arrays {
-            planes: self.class.planes().into_iter().map(plane).collect(),
-            display: array(self.class.levels(PlaneKind::Radiance), DISPLAY, display_usage),
-        };
-        if let Some(old) = &self.arrays {
-            for ((_, new), (_, old)) in new.planes.iter().zip(&old.planes) {
-                new.copy_from(old, &mut encoder);
-            }
-            new.display.copy_from(&old.display, &mut encoder);
-        }
-        self.arrays = Some(new);
-        gpu.queue.submit([encoder.finish()]);
-        tracing::debug!(layers = capacity, ?self.class, "sample pool grown");
     }
 }

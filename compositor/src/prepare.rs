@@ -259,23 +259,26 @@ impl PreparedView {
         for source in &self.sources {
             let held = &self.samples[source.sample];
             let face = &held.faces[source.face];
-            let first_block = blocks.len() as u32;
-            let block_count = push_blocks(&source.tiles, [from, to], self.cell, face, blocks);
-            if block_count == 0 {
-                continue;
-            }
             let size = DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
             let (scale, bias) = (2.0 * face.tan_half_fov / size, -face.tan_half_fov);
-            let splat = Splat {
-                landing: source.pixel_from_face.landing(cells.landing(first_cell), self.cell, scale, bias),
-                face_offset: face.offset,
-                face_size: face.size,
-                layer: held.layer,
-                first_block,
-                source: source.sample as u32,
-                _pad: 0,
-            };
-            calls.push(SplatCall { splat, block_count });
+            let landing = source.pixel_from_face.landing(cells.landing(first_cell), self.cell, scale, bias);
+            for sparse in [false, true] {
+                let first_block = blocks.len() as u32;
+                let block_count = push_blocks(&source.tiles, sparse, [from, to], self.cell, face, blocks);
+                if block_count == 0 {
+                    continue;
+                }
+                let splat = Splat {
+                    landing,
+                    face_offset: face.offset,
+                    face_size: face.size,
+                    layer: held.layer,
+                    first_block,
+                    source: source.sample as u32,
+                    _pad: 0,
+                };
+                calls.push(SplatCall { splat, block_count, sparse });
+            }
         }
         calls
     }

@@ -3,7 +3,7 @@
 use argus_gpu::plane::device_texture;
 use argus_scene::{InvalidField, PlaneData, PlaneFormat, PlaneKind, RenderError, Sample, SampleCamera};
 
-use crate::pool::PoolClass;
+use crate::arrays::PoolClass;
 
 /// Texels on a side that a splat's blocks can address.
 const MAX_SIDE: u32 = (1 << 14) - 1;

@@ -275,6 +275,28 @@ fn pools_grow_and_shrink_and_keep_what_they_hold() {
 }
 
 #[test]
+fn views_are_the_same_while_a_pool_grows_a_few_layers_at_a_time() {
+    let set = garden_set(false);
+    let mut compositor = compositor(&set);
+    let view = job(&set, Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO), [30, 20], Search::Splat);
+    let before = bytes_of(&compose_one(&mut compositor, &view).unwrap());
+    let one = |sample| SampleSet { info: Arc::clone(&set.info), samples: vec![Arc::new(sample)] };
+    // From 4 layers to 8, 16, 32 and on the way to 64, whatever of it is done when the view's own samples come anew, the
+    // third as another one for a while.
+    for i in 0..30 {
+        compositor.hold(&one(Sample { id: id(10 + i), ..(*set.samples[2]).clone() })).unwrap();
+        let own = &set.samples[i as usize % 4];
+        compositor.hold(&one((**own).clone())).unwrap();
+        assert_eq!(before, bytes_of(&compose_one(&mut compositor, &view).unwrap()), "with {i} more");
+        let other = Sample { id: id(2), ..(*set.samples[3]).clone() };
+        compositor.hold(&one(other)).unwrap();
+        assert_ne!(before, bytes_of(&compose_one(&mut compositor, &view).unwrap()), "with {i} more");
+        compositor.hold(&one((*set.samples[2]).clone())).unwrap();
+        assert_eq!(before, bytes_of(&compose_one(&mut compositor, &view).unwrap()), "with {i} more");
+    }
+}
+
+#[test]
 fn the_plan_of_passes_says_what_is_on_and_why() {
     let on = |glossy: bool, search| {
         let set = garden_set(glossy);

@@ -306,6 +306,28 @@ fn what_is_behind_an_edge_is_said_to_be_unresolved() {
 }
 
 #[test]
+fn a_wall_is_not_seen_through_from_nearer_than_its_samples() {
+    // An arm's length from a ball that one camera saw from afar: its texels lie some twenty pixels apart in the view. The other
+    // camera saw the ball's far side and the ground there, whose texels are as large as pixels.
+    let ball = Analytic { spheres: vec![(DVec3::new(0.0, 3.0, 0.0), 3.0)], ..Analytic::garden() };
+    let cameras = [
+        perspective(DVec3::new(0.0, 4.0, -16.0), DVec3::new(0.0, 3.0, 0.0), 70.0, 200, 150),
+        perspective(DVec3::new(0.0, 9.0, 8.0), DVec3::new(0.0, 2.0, 0.0), 70.0, 200, 150),
+    ];
+    let set = sample_set(&ball, &cameras, false, 1);
+    let mut compositor = compositor(&set);
+    for search in Search::ALL {
+        let camera = Camera::look_at(DVec3::new(0.2, 3.1, -3.5), DVec3::new(0.0, 3.0, 0.0));
+        let view = job(&set, camera, [100, 75], search);
+        let frame = compose_one(&mut compositor, &view).unwrap();
+        let judged = judge(&ball, &view, &frame, 0.03);
+        println!("{search:?} {judged:?}");
+        assert_eq!(judged.sky, 0.0, "the ball fills the view");
+        assert!(judged.bad_range < 0.02 && judged.unresolved < 0.02, "{search:?} {judged:?}");
+    }
+}
+
+#[test]
 fn a_cancelled_batch_ends_without_frames() {
     let garden = Analytic::garden();
     let set = sample_set(&garden, &corners(DVec3::ZERO, [50, 40]), false, 1);

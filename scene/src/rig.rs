@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use self::lattice::Point;
 use self::tile::Tile;
 use crate::scene::RigKind;
-use crate::{Bounds, Camera, InvalidField, OmniLayout, SampleCamera, Scene, Search};
+use crate::{Bounds, Camera, InvalidField, OmniLayout, SampleCamera, Scene};
 
 /// Where sample cameras stand.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -124,17 +124,6 @@ impl Rig {
                 let center = self.lattice_point(index).ok_or_else(unknown)?;
                 Ok(SampleCamera::Omni { center, layout: OmniLayout::CubeFaces { face } })
             }
-        }
-    }
-
-    /// The search that views from such samples are best served by where nobody says which (`argus study warp`). Above a
-    /// landscape the splat is three times as fast as any other of its error. Between walls a viewer may be nearer to a
-    /// surface than any sample: its texels then lie cells apart in the view, and what is behind shows through a splat. The
-    /// seeded search takes as long there and has fewer wrong surfaces; in the open it takes twice as long and more.
-    pub fn usual_search(&self) -> Search {
-        match self {
-            Self::TileCorners { .. } => Search::Splat,
-            Self::Cell { .. } => Search::Seeded,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, InvalidField, Provenance, Rig, SampleId};
+use crate::{Camera, InvalidField, Provenance, SampleId};
 
 /// How a compositor finds the depth of a view's pixel before it fetches by depth-corrected inverse warping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
@@ -169,14 +169,6 @@ pub struct Warp {
     pub samples: Vec<SampleId>,
     /// What becomes of pixels that none of the samples saw.
     pub holes: Holes,
-}
-
-impl Warp {
-    /// The search that serves views from such samples best, with its usual steps.
-    pub fn usual(rig: &Rig, samples: Vec<SampleId>) -> Self {
-        let search = rig.usual_search();
-        Self { search, steps: search.usual_steps(), samples, ..Self::default() }
-    }
 }
 
 impl Default for Warp {

@@ -1,7 +1,7 @@
 // Program of compositor/src/passes/fill.rs: cells become depths. A surface that goes on from one side of a cell
 // to the other fills it, over whatever lies farther; other empty cells take a neighbour's depth on trial.
 
-import package::shared::cells::{Depth, bits_of, depth_of_cell};
+import package::shared::cells::{CONTINUES, Depth, bits_of, continues, depth_of_cell};
 
 struct Fill {
     first_cell: u32,
@@ -14,9 +14,6 @@ var<immediate> fill: Fill;
 @group(0) @binding(0) var<storage, read> cells: array<u32>;
 @group(0) @binding(1) var<storage, read_write> depths: array<u32>;
 
-// Relative difference of inverse depth below which two cells are taken for one surface.
-const CONTINUES: f32 = 0.1;
-
 fn cell_at(column: i32, row: i32) -> Depth {
     let inside = column >= 0 && row >= 0 && column < fill.columns && row < fill.rows;
     let index = select(0u, u32(row * fill.columns + column), inside);
@@ -26,7 +23,7 @@ fn cell_at(column: i32, row: i32) -> Depth {
 // Between two opposite neighbours of one surface, inverse depth being affine over the image; none if they are not
 // of one.
 fn between(a: Depth, b: Depth) -> Depth {
-    return Depth(select(0.0, 0.5 * (a.q + b.q), abs(a.q - b.q) <= CONTINUES * min(a.q, b.q)), a.source);
+    return Depth(select(0.0, 0.5 * (a.q + b.q), continues(a.q, b.q)), a.source);
 }
 
 fn nearer(a: Depth, b: Depth) -> Depth {

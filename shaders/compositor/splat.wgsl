@@ -1,8 +1,9 @@
 // Program of compositor/src/passes/splat.rs: texels of a sample that lie in the view's frustum leave their
 // depth in the cells of the view that they fall into; the nearest stays.
 
-import package::shared::cells::cell_of;
-import package::shared::landing::{Landing, landed};
+import package::shared::camera::direction_in_face;
+import package::shared::cells::{cell_of, continues};
+import package::shared::landing::{Landing, landed, placed, projected};
 
 // One face of one sample, as one view sees it.
 struct Splat {
@@ -22,13 +23,117 @@ var<immediate> splat: Splat;
 @group(0) @binding(1) var<storage, read> blocks: array<u32>;
 @group(0) @binding(2) var<storage, read_write> cells: array<atomic<u32>>;
 
+// A texel that is looked at, and whether the face has it.
+struct Texel {
+    at: vec2u,
+    stride: u32,
+    inside: bool,
+}
+
+fn texel_of(group: u32, local: vec2u) -> Texel {
+    let block = blocks[splat.first_block + group];
+    let at = vec2u(block & 0x3fffu, (block >> 14u) & 0x3fffu) + local * (block >> 28u);
+    return Texel(at, block >> 28u, all(at < splat.face_size));
+}
+
+// Texels that lie as dense as cells: each leaves its depth in one.
 @compute @workgroup_size(8, 8)
 fn splat_block(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) local: vec3u) {
-    let block = blocks[splat.first_block + group.x];
-    let texel = vec2u(block & 0x3fffu, (block >> 14u) & 0x3fffu) + local.xy * (block >> 28u);
-    let stored = textureLoad(inverse_range, splat.face_offset + texel, splat.layer, 0).x;
-    let place = landed(splat.landing, texel, stored);
-    if place.inside && all(texel < splat.face_size) {
+    let texel = texel_of(group.x, local.xy);
+    let stored = textureLoad(inverse_range, splat.face_offset + texel.at, splat.layer, 0).x;
+    let place = landed(splat.landing, texel.at, stored);
+    if place.inside && texel.inside {
         atomicMax(&cells[place.cell], cell_of(place.q, splat.source));
+    }
+}
+
+// Cells between two places of a texel that it leaves its depth in, where they have to be several: `fill.wgsl` closes gaps of
+// one cell.
+const APART: f32 = 1.4;
+const CLOSED: f32 = 2.0;
+
+// Places on the edge of a texel, at most: an eye that much closer than the sample sees through the surface.
+const MOST: f32 = 32.0;
+
+// Inverse depth of a texel; 0 for one that the face has not.
+fn inverse_depth_at(at: vec2i) -> f32 {
+    let inside = all(at >= vec2i(0)) && all(at < vec2i(splat.face_size));
+    let texel = vec2u(select(vec2i(0), at, inside));
+    let stored = textureLoad(inverse_range, splat.face_offset + texel, splat.layer, 0).x;
+    let direction = direction_in_face(splat.landing.scale, splat.landing.bias, vec2f(texel) + 0.5);
+    return select(0.0, stored * length(direction), inside);
+}
+
+// A surface along one axis of the image, about a texel's centre.
+struct Along {
+    // Change of inverse depth from one texel to the next.
+    slope: f32,
+    // How far it goes on, in texels: up to where the next one's begins, or to the centre alone.
+    begin: f32,
+    end: f32,
+}
+
+// The surface goes on to neighbours of nearly its inverse depth; the smaller of two slopes is that of the plane, not of an edge.
+fn along(before: f32, own: f32, behind: f32) -> Along {
+    let goes_before = continues(before, own);
+    let goes_behind = continues(own, behind);
+    let first = select(1e30, own - before, goes_before);
+    let second = select(1e30, behind - own, goes_behind);
+    let least = select(first, second, abs(second) < abs(first));
+    let slope = select(0.0, least, goes_before || goes_behind);
+    return Along(slope, select(0.0, -0.5, goes_before), select(0.0, 0.5, goes_behind));
+}
+
+// Places between two ends of a texel, in homogeneous cell coordinates.
+fn places_between(a: vec3f, b: vec3f) -> f32 {
+    let apart = distance(a.xy / max(a.z, 1e-30), b.xy / max(b.z, 1e-30));
+    // Else one is behind the eye, or not finite.
+    let measured = a.z > 0.0 && b.z > 0.0 && apart < APART * MOST;
+    return select(MOST, select(ceil(apart / APART), 1.0, apart <= CLOSED), measured);
+}
+
+// Where the i-th of so many places lies, in texels from the centre.
+fn offset_of(i: u32, count: f32, axis: Along) -> f32 {
+    return select(mix(axis.begin, axis.end, (f32(i) + 0.5) / count), 0.0, count == 1.0);
+}
+
+// One bit for each side of the piece, and the eye's plane, that something projected lies beyond.
+fn sides_beyond(h: vec3f) -> u32 {
+    let first = vec2f(f32(splat.landing.origin_column), f32(splat.landing.origin_row));
+    let last = first + vec2f(f32(splat.landing.cell_columns), f32(splat.landing.cell_rows));
+    let before = select(vec2u(0u), vec2u(1u, 2u), h.xy < first * h.z);
+    let behind = select(vec2u(0u), vec2u(4u, 8u), h.xy > last * h.z);
+    return before.x | before.y | behind.x | behind.y | select(0u, 16u, h.z <= 0.0);
+}
+
+// Texels that lie farther apart than cells, near the eye: each is a piece of its surface's plane, and leaves its depth in
+// all cells of it, or what lies behind would be seen between them. It does not grow beyond its surface's edge.
+@compute @workgroup_size(8, 8)
+fn splat_squares(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) local: vec3u) {
+    let texel = texel_of(group.x, local.xy);
+    let stride = i32(texel.stride);
+    let at = vec2i(texel.at);
+    let own = inverse_depth_at(at);
+    let across = along(inverse_depth_at(at - vec2i(stride, 0)), own, inverse_depth_at(at + vec2i(stride, 0)));
+    let down = along(inverse_depth_at(at - vec2i(0, stride)), own, inverse_depth_at(at + vec2i(0, stride)));
+    let direction = direction_in_face(splat.landing.scale, splat.landing.bias, vec2f(texel.at) + 0.5);
+    let step = splat.landing.scale * f32(stride);
+    let middle = projected(splat.landing, direction, own);
+    let right = projected(splat.landing, vec3f(step.x, 0.0, 0.0), across.slope);
+    let below = projected(splat.landing, vec3f(0.0, -step.y, 0.0), down.slope);
+    let columns = places_between(middle + across.begin * right, middle + across.end * right);
+    let rows = places_between(middle + down.begin * below, middle + down.end * below);
+    let above = middle + down.begin * below;
+    let under = middle + down.end * below;
+    let beyond = sides_beyond(above + across.begin * right) & sides_beyond(above + across.end * right)
+        & sides_beyond(under + across.begin * right) & sides_beyond(under + across.end * right);
+    let count = select(0u, u32(columns * rows), texel.inside && own > 0.0 && beyond == 0u);
+    for (var i = 0u; i < count; i++) {
+        let x = offset_of(i % u32(columns), columns, across);
+        let y = offset_of(i / u32(columns), rows, down);
+        let place = placed(splat.landing, middle + right * x + below * y, own + across.slope * x + down.slope * y);
+        if place.inside {
+            atomicMax(&cells[place.cell], cell_of(place.q, splat.source));
+        }
     }
 }

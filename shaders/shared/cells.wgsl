@@ -40,3 +40,11 @@ fn depth_of_cell(cell: u32) -> Depth {
     let source = cell & 7u;
     return Depth(bitcast<f32>(select(0u, (cell & ~7u) + source * HANDICAP, cell >= 8u)), source);
 }
+
+// Relative difference of inverse depth below which two neighbours are taken for one surface.
+const CONTINUES: f32 = 0.1;
+
+// Whether two positive inverse depths are of one surface.
+fn continues(a: f32, b: f32) -> bool {
+    return abs(a - b) <= CONTINUES * min(a, b);
+}

@@ -29,14 +29,18 @@ struct Landed {
     inside: bool,
 }
 
-// Where a texel lands whose surface has that inverse range.
-fn landed(landing: Landing, texel: vec2u, inverse_range: f32) -> Landed {
-    let direction = direction_in_face(landing.scale, landing.bias, vec2f(texel) + 0.5);
-    let inverse_depth = inverse_range * length(direction);
+// What lies in a direction (in the image's axes, at depth 1) at an inverse depth: cell coordinates times w, and w. Linear in
+// both.
+fn projected(landing: Landing, direction: vec3f, inverse_depth: f32) -> vec3f {
     let p = vec4f(direction, inverse_depth);
-    let w = dot(landing.depth, p);
+    return vec3f(dot(landing.column, p), dot(landing.row, p), dot(landing.depth, p));
+}
+
+// The cell that something falls into which was projected.
+fn placed(landing: Landing, h: vec3f, inverse_depth: f32) -> Landed {
+    let w = h.z;
     let q = inverse_depth / max(w, 1e-30);
-    let at = floor(vec2f(dot(landing.column, p), dot(landing.row, p)) / max(w, 1e-30));
+    let at = floor(h.xy / max(w, 1e-30));
     // Written so that whatever is not finite, behind the eye or of another piece fails; sky has range 0.
     let size = vec2f(f32(landing.cell_columns), f32(landing.cell_rows));
     let cell = at - vec2f(f32(landing.origin_column), f32(landing.origin_row));
@@ -45,4 +49,11 @@ fn landed(landing: Landing, texel: vec2u, inverse_range: f32) -> Landed {
     // What is not inside may have any index.
     let index = landing.first_cell + u32(cell.y) * u32(landing.cell_columns) + u32(cell.x);
     return Landed(q, index, inside);
+}
+
+// Where a texel lands whose surface has that inverse range.
+fn landed(landing: Landing, texel: vec2u, inverse_range: f32) -> Landed {
+    let direction = direction_in_face(landing.scale, landing.bias, vec2f(texel) + 0.5);
+    let inverse_depth = inverse_range * length(direction);
+    return placed(landing, projected(landing, direction, inverse_depth), inverse_depth);
 }

@@ -1,5 +1,6 @@
 //! Arguments of `argus study warp`.
 
+use argus_scene::Search;
 use argus_studies::warp::{Options, run};
 use argus_studies::{Effort as _, Report};
 use indicatif::ProgressBar;
@@ -20,6 +21,9 @@ pub(super) struct Warp {
     /// Views of the walk [default: 12]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     views: Option<u16>,
+    /// Searches that are measured, without what samples of other resolutions give
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = args::search())]
+    searches: Option<Vec<Search>>,
     #[command(flatten)]
     rig: args::Rig,
 }
@@ -33,6 +37,10 @@ impl Warp {
         options.rig = self.rig.knobs();
         if let Some(samples) = self.rig.samples {
             options.samples = vec![samples as usize];
+        }
+        if let Some(searches) = self.searches {
+            options.searches = searches;
+            options.resolutions.clear();
         }
         blocking(options, progress, run).await
     }

@@ -183,7 +183,7 @@ fn row(
         .iter()
         .map(|Step { camera, .. }| {
             let samples = bench.sample_ids(camera, options.samples);
-            let plan = Plan::Warp(Warp::usual(&bench.info.rig, samples));
+            let plan = Plan::Warp(Warp { samples, ..Warp::default() });
             bench.job(*camera, options.size, outputs, plan)
         })
         .collect();

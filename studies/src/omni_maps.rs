@@ -148,7 +148,7 @@ fn row(
         .iter()
         .map(|camera| {
             let samples = bench.sample_ids(camera, options.samples);
-            let plan = Plan::Warp(Warp::usual(&bench.info.rig, samples));
+            let plan = Plan::Warp(Warp { samples, ..Warp::default() });
             bench.job(*camera, options.size, Outputs { range: true, ..Outputs::COLOR }, plan)
         })
         .collect();

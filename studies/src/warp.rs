@@ -37,9 +37,11 @@ pub struct Options {
     pub samples: Vec<usize>,
     /// Sub-pixels a side.
     pub supersampling: Vec<u32>,
+    /// Searches that are measured.
+    pub searches: Vec<Search>,
     /// Steps of each search that takes them.
     pub steps: fn(Search) -> &'static [u32],
-    /// Resolutions of the samples, as factors of the rig's, that its usual search is measured with besides.
+    /// Resolutions of the samples, as factors of the rig's, that the default search is measured with besides.
     pub resolutions: Vec<f64>,
     /// Rounds that medians are taken over.
     pub rounds: usize,
@@ -59,6 +61,7 @@ impl Default for Options {
             rig: RigKnobs::default(),
             samples: vec![1, 2, 4, 8],
             supersampling: vec![1, 2],
+            searches: Search::ALL.to_vec(),
             steps: |search| match search {
                 Search::Linear => &[16, 64, 200],
                 Search::FixedPoint => &[2, 4, 8],
@@ -180,10 +183,8 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let directs = [1, 4, 16].map(|samples_per_pixel| Way::Direct { samples_per_pixel });
     let ways: Vec<Way> = directs.into_iter().chain(study.grid(&bench)).collect();
     let rigs = options.resolutions.iter().map(|&factor| finer(&bench.info.rig, factor)).collect::<Vec<_>>();
-    let search = bench.info.rig.usual_search();
-    let steps = search.takes_steps().then(|| search.usual_steps());
     let few = |samples| {
-        let way = move |&side: &u32| Way::Warp { search, steps, samples, side };
+        let way = move |&side: &u32| Way::Warp { search: Search::default(), steps: None, samples, side };
         options.supersampling.iter().map(way)
     };
     let few: Vec<Way> = few(2).chain(few(4)).collect();
@@ -238,7 +239,7 @@ impl<'a> Study<'a> {
         let mut counts: Vec<usize> = self.options.samples.iter().map(|&n| n.min(most.unwrap_or(n))).collect();
         counts.dedup();
         let mut ways = Vec::new();
-        for search in Search::ALL {
+        for &search in &self.options.searches {
             let steps = (self.options.steps)(search);
             let steps: Vec<Option<u32>> =
                 if steps.is_empty() { vec![None] } else { steps.iter().copied().map(Some).collect() };

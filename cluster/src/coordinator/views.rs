@@ -9,7 +9,7 @@ use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Description, v1};
 use argus_scene::scene::NamedCamera;
-use argus_scene::{InvalidField, PlanRequest, View};
+use argus_scene::{InvalidField, PlanRequest, Search, View};
 use futures::Stream;
 use tokio::time::Instant;
 use tonic::{Request, Response, Status, Streaming};
@@ -41,7 +41,7 @@ impl ViewsService {
         if cameras.is_empty() {
             cameras.push(NamedCamera { name: "default".to_owned(), camera: scene.default_camera() });
         }
-        let search = set.rig.usual_search();
+        let search = Search::default();
         let description = Description {
             scene_name: scene.name.clone(),
             scene_hash: scene.hash,

@@ -47,7 +47,7 @@ pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) 
     let count = request.samples.unwrap_or(samples) as usize;
     let indices = set.rig.nearest_among(&view.camera, count, refined);
     let (epoch, generation) = (set.epoch, set.generation);
-    let search = request.search.unwrap_or(set.rig.usual_search());
+    let search = request.search.unwrap_or_default();
     Ok(Plan::Warp(Warp {
         search,
         steps: request.steps.unwrap_or(config.steps_of(search)),

@@ -27,20 +27,10 @@ use tokio::time::Instant;
 use tracing::{Instrument, Span, debug_span, warn};
 
 use super::node::Node;
-use crate::core::Role;
+use crate::core::{Role, Source};
 use crate::seldom::Seldom;
 
 pub(super) type Fetch = BoxFuture<'static, Result<Arc<Sample>, Fault>>;
-
-/// A sample that a view needs.
-#[derive(Debug, Clone)]
-pub(super) struct Needed {
-    pub(super) id: SampleId,
-    /// Who has it, or can render it, best first.
-    pub(super) addresses: Vec<String>,
-    /// Where none of them has it, the view gets another plan: it is not rendered here.
-    pub(super) dispensable: bool,
-}
 
 /// What a sample is fetched for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -102,7 +92,7 @@ impl Fetches {
 pub(super) async fn at_hand(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
-    needed: Needed,
+    needed: Source,
 ) -> Result<Arc<Sample>, Fault> {
     let id = needed.id;
     if let Some(sample) = node.store.get(id) {
@@ -123,9 +113,9 @@ pub(super) async fn at_hand(
 async fn fetched_or_rendered(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
-    needed: Needed,
+    needed: Source,
 ) -> Result<Arc<Sample>, Fault> {
-    let Needed { id, addresses, dispensable } = needed;
+    let Source { id, addresses, dispensable } = needed;
     // Another fetch may have ended since somebody looked.
     if let Some(sample) = node.store.get(id) {
         return Ok(sample);

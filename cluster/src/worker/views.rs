@@ -25,12 +25,12 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::{Instrument, Span, debug_span, field, warn};
 
-use super::fetch::Needed;
 use super::histories::MAX_NAME;
 use super::node::{Active, Node};
 use super::queue::Rendered;
 use super::room::{self, Room};
 use super::{fetch, trace};
+use crate::core::Source;
 use crate::core::quality::Observed;
 use crate::sealed::Kind;
 use crate::seldom::Seldom;
@@ -62,7 +62,7 @@ struct Ordered {
     job: ViewJob,
     info: Arc<SampleSetInfo>,
     /// The plan's samples in its order.
-    samples: Vec<Needed>,
+    samples: Vec<Source>,
     /// Who traces what no sample saw, where the plan wants that.
     tracers: Vec<String>,
     /// Exactly this plan, or no frame.
@@ -275,7 +275,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         }
         info.camera(id.index)?;
         let v1::SampleSource { addresses, dispensable, .. } = sources.remove(id).unwrap_or_default();
-        samples.push(Needed { id: *id, addresses, dispensable });
+        samples.push(Source { id: *id, addresses, dispensable });
     }
     let View { camera, width, height, outputs, pin, .. } = view;
     // A view from triangles can be repeated in the way that it was seen, whichever is this cluster's.

@@ -51,7 +51,7 @@ pub(super) fn compositor(
     let sample =
         Arc::new(Sample { id, camera: sample_camera, planes: planes(&sample_camera), stages: Vec::new() });
     compositor.hold(&SampleSet { info: info.clone(), samples: vec![sample] })?;
-    let plan = Plan::Warp(Warp::usual(&info.rig, vec![id]));
+    let plan = Plan::Warp(Warp { samples: vec![id], ..Warp::default() });
     let frames = compositor.compose(&[view(info, camera, plan)], &Cancel::default());
     compositor.release(&[id]);
     frames.into_iter().try_for_each(|frame| frame.map(drop))

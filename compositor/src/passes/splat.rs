@@ -6,7 +6,8 @@ use argus_shaders::layout::compositor::Splat;
 /// The pass: one dispatch a view, sample and face.
 #[derive(Debug)]
 pub(crate) struct SplatPass {
-    pipeline: ComputePipeline,
+    points: ComputePipeline,
+    squares: ComputePipeline,
 }
 
 /// What one dispatch reads beside the samples.
@@ -14,6 +15,8 @@ pub(crate) struct SplatPass {
 pub(crate) struct SplatCall {
     pub(crate) splat: Splat,
     pub(crate) block_count: u32,
+    /// Whether their texels lie farther apart than cells.
+    pub(crate) sparse: bool,
 }
 
 /// Workgroups that a device takes in one dimension; a splat has one a block.
@@ -21,7 +24,8 @@ const MAX_GROUPS: u32 = 65_535;
 
 impl SplatPass {
     pub(crate) fn new(gpu: &Gpu) -> Self {
-        Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::SPLAT, "splat_block") }
+        let pipeline = |entry| gpu.compute_pipeline(&argus_shaders::compositor::SPLAT, entry);
+        Self { points: pipeline("splat_block"), squares: pipeline("splat_squares") }
     }
 
     pub(crate) fn record(
@@ -32,19 +36,26 @@ impl SplatPass {
         blocks: &wgpu::Buffer,
         cells: &wgpu::Buffer,
     ) {
-        commands
-            .compute("splat samples", &self.pipeline)
-            .read("inverse_range", inverse_range)
-            .read("blocks", blocks)
-            .write("cells", cells)
-            .each(|pass| {
-                for call in calls {
-                    for begin in (0..call.block_count).step_by(MAX_GROUPS as usize) {
-                        let splat = Splat { first_block: call.splat.first_block + begin, ..call.splat };
-                        pass.set_immediates(0, bytemuck::bytes_of(&splat));
-                        pass.dispatch_workgroups((call.block_count - begin).min(MAX_GROUPS), 1, 1);
+        for (name, pipeline, sparse) in
+            [("splat samples", &self.points, false), ("splat squares", &self.squares, true)]
+        {
+            if !calls.iter().any(|call| call.sparse == sparse) {
+                continue;
+            }
+            commands
+                .compute(name, pipeline)
+                .read("inverse_range", inverse_range)
+                .read("blocks", blocks)
+                .write("cells", cells)
+                .each(|pass| {
+                    for call in calls.iter().filter(|call| call.sparse == sparse) {
+                        for begin in (0..call.block_count).step_by(MAX_GROUPS as usize) {
+                            let splat = Splat { first_block: call.splat.first_block + begin, ..call.splat };
+                            pass.set_immediates(0, bytemuck::bytes_of(&splat));
+                            pass.dispatch_workgroups((call.block_count - begin).min(MAX_GROUPS), 1, 1);
+                        }
                     }
-                }
-            });
+                });
+        }
     }
 }

@@ -1,0 +1,165 @@
+//! The texture arrays of samples of one class, a layer a sample, and what classes there are.
+
+use argus_gpu::Gpu;
+use argus_gpu::plane::{self, texture_format};
+use argus_gpu::wgpu;
+use argus_scene::{PlaneFormat, PlaneKind};
+
+/// What samples must have in common to share texture arrays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct PoolClass {
+    pub(crate) size: [u32; 2],
+    pub(crate) radiance: PlaneFormat,
+    pub(crate) glossy: bool,
+    /// They say which map of surroundings each surface looks up.
+    pub(crate) reflects: bool,
+    pub(crate) omni: bool,
+}
+
+/// The texture format of the display plane: sRGB, and whether it is glossy.
+pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+impl PoolClass {
+    fn planes(&self) -> Vec<(PlaneKind, PlaneFormat)> {
+        let mut planes =
+            vec![(PlaneKind::Radiance, self.radiance), (PlaneKind::InverseRange, PlaneFormat::R32Float)];
+        if self.glossy {
+            planes.push((PlaneKind::Normal, PlaneFormat::Rg16Snorm));
+            planes.push((PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
+        }
+        if self.reflects {
+            planes.push((PlaneKind::Reflector, PlaneFormat::R32Uint));
+        }
+        planes
+    }
+
+    /// Levels of a plane, each half as fine as the one before: radiance is looked up with a footprint that fits the view.
+    fn levels(&self, kind: PlaneKind) -> u32 {
+        let shortest = self.size[0].min(self.size[1]);
+        let most = if kind == PlaneKind::Radiance { MAX_LEVELS } else { 1 };
+        // A level of a few texels is of no use, least for the faces of a cube.
+        (1..most).take_while(|&level| (shortest >> level) >= LEAST_SIDE).count() as u32 + 1
+    }
+
+    /// Bytes of one sample.
+    pub(crate) fn layer_bytes(&self) -> u64 {
+        let texels = u64::from(self.size[0]) * u64::from(self.size[1]);
+        let plane = |&(kind, format): &(PlaneKind, PlaneFormat)| {
+            let levels = (0..self.levels(kind)).map(|level| texels >> (2 * level)).sum::<u64>();
+            format.texel_bytes() as u64 * levels
+        };
+        let display =
+            (0..self.levels(PlaneKind::Radiance)).map(|level| 4 * (texels >> (2 * level))).sum::<u64>();
+        self.planes().iter().map(plane).sum::<u64>() + display
+    }
+}
+
+/// One plane's array, and the views that passes bind.
+#[derive(Debug)]
+pub(crate) struct Array {
+    pub(crate) texture: wgpu::Texture,
+    /// All levels.
+    pub(crate) view: wgpu::TextureView,
+    /// Each level alone.
+    pub(crate) levels: Vec<wgpu::TextureView>,
+}
+
+impl Array {
+    fn new(gpu: &Gpu, desc: &wgpu::TextureDescriptor<'_>) -> Self {
+        let texture = gpu.device.create_texture(desc);
+        let view = |base_mip_level, mip_level_count| {
+            texture.create_view(&wgpu::TextureViewDescriptor {
+                // Said outright, since a pool of one layer would be seen as no array.
+                dimension: Some(wgpu::TextureViewDimension::D2Array),
+                base_mip_level,
+                mip_level_count,
+                ..Default::default()
+            })
+        };
+        let levels = (0..desc.mip_level_count).map(|level| view(level, Some(1))).collect();
+        Self { view: view(0, None), levels, texture }
+    }
+
+    /// A level alone, or the coarsest if there is none so coarse.
+    pub(crate) fn level(&self, level: u32) -> &wgpu::TextureView {
+        &self.levels[(level as usize).min(self.levels.len() - 1)]
+    }
+
+    /// Copies all levels of a layer of another array into one of this.
+    fn copy_layer(&self, layer: u32, from: &Self, source: u32, encoder: &mut wgpu::CommandEncoder) {
+        for mip_level in 0..self.texture.mip_level_count() {
+            let extent = wgpu::Extent3d {
+                width: self.texture.width() >> mip_level,
+                height: self.texture.height() >> mip_level,
+                depth_or_array_layers: 1,
+            };
+            let level = |texture, z| wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level,
+                origin: wgpu::Origin3d { x: 0, y: 0, z },
+                aspect: wgpu::TextureAspect::All,
+            };
+            encoder.copy_texture_to_texture(
+                level(&from.texture, source),
+                level(&self.texture, layer),
+                extent,
+            );
+        }
+    }
+}
+
+/// The arrays of a class.
+#[derive(Debug)]
+pub(crate) struct Arrays {
+    pub(crate) planes: Vec<(PlaneKind, Array)>,
+    /// What most views show of the samples, derived from the planes: `shaders/compositor/mips.wgsl`.
+    pub(crate) display: Array,
+}
+
+impl Arrays {
+    /// Arrays of so many layers, with no memory touched yet.
+    pub(crate) fn new(gpu: &Gpu, class: &PoolClass, layers: u32) -> Self {
+        let [width, height] = class.size;
+        let array = |levels, format, usage| {
+            Array::new(
+                gpu,
+                &wgpu::TextureDescriptor {
+                    label: Some("samples"),
+                    size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
+                    mip_level_count: levels,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format,
+                    usage,
+                    view_formats: &[],
+                },
+            )
+        };
+        let plane = |(kind, format)| (kind, array(class.levels(kind), texture_format(format), plane::USAGE));
+        let display_usage = plane::USAGE | wgpu::TextureUsages::STORAGE_BINDING;
+        Self {
+            planes: class.planes().into_iter().map(plane).collect(),
+            display: array(class.levels(PlaneKind::Radiance), DISPLAY, display_usage),
+        }
+    }
+
+    /// Copies a layer of other arrays of this class into one of these.
+    pub(crate) fn copy_layer(
+        &self,
+        layer: u32,
+        from: &Self,
+        source: u32,
+        encoder: &mut wgpu::CommandEncoder,
+    ) {
+        for ((_, new), (_, old)) in self.planes.iter().zip(&from.planes) {
+            new.copy_layer(layer, old, source, encoder);
+        }
+        self.display.copy_layer(layer, &from.display, source, encoder);
+    }
+}
+
+/// Levels of radiance: a view may be up to eight times as coarse as its samples before it aliases.
+const MAX_LEVELS: u32 = 4;
+
+/// Texels on a side of the coarsest level.
+const LEAST_SIDE: u32 = 16;
