@@ -46,6 +46,11 @@ pub(crate) fn plan(
     let is = |one| *search == one;
     vec![
         row("splat samples", fills && !recalls, &splat_why),
+        row(
+            "splat squares",
+            fills && !recalls,
+            "texels that may lie farther apart than cells leave their depth in all that are between",
+        ),
         row(RecallPass::NAME, recalls, unrecalled.unwrap_or("an earlier frame shows most of the view")),
         row("fill cells", fills, &searched),
         row("clear cells", is(Search::Splat), "cells that no texel came near are sky if the samples say so"),
