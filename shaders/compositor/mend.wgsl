@@ -1,23 +1,23 @@
 // Program of compositor/src/passes/mend.rs: pixels of a piece that the warp could not settle with the one sample that it
 // looks at are tried in all of them. What none has at a depth that was splatted about there is sky if they see past everything;
-// else it is searched for along its ray.
+// else it is searched for along its ray, in the paper's way: the others take a surface that is near for one that no sample saw.
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
-import package::shared::elsewhere::pixel_elsewhere;
 import package::shared::fetch::{
     Fetch, SETTLED, crossing_of_bounds, direction_of, fetch_from, is_better, is_clear, not_baked, nothing_at, position_of,
     view,
 };
 import package::shared::left_over::{place_of, stretch_of};
-import package::shared::pixel::{CERTAIN, OTHER, Pixel, sky_pixel, surface_pixel};
+import package::shared::march::march;
+import package::shared::pixel::{CERTAIN, OTHER, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
 import package::shared::targets::{store_linear, store_shown};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 @group(0) @binding(10) var<storage, read> unsettled: array<u32>;
 @group(0) @binding(11) var<storage, read> cells: array<u32>;
 
-// Steps of the search along a ray.
-const STEPS_ELSEWHERE: u32 = 4u;
+// Steps along a ray.
+const STEPS_ALONG: u32 = 64u;
 
 // The best of all samples for one depth.
 struct Found {
@@ -73,23 +73,27 @@ fn mend(place: vec2u) -> Pixel {
     for (var k = 0u; k < not_baked(1u) && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
         found = look_up(d, was);
     }
-    var pixel = surface_pixel(found.fetch, found.source, d);
-    pixel.source += select(0u, OTHER, found.source != became.source);
     // Loops, since the software driver leaves one that no pixel needs, where it would run a branch.
     var clear = false;
     for (var k = 0u; k < not_baked(1u) && !found.settled; k++) {
         clear = is_clear(d);
     }
+    for (var k = 0u; k < not_baked(1u) && !found.settled && !clear; k++) {
+        let end = march(d, crossing_of_bounds(view.bounds_min, view.bounds_max, d), STEPS_ALONG);
+        found = look_up(d, Depth(select(0.0, 1.0 / max(end.t, 1e-20), end.found), became.source));
+    }
+    if found.settled {
+        var pixel = surface_pixel(found.fetch, found.source, d);
+        pixel.source += select(0u, OTHER, found.source != became.source);
+        return pixel;
+    }
     if clear {
         // Each point is seen past by some sample, not by two.
-        pixel = sky_pixel(d);
+        var pixel = sky_pixel(d);
         pixel.confidence = CERTAIN >> 1u;
+        return pixel;
     }
-    for (var k = 0u; k < not_baked(1u) && !found.settled && !clear; k++) {
-        let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
-        pixel = pixel_elsewhere(d, span, found.fetch.q, became.source, STEPS_ELSEWHERE);
-    }
-    return pixel;
+    return unresolved_pixel(found.fetch, d);
 }
 
 @compute @workgroup_size(64)
