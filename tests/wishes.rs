@@ -61,7 +61,9 @@ fn a_tight_bound_is_rendered_or_traced_a_loose_one_is_warped_and_the_truth_keeps
         |report: &Value, key: &str| report[key].as_f64().unwrap_or_else(|| panic!("{key}: {report:#}"));
 
     let loose = view(&["--max-error", "0.9", "--verify"]);
-    assert_eq!(loose["search"], "splat", "{loose:#}");
+    // Which search, depends on what these few views happen to show and take.
+    let is_warped = |report: &Value| report["search"] != "direct" && report["served"]["traced"] == 0;
+    assert!(is_warped(&loose), "{loose:#}");
     let predicted = &loose["predicted"];
     assert!(number(predicted, "error") <= 0.9 && number(predicted, "ms") > 0.0, "{loose:#}");
     assert!(number(&loose, "measured_ms") > 0.0);
@@ -73,7 +75,7 @@ fn a_tight_bound_is_rendered_or_traced_a_loose_one_is_warped_and_the_truth_keeps
     assert!(number(&tight, "true_error") < number(&loose, "true_error"), "{tight:#} {loose:#}");
 
     let soon = view(&["--preset", "interactive"]);
-    assert_eq!(soon["search"], "splat", "{soon:#}");
+    assert!(is_warped(&soon), "{soon:#}");
     assert!(soon["true_error"].is_null() && soon["predicted"]["ms"].is_f64());
     let late = view(&["--deadline-ms", "100000"]);
     assert_eq!(late["search"], "direct", "with all the time in the world: {late:#}");

@@ -1,5 +1,7 @@
 //! Which setting to try first, and what to do with the frame that came of it.
 
+use std::cmp::Ordering;
+
 use argus_scene::{Holes, PlanRequest, Prediction, Preset};
 
 use super::Setting;
@@ -134,7 +136,7 @@ pub fn next(
     // What was thrown away can be made again, but not to be judged again.
     let unjudged: Vec<Setting> = if last { open.iter().map(|c| c.setting).collect() } else { tried.to_vec() };
     match bounded(&open, &unjudged, bound) {
-        Some(chosen) if chosen.error.upper() <= bound || chosen.error.upper() < seen.error.upper() => {
+        Some(chosen) if chosen.error.upper() <= bound || by_error(&chosen, seen).is_lt() => {
             attempt(&chosen, !unjudged.contains(&chosen.setting))
         }
         // Nothing is better.
@@ -147,7 +149,7 @@ pub fn next(
 /// `unjudged` are tried only if they are certain, or the best.
 fn bounded<'a>(open: &[Candidate<'a>], unjudged: &[Setting], bound: f64) -> Option<Candidate<'a>> {
     let certain = least(open.iter().filter(|c| c.error.upper() <= bound), |c| c.ms);
-    let fallback = certain.or_else(|| least(open.iter(), |c| c.error.upper()))?;
+    let fallback = certain.or_else(|| open.iter().min_by(|a, b| by_error(a, b)).copied())?;
     let mut by_cost: Vec<(f64, &Candidate<'_>)> =
         open.iter().map(|c| (c.error.share_within(bound, c.judged_factor), c)).collect();
     by_cost.sort_by(|a, b| a.1.ms.total_cmp(&b.1.ms));
@@ -184,6 +186,12 @@ fn attempt(candidate: &Candidate<'_>, judged: bool) -> Step {
 
 fn expected(candidate: &Candidate<'_>) -> Prediction {
     Prediction { error: candidate.error.upper(), ms: candidate.ms }
+}
+
+/// The one first whose error is sure to be less; of two that may both be wrong in any way, the one that is expected to be less so.
+fn by_error(a: &Candidate<'_>, b: &Candidate<'_>) -> Ordering {
+    let upper = a.error.upper().total_cmp(&b.error.upper());
+    upper.then_with(|| a.error.median().total_cmp(&b.error.median()))
 }
 
 /// The candidate with the least of something; what is not a number is more than any number.

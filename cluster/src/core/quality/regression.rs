@@ -11,6 +11,9 @@ const QUANTILES: usize = 41;
 /// How much the logarithm of the error may rise for every standard deviation that a feature lies outside of
 /// what was calibrated.
 const OUTSIDE: f64 = 0.25;
+/// A standard deviation is at least this, however little calibration varied the feature: all are logarithms, roots
+/// and shares. A view with two unresolved pixels is believed, though nearly all of those calibrated had none.
+const LEAST_SCALE: f64 = 0.05;
 
 /// One feature's part.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -108,7 +111,7 @@ impl Regression {
         for (x, term) in features.iter().zip(&self.terms) {
             let inside = x.clamp(term.low, term.high);
             belief.mean += term.weight * (inside - term.center) / term.scale;
-            belief.outside += OUTSIDE * (x - inside).abs() / term.scale;
+            belief.outside += OUTSIDE * (x - inside).abs() / term.scale.max(LEAST_SCALE);
         }
         belief
     }
@@ -248,6 +251,16 @@ mod tests {
                 (row, error)
             })
             .unzip()
+    }
+
+    #[test]
+    fn a_little_more_of_what_calibration_hardly_varied_is_believed_and_much_more_is_not() {
+        let (mut train, errors) = rows(40, 5);
+        train.iter_mut().enumerate().for_each(|(i, row)| row.push(if i == 0 { 0.001 } else { 0.0 }));
+        let regression = Regression::fit(&train, &errors).unwrap();
+        let upper = |more: f64| regression.believe(&[0.0, 10.0, 0.0, 7.0, more]).upper();
+        assert!(upper(0.026) < 1.3 * upper(0.001), "{} {}", upper(0.026), upper(0.001));
+        assert!(upper(0.3) > 3.0 * upper(0.001), "{} {}", upper(0.3), upper(0.001));
     }
 
     #[test]
