@@ -5,6 +5,7 @@
 //! everything else. Exit codes: 0 done, 1 failed, 2 bad arguments.
 
 mod args;
+mod browse;
 mod certs;
 mod compare;
 mod config;
@@ -57,6 +58,7 @@ Examples:
   argus demo                                  sixteen viewers of the built-in scene, start to finish
   argus serve --scene model.glb               serve a scene on this machine, then, elsewhere:
   argus view --eye 3,2,5 --target 0,1,0 --out view.png
+  argus browse                                walk through it, in a browser
   argus load --clients 16 --seconds 10        how many views a second does the server manage?
   argus status                                who does what, and what it costs
   argus config                                the settings in effect, and where they come from
@@ -71,6 +73,7 @@ enum Command {
     Coordinator(coordinator::Args),
     Worker(worker::Args),
     View(view::Args),
+    Browse(browse::Args),
     Load(load::Args),
     Status(status::Args),
     Health(health::Args),
@@ -120,6 +123,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Coordinator(args) => runtime.block_on(coordinator::run(args, sources)),
         Command::Worker(args) => runtime.block_on(worker::run(args, sources)),
         Command::View(args) => runtime.block_on(view::run(args, sources)),
+        Command::Browse(args) => runtime.block_on(browse::run(args, sources)),
         Command::Load(args) => runtime.block_on(load::run(args, sources)),
         Command::Status(args) => runtime.block_on(status::run(args, sources)),
         Command::Health(args) => runtime.block_on(health::run(args, sources)),

@@ -25,7 +25,7 @@ pub(crate) struct Pool {
 }
 
 /// Larger arrays that will take the place of a pool's. They are made ready a few layers at a time, with each sample that comes
-/// in, since all at once keeps the views of a batch waiting for a quarter of a second (64 layers of 800x600 texels).
+/// in, since all at once keeps the views of a batch waiting: 233 ms for the step from 64 to 128 layers (`argus study soak`).
 #[derive(Debug)]
 struct Growth {
     arrays: Arrays,
@@ -37,7 +37,7 @@ struct Growth {
 /// Layers that a pool begins with: the samples of one tile or the nearest of one cell.
 const FIRST_LAYERS: u32 = 4;
 
-/// A pool grows from when this share of its layers is free.
+/// A pool grows from when no more than one of so many of its layers is free.
 const FEW: u32 = 4;
 
 impl Pool {

@@ -1,9 +1,8 @@
 // Program of compositor/src/passes/splat.rs: texels of a sample that lie in the view's frustum leave their
 // depth in the cells of the view that they fall into; the nearest stays.
 
-import package::shared::camera::direction_in_face;
 import package::shared::cells::{cell_of, continues};
-import package::shared::landing::{Landing, landed, placed, projected};
+import package::shared::landing::{Landing, direction_of_texel, landed, placed, projected};
 
 // One face of one sample, as one view sees it.
 struct Splat {
@@ -60,8 +59,7 @@ fn inverse_depth_at(at: vec2i) -> f32 {
     let inside = all(at >= vec2i(0)) && all(at < vec2i(splat.face_size));
     let texel = vec2u(select(vec2i(0), at, inside));
     let stored = textureLoad(inverse_range, splat.face_offset + texel, splat.layer, 0).x;
-    let direction = direction_in_face(splat.landing.scale, splat.landing.bias, vec2f(texel) + 0.5);
-    return select(0.0, stored * length(direction), inside);
+    return select(0.0, stored * length(direction_of_texel(splat.landing, texel)), inside);
 }
 
 // A surface along one axis of the image, about a texel's centre.
@@ -116,9 +114,8 @@ fn splat_squares(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
     let own = inverse_depth_at(at);
     let across = along(inverse_depth_at(at - vec2i(stride, 0)), own, inverse_depth_at(at + vec2i(stride, 0)));
     let down = along(inverse_depth_at(at - vec2i(0, stride)), own, inverse_depth_at(at + vec2i(0, stride)));
-    let direction = direction_in_face(splat.landing.scale, splat.landing.bias, vec2f(texel.at) + 0.5);
     let step = splat.landing.scale * f32(stride);
-    let middle = projected(splat.landing, direction, own);
+    let middle = projected(splat.landing, direction_of_texel(splat.landing, texel.at), own);
     let right = projected(splat.landing, vec3f(step.x, 0.0, 0.0), across.slope);
     let below = projected(splat.landing, vec3f(0.0, -step.y, 0.0), down.slope);
     let columns = places_between(middle + across.begin * right, middle + across.end * right);
@@ -127,7 +124,7 @@ fn splat_squares(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
     let under = middle + down.end * below;
     let beyond = sides_beyond(above + across.begin * right) & sides_beyond(above + across.end * right)
         & sides_beyond(under + across.begin * right) & sides_beyond(under + across.end * right);
-    let count = select(0u, u32(columns * rows), texel.inside && own > 0.0 && beyond == 0u);
+    let count = select(0u, u32(columns * rows), own > 0.0 && beyond == 0u);
     for (var i = 0u; i < count; i++) {
         let x = offset_of(i % u32(columns), columns, across);
         let y = offset_of(i / u32(columns), rows, down);

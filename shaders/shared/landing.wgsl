@@ -51,9 +51,14 @@ fn placed(landing: Landing, h: vec3f, inverse_depth: f32) -> Landed {
     return Landed(q, index, inside);
 }
 
+// The direction of a texel's centre, in the image's axes at depth 1.
+fn direction_of_texel(landing: Landing, texel: vec2u) -> vec3f {
+    return direction_in_face(landing.scale, landing.bias, vec2f(texel) + 0.5);
+}
+
 // Where a texel lands whose surface has that inverse range.
 fn landed(landing: Landing, texel: vec2u, inverse_range: f32) -> Landed {
-    let direction = direction_in_face(landing.scale, landing.bias, vec2f(texel) + 0.5);
+    let direction = direction_of_texel(landing, texel);
     let inverse_depth = inverse_range * length(direction);
     return placed(landing, projected(landing, direction, inverse_depth), inverse_depth);
 }

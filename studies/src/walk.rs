@@ -85,7 +85,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let device = client.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
     let cameras = walk(&client.description().bounds, options.views);
     let step = (options.views / options.judged.max(1)).max(1);
-    let mut references: Vec<Option<RgbImage>> = vec![None; cameras.len()];
+    let mut truths: Vec<Option<Truth>> = cameras.iter().map(|_| None).collect();
     let mut rows = Vec::new();
     for lap in 0..options.laps {
         if lap > 0 {
@@ -93,8 +93,8 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
             settle(&client, options.pause_secs).await?;
         }
         progress.set_message("a lap");
-        let (mut unresolved, mut flips, mut view_ms, mut samples_ms) =
-            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let (mut unresolved, mut flips, mut direct_flips) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut view_ms, mut samples_ms) = (Vec::new(), Vec::new());
         for (i, camera) in cameras.iter().enumerate() {
             let answer = look(&client, options, *camera, options.plan).await?;
             unresolved.push(answer.frame.unresolved_fraction);
@@ -104,17 +104,12 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
             view_ms.push(stage(|name| !["samples", "queue", "relay", "encode"].contains(&name)));
             samples_ms.push(stage(|name| name == "samples"));
             if i % step == 0 && flips.len() < options.judged {
-                let shown = image_of(&answer)?;
-                if references[i].is_none() {
-                    let exact = PlanRequest {
-                        direct: true,
-                        supersampling: Some(REFERENCE_SIDE),
-                        ..PlanRequest::default()
-                    };
-                    references[i] = Some(image_of(&look(&client, options, *camera, exact).await?)?);
+                if truths[i].is_none() {
+                    truths[i] = Some(Truth::of(&client, options, *camera).await?);
                 }
-                if let Some(reference) = &references[i] {
-                    flips.push(metrics::compare(reference, &shown)?.flip_mean);
+                if let Some(truth) = &truths[i] {
+                    flips.push(metrics::compare(&truth.reference, &image_of(&answer)?)?.flip_mean);
+                    direct_flips.push(truth.direct_flip);
                 }
             }
         }
@@ -126,6 +121,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
             "unresolved_fraction": mean(unresolved.iter().copied()),
             "unresolved_worst": unresolved.iter().copied().fold(0.0, f64::max),
             "flip": mean(flips),
+            "direct_flip": mean(direct_flips),
             "samples_held": status.workers.iter().map(|w| w.samples_held).max().unwrap_or(0),
             "refinements": status.refinements.usable,
             "refinements_wanted": status.refinements.wanted,
@@ -140,6 +136,28 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     }
     cluster.stop()?;
     Ok(Report::new(options.scene.clone(), Machine::here(&device), rows))
+}
+
+/// What a view should show.
+struct Truth {
+    /// Directly rendered, with many samples a pixel.
+    reference: RgbImage,
+    /// FLIP of the same view with one sample a pixel: what no reconstruction can be asked to be better than.
+    direct_flip: f64,
+}
+
+impl Truth {
+    async fn of(client: &Client, options: &Options, camera: Camera) -> Result<Self> {
+        let direct = |supersampling| PlanRequest {
+            direct: true,
+            supersampling: Some(supersampling),
+            ..PlanRequest::default()
+        };
+        let reference = image_of(&look(client, options, camera, direct(REFERENCE_SIDE)).await?)?;
+        let shown = image_of(&look(client, options, camera, direct(1)).await?)?;
+        let direct_flip = metrics::compare(&reference, &shown)?.flip_mean;
+        Ok(Self { reference, direct_flip })
+    }
 }
 
 async fn look(client: &Client, options: &Options, camera: Camera, plan: PlanRequest) -> Result<Answer> {

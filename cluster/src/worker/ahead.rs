@@ -128,7 +128,7 @@ async fn fetched(
             return Ok(sample);
         }
         match fetch::from_other(node, info, id, address, true).await {
-            Ok(sample) => return Ok(node.store.insert(sample)),
+            Ok(received) => return Ok(node.store.insert_received(received)),
             Err(fault) => last = fault,
         }
     }

@@ -27,6 +27,7 @@ use tokio::time::Instant;
 use tracing::{Instrument, Span, debug_span, warn};
 
 use super::node::Node;
+use super::packed::Chunks;
 use crate::core::{Role, Source};
 use crate::seldom::Seldom;
 
@@ -122,7 +123,7 @@ async fn fetched_or_rendered(
     }
     for address in addresses.iter().filter(|address| **address != node.hello.address) {
         match from_other(&node, &info, id, address, false).await {
-            Ok(sample) => return Ok(node.store.insert(sample)),
+            Ok(received) => return Ok(node.store.insert_received(received)),
             Err(fault) => {
                 static MISSED: Seldom = Seldom::new();
                 if let Some(left_out) = MISSED.now() {
@@ -191,14 +192,14 @@ async fn passed_on(node: &Node, id: SampleId) -> Option<Arc<Sample>> {
     }
 }
 
-/// The sample as another worker has it, or renders it.
+/// The sample as another worker has it, or renders it, and as it came.
 pub(super) async fn from_other(
     node: &Node,
     info: &SampleSetInfo,
     id: SampleId,
     address: &str,
     ahead: bool,
-) -> Result<Sample, Fault> {
+) -> Result<(Sample, Chunks), Fault> {
     let span = debug_span!(target: TARGET, "fetch sample", %id, address);
     let from_there = received(node, info, id, address, ahead, &span).instrument(span.clone());
     node.unless_suspected(address, from_there).await
@@ -211,7 +212,7 @@ async fn received(
     address: &str,
     ahead: bool,
     span: &Span,
-) -> Result<Sample, Fault> {
+) -> Result<(Sample, Chunks), Fault> {
     let mut client = SamplesClient::new(node.channels.to(address)?);
     let request = v1::SubscribeRequest {
         scene_hash: scene_hash_bytes(info.scene),
@@ -227,6 +228,7 @@ async fn received(
     let opened =
         tokio::time::timeout(limit, client.subscribe(within(span, request))).await.map_err(silent)?;
     let mut chunks = opened.map_err(unavailable)?.into_inner();
+    let mut came = Vec::new();
     let mut assembler = SampleAssembler::new(info.clone(), [id.index]);
     loop {
         let chunk =
@@ -234,6 +236,7 @@ async fn received(
         let Some(chunk) = chunk else {
             return Err(Fault::Unavailable(format!("{address} ended the stream before the sample's end")));
         };
+        came.push(chunk.clone());
         // Unpacking takes milliseconds.
         let pushed = tokio::task::spawn_blocking(move || {
             let received = assembler.push(chunk);
@@ -242,7 +245,7 @@ async fn received(
         let (back, received) = pushed.await.map_err(|e| Fault::Unavailable(e.to_string()))?;
         assembler = back;
         match received? {
-            Some(Received::Sample(sample, _)) => return Ok(sample),
+            Some(Received::Sample(sample, _)) => return Ok((sample, came.into())),
             Some(Received::Unchanged(_)) => {
                 return Err(Fault::NotFound(format!("{address} claims that sample {id} is here")));
             }

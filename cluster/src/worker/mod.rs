@@ -13,6 +13,7 @@ mod histories;
 mod join;
 mod meter;
 mod node;
+mod packed;
 mod queue;
 mod render;
 mod room;

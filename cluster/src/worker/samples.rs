@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::pin::Pin;
 use std::sync::Arc;
 
-use argus_proto::chunks::{pixel_chunks, sample_chunks, sample_hash, unchanged_chunk};
+use argus_proto::chunks::{pixel_chunks, sample_hash, unchanged_chunk};
 use argus_proto::convert::scene_hash;
 use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::samples_server::Samples;
@@ -16,6 +16,7 @@ use tonic::{Request, Response, Status};
 use tracing::{Instrument, debug_span};
 
 use super::node::Node;
+use super::packed::Chunks as Packed;
 use super::{fetch, trace};
 
 /// Most samples of one subscription.
@@ -51,7 +52,7 @@ impl Samples for SamplesService {
             let (node, info, have) = (node.clone(), info.clone(), have.get(&index).cloned());
             async move {
                 let chunks = packed(node, info, index, have, ahead).await?;
-                Ok::<_, Status>(futures::stream::iter(chunks.into_iter().map(Ok)))
+                Ok::<_, Status>(futures::stream::iter((0..chunks.len()).map(move |i| Ok(chunks[i].clone()))))
             }
             .instrument(debug_span!(target: TARGET, parent: &span, "sample", index))
         };
@@ -103,19 +104,16 @@ async fn packed(
     index: u64,
     have: Option<Bytes>,
     ahead: bool,
-) -> Result<Vec<v1::SampleChunk>, Fault> {
+) -> Result<Packed, Fault> {
     let id = SampleId { epoch: info.epoch, generation: info.generation, index };
     let sample = fetch::on_host(node.clone(), info, id, ahead).await?;
-    let _turn = node.packing.acquire().await.map_err(|e| Fault::Unavailable(e.to_string()))?;
-    let pack = move || {
-        if let Some(have) = have {
-            let hash = sample_hash(&sample)?;
-            if have == hash.as_slice() {
-                return Ok(vec![unchanged_chunk(id, hash)]);
-            }
+    if let Some(have) = have {
+        let held = sample.clone();
+        let hash = tokio::task::spawn_blocking(move || sample_hash(&held)).await;
+        let hash = hash.map_err(|e| Fault::Unavailable(e.to_string()))??;
+        if have == hash.as_slice() {
+            return Ok(Arc::new([unchanged_chunk(id, hash)]));
         }
-        sample_chunks(&sample)
-    };
-    let packed = tokio::task::spawn_blocking(pack).await;
-    Ok(packed.map_err(|e| Fault::Unavailable(e.to_string()))??)
+    }
+    node.store.packed(sample, &node.packing).await
 }

@@ -7,8 +7,12 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use argus_proto::Fault;
 use argus_scene::{PlaneData, Sample, SampleId};
 use parking_lot::Mutex;
+use tokio::sync::Semaphore;
+
+use super::packed::{Chunks, Packed};
 
 #[derive(Debug)]
 struct Entry {
@@ -29,6 +33,7 @@ struct State {
 pub(super) struct Store {
     limit: u64,
     state: Mutex<State>,
+    packed: Packed,
 }
 
 /// Whether every plane is in host memory, so that another process can have it.
@@ -47,7 +52,7 @@ fn bytes_of(sample: &Sample) -> u64 {
 impl Store {
     /// Empty; keeps `limit` texel bytes and what is in use.
     pub(super) fn new(limit: u64) -> Self {
-        Self { limit, state: Mutex::default() }
+        Self { limit, state: Mutex::default(), packed: Packed::beside(limit) }
     }
 
     /// The sample, if it is held.
@@ -75,8 +80,24 @@ impl Store {
         self.get(id).filter(|sample| is_on_host(sample))
     }
 
+    /// A sample that is held, packed; in a turn of `packing` where it is not packed yet.
+    ///
+    /// # Errors
+    /// [`Fault`] of a sample whose planes are not in host memory.
+    pub(super) async fn packed(&self, sample: Arc<Sample>, packing: &Semaphore) -> Result<Chunks, Fault> {
+        self.packed.of(sample, packing).await
+    }
+
+    /// Takes in a sample that came from another worker, to be passed on as it came.
+    pub(super) fn insert_received(&self, (sample, chunks): (Sample, Chunks)) -> Arc<Sample> {
+        let sample = self.insert(sample);
+        self.packed.keep(sample.id, chunks);
+        sample
+    }
+
     /// Takes a sample in, in place of one of the same id.
     pub(super) fn insert(&self, sample: Sample) -> Arc<Sample> {
+        self.packed.forget(sample.id);
         let sample = Arc::new(sample);
         let mut state = self.state.lock();
         state.remove(sample.id);
@@ -98,6 +119,7 @@ impl Store {
         let mut state = self.state.lock();
         for id in ids {
             state.remove(*id);
+            self.packed.forget(*id);
         }
     }
 
@@ -113,6 +135,7 @@ impl Store {
 
     /// Forgets what is older than an epoch, but for what is in use, which its last user lets go of.
     pub(super) fn retire(&self, before_epoch: u64) {
+        self.packed.retire(before_epoch);
         let mut state = self.state.lock();
         let old: Vec<SampleId> = state
             .entries
@@ -128,6 +151,7 @@ impl Store {
     /// Forgets everything.
     pub(super) fn clear(&self) {
         *self.state.lock() = State::default();
+        self.packed.clear();
     }
 
     /// What is held.

@@ -249,7 +249,7 @@ fn parameters_of(runs: &[(usize, u32, Way, Measured)], options: &Options) -> Par
         parameters.view_ms = compositing / views - encode;
         let samples = measured.samples.max(1.0);
         parameters.sample_ms = (measured.sample_secs * 1e3).min(sampling / samples);
-        parameters.pack_ms = (sampling / samples - parameters.sample_ms).max(0.0) / (p - 1) as f64;
+        parameters.pack_ms = (sampling / samples - parameters.sample_ms).max(0.0);
         // Both are part of what the compositors took.
         (parameters.hold_ms, parameters.unpack_ms) = (0.0, 0.0);
         parameters.relay_ms = coordinator / views;

@@ -18,7 +18,7 @@ pub struct Parameters {
     pub hold_ms: f64,
     /// For a frame to be packed and sent, beside rendering.
     pub encode_ms: f64,
-    /// For a sample to be packed and sent, beside rendering; each receiver's is packed for itself.
+    /// For a sample to be packed, beside rendering, once by who rendered it: whoever received it passes it on as it came.
     pub pack_ms: f64,
     /// For a sample to be received and unpacked, beside rendering.
     pub unpack_ms: f64,

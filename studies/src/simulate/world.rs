@@ -47,7 +47,7 @@ pub(super) enum Message {
 pub(super) enum Task {
     Render { slot: usize, life: u32 },
     Encode { slot: usize, life: u32, view: Attempt },
-    Pack { slot: usize, life: u32, id: SampleId, to: usize },
+    Pack { slot: usize, life: u32, id: SampleId },
     Unpack { slot: usize, life: u32, id: SampleId },
     Relay { view: Attempt },
     Receive { ticket: Ticket },
@@ -523,14 +523,15 @@ impl World {
                     self.at(at, Happening::FrameAtClient { ticket: view.ticket });
                 }
             }
-            Task::Pack { slot, id, to, .. } => {
-                self.tally.samples_sent += 1;
-                let bytes = self.parameters.sample_bytes;
-                let at = self.send(WORKERS + slot, WORKERS + to, bytes);
-                let life = self.workers[to].life;
-                self.at(at, Happening::ToWorker { slot: to, life, message: Message::Sample { id } });
+            Task::Pack { slot, id, .. } => {
+                let receivers = self.workers[slot].packing.remove(&id).unwrap_or_default();
+                self.workers[slot].packed.insert(id);
+                receivers.into_iter().for_each(|to| self.pass_on(slot, id, to));
             }
-            Task::Unpack { slot, id, .. } => self.gained(slot, id),
+            Task::Unpack { slot, id, .. } => {
+                self.workers[slot].packed.insert(id);
+                self.gained(slot, id);
+            }
             Task::Relay { view } => {
                 let Some(asked) = self.views.get_mut(&view.ticket).filter(|asked| !asked.answered) else {
                     return;

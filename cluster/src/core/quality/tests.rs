@@ -263,3 +263,21 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn of_settings_that_may_be_wrong_in_any_way_the_likeliest_to_be_right_is_tried() {
+    let rows: Vec<Vec<f64>> = (0..16).map(|i| vec![f64::from(i)]).collect();
+    let of_error = |error: f64| super::regression::Regression::fit(&rows, &[error; 16]).unwrap();
+    let (bad, good) = (of_error(0.3), of_error(0.05));
+    // A view like no other.
+    let [bad, good] = [&bad, &good].map(|regression| regression.believe(&[f64::NAN]));
+    assert_eq!((bad.upper(), good.upper()), (1.0, 1.0));
+    let candidate = |setting, error| choose::Candidate { setting, ms: 1.0, error, judged_factor: 1.0 };
+    let wish = Wish { max_error: Some(0.01), ..Wish::default() };
+    for candidates in
+        [[candidate(CHEAP, bad), candidate(FINE, good)], [candidate(FINE, good), candidate(CHEAP, bad)]]
+    {
+        let step = choose::first(&candidates, &wish, |_| 0.0);
+        assert!(matches!(step, Some(Step::Try { setting: FINE, .. })), "{step:?}");
+    }
+}

@@ -91,6 +91,7 @@ impl World {
         }
         worker.held.retain(|id| id.epoch >= assignment.kept_from);
         worker.taken_up.retain(|id| worker.held.contains(id));
+        worker.packed.retain(|id| worker.held.contains(id));
         worker.fetches.retain(|id, fetch| fetch.urgent || wanted.contains_key(id));
         worker.renders_ahead.retain(|id| wanted.contains_key(id));
         let mut to_fetch = Vec::new();
@@ -176,9 +177,27 @@ impl World {
         self.after(1_000_000_000, Happening::Announced { slot, life, id });
     }
 
+    /// A sample goes to another worker, packed first unless it is.
     fn pack(&mut self, slot: usize, id: SampleId, to: usize) {
-        let (life, ms) = (self.workers[slot].life, self.parameters.pack_ms);
-        self.begin_beside(slot, ms, Task::Pack { slot, life, id, to });
+        let worker = &mut self.workers[slot];
+        if worker.packed.contains(&id) {
+            return self.pass_on(slot, id, to);
+        }
+        let receivers = worker.packing.entry(id).or_default();
+        receivers.push(to);
+        if receivers.len() == 1 {
+            let (life, ms) = (worker.life, self.parameters.pack_ms);
+            self.begin_beside(slot, ms, Task::Pack { slot, life, id });
+        }
+    }
+
+    /// A packed sample is sent.
+    pub(super) fn pass_on(&mut self, slot: usize, id: SampleId, to: usize) {
+        self.tally.samples_sent += 1;
+        let bytes = self.parameters.sample_bytes;
+        let at = self.send(WORKERS + slot, WORKERS + to, bytes);
+        let life = self.workers[to].life;
+        self.at(at, Happening::ToWorker { slot: to, life, message: Message::Sample { id } });
     }
 
     /// A worker has a sample from now on.

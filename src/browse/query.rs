@@ -1,0 +1,95 @@
+//! What a page asks for: the words after the question mark of a frame's address.
+
+use argus_client::Client;
+use argus_scene::{Camera, InvalidField, Outputs, PlanRequest, View};
+use glam::DVec3;
+use percent_encoding::percent_decode_str;
+
+/// Pixels of a view whose page does not say.
+const USUAL: [u32; 2] = [640, 480];
+
+/// The view that a query asks for.
+///
+/// # Errors
+/// The word at fault, unknown ones too, and what is wrong with it.
+pub(super) fn view(query: &str, plan: &PlanRequest, client: &Client) -> Result<View, InvalidField> {
+    let named = client.description().cameras.first();
+    let camera = named.map_or(Camera::look_at(DVec3::ONE, DVec3::ZERO), |named| named.camera);
+    let view = parsed(query, camera, plan)?;
+    view.validate(&client.description().limits)?;
+    Ok(view)
+}
+
+fn parsed(query: &str, mut camera: Camera, plan: &PlanRequest) -> Result<View, InvalidField> {
+    let mut size = USUAL;
+    let mut plan = *plan;
+    for word in query.split('&').filter(|word| !word.is_empty()) {
+        let (name, value) = word.split_once('=').unwrap_or((word, ""));
+        // What is no UTF-8 is no number either, and is named for that.
+        let value = percent_decode_str(value).decode_utf8_lossy();
+        match name {
+            "eye" => camera.eye = point("eye", &value)?,
+            "target" => camera.target = point("target", &value)?,
+            "up" => camera.up = point("up", &value)?,
+            "fov_deg" => camera.fov_deg = number("fov_deg", &value)?,
+            "size" => size = pixels("size", &value)?,
+            "direct" => plan = PlanRequest { direct: true, ..PlanRequest::default() },
+            _ => {
+                let known = "eye, target, up, fov_deg, size and direct are";
+                return Err(InvalidField::new("query", format!("{name:?} is not known: {known}")));
+            }
+        }
+    }
+    let [width, height] = size;
+    Ok(View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None })
+}
+
+fn number(name: &'static str, text: &str) -> Result<f64, InvalidField> {
+    text.parse().map_err(|_| InvalidField::new(name, format!("must be a number, not {text:?}")))
+}
+
+fn point(name: &'static str, text: &str) -> Result<DVec3, InvalidField> {
+    let parts: Vec<f64> = text.split(',').map(|part| number(name, part)).collect::<Result<_, _>>()?;
+    let three = <[f64; 3]>::try_from(parts);
+    three.map(DVec3::from).map_err(|_| InvalidField::new(name, format!("must be X,Y,Z, not {text:?}")))
+}
+
+fn pixels(name: &'static str, text: &str) -> Result<[u32; 2], InvalidField> {
+    let parsed = text.split_once('x').and_then(|(x, y)| Some([x.parse().ok()?, y.parse().ok()?]));
+    parsed.ok_or_else(|| InvalidField::new(name, format!("must be WxH, not {text:?}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(query: &str) -> Result<View, InvalidField> {
+        parsed(query, Camera::look_at(DVec3::ONE, DVec3::ZERO), &PlanRequest::default())
+    }
+
+    #[test]
+    fn a_query_says_where_the_viewer_is_and_what_it_leaves_out_is_as_usual() {
+        let view = asked("eye=1,-2.5,3e2&target=0%2C1%2C0&size=320x200&direct").unwrap();
+        assert_eq!((view.camera.eye, view.camera.target), (DVec3::new(1.0, -2.5, 300.0), DVec3::Y));
+        assert_eq!(([view.width, view.height], view.plan.direct), ([320, 200], true));
+        let view = asked("").unwrap();
+        assert_eq!(([view.width, view.height], view.plan.direct), (USUAL, false));
+    }
+
+    #[test]
+    fn what_cannot_be_understood_is_named() {
+        for (query, name) in [
+            ("eye=1,2", "eye"),
+            ("target=1,2,x", "target"),
+            ("up=", "up"),
+            ("fov_deg=wide", "fov_deg"),
+            ("size=640", "size"),
+            ("size=-1x5", "size"),
+            ("eye=%ff,1,2", "eye"),
+            ("eyes=1,2,3", "eyes"),
+        ] {
+            let error = asked(query).unwrap_err().to_string();
+            assert!(error.contains(name), "{query}: {error}");
+        }
+    }
+}
