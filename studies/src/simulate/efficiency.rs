@@ -53,22 +53,15 @@ pub struct Outcome {
     pub roles_changed: u64,
 }
 
-/// How long the split is given to settle, simulated seconds.
-struct Settling {
-    /// At most so long.
-    most_secs: f64,
-    /// It has settled when it did not change for so long.
-    quiet_secs: f64,
-}
-
-/// More than small gains are waited for.
-const SETTLING: Settling = Settling { most_secs: 120.0, quiet_secs: 35.0 };
-/// From so many processes on, the split settles under a part of the load: the same ratio of stages, fewer events.
+/// Longest simulated time until the split has settled.
+const SETTLING_SECS: f64 = 120.0;
+/// … which it has when it did not change for so long: more than small gains are waited for.
+const SETTLED_SECS: f64 = 35.0;
+/// From so many processes on, the split settles under a part of the load: the same ratio of stages, fewer events. Workers that
+/// have little to do stay what they are, though, so that it settles once more under all of it;
 const MANY: u32 = 48;
-/// … and then under all of it, since workers that have little to do stay what they are;
-const SETTLING_AGAIN: Settling = Settling { most_secs: 20.0, quiet_secs: 5.0 };
-/// with more processes than this, a few too many samplers are no gain that anything is changed for.
-const FEW_COUNT: u32 = 256;
+/// but not from so many on: a dozen samplers too many of them are no gain that anything is changed for.
+const TOO_MANY: u32 = 500;
 
 /// The load of one tick.
 pub fn load_of(case: &Case, parameters: &Parameters) -> Load {
@@ -112,10 +105,10 @@ pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
     let (ticks, progress) = Ticks::new(case.views, few, case.direct, case.refreshed);
     let wanted = ticks.in_flight();
     world.with_load(Box::new(ticks));
-    settle(&mut world, &SETTLING);
+    settle(&mut world);
     wanted.set(in_flight);
-    if (MANY..=FEW_COUNT).contains(&case.processes) {
-        settle(&mut world, &SETTLING_AGAIN);
+    if (MANY..TOO_MANY).contains(&case.processes) {
+        settle(&mut world);
     }
     // Two ticks until the pipeline is full.
     let from = progress.borrow().ticks.len() + 2;
@@ -161,11 +154,11 @@ pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
 }
 
 /// Lets time pass until roles have not changed for a while.
-fn settle(world: &mut World, settling: &Settling) {
+fn settle(world: &mut World) {
     let mut changed = world.core.status().counters.roles_changed;
     let mut quiet = 0.0;
     let mut passed = 0.0;
-    while quiet < settling.quiet_secs && passed < settling.most_secs {
+    while quiet < SETTLED_SECS && passed < SETTLING_SECS {
         world.run_for(secs(0.5));
         passed += 0.5;
         quiet += 0.5;

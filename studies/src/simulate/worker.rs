@@ -133,8 +133,7 @@ impl Worker {
         // Views of one epoch only.
         let epoch = self.views[0].1.first().map(|id| id.epoch);
         let same = |view: &&(Attempt, Vec<SampleId>)| view.1.first().map(|id| id.epoch) == epoch;
-        let most = if self.samples() { std::env::var("HB").ok().and_then(|s| s.parse().ok()).unwrap_or(MOST_VIEWS) } else { MOST_VIEWS };
-        let count = self.views.iter().take_while(same).count().min(most);
+        let count = self.views.iter().take_while(same).count().min(MOST_VIEWS);
         let mut fresh = 0;
         let mut batch = Vec::with_capacity(count);
         for (view, samples) in self.views.drain(..count) {
