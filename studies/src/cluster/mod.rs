@@ -275,7 +275,8 @@ fn simulate_one(
         refreshed: matches!(way, Way::Proposed | Way::Helping),
         direct: way == Way::Naive,
         helping: way == Way::Helping,
-        ticks: ticks.max((200 / views as usize).min(20)),
+        // A few ticks of few views are chance: which batch a sampler was at when the next samples were due.
+        ticks: ticks.max((40_000 / views as usize).min(40)),
     };
     efficiency::run(&case, parameters)
 }

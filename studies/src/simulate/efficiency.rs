@@ -174,7 +174,7 @@ mod tests {
     use super::*;
 
     fn case(processes: u32, views: u64) -> Case {
-        Case { processes, views, refreshed: true, direct: false, helping: false, ticks: 4 }
+        Case { processes, views, refreshed: true, direct: false, helping: false, ticks: 40 }
     }
 
     /// Little beside the paper's g and c, so that what the core decides shows.
