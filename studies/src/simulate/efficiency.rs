@@ -54,14 +54,14 @@ pub struct Outcome {
 }
 
 /// Longest simulated time until the split has settled.
-const SETTLING_SECS: f64 = 120.0;
-/// … which it has when it did not change for so long: more than small gains are waited for.
-const SETTLED_SECS: f64 = 35.0;
+const SETTLING_SECS: f64 = 240.0;
+/// … which it has when it did not change for so long: longer than a change is remembered, and then small gains are waited for.
+const SETTLED_SECS: f64 = 85.0;
 /// From so many processes on, the split settles under a part of the load: the same ratio of stages, fewer events. Workers that
 /// have little to do stay what they are, though, so that it settles once more under all of it;
 const MANY: u32 = 48;
 /// but not from so many on: a dozen samplers too many of them are no gain that anything is changed for.
-const TOO_MANY: u32 = 500;
+const TOO_MANY: u32 = 200;
 
 /// The load of one tick.
 pub fn load_of(case: &Case, parameters: &Parameters) -> Load {
