@@ -5,6 +5,8 @@ use argus_scene::{Camera, InvalidField, Outputs, PlanRequest, View};
 use glam::DVec3;
 use percent_encoding::percent_decode_str;
 
+use crate::args;
+
 /// Pixels of a view whose page does not say.
 const USUAL: [u32; 2] = [640, 480];
 
@@ -27,12 +29,16 @@ fn parsed(query: &str, mut camera: Camera, plan: &PlanRequest) -> Result<View, I
         let (name, value) = word.split_once('=').unwrap_or((word, ""));
         // What is no UTF-8 is no number either, and is named for that.
         let value = percent_decode_str(value).decode_utf8_lossy();
+        let at_fault = |name| move |reason: String| InvalidField::new(name, reason);
         match name {
-            "eye" => camera.eye = point("eye", &value)?,
-            "target" => camera.target = point("target", &value)?,
-            "up" => camera.up = point("up", &value)?,
-            "fov_deg" => camera.fov_deg = number("fov_deg", &value)?,
-            "size" => size = pixels("size", &value)?,
+            "eye" => camera.eye = args::point(&value).map_err(at_fault("eye"))?,
+            "target" => camera.target = args::point(&value).map_err(at_fault("target"))?,
+            "up" => camera.up = args::point(&value).map_err(at_fault("up"))?,
+            "fov_deg" => {
+                camera.fov_deg =
+                    value.parse().map_err(|_| InvalidField::new("fov_deg", "a number is wanted"))?
+            }
+            "size" => size = args::size(&value).map_err(at_fault("size"))?,
             "direct" => plan = PlanRequest { direct: true, ..PlanRequest::default() },
             _ => {
                 let known = "eye, target, up, fov_deg, size and direct are";
@@ -42,21 +48,6 @@ fn parsed(query: &str, mut camera: Camera, plan: &PlanRequest) -> Result<View, I
     }
     let [width, height] = size;
     Ok(View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None })
-}
-
-fn number(name: &'static str, text: &str) -> Result<f64, InvalidField> {
-    text.parse().map_err(|_| InvalidField::new(name, format!("must be a number, not {text:?}")))
-}
-
-fn point(name: &'static str, text: &str) -> Result<DVec3, InvalidField> {
-    let parts: Vec<f64> = text.split(',').map(|part| number(name, part)).collect::<Result<_, _>>()?;
-    let three = <[f64; 3]>::try_from(parts);
-    three.map(DVec3::from).map_err(|_| InvalidField::new(name, format!("must be X,Y,Z, not {text:?}")))
-}
-
-fn pixels(name: &'static str, text: &str) -> Result<[u32; 2], InvalidField> {
-    let parsed = text.split_once('x').and_then(|(x, y)| Some([x.parse().ok()?, y.parse().ok()?]));
-    parsed.ok_or_else(|| InvalidField::new(name, format!("must be WxH, not {text:?}")))
 }
 
 #[cfg(test)]
