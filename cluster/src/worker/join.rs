@@ -272,6 +272,9 @@ async fn take_up(
     channel: Channel,
     duty: Duty,
 ) -> Result<(), Ended> {
+    if duty.role.composites() {
+        node.warm_up(&duty.set);
+    }
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
     let new_scene = node.serve_set(&scene, duty.set, duty.limits);
     if new_scene || node.acting() != Some(duty.role) {

@@ -362,6 +362,11 @@ impl Node {
         done.await.unwrap_or_else(|_| Err(stopped()))
     }
 
+    /// Has the compositor warmed up, which takes as long as opening a scene and needs none.
+    pub(super) fn warm_up(&self, set: &SampleSetInfo) {
+        self.queue.order(Work::WarmUp(Arc::new(set.clone())));
+    }
+
     /// Begins to make a sampler beside the work of a role that needs none.
     pub(super) fn stand_by(&self) {
         if let Ok(info) = self.told_set() {

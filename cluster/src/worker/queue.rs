@@ -70,6 +70,8 @@ pub(super) enum Work {
         role: Role,
         reply: oneshot::Sender<Result<(), RenderError>>,
     },
+    /// Have composed something, whatever the scene is.
+    WarmUp(Arc<SampleSetInfo>),
     /// Make a sampler beside the other work.
     StandBy(Arc<SampleSetInfo>),
     /// Measure what each way to see triangles costs.

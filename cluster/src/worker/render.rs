@@ -142,6 +142,7 @@ impl Renderer {
                     // Nobody waits for it once the assignment is overtaken.
                     let _ = reply.send(self.prepare(&info, role));
                 }
+                Work::WarmUp(info) => self.warm_up(&info),
                 Work::StandBy(info) => self.stand_by(info),
                 Work::Ways(info, reply) => {
                     let _ = reply.send(self.sampler().and_then(|sampler| sampler.ways(&info)));
@@ -187,14 +188,22 @@ impl Renderer {
         if role.samples() && self.sampler.is_none() {
             self.sampler()?;
         }
-        if role.composites() && !std::mem::replace(&mut self.is_warm, true) {
-            let began = Instant::now();
-            let warmed = self.guarded(|own| {
-                warm::compositor(own.compositor()?, info).map(|()| Vec::<Result<(), RenderError>>::new())
-            });
-            debug!(ms = ms_since(began), ok = warmed.is_ok(), "compositor warmed up");
+        if role.composites() {
+            self.warm_up(info);
         }
         Ok(())
+    }
+
+    /// Composes something, if the compositor never has.
+    fn warm_up(&mut self, info: &Arc<SampleSetInfo>) {
+        if std::mem::replace(&mut self.is_warm, true) {
+            return;
+        }
+        let began = Instant::now();
+        let warmed = self.guarded(|own| {
+            warm::compositor(own.compositor()?, info).map(|()| Vec::<Result<(), RenderError>>::new())
+        });
+        debug!(ms = ms_since(began), ok = warmed.is_ok(), "compositor warmed up");
     }
 
     /// Begins to make a sampler beside the work, unless there is one.
