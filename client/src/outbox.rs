@@ -28,8 +28,6 @@ struct State {
     /// Counts the streams handed out; all but the newest end.
     incarnation: u64,
     closed: bool,
-    /// Cameras that were replaced before they were sent.
-    superseded: u64,
     /// No camera leaves before.
     quiet_until: Option<Instant>,
 }
@@ -39,7 +37,6 @@ impl Outbox {
     pub(crate) fn put(&self, camera_seq: u64, view: v1::SessionView) -> Option<u64> {
         let mut state = self.lock();
         let before = state.camera.replace((camera_seq, view)).map(|(camera_seq, _)| camera_seq);
-        state.superseded += u64::from(before.is_some());
         drop(state);
         self.changed.notify_one();
         before
@@ -75,11 +72,6 @@ impl Outbox {
     pub(crate) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_one();
-    }
-
-    /// Cameras that were replaced before they were sent.
-    pub(crate) fn superseded(&self) -> u64 {
-        self.lock().superseded
     }
 
     /// The requests from now on; a stream handed out before ends. Acknowledgements of frames that came over
@@ -153,13 +145,13 @@ mod tests {
     async fn the_newest_camera_replaces_those_that_wait_and_no_acknowledgement_is_lost() {
         let outbox = Arc::new(Outbox::default());
         for camera_seq in 1..=4 {
-            outbox.put(camera_seq, v1::SessionView::default());
+            let before = outbox.put(camera_seq, v1::SessionView::default());
+            assert_eq!(before, (camera_seq > 1).then(|| camera_seq - 1));
             outbox.acknowledge(camera_seq, None);
         }
         let sent: Vec<_> = outbox.stream().take(1).collect().await;
         // Acknowledgements from before the stream belong to a session that is gone.
         assert_eq!(seqs(&sent), [(4, false)]);
-        assert_eq!(outbox.superseded(), 3);
         let stream = outbox.stream();
         for camera_seq in 5..=6 {
             outbox.put(camera_seq, v1::SessionView::default());
@@ -179,10 +171,9 @@ mod tests {
         outbox.acknowledge(0, None);
         assert_eq!(seqs(&[stream.next().await.unwrap()]), [(0, true)]);
         assert!(begin.elapsed() < Duration::from_secs(1));
-        outbox.put(2, v1::SessionView::default());
+        assert_eq!(outbox.put(2, v1::SessionView::default()), Some(1));
         assert_eq!(seqs(&[stream.next().await.unwrap()]), [(2, false)]);
         assert!(begin.elapsed() >= Duration::from_secs(2));
-        assert_eq!(outbox.superseded(), 1);
     }
 
     #[tokio::test]

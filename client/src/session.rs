@@ -1,5 +1,7 @@
 //! Sessions: what a moving camera sees.
 
+use std::fmt;
+use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -8,7 +10,7 @@ use argus_proto::chunks::FrameMeta;
 use argus_proto::trace::traceparent;
 use argus_proto::v1::{self, Encoding, frame_chunk, session_response::Body};
 use argus_scene::{Frame, InvalidField, View};
-use tokio::time::{Instant, sleep, timeout_at};
+use tokio::time::{Instant, sleep_until, timeout};
 use tonic::{Code, Streaming};
 
 use crate::arrival::Arrival;
@@ -73,19 +75,35 @@ pub struct Session {
     client: Client,
     options: SessionOptions,
     outbox: Arc<Outbox>,
-    incoming: Option<Streaming<v1::SessionResponse>>,
+    incoming: Incoming,
     arrival: Arrival,
     /// Camera of the frame that is arriving.
     arriving: Option<u64>,
     /// The frame that is fetched from a worker.
     fetch: Option<Fetch>,
     unanswered: Unanswered,
-    /// What the server counted, over this connection and over those before it.
-    superseded_there: u64,
-    superseded_before: u64,
     backoff: Backoff,
     /// When the session broke, until the next answer.
     broken_since: Option<Instant>,
+}
+
+/// What the server says, or the way there. It outlives a call of [`Session::next`] that is dropped: one that waits for less
+/// time than opening takes would else never be answered.
+enum Incoming {
+    /// To be opened, and not before that.
+    Closed(Instant),
+    Opening(Pin<Box<dyn Future<Output = Result<Streaming<v1::SessionResponse>, ClientError>> + Send>>),
+    Open(Streaming<v1::SessionResponse>),
+}
+
+impl fmt::Debug for Incoming {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Closed(_) => "closed",
+            Self::Opening(_) => "opening",
+            Self::Open(_) => "open",
+        })
+    }
 }
 
 impl Client {
@@ -96,12 +114,10 @@ impl Client {
             client: self.clone(),
             options,
             outbox: Arc::default(),
-            incoming: None,
+            incoming: Incoming::Closed(Instant::now()),
             arriving: None,
             fetch: None,
             unanswered: Unanswered::default(),
-            superseded_there: 0,
-            superseded_before: 0,
             backoff: Backoff::new(),
             broken_since: None,
         }
@@ -113,7 +129,7 @@ impl Session {
     pub fn send(&mut self, view: &View) -> u64 {
         let (camera_seq, camera) = self.unanswered.send(view.clone());
         if let Some(before) = self.outbox.put(camera_seq, wire(&self.options, camera)) {
-            self.unanswered.superseded(before);
+            self.unanswered.never_left(before);
         }
         camera_seq
     }
@@ -123,9 +139,10 @@ impl Session {
         self.unanswered.is_idle()
     }
 
-    /// Cameras that a newer one replaced before they were rendered: here before they left, and at the server.
+    /// Cameras that will not be answered since a newer one was: they were replaced here before they left, on their way when
+    /// a connection broke, or at the server.
     pub fn superseded(&self) -> u64 {
-        self.outbox.superseded() + self.superseded_before + self.superseded_there
+        self.unanswered.superseded()
     }
 
     /// Waits for the next frame. Safe to drop and call again.
@@ -144,7 +161,7 @@ impl Session {
                 }
                 Err(error) => error,
             };
-            self.incoming = None;
+            self.incoming = Incoming::Closed(Instant::now());
             // A server without room for another session says when to ask again: this one's own place may still be
             // taken by the connection that broke.
             let room = match &error {
@@ -163,16 +180,24 @@ impl Session {
                 return Err(ClientError::Deadline { after, last: error.to_string() });
             }
             tracing::debug!(%error, "opening the session again");
-            sleep(pause).await;
+            self.incoming = Incoming::Closed(Instant::now() + pause);
         }
     }
 
     /// Waits for the next message; `None` where it completes nothing.
     async fn receive(&mut self) -> Result<Option<SessionEvent>, ClientError> {
-        if self.incoming.is_none() {
-            self.incoming = Some(self.open().await?);
-        }
-        let Some(incoming) = &mut self.incoming else { return Ok(None) };
+        let incoming = match &mut self.incoming {
+            Incoming::Open(incoming) => incoming,
+            Incoming::Opening(opening) => {
+                self.incoming = Incoming::Open(opening.await?);
+                return Ok(None);
+            }
+            Incoming::Closed(until) => {
+                sleep_until(*until).await;
+                self.open();
+                return Ok(None);
+            }
+        };
         let response = tokio::select! {
             response = incoming.message() => response?,
             fetched = fetched(&mut self.fetch) => return self.take_fetched(fetched),
@@ -183,7 +208,6 @@ impl Session {
             return Err(ClientError::Server { code: Code::Unavailable, message, broken: true });
         };
         let camera_seq = response.camera_seq;
-        self.superseded_there = response.superseded;
         let body =
             response.body.ok_or_else(|| WireError::from(InvalidField::new("body", "must be given")))?;
         // Whatever is said of a camera stands in place of what was said of it before.
@@ -269,23 +293,20 @@ impl Session {
         Ok(Some(SessionEvent::Frame { camera_seq, frame: Box::new(frame), meta }))
     }
 
-    /// Opens the stream, anew if there was one, and sends the newest camera again if it is unanswered.
-    async fn open(&mut self) -> Result<Streaming<v1::SessionResponse>, ClientError> {
+    /// Begins to open the stream, anew if there was one, and sends the newest camera again if it is unanswered.
+    fn open(&mut self) {
         self.arrival = Arrival::new(self.client.description().limits);
         (self.arriving, self.fetch) = (None, None);
-        self.superseded_before += std::mem::take(&mut self.superseded_there);
         if let Some((camera_seq, camera)) = self.unanswered.newest() {
             self.outbox.put_back(camera_seq, wire(&self.options, camera));
         }
-        let requests = self.outbox.stream();
-        let end = Instant::now() + self.options.patience;
-        let mut views = self.client.views();
-        let opening = timeout_at(end, views.session(requests)).await;
-        let response = opening.map_err(|_| ClientError::Deadline {
-            after: self.options.patience,
-            last: "the session was not opened".to_owned(),
-        })?;
-        Ok(response?.into_inner())
+        let (requests, mut views) = (self.outbox.stream(), self.client.views());
+        let after = self.options.patience;
+        self.incoming = Incoming::Opening(Box::pin(async move {
+            let last = "the session was not opened".to_owned();
+            let opened = timeout(after, views.session(requests)).await;
+            Ok(opened.map_err(|_| ClientError::Deadline { after, last })??.into_inner())
+        }));
     }
 }
 

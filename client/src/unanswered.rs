@@ -26,6 +26,8 @@ pub(crate) struct Unanswered {
     sent: u64,
     /// The newest one that was answered.
     answered: u64,
+    /// How many were.
+    settled: u64,
 }
 
 impl Unanswered {
@@ -41,7 +43,7 @@ impl Unanswered {
     }
 
     /// A camera never left: no answer to it will come.
-    pub(crate) fn superseded(&mut self, camera_seq: u64) {
+    pub(crate) fn never_left(&mut self, camera_seq: u64) {
         self.cameras.remove(&camera_seq);
     }
 
@@ -60,6 +62,11 @@ impl Unanswered {
         self.answered
     }
 
+    /// How many of those before it were not, and will not be.
+    pub(crate) fn superseded(&self) -> u64 {
+        self.answered - self.settled
+    }
+
     /// Whether the newest camera has been answered.
     pub(crate) fn is_idle(&self) -> bool {
         self.answered == self.sent
@@ -70,7 +77,7 @@ impl Unanswered {
         let waits = camera_seq > self.answered && camera_seq <= self.sent;
         if waits {
             self.cameras = self.cameras.split_off(&(camera_seq + 1));
-            self.answered = camera_seq;
+            (self.answered, self.settled) = (camera_seq, self.settled + 1);
         }
         waits
     }
@@ -98,10 +105,12 @@ mod tests {
         // One of those that are forgotten is answered all the same, and makes way for those after it alone.
         assert!(unanswered.view(7).is_none());
         assert!(unanswered.settle(7) && !unanswered.settle(7) && !unanswered.settle(6));
+        assert_eq!(unanswered.superseded(), 6);
         assert_eq!(unanswered.newest().unwrap().0, 10 * MOST as u64);
         assert!(!unanswered.is_idle());
         assert!(!unanswered.settle(10 * MOST as u64 + 1), "it was never sent");
         assert!(unanswered.settle(10 * MOST as u64) && unanswered.is_idle());
         assert!(unanswered.newest().is_none());
+        assert_eq!(unanswered.superseded(), 10 * MOST as u64 - 2);
     }
 }

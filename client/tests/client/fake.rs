@@ -45,6 +45,8 @@ pub(crate) struct Fake {
     pub(crate) end_sessions: AtomicU32,
     /// Every render is refused as too much.
     pub(crate) overloaded: bool,
+    /// Sessions take this long to open.
+    pub(crate) opening: Duration,
     /// Each frame takes this long.
     pub(crate) frame_time: Duration,
     /// Between a frame's header and the rest of it.
@@ -265,6 +267,7 @@ impl Views for Handler {
         &self,
         request: Request<Streaming<v1::SessionRequest>>,
     ) -> Result<Response<Self::SessionStream>, Status> {
+        sleep(self.0.opening).await;
         let (newest, mut cameras) = watch::channel(None);
         let (acked, mut acks) = watch::channel((0, true));
         let received = Arc::new(AtomicU64::new(0));

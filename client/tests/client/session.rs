@@ -47,6 +47,20 @@ async fn the_newest_camera_wins_and_every_frame_is_acknowledged() {
 }
 
 #[tokio::test]
+async fn a_session_opens_although_nobody_waits_as_long_as_that_takes() {
+    let server = Fake { opening: Duration::from_millis(200), ..Fake::default() }.serve().await;
+    let mut session = server.client().await.session(SessionOptions::default());
+    let begin = Instant::now();
+    session.send(&view(1.0));
+    while !session.is_idle() {
+        assert!(begin.elapsed() < Duration::from_secs(10), "it never opens: {session:?}");
+        if let Ok(event) = timeout(Duration::from_millis(5), session.next()).await {
+            assert!(matches!(event, Ok(SessionEvent::Frame { .. })), "{event:?}");
+        }
+    }
+}
+
+#[tokio::test]
 async fn sessions_that_break_or_are_damaged_are_opened_again_and_lose_no_newest_camera() {
     let fake = Fake { end_sessions: AtomicU32::new(2), truncate: AtomicU32::new(1), ..Fake::default() };
     let server = fake.serve().await;

@@ -272,7 +272,8 @@ async fn take_up(
     channel: Channel,
     duty: Duty,
 ) -> Result<(), Ended> {
-    if duty.role.composites() {
+    // Once: an order keeps views from being composed between the parts of a sample.
+    if duty.role.composites() && node.scene().is_none() {
         node.warm_up(&duty.set);
     }
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
