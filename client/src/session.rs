@@ -93,7 +93,7 @@ enum Incoming {
     /// To be opened, and not before that.
     Closed(Instant),
     Opening(Pin<Box<dyn Future<Output = Result<Streaming<v1::SessionResponse>, ClientError>> + Send>>),
-    Open(Streaming<v1::SessionResponse>),
+    Open(Box<Streaming<v1::SessionResponse>>),
 }
 
 impl fmt::Debug for Incoming {
@@ -189,7 +189,7 @@ impl Session {
         let incoming = match &mut self.incoming {
             Incoming::Open(incoming) => incoming,
             Incoming::Opening(opening) => {
-                self.incoming = Incoming::Open(opening.await?);
+                self.incoming = Incoming::Open(Box::new(opening.await?));
                 return Ok(None);
             }
             Incoming::Closed(until) => {

@@ -89,6 +89,7 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         leaving: wire.leaving,
         piece_ms: busy(wire.piece_ms),
         part_ms: wire.part_ms,
+        sample_bytes: wire.sample_bytes,
         ways: wire
             .ways
             .into_iter()
@@ -117,6 +118,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         leaving: report.leaving,
         piece_ms: report.piece_ms,
         part_ms: report.part_ms,
+        sample_bytes: report.sample_bytes,
         ways: report.ways.into_iter().map(way_cost).collect(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }

@@ -102,6 +102,8 @@ pub struct Report {
     /// Milliseconds of one process for a part of a sample that nobody waits for: how long a view waits that comes while one
     /// is rendered.
     pub part_ms: Option<f64>,
+    /// Texel bytes of the largest sample that it keeps; 0: it keeps none.
+    pub sample_bytes: u64,
     /// What each way to see triangles costs there, ms for a tile of a sample; where it was told to measure.
     pub ways: Vec<(Visibility, f64)>,
 }

@@ -24,7 +24,7 @@ const OF_SPARE: f64 = 0.5;
 /// … and of their own share what they may take however busy everybody is: where all is holes, no view is worth its time.
 const ALWAYS: f64 = 0.1;
 
-/// Bytes of a texel: radiance and inverse range.
+/// The least bytes of a texel: radiance and inverse range. What is shaded per view takes more.
 const TEXEL_BYTES: u64 = 8;
 
 impl Core {
@@ -39,11 +39,17 @@ impl Core {
         let time = ticks * share.min((OF_SPARE * self.spare_secs(samplers)).max(ALWAYS * share));
         // Until a sample's cost is known, one at a time.
         let per_tick = if secs > 0.0 { time / secs } else { 1.0 };
-        let bytes = self.set.rig.sample_texels() * TEXEL_BYTES;
-        let most = (self.config.refining_bytes / bytes.max(1)).min(MOST_REFINEMENTS) as usize;
+        let most = (self.config.refining_bytes / self.sample_bytes().max(1)).min(MOST_REFINEMENTS) as usize;
         let most = most.min(self.refinements_an_epoch(self.config.refining_share, samplers, secs));
         let placed = self.placement.tick(Budget { per_tick, most });
         self.rates.samples.count(placed as u64);
+    }
+
+    /// Texel bytes of a sample, as workers report them: were they thought smaller than they are, workers would forget samples
+    /// in use to make room for refinements, and render them again.
+    fn sample_bytes(&self) -> u64 {
+        let reported = self.workers.values().map(|worker| worker.report.sample_bytes).max().unwrap_or(0);
+        reported.max(self.set.rig.sample_texels() * TEXEL_BYTES)
     }
 
     /// Seconds of a tick in which those who could render refinements have nothing else to do.

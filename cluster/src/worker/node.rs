@@ -318,6 +318,7 @@ impl Node {
             held: self.store.ids(),
             leaving: told.leaving,
             piece_ms: self.queue.at_piece_for().as_secs_f64() * 1e3,
+            sample_bytes: self.store.largest(),
             ways: told.ways.clone(),
             ..Report::default()
         };

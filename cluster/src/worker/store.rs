@@ -70,6 +70,11 @@ impl Store {
         self.state.lock().bytes
     }
 
+    /// Texel bytes of the largest one; 0: none is held.
+    pub(super) fn largest(&self) -> u64 {
+        self.state.lock().entries.values().map(|entry| entry.bytes).max().unwrap_or(0)
+    }
+
     /// Whether it is held; being asked is no use of it.
     pub(super) fn has(&self, id: SampleId) -> bool {
         self.state.lock().entries.contains_key(&id)
@@ -198,7 +203,9 @@ mod tests {
     #[test]
     fn the_least_recently_used_goes_first_and_what_is_in_use_stays() {
         let store = Store::new(1200);
+        assert_eq!(store.largest(), 0);
         let in_use = store.insert(host(0));
+        assert_eq!(store.largest(), 400);
         for index in 1..3 {
             store.insert(host(index));
         }

@@ -212,6 +212,19 @@ fn a_full_memory_keeps_the_most_useful_and_does_not_churn() {
 }
 
 #[test]
+fn samples_that_are_larger_than_their_texels_say_leave_room_for_fewer() {
+    let config = Config { refining_bytes: 20 * SAMPLE_BYTES, ..Config::default() };
+    let mut sim = cluster(config, 2);
+    for worker in sim.workers.values_mut() {
+        // With what is shaded per view.
+        worker.report.sample_bytes = 2 * SAMPLE_BYTES;
+    }
+    let laps: Vec<Lap> = (0..20).map(|_| lap(&mut sim, &walk(60))).collect();
+    assert!(laps.iter().all(|lap| lap.refined <= 10));
+    assert_eq!(laps.last().unwrap().refined, 10);
+}
+
+#[test]
 fn plans_name_only_what_is_where_views_are_composed() {
     let mut sim = cluster(Config::default(), 4);
     let views = walk(20);
