@@ -129,7 +129,10 @@ impl Core {
         let nobody_samples = self.lines.samplers().is_empty();
         for worker in self.workers.values_mut().filter(|w| w.answers()) {
             let list = match nobody_samples {
-                true => worker.assigned().ahead.clone(),
+                true => {
+                    let ahead = worker.assigned().ahead.iter();
+                    ahead.filter(|source| source.id.epoch >= kept_from).cloned().collect()
+                }
                 false => lists.remove(&worker.id).unwrap_or_default(),
             };
             if let Some(assignment) = worker.order_ahead(list, kept_from, &suspected) {

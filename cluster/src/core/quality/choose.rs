@@ -135,8 +135,10 @@ pub fn next(
     let last = tried.len() + 1 >= MOST_TRIES;
     // What was thrown away can be made again, but not to be judged again.
     let unjudged: Vec<Setting> = if last { open.iter().map(|c| c.setting).collect() } else { tried.to_vec() };
+    // Where something is certain to keep the bound, what costs less to begin with may be as uncertain as what was seen.
+    let reachable = open.iter().any(|c| c.error.upper() <= bound);
     match bounded(&open, &unjudged, bound) {
-        Some(chosen) if chosen.error.upper() <= bound || by_error(&chosen, seen).is_lt() => {
+        Some(chosen) if reachable || by_error(&chosen, seen).is_lt() => {
             attempt(&chosen, !unjudged.contains(&chosen.setting))
         }
         // Nothing is better.

@@ -42,6 +42,8 @@ pub use regression::Regression;
 pub use setting::Setting;
 pub use situation::Situation;
 
-/// The share of views for which the predicted error is an upper bound. Above the 95% that are promised, since
-/// what is accepted is chosen among several, which favours those whose error is underestimated.
-pub const CONFIDENCE: f64 = 0.97;
+/// The share of views for which the predicted error is an upper bound: that of bounds which are promised to be kept. Choosing
+/// among several settings favours those whose error is underestimated, but most frames that are accepted lie well below
+/// their bound: above `terrain:500000`, 99 of 100 views at least kept a half, one and two times the median error, however
+/// 200 views were divided into those that calibrate and those that try.
+pub const CONFIDENCE: f64 = 0.95;

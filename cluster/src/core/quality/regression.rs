@@ -270,7 +270,8 @@ mod tests {
         let (test, truth) = rows(2000, 2);
         let beliefs: Vec<Belief<'_>> = test.iter().map(|row| regression.believe(row)).collect();
         let within = beliefs.iter().zip(&truth).filter(|(b, t)| **t <= b.upper()).count();
-        assert!(within >= 1880, "{within} of 2000");
+        let share = within as f64 / 2000.0;
+        assert!((share - super::super::CONFIDENCE).abs() < 0.035, "{share}");
         let off = |(b, t): (&Belief<'_>, &f64)| (b.median() / t).ln().abs();
         let mean_off = beliefs.iter().zip(&truth).map(off).sum::<f64>() / 2000.0;
         assert!(mean_off < 0.12, "{mean_off}");

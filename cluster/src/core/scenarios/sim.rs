@@ -80,6 +80,10 @@ impl Sim {
         for action in self.core.step(event, self.now) {
             match action {
                 Action::Assign { worker, assignment } => {
+                    // It would drop them, and render them again since it shall have them.
+                    let dropped = |source: &&Source| source.id.epoch < assignment.kept_from;
+                    let dropped = assignment.ahead.iter().find(dropped);
+                    assert!(dropped.is_none(), "{dropped:?} ahead, kept from {}", assignment.kept_from);
                     if let Some(worker) = self.workers.get_mut(&worker) {
                         worker.told.push(assignment);
                     }
