@@ -232,6 +232,10 @@ pub(crate) struct IndirectLight {
     /// Virtual point lights that each sub-sample gathers from
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub(crate) gather: Option<u32>,
+    /// Groups of virtual point lights, of 256, that a block of the image gathers from on average, drawn by how much light
+    /// they bring, each in the stead of those like it; 0: all that may light the block
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=256))]
+    pub(crate) vpl_groups: Option<u32>,
     /// Levels of the octree whose small images are seen, below its root
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10))]
     pub(crate) point_levels: Option<u32>,
@@ -276,6 +280,7 @@ impl IndirectLight {
             maps: self.vpl_maps.as_ref().and_then(source).unwrap_or(default.maps),
             map_side: self.vpl_map_side.unwrap_or(default.map_side),
             samples: self.gather.unwrap_or(default.samples),
+            groups: self.vpl_groups.unwrap_or(default.groups),
             ..default
         }))
     }
@@ -291,6 +296,7 @@ impl IndirectLight {
             ("--vpl-map-side", number(self.vpl_map_side)),
             ("--particles", number(self.particles)),
             ("--gather", number(self.gather)),
+            ("--vpl-groups", number(self.vpl_groups)),
             ("--point-levels", number(self.point_levels)),
             ("--point-map-side", number(self.point_map_side)),
             ("--point-block", number(self.point_block)),

@@ -16,8 +16,9 @@ struct ViewStep {
     level: u32,
     // Cells along an edge of the root on the level.
     cells: f32,
-    // 1: spheres around the views themselves, where those are smaller than the cell's.
-    tight: u32,
+    // Bits: spheres around the views themselves, where those are smaller than the cell's; nodes of this level tell views
+    // of the cell above apart by which way they look.
+    flags: u32,
 }
 
 var<immediate> step: ViewStep;
@@ -46,7 +47,18 @@ var<immediate> step: ViewStep;
 // First map and number of maps whose nodes are on a level.
 @group(0) @binding(14) var<storage, read_write> map_levels: array<vec2u>;
 
+const TIGHT: u32 = 1u;
+const BY_DIRECTION: u32 = 2u;
+
 const HALF_DIAGONAL: f32 = 0.8660255;
+
+// The axis nearest to a direction: 0 to 5.
+fn facing(direction: vec3f) -> u32 {
+    let along = abs(direction);
+    var axis = select(0u, 1u, along.y > along.x);
+    axis = select(axis, 2u, along.z > max(along.x, along.y));
+    return 2u * axis + select(0u, 1u, direction[axis] < 0.0);
+}
 
 @compute @workgroup_size(64)
 fn view_keys(
@@ -56,8 +68,11 @@ fn view_keys(
 ) {
     let at = linear_index(group, groups, local);
     if at < step.count {
-        let cell = (views[2u * at].xyz - step.origin) / step.edge * step.cells;
-        keys[at] = vec2u(at, morton_code(vec3u(clamp(cell, vec3f(0.0), vec3f(step.cells - 1.0)))));
+        let by_direction = (step.flags & BY_DIRECTION) != 0u;
+        let cells = select(step.cells, 0.5 * step.cells, by_direction);
+        let cell = (views[2u * at].xyz - step.origin) / step.edge * cells;
+        let code = morton_code(vec3u(clamp(cell, vec3f(0.0), vec3f(cells - 1.0))));
+        keys[at] = vec2u(at, select(code, 8u * code + facing(views[2u * at + 1u].xyz), by_direction));
     }
 }
 
@@ -83,11 +98,12 @@ fn single_views(
 
 // The smaller sphere: about the mean, or the cell's.
 fn store(node: u32, mean: vec3f, radius: f32, links: u32, cone: vec4f, code: u32) {
-    let side = step.edge / step.cells;
-    let center = step.origin + (vec3f(morton_cell(code)) + 0.5) * side;
+    let by_direction = (step.flags & BY_DIRECTION) != 0u;
+    let side = step.edge / select(step.cells, 0.5 * step.cells, by_direction);
+    let center = step.origin + (vec3f(morton_cell(select(code, code >> 3u, by_direction))) + 0.5) * side;
     // More than the mean and the distances to it were rounded by.
     let reach = radius * 1.00001 + 4e-7;
-    let is_tight = step.tight != 0u && reach < HALF_DIAGONAL * side;
+    let is_tight = (step.flags & TIGHT) != 0u && reach < HALF_DIAGONAL * side;
     let sphere = select(vec4f(center, HALF_DIAGONAL * side), vec4f(mean, select(reach, 0.0, radius == 0.0)), is_tight);
     view_bounds[2u * node] = sphere;
     view_bounds[2u * node + 1u] = cone;

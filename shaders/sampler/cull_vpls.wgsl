@@ -1,6 +1,7 @@
 // Program of `sampler/src/passes/cull_vpls.rs`: which groups of VPLs may light a block of sub-samples. Conservative:
 // a group is left out only if none of its VPLs faces any of the block's surfaces, or none of those faces it, or all
-// are beyond the cut-off (MegaViews, sections 3.2.1 and 5.1, with the roles of scene and views exchanged).
+// are beyond the cut-off (MegaViews, sections 3.2.1 and 5.1, with the roles of scene and views exchanged). Of what is
+// left some are drawn, where that is asked for.
 
 import package::shared::receiver::{Receiver, receiver_of};
 import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, MOST_GROUPS, VplNode};
@@ -65,6 +66,47 @@ fn worth(node: VplNode, receivers: Receivers) -> f32 {
     return max(node.power * cosines / max(distance * distance, nearest * nearest), 1e-30);
 }
 
+// Draws some of a block's groups in equal steps of what they are worth, so that one that is worth a step or more is
+// always kept, and of the others as many as are worth a step together; each then stands for as many as that is the
+// odds against (Tokuyoshi, Harada: "Stochastic Light Culling", 2016). Nothing is lost on average, and neighbours, which
+// begin elsewhere in a step (by the sequence of the plastic number), lose different groups. How many are kept.
+fn draw(list: u32, block: vec2u) -> u32 {
+    let step = bitcast<f32>(lists[list + 2u]) / f32(gathering.kept_groups);
+    let begin = fract(f32(block.x) * 0.7548776662 + f32(block.y) * 0.5698402910);
+    let groups = lists[list];
+    var drawn = 0u;
+    var lights = 0u;
+    var sum_of_worth = 0.0;
+    var lights_before = 0u;
+    var worth_before = 0.0;
+    for (var i = 0u; i < MOST_GROUPS; i++) {
+        if i >= groups {
+            break;
+        }
+        let entry = list + LIST_HEAD + GROUP_WORDS * i;
+        let first = lists[entry];
+        let lights_here = lists[entry + 1u];
+        let worth_here = bitcast<f32>(lists[entry + 2u]);
+        if floor(worth_here / step + begin) > floor(worth_before / step + begin) {
+            let own = max(worth_here - worth_before, 1e-37);
+            lights += lights_here - lights_before;
+            sum_of_worth += max(own, step);
+            let kept_entry = list + LIST_HEAD + GROUP_WORDS * drawn;
+            lists[kept_entry] = first;
+            lists[kept_entry + 1u] = lights;
+            lists[kept_entry + 2u] = bitcast<u32>(sum_of_worth);
+            lists[kept_entry + 3u] = bitcast<u32>(max(step / own, 1.0));
+            drawn += 1u;
+        }
+        lights_before = lights_here;
+        worth_before = worth_here;
+    }
+    lists[list] = drawn;
+    lists[list + 1u] = lights;
+    lists[list + 2u] = bitcast<u32>(sum_of_worth);
+    return drawn;
+}
+
 @compute @workgroup_size(64)
 fn cull_vpls(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= gathering.blocks.x * gathering.blocks.y {
@@ -111,6 +153,7 @@ fn cull_vpls(@builtin(global_invocation_id) id: vec3u) {
             lists[entry] = node.first;
             lists[entry + 1u] = lights;
             lists[entry + 2u] = bitcast<u32>(sum_of_worth);
+            lists[entry + 3u] = bitcast<u32>(1.0);
             groups += 1u;
         }
         index = select(index + 1u, node.skip, dark);
@@ -121,6 +164,9 @@ fn cull_vpls(@builtin(global_invocation_id) id: vec3u) {
     lists[list] = groups;
     lists[list + 1u] = lights;
     lists[list + 2u] = bitcast<u32>(sum_of_worth);
+    if gathering.kept_groups > 0u && groups > gathering.kept_groups {
+        groups = draw(list, gathering.origin / BLOCK + corner / BLOCK);
+    }
     atomicAdd(&kept[0], 1u);
     atomicAdd(&kept[1], groups);
 }

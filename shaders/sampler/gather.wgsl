@@ -122,11 +122,11 @@ fn taken_at(list: u32, place: f32) -> Taken {
     let lights = lists[entry + 1u] - lights_before;
     let worth = max(bitcast<f32>(lists[entry + 2u]) - worth_before, 1e-37);
     let within = min(u32(max(place - worth_before, 0.0) / worth * f32(lights)), lights - 1u);
-    return Taken(lists[entry] + within, f32(lights) / worth);
+    return Taken(lists[entry] + within, f32(lights) / worth * bitcast<f32>(lists[entry + 3u]));
 }
 
 // The VPL of that number in a block's list.
-fn listed(list: u32, number: u32) -> u32 {
+fn listed(list: u32, number: u32) -> Taken {
     var low = 0u;
     var high = lists[list] - 1u;
     for (var i = 0u; i < 8u; i++) {
@@ -140,7 +140,7 @@ fn listed(list: u32, number: u32) -> u32 {
     if low > 0u {
         before = lists[entry - GROUP_WORDS + 1u];
     }
-    return lists[entry] + number - before;
+    return Taken(lists[entry] + number - before, bitcast<f32>(lists[entry + 3u]));
 }
 
 @compute @workgroup_size(8, 8)
@@ -164,7 +164,7 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
         loop {
             var taken = Taken(0u, 1.0);
             if all {
-                taken.index = listed(list, i);
+                taken = listed(list, i);
             } else {
                 taken = taken_at(list, (f32(i) + begin) * step);
                 taken.share *= step;

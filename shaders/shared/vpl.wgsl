@@ -3,9 +3,10 @@
 // Most groups of VPLs that a block's list holds.
 const MOST_GROUPS: u32 = 256u;
 // Words of a list: how many groups, how many VPLs, the sum of what groups are worth (f32); then for each group its
-// first VPL, the number of VPLs up to its last, and the sum of worth up to its own.
+// first VPL, the number of VPLs up to its last, the sum of worth up to its own (f32), and for how many like it it
+// stands (f32).
 const LIST_HEAD: u32 = 3u;
-const GROUP_WORDS: u32 = 3u;
+const GROUP_WORDS: u32 = 4u;
 const LIST_WORDS: u32 = LIST_HEAD + GROUP_WORDS * MOST_GROUPS;
 // Sub-samples on a side of a block that shares a list.
 const BLOCK: u32 = 16u;
@@ -64,4 +65,6 @@ struct Gathering {
     culls: u32,
     // Whether groups are chosen by what they are worth rather than by how many VPLs they have.
     weighs: u32,
+    // Groups that a block keeps on average; 0 for all that may light it.
+    kept_groups: u32,
 }

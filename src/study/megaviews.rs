@@ -38,6 +38,10 @@ pub(super) struct MegaViews {
     /// middle that their map is rendered from]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     view_levels: Option<u32>,
+    /// Leave out the level of the view octree, below the others, that tells views of a cell apart by the way they look; as
+    /// the paper has it
+    #[arg(long)]
+    no_view_directions: bool,
     /// What is compared: scene and views traversed together, the scene for each view, each leaf of the scene's octree down
     /// that over the views, every triangle for every view [default: all but flat-scene]
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = method())]
@@ -108,6 +112,7 @@ impl MegaViews {
         options.rounds = self.rounds.map_or(options.rounds, usize::from);
         options.light = self.light.or(options.light);
         options.patience_secs = self.patience.unwrap_or(options.patience_secs);
+        options.knobs.tells_directions = !self.no_view_directions;
         options.knobs.culling = !self.no_culling;
         options.knobs.fusion = !self.no_fusion;
         blocking(options, progress, run).await

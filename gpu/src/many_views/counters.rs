@@ -50,8 +50,10 @@ pub struct FrameStats {
     pub reruns: u32,
     /// Whether each view was traversed by itself because too few shared anything in a frame before.
     pub fell_back: bool,
-    /// Levels of the view octree below its root; 0 where there is none.
+    /// Levels of the view octree below its root that divide cells; 0 where there is none.
     pub view_depth: u32,
+    /// Whether one below them tells views apart by direction.
+    pub tells_directions: bool,
     /// Maps, those of inner nodes counted.
     pub maps: u32,
     /// Nodes of the view octree; the views where there is none.

@@ -13,7 +13,7 @@ use super::schedule::{Step, steps};
 use super::traverse::{Own, Part, Queues, Traverse, Work};
 use super::view_octree::{ViewOctree, ViewOctreeBuilder};
 use super::{Knobs, MapSet, Occlusion, TexelCode, ViewList};
-use crate::hierarchy::{HierarchyError, Octree, largest_array};
+use crate::hierarchy::{HierarchyError, MAX_DEPTH, Octree, largest_array};
 use crate::{Commands, Gpu};
 
 /// Parts of a frame beyond which none is split further: their dispatches alone would take longer than the pairs.
@@ -58,7 +58,7 @@ impl ManyViews {
             builder: ViewOctreeBuilder::new(gpu),
             traverse: Traverse::new(gpu, &knobs, &maps, false),
             fuse: Fuse::new(gpu, &maps),
-            views: ViewOctree::new(gpu, 0, 0)?,
+            views: ViewOctree::new(gpu, 0, 0, false)?,
             maps,
             queues: Queues::new(gpu, pairs, 0),
             parts: Vec::new(),
@@ -105,7 +105,7 @@ impl ManyViews {
             self.fuse = Fuse::new(&self.gpu, &self.maps);
         }
         // Maps and parts are made for the next list of views, as at first.
-        self.views = ViewOctree::new(&self.gpu, 0, 0)?;
+        self.views = ViewOctree::new(&self.gpu, 0, 0, false)?;
         self.octree = octree;
         Ok(())
     }
@@ -172,7 +172,8 @@ impl ManyViews {
                     steps: counters::read(&words, &steps, &passes),
                     multipass_level: self.multipass_level,
                     reruns,
-                    view_depth: self.views.depth,
+                    view_depth: self.views.places(),
+                    tells_directions: self.views.by_direction,
                     maps,
                     view_nodes,
                     view_leaves,
@@ -324,12 +325,14 @@ impl ManyViews {
         self.knobs.sharing && !self.fell_back
     }
 
-    /// Levels of the hierarchy over the views; 0 without one.
-    fn view_depth(&self, views: &ViewList) -> u32 {
-        match self.shares() {
-            true => self.knobs.view_depth.unwrap_or_else(|| views.depth_for(self.octree.depth)),
-            false => 0,
+    /// Levels of the hierarchy over the views by place, 0 without one; and whether there is one more by direction.
+    fn view_levels(&self, views: &ViewList) -> (u32, bool) {
+        if !self.shares() {
+            return (0, false);
         }
+        let places = self.knobs.view_depth.unwrap_or_else(|| views.depth_for(self.octree.depth));
+        // Codes of more levels than that do not fit.
+        (places, self.knobs.tells_directions && views.look && places < MAX_DEPTH)
     }
 
     /// Room for the views and, to begin with, for about as many maps.
@@ -337,9 +340,9 @@ impl ManyViews {
         if self.views.capacity != views.count {
             self.fell_back = false;
         }
-        let depth = self.view_depth(views);
-        if self.views.capacity != views.count || self.views.depth != depth {
-            self.views = ViewOctree::new(&self.gpu, views.count, depth)?;
+        let levels = self.view_levels(views);
+        if self.views.capacity != views.count || (self.views.places(), self.views.by_direction) != levels {
+            self.views = ViewOctree::new(&self.gpu, views.count, levels.0, levels.1)?;
             let maps = if self.shares() { views.count.min(1 << 14) } else { views.count };
             self.set_maps(maps)?;
             let whole = Part::Views { first: 0, count: views.count };

@@ -63,9 +63,13 @@ pub struct Knobs {
     /// Whether views are traversed each by itself after a frame in which rendered pairs were shared by fewer than
     /// [`Knobs::WORTH_SHARING`] views in the mean.
     pub falls_back: bool,
-    /// Levels of the view octree below its root, 1 to [`MAX_DEPTH`]; `None`: as many as where the views are calls for
-    /// (`view_depth.rs`).
+    /// Levels of the view octree below its root that divide cells, 1 to [`MAX_DEPTH`]; `None`: as many as where the views
+    /// are calls for (`view_depth.rs`).
     pub view_depth: Option<u32>,
+    /// Whether a last level, below those, tells the views of a cell apart by the axis that is nearest to the way they look:
+    /// views on both sides of a wall, or on the walls of a corner, share no map then, whose middle would lie on neither. Of
+    /// views that look everywhere, and below [`MAX_DEPTH`] levels, there is none.
+    pub tells_directions: bool,
     /// What bounds the views of a node.
     pub bounding: Bounding,
     /// Whether what no view sees is culled.
@@ -94,6 +98,7 @@ impl Default for Knobs {
             scene_hierarchy: true,
             falls_back: true,
             view_depth: None,
+            tells_directions: true,
             bounding: Bounding::Tight,
             culling: true,
             occlusion: Occlusion::Off,

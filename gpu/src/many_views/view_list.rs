@@ -29,6 +29,8 @@ pub struct ViewList {
     /// The views' root cube, in edges of the scene's.
     pub(super) origin: DVec3,
     pub(super) edge: f64,
+    /// Whether any of them does not look everywhere.
+    pub(super) look: bool,
     /// Where views are, in edges of the scene's root cube.
     places: Vec<DVec3>,
     /// Found when somebody asks.
@@ -100,6 +102,7 @@ impl ViewList {
             count: views.len() as u32,
             origin: if inside { DVec3::ZERO } else { (least + most) * 0.5 - 0.5 * edge },
             edge,
+            look: views.iter().any(|view| view.half_fov < std::f64::consts::PI),
             places,
             spread: OnceLock::new(),
         })

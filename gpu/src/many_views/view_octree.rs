@@ -31,6 +31,8 @@ pub(super) struct ViewOctreeBuilder {
 pub(super) struct ViewOctree {
     pub(super) capacity: u32,
     pub(super) depth: u32,
+    /// Whether the lowest level tells views apart by which way they look.
+    pub(super) by_direction: bool,
     /// Two vec4f a node: sphere of positions; cone of what is seen.
     pub(super) bounds: Buffer,
     /// A vec4u a node: mean position and children.
@@ -58,8 +60,15 @@ fn bound(views: u32, level: u32) -> u32 {
 }
 
 impl ViewOctree {
-    /// Room for at most `capacity` views; `depth` 0: without an octree over them.
-    pub(super) fn new(gpu: &Gpu, capacity: u32, depth: u32) -> Result<Self, HierarchyError> {
+    /// Room for at most `capacity` views; `places` levels of cells, 0: without an octree over them; and one more by
+    /// direction.
+    pub(super) fn new(
+        gpu: &Gpu,
+        capacity: u32,
+        places: u32,
+        by_direction: bool,
+    ) -> Result<Self, HierarchyError> {
+        let depth = places + u32::from(by_direction);
         let nodes: u64 = match depth {
             0 => u64::from(capacity),
             depth => (0..=depth).map(|level| u64::from(bound(capacity, level))).sum(),
@@ -76,6 +85,7 @@ impl ViewOctree {
         Ok(Self {
             capacity,
             depth,
+            by_direction,
             bounds: gpu.buffer("bounds of view nodes", nodes * 32, usage),
             links: gpu.buffer("links of view nodes", nodes * 16, usage),
             node_maps: gpu.buffer("maps of view nodes", nodes * 8, usage),
@@ -90,6 +100,11 @@ impl ViewOctree {
             scratch: SortScratch::new(gpu, sorted),
             node_capacity: nodes,
         })
+    }
+
+    /// Levels below the root that tell views apart by place.
+    pub(super) fn places(&self) -> u32 {
+        self.depth - u32::from(self.by_direction)
     }
 
     /// One u32: the number of maps.
@@ -124,20 +139,22 @@ impl ViewOctreeBuilder {
         }
     }
 
-    fn step(views: &ViewList, knobs: &Knobs, count: u32, level: u32) -> ViewStep {
+    fn step(views: &ViewList, knobs: &Knobs, to: &ViewOctree, count: u32, level: u32) -> ViewStep {
+        let tight = u32::from(knobs.bounding == Bounding::Tight);
+        let by_direction = u32::from(to.by_direction && level == to.depth);
         ViewStep {
             origin: views.origin.as_vec3().to_array(),
             edge: views.edge as f32,
             count,
             level,
             cells: (1u32 << level) as f32,
-            tight: u32::from(knobs.bounding == Bounding::Tight),
+            flags: tight | by_direction << 1,
         }
     }
 
     /// Every view a node of its own, with a map of its own.
     pub(super) fn singles(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
-        let step = Self::step(views, knobs, views.count, 0);
+        let step = Self::step(views, knobs, to, views.count, 0);
         commands
             .compute("view hierarchy", &self.single_views)
             .read("views", &views.buffer)
@@ -153,7 +170,7 @@ impl ViewOctreeBuilder {
     /// Gathers the views in an octree and gives maps to its nodes.
     pub(super) fn build(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
         let (name, depth) = ("view hierarchy", to.depth);
-        let step = Self::step(views, knobs, views.count, depth);
+        let step = Self::step(views, knobs, to, views.count, depth);
         commands
             .compute(name, &self.view_keys)
             .read("views", &views.buffer)
@@ -189,7 +206,7 @@ impl ViewOctreeBuilder {
                 .write("view_bounds", &to.bounds)
                 .write("view_links", &to.links)
                 .write("view_maps", &to.node_maps)
-                .immediates(bytemuck::bytes_of(&Self::step(views, knobs, nodes, level)))
+                .immediates(bytemuck::bytes_of(&Self::step(views, knobs, to, nodes, level)))
                 .dispatch_linear(u64::from(nodes));
         }
         self.number_maps(commands, views, knobs, to);
@@ -199,7 +216,7 @@ impl ViewOctreeBuilder {
     fn number_maps(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
         let name = "view hierarchy";
         let nodes = to.node_capacity as u32;
-        let step = Self::step(views, knobs, nodes, to.depth);
+        let step = Self::step(views, knobs, to, nodes, to.depth);
         commands
             .compute(name, &self.map_heads)
             .read("levels", &to.nodes.levels)

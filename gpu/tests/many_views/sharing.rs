@@ -146,6 +146,35 @@ fn sharing_changes_ranges_by_little() {
 }
 
 #[test]
+fn views_of_one_cell_that_look_different_ways_share_no_map_unless_they_look_everywhere() {
+    let octree = octree_of(&room(), 5);
+    // On both sides of a thin wall, the walls of a corner, and near the border between two ways.
+    let looks = [DVec3::X, DVec3::NEG_X, DVec3::X, DVec3::Z, DVec3::new(1.0, 0.999, -0.9), DVec3::NEG_Z];
+    let views: Vec<ViewPoint> = (0..looks.len())
+        .map(|i| {
+            let position = DVec3::new(4.1, 3.9, 4.2) + DVec3::splat(1e-4 * i as f64);
+            ViewPoint { position, direction: looks[i] * 1e-3, half_fov: std::f64::consts::FRAC_PI_2 }
+        })
+        .collect();
+    let knobs = wide(4, 16, true);
+    let maps_of = |knobs, views: &[ViewPoint]| {
+        let frame = Frame::new(&octree, knobs, views);
+        (frame.map_of_view, frame.stats.tells_directions)
+    };
+    let (maps, told) = maps_of(knobs, &views);
+    assert!(told && maps[0] == maps[2] && maps[0] == maps[4], "{maps:?}");
+    let distinct: std::collections::BTreeSet<u32> = maps.iter().copied().collect();
+    assert_eq!(distinct.len(), 4, "{maps:?}");
+    let all: Vec<ViewPoint> = views.iter().map(|view| ViewPoint::everywhere(view.position)).collect();
+    for (knobs, views) in [(Knobs { tells_directions: false, ..knobs }, &views), (knobs, &all)] {
+        let (maps, told) = maps_of(knobs, views);
+        assert!(!told && maps.iter().all(|map| *map == maps[0]), "{maps:?}");
+    }
+    // There is no room for one more level below ten.
+    assert!(!maps_of(Knobs { view_depth: Some(10), ..knobs }, &views).1);
+}
+
+#[test]
 fn the_depth_that_views_call_for_is_theirs_alone_and_makes_the_maps_that_it_makes_when_given() {
     let octree = octree_of(&room(), 7);
     let views = everywhere(3000, 17);

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use argus_scene::InvalidField;
+use argus_shaders::layout::sampler::vpl::MOST_GROUPS;
 
 /// How it is known whether a VPL sees a surface: its dual-paraboloid map of distances.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -65,6 +66,10 @@ pub struct VplKnobs {
     /// Whether groups of VPLs are drawn by about how much light they bring to a block, rather than by their number;
     /// without bias, and with less noise.
     pub weigh: bool,
+    /// Groups of VPLs, of 256, that a block of the image keeps on average, 0 for all that may light it: the more light they
+    /// bring the likelier, each in the stead of those like it that are left out (Tokuyoshi, Harada: "Stochastic Light
+    /// Culling", 2016); without bias, at the price of noise that a block has in common.
+    pub groups: u32,
     /// Share of the scene's diagonal beyond which VPLs are left out, which costs energy; 0 for none.
     pub cutoff: f64,
     /// Share of the scene's diagonal nearer than which a VPL lights no more strongly: what bounds the bright spots
@@ -90,6 +95,7 @@ impl Default for VplKnobs {
             filter: 4,
             cull: true,
             weigh: true,
+            groups: 0,
             cutoff: 0.0,
             clamp: 0.01,
             bias: 0.5,
@@ -113,6 +119,7 @@ impl fmt::Display for VplKnobs {
             filter,
             cull,
             weigh,
+            groups,
             cutoff,
             clamp,
             bias,
@@ -127,6 +134,9 @@ impl fmt::Display for VplKnobs {
         }
         if matches!(maps, MapSource::MegaViews | MapSource::ManyLods) {
             write!(f, " from {levels} levels")?;
+        }
+        if *groups > 0 {
+            write!(f, " in some {groups} groups")?;
         }
         write!(
             f,
@@ -152,6 +162,7 @@ impl VplKnobs {
         within("indirect.levels", self.levels, 1..=10)?;
         within("indirect.samples", self.samples, 1..=1 << 16)?;
         within("indirect.filter", self.filter, 0..=32)?;
+        within("indirect.groups", self.groups, 0..=MOST_GROUPS)?;
         let from_octree = matches!(self.maps, MapSource::MegaViews | MapSource::ManyLods);
         within("indirect.map_side", self.map_side, if from_octree { 8..=256 } else { 4..=256 })?;
         if !self.map_side.is_power_of_two() {
@@ -188,6 +199,7 @@ mod tests {
             (VplKnobs { levels: 11, ..default }, "indirect.levels"),
             (VplKnobs { samples: 0, ..default }, "indirect.samples"),
             (VplKnobs { filter: 33, ..default }, "indirect.filter"),
+            (VplKnobs { groups: 257, ..default }, "indirect.groups"),
             (VplKnobs { cutoff: f64::NAN, ..default }, "indirect.cutoff"),
             (VplKnobs { clamp: -0.1, ..default }, "indirect.clamp"),
             (VplKnobs { bias: f64::INFINITY, ..default }, "indirect.bias"),

@@ -323,7 +323,7 @@ impl Radiosity {
             slack: lit.maps.slack as f32,
             culls: u32::from(knobs.cull),
             weighs: u32::from(knobs.weigh),
-            ..layout::Gathering::zeroed()
+            kept_groups: knobs.groups,
         };
         let gathering = context.gpu.upload("gathering", &[gathering], wgpu::BufferUsages::UNIFORM);
         let gathered = Gathered { scratch: &scratch, guides, gathering };

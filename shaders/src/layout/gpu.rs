@@ -80,8 +80,9 @@ mirror! {
         pub level: u32,
         /// Cells along an edge of the root on the level.
         pub cells: f32,
-        /// 1: spheres around the views themselves, where those are smaller than the cell's.
-        pub tight: u32,
+        /// 1: spheres around the views themselves, where those are smaller than the cell's; 2: nodes of this level tell
+        /// views apart by which way they look.
+        pub flags: u32,
     }
 }
 

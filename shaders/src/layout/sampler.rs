@@ -250,7 +250,7 @@ pub mod vpl {
     /// Most groups of a list.
     pub const MOST_GROUPS: u32 = 256;
     /// Words of a list.
-    pub const LIST_WORDS: u32 = 3 + 3 * MOST_GROUPS;
+    pub const LIST_WORDS: u32 = 3 + 4 * MOST_GROUPS;
     /// Sub-samples on a side of a block.
     pub const BLOCK: u32 = 16;
 }
@@ -286,8 +286,8 @@ mirror! {
         pub culls: u32,
         /// Whether groups are chosen by what they are worth rather than by how many VPLs they have.
         pub weighs: u32,
-        /// WGSL rounds the struct up to 16 bytes.
-        pub _pad: u32,
+        /// Groups that a block keeps on average; 0 for all that may light it.
+        pub kept_groups: u32,
     }
 }
 

@@ -414,6 +414,7 @@ fn row(subject: &Subject<'_>, views: u32, measured: &Measured) -> Map<String, Va
         ("resolution", json!(subject.resolution)),
         ("levels", json!(subject.octree.depth)),
         ("view_levels", json!(view_levels)),
+        ("view_directions", json!(view_levels.map(|_| last.tells_directions))),
         ("frame_ms", json!(measured.frame_ms)),
         ("occlusion", json!((subject.method != Method::Raster).then_some(subject.occlusion.name()))),
         ("texel", json!(subject.texel.name())),

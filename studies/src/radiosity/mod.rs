@@ -57,6 +57,8 @@ pub struct Options {
     pub samples: Vec<u32>,
     /// Reaches of the filter.
     pub filters: Vec<u32>,
+    /// Groups of VPLs that blocks keep.
+    pub groups: Vec<u32>,
     /// Cut-offs, shares of the scene's diagonal.
     pub cutoffs: Vec<f64>,
     /// Distances nearer than which VPLs light no more strongly, shares of the scene's diagonal.
@@ -98,6 +100,7 @@ impl Default for Options {
             levels: vec![7, 8, 9],
             samples: vec![4, 16, 64, 256],
             filters: vec![0, 4, 8],
+            groups: vec![16, 32, 64],
             cutoffs: vec![0.1, 0.2, 0.4],
             clamps: vec![0.0, 0.01, 0.05],
             biases: vec![0.0, 0.25, 1.0],
@@ -125,6 +128,7 @@ impl Effort for Options {
             levels: vec![4],
             samples: vec![64],
             filters: vec![0],
+            groups: vec![32],
             cutoffs: vec![0.2],
             clamps: vec![0.05],
             biases: vec![1.0],
@@ -161,6 +165,9 @@ impl Options {
         let bare = VplKnobs { filter: 0, ..base };
         for (cull, weigh) in [(false, false), (true, false), (false, true), (true, true)] {
             rows.push(("culling", VplKnobs { cull, weigh, ..bare }));
+        }
+        for filter in [0, base.filter] {
+            rows.extend(self.groups.iter().map(|&groups| ("groups", VplKnobs { filter, groups, ..base })));
         }
         rows.extend(
             self.cutoffs.iter().map(|&cutoff| ("cut-off", VplKnobs { cutoff, weigh: false, ..bare })),
@@ -281,6 +288,7 @@ fn vpl_row(knobs: &VplKnobs, lit: &IndirectReport) -> Row {
         "filter": knobs.filter,
         "cull": knobs.cull,
         "weigh": knobs.weigh,
+        "groups": knobs.groups,
         "cutoff": knobs.cutoff,
         "clamp": knobs.clamp,
         "bias": knobs.bias,
