@@ -66,10 +66,10 @@ fn worth(node: VplNode, receivers: Receivers) -> f32 {
     return max(node.power * cosines / max(distance * distance, nearest * nearest), 1e-30);
 }
 
-// Draws some of a block's groups in equal steps of what they are worth, so that one that is worth a step or more is
-// always kept, and of the others as many as are worth a step together; each then stands for as many as that is the
-// odds against (Tokuyoshi, Harada: "Stochastic Light Culling", 2016). Nothing is lost on average, and neighbours, which
-// begin elsewhere in a step (by the sequence of the plastic number), lose different groups. How many are kept.
+// Draws some of a block's groups in equal steps of what they are worth: one that is worth a step or more is always kept,
+// and one that is worth the nth part of a step once in n blocks, where it stands for n like it (after Tokuyoshi, Harada:
+// "Stochastic Light Culling", 2016). Nothing is lost on average, and neighbours, which begin elsewhere in a step (by the
+// sequence of the plastic number), lose different groups. How many are kept.
 fn draw(list: u32, block: vec2u) -> u32 {
     let step = bitcast<f32>(lists[list + 2u]) / f32(gathering.kept_groups);
     let begin = fract(f32(block.x) * 0.7548776662 + f32(block.y) * 0.5698402910);
