@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use argus_client::load::path_views;
 use argus_client::{Client, ClusterStatus};
 use argus_proto::v1;
@@ -116,8 +116,8 @@ impl Parts {
 struct Sums {
     frames: u64,
     parts: Parts,
-    /// By tick: views answered, and when the last was.
-    ticks: BTreeMap<usize, (u32, Option<Instant>)>,
+    /// By tick: views answered.
+    ticks: BTreeMap<usize, u32>,
     failure: Option<String>,
 }
 
@@ -179,8 +179,7 @@ async fn ask(client: Client, views: Vec<View>, processes: usize, refreshed: bool
                     Ok(answer) => {
                         answer.frame.stages.iter().for_each(|stage| sums.parts.add(stage));
                         sums.frames += 1;
-                        let of_tick = sums.ticks.entry(tick).or_default();
-                        *of_tick = (of_tick.0 + 1, Some(Instant::now()));
+                        *sums.ticks.entry(tick).or_default() += 1;
                     }
                     Err(error) => _ = sums.failure.get_or_insert(error.to_string()),
                 }
@@ -195,7 +194,7 @@ fn whole(sums: &Mutex<Sums>, views: u32) -> Result<usize> {
     if let Some(error) = &sums.failure {
         bail!("a view was not answered: {error}");
     }
-    Ok(sums.ticks.values().take_while(|(answered, _)| *answered == views).count())
+    Ok(sums.ticks.values().take_while(|answered| **answered == views).count())
 }
 
 async fn watch(
@@ -223,21 +222,24 @@ async fn watch(
         );
     }
     let before = snapshot(client, cluster).await?;
-    let (from, frames_before) = {
+    let (from, frames_before, begin) = {
         let mut sums = sums.lock();
         sums.parts = Parts::default();
-        (sums.ticks.values().take_while(|t| t.0 == run.views).count(), sums.frames)
+        (
+            sums.ticks.values().take_while(|answered| **answered == run.views).count(),
+            sums.frames,
+            Instant::now(),
+        )
     };
     while whole(sums, run.views)? < from + run.ticks {
         pause().await;
     }
     let after = snapshot(client, cluster).await?;
     let sums = sums.lock();
-    let ended = |tick: usize| sums.ticks.get(&tick).and_then(|tick| tick.1).context("a tick without an end");
-    let last = from + run.ticks - 1;
-    let tick_secs = (ended(last)? - ended(from - 1)?).as_secs_f64() / run.ticks as f64;
-    // What was counted between the two looks, by as many ticks as that were.
+    // What was counted between the two looks, by as many ticks as that were. Two ticks' views are on their way at a time, and
+    // the end of a few of them, which is that of their last view, says less.
     let ticks = (sums.frames - frames_before) as f64 / f64::from(run.views);
+    let tick_secs = begin.elapsed().as_secs_f64() / ticks;
     let parts = sums.parts.per(ticks);
     let status = &after.status;
     let count = |of: fn(&argus_client::WorkerStatus) -> u64| -> f64 {
