@@ -66,8 +66,6 @@ impl Core {
             self.laggards.clear();
             self.set = Arc::new(SampleSetInfo { epoch, ..(*self.set).clone() });
             self.directory.retire(self.kept_from());
-            let needed: BTreeSet<u64> = self.in_flight.epochs().collect();
-            self.epochs.retire(|epoch| needed.contains(&epoch));
         }
     }
 
@@ -80,11 +78,8 @@ impl Core {
     /// same camera's already, or did: they shall have it before views ask for it. So shall samplers that may compose,
     /// each of which renders but a part of them.
     pub(super) fn prepared(&self) -> Vec<(SampleId, Vec<WorkerId>)> {
-        let (served, generation, kept_from) = (self.epochs.served(), self.set.generation, self.kept_from());
-        // An epoch stays among the past until the next one is served, though the last view in it may be answered before: whoever
-        // is told to have its samples, and that none so old are of use, would drop them and render them again.
-        let prepared = || self.epochs.prepared().filter(|(epoch, _)| *epoch >= kept_from);
-        let few = prepared().take(MOST_HELPED + 1).count() <= MOST_HELPED;
+        let (served, generation) = (self.epochs.served(), self.set.generation);
+        let few = self.epochs.prepared().take(MOST_HELPED + 1).count() <= MOST_HELPED;
         let helpers = || self.lines.samplers().iter().map(|turn| turn.worker);
         let helpers: BTreeSet<WorkerId> =
             if self.config.samplers_composite && few { helpers().collect() } else { BTreeSet::new() };
@@ -96,7 +91,7 @@ impl Core {
             let readers: BTreeSet<WorkerId> = holders.filter(reads).chain(helpers.iter().copied()).collect();
             (id, readers.into_iter().collect())
         };
-        prepared().map(with_readers).collect()
+        self.epochs.prepared().map(with_readers).collect()
     }
 
     /// How many refinements can be rendered anew in every epoch with a share of the samplers' time; any number

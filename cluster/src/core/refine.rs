@@ -2,7 +2,7 @@
 //!
 //! `placement` decides which; here is who renders each and who fetches it from where.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use argus_scene::SampleId;
 
@@ -67,6 +67,10 @@ impl Core {
     /// Tells workers what to have at hand, where that is news, and sees what views may use.
     pub(super) fn refine(&mut self, now: Uptime, actions: &mut Vec<Action>) {
         self.to_refine = false;
+        // The last view in a past epoch may have been answered since the next one was served. Whoever is told to have its samples,
+        // and that none so old are of use, would drop them and render them again.
+        let needed: BTreeSet<u64> = self.in_flight.epochs().collect();
+        self.epochs.retire(|epoch| needed.contains(&epoch));
         // Refinements are for all who compose, each told once whoever feeds it has the sample: there is no hurry. What
         // the next epoch needs is for those who compose from the last one; they are told at once, and wait.
         let mut wanted: BTreeMap<SampleId, Option<Vec<WorkerId>>> =

@@ -85,14 +85,9 @@ fn culling_leaves_out_no_vpl_that_lights_anything() {
 #[test]
 fn groups_that_are_drawn_stand_for_those_that_are_left_out() {
     let scene = box_of_cornell(DVec3::ZERO);
-    let rig = omni_rig(DVec3::ZERO, 64);
-    let here = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
-    let job = sample_job(&scene, rig, rig.nearest(&here, 1)[0], true);
+    let job = job_around_origin(&scene, 64);
     // Of radiance, which nothing cuts off at white.
-    let mean = |sampler: &mut GpuSampler| {
-        let radiance = radiance_of(&sample(sampler, &job));
-        f64::from(radiance.iter().map(|c| c.element_sum()).sum::<f32>()) / radiance.len() as f64
-    };
+    let mean = |sampler: &mut GpuSampler| mean_radiance(sampler, &job).element_sum();
     let plain = mean(&mut sampler_with(&scene, SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() }));
     for (samples, filter) in [(1 << 16, 0), (64, 4)] {
         let light = |groups, cull| {
@@ -153,14 +148,8 @@ fn the_same_knobs_give_the_same_bytes_and_off_costs_nothing() {
 fn samples_hold_the_light_that_direct_views_show() {
     let scene = box_of_cornell(DVec3::ZERO);
     let vpl = VplKnobs { vpls: 1000, samples: 32, ..VplKnobs::default() };
-    let rig = omni_rig(DVec3::ZERO, 24);
-    let here = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
-    let job = sample_job(&scene, rig, rig.nearest(&here, 1)[0], true);
-    let mean = |knobs| {
-        let sample = sample(&mut sampler_with(&scene, knobs), &job);
-        let radiance = radiance_of(&sample);
-        radiance.iter().sum::<Vec3>() / radiance.len() as f32
-    };
+    let job = job_around_origin(&scene, 24);
+    let mean = |knobs| mean_radiance(&mut sampler_with(&scene, knobs), &job);
     let (with, without) =
         (mean(knobs(vpl)), mean(SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() }));
     assert!(with.cmpgt(without * 1.05).all(), "{with} {without}");

@@ -97,17 +97,11 @@ fn pixels_of_a_list_look_like_those_of_the_view() {
 #[test]
 fn samples_from_triangles_and_from_maps_hold_the_light() {
     let scene = box_of_cornell(DVec3::ZERO);
-    let rig = omni_rig(DVec3::ZERO, 24);
-    let here = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
-    let job = sample_job(&scene, rig, rig.nearest(&here, 1)[0], true);
+    let job = job_around_origin(&scene, 24);
     let mapped = Sampling::MegaViews(MegaViews { map_side: 64, levels: 6, block: 1 });
     let info = SampleSetInfo { sampling: mapped, ..(*job.info).clone() };
     let from_maps = SampleJob { info: info.into(), ..job.clone() };
-    let mean = |knobs, job: &SampleJob| {
-        let radiance = radiance_of(&sample(&mut sampler_with(&scene, knobs), job));
-        assert!(radiance.iter().all(|r| r.is_finite()));
-        radiance.iter().sum::<Vec3>() / radiance.len() as f32
-    };
+    let mean = |knobs, job: &SampleJob| mean_radiance(&mut sampler_with(&scene, knobs), job);
     let off = SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() };
     let without = mean(off, &job);
     let with = mean(knobs(fine()), &job);

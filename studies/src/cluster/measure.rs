@@ -152,6 +152,13 @@ pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
     Ok(measured)
 }
 
+impl Sums {
+    /// Whole ticks that are answered, up to the first that is not.
+    fn whole(&self, views: u32) -> usize {
+        self.ticks.values().take_while(|answered| **answered == views).count()
+    }
+}
+
 /// Asks for the views, tick after tick, until it is aborted. As in the paper's pipeline, a tick's views are asked for
 /// while those of the one before are composed, and are not composed from that one's samples.
 async fn ask(client: Client, views: Vec<View>, processes: usize, refreshed: bool, sums: Arc<Mutex<Sums>>) {
@@ -194,7 +201,7 @@ fn whole(sums: &Mutex<Sums>, views: u32) -> Result<usize> {
     if let Some(error) = &sums.failure {
         bail!("a view was not answered: {error}");
     }
-    Ok(sums.ticks.values().take_while(|answered| **answered == views).count())
+    Ok(sums.whole(views))
 }
 
 async fn watch(
@@ -225,11 +232,7 @@ async fn watch(
     let (from, frames_before, begin) = {
         let mut sums = sums.lock();
         sums.parts = Parts::default();
-        (
-            sums.ticks.values().take_while(|answered| **answered == run.views).count(),
-            sums.frames,
-            Instant::now(),
-        )
+        (sums.whole(run.views), sums.frames, Instant::now())
     };
     while whole(sums, run.views)? < from + run.ticks {
         pause().await;

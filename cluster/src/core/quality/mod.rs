@@ -44,6 +44,5 @@ pub use situation::Situation;
 
 /// The share of views for which the predicted error is an upper bound: that of bounds which are promised to be kept. Choosing
 /// among several settings favours those whose error is underestimated, but most frames that are accepted lie well below
-/// their bound: above `terrain:500000`, 99 of 100 views at least kept a half, one and two times the median error, however
-/// 200 views were divided into those that calibrate and those that try.
+/// their bound: `argus study bounds` counts how many keep it, 99 of 100 at least above `terrain:500000`.
 pub const CONFIDENCE: f64 = 0.95;

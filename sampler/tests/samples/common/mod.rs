@@ -108,6 +108,20 @@ pub(crate) fn radiance_of(sample: &Sample) -> Vec<Vec3> {
         .collect()
 }
 
+/// One sample from the origin, of cube faces of so many texels, read back.
+pub(crate) fn job_around_origin(scene: &Scene, face: u32) -> SampleJob {
+    let rig = omni_rig(DVec3::ZERO, face);
+    let here = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
+    sample_job(scene, rig, rig.nearest(&here, 1)[0], true)
+}
+
+/// Mean radiance of a sample's texels, all of which are finite.
+pub(crate) fn mean_radiance(sampler: &mut GpuSampler, job: &SampleJob) -> Vec3 {
+    let radiance = radiance_of(&sample(sampler, job));
+    assert!(radiance.iter().all(|r| r.is_finite()));
+    radiance.iter().sum::<Vec3>() / radiance.len() as f32
+}
+
 /// An empty scene: a sky, one matt material, no light.
 pub(crate) fn empty_scene() -> Scene {
     let sky = Sky {
