@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use argus_scene::rig::Sight;
 use argus_scene::{Compositor, RenderError, Sampler, Scene, SceneHash};
 use bytes::Bytes;
 
@@ -39,6 +40,12 @@ pub trait SceneSource: Send + Sync + 'static {
     /// # Errors
     /// What keeps the list from being made, in one line.
     fn files(&self) -> Result<Vec<(String, PathBuf)>, String>;
+
+    /// Who knows what stands between two points of the scene, asked once and off the async threads where cameras stand in
+    /// its midst; may take long. `None`: a view's cameras are the nearest ones.
+    fn sight(&self) -> Option<Arc<dyn Sight>> {
+        None
+    }
 }
 
 /// How a worker opens the scene it is told to render. Called off the async threads; may take long.

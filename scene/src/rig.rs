@@ -7,12 +7,14 @@
 //! taken where the own ones leave pixels that none of them saw.
 
 mod lattice;
+mod sight;
 mod tile;
 
 use glam::{DVec3, IVec3};
 use serde::{Deserialize, Serialize};
 
 use self::lattice::Point;
+pub use self::sight::{Among, Sight};
 use self::tile::Tile;
 use crate::scene::RigKind;
 use crate::{Bounds, Camera, InvalidField, OmniLayout, SampleCamera, Scene};
@@ -59,6 +61,9 @@ pub struct RigKnobs {
     /// Side of a cube face in texels, [`Rig::Cell`].
     pub face: Option<u32>,
 }
+
+/// Cameras around a viewpoint of which it is seen how well they serve a view, at least.
+const CANDIDATES: usize = 16;
 
 /// Refinements have levels 1 to this: a lattice's spacing falls to a sixteenth.
 pub const MAX_LEVEL: u32 = 4;
@@ -143,12 +148,28 @@ impl Rig {
     /// The rig's own `count` cameras that serve a viewpoint best, best first; fewer where the rig has fewer.
     /// Always the same for the same camera.
     pub fn nearest(&self, camera: &Camera, count: usize) -> Vec<u64> {
-        self.nearest_among(camera, count, &[])
+        self.nearest_among(camera, count, Among::default())
     }
 
-    /// The `count` cameras that serve a viewpoint best, best first, of the rig's own and of those `refined` ones.
-    /// A function of its arguments alone, whatever their order.
-    pub fn nearest_among(&self, camera: &Camera, count: usize, refined: &[u64]) -> Vec<u64> {
+    /// The `count` cameras that serve a viewpoint best, best first, of the rig's own and of refinements. A function of its
+    /// arguments alone, whatever their order.
+    pub fn nearest_among(
+        &self,
+        camera: &Camera,
+        count: usize,
+        Among { refined, sight }: Among<'_>,
+    ) -> Vec<u64> {
+        let Some(sight) = sight.filter(|_| matches!(self, Self::Cell { .. })) else {
+            return self.ranked(camera, 2, refined).into_iter().take(count).collect();
+        };
+        // A cell's neighbours may see what its own corners do not.
+        let ranked = self.ranked(camera, 4, refined).into_iter().take(CANDIDATES.max(2 * count));
+        let place = |index| self.lattice_point(index).map(|at| (index, at));
+        sight.best(camera, &ranked.filter_map(place).collect::<Vec<_>>(), count)
+    }
+
+    /// The cameras around a viewpoint, so many of a lattice to a side, and refinements, the nearest first.
+    fn ranked(&self, camera: &Camera, edge: i32, refined: &[u64]) -> Vec<u64> {
         let mut ranked: Vec<(f64, u64)> = match *self {
             Self::TileCorners { .. } => {
                 let number = self.tile_looked_at(camera);
@@ -166,25 +187,22 @@ impl Rig {
             }
             Self::Cell { .. } => {
                 let base = self.lattice_coordinates(camera.eye, 0).floor().as_ivec3();
-                let corners = (0..8).map(|i| {
-                    let at = base + IVec3::new(i & 1, (i >> 1) & 1, i >> 2);
-                    Point { level: 0, at }.index()
-                });
+                let own = lattice::block(base - (edge - 2) / 2, edge);
                 let distance = |index| {
                     self.lattice_point(index).map(|center| ((center - camera.eye).length_squared(), index))
                 };
-                corners.chain(refined.iter().copied()).filter_map(distance).collect()
+                own.into_iter().chain(refined.iter().copied()).filter_map(distance).collect()
             }
         };
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         ranked.dedup();
-        ranked.into_iter().take(count).map(|(_, index)| index).collect()
+        ranked.into_iter().map(|(_, index)| index).collect()
     }
 
-    /// The camera of a level, 1 to [`MAX_LEVEL`], that is closest to a viewpoint: where a further sample saves it
-    /// the most holes. It may be one of a coarser level or the rig's own, where those have it; `None` where there
-    /// is none that could be outside of the scene's surfaces.
-    pub fn refinement(&self, camera: &Camera, level: u32) -> Option<u64> {
+    /// The camera of a level, 1 to [`MAX_LEVEL`], that is closest to a viewpoint, of those that see it if any does: where a
+    /// further sample saves it the most holes. It may be one of a coarser level or the rig's own, where those have it;
+    /// `None` where there is none that could be outside of the scene's surfaces.
+    pub fn refinement(&self, camera: &Camera, level: u32, sight: Option<&dyn Sight>) -> Option<u64> {
         let level = level.clamp(1, MAX_LEVEL);
         match *self {
             Self::TileCorners { bounds, .. } => {
@@ -196,8 +214,19 @@ impl Rig {
                 outside.then_some(4 * self.tile_count() + number * tile::REFINED + slot)
             }
             Self::Cell { .. } => {
-                let at = self.lattice_coordinates(camera.eye, level).round().as_ivec3();
-                Some(Point { level, at }.coarsest().index())
+                let eye = self.lattice_coordinates(camera.eye, level);
+                let mut around = lattice::neighbours(eye.round().as_ivec3());
+                around.sort_by(|a, b| {
+                    let squared = |at: &IVec3| (at.as_dvec3() - eye).length_squared();
+                    squared(a).total_cmp(&squared(b)).then(a.to_array().cmp(&b.to_array()))
+                });
+                let mut indices = around.into_iter().map(|at| Point { level, at }.coarsest().index());
+                let nearest = indices.next();
+                let sees = |index: &u64| match (sight, self.lattice_point(*index)) {
+                    (Some(sight), Some(at)) => sight.sees(at, camera.eye),
+                    _ => true,
+                };
+                nearest.filter(sees).or_else(|| indices.find(sees)).or(nearest)
             }
         }
     }
@@ -306,6 +335,10 @@ mod tests {
         Rig::TileCorners { bounds, tiles: [2, 3], height: 1.0, size: [400, 300] }
     }
 
+    fn refined(refined: &[u64]) -> Among<'_> {
+        Among { refined, sight: None }
+    }
+
     fn cell() -> Rig {
         Rig::Cell { origin: DVec3::new(1.0, 2.0, 3.0), spacing: 2.0, face: 64 }
     }
@@ -378,11 +411,11 @@ mod tests {
             let view = Camera::look_at(eye, DVec3::ZERO);
             for (rig, reach) in [(tile(), 1.2), (cell(), 2.0)] {
                 for level in 1..=MAX_LEVEL {
-                    let index = rig.refinement(&view, level).unwrap();
+                    let index = rig.refinement(&view, level, None).unwrap();
                     assert!(rig.level(index).unwrap() <= level);
                     let limit = reach / f64::from(1 << level);
                     assert!(far(&rig, &view, index) <= limit, "view {i}, level {level}");
-                    let among = rig.nearest_among(&view, 4, &[index, index]);
+                    let among = rig.nearest_among(&view, 4, refined(&[index, index]));
                     assert!(among.contains(&index), "view {i}, level {level}");
                     assert!(among.windows(2).all(|w| w[0] != w[1]));
                 }
@@ -396,7 +429,7 @@ mod tests {
         let view = Camera::look_at(DVec3::new(60.0, 60.0, 60.0), DVec3::new(40.0, 10.0, 40.0));
         let own = rig.nearest(&view, 8);
         let elsewhere = 24 + 5 * tile::REFINED - 1;
-        assert_eq!(rig.nearest_among(&view, 8, &[elsewhere, u64::MAX]), own);
-        assert_eq!(cell().nearest_among(&view, 8, &[u64::MAX]), cell().nearest(&view, 8));
+        assert_eq!(rig.nearest_among(&view, 8, refined(&[elsewhere, u64::MAX])), own);
+        assert_eq!(cell().nearest_among(&view, 8, refined(&[u64::MAX])), cell().nearest(&view, 8));
     }
 }

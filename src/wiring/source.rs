@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use argus_cluster::SceneSource;
+use argus_scene::reference::SceneSight;
+use argus_scene::rig::Sight;
 use argus_scene::{LoadError, Scene, load};
 
 /// A scene that was opened by its specification.
@@ -35,6 +37,10 @@ impl OpenScene {
 impl SceneSource for OpenScene {
     fn scene(&self) -> &Arc<Scene> {
         &self.scene
+    }
+
+    fn sight(&self) -> Option<Arc<dyn Sight>> {
+        SceneSight::new(&self.scene).map(|sight| Arc::new(sight) as Arc<dyn Sight>)
     }
 
     fn procedural(&self) -> Option<String> {

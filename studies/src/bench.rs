@@ -8,7 +8,8 @@ use argus_compositor::GpuCompositor;
 use argus_gpu::Gpu;
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::metrics::{self, Comparison};
-use argus_scene::reference::{Tracer, cache};
+use argus_scene::reference::{SceneSight, Tracer, cache};
+use argus_scene::rig::{Among, Sight};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, InvalidField, Outputs, Plan, RenderError, Rig, RigKnobs,
@@ -27,6 +28,7 @@ pub(crate) struct Bench {
     pub(crate) sampler: GpuSampler,
     pub(crate) compositor: GpuCompositor,
     pub(crate) tracer: Tracer,
+    sight: Option<SceneSight>,
 }
 
 /// What taking samples cost.
@@ -85,7 +87,8 @@ impl Bench {
         let sampler = GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), sampler)?;
         let compositor = GpuCompositor::new(Arc::clone(gpu))?;
         let tracer = Tracer::new(Arc::clone(&scene));
-        Ok(Self { scene, info, sampler, compositor, tracer })
+        let sight = SceneSight::new(&scene);
+        Ok(Self { scene, info, sampler, compositor, tracer, sight })
     }
 
     /// Has the compositor forget samples.
@@ -123,10 +126,16 @@ impl Bench {
         }
     }
 
+    /// Who knows which of the rig's cameras see what a view shows.
+    pub(crate) fn sight(&self) -> Option<&dyn Sight> {
+        self.sight.as_ref().map(|sight| sight as &dyn Sight)
+    }
+
     /// The `count` samples that serve a viewpoint best; fewer where the rig has fewer.
     pub(crate) fn sample_ids(&self, camera: &Camera, count: usize) -> Vec<SampleId> {
         let id = |index| SampleId { epoch: self.info.epoch, generation: self.info.generation, index };
-        self.info.rig.nearest(camera, count).into_iter().map(id).collect()
+        let among = Among { refined: &[], sight: self.sight() };
+        self.info.rig.nearest_among(camera, count, among).into_iter().map(id).collect()
     }
 
     /// All samples that the viewpoints are served from, each once.

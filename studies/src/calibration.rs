@@ -282,7 +282,8 @@ impl Answers {
                 let observed = Observed::of(&frame).context("the frame has no colour")?;
                 answers.push(Answer { setting, error: error(&frame, &reference)?, ms, observed });
             }
-            let situation = Situation::new(camera, size[1], &self.bench.info.rig, &self.bench.info.bounds);
+            let rig = (&self.bench.info.rig, self.bench.sight());
+            let situation = Situation::new(camera, size[1], rig, &self.bench.info.bounds);
             trials.push(Trial { situation, pixels: u64::from(size[0]) * u64::from(size[1]), answers });
             progress.inc(1);
         }

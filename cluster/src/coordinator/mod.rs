@@ -18,6 +18,7 @@ use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::cluster_server::ClusterServer;
 use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
+use argus_scene::rig::Sight;
 use argus_scene::{InvalidField, Rig, SampleSetInfo, Sampling, Surroundings, Visibility};
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
@@ -91,7 +92,9 @@ pub async fn serve(
     let address = listener.local_addr()?;
     info!(%address, scene = scene.name, "coordinator serves");
     let (core, models) = (config.core.clone(), config.models.clone());
-    let fresh = move || Core::new(core.clone(), set.clone()).with_models(models.clone());
+    let sight = sight(&source, &rig).await;
+    let fresh =
+        move || Core::new(core.clone(), set.clone()).with_models(models.clone()).with_sight(sight.clone());
     let hub = Arc::new(Hub::new(&config, fresh, source, standing));
     let reached_at = config
         .advertise
@@ -152,6 +155,16 @@ pub async fn serve(
 }
 
 /// Tells the core the time, ten times a tick and at least ten times a second.
+/// Who knows which of a lattice's cameras see what a view shows; cameras of tiles are above everything.
+async fn sight(source: &Arc<dyn SceneSource>, rig: &Rig) -> Option<Arc<dyn Sight>> {
+    if !matches!(rig, Rig::Cell { .. }) {
+        return None;
+    }
+    let source = source.clone();
+    // Whoever could not say it is done without.
+    tokio::task::spawn_blocking(move || source.sight()).await.ok().flatten()
+}
+
 async fn tick(hub: &Hub, config: &Config) {
     // An epoch begins when its time has come, give or take a fifth of it.
     let finest =

@@ -6,14 +6,15 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Camera, Plan, Prediction, SampleId, View};
+use argus_scene::rig::Among;
+use argus_scene::{Camera, Plan, Prediction, Preset, SampleId, View};
 
 use super::admission::Client;
 use super::directory::{Directory, Known};
 use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
 use super::machine::Core;
 use super::pending::{Pending, device_kind, sub_pixels};
-use super::plan::plan;
+use super::plan::{MOST_SAMPLES, plan};
 use super::time::Uptime;
 use super::wishes::{Planned, Quest};
 
@@ -94,8 +95,11 @@ impl Core {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
         self.check_epoch(view)?;
-        let plain = plan(view, &self.set, self.placement.usable(), &self.config)?;
-        let planned = self.planned(view, plain);
+        let plain = plan(view, &self.set, self.among(self.placement.usable()), &self.config)?;
+        let mut planned = self.planned(view, plain);
+        if planned.quest.is_none() && view.pin.is_none() {
+            self.widen(view, &mut planned.plan);
+        }
         let direct = matches!(planned.plan, Plan::Direct { .. });
         let expected = self.expected_wait(direct);
         let bearable = deadline.unwrap_or(Duration::MAX).min(self.config.max_wait);
@@ -122,6 +126,26 @@ impl Core {
         self.sample_ids_among(camera, count, epoch, self.placement.usable())
     }
 
+    /// A plan whose request leaves it open takes further samples, those that are at hand anyway: what none of the first ones
+    /// saw, another camera may have seen, and a new sample costs more.
+    fn widen(&self, view: &View, plan: &mut Plan) {
+        let open = view.plan.samples.is_none() && matches!(view.plan.preset, None | Some(Preset::Balanced));
+        let (true, Plan::Warp(warp)) = (open, plan) else { return };
+        let readers = self.lines.compositors().len();
+        let at_hand = |id: &SampleId| readers > 0 && 2 * self.whereabouts.count(*id) >= readers;
+        let all = self.sample_ids(&view.camera, MOST_SAMPLES, self.set.epoch).into_iter();
+        let further: Vec<SampleId> =
+            all.filter(|id| !id.is_surroundings() && !warp.samples.contains(id) && at_hand(id)).collect();
+        // What surrounds the scene comes last.
+        let own = warp.samples.iter().filter(|id| !id.is_surroundings()).count();
+        warp.samples.splice(own..own, further.into_iter().take(MOST_SAMPLES.saturating_sub(own)));
+    }
+
+    /// The rig's own cameras and these refinements, and who knows which of them see what.
+    fn among<'a>(&'a self, refined: &'a [u64]) -> Among<'a> {
+        Among { refined, sight: self.sight.as_deref() }
+    }
+
     /// … of the rig's own and these refinements.
     fn sample_ids_among(
         &self,
@@ -131,7 +155,7 @@ impl Core {
         refinements: &[u64],
     ) -> Vec<SampleId> {
         let generation = self.set.generation;
-        let indices = self.set.rig.nearest_among(camera, count, refinements).into_iter();
+        let indices = self.set.rig.nearest_among(camera, count, self.among(refinements)).into_iter();
         self.set.with_surroundings(indices.map(|index| SampleId { epoch, generation, index }).collect())
     }
 
@@ -312,7 +336,8 @@ impl Core {
             {
                 let used: Vec<u64> = view.samples().iter().map(|id| id.index).collect();
                 let uncovered = uncovered.min(view.pixels);
-                self.placement.learn(&self.set.rig, &view.camera, &used, uncovered, view.pixels);
+                let rig = (&self.set.rig, self.sight.as_deref());
+                self.placement.learn(rig, &view.camera, &used, uncovered, view.pixels);
             }
             self.counters.views_answered += 1;
         }

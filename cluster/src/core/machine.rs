@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use argus_proto::Fault;
 use argus_scene::SampleSetInfo;
+use argus_scene::rig::Sight;
 use serde::Serialize;
 
 use super::admission::Admission;
@@ -99,6 +100,8 @@ pub struct Core {
     pub(super) epochs: Epochs,
     /// What calibration measured of the scene, of each kind of device; none where nobody calibrated.
     pub(super) models: Vec<Arc<Model>>,
+    /// Which of the rig's cameras see what a view shows; where nobody knows, the nearest are the best.
+    pub(super) sight: Option<Arc<dyn Sight>>,
     /// How costs differ from what the models say.
     pub(super) pace: Pace,
     pub(super) rates: Rates,
@@ -116,6 +119,12 @@ pub struct Core {
 }
 
 impl Core {
+    /// Plans views by what the rig's cameras see.
+    #[must_use]
+    pub fn with_sight(self, sight: Option<Arc<dyn Sight>>) -> Self {
+        Self { sight, ..self }
+    }
+
     /// A cluster without workers that serves samples of one set, from uptime zero on.
     pub fn new(config: Config, set: Arc<SampleSetInfo>) -> Self {
         let rate = || Rate::new(config.smoothing);
@@ -142,6 +151,7 @@ impl Core {
                 tick_secs: 0.0,
             },
             models: Vec::new(),
+            sight: None,
             pace: Pace::new(config.smoothing),
             config,
             set,

@@ -15,7 +15,7 @@
 
 use std::collections::BTreeMap;
 
-use argus_scene::rig::MAX_LEVEL;
+use argus_scene::rig::{MAX_LEVEL, Sight};
 use argus_scene::{Camera, Rig};
 use serde::Serialize;
 
@@ -118,7 +118,14 @@ impl Placement {
     }
 
     /// A view was answered from the samples of these indices, and `uncovered` of its `pixels` none of them saw.
-    pub(super) fn learn(&mut self, rig: &Rig, camera: &Camera, used: &[u64], uncovered: u64, pixels: u64) {
+    pub(super) fn learn(
+        &mut self,
+        (rig, sight): (&Rig, Option<&dyn Sight>),
+        camera: &Camera,
+        used: &[u64],
+        uncovered: u64,
+        pixels: u64,
+    ) {
         for index in used {
             if let Some(site) = self.sites.get_mut(index)
                 && let Some(placed) = site.placed
@@ -131,7 +138,7 @@ impl Placement {
             return;
         }
         for level in 1..=MAX_LEVEL {
-            let Some(index) = rig.refinement(camera, level) else { return };
+            let Some(index) = rig.refinement(camera, level, sight) else { return };
             // The view used it, or one of the rig's own in its place, and still has holes: a nearer one.
             if used.contains(&index) || rig.level(index) == Some(0) {
                 continue;

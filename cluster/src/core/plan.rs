@@ -1,6 +1,7 @@
 //! How a view shall be answered: the plan that follows from what its request leaves open, or the pinned one.
 
 use argus_proto::Fault;
+use argus_scene::rig::Among;
 use argus_scene::{
     Holes, InvalidField, Plan, Preset, Provenance, Reflections, SampleId, SampleSetInfo, Sampling, View,
     Visibility, Warp,
@@ -12,18 +13,18 @@ use super::config::Config;
 const NEAR_THE_TRUTH: u32 = 16;
 /// Samples of an interactive view: the pair that the splat takes its depth from.
 const INTERACTIVE_SAMPLES: u32 = 2;
-/// Samples of an exact view: all that a plan may name.
-const EXACT_SAMPLES: u32 = 8;
+/// All samples that a plan may name: those of an exact view.
+pub(super) const MOST_SAMPLES: usize = 8;
 
 /// The plan of a validated view as its request alone has it; a model of the scene may know better
 /// ([`super::quality`]). Without one, a bound on the error is kept by rendering from the triangles, unless the
-/// request says how to reconstruct. `refined` are the refinements of the rig whose samples are at hand.
+/// request says how to reconstruct. `among` are the cameras to plan with.
 ///
 /// # Errors
 /// [`Fault::Pin`] for a pinned scene or generation that is not the one served (which epochs are is for
 /// `Core::check_epoch` to say), [`Fault::Invalid`] for
 /// a pinned plan that nobody could follow.
-pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) -> Result<Plan, Fault> {
+pub fn plan(view: &View, set: &SampleSetInfo, among: Among<'_>, config: &Config) -> Result<Plan, Fault> {
     if let Some(pin) = &view.pin {
         check_pin(pin, set)?;
         return Ok(pin.plan.clone());
@@ -41,11 +42,11 @@ pub fn plan(view: &View, set: &SampleSetInfo, refined: &[u64], config: &Config) 
     }
     let samples = match request.preset {
         Some(Preset::Interactive) => config.samples_per_view.min(INTERACTIVE_SAMPLES),
-        Some(Preset::Exact) => EXACT_SAMPLES,
+        Some(Preset::Exact) => MOST_SAMPLES as u32,
         Some(Preset::Balanced) | None => config.samples_per_view,
     };
     let count = request.samples.unwrap_or(samples) as usize;
-    let indices = set.rig.nearest_among(&view.camera, count, refined);
+    let indices = set.rig.nearest_among(&view.camera, count, among);
     let (epoch, generation) = (set.epoch, set.generation);
     let search = request.search.unwrap_or_default();
     Ok(Plan::Warp(Warp {
@@ -124,7 +125,7 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), In
             within("pin.plan.warp.supersampling", *supersampling, 8)?;
             let field = "pin.plan.warp.samples";
             let of_rig = samples.iter().filter(|id| !id.is_surroundings()).count();
-            if !(1..=8).contains(&of_rig) {
+            if !(1..=MOST_SAMPLES).contains(&of_rig) {
                 return Err(InvalidField::new(field, format!("must be 1 to 8 samples, not {of_rig}")));
             }
             if set.reflections.is_some() && of_rig == samples.len() {
@@ -166,7 +167,7 @@ mod tests {
 
     fn pinned(change: impl FnOnce(&mut Provenance)) -> Result<Plan, Fault> {
         let set = set_info();
-        let free = plan(&view(), &set, &[], &Config::default()).unwrap();
+        let free = plan(&view(), &set, Among::default(), &Config::default()).unwrap();
         let mut pin = Provenance {
             scene: set.scene,
             epoch: set.epoch,
@@ -176,14 +177,14 @@ mod tests {
             history: false,
         };
         change(&mut pin);
-        plan(&View { pin: Some(pin), ..view() }, &set, &[], &Config::default())
+        plan(&View { pin: Some(pin), ..view() }, &set, Among::default(), &Config::default())
     }
 
     #[test]
     fn what_a_request_leaves_open_is_the_splat_of_the_four_nearest_samples() {
         let set = set_info();
         let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) =
-            plan(&view(), &set, &[], &Config::default()).unwrap()
+            plan(&view(), &set, Among::default(), &Config::default()).unwrap()
         else {
             panic!("a warp")
         };
@@ -196,14 +197,17 @@ mod tests {
     #[test]
     fn a_direct_view_takes_the_square_of_its_supersampling() {
         let wish = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
-        let plan = plan(&View { plan: wish, ..view() }, &set_info(), &[], &Config::default()).unwrap();
+        let plan =
+            plan(&View { plan: wish, ..view() }, &set_info(), Among::default(), &Config::default()).unwrap();
         assert_eq!(plan, Plan::Direct { samples_per_pixel: 16 });
     }
 
     #[test]
     fn without_a_model_wishes_are_taken_by_what_they_are_called() {
-        let plan =
-            |request| plan(&View { plan: request, ..view() }, &set_info(), &[], &Config::default()).unwrap();
+        let plan = |request| {
+            plan(&View { plan: request, ..view() }, &set_info(), Among::default(), &Config::default())
+                .unwrap()
+        };
         let preset = |preset| match plan(PlanRequest { preset: Some(preset), ..PlanRequest::default() }) {
             Plan::Warp(warp) => (warp.supersampling, warp.samples.len(), warp.holes),
             Plan::Direct { .. } => panic!("a warp"),
@@ -222,7 +226,7 @@ mod tests {
 
     #[test]
     fn a_pin_is_repeated_as_it_is() {
-        let free = plan(&view(), &set_info(), &[], &Config::default()).unwrap();
+        let free = plan(&view(), &set_info(), Among::default(), &Config::default()).unwrap();
         assert_eq!(pinned(|_| ()).unwrap(), free);
         let direct = Plan::Direct { samples_per_pixel: 9 };
         assert_eq!(pinned(|p| p.plan = direct.clone()).unwrap(), direct);

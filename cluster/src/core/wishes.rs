@@ -64,7 +64,8 @@ impl Core {
                 if self.direct_is_in_time(view) { Plan::Direct { samples_per_pixel: 1 } } else { plain };
             return Planned { plan, expected: None, quest: None };
         };
-        let situation = Situation::new(&view.camera, view.height, &self.set.rig, &self.set.bounds);
+        let rig = (&self.set.rig, self.sight.as_deref());
+        let situation = Situation::new(&view.camera, view.height, rig, &self.set.bounds);
         let pixels = u64::from(view.width) * u64::from(view.height);
         let chosen = Wish::of(&view.plan).and_then(|wish| {
             let candidates = model.candidates(&view.plan, &situation, pixels, &self.pace);

@@ -59,7 +59,7 @@ pub(super) fn compositor(
 
 /// One of the rig's cameras.
 fn index(info: &SampleSetInfo) -> u64 {
-    info.rig.nearest_among(&viewpoint(info), 1, &[]).first().copied().unwrap_or(0)
+    info.rig.nearest(&viewpoint(info), 1).first().copied().unwrap_or(0)
 }
 
 /// From outside the scene into its middle.

@@ -22,6 +22,7 @@ pub mod cache;
 mod image;
 mod indirect;
 mod reflection;
+mod sight;
 mod surface;
 mod tracer;
 mod triangle;
@@ -29,6 +30,7 @@ mod triangle;
 pub use self::image::ReferenceImage;
 pub use indirect::Indirect;
 pub use reflection::Reflecting;
+pub use sight::SceneSight;
 pub use tracer::{Hit, Tracer};
 
 /// Changes whenever the same scene and camera would give another image, so that stored images of an older

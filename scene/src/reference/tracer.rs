@@ -72,16 +72,36 @@ impl Tracer {
     /// Builds the hierarchies and the textures' mip chains, on all of rayon's threads; the scene is as at time
     /// zero.
     pub fn new(scene: Arc<Scene>) -> Self {
+        let textures = mip_chains(&scene);
+        Self::of(scene, textures)
+    }
+
+    fn of(scene: Arc<Scene>, textures: Vec<MipChain>) -> Self {
         let mut used = vec![false; scene.meshes.len()];
         scene.instances.iter().for_each(|i| used[i.mesh as usize] = true);
         let built = scene.meshes.par_iter().zip(&used).map(|(mesh, &used)| MeshTree::new(mesh, used));
         let (meshes, boxes): (Vec<MeshTree>, Vec<Bounds>) = built.unzip();
         let pose = scene.at(0.0);
         let (placed, top) = place(&scene, &pose, &boxes);
-        let textures = Arc::new(mip_chains(&scene));
-        let (meshes, boxes) = (Arc::new(meshes), Arc::new(boxes));
+        let (meshes, boxes, textures) = (Arc::new(meshes), Arc::new(boxes), Arc::new(textures));
         let content_hash = OnceLock::new();
         Self { scene, pose, textures, meshes, boxes, placed, top, content_hash, reflecting: None }
+    }
+
+    /// The scene's triangles without textures, as at time zero; cut-outs are not there at all.
+    pub(super) fn of_shapes(scene: Arc<Scene>) -> Self {
+        let mut shapes = Self::of(scene, Vec::new());
+        shapes.placed.iter_mut().for_each(|placed| placed.cutoff = placed.cutoff.and(Some(f32::INFINITY)));
+        shapes
+    }
+
+    /// The same, but single-sided triangles are seen from behind, too.
+    pub(super) fn from_both_sides(&self) -> Self {
+        let mut both = self.at(0.0);
+        for (placed, same) in both.placed.iter_mut().zip(&self.placed) {
+            (placed.culled, placed.cutoff) = (false, same.cutoff);
+        }
+        both
     }
 
     /// The same scene at another time, seconds. What does not move is shared, so that this takes as long as there

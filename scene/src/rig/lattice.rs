@@ -8,8 +8,8 @@ use super::MAX_LEVEL;
 const BIAS: i32 = 1 << 19;
 const MASK: u64 = (1 << 20) - 1;
 
-/// Coordinates stay within this, so that a neighbour's still fit.
-pub(super) const LIMIT: f64 = (BIAS - 2) as f64;
+/// Coordinates stay within this, so that those of neighbours, and of theirs, still fit.
+pub(super) const LIMIT: f64 = (BIAS - 4) as f64;
 
 /// A point of a lattice. A point that a coarser level has as well belongs to that one, so that every point has
 /// one index.
@@ -56,6 +56,17 @@ impl Point {
         let point = Self { level: (index >> 60) as u32, at: IVec3::new(unpack(0), unpack(20), unpack(40)) };
         (point.level <= MAX_LEVEL && point.coarsest() == point).then_some(point)
     }
+}
+
+/// The points of level 0 in the block of `edge` of them on each side that begins at a point, by its coordinates.
+pub(super) fn block(first: IVec3, edge: i32) -> Vec<u64> {
+    let offset = |i: i32| IVec3::new(i % edge, i / edge % edge, i / (edge * edge));
+    (0..edge.pow(3)).map(|i| Point { level: 0, at: first + offset(i) }.index()).collect()
+}
+
+/// Coordinates around some, themselves among them.
+pub(super) fn neighbours(at: IVec3) -> Vec<IVec3> {
+    (0..27).map(|i| at + IVec3::new(i % 3, i / 3 % 3, i / 9) - 1).collect()
 }
 
 #[cfg(test)]

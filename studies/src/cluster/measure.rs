@@ -47,9 +47,8 @@ pub(super) struct Measured {
     pub(super) direct_secs: f64,
     pub(super) view_secs: f64,
     pub(super) sampling: f64,
-    /// The share of a sample's time that its stages call `other`: submission, and waiting for the device and for its planes
-    /// to be read back.
-    pub(super) sampling_rest_share: Option<f64>,
+    /// What a sample's time is made of, as far as its stages say.
+    pub(super) sampling_shares: Option<Shares>,
     /// By the frames' stages.
     pub(super) parts: Parts,
     /// What c has beyond its stages, or a direct view's stages beyond its passes: submission, and waiting for the device
@@ -61,11 +60,22 @@ pub(super) struct Measured {
     pub(super) cpu: [f64; 4],
 }
 
+/// Shares of a sample's time.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Shares {
+    /// What its stages call `other`: submission, and waiting for the device and for its planes to be read back.
+    pub(super) rest: f64,
+    /// Rays on the processor, on all of its cores.
+    pub(super) pooled: f64,
+}
+
 /// What views were at, summed over views: the first ones are work, waits of many views pass at the same time.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Parts {
     /// On the device.
     pub(super) passes: f64,
+    /// Rays on the processor, on all of its cores.
+    pub(super) pooled: f64,
     /// On the host: views are prepared and uploaded, passes recorded.
     pub(super) record: f64,
     /// On the host: pixels that were read back are put in their places.
@@ -81,12 +91,24 @@ pub(super) struct Parts {
     pub(super) queue: f64,
 }
 
+/// What sees triangles by rays on the processor calls that stage.
+const POOLED: &str = "trace on the CPU";
+
 impl Parts {
+    /// The share of direct views' work that is done on all of the processor's cores, where each of as many processes as
+    /// there are is busy.
+    pub(super) fn pooled_share(&self, processes: usize, cores: u32) -> f64 {
+        let pooled = self.pooled * (f64::from(cores) / processes as f64).max(1.0);
+        let all = pooled + self.passes + self.record + self.unpack + self.other;
+        if all > 0.0 { pooled / all } else { 0.0 }
+    }
+
     fn add(&mut self, stage: &Stage) {
         let part = match stage.name.as_str() {
             "prepare views" | "record passes" => &mut self.record,
             "unpack frames" => &mut self.unpack,
             "other" => &mut self.other,
+            POOLED => &mut self.pooled,
             "encode" => &mut self.encode,
             "relay" => &mut self.relay,
             "samples" => &mut self.await_samples,
@@ -97,9 +119,10 @@ impl Parts {
     }
 
     fn per(self, ticks: f64) -> Self {
-        let Self { passes, record, unpack, other, encode, relay, await_samples, queue } = self;
+        let Self { passes, pooled, record, unpack, other, encode, relay, await_samples, queue } = self;
         Self {
             passes: passes / ticks,
+            pooled: pooled / ticks,
             record: record / ticks,
             unpack: unpack / ticks,
             other: other / ticks,
@@ -145,7 +168,7 @@ pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
     let _ = asking.await;
     let mut measured = measured?;
     if run.way != Way::Naive {
-        measured.sampling_rest_share = rest_of_samples(&client, run.size).await;
+        measured.sampling_shares = shares_of_samples(&client, run.size).await;
     }
     drop(client);
     cluster.stop()?;
@@ -269,7 +292,7 @@ async fn watch(
         direct_secs: status.direct_ms * 1e-3,
         view_secs: status.view_ms * 1e-3,
         sampling: samples * status.sample_ms * 1e-3,
-        sampling_rest_share: None,
+        sampling_shares: None,
         rest: match run.way {
             Way::Naive => parts.other,
             _ => (f64::from(run.views) * status.view_ms * 1e-3 - parts.passes - parts.record - parts.unpack)
@@ -294,8 +317,8 @@ async fn snapshot(client: &Client, cluster: &LocalCluster) -> Result<Snapshot> {
     Ok(Snapshot { status, cpu })
 }
 
-/// The share of `other` in the stages of the samples of one view, as whoever has them says; `None` where nobody does.
-async fn rest_of_samples(client: &Client, size: [u32; 2]) -> Option<f64> {
+/// What the samples of one view are made of, as whoever has them says; `None` where nobody does.
+async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
     let view = path_views(client.description(), 1, size, PlanRequest::default()).pop()?;
     let frame = client.render(&view, &patient()).await.ok()?.frame;
     let Plan::Warp(plan) = &frame.provenance.plan else { return None };
@@ -323,7 +346,8 @@ async fn rest_of_samples(client: &Client, size: [u32; 2]) -> Option<f64> {
         stages.iter().filter(|stage| is(&stage.name)).map(|stage| stage.ms).sum()
     };
     let all = sum(&|_| true);
-    (all > 0.0).then(|| sum(&|name| name == "other") / all)
+    let share = |of: &str| sum(&|name| name == of) / all;
+    (all > 0.0).then(|| Shares { rest: share("other"), pooled: share(POOLED) })
 }
 
 #[cfg(test)]
@@ -335,11 +359,18 @@ mod tests {
         let mut parts = Parts::default();
         let names = ["samples", "queue", "prepare views", "record passes", "splat samples", "mend"];
         names.iter().for_each(|name| parts.add(&Stage::new(*name, 1000.0)));
-        for (name, ms) in [("unpack frames", 3e3), ("other", 5e3), ("encode", 7e3), ("relay", 11e3)] {
+        for (name, ms) in
+            [("unpack frames", 3e3), ("other", 5e3), ("encode", 7e3), ("relay", 11e3), (POOLED, 13e3)]
+        {
             parts.add(&Stage::new(name, ms));
         }
-        let Parts { passes, record, unpack, other, encode, relay, await_samples, queue } = parts.per(2.0);
+        let parts = parts.per(2.0);
+        let Parts { passes, pooled, record, unpack, other, encode, relay, await_samples, queue } = parts;
         assert_eq!((await_samples, queue, record, passes), (0.5, 0.5, 1.0, 1.0));
-        assert_eq!((unpack, other, encode, relay), (1.5, 2.5, 3.5, 5.5));
+        assert_eq!((unpack, other, encode, relay, pooled), (1.5, 2.5, 3.5, 5.5, 6.5));
+        // Alone on two, each millisecond of the pool is worth two.
+        assert_eq!(parts.pooled_share(2, 2), 6.5 / (6.5 + 1.0 + 1.0 + 1.5 + 2.5));
+        assert_eq!(parts.pooled_share(1, 2), 13.0 / (13.0 + 1.0 + 1.0 + 1.5 + 2.5));
+        assert_eq!(Parts::default().pooled_share(1, 2), 0.0);
     }
 }

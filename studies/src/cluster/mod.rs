@@ -249,6 +249,7 @@ fn parameters_of(runs: &[(usize, u32, Way, Measured)], options: &Options) -> Par
         parameters.view_ms = compositing / views - encode;
         let samples = measured.samples.max(1.0);
         parameters.sample_ms = (measured.sample_secs * 1e3).min(sampling / samples);
+        parameters.sample_pooled = measured.sampling_shares.unwrap_or_default().pooled;
         parameters.pack_ms = (sampling / samples - parameters.sample_ms).max(0.0);
         // Both are part of what the compositors took.
         (parameters.hold_ms, parameters.unpack_ms) = (0.0, 0.0);
@@ -258,6 +259,7 @@ fn parameters_of(runs: &[(usize, u32, Way, Measured)], options: &Options) -> Par
     if let Some(measured) = of(Way::Naive) {
         let workers = (measured.cpu[0] + measured.cpu[1]) * 1e3;
         parameters.direct_ms = (workers / views - parameters.encode_ms).max(0.01);
+        parameters.direct_pooled = measured.parts.pooled_share(p, cores);
     }
     parameters
 }

@@ -43,6 +43,7 @@ pub(super) struct Row {
     sampling_ms: Option<f64>,
     sampling_rest_ms: Option<f64>,
     passes_ms: Option<f64>,
+    pooled_ms: Option<f64>,
     record_ms: Option<f64>,
     unpack_ms: Option<f64>,
     rest_ms: Option<f64>,
@@ -148,6 +149,7 @@ impl Row {
             sampling_ms: None,
             sampling_rest_ms: None,
             passes_ms: None,
+            pooled_ms: None,
             record_ms: None,
             unpack_ms: None,
             rest_ms: None,
@@ -186,8 +188,9 @@ impl Row {
             agreement_fraction: Some(agreement),
             calibrates: Some(beside.calibrates),
             sampling_ms: ms(m.sampling),
-            sampling_rest_ms: m.sampling_rest_share.map(|share| share * m.sampling * 1e3),
+            sampling_rest_ms: m.sampling_shares.map(|shares| shares.rest * m.sampling * 1e3),
             passes_ms: ms(m.parts.passes),
+            pooled_ms: ms(m.parts.pooled),
             record_ms: ms(m.parts.record),
             unpack_ms: ms(m.parts.unpack),
             rest_ms: ms(m.rest),
@@ -210,7 +213,7 @@ impl Row {
         costs: &Parameters,
         outcome: &Outcome,
     ) -> Self {
-        let of = (costs.sample_ms, costs.direct_ms, costs.view_ms);
+        let of = costs.by_the_clock(processes).into();
         Self {
             relayed: costs.relayed,
             cores: Some(costs.machines.cores()),
@@ -221,8 +224,8 @@ impl Row {
 
     /// A cluster in which something goes wrong; a view that is lost is out of bounds.
     pub(super) fn troubled(costs: &Parameters, outcome: &trouble::Outcome) -> Self {
-        let of = (costs.sample_ms, costs.direct_ms, costs.view_ms);
         let trouble::Outcome { processes, asked, samplers, .. } = *outcome;
+        let of = costs.by_the_clock(processes).into();
         Self {
             way: "still scene, samplers compose",
             trouble: Some(outcome.trouble.name()),

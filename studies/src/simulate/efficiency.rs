@@ -73,12 +73,8 @@ pub fn load_of(case: &Case, parameters: &Parameters) -> Load {
             Demand { samples, views, ..Demand::default() }
         }
     };
-    let costs = Costs {
-        sample_secs: parameters.sample_ms * 1e-3,
-        direct_secs: parameters.direct_ms * 1e-3,
-        view_secs: parameters.view_ms * 1e-3,
-        ..Costs::default()
-    };
+    let [sample_secs, direct_secs, view_secs] = parameters.by_the_clock(case.processes).map(|ms| ms * 1e-3);
+    let costs = Costs { sample_secs, direct_secs, view_secs, ..Costs::default() };
     Load::of(&demand, &costs)
 }
 
@@ -172,6 +168,7 @@ fn settle(world: &mut World) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulate::Machines;
 
     fn case(processes: u32, views: u64) -> Case {
         Case { processes, views, refreshed: true, direct: false, helping: false, ticks: 40 }
@@ -215,5 +212,18 @@ mod tests {
         assert!((naive.tick_secs / expected - 1.0).abs() < 0.05, "{naive:?}");
         let still = run(&Case { refreshed: false, ..case(4, 400) }, &ideal());
         assert!((still.tick_secs / (400.0 * ideal().view_ms * 1e-3 / 3.0) - 1.0).abs() < 0.05, "{still:?}");
+    }
+
+    #[test]
+    fn who_is_alone_has_all_cores_for_its_rays() {
+        let pooled = Parameters { direct_pooled: 0.5, machines: Machines::Shared { cores: 4 }, ..ideal() };
+        let naive = |processes| run(&Case { direct: true, ..case(processes, 100) }, &pooled);
+        let work = 100.0 * pooled.direct_ms * 1e-3;
+        for (processes, expected) in [(1, work * (0.5 + 0.5 / 4.0)), (4, work / 4.0)] {
+            let outcome = naive(processes);
+            assert!((outcome.tick_secs / expected - 1.0).abs() < 0.05, "{processes}: {outcome:?}");
+            let predicted = outcome.predicted_secs / expected;
+            assert!((predicted - 1.0).abs() < 0.05, "{processes}: {outcome:?}");
+        }
     }
 }

@@ -14,6 +14,11 @@ pub struct Parameters {
     pub view_ms: f64,
     /// g_direct: milliseconds for a view from the triangles.
     pub direct_ms: f64,
+    /// The share of g that is done on all cores of a machine at a time, as packets of rays on the processor are; the rest, and
+    /// all of c, is one thread's.
+    pub sample_pooled: f64,
+    /// … and of g_direct.
+    pub direct_pooled: f64,
     /// For a compositor to take one sample up, on the thread that renders.
     pub hold_ms: f64,
     /// For a frame to be packed and sent, beside rendering.
@@ -65,12 +70,26 @@ impl Machines {
     }
 }
 
+impl Parameters {
+    /// g, g_direct and c by the clock, milliseconds, where so many processes are busy.
+    pub(crate) fn by_the_clock(&self, processes: u32) -> [f64; 3] {
+        let cores = match self.machines {
+            Machines::Shared { cores } => f64::from(cores) / f64::from(processes.max(1)),
+            Machines::Each { cores } => f64::from(cores),
+        };
+        let of = |ms: f64, pooled: f64| ms * (1.0 - pooled + pooled / cores.max(1.0));
+        [of(self.sample_ms, self.sample_pooled), of(self.direct_ms, self.direct_pooled), self.view_ms]
+    }
+}
+
 impl Default for Parameters {
     fn default() -> Self {
         Self {
             sample_ms: 60.0,
             view_ms: 2.0,
             direct_ms: 30.0,
+            sample_pooled: 0.0,
+            direct_pooled: 0.0,
             hold_ms: 1.5,
             encode_ms: 0.8,
             pack_ms: 8.0,

@@ -37,6 +37,8 @@ pub(super) struct Busy {
     pub(super) since: Nanos,
     /// How much of it is the cost of what is rendered; the rest is taking samples up.
     pub(super) cost_share: f64,
+    /// Threads that are still at it.
+    pub(super) threads: u32,
 }
 
 /// A view that waits for samples.

@@ -1,5 +1,6 @@
 //! What can be said of a view before it is rendered.
 
+use argus_scene::rig::{Among, Sight};
 use argus_scene::{Bounds, Camera, OmniLayout, Rig, SampleCamera};
 use serde::{Deserialize, Serialize};
 
@@ -11,8 +12,13 @@ impl Situation {
     /// How many features there are.
     pub const FEATURES: usize = 12;
 
-    /// The situation of a view of `height` rows.
-    pub fn new(camera: &Camera, height: u32, rig: &Rig, bounds: &Bounds) -> Self {
+    /// The situation of a view of `height` rows among the cameras of a rig.
+    pub fn new(
+        camera: &Camera,
+        height: u32,
+        (rig, sight): (&Rig, Option<&dyn Sight>),
+        bounds: &Bounds,
+    ) -> Self {
         let extent = bounds.size().max_element().max(1e-12);
         let axis = (camera.target - camera.eye).normalize_or_zero();
         let focus = camera.eye + axis * focus_distance(camera, bounds);
@@ -25,8 +31,8 @@ impl Situation {
             }
         };
         let pixels_per_radian = 0.5 * f64::from(height) / (0.5 * camera.fov_deg.to_radians()).tan().max(1e-9);
-        let nearest: Vec<SampleCamera> =
-            rig.nearest(camera, 2).into_iter().filter_map(|index| rig.camera(index).ok()).collect();
+        let nearest = rig.nearest_among(camera, 2, Among { refined: &[], sight });
+        let nearest: Vec<SampleCamera> = nearest.into_iter().filter_map(|i| rig.camera(i).ok()).collect();
         let center = |i: usize| nearest.get(i).or(nearest.first()).map_or(camera.eye, SampleCamera::center);
         // As seen from what is looked at: by how much the view's direction differs from the sample's.
         let angle = |i: usize| {

@@ -50,7 +50,7 @@ fn trials_of(table: &[(Setting, f64, f64)], count: usize, noise: f64) -> Vec<Tri
                 observed: observed(difficulty),
             }
         };
-        let situation = Situation::new(&camera, 150, &set.rig, &set.bounds);
+        let situation = Situation::new(&camera, 150, (&set.rig, None), &set.bounds);
         Trial { situation, pixels: 30_000, answers: table.iter().map(answer).collect() }
     };
     (0..count).map(view).collect()
@@ -278,7 +278,7 @@ proptest! {
         };
         let set = set_info();
         let camera = Camera::look_at(DVec3::from_array(eye.map(f)), DVec3::ZERO);
-        let situation = Situation::new(&camera, 150, &set.rig, &set.bounds);
+        let situation = Situation::new(&camera, 150, (&set.rig, None), &set.bounds);
         let request = bounded(bound);
         let wish = Wish::of(&request).unwrap();
         let open = model.candidates(&request, &situation, 30_000, &Pace::new(0.3));

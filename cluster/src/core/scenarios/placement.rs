@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use argus_scene::{Camera, Plan, PlanRequest, Rig, SampleId, SampleSetInfo};
+use argus_scene::{Camera, Plan, PlanRequest, Preset, Rig, SampleId, SampleSetInfo};
 use glam::DVec3;
 
 use super::sim::Sim;
@@ -105,6 +105,31 @@ fn holes_vanish_lap_by_lap_and_then_nothing_moves() {
         assert_eq!(sim.roles_changed(), roles);
         assert_eq!(rendered(&sim), told.len() as u64, "each is rendered once");
     }
+}
+
+#[test]
+fn a_plan_takes_what_else_is_at_hand_unless_the_request_says_how_many() {
+    let mut sim = cluster(Config::default(), 2);
+    let camera = walk(1)[0];
+    let set = sim.core.set().clone();
+    let count = |sim: &mut Sim, request| {
+        let ticket = sim.ask_from(camera, request, None);
+        let Plan::Warp(warp) = sim.orders[&ticket].plan.clone() else { panic!("a warp") };
+        sim.answer(ticket);
+        warp.samples
+    };
+    let first = count(&mut sim, PlanRequest::default());
+    assert_eq!(first.len(), 4, "nobody has any");
+    let held: Vec<SampleId> =
+        set.rig.nearest(&camera, 7).into_iter().map(|i| SampleId { index: i, ..first[0] }).collect();
+    for worker in sim.workers.values_mut() {
+        worker.report.held.extend(held.iter().copied());
+    }
+    sim.report_all();
+    assert_eq!(count(&mut sim, PlanRequest::default()), held, "the eighth would have to be rendered");
+    assert_eq!(count(&mut sim, PlanRequest { samples: Some(4), ..PlanRequest::default() }), first);
+    let interactive = PlanRequest { preset: Some(Preset::Interactive), ..PlanRequest::default() };
+    assert_eq!(count(&mut sim, interactive), first[..2]);
 }
 
 #[test]

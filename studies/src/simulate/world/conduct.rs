@@ -231,21 +231,35 @@ impl World {
         if worker.busy.is_some() {
             return;
         }
-        let Parameters { sample_ms, view_ms, direct_ms, hold_ms, .. } = self.parameters;
+        let Parameters { sample_ms, view_ms, direct_ms, hold_ms, sample_pooled, direct_pooled, .. } =
+            self.parameters;
         let Some((rendering, fresh)) = worker.next() else { return };
-        let cost_ms = match &rendering {
-            Rendering::Sample(_) => sample_ms,
-            Rendering::Direct(views) => direct_ms * views.len() as f64,
-            Rendering::Views(views) => view_ms * views.len() as f64,
+        let (cost_ms, pooled) = match &rendering {
+            Rendering::Sample(_) => (sample_ms, sample_pooled),
+            Rendering::Direct(views) => (direct_ms * views.len() as f64, direct_pooled),
+            Rendering::Views(views) => (view_ms * views.len() as f64, 0.0),
         };
         let ms = cost_ms + hold_ms * fresh as f64;
         let (life, slowness) = (worker.life, worker.slowness);
-        worker.busy = Some(Busy { rendering, since: self.now, cost_share: cost_ms / ms });
-        self.begin(WORKERS + slot, ms * slowness, Task::Render { slot, life });
+        // One thread does what is not pooled besides: as long by the clock as one after the other.
+        let threads = if pooled > 0.0 { self.parameters.machines.cores() } else { 1 };
+        let each_ms = cost_ms * pooled / f64::from(threads);
+        worker.busy = Some(Busy { rendering, since: self.now, cost_share: cost_ms / ms, threads });
+        for thread in 0..threads {
+            let ms = if thread == 0 { ms - cost_ms * pooled + each_ms } else { each_ms };
+            self.begin(WORKERS + slot, ms * slowness, Task::Render { slot, life });
+        }
     }
 
+    /// One of the threads that render is done; with the last one all is.
     pub(super) fn rendered(&mut self, slot: usize) {
-        let Some(Busy { rendering, since, cost_share }) = self.workers[slot].busy.take() else { return };
+        if let Some(busy) = &mut self.workers[slot].busy
+            && busy.threads > 1
+        {
+            busy.threads -= 1;
+            return;
+        }
+        let Some(Busy { rendering, since, cost_share, .. }) = self.workers[slot].busy.take() else { return };
         let ms = (self.now - since) as f64 * 1e-6;
         self.workers[slot].measure(&rendering, ms, ms * cost_share);
         let life = self.workers[slot].life;

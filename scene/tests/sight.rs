@@ -1,0 +1,107 @@
+//! Which cameras of a lattice see what a view shows.
+
+mod common;
+
+use std::sync::Arc;
+
+use argus_scene::procedural::mirrors;
+use argus_scene::reference::SceneSight;
+use argus_scene::rig::{Among, Sight as _};
+use argus_scene::{Camera, Material, Rig, Scene};
+use common::{furnace, patch, scene, white};
+use glam::{DAffine3, DMat3, DVec3};
+
+/// Walls of 20 m that face +z, at these heights above the plane z = 0.
+fn walls(at: &[f64], double_sided: bool) -> Scene {
+    let material = Material { double_sided, ..white() };
+    let mut scene = scene(at.iter().map(|_| patch(1)).collect(), vec![material], furnace());
+    for (instance, z) in scene.instances.iter_mut().zip(at) {
+        let matrix3 = DMat3::from_diagonal(DVec3::splat(10.0));
+        instance.world_from_mesh = DAffine3 { matrix3, translation: DVec3::Z * *z };
+    }
+    scene
+}
+
+fn sight(scene: Scene) -> SceneSight {
+    SceneSight::new(&Arc::new(scene)).expect("nothing moves")
+}
+
+/// Someone a metre in front of the plane z = 0, who looks at it.
+fn viewer() -> Camera {
+    Camera::look_at(DVec3::new(0.1, 0.2, 1.0), DVec3::new(0.1, 0.2, 0.0))
+}
+
+#[test]
+fn who_is_behind_a_wall_serves_nobody_before_it() {
+    let candidates = [(1, DVec3::new(0.1, 0.2, -0.2)), (2, DVec3::new(1.0, 1.0, 1.4))];
+    for double_sided in [false, true] {
+        // From behind a single-sided wall one sees past it, and so nothing of it either.
+        let sight = sight(walls(&[0.0], double_sided));
+        assert_eq!(sight.best(&viewer(), &candidates, 1), [2], "double-sided: {double_sided}");
+        assert!(!sight.sees(candidates[0].1, viewer().eye));
+        assert!(sight.sees(candidates[1].1, viewer().eye));
+    }
+}
+
+#[test]
+fn what_one_camera_shows_already_another_is_not_chosen_for() {
+    // A ledge hides the left of the view from both nearer cameras.
+    let mut scene = walls(&[0.0, 0.5], true);
+    scene.instances[1].world_from_mesh.matrix3 = DMat3::from_diagonal(DVec3::new(0.2, 10.0, 1.0));
+    scene.instances[1].world_from_mesh.translation = DVec3::new(0.5, 0.0, 0.3);
+    let right = [(1, DVec3::new(1.0, 0.2, 0.9)), (2, DVec3::new(1.0, 0.3, 0.9))];
+    let left = (3, DVec3::new(-1.2, 0.2, 0.9));
+    let chosen = sight(scene).best(&viewer(), &[right[0], right[1], left], 2);
+    assert!(chosen.contains(&3), "{chosen:?}");
+}
+
+#[test]
+fn of_cameras_that_show_as_much_the_first_are_the_best() {
+    let away = Camera { target: DVec3::new(0.1, 0.2, 9.0), ..viewer() };
+    let candidates: Vec<(u64, DVec3)> =
+        (0..5).map(|i| (9 - i, DVec3::new(0.0, 0.0, 1.0 + i as f64))).collect();
+    let sight = sight(walls(&[0.0], false));
+    assert_eq!(sight.best(&away, &candidates, 3), [9, 8, 7], "all see the sky");
+    assert_eq!(sight.best(&away, &candidates, 9), [9, 8, 7, 6, 5], "there are no more");
+    assert_eq!(sight.best(&away, &candidates, 0), [0; 0]);
+    assert_eq!(sight.best(&away, &[], 4), [0; 0]);
+}
+
+#[test]
+fn a_camera_at_the_eye_is_the_best_and_one_on_a_surface_does_no_harm() {
+    let candidates = [(1, DVec3::new(0.1, 0.2, 0.0)), (2, viewer().eye), (3, DVec3::splat(f64::NAN))];
+    assert_eq!(sight(walls(&[0.0], false)).best(&viewer(), &candidates, 1), [2]);
+    let on_the_wall = Camera { eye: DVec3::new(0.1, 0.2, 0.0), target: DVec3::ZERO, ..viewer() };
+    assert_eq!(sight(walls(&[0.0], false)).best(&on_the_wall, &candidates, 3).len(), 3);
+}
+
+#[test]
+fn a_rig_takes_the_cameras_that_see() {
+    let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 2.0, face: 8 };
+    // Between the wall and the lattice's planes at z = 0 and z = 2.
+    let viewer = Camera::look_at(DVec3::new(0.1, 0.2, 0.45), DVec3::new(0.1, 0.2, 0.2));
+    let sight = sight(walls(&[0.2], true));
+    let z = |index| rig.camera(index).unwrap().center().z;
+    let four = |sight| rig.nearest_among(&viewer, 4, Among { refined: &[], sight });
+    assert!(four(None).iter().any(|&index| z(index) == 0.0));
+    assert!(four(Some(&sight)).iter().all(|&index| z(index) > 0.0));
+    assert_eq!(rig.nearest_among(&viewer, 4, Among { refined: &[], sight: None }), rig.nearest(&viewer, 4));
+    assert_eq!(z(rig.refinement(&viewer, 1, None).unwrap()), 0.0);
+    assert_eq!(z(rig.refinement(&viewer, 1, Some(&sight)).unwrap()), 1.0);
+}
+
+#[test]
+fn far_from_the_origin_the_same_cameras_see() {
+    let far = DVec3::splat(1e6);
+    let mut moved = walls(&[0.2], true);
+    moved.instances[0].world_from_mesh.translation += far;
+    let candidates = |at: DVec3| [0.0, 1.0, 2.0].map(|z| (z as u64, at + DVec3::new(0.0, 0.0, z)));
+    let view = |at: DVec3| Camera::look_at(at + DVec3::new(0.1, 0.2, 0.45), at + DVec3::new(0.3, 0.4, 0.2));
+    let here = sight(walls(&[0.2], true)).best(&view(DVec3::ZERO), &candidates(DVec3::ZERO), 3);
+    assert_eq!(sight(moved).best(&view(far), &candidates(far), 3), here);
+}
+
+#[test]
+fn nothing_is_said_of_a_scene_in_which_something_moves() {
+    assert!(SceneSight::new(&Arc::new(mirrors(5))).is_none());
+}
