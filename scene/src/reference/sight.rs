@@ -53,7 +53,7 @@ impl SceneSight {
             return None;
         }
         let seen = Tracer::of_shapes(scene.clone());
-        let solid = seen.from_both_sides();
+        let solid = seen.without_backs();
         Some(Self { seen, solid })
     }
 

@@ -95,8 +95,8 @@ impl Tracer {
         shapes
     }
 
-    /// The same, but single-sided triangles are seen from behind, too.
-    pub(super) fn from_both_sides(&self) -> Self {
+    /// The same, but triangles without a back: seen from either side.
+    pub(super) fn without_backs(&self) -> Self {
         let mut both = self.at(0.0);
         for (placed, same) in both.placed.iter_mut().zip(&self.placed) {
             (placed.culled, placed.cutoff) = (false, same.cutoff);

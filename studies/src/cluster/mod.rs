@@ -65,6 +65,8 @@ pub struct Options {
     pub size: [u32; 2],
     /// Ticks that are measured, at least.
     pub ticks: usize,
+    /// … and views, where ticks have few.
+    pub measured_views: usize,
     /// How long roles must not have changed before that.
     pub settle: Duration,
     /// Simulate this many processes and no real ones, by these costs.
@@ -85,6 +87,7 @@ impl Default for Options {
             views: vec![10, 50, 100, 290, 500, 1000],
             size: [200, 150],
             ticks: 3,
+            measured_views: 1500,
             settle: Duration::from_secs(5),
             simulate: None,
             simulated: vec![2, 5, 6, 7, 8, 9, 10, 11, 64, 256, 1024, 4096],
@@ -102,6 +105,7 @@ impl Effort for Options {
             views: vec![24],
             size: [96, 72],
             ticks: 2,
+            measured_views: 200,
             settle: Duration::from_millis(500),
             simulated: vec![2, 11],
             troubled_views: 2_000,
@@ -121,6 +125,9 @@ const PAPER: [(u32, f64, f64); 7] = [
     (10, 0.826, 0.110),
     (11, 0.829, 0.110),
 ];
+
+/// Ticks of few views that are measured at most.
+const MOST_TICKS: usize = 60;
 
 /// Views of a tick that are simulated for each process beyond the paper's eleven, whose 1000 would be one for each.
 const VIEWS_EACH: u64 = 100;
@@ -156,8 +163,8 @@ async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Re
     let mut runs: Vec<(usize, u32, Way, Measured)> = Vec::new();
     for (processes, views, way) in unique {
         progress.set_message(format!("P = {processes}, V = {views}, {}", way.name()));
-        // A tick of few views is short: enough of them for a figure.
-        let ticks = options.ticks.max((200 / views as usize).min(20));
+        // Views are answered a batch at a time: enough of them that one batch more or less does not show.
+        let ticks = options.ticks.max((options.measured_views / views as usize).min(MOST_TICKS));
         let Options { scene, size, settle, .. } = options;
         let run = Run { argus, scene, processes, views, size: *size, way, ticks, settle: *settle };
         runs.push((processes, views, way, measure(&run).await?));
