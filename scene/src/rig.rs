@@ -163,7 +163,8 @@ impl Rig {
             return self.ranked(camera, 2, refined).into_iter().take(count).collect();
         };
         // A cell's neighbours may see what its own corners do not.
-        let ranked = self.ranked(camera, 4, refined).into_iter().take(CANDIDATES.max(2 * count));
+        let ranked =
+            self.ranked(camera, 4, refined).into_iter().take(CANDIDATES.max(count.saturating_mul(2)));
         let place = |index| self.lattice_point(index).map(|at| (index, at));
         sight.best(camera, &ranked.filter_map(place).collect::<Vec<_>>(), count)
     }

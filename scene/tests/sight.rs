@@ -85,7 +85,13 @@ fn a_rig_takes_the_cameras_that_see() {
     let four = |sight| rig.nearest_among(&viewer, 4, Among { refined: &[], sight });
     assert!(four(None).iter().any(|&index| z(index) == 0.0));
     assert!(four(Some(&sight)).iter().all(|&index| z(index) > 0.0));
-    assert_eq!(rig.nearest_among(&viewer, 4, Among { refined: &[], sight: None }), rig.nearest(&viewer, 4));
+    assert_eq!(four(None), rig.nearest(&viewer, 4));
+    let all = rig.nearest_among(&viewer, usize::MAX, Among { refined: &[], sight: Some(&sight) });
+    assert_eq!(all.len(), 64, "there are no more around");
+    assert_eq!(
+        rig.nearest_among(&viewer, 8, Among { refined: &[], sight: Some(&sight) })[..4],
+        four(Some(&sight))
+    );
     assert_eq!(z(rig.refinement(&viewer, 1, None).unwrap()), 0.0);
     assert_eq!(z(rig.refinement(&viewer, 1, Some(&sight)).unwrap()), 1.0);
 }

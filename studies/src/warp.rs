@@ -213,6 +213,16 @@ fn finer(rig: &Rig, factor: f64) -> RigKnobs {
     }
 }
 
+/// What choosing so many samples for each of the cameras takes, milliseconds, median.
+fn choosing_ms(bench: &Bench, cameras: &[Camera], count: usize) -> f64 {
+    let chosen = cameras.iter().map(|camera| {
+        let begin = Instant::now();
+        bench.sample_ids(camera, count);
+        begin.elapsed().as_secs_f64() * 1e3
+    });
+    median(&chosen.collect::<Vec<f64>>())
+}
+
 struct Study<'a> {
     options: &'a Options,
     cameras: Vec<Camera>,
@@ -221,6 +231,8 @@ struct Study<'a> {
     held: Vec<argus_scene::SampleId>,
     /// Searches and samples that the compositor refused, and its reason.
     refused: BTreeMap<String, String>,
+    /// What choosing a view's samples takes, median.
+    choosing_ms: f64,
 }
 
 impl<'a> Study<'a> {
@@ -230,7 +242,15 @@ impl<'a> Study<'a> {
         sides.push(1);
         let truth = |camera| bench.truth(camera, options.size, options.reference_samples, &sides);
         let truths = cameras.iter().map(truth).collect();
-        Self { options, cameras, truths, measured: Vec::new(), held: Vec::new(), refused: BTreeMap::new() }
+        Self {
+            options,
+            choosing_ms: choosing_ms(bench, &cameras, options.samples.iter().copied().max().unwrap_or(1)),
+            cameras,
+            truths,
+            measured: Vec::new(),
+            held: Vec::new(),
+            refused: BTreeMap::new(),
+        }
     }
 
     /// Every search × its steps × samples × supersampling; no product twice where a rig has fewer samples.
@@ -379,6 +399,8 @@ impl<'a> Study<'a> {
             WRONG_SURFACE * 100.0
         )];
         notes.push(format!("One fetch a pixel: {fetch_ms:.3} ms a view."));
+        notes
+            .push(format!("A core of a coordinator chooses a view's samples in {:.3} ms.", self.choosing_ms));
         notes.extend(self.refused.iter().map(|(search, reason)| format!("Left out: {search} ({reason}).")));
         notes
     }
