@@ -87,6 +87,12 @@ pub struct WorkerStatus {
     pub views_direct: u64,
     /// Rays of pixels that no sample saw, since it started.
     pub rays_traced: u64,
+    /// Samples that came from other workers, since it started.
+    pub samples_received: u64,
+    /// Milliseconds that unpacking them took, beside rendering.
+    pub unpacking_ms: f64,
+    /// Milliseconds that its render thread took to take samples up, before composing from them.
+    pub holding_ms: f64,
     /// Samples it could serve now.
     pub samples_held: u64,
 }
@@ -177,6 +183,9 @@ impl From<v1::WorkerStatus> for WorkerStatus {
             views_composed: wire.views_composed,
             views_direct: wire.views_direct,
             rays_traced: wire.rays_traced,
+            samples_received: wire.samples_received,
+            unpacking_ms: number(wire.unpacking_ms),
+            holding_ms: number(wire.holding_ms),
             samples_held: wire.samples_held,
         }
     }

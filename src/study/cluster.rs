@@ -19,7 +19,7 @@ use crate::args;
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  LP_NUM_THREADS=1 argus study cluster --out figures
+  argus study cluster --out figures
   argus study cluster --simulate --out figures
   argus study cluster --simulate --processes 64 --sample-ms 9 --view-ms 1 --link-gbit 1")]
 pub(super) struct Cluster {

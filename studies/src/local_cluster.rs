@@ -34,7 +34,22 @@ impl LocalCluster {
     /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
     pub fn start(argus: &Path, scene: &str, workers: usize, more: &[String]) -> anyhow::Result<Self> {
         let workers = workers.to_string();
-        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more)
+        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, None)
+    }
+
+    /// … whose workers' software driver has one thread each, unless the environment says how many: else a worker that is alone
+    /// has those that others would have, and is no measure for them.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn of_single_threads(
+        argus: &Path,
+        scene: &str,
+        workers: usize,
+        more: &[String],
+    ) -> anyhow::Result<Self> {
+        let workers = workers.to_string();
+        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, Some(1))
     }
 
     /// … a coordinator alone, without workers.
@@ -42,11 +57,19 @@ impl LocalCluster {
     /// # Errors
     /// As [`Self::start`].
     pub fn coordinator(argus: &Path, scene: &str, more: &[String]) -> anyhow::Result<Self> {
-        Self::spawn(argus, &["coordinator", "--scene", scene], more)
+        Self::spawn(argus, &["coordinator", "--scene", scene], more, None)
     }
 
-    fn spawn(argus: &Path, arguments: &[&str], more: &[String]) -> anyhow::Result<Self> {
+    fn spawn(
+        argus: &Path,
+        arguments: &[&str],
+        more: &[String],
+        driver_threads: Option<u32>,
+    ) -> anyhow::Result<Self> {
         let mut command = Command::new(argus);
+        if let Some(threads) = driver_threads.filter(|_| std::env::var_os("LP_NUM_THREADS").is_none()) {
+            command.env("LP_NUM_THREADS", threads.to_string());
+        }
         if std::env::var_os("ARGUS_LOG").is_none() {
             // Progress is shown by whoever asked for the cluster; its processes report trouble alone.
             command.env("ARGUS_LOG", "warn");

@@ -93,6 +93,12 @@ pub struct Report {
     pub sampling_busy_ms: f64,
     /// Milliseconds spent on reconstructing.
     pub compositing_busy_ms: f64,
+    /// Samples that came from other workers.
+    pub samples_received: u64,
+    /// Milliseconds spent on unpacking them, beside rendering.
+    pub unpacking_ms: f64,
+    /// Milliseconds of its render thread, part of what reconstructing took, for taking samples up.
+    pub holding_ms: f64,
     /// Samples it can serve and reconstruct from.
     pub held: Vec<SampleId>,
     /// It is about to leave.

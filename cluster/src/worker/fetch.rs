@@ -229,6 +229,7 @@ async fn received(
         tokio::time::timeout(limit, client.subscribe(within(span, request))).await.map_err(silent)?;
     let mut chunks = opened.map_err(unavailable)?.into_inner();
     let mut came = Vec::new();
+    let mut unpacking = Duration::ZERO;
     let mut assembler = SampleAssembler::new(info.clone(), [id.index]);
     loop {
         let chunk =
@@ -239,13 +240,17 @@ async fn received(
         came.push(chunk.clone());
         // Unpacking takes milliseconds.
         let pushed = tokio::task::spawn_blocking(move || {
+            let began = std::time::Instant::now();
             let received = assembler.push(chunk);
-            (assembler, received)
+            (assembler, received, began.elapsed())
         });
-        let (back, received) = pushed.await.map_err(|e| Fault::Unavailable(e.to_string()))?;
-        assembler = back;
+        let (back, received, took) = pushed.await.map_err(|e| Fault::Unavailable(e.to_string()))?;
+        (assembler, unpacking) = (back, unpacking + took);
         match received? {
-            Some(Received::Sample(sample, _)) => return Ok((sample, came.into())),
+            Some(Received::Sample(sample, _)) => {
+                node.received(unpacking);
+                return Ok((sample, came.into()));
+            }
             Some(Received::Unchanged(_)) => {
                 return Err(Fault::NotFound(format!("{address} claims that sample {id} is here")));
             }

@@ -54,6 +54,9 @@ struct Sums {
     parts: Work,
     sampling_busy_ms: f64,
     compositing_busy_ms: f64,
+    holding_ms: f64,
+    received: u64,
+    unpacking_ms: f64,
 }
 
 /// Kinds of work.
@@ -84,13 +87,23 @@ impl Meter {
         }
         match kind {
             Kind::Sample | Kind::Direct | Kind::Ray => sums.sampling_busy_ms += busy_ms,
-            Kind::View => sums.compositing_busy_ms += busy_ms,
+            Kind::View => {
+                sums.compositing_busy_ms += busy_ms;
+                sums.holding_ms += (busy_ms - ms).max(0.0);
+            }
         }
     }
 
     /// Samples that nobody waits for took so long, in so many parts.
     pub(super) fn add_parts(&self, count: usize, rendering: Duration) {
         self.0.lock().parts.add_warm(count, rendering.as_secs_f64() * 1e3);
+    }
+
+    /// A sample came from another worker, and it took so long to unpack.
+    pub(super) fn add_received(&self, unpacking: Duration) {
+        let mut sums = self.0.lock();
+        sums.received += 1;
+        sums.unpacking_ms += unpacking.as_secs_f64() * 1e3;
     }
 
     /// Fills in the measured part of a report.
@@ -107,6 +120,9 @@ impl Meter {
         report.rays_traced = sums.rays.total;
         report.sampling_busy_ms = sums.sampling_busy_ms;
         report.compositing_busy_ms = sums.compositing_busy_ms;
+        report.holding_ms = sums.holding_ms;
+        report.samples_received = sums.received;
+        report.unpacking_ms = sums.unpacking_ms;
     }
 }
 
@@ -128,5 +144,11 @@ mod tests {
         meter.add(Kind::View, 4, ms(20), ms(24));
         meter.fill(&mut report);
         assert_eq!((report.views_composed, report.view_ms), (8, Some(5.0)));
+        // What a batch took beyond composing, it took for its samples.
+        assert_eq!(report.holding_ms, 104.0);
+        meter.add_received(ms(5));
+        meter.add_received(ms(7));
+        meter.fill(&mut report);
+        assert_eq!((report.samples_received, report.unpacking_ms), (2, 12.0));
     }
 }

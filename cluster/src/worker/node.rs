@@ -327,6 +327,11 @@ impl Node {
         report
     }
 
+    /// A sample came from another worker, and it took so long to unpack.
+    pub(super) fn received(&self, unpacking: Duration) {
+        self.meter.add_received(unpacking);
+    }
+
     pub(super) fn backlog(&self) -> Backlog {
         self.queue.backlog()
     }

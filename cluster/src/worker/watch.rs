@@ -62,6 +62,17 @@ impl Watched for Watch {
                 ([("role", "compositor")], report.compositing_busy_ms * 1e-3),
             ],
         )?;
+        to.counter("worker_samples_received", "Samples that came from others", report.samples_received)?;
+        let takes =
+            "Time for taking samples up: unpacking what came beside rendering, and bringing it to the device";
+        to.counters(
+            "worker_taking_up_seconds",
+            takes,
+            [
+                ([("stage", "unpack")], report.unpacking_ms * 1e-3),
+                ([("stage", "hold")], report.holding_ms * 1e-3),
+            ],
+        )?;
         to.gauge("worker_samples_held", "Samples it can serve", report.held.len() as f64)?;
         to.gauge("worker_held_bytes", "Texel bytes of samples that it keeps", self.0.store.bytes() as f64)?;
         let composed_from = self.0.health.held() as f64;

@@ -56,6 +56,10 @@ pub(super) struct Measured {
     pub(super) rest: f64,
     /// Samples that were rendered anew.
     pub(super) samples: f64,
+    /// Samples that came to other workers, unpacking them, and taking them up on the thread that renders.
+    pub(super) received: f64,
+    pub(super) unpacking: f64,
+    pub(super) holding: f64,
     /// Seconds on a core a tick: samplers, compositors, the coordinator, this process.
     pub(super) cpu: [f64; 4],
 }
@@ -157,7 +161,7 @@ pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
         format!("--refresh-views={refresh}"),
         "--epoch-ms=25".to_owned(),
     ];
-    let cluster = LocalCluster::start(run.argus, run.scene, run.processes, &arguments)?;
+    let cluster = LocalCluster::of_single_threads(run.argus, run.scene, run.processes, &arguments)?;
     let client = connect(&cluster, run.processes).await?;
     let plan = PlanRequest { direct: run.way == Way::Naive, ..PlanRequest::default() };
     let views = path_views(client.description(), run.views, run.size, plan);
@@ -268,11 +272,11 @@ async fn watch(
     let tick_secs = begin.elapsed().as_secs_f64() / ticks;
     let parts = sums.parts.per(ticks);
     let status = &after.status;
-    let count = |of: fn(&argus_client::WorkerStatus) -> u64| -> f64 {
-        let sum = |status: &ClusterStatus| status.workers.iter().map(of).sum::<u64>();
-        (sum(&after.status) as f64 - sum(&before.status) as f64).max(0.0) / ticks
+    let count = |of: fn(&argus_client::WorkerStatus) -> f64| -> f64 {
+        let sum = |status: &ClusterStatus| status.workers.iter().map(of).sum::<f64>();
+        (sum(&after.status) - sum(&before.status)).max(0.0) / ticks
     };
-    let samples = count(|w| w.samples_rendered);
+    let samples = count(|w| w.samples_rendered as f64);
     let mut cpu = [0.0; 4];
     for (pid, secs) in &after.cpu {
         let role = after.status.workers.iter().find(|w| w.pid == *pid).map(|w| w.role.as_str());
@@ -300,6 +304,9 @@ async fn watch(
         },
         parts,
         samples,
+        received: count(|w| w.samples_received as f64),
+        unpacking: count(|w| w.unpacking_ms * 1e-3),
+        holding: count(|w| w.holding_ms * 1e-3),
         cpu,
     })
 }

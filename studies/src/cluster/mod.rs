@@ -197,6 +197,9 @@ async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Re
     report.notes.push(format!(
         "Image difference of warped and direct views, mean of {JUDGED}: FLIP {flip:.4}, PSNR {psnr_db:.1} dB."
     ));
+    if report.machine.driver_threads.is_empty() {
+        report.machine.driver_threads = "1".to_owned();
+    }
     let cores = report.machine.cores;
     if options.processes as usize + 2 > cores {
         report.notes.push(format!(
@@ -215,7 +218,8 @@ const JUDGED: usize = 4;
 
 /// FLIP and PSNR of warped views against direct ones.
 async fn quality(argus: &Path, options: &Options) -> Result<(f64, f64)> {
-    let cluster = LocalCluster::start(argus, &options.scene, 1, &["--refining-share=0".to_owned()])?;
+    let cluster =
+        LocalCluster::of_single_threads(argus, &options.scene, 1, &["--refining-share=0".to_owned()])?;
     let client = connect(&cluster, 1).await?;
     let (mut flip, mut psnr) = (0.0, 0.0);
     let plans = [PlanRequest::default(), PlanRequest { direct: true, ..PlanRequest::default() }];
@@ -253,13 +257,15 @@ fn parameters_of(runs: &[(usize, u32, Way, Measured)], options: &Options) -> Par
         // Packing happens beside rendering; the rest of a compositor's time is the render thread's.
         let encode = (measured.parts.encode * 1e3 / views).min(0.9 * compositing / views);
         parameters.encode_ms = encode;
-        parameters.view_ms = compositing / views - encode;
+        let received = measured.received.max(1.0);
+        parameters.hold_ms = measured.holding * 1e3 / received;
+        parameters.unpack_ms = measured.unpacking * 1e3 / received;
+        let taking_up = (measured.holding + measured.unpacking) * 1e3;
+        parameters.view_ms = ((compositing - taking_up) / views - encode).max(0.01);
         let samples = measured.samples.max(1.0);
         parameters.sample_ms = (measured.sample_secs * 1e3).min(sampling / samples);
         parameters.sample_pooled = measured.sampling_shares.unwrap_or_default().pooled;
         parameters.pack_ms = (sampling / samples - parameters.sample_ms).max(0.0);
-        // Both are part of what the compositors took.
-        (parameters.hold_ms, parameters.unpack_ms) = (0.0, 0.0);
         parameters.relay_ms = coordinator / views;
         parameters.client_ms = client / views;
     }

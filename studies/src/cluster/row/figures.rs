@@ -30,13 +30,15 @@ pub(in crate::cluster) fn plots_of_measured(rows: &[Row], processes: u32, views:
         rises: true,
         ..Plot::default()
     };
-    let parts: [(&str, Part); 8] = [
+    let parts: [(&str, Part); 10] = [
         ("sampling", |r| r.sampling_ms),
         ("compositing: passes", |r| r.passes_ms),
         ("rays on all cores", |r| r.pooled_ms),
         ("preparing views, recording passes", |r| r.record_ms),
         ("unpacking what was read back", |r| r.unpack_ms),
         ("rest of c: waiting for the device", |r| r.rest_ms),
+        ("unpacking samples", |r| r.unpack_samples_ms),
+        ("bringing samples to the device", |r| r.hold_samples_ms),
         ("relay and network", |r| r.relay_ms),
         ("encode", |r| r.encode_ms),
     ];
@@ -136,10 +138,11 @@ pub(in crate::cluster) fn notes_of_measured(rows: &[Row], processes: u32, views:
             .to_owned(),
         "Parts of a tick, summed over all processes. sampling: samples by g; sampling_rest: the part of it that samples' \
          stages call other (submission, waiting for the device and for planes to be read back). passes: on the device; \
-         pooled: rays on the processor, on all of its cores; record: preparing views and recording passes; unpack: putting in place what was read back; rest: what c, or a direct \
-         view, takes beyond (submission, waiting for the device and for readback). encode: packing frames; relay: from the \
-         worker through the coordinator. await_samples and queue: what views waited, many at the same time. No stage says \
-         what it takes a compositor to take samples up."
+         pooled: rays on the processor, on all of its cores; record: preparing views and recording passes; unpack: putting in \
+         place what was read back; rest: what c, or a direct view, takes beyond (submission, waiting for the device and for \
+         readback). unpack_samples: of samples that came from others, beside rendering; hold_samples: bringing them to the \
+         device. encode: packing frames; relay: from the worker through the coordinator. await_samples and queue: what views \
+         waited, many at the same time."
             .to_owned(),
     ]
 }
