@@ -131,6 +131,16 @@ impl Bench {
         self.sight.as_ref().map(|sight| sight as &dyn Sight)
     }
 
+    /// Chooses the nearest cameras from now on, whatever they see.
+    pub(crate) fn choose_blindly(&mut self) {
+        self.sight = None;
+    }
+
+    /// Whether cameras are chosen by what they see, and not by how near they are: in a lattice, whose cameras stand anywhere.
+    pub(crate) fn chooses_by_sight(&self) -> bool {
+        self.sight.is_some() && matches!(self.info.rig, Rig::Cell { .. })
+    }
+
     /// The `count` samples that serve a viewpoint best; fewer where the rig has fewer.
     pub(crate) fn sample_ids(&self, camera: &Camera, count: usize) -> Vec<SampleId> {
         let id = |index| SampleId { epoch: self.info.epoch, generation: self.info.generation, index };

@@ -13,7 +13,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::SamplerKnobs;
-use argus_scene::{Camera, Cancel, Outputs, Plan, RenderError, Rig, RigKnobs, Search, ViewJob, Warp};
+use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, Search, ViewJob, Warp};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -146,7 +146,11 @@ impl Way {
 struct Measured {
     way: Way,
     rig: Rig,
+    /// Its samples were chosen by what they see of a view, and not by how near they are.
+    by_sight: bool,
     ms: Vec<f64>,
+    /// Milliseconds a view by stage, in each round.
+    stages: BTreeMap<String, Vec<f64>>,
     judged: Vec<Judged>,
     /// Views that it is timed over.
     timed: usize,
@@ -157,11 +161,39 @@ impl Measured {
         median(&self.ms)
     }
 
+    /// A round of so many milliseconds a view.
+    fn add_round(&mut self, view_ms: f64, frames: &[Frame]) {
+        self.ms.push(view_ms);
+        let mut round: BTreeMap<&str, f64> = BTreeMap::new();
+        for stage in frames.iter().flat_map(|frame| &frame.stages) {
+            *round.entry(&stage.name).or_default() += stage.ms / frames.len() as f64;
+        }
+        // What its stages leave is submission, and waiting for the device.
+        round.insert("rest", view_ms - round.values().sum::<f64>());
+        for (name, ms) in round {
+            self.stages.entry(name.to_owned()).or_default().push(ms);
+        }
+    }
+
+    /// What a view is made of, the longest first.
+    fn made_of(&self) -> String {
+        let mut stages: Vec<(f64, &str)> =
+            self.stages.iter().map(|(name, ms)| (median(ms), name.as_str())).collect();
+        stages.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let shown = stages.iter().filter(|(ms, _)| *ms >= 0.005);
+        shown.map(|(ms, name)| format!("{name} {ms:.2}")).collect::<Vec<_>>().join(", ")
+    }
+
+    /// How its samples were chosen.
+    fn cameras(&self) -> &'static str {
+        if self.by_sight { "seen" } else { "nearest" }
+    }
+
     /// Its way and, where there are any, its samples' texels.
     fn label(&self) -> String {
         match self.way {
             Way::Direct { .. } => self.way.label(),
-            Way::Warp { .. } => format!("{} of {}", self.way.label(), texels(&self.rig)),
+            Way::Warp { .. } => format!("{} {} of {}", self.way.label(), self.cameras(), texels(&self.rig)),
         }
     }
 
@@ -188,7 +220,12 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         options.supersampling.iter().map(way)
     };
     let few: Vec<Way> = few(2).chain(few(4)).collect();
-    progress.set_length(((ways.len() + few.len() * rigs.len()) * (options.rounds + 1)) as u64);
+    let most = options.samples.iter().copied().max().unwrap_or(1);
+    let blindly = |way: &&Way| matches!(way, Way::Warp { samples, side: 1, .. } if *samples == most);
+    let blindly: Vec<Way> =
+        ways.iter().filter(blindly).copied().filter(|_| bench.chooses_by_sight()).collect();
+    let count = ways.len() + few.len() * rigs.len() + blindly.len();
+    progress.set_length((count * (options.rounds + 1)) as u64);
     let fetch_ms = study.measure(&mut bench, &ways, progress)?;
     for rig in rigs {
         bench.replace_rig(&rig, &study.held)?;
@@ -196,6 +233,11 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
             Ok(_) => {}
             Err(error) => study.leave_out_samples(&bench, error)?,
         }
+    }
+    if !blindly.is_empty() {
+        bench.choose_blindly();
+        bench.replace_rig(&options.rig, &study.held)?;
+        study.measure(&mut bench, &blindly, progress)?;
     }
     Ok(study.report(&bench, &gpu, fetch_ms))
 }
@@ -306,8 +348,8 @@ impl<'a> Study<'a> {
                 progress.inc(1);
                 progress.set_message(way.label());
                 let jobs = every(self.jobs(bench, way, Outputs::COLOR), timed);
-                let (ms, _) = bench.time(&jobs)?;
-                self.measured[at].ms.push(ms / jobs.len() as f64);
+                let (ms, frames) = bench.time(&jobs)?;
+                self.measured[at].add_round(ms / jobs.len() as f64, &frames);
             }
         }
         Ok(median(&fetch_ms))
@@ -324,7 +366,17 @@ impl<'a> Study<'a> {
         bench.time(&jobs[..1])?;
         let (ms, _) = bench.time(&jobs[..1])?;
         let timed = ((self.options.round_ms / ms) as usize).clamp(2, jobs.len().max(2));
-        Ok(Measured { way, rig: bench.info.rig, ms: Vec::new(), judged, timed })
+        // Views of other sizes of pixels take other programs.
+        bench.time(&every(jobs, timed))?;
+        Ok(Measured {
+            way,
+            rig: bench.info.rig,
+            by_sight: bench.chooses_by_sight(),
+            ms: Vec::new(),
+            stages: BTreeMap::new(),
+            judged,
+            timed,
+        })
     }
 
     /// A search that the compositor does not have is left out, with its reason; anything else is an error.
@@ -375,6 +427,7 @@ impl<'a> Study<'a> {
                 "samples": samples,
                 "supersampling": side,
                 "texels": samples.map(|_| texels(&m.rig)),
+                "cameras": samples.map(|_| m.cameras()),
                 "view_ms": m.view_ms(),
                 "per_direct": m.view_ms() / direct_ms,
                 "per_fetch": m.view_ms() / fetch_ms,
@@ -399,6 +452,11 @@ impl<'a> Study<'a> {
             WRONG_SURFACE * 100.0
         )];
         notes.push(format!("One fetch a pixel: {fetch_ms:.3} ms a view."));
+        let most = self.options.samples.iter().copied().max().unwrap_or(1);
+        let whole = |m: &&Measured| matches!(m.way, Way::Warp { samples, side: 1, .. } if samples == most);
+        for m in self.measured.iter().filter(whole).filter(|m| m.by_sight == self.measured[0].by_sight) {
+            notes.push(format!("A view by {}, milliseconds: {}.", m.way.label(), m.made_of()));
+        }
         notes
             .push(format!("A core of a coordinator chooses a view's samples in {:.3} ms.", self.choosing_ms));
         notes.extend(self.refused.iter().map(|(search, reason)| format!("Left out: {search} ({reason}).")));

@@ -6,8 +6,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::rig::Among;
-use argus_scene::{Camera, Plan, Prediction, Preset, SampleId, View};
+use argus_scene::{Plan, Prediction, Preset, SampleId, View};
 
 use super::admission::Client;
 use super::directory::{Directory, Known};
@@ -95,7 +94,8 @@ impl Core {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
         self.check_epoch(view)?;
-        let plain = plan(view, &self.set, self.among(self.placement.usable()), &self.config)?;
+        let nearest = |count| self.sample_ids(&view.camera, count, self.set.epoch);
+        let plain = plan(view, &self.set, nearest, &self.config)?;
         let mut planned = self.planned(view, plain);
         if planned.quest.is_none() && view.pin.is_none() {
             self.widen(view, &mut planned.plan);
@@ -121,11 +121,6 @@ impl Core {
         Ok(planned)
     }
 
-    /// The samples of an epoch that serve a viewpoint best, best first.
-    pub(super) fn sample_ids(&self, camera: &Camera, count: usize, epoch: u64) -> Vec<SampleId> {
-        self.sample_ids_among(camera, count, epoch, self.placement.usable())
-    }
-
     /// A plan whose request leaves it open takes further samples, those that are at hand anyway: what none of the first ones
     /// saw, another camera may have seen, and a new sample costs more.
     fn widen(&self, view: &View, plan: &mut Plan) {
@@ -139,24 +134,6 @@ impl Core {
         // What surrounds the scene comes last.
         let own = warp.samples.iter().filter(|id| !id.is_surroundings()).count();
         warp.samples.splice(own..own, further.into_iter().take(MOST_SAMPLES.saturating_sub(own)));
-    }
-
-    /// The rig's own cameras and these refinements, and who knows which of them see what.
-    fn among<'a>(&'a self, refined: &'a [u64]) -> Among<'a> {
-        Among { refined, sight: self.sight.as_deref() }
-    }
-
-    /// … of the rig's own and these refinements.
-    fn sample_ids_among(
-        &self,
-        camera: &Camera,
-        count: usize,
-        epoch: u64,
-        refinements: &[u64],
-    ) -> Vec<SampleId> {
-        let generation = self.set.generation;
-        let indices = self.set.rig.nearest_among(camera, count, self.among(refinements)).into_iter();
-        self.set.with_surroundings(indices.map(|index| SampleId { epoch, generation, index }).collect())
     }
 
     /// How long the views of one kind that are in flight will take those who play that role, as far as their

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::admission::Admission;
 use super::balance::{Costs, Demand, Split};
+use super::cameras::LastChoice;
 use super::config::Config;
 use super::directory::Directory;
 use super::epochs::Epochs;
@@ -102,6 +103,7 @@ pub struct Core {
     pub(super) models: Vec<Arc<Model>>,
     /// Which of the rig's cameras see what a view shows; where nobody knows, the nearest are the best.
     pub(super) sight: Option<Arc<dyn Sight>>,
+    pub(super) last_choice: LastChoice,
     /// How costs differ from what the models say.
     pub(super) pace: Pace,
     pub(super) rates: Rates,
@@ -152,6 +154,7 @@ impl Core {
             },
             models: Vec::new(),
             sight: None,
+            last_choice: LastChoice::default(),
             pace: Pace::new(config.smoothing),
             config,
             set,

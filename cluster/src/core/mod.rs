@@ -13,6 +13,7 @@
 
 mod admission;
 pub mod balance;
+mod cameras;
 mod choose;
 mod config;
 mod directory;

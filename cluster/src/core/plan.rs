@@ -1,7 +1,6 @@
 //! How a view shall be answered: the plan that follows from what its request leaves open, or the pinned one.
 
 use argus_proto::Fault;
-use argus_scene::rig::Among;
 use argus_scene::{
     Holes, InvalidField, Plan, Preset, Provenance, Reflections, SampleId, SampleSetInfo, Sampling, View,
     Visibility, Warp,
@@ -18,13 +17,18 @@ pub(super) const MOST_SAMPLES: usize = 8;
 
 /// The plan of a validated view as its request alone has it; a model of the scene may know better
 /// ([`super::quality`]). Without one, a bound on the error is kept by rendering from the triangles, unless the
-/// request says how to reconstruct. `among` are the cameras to plan with.
+/// request says how to reconstruct. `nearest` gives the best samples, so many, of the set's epoch.
 ///
 /// # Errors
 /// [`Fault::Pin`] for a pinned scene or generation that is not the one served (which epochs are is for
 /// `Core::check_epoch` to say), [`Fault::Invalid`] for
 /// a pinned plan that nobody could follow.
-pub fn plan(view: &View, set: &SampleSetInfo, among: Among<'_>, config: &Config) -> Result<Plan, Fault> {
+pub fn plan(
+    view: &View,
+    set: &SampleSetInfo,
+    nearest: impl FnOnce(usize) -> Vec<SampleId>,
+    config: &Config,
+) -> Result<Plan, Fault> {
     if let Some(pin) = &view.pin {
         check_pin(pin, set)?;
         return Ok(pin.plan.clone());
@@ -46,17 +50,13 @@ pub fn plan(view: &View, set: &SampleSetInfo, among: Among<'_>, config: &Config)
         Some(Preset::Balanced) | None => config.samples_per_view,
     };
     let count = request.samples.unwrap_or(samples) as usize;
-    let indices = set.rig.nearest_among(&view.camera, count, among);
-    let (epoch, generation) = (set.epoch, set.generation);
     let search = request.search.unwrap_or_default();
     Ok(Plan::Warp(Warp {
         search,
         steps: request.steps.unwrap_or(config.steps_of(search)),
         supersampling: side,
         holes: request.holes.unwrap_or(if exact { Holes::Trace } else { Holes::Mark }),
-        samples: set.with_surroundings(
-            indices.into_iter().map(|index| SampleId { epoch, generation, index }).collect(),
-        ),
+        samples: nearest(count),
     }))
 }
 
@@ -165,9 +165,18 @@ mod tests {
         }
     }
 
+    /// The plan of a view with nothing known of the scene.
+    fn plan(view: &View) -> Result<Plan, Fault> {
+        let set = set_info();
+        let (epoch, generation) = (set.epoch, set.generation);
+        let id = |index| SampleId { epoch, generation, index };
+        let nearest = |count| set.rig.nearest(&view.camera, count).into_iter().map(id).collect();
+        super::plan(view, &set, nearest, &Config::default())
+    }
+
     fn pinned(change: impl FnOnce(&mut Provenance)) -> Result<Plan, Fault> {
         let set = set_info();
-        let free = plan(&view(), &set, Among::default(), &Config::default()).unwrap();
+        let free = plan(&view()).unwrap();
         let mut pin = Provenance {
             scene: set.scene,
             epoch: set.epoch,
@@ -177,15 +186,13 @@ mod tests {
             history: false,
         };
         change(&mut pin);
-        plan(&View { pin: Some(pin), ..view() }, &set, Among::default(), &Config::default())
+        plan(&View { pin: Some(pin), ..view() })
     }
 
     #[test]
     fn what_a_request_leaves_open_is_the_splat_of_the_four_nearest_samples() {
         let set = set_info();
-        let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) =
-            plan(&view(), &set, Among::default(), &Config::default()).unwrap()
-        else {
+        let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) = plan(&view()).unwrap() else {
             panic!("a warp")
         };
         assert_eq!((search, steps, supersampling), (Search::Splat, 64, 1));
@@ -197,17 +204,13 @@ mod tests {
     #[test]
     fn a_direct_view_takes_the_square_of_its_supersampling() {
         let wish = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
-        let plan =
-            plan(&View { plan: wish, ..view() }, &set_info(), Among::default(), &Config::default()).unwrap();
+        let plan = plan(&View { plan: wish, ..view() }).unwrap();
         assert_eq!(plan, Plan::Direct { samples_per_pixel: 16 });
     }
 
     #[test]
     fn without_a_model_wishes_are_taken_by_what_they_are_called() {
-        let plan = |request| {
-            plan(&View { plan: request, ..view() }, &set_info(), Among::default(), &Config::default())
-                .unwrap()
-        };
+        let plan = |request| plan(&View { plan: request, ..view() }).unwrap();
         let preset = |preset| match plan(PlanRequest { preset: Some(preset), ..PlanRequest::default() }) {
             Plan::Warp(warp) => (warp.supersampling, warp.samples.len(), warp.holes),
             Plan::Direct { .. } => panic!("a warp"),
@@ -226,7 +229,7 @@ mod tests {
 
     #[test]
     fn a_pin_is_repeated_as_it_is() {
-        let free = plan(&view(), &set_info(), Among::default(), &Config::default()).unwrap();
+        let free = plan(&view()).unwrap();
         assert_eq!(pinned(|_| ()).unwrap(), free);
         let direct = Plan::Direct { samples_per_pixel: 9 };
         assert_eq!(pinned(|p| p.plan = direct.clone()).unwrap(), direct);

@@ -72,55 +72,149 @@ impl SceneSight {
         places.map(target).collect()
     }
 
-    /// How well a camera shows what a viewer sees in a direction, 0 to 1: not at all where it does not see it, less from
-    /// aside and from afar.
-    fn worth(&self, camera: DVec3, eye: DVec3, target: &Target) -> f64 {
+    /// How well a camera shows what a viewer sees in a direction where it sees it, 0 to 1: less from aside and from afar,
+    /// and less the farther it is from the viewer, beside what is seen: more between the rays is hidden from it.
+    fn worth(camera: DVec3, eye: DVec3, target: &Target) -> f64 {
+        let Target::At(point) = *target else { return 1.0 };
+        let (from_camera, from_eye) = (point - camera, point - eye);
+        let (distance, near) = (from_camera.length(), from_eye.length());
+        if !(distance > 0.0 && near > 0.0) {
+            return 0.0;
+        }
+        let aside = (from_camera.dot(from_eye) / (distance * near)).max(0.0);
+        let baseline = camera.distance(eye);
+        aside * (near / distance).min(1.0).sqrt() * near / (near + baseline)
+    }
+
+    /// Whether a camera sees what a viewer sees in a direction.
+    fn shows(&self, camera: DVec3, target: &Target) -> bool {
         match *target {
-            Target::Sky(direction) => f64::from(u8::from(self.seen.trace(camera, direction).is_none())),
+            Target::Sky(direction) => self.seen.is_clear(camera, direction),
             Target::At(point) => {
-                let (from_camera, from_eye) = (point - camera, point - eye);
-                let (distance, near) = (from_camera.length(), from_eye.length());
-                if !(distance > 0.0 && near > 0.0) {
-                    return 0.0;
-                }
-                let aside = (from_camera.dot(from_eye) / (distance * near)).max(0.0);
-                let worth = aside * (near / distance).min(1.0).sqrt();
-                let hit = if worth > 0.0 { self.seen.trace(camera, from_camera) } else { None };
-                let shown = hit.is_some_and(|hit| (hit.range - distance).abs() <= SLACK * distance);
-                if shown { worth } else { 0.0 }
+                let distance = point.distance(camera);
+                let range = self.seen.range_towards(camera, point, SLACK);
+                range.is_some_and(|range| (range - distance).abs() <= SLACK * distance)
             }
         }
     }
 }
 
+/// A camera that may be chosen.
+struct Candidate {
+    index: u64,
+    at: DVec3,
+    /// What it is worth to each target: at most, until a ray told whether it sees it.
+    worths: Vec<f64>,
+    /// Targets of some worth that no ray was sent to yet.
+    open: Vec<usize>,
+}
+
+impl Candidate {
+    fn new(index: u64, at: DVec3, eye: DVec3, targets: &[Target]) -> Self {
+        let worths: Vec<f64> = targets.iter().map(|target| SceneSight::worth(at, eye, target)).collect();
+        let open = (0..targets.len()).filter(|&target| worths[target] > 0.0).collect();
+        Self { index, at, worths, open }
+    }
+
+    /// What it adds, at most, to what others show.
+    fn gain(&self, shown: &[f64]) -> f64 {
+        self.worths.iter().zip(shown).map(|(worth, shown)| added(*worth, *shown)).sum()
+    }
+
+    /// Has a ray tell of the target for which that may change most; `false` if there is none left.
+    fn ask(&mut self, sight: &SceneSight, targets: &[Target], shown: &[f64]) -> bool {
+        let adds = |target: usize| added(self.worths[target], shown[target]);
+        let most = (0..self.open.len()).max_by(|&a, &b| adds(self.open[a]).total_cmp(&adds(self.open[b])));
+        let Some(most) = most else { return false };
+        let target = self.open.swap_remove(most);
+        if !sight.shows(self.at, &targets[target]) {
+            self.worths[target] = 0.0;
+        }
+        true
+    }
+}
+
+/// What a camera that shows a target so well adds to others.
+fn added(worth: f64, shown: f64) -> f64 {
+    (worth - shown).max(0.0) + BESIDES * worth
+}
+
 impl Sight for SceneSight {
+    /// The greedy choice. Rays are sent only for who may be the next to be chosen: from above, what somebody is worth is known
+    /// without any.
     fn best(&self, camera: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
         let targets = self.targets(camera);
-        let worths = |at: DVec3| targets.iter().map(|t| self.worth(at, camera.eye, t)).collect::<Vec<f64>>();
-        let mut open: Vec<(u64, Vec<f64>)> =
-            candidates.iter().map(|&(index, at)| (index, worths(at))).collect();
+        let candidate = |&(index, at): &(u64, DVec3)| Candidate::new(index, at, camera.eye, &targets);
+        let mut left: Vec<Candidate> = candidates.iter().map(candidate).collect();
         let mut shown = vec![0.0; targets.len()];
         let mut best = Vec::new();
-        while best.len() < count {
-            let gain = |worths: &[f64]| {
-                let gains = worths
-                    .iter()
-                    .zip(&shown)
-                    .map(|(worth, shown)| (worth - shown).max(0.0) + BESIDES * worth);
-                gains.sum::<f64>()
+        while best.len() < count && !left.is_empty() {
+            let mut gains: Vec<f64> = left.iter().map(|candidate| candidate.gain(&shown)).collect();
+            let chosen = loop {
+                // Of equals the first, which is nearest.
+                let most = (0..gains.len()).rev().max_by(|&a, &b| gains[a].total_cmp(&gains[b]));
+                let Some(most) = most else { return best };
+                if !left[most].ask(self, &targets, &shown) {
+                    break left.remove(most);
+                }
+                gains[most] = left[most].gain(&shown);
             };
-            // Of equals the first, which is nearest.
-            let gains = open.iter().map(|(_, worths)| gain(worths)).enumerate();
-            let Some((next, _)) = gains.rev().max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
-            let (index, worths) = open.remove(next);
+            shown.iter_mut().zip(&chosen.worths).for_each(|(shown, worth)| *shown = worth.max(*shown));
+            best.push(chosen.index);
+        }
+        best
+    }
+
+    fn sees(&self, from: DVec3, to: DVec3) -> bool {
+        let range = self.solid.range_towards(from, to, SLACK);
+        range.is_none_or(|range| range >= (1.0 - SLACK) * from.distance(to))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::procedural::terrain;
+
+    /// The greedy choice, with a ray from every camera to every target.
+    fn greedy(sight: &SceneSight, camera: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
+        let targets = sight.targets(camera);
+        let worth = |at, target| match sight.shows(at, target) {
+            true => SceneSight::worth(at, camera.eye, target),
+            false => 0.0,
+        };
+        let worths = |&(index, at): &(u64, DVec3)| (index, targets.iter().map(|t| worth(at, t)).collect());
+        let mut left: Vec<(u64, Vec<f64>)> = candidates.iter().map(worths).collect();
+        let mut shown = vec![0.0; targets.len()];
+        let mut best = Vec::new();
+        while best.len() < count && !left.is_empty() {
+            let gain = |worths: &[f64]| worths.iter().zip(&shown).map(|(w, s)| added(*w, *s)).sum::<f64>();
+            let gains: Vec<f64> = left.iter().map(|(_, worths)| gain(worths)).collect();
+            let most = gains.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let (index, worths) = left.remove(gains.iter().position(|gain| *gain == most).unwrap());
             shown.iter_mut().zip(&worths).for_each(|(shown, worth)| *shown = worth.max(*shown));
             best.push(index);
         }
         best
     }
 
-    fn sees(&self, from: DVec3, to: DVec3) -> bool {
-        let hit = self.solid.trace(from, to - from);
-        hit.is_none_or(|hit| hit.range >= (1.0 - SLACK) * from.distance(to))
+    #[test]
+    fn rays_that_are_not_sent_change_no_choice() {
+        let scene = Arc::new(terrain(3000));
+        let sight = SceneSight::new(&scene).unwrap();
+        let bounds = scene.bounds();
+        // Evenly spread, by the powers of the root of x⁴ = x + 1 (Roberts, 2018).
+        let mut places = (1..)
+            .map(|i| (f64::from(i) * DVec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5)).fract())
+            .map(|share| bounds.min + bounds.size() * share);
+        let mut place = || places.next().unwrap();
+        for _ in 0..60 {
+            let camera = Camera::look_at(place(), place());
+            let candidates: Vec<(u64, DVec3)> = (0..24).map(|index| (index, place())).collect();
+            for count in [1, 4, 30] {
+                let best = sight.best(&camera, &candidates, count);
+                assert_eq!(best, greedy(&sight, &camera, &candidates, count), "{camera:?}");
+            }
+        }
     }
 }

@@ -56,6 +56,26 @@ struct MeshTree {
     triangles: Vec<u32>,
 }
 
+/// What is looked for along a ray, and what was found so far; metres.
+struct Search {
+    nearest: Option<Hit>,
+    /// Nothing beyond is looked for.
+    reach: f64,
+    /// Once something was found that is nearer, nothing else is looked for.
+    enough: f64,
+}
+
+impl Search {
+    /// How far along the ray it is still worth looking.
+    fn limit(&self) -> f64 {
+        match self.nearest {
+            None => self.reach,
+            Some(hit) if hit.range < self.enough => 0.0,
+            Some(hit) => hit.range.min(self.reach),
+        }
+    }
+}
+
 /// An instance whose transform can be inverted.
 struct Placed {
     instance: u32,
@@ -134,20 +154,43 @@ impl Tracer {
     /// The nearest surface at a range above 0 along a ray, which need not be a unit vector. Cut-outs are seen
     /// through where their alpha is below the cutoff, single-sided triangles from behind.
     pub fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
+        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: 0.0 };
+        let unit = self.search(origin, direction, &mut search)?;
+        search.nearest.map(|hit| Hit { position: origin + unit * hit.range, ..hit })
+    }
+
+    /// Whether a ray meets nothing.
+    pub(super) fn is_clear(&self, origin: DVec3, direction: DVec3) -> bool {
+        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: f64::INFINITY };
+        self.search(origin, direction, &mut search).is_some() && search.nearest.is_none()
+    }
+
+    /// The range of the first surface on the way from one point to another, and on by a share `slack` of it; if there are any
+    /// closer than by that share, of one of these.
+    pub(super) fn range_towards(&self, from: DVec3, to: DVec3, slack: f64) -> Option<f64> {
+        let way = to - from;
+        let length = way.length();
+        let mut search =
+            Search { nearest: None, reach: (1.0 + slack) * length, enough: (1.0 - slack) * length };
+        self.search(from, way, &mut search)?;
+        search.nearest.map(|hit| hit.range)
+    }
+
+    /// Searches along a ray, and returns its unit direction; `None` for one that is not finite, or has none.
+    fn search(&self, origin: DVec3, direction: DVec3, search: &mut Search) -> Option<DVec3> {
         // Scaled first, since the square of a direction may overflow where the direction does not.
         let unit = (direction / direction.abs().max_element()).normalize();
         if !(origin.is_finite() && unit.is_finite()) {
             return None;
         }
-        let mut nearest: Option<Hit> = None;
-        self.top.visit(origin, unit, f64::INFINITY, |position| {
-            self.trace_instance(&self.placed[position], origin, unit, &mut nearest);
-            nearest.map_or(f64::INFINITY, |hit| hit.range)
+        self.top.visit(origin, unit, search.limit(), |position| {
+            self.search_instance(&self.placed[position], origin, unit, search);
+            search.limit()
         });
-        nearest.map(|hit| Hit { position: origin + unit * hit.range, ..hit })
+        Some(unit)
     }
 
-    fn trace_instance(&self, placed: &Placed, origin: DVec3, unit: DVec3, nearest: &mut Option<Hit>) {
+    fn search_instance(&self, placed: &Placed, origin: DVec3, unit: DVec3, search: &mut Search) {
         let mesh = &self.meshes[placed.mesh as usize];
         let origin = placed.mesh_from_world * (origin - placed.translation) - placed.origin;
         let direction = placed.mesh_from_world * unit;
@@ -155,8 +198,7 @@ impl Tracer {
             return;
         }
         let ray = ShearedRay::new(origin, direction);
-        let limit = nearest.map_or(f64::INFINITY, |hit| hit.range);
-        mesh.tree.visit(origin, direction, limit, |position| {
+        mesh.tree.visit(origin, direction, search.limit(), |position| {
             if let Some(crossing) = ray.crossing(&mesh.corners[position]) {
                 let hit = Hit {
                     instance: placed.instance,
@@ -166,12 +208,13 @@ impl Tracer {
                     position: DVec3::ZERO,
                     front: crossing.front,
                 };
-                let closer = nearest.is_none_or(|best| precedes(&hit, &best));
+                let closer =
+                    hit.range <= search.reach && search.nearest.is_none_or(|best| precedes(&hit, &best));
                 if closer && self.exists(placed, hit.triangle, &crossing) {
-                    *nearest = Some(hit);
+                    search.nearest = Some(hit);
                 }
             }
-            nearest.map_or(f64::INFINITY, |hit| hit.range)
+            search.limit()
         });
     }
 

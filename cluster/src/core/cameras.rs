@@ -1,0 +1,112 @@
+//! Which of the rig's cameras a viewpoint is served from.
+
+use std::cell::RefCell;
+
+use argus_scene::rig::Among;
+use argus_scene::{Camera, SampleId};
+
+use super::machine::Core;
+use super::plan::MOST_SAMPLES;
+
+/// What is best for one viewpoint, best first.
+#[derive(Debug)]
+struct Choice {
+    camera: Camera,
+    refined: Vec<u64>,
+    best: Vec<u64>,
+}
+
+/// The last choice that took rays: planning a view asks for the same more than once, for more cameras each time, and rays
+/// are what most of a coordinator's time for a view goes to.
+#[derive(Debug, Default)]
+pub(super) struct LastChoice(RefCell<Option<Choice>>);
+
+impl Core {
+    /// The samples of an epoch that serve a viewpoint best, best first.
+    pub(super) fn sample_ids(&self, camera: &Camera, count: usize, epoch: u64) -> Vec<SampleId> {
+        self.sample_ids_among(camera, count, epoch, self.placement.usable())
+    }
+
+    /// … of the rig's own and these refinements.
+    pub(super) fn sample_ids_among(
+        &self,
+        camera: &Camera,
+        count: usize,
+        epoch: u64,
+        refined: &[u64],
+    ) -> Vec<SampleId> {
+        let generation = self.set.generation;
+        let indices = self.best_cameras(camera, count, refined).into_iter();
+        self.set.with_surroundings(indices.map(|index| SampleId { epoch, generation, index }).collect())
+    }
+
+    fn best_cameras(&self, camera: &Camera, count: usize, refined: &[u64]) -> Vec<u64> {
+        let choose = |count| {
+            let among = Among { refined, sight: self.sight.as_deref() };
+            self.set.rig.nearest_among(camera, count, among)
+        };
+        if self.sight.is_none() || count > MOST_SAMPLES {
+            return choose(count);
+        }
+        let mut last = self.last_choice.0.borrow_mut();
+        let is_same = |last: &&mut Choice| last.camera == *camera && last.refined == refined;
+        let best = match last.as_mut().filter(is_same) {
+            Some(last) => &last.best,
+            // The best few are the first of the best many.
+            None => {
+                let best = choose(MOST_SAMPLES);
+                &last.insert(Choice { camera: *camera, refined: refined.to_vec(), best }).best
+            }
+        };
+        best.iter().take(count).copied().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use argus_scene::rig::Sight;
+    use argus_scene::{Rig, SampleSetInfo};
+    use glam::DVec3;
+
+    use super::super::config::Config;
+    use super::super::tests::set_info;
+    use super::*;
+
+    /// Takes the first, and counts how often it is asked.
+    #[derive(Debug, Default)]
+    struct Counting(AtomicUsize);
+
+    impl Sight for Counting {
+        fn best(&self, _: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            candidates.iter().map(|(index, _)| *index).take(count).collect()
+        }
+
+        fn sees(&self, _: DVec3, _: DVec3) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn rays_are_sent_once_for_a_viewpoint_however_many_samples_are_asked_for() {
+        let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 2.0, face: 8 };
+        let set = Arc::new(SampleSetInfo { rig, ..set_info() });
+        let counting = Arc::new(Counting::default());
+        let core = Core::new(Config::default(), set).with_sight(Some(counting.clone()));
+        let asked = || counting.0.load(Ordering::Relaxed);
+        let here = Camera::look_at(DVec3::new(0.3, 0.4, 0.5), DVec3::X);
+        let there = Camera { eye: DVec3::splat(7.0), ..here };
+        let four = core.sample_ids(&here, 4, 0);
+        let eight = core.sample_ids(&here, MOST_SAMPLES, 0);
+        assert_eq!((four.len(), &eight[..4], asked()), (4, &four[..], 1));
+        assert_ne!(core.sample_ids(&there, 4, 0), four);
+        assert_eq!(core.sample_ids(&here, 4, 0), four);
+        assert_eq!(asked(), 3, "another viewpoint is another choice");
+        core.sample_ids_among(&here, 4, 0, &[rig.refinement(&here, 1, None).unwrap()]);
+        assert_eq!(asked(), 4, "so are other refinements");
+        assert_eq!(core.sample_ids(&here, MOST_SAMPLES + 1, 0).len(), MOST_SAMPLES + 1);
+    }
+}
