@@ -13,6 +13,8 @@ use opentelemetry_sdk::propagation::TraceContextPropagator;
 use opentelemetry_sdk::trace::SdkTracerProvider;
 use tonic::transport::{Certificate, ClientTlsConfig};
 use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::fmt::format::Writer;
+use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, Registry};
@@ -54,7 +56,10 @@ pub(crate) fn start(verbosity: u8, format: LogFormat, part: &str) -> anyhow::Res
     };
     let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
     let lines = match format {
-        LogFormat::Text => lines.with_ansi(std::io::stderr().is_terminal()).compact().boxed(),
+        LogFormat::Text => {
+            let who = Stamp(format!("{part}[{}]", std::process::id()));
+            lines.with_ansi(std::io::stderr().is_terminal()).compact().with_timer(who).boxed()
+        }
         LogFormat::Json => lines.json().flatten_event(true).with_current_span(false).boxed(),
     };
     let provider = match ENDPOINTS.iter().any(|name| std::env::var_os(name).is_some()) {
@@ -67,6 +72,16 @@ pub(crate) fn start(verbosity: u8, format: LogFormat, part: &str) -> anyhow::Res
     });
     Registry::default().with(lines.with_filter(filter)).with(traces).init();
     Ok(Telemetry(provider))
+}
+
+/// Whose line it is, after when it was written: `argus serve` and its workers write to the same terminal.
+struct Stamp(String);
+
+impl FormatTime for Stamp {
+    fn format_time(&self, writer: &mut Writer<'_>) -> std::fmt::Result {
+        SystemTime.format_time(writer)?;
+        write!(writer, " {}", self.0)
+    }
 }
 
 /// Sends spans in batches to the collector that the environment names.

@@ -100,7 +100,7 @@ pub(crate) struct Coordinator {
     /// How long the registry may be absent at the start before this process gives up; unset: it stands by until
     /// the registry is there.
     pub(crate) registry_wait_secs: Option<f64>,
-    /// Samples beside the rig's own that may exist in a worker at the same time.
+    /// Samples beside the rig's own that may exist in a worker at the same time; half as much again, second copies of those.
     pub(crate) refining_mib: u64,
     /// Where others reach this coordinator, if not where it listens; whoever asks a standby is told.
     pub(crate) advertise: Option<String>,

@@ -136,11 +136,21 @@ struct Bars {
 }
 
 impl Bars {
+    fn named(&self) -> [(&'static str, Option<bool>); 7] {
+        let Self { lost, wrong, redirected, p99, memory, gap, disturbances } = *self;
+        [
+            ("bar_lost", Some(lost)),
+            ("bar_wrong", Some(wrong)),
+            ("bar_redirected", redirected),
+            ("bar_p99", p99),
+            ("bar_memory", memory),
+            ("bar_gap", gap),
+            ("bar_disturbances", disturbances),
+        ]
+    }
+
     fn met(&self) -> bool {
-        let Self { lost, wrong, redirected, p99, memory, gap, disturbances } = self;
-        *lost
-            && *wrong
-            && [redirected, p99, memory, gap, disturbances].into_iter().all(|bar| *bar != Some(false))
+        self.named().iter().all(|(_, bar)| *bar != Some(false))
     }
 }
 
@@ -228,12 +238,12 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         wrong: heard.wrong == 0 && (!options.judged || heard.checked > 0),
         p99: p99_per_p50.filter(|_| options.judged && options.chaos.is_none()).map(|r| r <= MOST_P99_PER_P50),
         memory: most_swing.filter(|_| options.judged && options.chaos.is_none()).map(|s| s <= MOST_SWING),
-        gap: (options.judged && options.chaos.is_some()).then_some(heard.worst_gap <= LONGEST_GAP),
+        gap: (options.judged && options.chaos.is_some()).then_some(heard.worst_gap.lasts <= LONGEST_GAP),
         disturbances: (options.judged && options.chaos.is_some())
             .then_some(disturbances as f64 >= DISTURBANCES_PER_SEC * measured_secs),
         redirected: options.redirect.then_some(heard.redirected > 0),
     };
-    let row = json!({
+    let mut row = json!({
         "scene": options.scene,
         "sessions": options.sessions,
         "workers": options.workers,
@@ -254,7 +264,8 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         "settled_p50_ms": quantile(&settled, 0.5),
         "settled_p99_ms": quantile(&settled, 0.99),
         "settled_max_ms": settled.last(),
-        "worst_gap_secs": heard.worst_gap.as_secs_f64(),
+        "worst_gap_secs": heard.worst_gap.lasts.as_secs_f64(),
+        "worst_gap_since_secs": heard.worst_gap.since.map(|since| (since - begin).as_secs_f64()),
         "kills": disturbed.kills,
         "pauses": disturbed.pauses,
         "views_retried": counters.views_retried,
@@ -267,15 +278,11 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         "worker_swing": worker_swing,
         "client_mb": megabytes("client"),
         "client_swing": swing("client"),
-        "bar_lost": bars.lost,
-        "bar_wrong": bars.wrong,
-        "bar_redirected": bars.redirected,
-        "bar_p99": bars.p99,
-        "bar_memory": bars.memory,
-        "bar_gap": bars.gap,
-        "bar_disturbances": bars.disturbances,
-        "passed": bars.met(),
     });
+    for (name, bar) in bars.named() {
+        row[name] = json!(bar);
+    }
+    row["passed"] = json!(bars.met());
     let mut report = Report::new(options.scene.clone(), Machine::here(&device), vec![report::row(row)]);
     report.plots =
         vec![memory_plot(&memory), latency_plot(&latencies), over_time_plot(&over_time, measured_secs)];

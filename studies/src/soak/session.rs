@@ -28,7 +28,7 @@ pub(super) struct Heard {
     pub(super) tail: Tail,
     /// Frames that sessions fetched from workers, instead of having them relayed.
     pub(super) redirected: u64,
-    pub(super) worst_gap: Duration,
+    pub(super) worst_gap: Gap,
     pub(super) first_failure: Option<String>,
     pub(super) checked: u64,
     pub(super) wrong: u64,
@@ -46,8 +46,16 @@ impl Heard {
 
     /// A session got no frame since then, though it had asked for one.
     fn gap(&mut self, since: Option<Instant>) {
-        self.worst_gap = self.worst_gap.max(since.map_or(Duration::ZERO, |since| since.elapsed()));
+        let gap = since.map(|since| Gap { lasts: since.elapsed(), since: Some(since) });
+        self.worst_gap = self.worst_gap.max(gap.unwrap_or_default());
     }
+}
+
+/// How long a session got no frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Gap {
+    pub(super) lasts: Duration,
+    pub(super) since: Option<Instant>,
 }
 
 /// What a session asks for.
