@@ -74,7 +74,7 @@ impl Core {
                     false => self.rates.views.count(1),
                 }
                 if view.pin.is_none() {
-                    self.epochs.used(pending.samples().iter().map(|id| id.index), now);
+                    self.note_use(pending.samples().iter().map(|id| id.index), now);
                 }
                 self.in_flight.add(&pending);
                 self.views.insert(ticket, pending);

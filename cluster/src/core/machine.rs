@@ -12,6 +12,7 @@ use super::admission::Admission;
 use super::balance::{Costs, Demand, Split};
 use super::cameras::LastChoice;
 use super::config::Config;
+use super::copies::Lately;
 use super::directory::Directory;
 use super::epochs::Epochs;
 use super::event::{Action, Event, Hello, Report, Ticket, WorkerId};
@@ -94,6 +95,8 @@ pub struct Core {
     pub(super) spread: Spread,
     /// By camera: one who composes from the last epoch's sample and lacks the next one's.
     pub(super) laggards: BTreeMap<u64, WorkerId>,
+    /// Samples that are worth a second copy.
+    pub(super) lately: Lately,
     /// Whether what workers shall have at hand may be another than they were told.
     pub(super) to_refine: bool,
     pub(super) directory: Directory,
@@ -168,6 +171,7 @@ impl Core {
             whereabouts: Whereabouts::default(),
             spread: Spread::default(),
             laggards: BTreeMap::new(),
+            lately: Lately::default(),
             to_refine: false,
             directory: Directory::default(),
             placement: Placement::default(),

@@ -16,6 +16,7 @@ pub mod balance;
 mod cameras;
 mod choose;
 mod config;
+mod copies;
 mod directory;
 mod dispatch;
 mod epochs;

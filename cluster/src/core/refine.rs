@@ -47,7 +47,7 @@ impl Core {
 
     /// Texel bytes of a sample, as workers report them: were they thought smaller than they are, workers would forget samples
     /// in use to make room for refinements, and render them again.
-    fn sample_bytes(&self) -> u64 {
+    pub(super) fn sample_bytes(&self) -> u64 {
         let reported = self.workers.values().map(|worker| worker.report.sample_bytes).max().unwrap_or(0);
         reported.max(self.set.rig.sample_texels() * TEXEL_BYTES)
     }
@@ -72,9 +72,11 @@ impl Core {
         let needed: BTreeSet<u64> = self.in_flight.epochs().collect();
         self.epochs.retire(|epoch| needed.contains(&epoch));
         // Refinements are for all who compose, each told once whoever feeds it has the sample: there is no hurry. What
-        // the next epoch needs is for those who compose from the last one; they are told at once, and wait.
+        // the next epoch needs is for those who compose from the last one; they are told at once, and wait. So is who gets
+        // a second copy.
         let mut wanted: BTreeMap<SampleId, Option<Vec<WorkerId>>> =
             self.prepared().into_iter().map(|(id, readers)| (id, Some(readers))).collect();
+        wanted.extend(self.copies(now).into_iter().map(|(id, readers)| (id, Some(readers))));
         wanted.extend(self.placement.placed().map(|index| (self.refined(index), None)));
         self.spread.retain(|id| wanted.contains_key(&id) || self.whereabouts.is_on_its_way(id));
         let mut lists: BTreeMap<WorkerId, Vec<Source>> = BTreeMap::new();

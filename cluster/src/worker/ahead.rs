@@ -41,7 +41,8 @@ impl Default for Ahead {
 }
 
 /// Has these samples at hand, each fetched from the first of its addresses that has it, or rendered here where
-/// it has none; forgets those that an earlier call wanted and this one does not.
+/// it has none; forgets refinements that an earlier call wanted and this one does not. The rig's own samples stay: as long as
+/// there is room for them, or as their epoch is kept.
 pub(super) fn want(node: &Arc<Node>, samples: Vec<(SampleId, Vec<String>)>, to_host: bool) {
     let mut wanted = node.ahead.wanted.lock();
     let mut before = std::mem::take(&mut *wanted);
@@ -62,8 +63,9 @@ pub(super) fn want(node: &Arc<Node>, samples: Vec<(SampleId, Vec<String>)>, to_h
         wanted.insert(id, bringing);
     }
     drop(wanted);
-    let gone: Vec<SampleId> = before.keys().copied().collect();
     before.values().for_each(|gone| gone.task.abort());
+    let is_own = |id: &SampleId| node.set().is_ok_and(|(set, _)| set.rig.level(id.index) == Some(0));
+    let gone: Vec<SampleId> = before.keys().copied().filter(|id| !is_own(id)).collect();
     node.store.forget(&gone);
 }
 
@@ -102,7 +104,13 @@ async fn at_hand(
         let (node, info, addresses) = (node.clone(), info.clone(), addresses.to_vec());
         match addresses.is_empty() {
             true => Box::pin(async move { node.render_sample_ahead(id, info, to_host).await }),
-            false => Box::pin(async move { fetched(&node, &info, id, &addresses).await }),
+            false => Box::pin(async move {
+                match fetched(&node, &info, id, &addresses).await {
+                    // Who has it has it on a device alone, or no longer, or hangs.
+                    Err(_) if to_host => node.render_sample_ahead(id, info, to_host).await,
+                    fetched => fetched,
+                }
+            }),
         }
     });
     fetch.await.map(|_| ())

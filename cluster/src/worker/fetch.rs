@@ -28,6 +28,7 @@ use tracing::{Instrument, Span, debug_span, warn};
 
 use super::node::Node;
 use super::packed::Chunks;
+use super::store::is_on_host;
 use crate::core::{Role, Source};
 use crate::seldom::Seldom;
 
@@ -134,7 +135,11 @@ async fn fetched_or_rendered(
     }
     match dispensable {
         true => Err(Fault::NotFound(format!("sample {id} is with none of those who had it"))),
-        false => node.render_sample(id, info, false).await,
+        false => {
+            // Who only composes has lost one who renders it for all: others will ask here.
+            let to_host = node.acting().is_some_and(|role| !role.samples());
+            node.render_sample(id, info, to_host).await
+        }
     }
 }
 
@@ -179,8 +184,9 @@ async fn passed_on(node: &Node, id: SampleId) -> Option<Arc<Sample>> {
         tokio::pin!(begun);
         // From here on no bell is missed.
         begun.as_mut().enable();
-        if let Some(sample) = node.store.get_on_host(id) {
-            return Some(sample);
+        if let Some(sample) = node.store.get(id) {
+            // Of one that is on the device alone no other will come.
+            return Some(sample).filter(|sample| is_on_host(sample));
         }
         match node.fetches.find(id, &[For::View, For::Later]) {
             Some(fetch) => {

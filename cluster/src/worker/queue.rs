@@ -3,9 +3,10 @@
 //! Samples go first, since views of this and of other processes wait for them; then pixels that no sample saw,
 //! since all else of their views is done; then batches of reconstructed and of direct views take turns, so that
 //! neither starves the other; last, samples ahead of demand. The queues are bounded: what does not
-//! fit is turned away at once.
+//! fit is turned away at once. While a sampler is made, in a thread of its own, what needs one waits, and views go on.
 
 use std::collections::VecDeque;
+use std::ops::Add;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -85,6 +86,33 @@ pub(super) enum Work {
     Stop,
 }
 
+impl Work {
+    /// Whether a sampler does it.
+    pub(super) fn needs_sampler(&self) -> bool {
+        match self {
+            Self::Prepare { role, .. } => role.samples(),
+            Self::Ways(..) | Self::Samples(_) | Self::Pixels(_) | Self::Direct(_) => true,
+            Self::Scene(_)
+            | Self::WarmUp(_)
+            | Self::StandBy(_)
+            | Self::Views(_)
+            | Self::Nothing
+            | Self::Stop => false,
+        }
+    }
+
+    fn backlog(&self) -> Backlog {
+        let none = Backlog::default();
+        match self {
+            Self::Samples(tasks) => Backlog { samples: tasks.len(), ..none },
+            Self::Pixels(tasks) => Backlog { pixels: tasks.len(), ..none },
+            Self::Views(tasks) => Backlog { views: tasks.len(), ..none },
+            Self::Direct(tasks) => Backlog { direct: tasks.len(), ..none },
+            _ => none,
+        }
+    }
+}
+
 /// How much waits or is in work.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Backlog {
@@ -92,6 +120,19 @@ pub(super) struct Backlog {
     pub(super) views: usize,
     pub(super) direct: usize,
     pub(super) pixels: usize,
+}
+
+impl Add for Backlog {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            samples: self.samples + other.samples,
+            views: self.views + other.views,
+            direct: self.direct + other.direct,
+            pixels: self.pixels + other.pixels,
+        }
+    }
 }
 
 #[derive(Default)]
@@ -102,6 +143,9 @@ struct State {
     views: VecDeque<ViewTask>,
     direct: VecDeque<ViewTask>,
     ahead: VecDeque<SampleTask>,
+    /// Work that was taken before it turned out that there is no sampler yet.
+    postponed: VecDeque<Work>,
+    makes_sampler: bool,
     in_work: Backlog,
     /// When what is in work was taken.
     taken: Option<Instant>,
@@ -192,6 +236,7 @@ impl Queue {
         loop {
             state.forget_the_gone();
             if let Some(work) = state.take(self.max_batch, self.max_direct_batch) {
+                state.in_work = work.backlog();
                 state.taken = Some(Instant::now());
                 return work;
             }
@@ -199,6 +244,27 @@ impl Queue {
                 return Work::Nothing;
             }
         }
+    }
+
+    /// A sampler is in the making, until [`Self::sampler_is_made`].
+    pub(super) fn sampler_is_coming(&self) {
+        self.state.lock().makes_sampler = true;
+    }
+
+    /// It is there, or came to nothing.
+    pub(super) fn sampler_is_made(&self) {
+        self.state.lock().makes_sampler = false;
+        self.filled.notify_one();
+    }
+
+    /// Has work wait for the sampler that is in the making; gives it back if there is none any more.
+    pub(super) fn postpone(&self, work: Work) -> Option<Work> {
+        let mut state = self.state.lock();
+        if !state.makes_sampler {
+            return Some(work);
+        }
+        state.postponed.push_back(work);
+        None
     }
 
     /// Between two parts of a sample that nobody waits for: composes views that came meanwhile, a batch of them, unless
@@ -247,12 +313,13 @@ impl Queue {
 
     pub(super) fn backlog(&self) -> Backlog {
         let state = self.state.lock();
-        Backlog {
-            samples: state.samples.len() + state.in_work.samples,
-            views: state.views.len() + state.in_work.views,
-            direct: state.direct.len() + state.in_work.direct,
-            pixels: state.pixels.len() + state.in_work.pixels,
-        }
+        let waits = Backlog {
+            samples: state.samples.len(),
+            views: state.views.len(),
+            direct: state.direct.len(),
+            pixels: state.pixels.len(),
+        };
+        state.postponed.iter().map(Work::backlog).fold(waits + state.in_work, Add::add)
     }
 }
 
@@ -270,39 +337,33 @@ impl State {
         if let Some(work) = self.orders.pop_front() {
             return Some(work);
         }
-        // One at a time where that costs no more: a compositor that waits for the first of many begins while the next
-        // is rendered.
-        if !self.samples.is_empty() {
-            let batch = take_samples(&mut self.samples, usize::MAX);
-            self.in_work.samples = batch.len();
-            return Some(Work::Samples(batch));
-        }
-        if !self.pixels.is_empty() {
-            let count = self.pixels.len().min(max_direct_batch);
-            let batch: Vec<PixelTask> = self.pixels.drain(..count).collect();
-            self.in_work.pixels = batch.len();
-            return Some(Work::Pixels(batch));
-        }
-        let direct_turn = self.views.is_empty() || !self.direct_had_its_turn;
-        if direct_turn && !self.direct.is_empty() {
-            self.direct_had_its_turn = true;
-            let batch = take_batch(&mut self.direct, max_direct_batch);
-            self.in_work.direct = batch.len();
-            return Some(Work::Direct(batch));
+        let samples_now = !self.makes_sampler;
+        if samples_now {
+            if let Some(work) = self.postponed.pop_front() {
+                return Some(work);
+            }
+            // One at a time where that costs no more: a compositor that waits for the first of many begins while the
+            // next is rendered.
+            if !self.samples.is_empty() {
+                return Some(Work::Samples(take_samples(&mut self.samples, usize::MAX)));
+            }
+            if !self.pixels.is_empty() {
+                let count = self.pixels.len().min(max_direct_batch);
+                return Some(Work::Pixels(self.pixels.drain(..count).collect()));
+            }
+            let direct_turn = self.views.is_empty() || !self.direct_had_its_turn;
+            if direct_turn && !self.direct.is_empty() {
+                self.direct_had_its_turn = true;
+                return Some(Work::Direct(take_batch(&mut self.direct, max_direct_batch)));
+            }
         }
         self.direct_had_its_turn = false;
-        if self.views.is_empty() {
-            // As few at a time: whoever comes next waits for no more than those.
-            let batch = take_samples(&mut self.ahead, 1);
-            if batch.is_empty() {
-                return None;
-            }
-            self.in_work.samples = batch.len();
-            return Some(Work::Samples(batch));
+        if !self.views.is_empty() {
+            return Some(Work::Views(take_batch(&mut self.views, max_batch)));
         }
-        let batch = take_batch(&mut self.views, max_batch);
-        self.in_work.views = batch.len();
-        Some(Work::Views(batch))
+        // As few at a time: whoever comes next waits for no more than those.
+        let ahead = samples_now && !self.ahead.is_empty();
+        ahead.then(|| Work::Samples(take_samples(&mut self.ahead, 1)))
     }
 }
 

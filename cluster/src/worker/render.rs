@@ -33,8 +33,10 @@ pub(super) struct Renderer {
     store: Arc<Store>,
     meter: Arc<Meter>,
     scene: Option<Arc<Scene>>,
+    /// What it was made ready for last.
+    set: Option<Arc<SampleSetInfo>>,
     sampler: Option<Box<dyn Sampler>>,
-    /// A sampler in the making, for when samples are wanted of a worker that composites.
+    /// A sampler in the making, or made and not used yet.
     standby: Option<Standby>,
     /// Those whose scene or device is gone, until they have noticed.
     retired: Vec<Standby>,
@@ -82,6 +84,22 @@ struct Held {
 /// A sampler in the making.
 type Standby = JoinHandle<Result<Box<dyn Sampler>, RenderError>>;
 
+/// While it lives, what needs a sampler waits for one.
+struct Coming(Arc<Queue>);
+
+impl Coming {
+    fn to(queue: &Arc<Queue>) -> Self {
+        queue.sampler_is_coming();
+        Self(queue.clone())
+    }
+}
+
+impl Drop for Coming {
+    fn drop(&mut self) {
+        self.0.sampler_is_made();
+    }
+}
+
 /// Results of a call into a role, or the news that the role is of no use any more.
 type Results<T> = Result<Vec<Result<T, RenderError>>, RenderError>;
 
@@ -104,6 +122,7 @@ impl Renderer {
             store,
             meter,
             scene: None,
+            set: None,
             sampler: None,
             standby: None,
             retired: Vec::new(),
@@ -125,7 +144,8 @@ impl Renderer {
     /// Renders until it is told to stop.
     pub(super) fn run(mut self) {
         loop {
-            match self.queue.next(self.rest.look()) {
+            let work = self.queue.next(self.rest.look());
+            match self.or_later(work) {
                 Work::Nothing => {}
                 Work::Stop => {
                     // A process that exits while its driver works may crash on its way out.
@@ -154,6 +174,21 @@ impl Renderer {
             }
             self.tidy();
         }
+    }
+
+    /// The work, if a sampler is there or none is needed. Else one is made beside what needs none, and the work waits for it:
+    /// a hierarchy over a scene's triangles takes a second, in which views are composed of what is held.
+    fn or_later(&mut self, work: Work) -> Work {
+        if let Work::Prepare { info, .. } = &work {
+            self.set = Some(info.clone());
+        }
+        if self.sampler.is_some() || !work.needs_sampler() {
+            return work;
+        }
+        if let Some(set) = self.set.clone() {
+            self.stand_by(set);
+        }
+        self.queue.postpone(work).unwrap_or(Work::Nothing)
     }
 
     /// Gives up what nobody has used for a while: a sampler, with the scene on its device, where samples are another's work,
@@ -209,8 +244,11 @@ impl Renderer {
     /// Begins to make a sampler beside the work, unless there is one.
     fn stand_by(&mut self, info: Arc<SampleSetInfo>) {
         let (None, None, Some(scene)) = (&self.sampler, &self.standby, self.scene.clone()) else { return };
-        let factory = self.factory.clone();
-        let make = move || warmed_sampler(factory.as_ref(), scene, &info);
+        let (factory, coming) = (self.factory.clone(), Coming::to(&self.queue));
+        let make = move || {
+            let _coming = coming;
+            warmed_sampler(factory.as_ref(), scene, &info)
+        };
         // Without a thread it is made when it is needed.
         self.standby = std::thread::Builder::new().name("standby".to_owned()).spawn(make).ok();
     }
@@ -480,7 +518,7 @@ fn warmed_sampler(
     let began = Instant::now();
     // One that cannot work would be in the way of another.
     let warmed = warm::sampler(sampler.as_mut(), info);
-    warmed.inspect_err(|error| warn!(%error, "no sampler is at hand beside compositing"))?;
+    warmed.inspect_err(|error| warn!(%error, "the sampler that was made beside other work is of no use"))?;
     debug!(ms = ms_since(began), "sampler at hand");
     Ok(sampler)
 }

@@ -22,8 +22,7 @@ const GENERATION: u64 = u64::MAX;
 
 /// Renders a sample.
 pub(super) fn sampler(sampler: &mut dyn Sampler, info: &Arc<SampleSetInfo>) -> Result<(), RenderError> {
-    let SampleSetInfo { epoch, generation, .. } = **info;
-    let ids = vec![SampleId { epoch, generation, index: index(info) }];
+    let ids = vec![SampleId { epoch: info.epoch, generation: GENERATION, index: index(info) }];
     let job = SampleJob { info: info.clone(), ids, to_host: true };
     sampler.render_samples(&job, &Cancel::default()).into_iter().try_for_each(|sample| sample.map(drop))
 }

@@ -1,5 +1,6 @@
 //! The machine driven by events alone: workers that come and go, demand that rises and falls.
 
+mod copies;
 mod epochs;
 mod placement;
 mod property;

@@ -67,7 +67,8 @@ fn lap(sim: &mut Sim, views: &[Camera]) -> Lap {
 /// Refinements that anybody was told to have at hand.
 fn refined(sim: &Sim) -> BTreeSet<u64> {
     let told = sim.workers.values().filter_map(|worker| worker.told.last());
-    told.flat_map(|told| told.ahead.iter().map(|source| source.id.index)).collect()
+    let is_refined = |index: &u64| sim.core.set().rig.level(*index) != Some(0);
+    told.flat_map(|told| told.ahead.iter().map(|source| source.id.index)).filter(is_refined).collect()
 }
 
 fn rendered(sim: &Sim) -> u64 {

@@ -143,13 +143,15 @@ impl Sim {
         if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
             worker.report.applied = told.sequence;
         }
-        // What it shall have at hand it has at once, and forgets what it no longer shall.
+        // What it shall have at hand it has at once, and forgets refinements that it no longer shall.
+        let rig = self.core.set().rig;
         if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
             let ahead: BTreeSet<SampleId> = told.ahead.iter().map(|source| source.id).collect();
             let rendered = told.ahead.iter().filter(|source| source.addresses.is_empty());
             let rendered = rendered.filter(|source| !worker.report.held.contains(&source.id)).count();
             worker.report.samples_rendered += rendered as u64;
-            worker.report.held.retain(|id| ahead.contains(id) || !worker.ahead.contains(id));
+            let stays = |id: &SampleId| ahead.contains(id) || rig.level(id.index) == Some(0);
+            worker.report.held.retain(|id| stays(id) || !worker.ahead.contains(id));
             worker.report.held.extend(ahead.difference(&worker.ahead));
             worker.report.held.retain(|id| id.epoch >= told.kept_from);
             worker.ahead = ahead;

@@ -19,6 +19,8 @@ pub struct Knobs {
     pub view_us: AtomicU64,
     pub direct_us: AtomicU64,
     pub sample_us: AtomicU64,
+    /// What making a sampler takes.
+    pub sampler_us: AtomicU64,
     /// Whoever works stays at it, cancelled or not, until this is taken back.
     pub stuck: AtomicBool,
     /// The next calls that lose the device.
@@ -90,10 +92,14 @@ pub struct Factory {
     pub knobs: Arc<Knobs>,
 }
 
+/// Of a sample that a sampler renders before anybody asks for one.
+const WARM_UP: u64 = u64::MAX;
+
 pub const DEVICE: &str = "no device at all, version 1";
 
 impl RoleFactory for Factory {
     fn sampler(&self, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError> {
+        std::thread::sleep(Duration::from_micros(self.knobs.sampler_us.load(Ordering::SeqCst)));
         self.knobs.samplers_made.fetch_add(1, Ordering::SeqCst);
         Ok(Box::new(FakeSampler { knobs: self.knobs.clone(), scene }))
     }
@@ -194,8 +200,10 @@ impl Sampler for FakeSampler {
             if self.knobs.work(&self.knobs.sample_us, cancel) {
                 return Err(RenderError::Cancelled);
             }
-            self.knobs.samples_rendered.fetch_add(1, Ordering::SeqCst);
-            self.knobs.samples_read_back.fetch_add(job.to_host.into(), Ordering::SeqCst);
+            if id.generation != WARM_UP {
+                self.knobs.samples_rendered.fetch_add(1, Ordering::SeqCst);
+                self.knobs.samples_read_back.fetch_add(job.to_host.into(), Ordering::SeqCst);
+            }
             self.sample(&job.info, *id, job.to_host)
         };
         job.ids.iter().map(one).collect()

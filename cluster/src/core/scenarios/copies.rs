@@ -1,0 +1,71 @@
+//! What views use is held by two: a worker that is lost takes no sample with it.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use argus_scene::{Plan, SampleId};
+
+use super::sim::Sim;
+use crate::core::*;
+
+/// Samples of the plans of views that workers answer, a second long.
+fn used(sim: &mut Sim) -> BTreeSet<SampleId> {
+    let mut used = BTreeSet::new();
+    for _ in 0..8 {
+        let ticket = sim.ask(false);
+        let Plan::Warp(warp) = &sim.orders[&ticket].plan else { unreachable!("nobody asked for triangles") };
+        used.extend(warp.samples.iter().copied());
+        sim.answer(ticket);
+        sim.now = sim.now.after(Duration::from_millis(125));
+        sim.report_all();
+        sim.step(Event::Tick);
+    }
+    used
+}
+
+fn holders(sim: &Sim, id: SampleId) -> usize {
+    sim.workers.values().filter(|worker| worker.report.held.contains(&id)).count()
+}
+
+#[test]
+fn whoever_is_lost_takes_no_sample_along_that_views_used() {
+    for who in 0..3 {
+        let mut sim = Sim::with_workers(3);
+        let used = used(&mut sim);
+        assert!(!used.is_empty() && used.iter().all(|id| holders(&sim, *id) >= 2), "{used:?}");
+        let lost = *sim.workers.keys().nth(who).unwrap();
+        sim.leave(lost);
+        assert!(used.iter().all(|id| holders(&sim, *id) >= 1), "without worker {who}: {used:?}");
+        // … and those who are left hold them twice again.
+        sim.second(0, 0);
+        sim.second(0, 0);
+        assert!(used.iter().all(|id| holders(&sim, *id) == 2), "{used:?}");
+    }
+}
+
+#[test]
+fn what_all_have_lost_is_rendered_again_before_a_view_asks_for_it() {
+    let mut sim = Sim::with_workers(3);
+    let used = used(&mut sim);
+    sim.workers.values_mut().for_each(|worker| worker.report.held.clear());
+    let rendered = |sim: &Sim| sim.workers.values().map(|w| w.report.samples_rendered).sum::<u64>();
+    let before = rendered(&sim);
+    sim.workers.values_mut().for_each(|worker| worker.ahead.clear());
+    (0..3).for_each(|_| sim.second(0, 0));
+    assert!(used.iter().all(|id| holders(&sim, *id) >= 2), "{used:?}");
+    assert_eq!(rendered(&sim) - before, used.len() as u64, "each once");
+}
+
+#[test]
+fn what_nobody_has_looked_at_for_a_while_is_nobodys_duty() {
+    let mut sim = Sim::with_workers(3);
+    let used = used(&mut sim);
+    let listed = |sim: &Sim| {
+        let told = sim.workers.values().filter_map(|worker| worker.told.last());
+        told.flat_map(|told| &told.ahead).filter(|source| used.contains(&source.id)).count()
+    };
+    assert!(listed(&sim) >= used.len());
+    (0..61).for_each(|_| sim.second(0, 0));
+    assert_eq!(listed(&sim), 0);
+    assert!(used.iter().all(|id| holders(&sim, *id) >= 2), "and stays where it is while there is room");
+}
