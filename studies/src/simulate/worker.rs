@@ -46,7 +46,7 @@ pub(super) struct Busy {
 pub(super) struct Waiting {
     pub(super) view: Attempt,
     pub(super) samples: Vec<SampleId>,
-    pub(super) missing: usize,
+    pub(super) missing: BTreeSet<SampleId>,
 }
 
 /// A sample that is being fetched.

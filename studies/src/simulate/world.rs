@@ -403,12 +403,8 @@ impl World {
                 }
             }
             Happening::Announced { slot, life, id } => {
-                let worker = &mut self.workers[slot];
-                let comes = worker.held.contains(&id) || worker.fetches.contains_key(&id);
-                if worker.life == life && !comes && !worker.renders(id, true) {
-                    for child in worker.children.remove(&id).unwrap_or_default() {
-                        self.tell(child, Message::NoSample { id, from: slot });
-                    }
+                if self.workers[slot].life == life {
+                    self.unless_it_comes(slot, id);
                 }
             }
             Happening::AskAgain { slot, life, id } => {

@@ -1,6 +1,6 @@
 //! What simulated workers do with what reaches them, as `argus_cluster::worker` does.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use argus_cluster::core::{Assignment, Event, Order, Ticket};
 use argus_scene::SampleId;
@@ -51,29 +51,31 @@ impl World {
             self.workers[slot].direct.push_back(view);
             return self.kick(slot);
         }
-        let mut missing = 0;
+        let mut missing = BTreeSet::new();
         for source in &order.sources {
             let id = source.id;
             let worker = &mut self.workers[slot];
             if worker.held.contains(&id) {
                 continue;
             }
-            missing += 1;
-            if let Some(fetch) = worker.fetches.get_mut(&id) {
-                fetch.urgent = true;
-            } else if source.addresses.is_empty() {
+            missing.insert(id);
+            if worker.fetches.get(&id).is_some_and(|fetch| fetch.urgent) {
+                continue;
+            }
+            if source.addresses.is_empty() {
                 if !worker.renders(id, false) {
                     worker.renders_ahead.retain(|other| *other != id);
                     worker.renders.push_back(id);
                 }
             } else {
+                // One that is on its way for views to come may wait for others: this asks besides.
                 self.fetch(slot, id, &source.addresses, true);
             }
         }
         let samples: Vec<SampleId> = order.sources.iter().map(|source| source.id).collect();
-        self.tally.waited_for_samples += u64::from(missing > 0);
+        self.tally.waited_for_samples += u64::from(!missing.is_empty());
         let worker = &mut self.workers[slot];
-        if missing == 0 {
+        if missing.is_empty() {
             worker.views.push_back((view, samples));
         } else {
             worker.waiting.insert(view.ticket, Waiting { view, samples, missing });
@@ -82,21 +84,29 @@ impl World {
     }
 
     fn assigned(&mut self, slot: usize, assignment: Assignment) {
+        let rig = self.core.set().rig;
         let worker = &mut self.workers[slot];
         let wanted: HashMap<SampleId, &Vec<String>> =
             assignment.ahead.iter().map(|source| (source.id, &source.addresses)).collect();
         let before = worker.told.take().map(|told| told.ahead).unwrap_or_default();
-        for id in before.iter().map(|source| source.id).filter(|id| !wanted.contains_key(id)) {
+        let gone = before.iter().map(|source| source.id).filter(|id| !wanted.contains_key(id));
+        for id in gone.filter(|id| rig.level(id.index) != Some(0)) {
             worker.held.remove(&id);
         }
         worker.held.retain(|id| id.epoch >= assignment.kept_from);
         worker.taken_up.retain(|id| worker.held.contains(id));
         worker.packed.retain(|id| worker.held.contains(id));
-        worker.fetches.retain(|id, fetch| fetch.urgent || wanted.contains_key(id));
+        let fetched = worker.fetches.extract_if(|id, fetch| !fetch.urgent && !wanted.contains_key(id));
+        let mut dropped: Vec<SampleId> = fetched.map(|(id, _)| id).collect();
+        dropped.extend(worker.renders_ahead.iter().filter(|id| !wanted.contains_key(id)));
         worker.renders_ahead.retain(|id| wanted.contains_key(id));
         let mut to_fetch = Vec::new();
         for source in &assignment.ahead {
             let id = source.id;
+            if let Some(fetch) = worker.fetches.get_mut(&id).filter(|fetch| !fetch.urgent) {
+                // Whom it asks next.
+                fetch.all = others(slot, &source.addresses);
+            }
             if worker.held.contains(&id) || worker.fetches.contains_key(&id) || worker.renders(id, true) {
                 continue;
             }
@@ -115,20 +125,23 @@ impl World {
         for (id, addresses) in to_fetch {
             self.fetch(slot, id, &addresses, false);
         }
+        for id in dropped {
+            self.unless_it_comes(slot, id);
+        }
         // What has taken effect is said at once.
         self.report(slot);
         self.kick(slot);
     }
 
     fn fetch(&mut self, slot: usize, id: SampleId, addresses: &[String], urgent: bool) {
-        let slots = addresses.iter().filter_map(|address| address.strip_prefix("http://w")?.parse().ok());
-        let all: Vec<usize> = slots.filter(|other| *other != slot).collect();
+        let all = others(slot, addresses);
         let fetch = Fetch { sources: all.iter().copied().collect(), all, urgent };
         self.workers[slot].fetches.insert(id, fetch);
         self.subscribe(slot, id);
     }
 
-    /// Asks the next source for a sample; with none left renders it here if a view waits, or asks again later.
+    /// Asks the next source for a sample. With none left, it is rendered here if a view waits or others are fed from here,
+    /// or asked for again later.
     pub(super) fn subscribe(&mut self, slot: usize, id: SampleId) {
         let life = self.workers[slot].life;
         let Some(fetch) = self.workers[slot].fetches.get(&id) else { return };
@@ -143,6 +156,14 @@ impl World {
                 worker.fetches.remove(&id);
                 if !worker.renders(id, false) {
                     worker.renders.push_back(id);
+                }
+                self.kick(slot);
+            }
+            None if self.workers[slot].samples() => {
+                let worker = &mut self.workers[slot];
+                worker.fetches.remove(&id);
+                if !worker.renders(id, true) {
+                    worker.renders_ahead.push_back(id);
                 }
                 self.kick(slot);
             }
@@ -164,17 +185,29 @@ impl World {
             return self.pack(slot, id, from);
         }
         worker.children.entry(id).or_default().push(from);
-        let comes = worker.fetches.contains_key(&id) || worker.renders(id, ahead);
-        if comes {
-            return;
-        }
         if worker.samples() && !ahead {
-            worker.renders_ahead.retain(|other| *other != id);
-            worker.renders.push_back(id);
+            if !worker.renders(id, false) {
+                worker.renders_ahead.retain(|other| *other != id);
+                worker.renders.push_back(id);
+            }
             return self.kick(slot);
+        }
+        if worker.fetches.contains_key(&id) || worker.renders(id, ahead) {
+            return;
         }
         let life = worker.life;
         self.after(1_000_000_000, Happening::Announced { slot, life, id });
+    }
+
+    /// Tells those who wait here for a sample if it is not on its way.
+    pub(super) fn unless_it_comes(&mut self, slot: usize, id: SampleId) {
+        let worker = &mut self.workers[slot];
+        if worker.held.contains(&id) || worker.fetches.contains_key(&id) || worker.renders(id, true) {
+            return;
+        }
+        for child in worker.children.remove(&id).unwrap_or_default() {
+            self.tell(child, Message::NoSample { id, from: slot });
+        }
     }
 
     /// A sample goes to another worker, packed first unless it is.
@@ -208,8 +241,8 @@ impl World {
         let children = worker.children.remove(&id).unwrap_or_default();
         let mut ready = Vec::new();
         for waiting in worker.waiting.values_mut().filter(|waiting| waiting.samples.contains(&id)) {
-            waiting.missing -= 1;
-            if waiting.missing == 0 {
+            waiting.missing.remove(&id);
+            if waiting.missing.is_empty() {
                 ready.push(waiting.view.ticket);
             }
         }
@@ -275,4 +308,10 @@ impl World {
         }
         self.kick(slot);
     }
+}
+
+/// The slots of other workers at these addresses.
+fn others(slot: usize, addresses: &[String]) -> Vec<usize> {
+    let slots = addresses.iter().filter_map(|address| address.strip_prefix("http://w")?.parse().ok());
+    slots.filter(|other| *other != slot).collect()
 }
