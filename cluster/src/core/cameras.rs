@@ -68,11 +68,13 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use argus_scene::rig::Sight;
-    use argus_scene::{Rig, SampleSetInfo};
+    use argus_scene::{Outputs, PlanRequest, Rig, SampleSetInfo, View};
     use glam::DVec3;
 
     use super::super::config::Config;
+    use super::super::event::{Action, Event, Ticket};
     use super::super::tests::set_info;
+    use super::super::time::Uptime;
     use super::*;
 
     /// Takes the first, and counts how often it is asked.
@@ -108,5 +110,23 @@ mod tests {
         core.sample_ids_among(&here, 4, 0, &[rig.refinement(&here, 1, None).unwrap()]);
         assert_eq!(asked(), 4, "so are other refinements");
         assert_eq!(core.sample_ids(&here, MOST_SAMPLES + 1, 0).len(), MOST_SAMPLES + 1);
+    }
+    #[test]
+    fn who_is_turned_away_costs_no_rays() {
+        let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 2.0, face: 8 };
+        let set = Arc::new(SampleSetInfo { rig, ..set_info() });
+        for max_views in [0, 1] {
+            let counting = Arc::new(Counting::default());
+            let config = Config { max_views, ..Config::default() };
+            let mut core = Core::new(config, set.clone()).with_sight(Some(counting.clone()));
+            let camera = Camera::look_at(DVec3::new(0.3, 0.4, 0.5), DVec3::X);
+            let plan = PlanRequest::default();
+            let view = View { camera, width: 40, height: 30, outputs: Outputs::COLOR, plan, pin: None };
+            let (ticket, view) = (Ticket(1), Box::new(view));
+            let asked = Event::Asked { ticket, client: "a client".into(), view, deadline: None };
+            let actions = core.step(asked, Uptime::default());
+            assert_eq!(matches!(actions[..], [Action::Refuse { .. }]), max_views == 0, "{actions:?}");
+            assert_eq!(counting.0.load(Ordering::Relaxed) > 0, max_views > 0);
+        }
     }
 }

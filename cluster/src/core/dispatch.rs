@@ -94,6 +94,9 @@ impl Core {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
         self.check_epoch(view)?;
+        // Who is turned away anyway costs no planning: where many are, that is what the coordinator would spend its time on.
+        let least = self.expected_wait(true).min(self.expected_wait(false));
+        self.check_load(client, deadline, least, now)?;
         let nearest = |count| self.sample_ids(&view.camera, count, self.set.epoch);
         let plain = plan(view, &self.set, nearest, &self.config)?;
         let mut planned = self.planned(view, plain);
@@ -101,7 +104,24 @@ impl Core {
             self.widen(view, &mut planned.plan);
         }
         let direct = matches!(planned.plan, Plan::Direct { .. });
-        let expected = self.expected_wait(direct);
+        self.check_load(client, deadline, self.expected_wait(direct), now)?;
+        if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
+            let mut ready = self.workers.values().filter(|w| w.is_ready()).peekable();
+            if ready.peek().is_some() && !ready.any(|w| w.hello.device == device_kind(device)) {
+                return Err(Fault::Pin(format!("no worker has the device {device:?}")));
+            }
+        }
+        Ok(planned)
+    }
+
+    /// Whether a view that has to wait so long until its turn may come in.
+    fn check_load(
+        &self,
+        client: &str,
+        deadline: Option<Duration>,
+        expected: Duration,
+        now: Uptime,
+    ) -> Result<(), Fault> {
         let bearable = deadline.unwrap_or(Duration::MAX).min(self.config.max_wait);
         // By then half of what is in flight is done.
         let retry_after = (expected / 2).clamp(Duration::from_millis(50), Duration::from_secs(5));
@@ -111,14 +131,7 @@ impl Core {
                 format!("{count} views are waiting or in work, {secs:.1} s of it before this one's turn");
             return Err(Fault::Overloaded { what, retry_after });
         }
-        self.admission.check(client, &self.config, retry_after, now)?;
-        if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
-            let mut ready = self.workers.values().filter(|w| w.is_ready()).peekable();
-            if ready.peek().is_some() && !ready.any(|w| w.hello.device == device_kind(device)) {
-                return Err(Fault::Pin(format!("no worker has the device {device:?}")));
-            }
-        }
-        Ok(planned)
+        self.admission.check(client, &self.config, retry_after, now)
     }
 
     /// A plan whose request leaves it open takes further samples, those that are at hand anyway: what none of the first ones
