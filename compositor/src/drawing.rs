@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use argus_gpu::{
-    Bindable, ColorTarget, Commands, ComputePipeline, Gpu, RenderPipeline, RenderPipelineDesc, Surroundings,
-    wgpu,
+    Bindable, ColorTarget, Commands, ComputeCall, ComputePipeline, Gpu, RenderPipeline, RenderPipelineDesc,
+    Surroundings, wgpu,
 };
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::Program;
@@ -133,6 +133,14 @@ impl<'a> Extra<'a> {
 
     pub(crate) fn write(name: &'static str, resource: &'a dyn Bindable) -> Self {
         Self { name, writes: true, resource }
+    }
+
+    /// The call that has it, too.
+    pub(crate) fn bind(self, call: ComputeCall<'a>) -> ComputeCall<'a> {
+        match self.writes {
+            true => call.write(self.name, self.resource),
+            false => call.read(self.name, self.resource),
+        }
     }
 }
 
@@ -307,13 +315,8 @@ impl Drawing {
         let storage = canvas.targets.storage(variant);
         let mut pass = commands.compute_pass(self.name);
         for (draw, bindings) in canvas.draws.iter().zip(bindings) {
-            let mut call = pass.call(pipeline).read("view", &draw.view);
-            for extra in bindings.iter().chain(&storage) {
-                call = match extra.writes {
-                    true => call.write(extra.name, extra.resource),
-                    false => call.read(extra.name, extra.resource),
-                };
-            }
+            let call = pass.call(pipeline).read("view", &draw.view);
+            let call = bindings.iter().chain(&storage).fold(call, |call, extra| extra.bind(call));
             let [width, height] = draw.piece.fine_size();
             call.dispatch_threads([width, height, 1]);
         }

@@ -1,19 +1,22 @@
 // Program of compositor/src/passes/mend.rs: pixels of a piece that the warp could not settle with the one sample that it
 // looks at are tried in all of them. What none has at a depth that was splatted about there is sky if they see past everything;
 // else it is searched for along its ray, in the paper's way: the others take a surface that is near for one that no sample saw.
+//
+// Each is a loop over what the one before left over, since eight pixels or more run together: a search along the ray looks up
+// a hundred texels and more, and all would wait for the one of eight that needs it (a quarter of this program's time).
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
 import package::shared::fetch::{
     Fetch, SETTLED, crossing_of_bounds, direction_of, fetch_from, is_better, is_clear, not_baked, nothing_at, position_of,
     view,
 };
-import package::shared::left_over::{place_of, stretch_of};
+import package::shared::left_over::{Stretch, place_of, stretch_of};
 import package::shared::march::march;
 import package::shared::pixel::{CERTAIN, OTHER, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
 import package::shared::targets::{store_linear, store_shown};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
-@group(0) @binding(10) var<storage, read> unsettled: array<u32>;
+@group(0) @binding(10) var<storage, read_write> unsettled: array<u32>;
 @group(0) @binding(11) var<storage, read> cells: array<u32>;
 
 // Steps along a ray.
@@ -53,12 +56,27 @@ fn farther(a: Depth, at: i32) -> Depth {
     return Depth(select(a.q, b.q, second), select(a.source, b.source, second));
 }
 
-fn mend(place: vec2u) -> Pixel {
-    let position = position_of(vec2f(place) + 0.5);
-    let d = direction_of(position);
-    let cell = vec2i(floor(position / view.cell)) - view.cell_origin;
+fn direction_at(place: vec2u) -> vec3f {
+    return direction_of(position_of(vec2f(place) + 0.5));
+}
+
+// Its cell's place.
+fn cell_at(place: vec2u) -> i32 {
+    let cell = vec2i(floor(position_of(vec2f(place) + 0.5) / view.cell)) - view.cell_origin;
+    return i32(view.first_cell) + cell.y * view.cell_columns + cell.x;
+}
+
+fn pixel_of(found: Found, place: vec2u) -> Pixel {
+    var pixel = surface_pixel(found.fetch, found.source, direction_at(place));
+    pixel.source += select(0u, OTHER, found.source != depth_of(depths[cell_at(place)]).source);
+    return pixel;
+}
+
+// What is at a depth that was splatted about there.
+fn near_cell(place: vec2u) -> Found {
+    let d = direction_at(place);
+    let at = cell_at(place);
     let columns = view.cell_columns;
-    let at = i32(view.first_cell) + cell.y * columns + cell.x;
     // A piece has cells around all that its pixels are in.
     let was = depth_of_cell(cells[at]);
     let across = farther(farther(farther(was, at - 1), at + 1), at - columns);
@@ -70,46 +88,90 @@ fn mend(place: vec2u) -> Pixel {
     let became = depth_of(depths[at]);
     let trial = became.q < 0.0;
     var found = look_up(d, Depth(select(behind.q, -became.q, trial), select(behind.source, became.source, trial)));
+    // Here and below, a loop that is left is skipped by the software driver if no pixel needs it; it would run a branch.
     for (var k = 0u; k < not_baked(1u) && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
         found = look_up(d, was);
     }
-    // Loops, since the software driver leaves one that no pixel needs, where it would run a branch.
-    var clear = false;
-    for (var k = 0u; k < not_baked(1u) && !found.settled; k++) {
-        clear = is_clear(d);
-    }
-    for (var k = 0u; k < not_baked(1u) && !found.settled && !clear; k++) {
-        let end = march(d, crossing_of_bounds(view.bounds_min, view.bounds_max, d), STEPS_ALONG);
-        found = look_up(d, Depth(select(0.0, 1.0 / max(end.t, 1e-20), end.found), became.source));
-    }
+    return found;
+}
+
+// Each point of it is seen past by some sample, not by two.
+fn clear_pixel(place: vec2u) -> Pixel {
+    var pixel = sky_pixel(direction_at(place));
+    pixel.confidence = CERTAIN >> 1u;
+    return pixel;
+}
+
+fn along_ray(place: vec2u) -> Pixel {
+    let d = direction_at(place);
+    let end = march(d, crossing_of_bounds(view.bounds_min, view.bounds_max, d), STEPS_ALONG);
+    let found = look_up(d, Depth(select(0.0, 1.0 / max(end.t, 1e-20), end.found), 0u));
     if found.settled {
-        var pixel = surface_pixel(found.fetch, found.source, d);
-        pixel.source += select(0u, OTHER, found.source != became.source);
-        return pixel;
-    }
-    if clear {
-        // Each point is seen past by some sample, not by two.
-        var pixel = sky_pixel(d);
-        pixel.confidence = CERTAIN >> 1u;
-        return pixel;
+        return pixel_of(found, place);
     }
     return unresolved_pixel(found.fetch, d);
+}
+
+// Leaves a pixel that is not settled to the next loop, in the place of one that this has had.
+fn or_left(stretch: Stretch, left: u32, packed: u32, settled: bool) -> u32 {
+    if !settled {
+        unsettled[stretch.first + left] = packed;
+    }
+    return left + select(1u, 0u, settled);
 }
 
 @compute @workgroup_size(64)
 fn show(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let stretch = stretch_of(id.x, groups.x * 64u);
-    for (var i = 0u; i < unsettled[stretch.counts]; i++) {
+    let count = unsettled[stretch.counts];
+    var left = 0u;
+    for (var i = 0u; i < count; i++) {
+        let packed = unsettled[stretch.first + i];
+        let found = near_cell(place_of(packed));
+        left = or_left(stretch, left, packed, found.settled);
+        for (var k = 0u; k < not_baked(1u) && found.settled; k++) {
+            store_shown(place_of(packed), pixel_of(found, place_of(packed)));
+        }
+    }
+    var open = 0u;
+    for (var i = 0u; i < left; i++) {
+        let packed = unsettled[stretch.first + i];
+        let clear = is_clear(direction_at(place_of(packed)));
+        open = or_left(stretch, open, packed, clear);
+        for (var k = 0u; k < not_baked(1u) && clear; k++) {
+            store_shown(place_of(packed), clear_pixel(place_of(packed)));
+        }
+    }
+    for (var i = 0u; i < open; i++) {
         let place = place_of(unsettled[stretch.first + i]);
-        store_shown(place, mend(place));
+        store_shown(place, along_ray(place));
     }
 }
 
 @compute @workgroup_size(64)
 fn keep(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let stretch = stretch_of(id.x, groups.x * 64u);
-    for (var i = 0u; i < unsettled[stretch.counts]; i++) {
+    let count = unsettled[stretch.counts];
+    var left = 0u;
+    for (var i = 0u; i < count; i++) {
+        let packed = unsettled[stretch.first + i];
+        let found = near_cell(place_of(packed));
+        left = or_left(stretch, left, packed, found.settled);
+        for (var k = 0u; k < not_baked(1u) && found.settled; k++) {
+            store_linear(place_of(packed), pixel_of(found, place_of(packed)));
+        }
+    }
+    var open = 0u;
+    for (var i = 0u; i < left; i++) {
+        let packed = unsettled[stretch.first + i];
+        let clear = is_clear(direction_at(place_of(packed)));
+        open = or_left(stretch, open, packed, clear);
+        for (var k = 0u; k < not_baked(1u) && clear; k++) {
+            store_linear(place_of(packed), clear_pixel(place_of(packed)));
+        }
+    }
+    for (var i = 0u; i < open; i++) {
         let place = place_of(unsettled[stretch.first + i]);
-        store_linear(place, mend(place));
+        store_linear(place, along_ray(place));
     }
 }

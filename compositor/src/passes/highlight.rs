@@ -29,16 +29,11 @@ impl HighlightPass {
         let storage = canvas.targets.storage(variant);
         let mut pass = commands.compute_pass("add highlights");
         for draw in canvas.draws {
-            let mut call = pass.call(pipeline).read("view", &draw.view);
+            let call = pass.call(pipeline).read("view", &draw.view);
             let mut bindings = canvas.shared.bindings()?;
             bindings.push(Extra::read("depths", &splatted.depths));
             bindings.push(Extra::read("unsettled", &splatted.unsettled));
-            for extra in &bindings {
-                call = call.read(extra.name, extra.resource);
-            }
-            for extra in &storage {
-                call = call.write(extra.name, extra.resource);
-            }
+            let call = bindings.iter().chain(&storage).fold(call, |call, extra| extra.bind(call));
             call.dispatch([groups(gpu), 1, 1]);
         }
         Ok(())

@@ -62,19 +62,14 @@ impl MendPass {
         let storage = canvas.targets.storage(variant);
         let mut pass = commands.compute_pass("mend pixels");
         for draw in canvas.draws {
-            let mut call = pass.call(mend).read("view", &draw.view);
+            let call = pass.call(mend).read("view", &draw.view);
             let mut bindings = canvas.shared.bindings()?;
             bindings.extend([
                 Extra::read("depths", &splatted.depths),
-                Extra::read("unsettled", &splatted.unsettled),
+                Extra::write("unsettled", &splatted.unsettled),
                 Extra::read("cells", &splatted.cells),
             ]);
-            for extra in &bindings {
-                call = call.read(extra.name, extra.resource);
-            }
-            for extra in &storage {
-                call = call.write(extra.name, extra.resource);
-            }
+            let call = bindings.iter().chain(&storage).fold(call, |call, extra| extra.bind(call));
             call.dispatch([groups, 1, 1]);
         }
         Ok(())
