@@ -68,6 +68,10 @@ fn winner(texel: vec2u) -> f32 {
     return best;
 }
 
+// Lobes are averaged if their roughness differs by no more: one between a lake's and its shore's shines where neither does. Of
+// those that differ more the rougher are taken, which shine least.
+const ALIKE: f32 = 0.25;
+
 // Rounds to nearest; the mantissa's lower bits become 0, so that neighbouring texels differ less on the wire.
 fn rounded(inverse_range: f32) -> u32 {
     let drop = 23u - resolve.range_bits;
@@ -113,24 +117,35 @@ fn resolve_glossy(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let chosen = winner(id.xy);
+    var roughest = 0.0;
+    for (var i = 0u; i < side * side; i++) {
+        let at = address(id.xy, i);
+        let roughness = unpack4x8unorm(gloss[at].y).a;
+        roughest = max(roughest, select(0.0, roughness, same_surface(chosen, shaded[at].w)));
+    }
     var sum = vec4f(0.0);
     var normal = vec3f(0.0);
     var specular = vec4f(0.0);
     // What a surface looks up is the same all over it, but for the edges of things: of several words the greatest.
     var reflector = 0u;
     var members = 0.0;
+    var alike = 0.0;
     for (var i = 0u; i < side * side; i++) {
         let at = address(id.xy, i);
         let sub_sample = shaded[at];
         if same_surface(chosen, sub_sample.w) {
             sum += sub_sample;
+            members += 1.0;
             let lobe = gloss[at];
-            normal += unit_from_octahedral(unpack2x16snorm(lobe.x));
-            specular += unpack4x8unorm(lobe.y);
+            let stored = unpack4x8unorm(lobe.y);
+            if stored.a >= roughest - ALIKE {
+                normal += unit_from_octahedral(unpack2x16snorm(lobe.x));
+                specular += stored;
+                alike += 1.0;
+            }
             if reflects {
                 reflector = max(reflector, reflectors[at]);
             }
-            members += 1.0;
         }
     }
     let mean = sum / max(members, 1.0);
@@ -138,7 +153,7 @@ fn resolve_glossy(@builtin(global_invocation_id) id: vec3u) {
     let sky = !(mean.w > 0.0);
     let octahedral = pack2x16snorm(octahedral_from_unit(normal / max(length(normal), 1e-12)));
     normal_plane[at] = select(octahedral, 0u, sky);
-    specular_plane[at] = select(pack4x8unorm(specular / max(members, 1.0)), 0u, sky);
+    specular_plane[at] = select(pack4x8unorm(specular / max(alike, 1.0)), 0u, sky);
     if reflects {
         reflector_plane[at] = select(reflector, 0u, sky);
     }

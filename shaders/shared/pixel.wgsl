@@ -111,9 +111,15 @@ fn unresolved_pixel(fetched: Fetch, d: vec3f) -> Pixel {
     return pixel;
 }
 
+// Roughness is interpolated where it differs by no more from the nearest texel's. One between a lake's and its shore's shines
+// where neither does.
+const ALIKE: f32 = 0.1;
+
 // The pixel with the highlight that its viewer, and not the sample, sees.
 fn with_specular(pixel: Pixel) -> Pixel {
-    let stored = textureSampleLevel(specular_plane, bilinear, pixel.uv, pixel.layer, 0.0);
+    var stored = textureSampleLevel(specular_plane, bilinear, pixel.uv, pixel.layer, 0.0);
+    let texel = textureSampleLevel(specular_plane, nearest, pixel.uv, pixel.layer, 0.0);
+    stored.a = select(texel.a, stored.a, abs(stored.a - texel.a) < ALIKE);
     var result = pixel;
     // A loop, since the software driver leaves one that none of its eight pixels needs, where it would run a branch.
     for (var k = 0u; k < 1u && pixel.range > 0.0 && any(stored.rgb > vec3f(0.0)); k++) {
