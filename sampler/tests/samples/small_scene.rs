@@ -292,3 +292,25 @@ fn what_quantisation_costs_is_what_the_knobs_say() {
     assert!(radiance_error <= 1.0 / 512.0 + 1.0 / 2048.0);
     assert!(range_error <= 1.0 / 131_072.0 * 1.01);
 }
+
+#[test]
+fn no_texel_has_a_lobe_between_those_of_two_materials() {
+    let mut scene = empty_scene();
+    let of = |roughness| Material { roughness, metallic: 0.0, ..Material::default() };
+    scene.materials = vec![of(0.1), of(0.9)];
+    // Askew, so that many texels lie on both.
+    let askew = DAffine3::from_quat(DQuat::from_rotation_y(0.3) * DQuat::from_rotation_x(0.1));
+    for (x, material) in [(-3.0, 0), (3.0, 1)] {
+        place(&mut scene, quad(Vec3::X * x, Vec3::X * 3.0, Vec3::NEG_Z * 6.0, 1.0, material), askew);
+    }
+    let scene = Arc::new(scene);
+    let rig = corner_rig(scene.bounds(), [101, 67]);
+    let sample = sample(&mut sampler(&scene), &sample_job(&scene, rig, 1, true));
+    let specular = sample.planes.iter().find(|plane| plane.kind == PlaneKind::Specular).expect("a lobe");
+    let argus_scene::PlaneData::Host(bytes) = &specular.data else { panic!("it is on the host") };
+    let roughness = bytes.as_chunks::<4>().0.iter().map(|[.., roughness]| *roughness).filter(|&r| r > 0);
+    let (smooth, others): (Vec<u8>, Vec<u8>) = roughness.partition(|&r| r.abs_diff(26) <= 1);
+    let (rough, between): (Vec<u8>, Vec<u8>) = others.into_iter().partition(|&r| r.abs_diff(230) <= 1);
+    assert!(smooth.len() > 50 && rough.len() > 50, "{} and {}", smooth.len(), rough.len());
+    assert_eq!(between, [0_u8; 0], "roughness of neither");
+}
