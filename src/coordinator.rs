@@ -9,6 +9,7 @@ use argus_cluster::SceneSource;
 use argus_cluster::coordinator::{Config, serve};
 use argus_cluster::core::quality::Model;
 use argus_cluster::leadership::{LateRegistry, LocalRegistry, NatsRegistry, Registry};
+use argus_cluster::security::Security;
 use argus_scene::{Camera, Rig, Sampling, Scene};
 use argus_studies::calibration;
 use serde::Serialize;
@@ -94,6 +95,16 @@ pub(crate) struct Service {
     time_scale: Option<f64>,
 }
 
+/// A coordinator that has its address, and no scene yet.
+pub(crate) struct Listening {
+    /// Where clients on this machine will reach it.
+    pub(crate) url: String,
+    listener: TcpListener,
+    security: Option<Arc<Security>>,
+    /// Cancelled when this process is to stop.
+    pub(crate) shutdown: CancellationToken,
+}
+
 /// A coordinator that listens, and has not yet begun to serve.
 pub(crate) struct Ready {
     /// Where clients on this machine reach it.
@@ -120,7 +131,8 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let Some(scene) = &settings.coordinator.scene else {
         return Err(bad_arguments("--scene S is wanted: a file, or `terrain`"));
     };
-    let ready = args.service.prepare(scene, &settings, args.particles).await?;
+    let listening = args.service.listen(&settings).await?;
+    let ready = args.service.open(listening, scene, &settings, args.particles).await?;
     args.service.announce(&ready, 0)?;
     if !args.service.json {
         println!("workers join with: argus worker --coordinator {}", ready.url);
@@ -145,20 +157,25 @@ impl Service {
         Ok(sources.load(self.security.with(self.source.with(flags)))?.settings)
     }
 
-    /// Takes the address, so that a conflict shows at once, then opens the scene. `drifts`: workers have lights that
-    /// move though the scene may not.
-    pub(crate) async fn prepare(
+    /// Takes the address, so that a conflict shows at once.
+    pub(crate) async fn listen(&self, settings: &Settings) -> anyhow::Result<Listening> {
+        let shutdown = shutdown::requested(self.exit_with_stdin);
+        let security = credentials::of_member(&settings.security, true)?;
+        let address = &settings.coordinator.listen;
+        let listener = credentials::listen(address, security.is_some(), &settings.security).await?;
+        let url = credentials::url(security.is_some(), listener.local_addr()?);
+        Ok(Listening { url, listener, security, shutdown })
+    }
+
+    /// Opens the scene. `drifts`: workers have lights that move though the scene may not.
+    pub(crate) async fn open(
         &self,
+        Listening { url, listener, security, shutdown }: Listening,
         scene: &str,
         settings: &Settings,
         drifts: bool,
     ) -> anyhow::Result<Ready> {
         let coordinator = &settings.coordinator;
-        let shutdown = shutdown::requested(self.exit_with_stdin);
-        let security = credentials::of_member(&settings.security, true)?;
-        let listener =
-            credentials::listen(&coordinator.listen, security.is_some(), &settings.security).await?;
-        let url = credentials::url(security.is_some(), listener.local_addr()?);
         let spec = scene.to_owned();
         let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec));
         let source = tokio::select! {

@@ -30,20 +30,42 @@ fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Keeps `count` workers of the coordinator at `url` running until `shutdown`, then lets them finish; `more` are
-/// further arguments of `argus worker`.
+/// Worker processes that are to be kept running.
+pub(crate) struct Start<'a> {
+    /// How many.
+    pub(crate) count: usize,
+    /// Where their coordinator is, or will be.
+    pub(crate) url: &'a str,
+    /// Further arguments of `argus worker`.
+    pub(crate) more: &'a [String],
+    /// The scene that will be served, which the first worker opens at once.
+    pub(crate) scene: &'a str,
+    /// Cancelled once the coordinator has opened it: all others start then.
+    pub(crate) opened: CancellationToken,
+}
+
+/// Keeps workers running until `shutdown`, then lets them finish.
 ///
 /// # Errors
 /// If one of them ends as soon as it starts, time and again.
-pub(crate) async fn keep(
-    count: usize,
-    url: &str,
-    more: &[String],
-    shutdown: CancellationToken,
-) -> anyhow::Result<()> {
+pub(crate) async fn keep(start: Start<'_>, shutdown: CancellationToken) -> anyhow::Result<()> {
     let mut workers = JoinSet::new();
-    for index in 0..count {
-        workers.spawn(keep_one(index, count, url.to_owned(), more.to_vec(), shutdown.clone()));
+    for index in 0..start.count {
+        let (count, url, opened) = (start.count, start.url.to_owned(), start.opened.clone());
+        let mut more = start.more.to_vec();
+        if index == 0 {
+            more.push(format!("--preload={}", start.scene));
+        }
+        let (shutdown, waits) = (shutdown.clone(), index > 0);
+        workers.spawn(async move {
+            if waits {
+                tokio::select! {
+                    () = opened.cancelled() => {}
+                    () = shutdown.cancelled() => return Ok(()),
+                }
+            }
+            keep_one(index, count, url, more, shutdown).await
+        });
     }
     let mut result = Ok(());
     while let Some(ended) = workers.join_next().await {

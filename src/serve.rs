@@ -1,5 +1,7 @@
 //! `argus serve`: a whole cluster on this machine.
 
+use tokio_util::sync::CancellationToken;
+
 use crate::coordinator::Service;
 use crate::settings::Sources;
 use crate::{args, processes};
@@ -36,13 +38,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let settings = args.service.settings(args.scene.as_ref(), sources)?;
     let scene = settings.coordinator.scene.as_deref().unwrap_or("terrain");
     let drifts = args.sampling.indirect.particles.is_some();
-    let ready = args.service.prepare(scene, &settings, drifts).await?;
     let count = args.workers.map_or_else(processes::default_count, usize::from);
-    args.service.announce(&ready, count)?;
-
-    // Workers stop first, so that they can still say goodbye; a coordinator that fails takes them with it.
-    let shutdown = ready.shutdown.clone();
-    let url = ready.url.clone();
     let mut more = sources.to_arguments()?;
     more.extend(settings.security.to_arguments());
     // One address for all of them would be nobody's.
@@ -50,13 +46,26 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let public = if args.redirect { "advertised" } else { "" };
     more.push(format!("--set=worker.public_address={public}"));
     more.extend(args.sampling.to_arguments());
-    let (served, kept) = tokio::join!(
-        async {
-            let served = ready.serve().await;
-            shutdown.cancel();
-            served
-        },
-        processes::keep(count, &url, &more, shutdown.clone()),
-    );
+
+    let listening = args.service.listen(&settings).await?;
+    let (url, shutdown) = (listening.url.clone(), listening.shutdown.clone());
+    // The first worker opens the scene while this process does, and answers the first view. The others, which would take
+    // the same cores from it, come once the scene is open.
+    let opened = CancellationToken::new();
+    let start = processes::Start { count, url: &url, more: &more, scene, opened: opened.clone() };
+    let kept = processes::keep(start, shutdown.clone());
+    let served = async {
+        let served = async {
+            let ready = args.service.open(listening, scene, &settings, drifts).await?;
+            opened.cancel();
+            args.service.announce(&ready, count)?;
+            ready.serve().await
+        };
+        // Workers stop first, so that they can still say goodbye; a coordinator that fails takes them with it.
+        let served = served.await;
+        shutdown.cancel();
+        served
+    };
+    let (served, kept) = tokio::join!(served, kept);
     served.and(kept)
 }

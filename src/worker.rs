@@ -36,6 +36,9 @@ pub(crate) struct Args {
     /// `advertised`: where other workers do
     #[arg(long, value_name = "URL")]
     public_address: Option<String>,
+    /// Open this scene at once, before the coordinator has named the one that is served
+    #[arg(long, value_name = "S", hide = true)]
+    preload: Option<String>,
     /// Folder to look for the scene in, and to keep scenes that were fetched [default: the user's cache]
     #[arg(long, value_name = "DIR")]
     scenes: Option<PathBuf>,
@@ -71,6 +74,6 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let listener = credentials::listen(&worker.listen, security.is_some(), &files).await?;
     let config = Config { security, ..worker.config(coordinator, &limits) };
     let device = Arc::new(Device::new(args.sampling.knobs()?, settings::mib(worker.gpu_samples_mib)));
-    let opener = Arc::new(SceneFolder::new(worker.scenes));
+    let opener = Arc::new(SceneFolder::new(worker.scenes).preloading(args.preload));
     Ok(run_worker(config, listener, device, opener, shutdown).await?)
 }

@@ -50,7 +50,13 @@ fn core() -> Core {
 }
 
 fn ask(core: &mut Core, view: View, now: Uptime) {
-    let event = Event::Asked { ticket: Ticket(2), client: "c".into(), view: Box::new(view), deadline: None };
+    let event = Event::Asked {
+        ticket: Ticket(2),
+        client: "c".into(),
+        view: Box::new(view),
+        deadline: None,
+        survey: None,
+    };
     core.step(event, now);
 }
 
@@ -197,7 +203,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("WorkerReport", wire::hello(&hello()).encode_to_vec()),
         ("WorkerReport", wire::report(measured, Role::Both).encode_to_vec()),
-        ("Assignment", wire::assignment(assignment, 1, &standing(), &set(), None).encode_to_vec()),
+        ("Assignment", wire::assignment(assignment, 1, &standing(), (&set(), false), None).encode_to_vec()),
         ("StatusResponse", wire::status(core().status(), 1, &standing(), &set()).encode_to_vec()),
     ]
 }

@@ -7,7 +7,7 @@ use argus_proto::{PROTOCOL_VERSION, v1};
 use argus_scene::{InvalidField, Limits, SampleSetInfo, Visibility};
 
 use crate::SceneRef;
-use crate::core::quality::Observed;
+use crate::core::quality::{Cost, Observed};
 use crate::core::{Assignment, Hello, Report, Role, Source, Status, WorkerStatus};
 use crate::sealed::SealKey;
 use crate::security::Security;
@@ -93,6 +93,8 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         piece_ms: busy(wire.piece_ms),
         part_ms: wire.part_ms,
         sample_bytes: wire.sample_bytes,
+        direct_cost: wire.direct_cost.and_then(cost_from),
+        warp_cost: wire.warp_cost.and_then(cost_from),
         ways: wire
             .ways
             .into_iter()
@@ -125,9 +127,22 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         piece_ms: report.piece_ms,
         part_ms: report.part_ms,
         sample_bytes: report.sample_bytes,
+        direct_cost: report.direct_cost.map(cost),
+        warp_cost: report.warp_cost.map(cost),
         ways: report.ways.into_iter().map(way_cost).collect(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }
+}
+
+fn cost(Cost { fixed_ms, ms_per_megapixel }: Cost) -> v1::Cost {
+    v1::Cost { fixed_ms, ms_per_megapixel }
+}
+
+/// A cost that is not finite, or below zero, was not measured.
+fn cost_from(v1::Cost { fixed_ms, ms_per_megapixel }: v1::Cost) -> Option<Cost> {
+    let measured = |ms: f64| ms >= 0.0 && ms.is_finite();
+    let cost = Cost { fixed_ms, ms_per_megapixel };
+    (measured(fixed_ms) && measured(ms_per_megapixel) && fixed_ms + ms_per_megapixel > 0.0).then_some(cost)
 }
 
 fn way_cost((visibility, ms): (Visibility, f64)) -> v1::WayCost {
@@ -150,7 +165,7 @@ pub(crate) fn assignment(
     assignment: Assignment,
     term: u64,
     standing: &Standing,
-    set: &SampleSetInfo,
+    (set, visibility_is_open): (&SampleSetInfo, bool),
     key: Option<&SealKey>,
 ) -> v1::Assignment {
     v1::Assignment {
@@ -162,6 +177,7 @@ pub(crate) fn assignment(
         sources: sources(assignment.ahead),
         kept_from: assignment.kept_from,
         measure_ways: assignment.measure_ways,
+        visibility_is_open,
         suspected: assignment.suspected,
         seal_key: key.map(SealKey::to_bytes).unwrap_or_default().into(),
         limits: Some(standing.limits.into()),

@@ -108,6 +108,7 @@ impl Assembly {
             confidence: self.confidence.map(Bytes::from),
             served: self.served,
             predicted: None,
+            decision: None,
             unresolved_fraction: self.served.unresolved as f64 / pixels.max(1) as f64,
             provenance,
             stages,

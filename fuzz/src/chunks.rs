@@ -55,6 +55,7 @@ fn frame() -> Frame {
         unresolved_fraction: 0.25,
         served: Served::default(),
         predicted: None,
+        decision: None,
         provenance: Provenance {
             scene: HASH,
             epoch: 1,

@@ -1,5 +1,6 @@
 //! Strategies for every value of the vocabulary that crosses the wire.
 
+use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
     Bounds, Camera, Effect, Frame, Holes, Light, Lighting, Limits, MegaViews, OmniLayout, Output, Outputs,
@@ -318,9 +319,13 @@ pub(crate) fn frame() -> impl Strategy<Value = Frame> {
         let [warped, other_sample, traced, unresolved] = counts.map(u64::from);
         Served { warped, other_sample, traced, unresolved }
     });
-    let sure = (0.0..=1.0f64, served, predicted);
+    let reason = prop::sample::select(Reason::ALL.to_vec());
+    let decision = (reason, 0.0..1e5f64, 0.0..1e5f64, -1.0..=1.0f64)
+        .prop_map(|(reason, wait_ms, render_ms, excess)| Decision { reason, wait_ms, render_ms, excess });
+    let sure = (0.0..=1.0f64, served, predicted, option::of(decision));
     (1..70u32, 1..50u32, wanted, sure, provenance(), stages(), any::<u64>()).prop_map(
-        |(width, height, outputs, (unresolved_fraction, served, predicted), provenance, stages, seed)| {
+        |(width, height, outputs, sure, provenance, stages, seed)| {
+            let (unresolved_fraction, served, predicted, decision) = sure;
             let pixels = (width * height) as usize;
             Frame {
                 width,
@@ -333,6 +338,7 @@ pub(crate) fn frame() -> impl Strategy<Value = Frame> {
                 unresolved_fraction,
                 served,
                 predicted,
+                decision,
                 provenance,
                 stages,
             }

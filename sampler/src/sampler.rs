@@ -37,6 +37,9 @@ use crate::{Indirect, SamplerKnobs, timing};
 /// driver.
 const PART: u32 = 1 << 16;
 
+/// What others do with the sampler between two parts of a sample that nobody waits for.
+type GiveWay<'a> = &'a mut dyn FnMut(&mut dyn Sampler);
+
 /// Renders a scene from its triangles, on one device.
 ///
 /// The scene is uploaded when this is made. Samples and views need only what depends on their cameras, and the
@@ -112,7 +115,7 @@ impl GpuSampler {
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,
-        mut give_way: Option<&mut dyn FnMut()>,
+        mut give_way: Option<GiveWay<'_>>,
     ) -> Vec<Result<Sample, RenderError>> {
         let (around, of_rig): (Vec<_>, Vec<_>) = job.ids.iter().copied().partition(SampleId::is_surroundings);
         let job_of_rig = SampleJob { ids: of_rig, ..job.clone() };
@@ -137,7 +140,7 @@ impl GpuSampler {
         job: &SampleJob,
         id: SampleId,
         cancel: &Cancel,
-        give_way: &mut Option<&mut dyn FnMut()>,
+        give_way: &mut Option<GiveWay<'_>>,
     ) -> Result<Sample, RenderError> {
         let mut begin = Instant::now();
         self.check_job(job)?;
@@ -146,19 +149,20 @@ impl GpuSampler {
         let mut stages = self.pose(job.info.time_secs());
         stages.extend(self.light(&job.info.lighting, job.info.time_secs())?);
         stages.extend(self.mirror(job.info.reflections, &job.info.lighting, job.info.time_secs(), cancel)?);
-        let eye = self.eye(camera.center(), &job.info.lighting)?;
+        let mut eye = self.eye(camera.center(), &job.info.lighting)?;
         let way = self.ready(job.info.visibility);
         // Rays cost the same in parts, which a rasteriser has all triangles to look at for. Indirect light at points is
         // spread within a tile. All samples are rendered so, whether or not anybody waits: their bytes are the same.
         if way == Visibility::Cpu && self.indirect.is_none() {
             tiles = tiles.into_iter().flat_map(|tile| tile.bands(PART)).collect();
         }
-        let Look { shade, resolve, mirrored } = self.looks.of(job.info.reflections);
+        let resolve = self.looks.of(job.info.reflections).resolve;
         let planes = resolve.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
 
         let mut under_way: Vec<Submitted> = Vec::new();
         for tile in &tiles {
             check_wanted(cancel)?;
+            let Look { shade, resolve, mirrored } = self.looks.of(job.info.reflections);
             let mut commands = self.gpu.commands("render sample");
             let reflectors = job.info.reflections.is_some();
             let extras = Extras { gloss: self.glossy, reflectors, guides: self.indirect.is_some() };
@@ -172,7 +176,12 @@ impl GpuSampler {
             if let Some(give_way) = give_way {
                 wait(&mut under_way, &mut stages)?;
                 let began = Instant::now();
-                give_way();
+                give_way(self);
+                if self.animated {
+                    // Others may have looked at another time.
+                    self.pose(job.info.time_secs());
+                    eye = self.eye(camera.center(), &job.info.lighting)?;
+                }
                 begin += began.elapsed();
             }
         }
@@ -489,6 +498,11 @@ impl Sampler for GpuSampler {
         self.gpu.kind()
     }
 
+    fn usual_visibility(&self) -> Visibility {
+        // Packets of rays are the cheapest on processors, at every size and scene that was measured.
+        if self.gpu.is_software() { Visibility::Cpu } else { Visibility::Raster }
+    }
+
     fn ways(&mut self, info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
         self.check_alive()?;
         let camera = info.rig.camera(0)?;
@@ -508,7 +522,7 @@ impl Sampler for GpuSampler {
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,
-        give_way: &mut dyn FnMut(),
+        give_way: GiveWay<'_>,
     ) -> Vec<Result<Sample, RenderError>> {
         self.render_set(job, cancel, Some(give_way))
     }

@@ -106,6 +106,7 @@ pub(crate) fn frame(
         unresolved_fraction: 0.0,
         served: Served::default(),
         predicted: None,
+        decision: None,
         provenance: Provenance {
             scene: scene.hash,
             epoch: view.epoch,

@@ -82,6 +82,61 @@ pub struct Prediction {
     pub ms: f64,
 }
 
+/// Why a view was answered in the way that it was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reason {
+    /// The request, or its pin, says how.
+    Requested,
+    /// Of several ways within the error bound, the one whose frame was predicted to be done first.
+    Soonest,
+    /// From triangles, since no worker with room held samples for the view.
+    NoSamples,
+    /// From triangles, since the samples that were held miss a part of the view or are too coarse for it.
+    SamplesFallShort,
+    /// From triangles, since the frame that was reconstructed from samples was not good enough.
+    FrameFellShort,
+    /// Beyond the error bound, since a frame within it would have come too late.
+    TimeFirst,
+}
+
+impl Reason {
+    /// All of them, in the order of their numbers on the wire, from 1.
+    pub const ALL: [Self; 6] = [
+        Self::Requested,
+        Self::Soonest,
+        Self::NoSamples,
+        Self::SamplesFallShort,
+        Self::FrameFellShort,
+        Self::TimeFirst,
+    ];
+
+    /// A phrase for people.
+    pub fn phrase(self) -> &'static str {
+        match self {
+            Self::Requested => "as requested",
+            Self::Soonest => "soonest within the error bound",
+            Self::NoSamples => "no samples held",
+            Self::SamplesFallShort => "samples too coarse, or miss a part",
+            Self::FrameFellShort => "the frame from samples fell short",
+            Self::TimeFirst => "time before error",
+        }
+    }
+}
+
+/// How the planner decided about a view whose request left the way open, with what it predicted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Decision {
+    /// Why this way.
+    pub reason: Reason,
+    /// Predicted milliseconds until rendering begins.
+    pub wait_ms: f64,
+    /// Predicted milliseconds of rendering; 0 where no cost was known yet.
+    pub render_ms: f64,
+    /// Predicted mean FLIP above that of a direct view.
+    pub excess: f64,
+}
+
 /// The reply to a view. Images are tightly packed, row 0 at the top.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
@@ -106,6 +161,8 @@ pub struct Frame {
     /// What the service expects of this frame, where it has a model: from what it knew before it was rendered,
     /// or, where the request bounds the error, from what its pixels look like.
     pub predicted: Option<Prediction>,
+    /// How its way was chosen; `None` where the request, or its pin, named it.
+    pub decision: Option<Decision>,
     /// What it was made of.
     pub provenance: Provenance,
     /// What it cost. A batch's cost is shared out evenly among its views.

@@ -8,6 +8,7 @@
 
 mod lattice;
 mod sight;
+pub(crate) mod survey;
 mod tile;
 
 use glam::{DVec3, IVec3};
@@ -15,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use self::lattice::Point;
 pub use self::sight::{Among, Sight};
+pub use self::survey::{Coverage, Survey, Target};
 use self::tile::Tile;
 use crate::scene::RigKind;
 use crate::{Bounds, Camera, InvalidField, OmniLayout, SampleCamera, Scene};

@@ -116,16 +116,22 @@ pub trait Sampler: Send {
         Ok(vec![(Visibility::Raster, 0.0)])
     }
 
+    /// The visibility backend that is expected to be best for views on this device, before anything was measured.
+    fn usual_visibility(&self) -> Visibility {
+        Visibility::default()
+    }
+
     /// Renders the samples of `job`, one result each, in order.
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>>;
 
-    /// The same samples, byte for byte, for when nobody waits for them: `give_way` is called between parts of the work, so
-    /// that what others wait for can be done meanwhile. A sampler that knows no parts, as here, never calls it.
+    /// Renders samples that nobody waits for, byte for byte as [`Self::render_samples`] does. `give_way` is called between
+    /// parts of the work, of about 20 ms, and may render views with the sampler that it is handed. A sampler that knows no
+    /// parts, as here, never calls it.
     fn render_samples_ahead(
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,
-        _give_way: &mut dyn FnMut(),
+        _give_way: &mut dyn FnMut(&mut dyn Sampler),
     ) -> Vec<Result<Sample, RenderError>> {
         self.render_samples(job, cancel)
     }

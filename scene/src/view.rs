@@ -224,6 +224,21 @@ pub struct PlanRequest {
     pub deadline_ms: Option<f64>,
 }
 
+impl PlanRequest {
+    /// A view from samples, whether or not they have been rendered yet: the request waits for those that have not.
+    pub fn from_samples() -> Self {
+        Self { search: Some(Search::default()), ..Self::default() }
+    }
+
+    /// Whether the service may choose how the view is rendered, from triangles or from samples: the request names neither
+    /// and sets no knob that only one of the two has.
+    pub fn leaves_way_open(&self) -> bool {
+        let Self { direct, search, steps, samples, holes, max_error, .. } = *self;
+        let names_one = direct || search.is_some() || steps.is_some() || samples.is_some() || holes.is_some();
+        !names_one && max_error.is_none()
+    }
+}
+
 /// What a client asks for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct View {
@@ -322,6 +337,23 @@ mod tests {
             plan: PlanRequest::default(),
             pin: None,
         }
+    }
+
+    #[test]
+    fn a_request_that_names_a_way_or_one_of_its_knobs_does_not_leave_it_open() {
+        let open = PlanRequest::default();
+        let preset = PlanRequest { preset: Some(Preset::Balanced), deadline_ms: Some(20.0), ..open };
+        let finer = PlanRequest { supersampling: Some(2), ..open };
+        assert!([open, preset, finer].iter().all(PlanRequest::leaves_way_open));
+        let named = [
+            PlanRequest { direct: true, ..open },
+            PlanRequest { search: Some(Search::Splat), ..open },
+            PlanRequest { steps: Some(8), ..open },
+            PlanRequest { samples: Some(4), ..open },
+            PlanRequest { holes: Some(Holes::Trace), ..open },
+            PlanRequest { max_error: Some(0.1), ..open },
+        ];
+        assert!(!named.iter().any(PlanRequest::leaves_way_open));
     }
 
     #[test]

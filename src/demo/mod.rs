@@ -99,10 +99,10 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
         ask_all(&clients, &views, &progress).await
     };
     let direct = PlanRequest { direct: true, ..PlanRequest::default() };
-    let warped = ask("views from samples", PlanRequest::default()).await?;
+    let warped = ask("views from samples", PlanRequest::from_samples()).await?;
     let mut steady = Vec::new();
     for _ in 0..STEADY_ROUNDS {
-        steady.push(ask("the same views, samples at hand", PlanRequest::default()).await?);
+        steady.push(ask("the same views, samples at hand", PlanRequest::from_samples()).await?);
     }
     let naive = ask("the same views from triangles", direct).await?;
     let truth = PlanRequest { supersampling: Some(TRUTH_SIDE), ..direct };

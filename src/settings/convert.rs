@@ -193,7 +193,6 @@ impl Worker {
             max_connections: self.connections,
             rest_after: secs(self.rest_secs),
             give_up_after: self.coordinator_wait_secs.map(secs),
-            standby_sampler: self.standby_sampler,
             max_bundle_bytes: mib(self.bundle_mib),
             grace: secs(self.grace_secs),
             ..worker::Config::new(coordinator)

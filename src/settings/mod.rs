@@ -175,8 +175,6 @@ pub(crate) struct Worker {
     pub(crate) connections: usize,
     /// What the other role would need is given up after nobody has used it for so long.
     pub(crate) rest_secs: f64,
-    /// Whether a worker that composites has a sampler at hand, for when the samplers are lost.
-    pub(crate) standby_sampler: bool,
     /// The largest scene that is fetched from a coordinator.
     pub(crate) bundle_mib: u64,
     /// How long views in work may take after a shutdown began.
@@ -201,7 +199,6 @@ impl Default for Worker {
             requests: 2048,
             connections: 4096,
             rest_secs: 30.0,
-            standby_sampler: false,
             bundle_mib: 8192,
             grace_secs: 5.0,
         }

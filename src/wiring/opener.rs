@@ -4,10 +4,11 @@
 use std::ffi::OsStr;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
 
 use argus_cluster::{BundleFile, SceneOpener, SceneRef};
-use argus_scene::{Scene, load, reference};
+use argus_scene::{LoadError, Scene, load, reference};
 
 /// Within a kept bundle, the file that says which of the others to open.
 const ROOT: &str = "root";
@@ -17,13 +18,43 @@ const FILES: &str = "files";
 /// A folder of scenes: those that a person put there, by name, and those that were fetched, by hash.
 pub(crate) struct SceneFolder {
     folder: PathBuf,
+    /// A scene that is being opened before anybody named it, and what it is called.
+    preloaded: Option<(String, Mutex<Option<Preloading>>)>,
 }
+
+/// A scene on its way from its file.
+type Preloading = JoinHandle<Result<Scene, LoadError>>;
 
 impl SceneFolder {
     /// Uses `folder`, or one in the user's cache.
     pub(crate) fn new(folder: Option<PathBuf>) -> Self {
         let cache = || reference::cache::directory().unwrap_or_else(std::env::temp_dir).join("scenes");
-        Self { folder: folder.unwrap_or_else(cache) }
+        Self { folder: folder.unwrap_or_else(cache), preloaded: None }
+    }
+
+    /// Begins to open a scene, which will probably be the one that is asked for.
+    pub(crate) fn preloading(self, scene: Option<String>) -> Self {
+        let begin = |name: String| {
+            let spec = name.clone();
+            let thread = std::thread::Builder::new().name("preload".to_owned());
+            let opening = thread.spawn(move || argus_scene::open(&spec)).ok();
+            (name, Mutex::new(opening))
+        };
+        Self { preloaded: scene.map(begin), ..self }
+    }
+
+    /// The scene that was opened ahead, if it is the one of that name. Given once: who asks again has it.
+    fn preloaded(&self, name: &str) -> Option<Scene> {
+        let (preloaded, opening) = self.preloaded.as_ref().filter(|(preloaded, _)| preloaded == name)?;
+        let opening = opening.lock().unwrap_or_else(PoisonError::into_inner).take()?;
+        match opening.join() {
+            Ok(Ok(scene)) => Some(scene),
+            Ok(Err(error)) => {
+                tracing::warn!("{preloaded}: {error}");
+                None
+            }
+            Err(_) => None,
+        }
     }
 
     /// Where a fetched bundle is kept.
@@ -71,6 +102,9 @@ impl SceneFolder {
 
 impl SceneOpener for SceneFolder {
     fn open_local(&self, reference: &SceneRef) -> Result<Option<Arc<Scene>>, String> {
+        if let Some(scene) = self.preloaded(&reference.name).filter(|scene| scene.hash == reference.hash) {
+            return Ok(Some(Arc::new(scene)));
+        }
         if argus_scene::is_procedural(&reference.name) {
             // Its generator is asked for by the coordinator's own word for it.
             return Ok(None);

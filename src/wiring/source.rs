@@ -40,7 +40,7 @@ impl SceneSource for OpenScene {
     }
 
     fn sight(&self) -> Option<Arc<dyn Sight>> {
-        SceneSight::new(&self.scene).map(|sight| Arc::new(sight) as Arc<dyn Sight>)
+        Some(Arc::new(SceneSight::new(&self.scene)))
     }
 
     fn procedural(&self) -> Option<String> {

@@ -87,7 +87,7 @@ impl Bench {
         let sampler = GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), sampler)?;
         let compositor = GpuCompositor::new(Arc::clone(gpu))?;
         let tracer = Tracer::new(Arc::clone(&scene));
-        let sight = SceneSight::new(&scene);
+        let sight = (!scene.is_animated()).then(|| SceneSight::new(&scene));
         Ok(Self { scene, info, sampler, compositor, tracer, sight })
     }
 

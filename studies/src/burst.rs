@@ -57,10 +57,10 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let ways = [
         (
             "splat, samplers also compose",
-            PlanRequest::default(),
+            PlanRequest::from_samples(),
             ["--samplers-composite=true", "--visibility=auto"],
         ),
-        ("splat", PlanRequest::default(), ["--samplers-composite=false", "--visibility=auto"]),
+        ("splat", PlanRequest::from_samples(), ["--samplers-composite=false", "--visibility=auto"]),
         ("direct, cheapest way", direct, ["--samplers-composite=false", "--visibility=auto"]),
         ("direct, rasterised", direct, ["--samplers-composite=false", "--visibility=raster"]),
     ];

@@ -52,7 +52,7 @@ impl Default for Options {
             judged: 4,
             workers: 2,
             serve: Vec::new(),
-            plan: PlanRequest::default(),
+            plan: PlanRequest::from_samples(),
         }
     }
 }

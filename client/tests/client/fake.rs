@@ -181,6 +181,7 @@ pub(crate) fn frame(view: &View) -> Frame {
         unresolved_fraction: 0.0,
         served: Served::default(),
         predicted: None,
+        decision: None,
         provenance,
         stages: Vec::new(),
     }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::{Fault, v1};
+use argus_scene::rig::Sight;
 use argus_scene::{Prediction, View};
 use parking_lot::Mutex;
 use tokio::sync::mpsc::error::TrySendError;
@@ -34,6 +35,8 @@ pub(super) struct Hub {
     pub(super) source: Arc<dyn SceneSource>,
     pub(super) standing: Standing,
     pub(super) channels: Channels,
+    /// What views show, and what stands between them and cameras.
+    sight: Option<Arc<dyn Sight>>,
     /// How long a client may take to read a chunk.
     pub(super) read_within: Duration,
     /// What is recorded of the frames that pass.
@@ -148,6 +151,7 @@ impl Hub {
         config: &Config,
         fresh: impl Fn() -> Core + Send + Sync + 'static,
         source: Arc<dyn SceneSource>,
+        sight: Option<Arc<dyn Sight>>,
         standing: Standing,
     ) -> Self {
         let (seats, views) = (HashMap::new(), HashMap::new());
@@ -155,6 +159,7 @@ impl Hub {
         Self {
             source,
             standing,
+            sight,
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone())
                 .for_relays(config.core.max_views_per_worker),
             read_within: config.read_within,
@@ -189,7 +194,7 @@ impl Hub {
                     let ahead = assignment.ahead.len();
                     debug!(worker = seat.hello.name, role = ?assignment.role, ahead, "assigned");
                     let key = seat.door.as_ref().map(|door| &door.key);
-                    let set = state.core.set();
+                    let set = (state.core.set().as_ref(), !state.core.visibility_is_settled());
                     let message = wire::assignment(assignment, leading.term, &self.standing, set, key);
                     match seat.assignments.try_send(Ok(message)) {
                         Ok(()) => {}
@@ -334,6 +339,10 @@ impl Hub {
     /// Asks for a view; the verdicts come through what is returned.
     pub(super) fn ask(self: &Arc<Self>, client: Client, view: View, deadline: Option<Duration>) -> Asked {
         let (sender, verdicts) = unbounded_channel();
+        // Rays are sent while nobody waits for the core.
+        let wanted =
+            self.sight.as_ref().and_then(|sight| Some((sight, self.look(|core| core.survey_wanted(&view))?)));
+        let survey = wanted.map(|(sight, wanted)| Box::new(wanted.take(&view, sight.as_ref())));
         let mut state = self.state.lock();
         let ticket = Ticket(state.next_id);
         state.next_id += 1;
@@ -341,7 +350,10 @@ impl Hub {
             None => drop(sender.send(Err(stands_by(state.leader.as_deref())))),
             Some(_) => {
                 state.views.insert(ticket, sender);
-                self.step_locked(&mut state, Event::Asked { ticket, client, view: Box::new(view), deadline });
+                self.step_locked(
+                    &mut state,
+                    Event::Asked { ticket, client, view: Box::new(view), deadline, survey },
+                );
             }
         }
         drop(state);

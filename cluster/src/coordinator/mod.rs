@@ -92,10 +92,14 @@ pub async fn serve(
     let address = listener.local_addr()?;
     info!(%address, scene = scene.name, "coordinator serves");
     let (core, models) = (config.core.clone(), config.models.clone());
-    let sight = sight(&source, &rig).await;
-    let fresh =
-        move || Core::new(core.clone(), set.clone()).with_models(models.clone()).with_sight(sight.clone());
-    let hub = Arc::new(Hub::new(&config, fresh, source, standing));
+    let sight = sight(&source).await;
+    // Cameras of tiles are above everything, and what moves is elsewhere a moment later.
+    let chooses = matches!(rig, Rig::Cell { .. }) && !scene.is_animated();
+    let chosen_by = sight.clone().filter(|_| chooses);
+    let fresh = move || {
+        Core::new(core.clone(), set.clone()).with_models(models.clone()).with_sight(chosen_by.clone())
+    };
+    let hub = Arc::new(Hub::new(&config, fresh, source, sight, standing));
     let reached_at = config
         .advertise
         .clone()
@@ -154,17 +158,14 @@ pub async fn serve(
     Ok(())
 }
 
-/// Tells the core the time, ten times a tick and at least ten times a second.
-/// Who knows which of a lattice's cameras see what a view shows; cameras of tiles are above everything.
-async fn sight(source: &Arc<dyn SceneSource>, rig: &Rig) -> Option<Arc<dyn Sight>> {
-    if !matches!(rig, Rig::Cell { .. }) {
-        return None;
-    }
+/// What views show and what stands between them and cameras, found out off the async threads.
+async fn sight(source: &Arc<dyn SceneSource>) -> Option<Arc<dyn Sight>> {
     let source = source.clone();
     // Whoever could not say it is done without.
     tokio::task::spawn_blocking(move || source.sight()).await.ok().flatten()
 }
 
+/// Tells the core the time, ten times a tick and at least ten times a second.
 async fn tick(hub: &Hub, config: &Config) {
     // An epoch begins when its time has come, give or take a fifth of it.
     let finest =

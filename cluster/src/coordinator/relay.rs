@@ -246,6 +246,8 @@ pub(super) fn request(hub: &Hub, wanted: &Wanted, order: &Order) -> v1::RenderRe
             observe: order.judged,
             predicted: order.expected.map(Into::into),
             history: wanted.history.clone(),
+            decision: order.decision.map(Into::into),
+            fallback_samples_per_pixel: order.fallback.unwrap_or(0),
         }),
     }
 }

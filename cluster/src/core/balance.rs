@@ -9,7 +9,8 @@
 //! a = S·g + D·g_direct + R·g_ray      seconds of one process per tick
 //! ```
 //!
-//! P − K processes *composite*: V views at c seconds each, b = V·c. Both kinds of work divide freely among the
+//! P − K processes *composite*: V views at c seconds each, b = V·c; direct views whose request leaves the way open are
+//! answered by any process and count here as well, b = V·c + D_open·g_direct. Both kinds of work divide freely among the
 //! processes of their stage, and the next tick's samples are rendered while this tick's views are composed,
 //! so a tick takes as long as the slower stage (the cluster paper's eq. 2 with a = S·g, b = V·c):
 //!
@@ -78,6 +79,8 @@ pub struct Demand {
     pub rays: f64,
     /// V: views to reconstruct.
     pub views: f64,
+    /// Views from triangles that any process answers, whatever its role: those whose request leaves the way open.
+    pub direct_anywhere: f64,
 }
 
 /// What one of each costs, seconds of one process.
@@ -128,9 +131,10 @@ impl Load {
         let samples = work(demand.samples, costs.sample_secs);
         let direct = work(demand.direct, costs.direct_secs);
         let rays = work(demand.rays, costs.ray_secs);
+        let anywhere = work(demand.direct_anywhere, costs.direct_secs);
         Self {
             sampling_secs: measured(samples + direct + rays),
-            compositing_secs: work(demand.views, costs.view_secs),
+            compositing_secs: measured(work(demand.views, costs.view_secs) + anywhere),
         }
     }
 }
@@ -182,7 +186,8 @@ pub fn helping_tick_secs(load: Load, processes: u32, split: Split) -> f64 {
 
 /// The split of `processes` that a demand calls for.
 pub fn split(demand: &Demand, costs: &Costs, processes: u32) -> Split {
-    let only_direct = [demand.samples, demand.rays, demand.views].iter().all(|&n| measured(n) == 0.0);
+    let others = [demand.samples, demand.rays, demand.views, demand.direct_anywhere];
+    let only_direct = others.iter().all(|&n| measured(n) == 0.0);
     match processes {
         0 => Split::Nobody,
         1 => Split::Alone,
@@ -358,7 +363,7 @@ mod tests {
             assert_eq!(split(&demand, &unknown_g, 6), Split::Divided(1), "g = {bad}");
             let unknown_c = Costs { view_secs: bad, ..costs() };
             assert_eq!(split(&demand, &unknown_c, 6), Split::Divided(5), "c = {bad}");
-            let strange = Demand { samples: bad, views: bad, rays: bad, direct: bad };
+            let strange = Demand { samples: bad, views: bad, rays: bad, direct: bad, direct_anywhere: bad };
             assert_eq!(Load::of(&strange, &costs()), Load::default(), "demand {bad}");
             assert_eq!(samplers(load(bad, bad), 6), 1);
         }

@@ -67,7 +67,7 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    use argus_scene::rig::Sight;
+    use argus_scene::rig::{Sight, Target};
     use argus_scene::{Outputs, PlanRequest, Rig, SampleSetInfo, View};
     use glam::DVec3;
 
@@ -89,6 +89,14 @@ mod tests {
 
         fn sees(&self, _: DVec3, _: DVec3) -> bool {
             true
+        }
+
+        fn targets(&self, _: DVec3, directions: &[DVec3], _: f64) -> Vec<Target> {
+            directions.iter().map(|direction| Target::Sky(*direction)).collect()
+        }
+
+        fn shows(&self, _: DVec3, targets: &[Target], _: f64) -> Vec<bool> {
+            vec![true; targets.len()]
         }
     }
 
@@ -120,10 +128,11 @@ mod tests {
             let config = Config { max_views, ..Config::default() };
             let mut core = Core::new(config, set.clone()).with_sight(Some(counting.clone()));
             let camera = Camera::look_at(DVec3::new(0.3, 0.4, 0.5), DVec3::X);
-            let plan = PlanRequest::default();
+            let plan = PlanRequest::from_samples();
             let view = View { camera, width: 40, height: 30, outputs: Outputs::COLOR, plan, pin: None };
             let (ticket, view) = (Ticket(1), Box::new(view));
-            let asked = Event::Asked { ticket, client: "a client".into(), view, deadline: None };
+            let client = "a client".into();
+            let asked = Event::Asked { ticket, client, view, deadline: None, survey: None };
             let actions = core.step(asked, Uptime::default());
             assert_eq!(matches!(actions[..], [Action::Refuse { .. }]), max_views == 0, "{actions:?}");
             assert_eq!(counting.0.load(Ordering::Relaxed) > 0, max_views > 0);

@@ -114,7 +114,8 @@ impl Core {
         let able: Vec<&Worker> = self
             .workers
             .values()
-            .filter(|w| w.is_ready() && (view.device_kind.is_empty() || w.hello.device == view.device_kind))
+            .filter(|w| w.is_ready() && (view.is_direct() || w.knows_set()))
+            .filter(|w| view.device_kind.is_empty() || w.hello.device == view.device_kind)
             .collect();
         // Who seems to hang, or fails, is asked where there is nobody else.
         let awake: Vec<&Worker> = able.iter().filter(|w| w.answers()).copied().collect();

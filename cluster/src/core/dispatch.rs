@@ -6,16 +6,19 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
+use argus_scene::rig::Survey;
 use argus_scene::{Plan, Prediction, Preset, SampleId, View};
 
 use super::admission::Client;
 use super::directory::{Directory, Known};
 use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
 use super::machine::Core;
+use super::open::OpenView;
 use super::pending::{Pending, device_kind, sub_pixels};
 use super::plan::{MOST_SAMPLES, plan};
 use super::time::Uptime;
 use super::wishes::{Planned, Quest};
+use super::worker::Worker;
 
 /// Views bound to certain workers that are looked at in one go.
 const MOST_BOUND: usize = 64;
@@ -30,6 +33,7 @@ impl Core {
         client: Client,
         view: &View,
         deadline: Option<Duration>,
+        survey: Option<Box<Survey>>,
         now: Uptime,
         actions: &mut Vec<Action>,
     ) {
@@ -54,6 +58,7 @@ impl Core {
                     pixels,
                     epoch,
                     plan,
+                    open: OpenView::of(view, survey),
                     pinned: view.pin.is_some(),
                     expected,
                     quest,
@@ -69,9 +74,11 @@ impl Core {
                     worker: None,
                     tried: BTreeSet::new(),
                 };
-                match pending.is_direct() {
-                    true => self.rates.direct.count(1),
-                    false => self.rates.views.count(1),
+                match (pending.open.is_some(), pending.is_direct()) {
+                    // Counted once it is decided.
+                    (true, _) => {}
+                    (_, true) => self.rates.direct.count(1),
+                    (_, false) => self.rates.views.count(1),
                 }
                 if view.pin.is_none() {
                     self.note_use(pending.samples().iter().map(|id| id.index), now);
@@ -95,10 +102,17 @@ impl Core {
         }
         self.check_epoch(view)?;
         // Who is turned away anyway costs no planning: where many are, that is what the coordinator would spend its time on.
-        let least = self.expected_wait(true).min(self.expected_wait(false));
+        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        let least = match open {
+            true => self.expected_wait_anywhere(),
+            false => self.expected_wait(true).min(self.expected_wait(false)),
+        };
         self.check_load(client, deadline, least, now)?;
         let nearest = |count| self.sample_ids(&view.camera, count, self.set.epoch);
         let plain = plan(view, &self.set, nearest, &self.config)?;
+        if open {
+            return Ok(Planned { plan: plain, expected: None, quest: None });
+        }
         let mut planned = self.planned(view, plain);
         if planned.quest.is_none() && view.pin.is_none() {
             self.widen(view, &mut planned.plan);
@@ -165,6 +179,16 @@ impl Core {
         Duration::try_from_secs_f64(cost * ahead as f64 / hands.max(1) as f64).unwrap_or(Duration::MAX)
     }
 
+    /// How long the views that any worker can answer will take all of them, as far as that is predicted.
+    fn expected_wait_anywhere(&self) -> Duration {
+        let queued_ms: f64 = self.workers.values().map(Worker::queued_ms).sum();
+        let decided: usize = self.workers.values().map(|worker| worker.views.len()).sum();
+        let each_ms = if decided > 0 { queued_ms / decided as f64 } else { 0.0 };
+        let ahead_ms = queued_ms + each_ms * self.waiting.open.len() as f64;
+        let secs = ahead_ms * 1e-3 / self.lines.ready().max(1) as f64;
+        Duration::try_from_secs_f64(secs).unwrap_or(Duration::MAX)
+    }
+
     /// A view waits for a worker, among the others by its age.
     fn wait(&mut self, ticket: Ticket) {
         let Some(view) = self.views.get_mut(&ticket) else { return };
@@ -208,24 +232,24 @@ impl Core {
                 self.waiting.bound.remove(&ticket);
             }
         }
-        let (mut direct_full, mut composed_full) = (false, false);
+        let mut full = [false; 3];
         loop {
-            let of = |full: bool, line: &BTreeSet<Ticket>| line.first().copied().filter(|_| !full);
-            let next = [of(direct_full, &self.waiting.direct), of(composed_full, &self.waiting.composed)];
-            let Some(ticket) = next.into_iter().flatten().min() else { return };
-            let direct = next[0] == Some(ticket);
-            if self.place(ticket, now, actions) {
-                self.waiting.remove(ticket);
-            } else if direct {
-                direct_full = true;
-            } else {
-                composed_full = true;
+            let lines = [&self.waiting.direct, &self.waiting.composed, &self.waiting.open];
+            let first = |line: usize| lines[line].first().map(|ticket| (*ticket, line));
+            let next = (0..full.len()).filter(|line| !full[*line]).filter_map(first).min();
+            let Some((ticket, line)) = next else { return };
+            match self.place(ticket, now, actions) {
+                true => self.waiting.remove(ticket),
+                false => full[line] = true,
             }
         }
     }
 
     /// Gives a view to the best worker there is; false if none has room.
     fn place(&mut self, ticket: Ticket, now: Uptime, actions: &mut Vec<Action>) -> bool {
+        if self.views.get(&ticket).is_some_and(|view| view.open.is_some()) {
+            return self.place_open(ticket, actions);
+        }
         self.leave_out_lost(ticket);
         let Some(view) = self.views.get(&ticket) else { return true };
         let Some(id) = self.choose(view) else { return false };
@@ -273,7 +297,7 @@ impl Core {
         }
     }
 
-    fn dispatch(
+    pub(super) fn dispatch(
         &mut self,
         ticket: Ticket,
         id: WorkerId,
@@ -286,7 +310,12 @@ impl Core {
         let (Some(view), Some(worker)) = (self.views.get_mut(&ticket), self.workers.get_mut(&id)) else {
             return;
         };
-        worker.begin(ticket, samples, &mut self.whereabouts);
+        let costs =
+            [self.costs.direct.value(), self.costs.view.value()].map(|secs| secs.unwrap_or(0.0) * 1e3);
+        let decision = view.open.as_ref().and_then(|open| open.decision);
+        let usual_ms = if view.is_direct() { costs[0] } else { costs[1] };
+        let predicted_ms = decision.map_or(usual_ms, |decision| decision.render_ms);
+        worker.begin(ticket, predicted_ms, samples, &mut self.whereabouts);
         self.lines.update(worker);
         view.attempt += 1;
         view.worker = Some(id);
@@ -302,6 +331,8 @@ impl Core {
             tracers,
             expected: view.expected,
             judged: view.quest.as_ref().is_some_and(|quest| quest.judged),
+            decision,
+            fallback: view.open.as_ref().filter(|_| !view.is_direct()).map(|open| open.samples_per_pixel),
         };
         actions.push(Action::Dispatch { ticket, order: Box::new(order) });
     }
@@ -320,7 +351,10 @@ impl Core {
                 }
             }
             self.take_back(ticket, true);
-            if let (Some(view), Some(uncovered)) = (self.forget(ticket), uncovered)
+            let Some(view) = self.forget(ticket) else { return };
+            if let (Some(open), Some(ms)) = (&view.open, ms) {
+                self.learn_savings(&view, open, ms);
+            } else if let Some(uncovered) = uncovered
                 && !view.is_direct()
                 && !view.pinned
             {

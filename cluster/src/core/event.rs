@@ -3,11 +3,13 @@
 use std::time::Duration;
 
 use argus_proto::Fault;
+use argus_scene::frame::Decision;
+use argus_scene::rig::Survey;
 use argus_scene::{Plan, Prediction, SampleId, View, Visibility};
 use serde::Serialize;
 
 use super::admission::Client;
-use super::quality::Observed;
+use super::quality::{Cost, Observed};
 
 /// One joining of one worker process. A process that joins again gets another, so that what its earlier
 /// stream still says cannot be mistaken for news.
@@ -110,6 +112,10 @@ pub struct Report {
     pub part_ms: Option<f64>,
     /// Texel bytes of the largest sample that it keeps; 0: it keeps none.
     pub sample_bytes: u64,
+    /// What a view from triangles costs there; measured before it is ready.
+    pub direct_cost: Option<Cost>,
+    /// What a view from samples costs there.
+    pub warp_cost: Option<Cost>,
     /// What each way to see triangles costs there, ms for a tile of a sample; where it was told to measure.
     pub ways: Vec<(Visibility, f64)>,
 }
@@ -157,6 +163,8 @@ pub enum Event {
         view: Box<View>,
         /// The answer is worthless after this.
         deadline: Option<Duration>,
+        /// What the view will show, where that is known: see [`super::Core::survey_wanted`].
+        survey: Option<Box<Survey>>,
     },
     /// The frame of an attempt that is to be judged begins to arrive; [`Action::Deliver`] or another
     /// [`Action::Dispatch`] follows.
@@ -265,6 +273,11 @@ pub struct Order {
     pub expected: Option<Prediction>,
     /// Whether the worker shall look at the frame, and [`Event::Judged`] decide whether it is delivered.
     pub judged: bool,
+    /// How the plan was chosen; `None` where the request, or its pin, named it.
+    pub decision: Option<Decision>,
+    /// Samples a pixel of the direct view that the worker renders instead, where it lacks a sample of the plan or its frame
+    /// from samples is not good enough.
+    pub fallback: Option<u32>,
 }
 
 /// What the shell must do.

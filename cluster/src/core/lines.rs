@@ -20,6 +20,7 @@ pub(super) struct Turn {
 struct Known {
     turn: Turn,
     ready: bool,
+    answers: bool,
     composites: bool,
     samples: bool,
 }
@@ -29,6 +30,7 @@ struct Known {
 pub(super) struct Lines {
     known: HashMap<WorkerId, Known>,
     ready: usize,
+    anyone: BTreeSet<Turn>,
     compositors: BTreeSet<Turn>,
     samplers: BTreeSet<Turn>,
 }
@@ -40,6 +42,7 @@ impl Lines {
         let now = Known {
             turn,
             ready: worker.is_ready(),
+            answers: worker.answers(),
             composites: worker.takes_views(),
             samples: worker.takes_samples(),
         };
@@ -49,6 +52,9 @@ impl Lines {
         self.remove(worker.id);
         self.known.insert(worker.id, now);
         self.ready += usize::from(now.ready);
+        if now.answers {
+            self.anyone.insert(turn);
+        }
         if now.composites {
             self.compositors.insert(turn);
         }
@@ -61,6 +67,7 @@ impl Lines {
     pub(super) fn remove(&mut self, worker: WorkerId) {
         if let Some(known) = self.known.remove(&worker) {
             self.ready -= usize::from(known.ready);
+            self.anyone.remove(&known.turn);
             self.compositors.remove(&known.turn);
             self.samplers.remove(&known.turn);
         }
@@ -69,6 +76,11 @@ impl Lines {
     /// How many are ready.
     pub(super) fn ready(&self) -> usize {
         self.ready
+    }
+
+    /// Those who answer views whose way is open, whatever their role.
+    pub(super) fn anyone(&self) -> &BTreeSet<Turn> {
+        &self.anyone
     }
 
     /// Those who take views to reconstruct.

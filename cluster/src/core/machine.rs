@@ -1,5 +1,6 @@
 //! The machine itself: state, and which part of it each event concerns.
 
+use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -17,6 +18,7 @@ use super::directory::Directory;
 use super::epochs::Epochs;
 use super::event::{Action, Event, Hello, Report, Ticket, WorkerId};
 use super::hysteresis::Hysteresis;
+use super::investments::Investments;
 use super::lines::Lines;
 use super::pending::{InFlight, Pending, Waiting};
 use super::placement::Placement;
@@ -27,6 +29,9 @@ use super::spread::Spread;
 use super::time::Uptime;
 use super::whereabouts::Whereabouts;
 use super::worker::Worker;
+
+/// Views that are surveyed for samples that nobody holds, between two ticks of the shell: what to invest in changes slowly.
+const MOST_THOUGHTS: u32 = 2;
 
 /// What happened since the coordinator started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -58,6 +63,8 @@ pub struct Counters {
 pub(super) struct Rates {
     pub(super) samples: Rate,
     pub(super) direct: Rate,
+    /// Views from triangles whose request left the way open.
+    pub(super) direct_anywhere: Rate,
     pub(super) views: Rate,
     pub(super) rays: Rate,
 }
@@ -101,6 +108,9 @@ pub struct Core {
     pub(super) to_refine: bool,
     pub(super) directory: Directory,
     pub(super) placement: Placement,
+    pub(super) investments: Investments,
+    /// Views that may still be surveyed for samples that nobody holds, until the next tick of the shell.
+    pub(super) thoughts: Cell<u32>,
     pub(super) epochs: Epochs,
     /// What calibration measured of the scene, of each kind of device; none where nobody calibrated.
     pub(super) models: Vec<Arc<Model>>,
@@ -145,7 +155,13 @@ impl Core {
         let idle_secs = config.tick.as_secs_f64() * config.idle_fraction;
         Self {
             hysteresis: Hysteresis::new(config.margin, config.dwell, idle_secs),
-            rates: Rates { samples: rate(), direct: rate(), views: rate(), rays: rate() },
+            rates: Rates {
+                samples: rate(),
+                direct: rate(),
+                direct_anywhere: rate(),
+                views: rate(),
+                rays: rate(),
+            },
             costs: MeasuredCosts {
                 sample: cost(),
                 direct: cost(),
@@ -175,6 +191,8 @@ impl Core {
             to_refine: false,
             directory: Directory::default(),
             placement: Placement::default(),
+            investments: Investments::default(),
+            thoughts: Cell::default(),
             epochs,
             split: Split::Nobody,
             counters: Counters::default(),
@@ -195,6 +213,11 @@ impl Core {
     /// asks the scene.
     pub fn set(&self) -> &Arc<SampleSetInfo> {
         &self.set
+    }
+
+    /// Whether it is settled how triangles are seen: until then no samples are rendered.
+    pub fn visibility_is_settled(&self) -> bool {
+        self.way_is_settled
     }
 
     /// Views waiting or in work.
@@ -231,8 +254,8 @@ impl Core {
             Event::Joined { worker, hello } => self.join(worker, hello, now, &mut actions),
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.leave(worker, now, &mut actions),
-            Event::Asked { ticket, client, view, deadline } => {
-                self.ask(ticket, client, &view, deadline, now, &mut actions);
+            Event::Asked { ticket, client, view, deadline, survey } => {
+                self.ask(ticket, client, &view, deadline, survey, now, &mut actions);
             }
             Event::Judged { ticket, attempt, observed, ms } => {
                 self.judge(ticket, attempt, observed, ms, &mut actions);
@@ -282,7 +305,6 @@ impl Core {
         self.lines.update(&worker);
         self.workers.insert(id, worker);
         self.to_refine = true;
-        self.seek_way(actions);
     }
 
     fn report(&mut self, id: WorkerId, mut report: Report, now: Uptime, actions: &mut Vec<Action>) {
@@ -324,6 +346,7 @@ impl Core {
             self.processes_changed(actions);
         }
         self.settle_way(&ways, actions);
+        self.seek_way(actions);
         // It may have what the next epoch waits for; then the one after it is issued at once.
         if news && self.epochs.moves() && self.advance(now) {
             self.refine(now, actions);
@@ -347,14 +370,14 @@ impl Core {
         if !worker.report.leaving {
             self.counters.workers_lost += 1;
         }
-        for ticket in worker.views.clone() {
+        for ticket in worker.views.keys().copied() {
             self.retry(ticket, now, actions);
         }
         self.processes_changed(actions);
-        self.seek_way(actions);
     }
 
     fn tick(&mut self, now: Uptime, actions: &mut Vec<Action>) {
+        self.thoughts.set(MOST_THOUGHTS);
         self.advance(now);
         self.suspect(now, actions);
         let silent = |w: &&Worker| now.since(w.last_report) >= self.config.lease;
@@ -371,8 +394,9 @@ impl Core {
             self.tick_began = now;
             let ticks = elapsed.as_secs_f64() / self.config.tick.as_secs_f64();
             self.place_samples(ticks);
-            let Rates { samples, direct, views, rays } = &mut self.rates;
-            for rate in [samples, direct, views, rays] {
+            self.invest(ticks);
+            let Rates { samples, direct, direct_anywhere, views, rays } = &mut self.rates;
+            for rate in [samples, direct, direct_anywhere, views, rays] {
                 rate.roll();
             }
             self.measure_tick(elapsed.as_secs_f64());
@@ -380,6 +404,7 @@ impl Core {
             self.admission.prune(now);
             self.to_refine = true;
         }
+        self.seek_way(actions);
         self.rebalance(now, actions);
         if self.to_refine {
             self.refine(now, actions);
@@ -403,13 +428,15 @@ impl Core {
         Demand {
             samples: self.rates.samples.per_tick(),
             direct: self.rates.direct.per_tick(),
+            direct_anywhere: self.rates.direct_anywhere.per_tick(),
             rays: self.rates.rays.per_tick(),
             views: self.rates.views.per_tick(),
         }
     }
 
-    /// What is believed of costs. A direct view and a sample are alike (both render the triangles), so either
-    /// stands in for the other while that is unmeasured.
+    /// What is believed of costs by the formula. A direct view and a sample are alike (both render the triangles), so either
+    /// stands in for the other while that is unmeasured. The planner goes by what each worker measured, and never by another
+    /// kind's cost.
     pub(super) fn believed_costs(&self) -> Costs {
         let (sample, direct) = (self.costs.sample.value(), self.costs.direct.value());
         Costs {

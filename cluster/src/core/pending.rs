@@ -8,6 +8,7 @@ use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Visibility};
 
 use super::admission::Client;
 use super::event::{Ticket, WorkerId};
+use super::open::OpenView;
 use super::time::Uptime;
 use super::wishes::Quest;
 
@@ -19,7 +20,10 @@ pub(super) struct Pending {
     /// How many the frame has.
     pub(super) pixels: u64,
     pub(super) epoch: u64,
+    /// How it is answered; of a view whose way is open, how it was last decided to be.
     pub(super) plan: Plan,
+    /// What the planner goes by, if the request leaves the way open.
+    pub(super) open: Option<Box<OpenView>>,
     /// What is expected of its frame.
     pub(super) expected: Option<Prediction>,
     /// The search for a frame within a bound.
@@ -43,22 +47,25 @@ pub(super) struct Pending {
 pub(super) struct Waiting {
     pub(super) composed: BTreeSet<Ticket>,
     pub(super) direct: BTreeSet<Ticket>,
+    /// Those that any worker can answer, in one way or another.
+    pub(super) open: BTreeSet<Ticket>,
     /// Those that only certain workers can answer: they hold nobody up.
     pub(super) bound: BTreeSet<Ticket>,
 }
 
 impl Waiting {
     pub(super) fn insert(&mut self, ticket: Ticket, view: &Pending) {
-        let line = match (view.is_bound(), view.is_direct()) {
-            (true, _) => &mut self.bound,
-            (_, true) => &mut self.direct,
+        let line = match (view.is_bound(), view.open.is_some(), view.is_direct()) {
+            (true, ..) => &mut self.bound,
+            (_, true, _) => &mut self.open,
+            (.., true) => &mut self.direct,
             _ => &mut self.composed,
         };
         line.insert(ticket);
     }
 
     pub(super) fn remove(&mut self, ticket: Ticket) {
-        for line in [&mut self.composed, &mut self.direct, &mut self.bound] {
+        for line in [&mut self.composed, &mut self.direct, &mut self.open, &mut self.bound] {
             line.remove(&ticket);
         }
     }
@@ -69,19 +76,21 @@ impl Waiting {
 pub(super) struct InFlight {
     pub(super) direct: usize,
     pub(super) composed: usize,
+    /// Those whose way is open.
+    pub(super) open: usize,
     epochs: BTreeMap<u64, usize>,
 }
 
 impl InFlight {
     pub(super) fn add(&mut self, view: &Pending) {
-        *if view.is_direct() { &mut self.direct } else { &mut self.composed } += 1;
+        *self.kind(view) += 1;
         if let Some(epoch) = view.sampled_epoch() {
             *self.epochs.entry(epoch).or_default() += 1;
         }
     }
 
     pub(super) fn subtract(&mut self, view: &Pending) {
-        *if view.is_direct() { &mut self.direct } else { &mut self.composed } -= 1;
+        *self.kind(view) -= 1;
         if let Some(epoch) = view.sampled_epoch()
             && let Some(count) = self.epochs.get_mut(&epoch)
         {
@@ -89,6 +98,14 @@ impl InFlight {
             if *count == 0 {
                 self.epochs.remove(&epoch);
             }
+        }
+    }
+
+    fn kind(&mut self, view: &Pending) -> &mut usize {
+        match (view.open.is_some(), view.is_direct()) {
+            (true, _) => &mut self.open,
+            (_, true) => &mut self.direct,
+            _ => &mut self.composed,
         }
     }
 

@@ -172,6 +172,25 @@ impl Placement {
         }
     }
 
+    /// Gives a camera a sample, since it is part of a bundle that is worth its price: `pixels` is what it is worth a view,
+    /// in the currency of holes.
+    pub(super) fn invest(&mut self, index: u64, pixels: f64) {
+        let site = self.sites.entry(index).or_default();
+        site.pixels += pixels;
+        site.views += 1.0;
+        site.placed.get_or_insert(Placed { gain: pixels, there: false, waited: 0 });
+    }
+
+    /// A view used the samples of these cameras, and saved by that what is worth so many pixels of holes.
+    pub(super) fn credit(&mut self, used: &[u64], pixels: f64) {
+        for index in used {
+            if let Some(site) = self.sites.get_mut(index).filter(|site| site.placed.is_some()) {
+                site.pixels += pixels.max(0.0);
+                site.views += 1.0;
+            }
+        }
+    }
+
     /// A tick has passed: places what the budget allows; how many.
     pub(super) fn tick(&mut self, budget: Budget) -> usize {
         let fade = 0.5_f64.powf(1.0 / HALF_LIFE_TICKS);

@@ -2,8 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Holes, InvalidField, Plan, Preset, Provenance, Reflections, SampleId, SampleSetInfo, Sampling, View,
-    Visibility, Warp,
+    Holes, InvalidField, Plan, PlanRequest, Preset, Provenance, Reflections, SampleId, SampleSetInfo,
+    Sampling, View, Visibility, Warp,
 };
 
 use super::config::Config;
@@ -34,6 +34,10 @@ pub fn plan(
         return Ok(pin.plan.clone());
     }
     let request = &view.plan;
+    if request.leaves_way_open() {
+        // Until the planner has looked at who holds what.
+        return Ok(Plan::Direct { samples_per_pixel: samples_per_pixel(request) });
+    }
     let exact = request.preset == Some(Preset::Exact);
     let side = request.supersampling.unwrap_or(if exact { 2 } else { 1 });
     if request.direct {
@@ -58,6 +62,12 @@ pub fn plan(
         holes: request.holes.unwrap_or(if exact { Holes::Trace } else { Holes::Mark }),
         samples: nearest(count),
     }))
+}
+
+/// Samples a pixel, to be had from triangles, of a request that leaves the way open.
+pub(super) fn samples_per_pixel(request: &PlanRequest) -> u32 {
+    let usual = if request.preset == Some(Preset::Exact) { 2 } else { 1 };
+    request.supersampling.unwrap_or(usual).pow(2)
 }
 
 /// Whether a pinned provenance is one that this cluster can repeat. The kind of device is not looked at here: it
@@ -148,7 +158,7 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), In
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, MegaViews, Outputs, PlanRequest, SceneHash, Search};
+    use argus_scene::{Camera, MegaViews, Outputs, SceneHash, Search};
     use glam::DVec3;
 
     use super::super::tests::set_info;
@@ -165,6 +175,12 @@ mod tests {
         }
     }
 
+    /// A view that asks for samples.
+    fn searched() -> View {
+        let search = PlanRequest { search: Some(Search::Splat), ..PlanRequest::default() };
+        View { plan: search, ..view() }
+    }
+
     /// The plan of a view with nothing known of the scene.
     fn plan(view: &View) -> Result<Plan, Fault> {
         let set = set_info();
@@ -176,7 +192,7 @@ mod tests {
 
     fn pinned(change: impl FnOnce(&mut Provenance)) -> Result<Plan, Fault> {
         let set = set_info();
-        let free = plan(&view()).unwrap();
+        let free = plan(&searched()).unwrap();
         let mut pin = Provenance {
             scene: set.scene,
             epoch: set.epoch,
@@ -190,11 +206,23 @@ mod tests {
     }
 
     #[test]
-    fn what_a_request_leaves_open_is_the_splat_of_the_four_nearest_samples() {
-        let set = set_info();
-        let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) = plan(&view()).unwrap() else {
-            panic!("a warp")
+    fn a_request_that_leaves_the_way_open_begins_as_a_direct_view() {
+        let samples = |request| match plan(&View { plan: request, ..view() }).unwrap() {
+            Plan::Direct { samples_per_pixel } => samples_per_pixel,
+            Plan::Warp(_) => panic!("a direct view"),
         };
+        let open = PlanRequest::default();
+        assert_eq!(samples(open), 1);
+        assert_eq!(samples(PlanRequest { preset: Some(Preset::Exact), ..open }), 4);
+        assert_eq!(samples(PlanRequest { supersampling: Some(3), ..open }), 9);
+    }
+
+    #[test]
+    fn a_search_without_more_is_that_search_of_the_four_nearest_samples() {
+        let set = set_info();
+        let search = PlanRequest { search: Some(Search::Splat), ..PlanRequest::default() };
+        let plan = plan(&View { plan: search, ..view() }).unwrap();
+        let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) = plan else { panic!("a warp") };
         assert_eq!((search, steps, supersampling), (Search::Splat, 64, 1));
         let indices: Vec<u64> = samples.iter().map(|s| s.index).collect();
         assert_eq!(indices, set.rig.nearest(&view().camera, 4));
@@ -209,12 +237,14 @@ mod tests {
     }
 
     #[test]
-    fn without_a_model_wishes_are_taken_by_what_they_are_called() {
+    fn without_a_model_presets_of_explicit_searches_are_taken_by_what_they_are_called() {
         let plan = |request| plan(&View { plan: request, ..view() }).unwrap();
-        let preset = |preset| match plan(PlanRequest { preset: Some(preset), ..PlanRequest::default() }) {
-            Plan::Warp(warp) => (warp.supersampling, warp.samples.len(), warp.holes),
-            Plan::Direct { .. } => panic!("a warp"),
-        };
+        let search = Some(Search::Splat);
+        let preset =
+            |preset| match plan(PlanRequest { preset: Some(preset), search, ..PlanRequest::default() }) {
+                Plan::Warp(warp) => (warp.supersampling, warp.samples.len(), warp.holes),
+                Plan::Direct { .. } => panic!("a warp"),
+            };
         assert_eq!(preset(Preset::Interactive), (1, 2, Holes::Mark));
         assert_eq!(preset(Preset::Balanced), (1, 4, Holes::Mark));
         assert_eq!(preset(Preset::Exact), (2, 4, Holes::Trace), "a tile has four cameras");
@@ -229,7 +259,7 @@ mod tests {
 
     #[test]
     fn a_pin_is_repeated_as_it_is() {
-        let free = plan(&view()).unwrap();
+        let free = plan(&searched()).unwrap();
         assert_eq!(pinned(|_| ()).unwrap(), free);
         let direct = Plan::Direct { samples_per_pixel: 9 };
         assert_eq!(pinned(|p| p.plan = direct.clone()).unwrap(), direct);

@@ -87,7 +87,7 @@ impl Core {
             self.views.get(ticket).is_some_and(|view| self.may_be_retried(view) && elsewhere(view))
         };
         let suspected = self.workers.values().filter(|w| w.suspected);
-        let views: Vec<Ticket> = suspected.flat_map(|w| w.views.iter().copied()).filter(moves).collect();
+        let views: Vec<Ticket> = suspected.flat_map(|w| w.views.keys().copied()).filter(moves).collect();
         views.into_iter().for_each(|ticket| self.retry(ticket, now, actions));
     }
 
@@ -114,7 +114,7 @@ impl Core {
             };
             cost * usual.map_or(1.0, |usual| (pending.work() as f64 / usual).max(1.0))
         };
-        let views: f64 = worker.views.iter().filter_map(|ticket| self.views.get(ticket)).map(of).sum();
+        let views: f64 = worker.views.keys().filter_map(|ticket| self.views.get(ticket)).map(of).sum();
         // Whoever samples also traces what others have no samples of.
         let rays = self.views.values().map(Pending::work).max().unwrap_or(0) as f64;
         let rays = costs.ray.value().unwrap_or(0.0) * rays;

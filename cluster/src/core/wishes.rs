@@ -60,9 +60,7 @@ impl Core {
     /// which is what the request alone comes to.
     pub(super) fn planned(&self, view: &View, plain: Plan) -> Planned {
         let Some(model) = self.model().filter(|_| view.pin.is_none()) else {
-            let plan =
-                if self.direct_is_in_time(view) { Plan::Direct { samples_per_pixel: 1 } } else { plain };
-            return Planned { plan, expected: None, quest: None };
+            return Planned { plan: plain, expected: None, quest: None };
         };
         let rig = (&self.set.rig, self.sight.as_deref());
         let situation = Situation::new(&view.camera, view.height, rig, &self.set.bounds);
@@ -162,16 +160,6 @@ impl Core {
         if let Some(expected_ms) = known.map(|calibrated| calibrated.cost.ms(pixels)) {
             self.pace.observe(setting, ms, expected_ms);
         }
-    }
-
-    /// Whether a view with nothing but a deadline can be rendered from the triangles by then, as far as the
-    /// workers have measured: without a model, that is as good as it gets.
-    fn direct_is_in_time(&self, view: &View) -> bool {
-        let wish = PlanRequest { deadline_ms: view.plan.deadline_ms, ..PlanRequest::default() };
-        let wait_ms = self.expected_wait(true).as_secs_f64() * 1e3;
-        let direct_ms = self.costs.direct.value().map(|secs| secs * 1e3);
-        let in_time = |deadline| direct_ms.is_some_and(|ms| wait_ms + ms <= deadline);
-        view.pin.is_none() && view.plan == wish && wish.deadline_ms.is_some_and(in_time)
     }
 
     /// How long a view has to wait before a worker can begin with it.

@@ -27,10 +27,10 @@ pub(super) struct Worker {
     assigned: Assignment,
     /// Sequence of the first assignment that told it its role, and the set that it serves.
     role_told: u64,
-    /// Whether it was told the set that samples are rendered of.
-    knows_set: bool,
-    /// Views sent to it and not answered.
-    pub(super) views: BTreeSet<Ticket>,
+    /// Sequence of the first assignment that told it the set that samples are rendered of; `None` until it was told.
+    set_told: Option<u64>,
+    /// Views sent to it and not answered, each with the milliseconds of rendering that are predicted of it.
+    pub(super) views: BTreeMap<Ticket, f64>,
     /// Views ever sent to it: whose turn it is among equals.
     pub(super) dispatched: u64,
     /// What it said it holds, and what it must hold because it used it.
@@ -65,8 +65,8 @@ impl Worker {
                 suspected: Vec::new(),
             },
             role_told: 1,
-            knows_set,
-            views: BTreeSet::new(),
+            set_told: knows_set.then_some(1),
+            views: BTreeMap::new(),
             dispatched: 0,
             held: BTreeSet::new(),
             held_as_reported: true,
@@ -108,14 +108,21 @@ impl Worker {
         self.is_ready() && self.seems_well() && (!self.record.is_on_trial() || self.views.is_empty())
     }
 
+    /// Whether it has the set that samples are rendered of.
+    pub(super) fn knows_set(&self) -> bool {
+        self.set_told.is_some_and(|told| self.report.applied >= told)
+    }
+
     /// Whether it takes new samples and direct views: on the way to another role, only what both include.
     pub(super) fn takes_samples(&self) -> bool {
-        self.answers() && self.acting.is_some_and(Role::samples) && self.assigned.role.samples()
+        let samples = self.acting.is_some_and(Role::samples) && self.assigned.role.samples();
+        self.answers() && self.knows_set() && samples
     }
 
     /// Whether it takes new views to reconstruct.
     pub(super) fn takes_views(&self) -> bool {
-        self.answers() && self.acting.is_some_and(Role::composites) && self.assigned.role.composites()
+        let composites = self.acting.is_some_and(Role::composites) && self.assigned.role.composites();
+        self.answers() && self.knows_set() && composites
     }
 
     /// Tells it another role; what to send it. A role that gives nothing up counts at once.
@@ -138,13 +145,12 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Tells it which set is served; what to send it. It is ready once it says that it serves that.
-    pub(super) fn serve_another_set(&mut self) -> Assignment {
+    /// Tells it of which set samples are rendered; what to send it. It goes on with views from triangles, and takes
+    /// others once it says that it has the set.
+    pub(super) fn serve_set(&mut self) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.measure_ways = false;
-        self.role_told = self.assigned.sequence;
-        self.knows_set = true;
-        self.acting = None;
+        self.set_told = Some(self.assigned.sequence);
         self.assigned.clone()
     }
 
@@ -172,8 +178,7 @@ impl Worker {
         self.last_report = now;
         self.suspected = false;
         // A later assignment of the same role says so too.
-        let acknowledged =
-            self.knows_set && report.applied >= self.role_told && self.acting != Some(self.assigned.role);
+        let acknowledged = report.applied >= self.role_told && self.acting != Some(self.assigned.role);
         if acknowledged {
             self.acting = Some(self.assigned.role);
         }
@@ -213,14 +218,33 @@ impl Worker {
         self.report.sampling_busy_ms + self.report.compositing_busy_ms
     }
 
+    /// Milliseconds of rendering that are predicted of the views in its queue.
+    pub(super) fn queued_ms(&self) -> f64 {
+        self.views.values().sum()
+    }
+
+    /// Whether it was told to render samples that nobody waits for, and lacks some of them.
+    pub(super) fn is_refining(&self) -> bool {
+        self.assigned
+            .ahead
+            .iter()
+            .any(|source| source.addresses.is_empty() && !self.held.contains(&source.id))
+    }
+
     /// How many of `samples` it neither holds nor is about to.
     pub(super) fn missing(&self, samples: &[SampleId]) -> usize {
         samples.iter().filter(|id| !self.held.contains(id) && !self.fetching.contains_key(id)).count()
     }
 
     /// A view was sent to it.
-    pub(super) fn begin(&mut self, ticket: Ticket, samples: &[SampleId], whereabouts: &mut Whereabouts) {
-        self.views.insert(ticket);
+    pub(super) fn begin(
+        &mut self,
+        ticket: Ticket,
+        predicted_ms: f64,
+        samples: &[SampleId],
+        whereabouts: &mut Whereabouts,
+    ) {
+        self.views.insert(ticket, predicted_ms);
         self.dispatched += 1;
         for &id in samples {
             let count = self.fetching.entry(id).or_default();
@@ -239,7 +263,7 @@ impl Worker {
         answered: bool,
         whereabouts: &mut Whereabouts,
     ) {
-        if !self.views.remove(&ticket) {
+        if self.views.remove(&ticket).is_none() {
             return;
         }
         for &id in samples {

@@ -53,9 +53,6 @@ pub struct Config {
     /// A render thread that has been at one piece of work for this long is wedged, and the process says that it
     /// should be started again. Long: a software driver may take minutes over the first sample of a large scene.
     pub wedged_after: Duration,
-    /// Whether a worker that composites has a sampler at hand, made beside its work: when the samplers are lost, samples
-    /// are taken over at once. It costs the scene's memory, on the device too.
-    pub standby_sampler: bool,
     /// Bytes of frames that are being made, packed or sent; further views wait. One that is larger is made alone.
     pub frame_bytes: u64,
     /// Bytes of depth that frames of sessions leave for the next ones, before the least recently used is forgotten; 0: none is
@@ -109,7 +106,6 @@ impl Config {
             max_bundle_bytes: 8 << 30,
             grace: Duration::from_secs(5),
             wedged_after: Duration::from_secs(300),
-            standby_sampler: false,
             frame_bytes: 2 << 30,
             history_bytes: 256 << 20,
             read_within: Duration::from_secs(20),

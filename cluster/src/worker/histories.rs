@@ -100,6 +100,7 @@ mod tests {
             unresolved_fraction: 0.0,
             served: Served::default(),
             predicted: None,
+            decision: None,
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
                 epoch: 0,

@@ -46,6 +46,8 @@ struct Duty {
     kept_from: u64,
     /// What each way to see triangles costs is to be measured.
     measure_ways: bool,
+    /// It is not settled how triangles are seen.
+    visibility_is_open: bool,
 }
 
 /// Stays with the coordinator until `shutdown`.
@@ -217,6 +219,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         ahead,
         kept_from: wire.kept_from,
         measure_ways: wire.measure_ways,
+        visibility_is_open: wire.visibility_is_open,
         limits: wire.limits.ok_or_else(|| missing("limits"))?.try_into()?,
     })
 }
@@ -272,11 +275,8 @@ async fn take_up(
     channel: Channel,
     duty: Duty,
 ) -> Result<(), Ended> {
-    // Once: an order keeps views from being composed between the parts of a sample.
-    if duty.role.composites() && node.scene().is_none() {
-        node.warm_up(&duty.set);
-    }
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
+    node.settle_visibility(duty.visibility_is_open);
     let new_scene = node.serve_set(&scene, duty.set, duty.limits);
     if new_scene || node.acting() != Some(duty.role) {
         node.prepare(duty.role).await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
@@ -304,8 +304,5 @@ async fn take_up(
     node.act(Some(duty.role), duty.sequence);
     ahead::want(node, duty.ahead, duty.role == Role::Sampler);
     node.store.retire(duty.kept_from);
-    if node.config.standby_sampler && !duty.role.samples() {
-        node.stand_by();
-    }
     Ok(())
 }

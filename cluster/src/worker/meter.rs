@@ -5,6 +5,8 @@ use std::time::Duration;
 use parking_lot::Mutex;
 
 use crate::core::Report;
+use crate::core::quality::Cost;
+use crate::core::smooth::Smoothed;
 
 /// Work of one kind.
 #[derive(Debug, Clone, Copy, Default)]
@@ -44,8 +46,43 @@ impl Work {
     }
 }
 
+/// What views of one kind cost: measured before the first one was asked for, and corrected by what they are seen to take.
+#[derive(Debug)]
+struct ViewCost {
+    measured: Option<Cost>,
+    /// What views take, as a share of what was measured.
+    correction: Smoothed,
+}
+
+/// Weight of the newest views in the correction of their cost.
+const CORRECTION_WEIGHT: f64 = 0.2;
+
+impl Default for ViewCost {
+    fn default() -> Self {
+        Self { measured: None, correction: Smoothed::new(CORRECTION_WEIGHT) }
+    }
+}
+
+impl ViewCost {
+    fn observe(&mut self, pixels: u64, ms: f64) {
+        if let Some(measured) = self.measured {
+            self.correction.observe(ms / measured.ms(pixels));
+        }
+    }
+
+    fn cost(&self) -> Option<Cost> {
+        let factor = self.correction.value().unwrap_or(1.0);
+        self.measured.map(|cost| Cost {
+            fixed_ms: cost.fixed_ms * factor,
+            ms_per_megapixel: cost.ms_per_megapixel * factor,
+        })
+    }
+}
+
 #[derive(Debug, Default)]
 struct Sums {
+    direct_cost: ViewCost,
+    warp_cost: ViewCost,
     samples: Work,
     direct: Work,
     views: Work,
@@ -94,6 +131,29 @@ impl Meter {
         }
     }
 
+    /// What views of a kind cost, as was measured before the first one was asked for.
+    pub(super) fn set_cost(&self, kind: Kind, cost: Option<Cost>) {
+        let mut sums = self.0.lock();
+        let view_cost = match kind {
+            Kind::View => &mut sums.warp_cost,
+            Kind::Direct => &mut sums.direct_cost,
+            Kind::Sample | Kind::Ray => return,
+        };
+        if cost.is_some() {
+            *view_cost = ViewCost { measured: cost, ..ViewCost::default() };
+        }
+    }
+
+    /// A view of so many pixels, sub-pixels counted, took so many milliseconds of rendering.
+    pub(super) fn observe_view(&self, kind: Kind, pixels: u64, ms: f64) {
+        let mut sums = self.0.lock();
+        match kind {
+            Kind::View => sums.warp_cost.observe(pixels, ms),
+            Kind::Direct => sums.direct_cost.observe(pixels, ms),
+            Kind::Sample | Kind::Ray => {}
+        }
+    }
+
     /// Samples that nobody waits for took so long, in so many parts.
     pub(super) fn add_parts(&self, count: usize, rendering: Duration) {
         self.0.lock().parts.add_warm(count, rendering.as_secs_f64() * 1e3);
@@ -114,6 +174,7 @@ impl Meter {
         report.view_ms = sums.views.mean_ms();
         report.ray_ms = sums.rays.mean_ms();
         report.part_ms = sums.parts.mean_ms();
+        (report.direct_cost, report.warp_cost) = (sums.direct_cost.cost(), sums.warp_cost.cost());
         report.samples_rendered = sums.samples.total;
         report.views_direct = sums.direct.total;
         report.views_composed = sums.views.total;
@@ -129,6 +190,26 @@ impl Meter {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn views_correct_what_was_measured_before_them_and_correct_nothing_that_was_not() {
+        let meter = Meter::default();
+        let mut report = Report::default();
+        meter.observe_view(Kind::Direct, 1_000_000, 40.0);
+        meter.fill(&mut report);
+        assert_eq!((report.direct_cost, report.warp_cost), (None, None));
+        meter.set_cost(Kind::Direct, Some(Cost { fixed_ms: 2.0, ms_per_megapixel: 18.0 }));
+        meter.fill(&mut report);
+        assert_eq!(report.direct_cost.unwrap().ms(1_000_000), 20.0);
+        (0..40).for_each(|_| meter.observe_view(Kind::Direct, 1_000_000, 40.0));
+        meter.fill(&mut report);
+        assert!((report.direct_cost.unwrap().ms(1_000_000) - 40.0).abs() < 0.1);
+        assert!((report.direct_cost.unwrap().ms(0) - 4.0).abs() < 0.1);
+        meter.set_cost(Kind::Direct, None);
+        meter.observe_view(Kind::Direct, 0, f64::NAN);
+        meter.fill(&mut report);
+        assert!(report.direct_cost.unwrap().ms(0).is_finite());
+    }
 
     #[test]
     fn the_first_batch_of_views_counts_without_being_taken_for_their_cost() {

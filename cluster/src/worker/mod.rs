@@ -50,7 +50,7 @@ use self::health::Health;
 use self::meter::Meter;
 use self::node::Node;
 use self::queue::Queue;
-use self::render::{Renderer, Rest};
+use self::render::Renderer;
 use self::store::Store;
 use crate::core::Hello;
 use crate::incoming::incoming;
@@ -91,10 +91,10 @@ pub async fn run(
     let store = Arc::new(Store::new(config.held_bytes));
     let meter = Arc::new(Meter::default());
     let health = Arc::new(Health::default());
-    let rest = Rest { after: config.rest_after, keeps_sampler: config.standby_sampler };
+    let rest_after = config.rest_after;
     let made = {
         let (queue, store, meter, health) = (queue.clone(), store.clone(), meter.clone(), health.clone());
-        move || Renderer::new(factory, queue, store, meter, health, rest)
+        move || Renderer::new(factory, queue, store, meter, health, rest_after)
     };
     let (device, rendering) = start_rendering(made).await?;
     info!(worker = name, address, device, "worker starts");

@@ -9,6 +9,7 @@ use argus_proto::trace::{self, TARGET};
 use argus_proto::{Fault, v1};
 use argus_scene::{
     InvalidField, Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob,
+    Visibility,
 };
 use parking_lot::Mutex;
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, oneshot, watch};
@@ -49,6 +50,8 @@ struct Told {
     leaving: bool,
     /// What was measured for the newest assignment, if it asked for that.
     ways: Ways,
+    /// It is not settled how triangles are seen.
+    visibility_is_open: bool,
 }
 
 /// A worker.
@@ -266,6 +269,19 @@ impl Node {
         new_scene
     }
 
+    /// Takes in whether it is settled how triangles are seen.
+    pub(super) fn settle_visibility(&self, is_open: bool) {
+        self.told.lock().visibility_is_open = is_open;
+    }
+
+    /// How views from triangles see them, of a set: as is settled for all samples, or else as is expected to be best here.
+    pub(super) fn visibility_of(&self, info: &SampleSetInfo) -> Visibility {
+        match self.told.lock().visibility_is_open {
+            true => self.queue.usual_visibility(),
+            false => info.visibility,
+        }
+    }
+
     /// The role it acts in.
     pub(super) fn acting(&self) -> Option<Role> {
         self.told.lock().acting
@@ -366,18 +382,6 @@ impl Node {
         let (reply, done) = oneshot::channel();
         self.queue.order(Work::Prepare { info, role, reply });
         done.await.unwrap_or_else(|_| Err(stopped()))
-    }
-
-    /// Has the compositor warmed up, which takes as long as opening a scene and needs none.
-    pub(super) fn warm_up(&self, set: &SampleSetInfo) {
-        self.queue.order(Work::WarmUp(Arc::new(set.clone())));
-    }
-
-    /// Begins to make a sampler beside the work of a role that needs none.
-    pub(super) fn stand_by(&self) {
-        if let Ok(info) = self.told_set() {
-            self.queue.order(Work::StandBy(info));
-        }
     }
 
     fn told_set(&self) -> Result<Arc<SampleSetInfo>, RenderError> {

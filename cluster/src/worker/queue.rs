@@ -71,10 +71,6 @@ pub(super) enum Work {
         role: Role,
         reply: oneshot::Sender<Result<(), RenderError>>,
     },
-    /// Have composed something, whatever the scene is.
-    WarmUp(Arc<SampleSetInfo>),
-    /// Make a sampler beside the other work.
-    StandBy(Arc<SampleSetInfo>),
     /// Measure what each way to see triangles costs.
     Ways(Arc<SampleSetInfo>, oneshot::Sender<Result<Ways, RenderError>>),
     Samples(Vec<SampleTask>),
@@ -90,14 +86,10 @@ impl Work {
     /// Whether a sampler does it.
     pub(super) fn needs_sampler(&self) -> bool {
         match self {
-            Self::Prepare { role, .. } => role.samples(),
-            Self::Ways(..) | Self::Samples(_) | Self::Pixels(_) | Self::Direct(_) => true,
-            Self::Scene(_)
-            | Self::WarmUp(_)
-            | Self::StandBy(_)
-            | Self::Views(_)
-            | Self::Nothing
-            | Self::Stop => false,
+            Self::Prepare { .. } | Self::Ways(..) | Self::Samples(_) | Self::Pixels(_) | Self::Direct(_) => {
+                true
+            }
+            Self::Scene(_) | Self::Views(_) | Self::Nothing | Self::Stop => false,
         }
     }
 
@@ -146,12 +138,15 @@ struct State {
     /// Work that was taken before it turned out that there is no sampler yet.
     postponed: VecDeque<Work>,
     makes_sampler: bool,
+    /// The compositor is warmed up elsewhere.
+    compositor_is_away: bool,
     in_work: Backlog,
     /// When what is in work was taken.
     taken: Option<Instant>,
     /// It is not that yet that the render thread is at: it makes what it needs for it.
     gets_ready: bool,
     direct_had_its_turn: bool,
+    usual_visibility: Visibility,
     stopped: bool,
 }
 
@@ -246,6 +241,16 @@ impl Queue {
         }
     }
 
+    /// The sampler that was made is expected to see triangles best by that backend.
+    pub(super) fn set_usual_visibility(&self, visibility: Visibility) {
+        self.state.lock().usual_visibility = visibility;
+    }
+
+    /// The visibility backend that is expected to be best here, before any was measured.
+    pub(super) fn usual_visibility(&self) -> Visibility {
+        self.state.lock().usual_visibility
+    }
+
     /// A sampler is in the making, until [`Self::sampler_is_made`].
     pub(super) fn sampler_is_coming(&self) {
         self.state.lock().makes_sampler = true;
@@ -254,6 +259,17 @@ impl Queue {
     /// It is there, or came to nothing.
     pub(super) fn sampler_is_made(&self) {
         self.state.lock().makes_sampler = false;
+        self.filled.notify_one();
+    }
+
+    /// The compositor is in use elsewhere, until [`Self::compositor_is_back`]: views from samples wait, others go on.
+    pub(super) fn compositor_is_away(&self) {
+        self.state.lock().compositor_is_away = true;
+    }
+
+    /// It is back, or came to nothing.
+    pub(super) fn compositor_is_back(&self) {
+        self.state.lock().compositor_is_away = false;
         self.filled.notify_one();
     }
 
@@ -267,26 +283,24 @@ impl Queue {
         None
     }
 
-    /// Between two parts of a sample that nobody waits for: composes views that came meanwhile, a batch of them, unless
-    /// something came that needs the sampler, which had better be free soon.
-    pub(super) fn give_way(&self, compose: impl FnOnce(Vec<ViewTask>)) {
-        let mut state = self.state.lock();
-        state.taken = Some(Instant::now());
-        state.forget_the_gone();
-        let sampler_is_wanted = !(state.orders.is_empty()
-            && state.samples.is_empty()
-            && state.pixels.is_empty()
-            && state.direct.is_empty());
-        if sampler_is_wanted || state.views.is_empty() {
-            return;
+    /// Between two parts of a sample that nobody waits for: answers what came meanwhile, a batch of each kind, unless an
+    /// order or a sample that somebody waits for came, which needs the sampler to itself.
+    pub(super) fn give_way(&self, mut answer: impl FnMut(Work)) {
+        for take in [State::take_pixels, State::take_direct, State::take_views] {
+            let mut state = self.state.lock();
+            state.taken = Some(Instant::now());
+            state.forget_the_gone();
+            if !(state.orders.is_empty() && state.samples.is_empty()) {
+                return;
+            }
+            let Some(work) = take(&mut state, self.max_batch, self.max_direct_batch) else { continue };
+            let before = std::mem::replace(&mut state.in_work, work.backlog());
+            drop(state);
+            answer(work);
+            let mut state = self.state.lock();
+            state.in_work = before;
+            state.taken = Some(Instant::now());
         }
-        let batch = take_batch(&mut state.views, self.max_batch);
-        state.in_work.views = batch.len();
-        drop(state);
-        compose(batch);
-        let mut state = self.state.lock();
-        state.in_work.views = 0;
-        state.taken = Some(Instant::now());
     }
 
     /// How long the render thread has been at what it took last; zero while it waits.
@@ -324,6 +338,20 @@ impl Queue {
 }
 
 impl State {
+    fn take_pixels(&mut self, _: usize, most: usize) -> Option<Work> {
+        let count = self.pixels.len().min(most);
+        (count > 0).then(|| Work::Pixels(self.pixels.drain(..count).collect()))
+    }
+
+    fn take_direct(&mut self, _: usize, most: usize) -> Option<Work> {
+        (!self.direct.is_empty()).then(|| Work::Direct(take_batch(&mut self.direct, most)))
+    }
+
+    fn take_views(&mut self, most: usize, _: usize) -> Option<Work> {
+        let some = !self.views.is_empty() && !self.compositor_is_away;
+        some.then(|| Work::Views(take_batch(&mut self.views, most)))
+    }
+
     /// Views that nobody waits for any more make room for others.
     fn forget_the_gone(&mut self) {
         self.samples.retain(|task| !task.claimed.is_gone());
@@ -351,14 +379,15 @@ impl State {
                 let count = self.pixels.len().min(max_direct_batch);
                 return Some(Work::Pixels(self.pixels.drain(..count).collect()));
             }
-            let direct_turn = self.views.is_empty() || !self.direct_had_its_turn;
+            let views_wait = !self.views.is_empty() && !self.compositor_is_away;
+            let direct_turn = !views_wait || !self.direct_had_its_turn;
             if direct_turn && !self.direct.is_empty() {
                 self.direct_had_its_turn = true;
                 return Some(Work::Direct(take_batch(&mut self.direct, max_direct_batch)));
             }
         }
         self.direct_had_its_turn = false;
-        if !self.views.is_empty() {
+        if !self.views.is_empty() && !self.compositor_is_away {
             return Some(Work::Views(take_batch(&mut self.views, max_batch)));
         }
         // As few at a time: whoever comes next waits for no more than those.

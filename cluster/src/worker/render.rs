@@ -11,8 +11,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use argus_scene::{
-    Compositor, Frame, PixelJob, RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler,
-    Scene,
+    Compositor, Frame, PixelJob, Plan, RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo,
+    Sampler, Scene,
 };
 use tracing::{debug, info, warn};
 
@@ -24,6 +24,7 @@ use super::store::Store;
 use super::warm;
 use crate::RoleFactory;
 use crate::core::Role;
+use crate::core::quality::Cost;
 use crate::seldom::Seldom;
 
 /// What the render thread owns.
@@ -41,37 +42,24 @@ pub(super) struct Renderer {
     /// Those whose scene or device is gone, until they have noticed.
     retired: Vec<Standby>,
     compositor: Option<Box<dyn Compositor>>,
+    /// The compositor, while it is put through its first views elsewhere.
+    warming: Option<JoinHandle<Warmed>>,
     /// What the compositor holds; a sample that only this map knows of is released.
     held: HashMap<SampleId, Held>,
-    /// Whether the compositor has worked.
+    /// Whether the compositor has worked, or is about to.
     is_warm: bool,
     /// Counts batches of views.
     batches: u64,
     /// Counts devices that were given up.
     rebuilt: u64,
     health: Arc<Health>,
-    rest: Rest,
+    /// Samples that a compositor no longer uses are given up after this long.
+    rest_after: Duration,
     /// The role that it was made ready for last.
     role: Role,
-    /// When the sampler was used last, when the compositor was, and when that was looked at.
-    sampled: Instant,
+    /// When the compositor was used last, and when that was looked at.
     composed: Instant,
     tidied: Instant,
-}
-
-/// When a role's own things are given up that nobody uses: the other role would keep them for ever.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Rest {
-    pub(super) after: Duration,
-    /// Not a sampler.
-    pub(super) keeps_sampler: bool,
-}
-
-impl Rest {
-    /// How often it is looked at.
-    fn look(&self) -> Duration {
-        self.after / 4
-    }
 }
 
 /// A sample that the compositor holds.
@@ -81,8 +69,27 @@ struct Held {
     used: u64,
 }
 
-/// A sampler in the making.
-type Standby = JoinHandle<Result<Box<dyn Sampler>, RenderError>>;
+/// A sampler in the making, and what views from triangles cost with it.
+type Standby = JoinHandle<Result<(Box<dyn Sampler>, Option<Cost>), RenderError>>;
+
+/// A compositor that has worked, and what views from samples cost with it.
+type Warmed = Result<(Box<dyn Compositor>, Option<Cost>), RenderError>;
+
+/// While it lives, what needs the compositor waits for it.
+struct Away(Arc<Queue>);
+
+impl Away {
+    fn from(queue: &Arc<Queue>) -> Self {
+        queue.compositor_is_away();
+        Self(queue.clone())
+    }
+}
+
+impl Drop for Away {
+    fn drop(&mut self) {
+        self.0.compositor_is_back();
+    }
+}
 
 /// While it lives, what needs a sampler waits for one.
 struct Coming(Arc<Queue>);
@@ -111,7 +118,7 @@ impl Renderer {
         store: Arc<Store>,
         meter: Arc<Meter>,
         health: Arc<Health>,
-        rest: Rest,
+        rest_after: Duration,
     ) -> Result<(Self, String), RenderError> {
         let compositor = factory.compositor()?;
         let device = compositor.device().to_owned();
@@ -127,14 +134,14 @@ impl Renderer {
             standby: None,
             retired: Vec::new(),
             compositor: Some(compositor),
+            warming: None,
             held: HashMap::new(),
             is_warm: false,
             batches: 0,
             rebuilt: 0,
             health,
-            rest,
+            rest_after,
             role: Role::Both,
-            sampled: now,
             composed: now,
             tidied: now,
         };
@@ -144,13 +151,15 @@ impl Renderer {
     /// Renders until it is told to stop.
     pub(super) fn run(mut self) {
         loop {
-            let work = self.queue.next(self.rest.look());
+            let work = self.queue.next(self.rest_after / 4);
+            self.take_compositor_back();
             match self.or_later(work) {
                 Work::Nothing => {}
                 Work::Stop => {
                     // A process that exits while its driver works may crash on its way out.
                     self.retire_standby();
                     self.retired.drain(..).for_each(|standby| drop(standby.join()));
+                    self.warming.take().into_iter().for_each(|warming| drop(warming.join()));
                     return;
                 }
                 Work::Scene(scene) => {
@@ -160,10 +169,10 @@ impl Renderer {
                 }
                 Work::Prepare { info, role, reply } => {
                     // Nobody waits for it once the assignment is overtaken.
-                    let _ = reply.send(self.prepare(&info, role));
+                    let _ = reply.send(self.prepare(role));
+                    // Views from triangles go on meanwhile.
+                    self.warm_compositor_up(&info);
                 }
-                Work::WarmUp(info) => self.warm_up(&info),
-                Work::StandBy(info) => self.stand_by(info),
                 Work::Ways(info, reply) => {
                     let _ = reply.send(self.sampler().and_then(|sampler| sampler.ways(&info)));
                 }
@@ -191,20 +200,13 @@ impl Renderer {
         self.queue.postpone(work).unwrap_or(Work::Nothing)
     }
 
-    /// Gives up what nobody has used for a while: a sampler, with the scene on its device, where samples are another's work,
-    /// and samples where composing is. The compositor itself is small, and samplers with time to spare compose.
+    /// Gives up samples that composing has not used for a while, where samples are this worker's work.
     fn tidy(&mut self) {
-        if self.tidied.elapsed() < self.rest.look() {
+        if self.tidied.elapsed() < self.rest_after / 4 {
             return;
         }
         self.tidied = Instant::now();
-        let rests = |used: Instant| used.elapsed() >= self.rest.after;
-        if self.sampler.is_some() && !(self.role.samples() || self.rest.keeps_sampler) && rests(self.sampled)
-        {
-            self.sampler = None;
-            debug!("the sampler is given up: nobody has used it for a while");
-        }
-        let none = !self.role.composites() && rests(self.composed);
+        let none = !self.role.composites() && self.composed.elapsed() >= self.rest_after;
         let gone = |held: &Held| none || held.sample.strong_count() == 0;
         let gone: Vec<SampleId> =
             self.held.iter().filter(|(_, held)| gone(held)).map(|(id, _)| *id).collect();
@@ -216,29 +218,40 @@ impl Renderer {
         self.health.holds(self.held.len());
     }
 
-    /// Makes what a role needs; a compositor has composed something, too. A sampler's samples are asked for ahead of
-    /// demand.
-    fn prepare(&mut self, info: &Arc<SampleSetInfo>, role: Role) -> Result<(), RenderError> {
+    /// Makes what every role needs: a worker answers views from triangles whatever its role.
+    fn prepare(&mut self, role: Role) -> Result<(), RenderError> {
         self.role = role;
-        if role.samples() && self.sampler.is_none() {
-            self.sampler()?;
-        }
-        if role.composites() {
-            self.warm_up(info);
-        }
-        Ok(())
+        self.sampler().map(drop)
     }
 
-    /// Composes something, if the compositor never has.
-    fn warm_up(&mut self, info: &Arc<SampleSetInfo>) {
-        if std::mem::replace(&mut self.is_warm, true) {
-            return;
+    /// Has the compositor reconstruct some views in a thread of its own, if it never has. Views from samples wait for it.
+    fn warm_compositor_up(&mut self, info: &Arc<SampleSetInfo>) {
+        let Some(scene) = self.scene.clone().filter(|_| !self.is_warm) else { return };
+        let Some(mut compositor) = self.compositor.take() else { return };
+        self.is_warm = true;
+        let (info, away) = (info.clone(), Away::from(&self.queue));
+        let warm = move || {
+            let _away = away;
+            let began = Instant::now();
+            let cost = warm::compositor(compositor.as_mut(), &scene, &info)?;
+            debug!(ms = ms_since(began), ?cost, "compositor warmed up");
+            Ok((compositor, cost))
+        };
+        // Without a thread another compositor is made when it is needed, and warms up with its first view.
+        self.warming = std::thread::Builder::new().name("warm up".to_owned()).spawn(warm).ok();
+    }
+
+    /// Takes the compositor back once it has been warmed up. One that failed, or panicked, is made anew when it is needed.
+    fn take_compositor_back(&mut self) {
+        let Some(warming) = self.warming.take_if(|warming| warming.is_finished()) else { return };
+        match warming.join() {
+            Ok(Ok((compositor, cost))) => {
+                self.compositor.get_or_insert(compositor);
+                self.meter.set_cost(Kind::View, cost);
+            }
+            Ok(Err(error)) => warn!(%error, "the compositor could not be warmed up; another one is made"),
+            Err(_) => warn!("the compositor panicked while it was warmed up; another one is made"),
         }
-        let began = Instant::now();
-        let warmed = self.guarded(|own| {
-            warm::compositor(own.compositor()?, info).map(|()| Vec::<Result<(), RenderError>>::new())
-        });
-        debug!(ms = ms_since(began), ok = warmed.is_ok(), "compositor warmed up");
     }
 
     /// Begins to make a sampler beside the work, unless there is one.
@@ -259,17 +272,19 @@ impl Renderer {
     }
 
     fn sampler(&mut self) -> Result<&mut dyn Sampler, RenderError> {
-        self.sampled = Instant::now();
         if self.sampler.is_none() {
             let scene = self.scene.clone().ok_or_else(|| RenderError::Internal("no scene yet".to_owned()))?;
             let (standby, factory) = (self.standby.take(), self.factory.as_ref());
-            let sampler = self.queue.getting_ready(|| {
+            let made = self.queue.getting_ready(|| {
                 match standby.and_then(|thread| thread.join().ok()).and_then(Result::ok) {
-                    Some(sampler) => Ok(sampler),
-                    None => made_sampler(factory, scene),
+                    Some(made) => Ok(made),
+                    None => made_sampler(factory, scene).map(|sampler| (sampler, None)),
                 }
             });
-            self.sampler = Some(sampler.inspect_err(|error| self.health.failed(&error.to_string()))?);
+            let (sampler, cost) = made.inspect_err(|error| self.health.failed(&error.to_string()))?;
+            self.meter.set_cost(Kind::Direct, cost);
+            self.queue.set_usual_visibility(sampler.usual_visibility());
+            self.sampler = Some(sampler);
         }
         match &mut self.sampler {
             Some(sampler) => Ok(sampler.as_mut()),
@@ -298,7 +313,7 @@ impl Renderer {
         self.rebuilt += 1;
         self.sampler = None;
         self.retire_standby();
-        (self.compositor, self.is_warm) = (None, false);
+        (self.compositor, self.is_warm) = (None, true);
         self.held.clear();
         self.store.forget_device_planes();
     }
@@ -358,7 +373,7 @@ impl Renderer {
         deliver(tasks.into_iter().map(|task| task.reply), results);
     }
 
-    /// Samples that nobody waits for: views are composed between their parts, which `began` is moved on by.
+    /// Samples that nobody waits for: views are answered between their parts, which `began` is moved on by.
     fn samples_ahead(&mut self, job: &SampleJob, batch: &Batch, began: &mut Instant) -> Results<Sample> {
         let mut parts = 0;
         let results = self.guarded(|own| {
@@ -367,9 +382,15 @@ impl Renderer {
             let none = || RenderError::Internal("no sampler".to_owned());
             let mut sampler = own.sampler.take().ok_or_else(none)?;
             let queue = own.queue.clone();
-            let results = sampler.render_samples_ahead(job, &batch.cancel, &mut || {
+            let results = sampler.render_samples_ahead(job, &batch.cancel, &mut |sampler| {
                 let gave_way = Instant::now();
-                queue.give_way(|tasks| own.views(tasks));
+                own.take_compositor_back();
+                queue.give_way(|work| match work {
+                    Work::Pixels(tasks) => own.pixels_by(Some(sampler), tasks),
+                    Work::Direct(tasks) => own.direct_by(Some(sampler), tasks),
+                    Work::Views(tasks) => own.views(tasks),
+                    _ => {}
+                });
                 *began += gave_way.elapsed();
                 parts += 1;
                 // What is made for a device that was given up is of no use: it begins again with the next one.
@@ -391,6 +412,11 @@ impl Renderer {
     }
 
     fn pixels(&mut self, tasks: Vec<PixelTask>) {
+        self.pixels_by(None, tasks);
+    }
+
+    /// Traces pixels with that sampler, or its own.
+    fn pixels_by(&mut self, sampler: Option<&mut dyn Sampler>, tasks: Vec<PixelTask>) {
         let batch = Arc::new(Batch::default());
         let tasks: Vec<PixelTask> = tasks.into_iter().filter(|task| task.claimed.join(&batch)).collect();
         if tasks.is_empty() {
@@ -399,7 +425,12 @@ impl Renderer {
         let rays = |job: &PixelJob| job.pixels.len() * job.samples_per_pixel as usize;
         let jobs: Vec<PixelJob> = tasks.iter().map(|task| task.job.clone()).collect();
         let began = Instant::now();
-        let results = self.guarded(|own| Ok(own.sampler()?.render_pixels(&jobs, &batch.cancel)));
+        let results = self.guarded(|own| {
+            Ok(match sampler {
+                Some(sampler) => sampler.render_pixels(&jobs, &batch.cancel),
+                None => own.sampler()?.render_pixels(&jobs, &batch.cancel),
+            })
+        });
         if let Ok(results) = &results {
             let done = results.iter().zip(&jobs).filter(|(result, _)| result.is_ok());
             let (rays, took) = (done.map(|(_, job)| rays(job)).sum(), began.elapsed());
@@ -411,14 +442,25 @@ impl Renderer {
     }
 
     fn direct(&mut self, tasks: Vec<ViewTask>) {
+        self.direct_by(None, tasks);
+    }
+
+    /// Renders views from triangles with that sampler, or its own.
+    fn direct_by(&mut self, sampler: Option<&mut dyn Sampler>, tasks: Vec<ViewTask>) {
         let (batch, tasks) = begin(tasks);
         if tasks.is_empty() {
             return;
         }
         let jobs: Vec<_> = tasks.iter().map(|task| task.job.clone()).collect();
         let began = Instant::now();
-        let results = self.guarded(|own| Ok(own.sampler()?.render_views(&jobs, &batch.cancel)));
+        let results = self.guarded(|own| {
+            Ok(match sampler {
+                Some(sampler) => sampler.render_views(&jobs, &batch.cancel),
+                None => own.sampler()?.render_views(&jobs, &batch.cancel),
+            })
+        });
         self.record(Kind::Direct, &results, began, began);
+        self.observe(Kind::Direct, &results);
         deliver_frames(tasks, results, began);
     }
 
@@ -437,6 +479,7 @@ impl Renderer {
         let composing = Instant::now();
         let results = self.guarded(|own| Ok(own.compositor()?.compose(&jobs, &batch.cancel)));
         self.record(Kind::View, &results, composing, began);
+        self.observe(Kind::View, &results);
         self.health.holds(self.held.len());
         deliver_frames(tasks, results, began);
     }
@@ -493,6 +536,18 @@ impl Renderer {
         unused.min_by_key(|(id, held)| (held.used, **id)).map(|(id, _)| *id)
     }
 
+    /// Takes in what views took, each by itself.
+    fn observe(&self, kind: Kind, results: &Results<Frame>) {
+        for frame in results.iter().flatten().flatten() {
+            let per_pixel = match &frame.provenance.plan {
+                Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
+                Plan::Warp(warp) => u64::from(warp.supersampling).pow(2),
+            };
+            let pixels = u64::from(frame.width) * u64::from(frame.height) * per_pixel;
+            self.meter.observe_view(kind, pixels, frame.rendering_ms());
+        }
+    }
+
     fn record<T>(&self, kind: Kind, results: &Results<T>, rendering: Instant, began: Instant) {
         let done = results.as_ref().map_or(0, |results| results.iter().filter(|r| r.is_ok()).count());
         if done > 0 {
@@ -508,19 +563,19 @@ fn made_sampler(factory: &dyn RoleFactory, scene: Arc<Scene>) -> Result<Box<dyn 
     Ok(sampler)
 }
 
-/// A sampler whose first sample is no slower than others.
+/// A sampler whose first view is no slower than others, and what views cost with it.
 fn warmed_sampler(
     factory: &dyn RoleFactory,
     scene: Arc<Scene>,
     info: &Arc<SampleSetInfo>,
-) -> Result<Box<dyn Sampler>, RenderError> {
-    let mut sampler = made_sampler(factory, scene)?;
+) -> Result<(Box<dyn Sampler>, Option<Cost>), RenderError> {
+    let mut sampler = made_sampler(factory, scene.clone())?;
     let began = Instant::now();
     // One that cannot work would be in the way of another.
-    let warmed = warm::sampler(sampler.as_mut(), info);
-    warmed.inspect_err(|error| warn!(%error, "the sampler that was made beside other work is of no use"))?;
-    debug!(ms = ms_since(began), "sampler at hand");
-    Ok(sampler)
+    let warmed = warm::sampler(sampler.as_mut(), &scene, info);
+    let cost = warmed.inspect_err(|error| warn!(%error, "the sampler that was made is of no use"))?;
+    debug!(ms = ms_since(began), ?cost, "sampler warmed up");
+    Ok((sampler, cost))
 }
 
 fn ms_since(began: Instant) -> f64 {

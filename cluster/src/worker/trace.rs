@@ -168,6 +168,7 @@ mod tests {
             unresolved_fraction: 0.5,
             served: Served { warped: 2, unresolved: 2, ..Served::default() },
             predicted: None,
+            decision: None,
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
                 epoch: 0,

@@ -12,6 +12,7 @@ use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
+use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
     Frame, History, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleId, SampleSetInfo, Search,
     Stage, View, ViewJob, Visibility,
@@ -73,7 +74,18 @@ struct Ordered {
     outputs: Outputs,
     /// Under which name what it leaves for the next frame is kept; the job has what the last one left.
     history: Option<String>,
+    /// How the plan was chosen; `None` where the request named it.
+    decision: Option<Decision>,
+    /// The direct view that is rendered instead, where a sample is missing or the frame from samples is not good enough.
+    fallback: Option<Plan>,
 }
+
+/// A frame of which samples miss more than this share is not good enough: tracing so many holes costs much of a view from
+/// triangles, and around holes samples are wrong as well.
+const MOST_UNRESOLVED: f64 = 0.05;
+
+/// Sub-pixels of a pixel, at most.
+const MOST_SUB_PIXELS: u32 = 256;
 
 #[tonic::async_trait]
 impl Views for ViewsService {
@@ -217,7 +229,7 @@ impl ViewsService {
         let bytes = room::bytes_of(&ordered.job);
         let answer = async {
             let room = self.node.rooms.take(bytes, for_client).await?;
-            Ok::<_, Fault>((traced(&self.node, &ordered, trace_until).await?, room))
+            Ok::<_, Fault>((good_enough(&self.node, &ordered, trace_until).await?, room))
         };
         let answer = answer.instrument(span.clone());
         let (frame, mut room) = match deadline {
@@ -281,7 +293,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     // A view from triangles can be repeated in the way that it was seen, whichever is this cluster's.
     let pinned_way =
         pin.as_ref().filter(|pin| !pin.device.is_empty()).map(|pin| Visibility::of_device(&pin.device).1);
-    let visibility = pinned_way.flatten().unwrap_or(info.visibility);
+    let visibility = pinned_way.flatten().unwrap_or_else(|| node.visibility_of(&info));
     let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
     let time_secs = info.time_secs();
     let asked = outputs;
@@ -296,7 +308,11 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let job =
         ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history };
     let (tracers, pinned) = (order.tracers, pin.is_some());
-    Ok(Ordered { job, info, samples, outputs: asked, tracers, pinned, device, history: name })
+    let decision = order.decision.map(Decision::try_from).transpose()?;
+    let fallback = (1..=MOST_SUB_PIXELS).contains(&order.fallback_samples_per_pixel);
+    let fallback = fallback.then_some(Plan::Direct { samples_per_pixel: order.fallback_samples_per_pixel });
+    let (history, outputs) = (name, asked);
+    Ok(Ordered { job, info, samples, outputs, tracers, pinned, device, history, decision, fallback })
 }
 
 /// The frame without images that nobody asked for.
@@ -307,18 +323,43 @@ fn with_only(mut frame: Frame, outputs: Outputs) -> Frame {
     frame
 }
 
+/// The frame of an order: by its plan or, where the order allows it and that plan's frame is not good enough, from triangles.
+async fn good_enough(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> Result<Frame, Fault> {
+    let began = Instant::now();
+    let with = |frame: Frame, decision: Option<Decision>| Frame { decision, ..frame };
+    let Some(plan) = &ordered.fallback else {
+        return Ok(with(traced(node, ordered, until).await?, ordered.decision));
+    };
+    match traced(node, ordered, until).await {
+        Ok(frame) => return Ok(with(frame, ordered.decision)),
+        // A sample that was held is not held any more, or too little was seen by those that are.
+        Err(Fault::NotFound(_) | Fault::Render(RenderError::MissingSample(_))) => {}
+        Err(fault) => return Err(fault),
+    }
+    let refused_ms = began.elapsed().as_secs_f64() * 1e3;
+    let job = ViewJob { plan: plan.clone(), history: None, ..ordered.job.clone() };
+    let mut frame = render(node, ordered, &[], &job).await?;
+    frame.stages.push(Stage::new(Stage::REFUSED, refused_ms));
+    let fell_short = |decision| Decision { reason: Reason::FrameFellShort, excess: 0.0, ..decision };
+    Ok(with(frame, ordered.decision.map(fell_short)))
+}
+
 /// The frame, with what no sample saw traced where the plan wants that. A frame whose holes nobody traces is
 /// delivered with them marked, under a plan that says so; a pinned one is left to another worker.
 async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> Result<Frame, Fault> {
     let Plan::Warp(warp) = &ordered.job.plan else {
-        return render(node, ordered, &ordered.job).await;
+        return render(node, ordered, &ordered.samples, &ordered.job).await;
     };
     if warp.holes != Holes::Trace {
-        return render(node, ordered, &ordered.job).await;
+        return render(node, ordered, &ordered.samples, &ordered.job).await;
     }
     let mut job = ordered.job.clone();
     job.outputs.mask = true;
-    let mut frame = render(node, ordered, &job).await?;
+    let mut frame = render(node, ordered, &ordered.samples, &job).await?;
+    if ordered.fallback.is_some() && frame.unresolved_fraction > MOST_UNRESOLVED {
+        let percent = frame.unresolved_fraction * 100.0;
+        return Err(Fault::NotFound(format!("the samples miss {percent:.1}% of the view")));
+    }
     if let Err(fault) = trace::fill(node, &job, warp, &ordered.tracers, until, &mut frame).await {
         if ordered.pinned {
             return Err(fault);
@@ -340,11 +381,16 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
 /// The frame as composed or rendered, with the stages before the role's own. If the device is lost, or the
 /// compositor misses what it was given, everything is done once more, in a batch of its own: a view that takes
 /// devices down shall not take its neighbours down twice.
-async fn render(node: &Arc<Node>, ordered: &Ordered, job: &ViewJob) -> Result<Frame, Fault> {
+async fn render(
+    node: &Arc<Node>,
+    ordered: &Ordered,
+    needed: &[Source],
+    job: &ViewJob,
+) -> Result<Frame, Fault> {
     let mut again = false;
     loop {
         let began = Instant::now();
-        let fetches = ordered.samples.iter();
+        let fetches = needed.iter();
         let fetches =
             fetches.map(|needed| fetch::at_hand(node.clone(), ordered.info.clone(), needed.clone()));
         let samples = try_join_all(fetches).await?;
@@ -359,7 +405,7 @@ async fn render(node: &Arc<Node>, ordered: &Ordered, job: &ViewJob) -> Result<Fr
                     return Err(Fault::Pin(reason));
                 }
                 let mut stages = vec![Stage::new("queue", queue_ms)];
-                if !ordered.samples.is_empty() {
+                if !needed.is_empty() {
                     stages.insert(0, Stage::new(SAMPLES, samples_ms));
                 }
                 frame.stages.splice(0..0, stages);
@@ -367,7 +413,7 @@ async fn render(node: &Arc<Node>, ordered: &Ordered, job: &ViewJob) -> Result<Fr
             }
             Err(Fault::Render(RenderError::DeviceLost(_) | RenderError::MissingSample(_))) if !again => {
                 again = true;
-                let ids: Vec<SampleId> = ordered.samples.iter().map(|needed| needed.id).collect();
+                let ids: Vec<SampleId> = needed.iter().map(|needed| needed.id).collect();
                 node.store.forget(&ids);
             }
             Err(fault) => return Err(fault),

@@ -1,89 +1,159 @@
-//! What a role is put through before anybody waits for it.
+//! What a role is put through before views wait for it, and what views then cost there.
 //!
 //! Drivers make a program's machine code where it is first used, and the software driver takes a second and more for all
-//! that a frame needs. So a role renders something that nobody asked for, whose result is thrown away.
+//! that a frame needs. So a role renders small views that nobody asked for, whose result is thrown away. Rendered again, at
+//! two sizes, they say what a view costs before the first one is asked for: the planner never has to guess.
 
 use std::sync::Arc;
+use std::time::Instant;
 
+use argus_scene::scene::Effect;
 use argus_scene::{
     Camera, Cancel, Compositor, OmniLayout, Outputs, Plan, Plane, PlaneData, PlaneFormat, PlaneKind,
-    RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, ViewJob, Warp,
+    RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo, Sampler, Scene, ViewJob,
+    Visibility, Warp,
 };
+use bytes::Bytes;
 use glam::DVec3;
 
-/// Pixels of a view: enough for each program to have some.
-const SIZE: [u32; 2] = [64, 48];
+use crate::core::quality::Cost;
 
-/// Side of a sample, texels.
-const SIDE: u32 = 8;
+/// Pixels of the views by which costs are measured: from small to usual.
+const SIZES: [[u32; 2]; 2] = [[64, 48], [320, 240]];
+
+/// Times that each view is rendered after its programs were made; the fastest counts, since other processes take their
+/// turns on the same cores.
+const ROUNDS: usize = 3;
+
+/// Texels on a side of the samples' faces by which the cost of reconstructing is measured.
+const SIDES: [u32; 2] = [96, 192];
+
+/// Samples that views are reconstructed from, to see what that costs: as many as a view usually has.
+const SAMPLES: u64 = 4;
 
 /// No rig is placed so often.
 const GENERATION: u64 = u64::MAX;
 
-/// Renders a sample.
-pub(super) fn sampler(sampler: &mut dyn Sampler, info: &Arc<SampleSetInfo>) -> Result<(), RenderError> {
-    let ids = vec![SampleId { epoch: info.epoch, generation: GENERATION, index: index(info) }];
-    let job = SampleJob { info: info.clone(), ids, to_host: true };
-    sampler.render_samples(&job, &Cancel::default()).into_iter().try_for_each(|sample| sample.map(drop))
+/// Renders views from triangles, and measures what they cost.
+///
+/// # Errors
+/// Those of rendering.
+pub(super) fn sampler(
+    sampler: &mut dyn Sampler,
+    scene: &Scene,
+    info: &Arc<SampleSetInfo>,
+) -> Result<Option<Cost>, RenderError> {
+    let camera = scene.default_camera();
+    let plan = Plan::Direct { samples_per_pixel: 1 };
+    let visibility = sampler.usual_visibility();
+    measured(|size| {
+        let view = view(info, camera, size, plan.clone(), visibility);
+        sampler.render_views(&[view], &Cancel::default()).into_iter().try_for_each(|frame| frame.map(drop))
+    })
 }
 
-/// Reconstructs a small view from a sample of nothing in particular.
+/// Reconstructs views from samples of nothing in particular, and measures what they cost.
+///
+/// Taking up samples as large as the scene's takes a second. So the samples are small, of two sizes, and what theirs and
+/// the views' texels add to the cost is carried on to the size of the scene's.
+///
+/// # Errors
+/// Those of rendering.
 pub(super) fn compositor(
     compositor: &mut dyn Compositor,
+    scene: &Scene,
     info: &Arc<SampleSetInfo>,
-) -> Result<(), RenderError> {
-    let seen_from = viewpoint(info);
-    let index = index(info);
-    let (sample_camera, camera) = match info.rig.camera(index)? {
+) -> Result<Option<Cost>, RenderError> {
+    let glossy = scene.effects().contains(&Effect::Specular);
+    let index = info.rig.nearest(&scene.default_camera(), 1).first().copied().unwrap_or(0);
+    let range = info.bounds.size().max_element();
+    let mut times = Vec::new();
+    for side in SIDES {
+        let Some((sampled, camera)) = small(info.rig.camera(index)?, side) else { return Ok(None) };
+        let planes = planes(&sampled, glossy, range);
+        let id = |slot| SampleId { epoch: info.epoch, generation: GENERATION - slot, index };
+        let ids: Vec<SampleId> = (0..SAMPLES).map(id).collect();
+        let sample =
+            |id| Arc::new(Sample { id, camera: sampled, planes: planes.clone(), stages: Vec::new() });
+        let samples = ids.iter().copied().map(sample).collect();
+        compositor.hold(&SampleSet { info: info.clone(), samples })?;
+        let plan = Plan::Warp(Warp { samples: ids.clone(), ..Warp::default() });
+        let measured = measured(|size| {
+            let view = view(info, camera, size, plan.clone(), info.visibility);
+            compositor.compose(&[view], &Cancel::default()).into_iter().try_for_each(|frame| frame.map(drop))
+        });
+        compositor.release(&ids);
+        let [width, height] = sampled.size();
+        times.push((f64::from(width) * f64::from(height), measured?));
+    }
+    let [(few, Some(small)), (many, Some(large))] = times[..] else { return Ok(None) };
+    let texels = info.rig.sample_texels() as f64;
+    let a_texel = ((large.fixed_ms - small.fixed_ms) / (many - few)).max(0.0);
+    Ok(Some(Cost { fixed_ms: large.fixed_ms + a_texel * (texels - many).max(0.0), ..large }))
+}
+
+/// A sample camera like that one, with so many texels on a side, and a view from where it stands; `None` for one that
+/// nothing is reconstructed from.
+fn small(camera: SampleCamera, side: u32) -> Option<(SampleCamera, Camera)> {
+    match camera {
         SampleCamera::Perspective { camera, .. } => {
-            (SampleCamera::Perspective { camera, width: SIDE, height: SIDE }, camera)
+            Some((SampleCamera::Perspective { camera, width: side, height: side }, camera))
         }
-        SampleCamera::Omni { center, .. } => {
-            let layout = OmniLayout::CubeFaces { face: SIDE };
-            (
-                SampleCamera::Omni { center, layout },
-                Camera { eye: center, target: center + DVec3::X, ..seen_from },
-            )
+        SampleCamera::Omni { center, layout: OmniLayout::CubeFaces { .. } } => {
+            let layout = OmniLayout::CubeFaces { face: side };
+            Some((SampleCamera::Omni { center, layout }, Camera::look_at(center, center + DVec3::X)))
         }
-    };
-    let id = SampleId { epoch: info.epoch, generation: GENERATION, index };
-    let sample =
-        Arc::new(Sample { id, camera: sample_camera, planes: planes(&sample_camera), stages: Vec::new() });
-    compositor.hold(&SampleSet { info: info.clone(), samples: vec![sample] })?;
-    let plan = Plan::Warp(Warp { samples: vec![id], ..Warp::default() });
-    let frames = compositor.compose(&[view(info, camera, plan)], &Cancel::default());
-    compositor.release(&[id]);
-    frames.into_iter().try_for_each(|frame| frame.map(drop))
+        SampleCamera::Omni { .. } => None,
+    }
 }
 
-/// One of the rig's cameras.
-fn index(info: &SampleSetInfo) -> u64 {
-    info.rig.nearest(&viewpoint(info), 1).first().copied().unwrap_or(0)
+/// What rendering a view costs, by size; the first time, which makes programs, does not count.
+fn measured(
+    mut render: impl FnMut([u32; 2]) -> Result<(), RenderError>,
+) -> Result<Option<Cost>, RenderError> {
+    render(SIZES[0])?;
+    let mut times = Vec::new();
+    for size in SIZES {
+        let mut fastest = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let began = Instant::now();
+            render(size)?;
+            fastest = fastest.min(began.elapsed().as_secs_f64() * 1e3);
+        }
+        times.push((u64::from(size[0]) * u64::from(size[1]), fastest));
+    }
+    Ok(Cost::fit(times.into_iter()))
 }
 
-/// From outside the scene into its middle.
-fn viewpoint(info: &SampleSetInfo) -> Camera {
-    let (center, size) = (info.bounds.center(), info.bounds.size().max_element().max(1e-3));
-    Camera::look_at(center + DVec3::splat(size), center)
-}
-
-fn view(info: &SampleSetInfo, camera: Camera, plan: Plan) -> ViewJob {
-    let ([width, height], visibility) = (SIZE, info.visibility);
+fn view(
+    info: &SampleSetInfo,
+    camera: Camera,
+    [width, height]: [u32; 2],
+    plan: Plan,
+    visibility: Visibility,
+) -> ViewJob {
     let (epoch, time_secs) = (info.epoch, info.time_secs());
-    // Maps of surroundings are made when somebody looks: they take what samples take.
+    // Reflection maps are made when somebody looks: they take what samples take.
     let (outputs, reflections, history) = (Outputs::COLOR, None, None);
     ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }
 }
 
-/// Grey, a metre away in all directions.
-fn planes(camera: &SampleCamera) -> Vec<Plane> {
+/// Grey surfaces `range` metres away in all directions; glossy ones, if the scene has any.
+fn planes(camera: &SampleCamera, glossy: bool, range: f64) -> Vec<Plane> {
     let [width, height] = camera.size();
+    let inverse_range = (1.0 / range.max(1e-3)) as f32;
     let plane = |kind, format, texel: [u8; 4]| {
-        let data = PlaneData::Host(texel.repeat((width * height) as usize).into());
+        let data = PlaneData::Host(Bytes::from(texel.repeat((width * height) as usize)));
         Plane { kind, format, size: [width, height], data }
     };
-    vec![
+    let mut planes = vec![
         plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat, [0; 4]),
-        plane(PlaneKind::InverseRange, PlaneFormat::R32Float, 1f32.to_le_bytes()),
-    ]
+        plane(PlaneKind::InverseRange, PlaneFormat::R32Float, inverse_range.to_le_bytes()),
+    ];
+    if glossy {
+        planes.push(plane(PlaneKind::Normal, PlaneFormat::Rg16Snorm, [0; 4]));
+        // F0 of a dielectric, half rough.
+        planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm, [10, 10, 10, 128]));
+    }
+    planes
 }

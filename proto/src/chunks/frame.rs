@@ -57,6 +57,7 @@ pub fn frame_chunks(
         unresolved_fraction: frame.unresolved_fraction,
         served: Some(frame.served.into()),
         predicted: frame.predicted.map(Into::into),
+        decision: frame.decision.map(Into::into),
         provenance: Some((&frame.provenance).into()),
         stages: frame.stages.iter().map(Into::into).collect(),
         view_id: meta.view_id.clone(),
@@ -199,6 +200,7 @@ impl Header {
             unresolved_fraction: header.unresolved_fraction,
             served: header.served.unwrap_or_default().into(),
             predicted: header.predicted.map(TryInto::try_into).transpose()?,
+            decision: header.decision.map(TryInto::try_into).transpose()?,
             provenance: required(header.provenance, "frame.provenance")?.try_into()?,
             stages: header.stages.into_iter().map(Stage::try_from).collect::<Result<_, _>>()?,
         };

@@ -100,6 +100,7 @@ fn frame() -> Frame {
         unresolved_fraction: 0.25,
         served: Served::default(),
         predicted: None,
+        decision: None,
         provenance: argus_scene::Provenance {
             scene: hash,
             epoch: 1,

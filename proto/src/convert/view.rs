@@ -1,5 +1,6 @@
 //! Views, plans and provenance.
 
+use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
     Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset, Provenance,
     SampleId, Search, Served, View, Warp,
@@ -144,6 +145,36 @@ impl TryFrom<v1::Prediction> for Prediction {
             return Err(InvalidField::new("predicted.error", reason));
         }
         Ok(Self { error: wire.error, ms: duration_ms(wire.ms, "predicted.ms")? })
+    }
+}
+
+impl From<Decision> for v1::Decision {
+    fn from(decision: Decision) -> Self {
+        let Decision { reason, wait_ms, render_ms, excess } = decision;
+        let number = Reason::ALL.iter().position(|known| *known == reason).map_or(0, |at| at as i32 + 1);
+        Self { reason: number, wait_ms, render_ms, excess }
+    }
+}
+
+impl TryFrom<v1::Decision> for Decision {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Decision) -> Result<Self, InvalidField> {
+        let unknown =
+            || InvalidField::new("decision.reason", format!("{} is not a known value", wire.reason));
+        let at = usize::try_from(wire.reason).ok().and_then(|number| number.checked_sub(1));
+        let reason = at.and_then(|at| Reason::ALL.get(at).copied()).ok_or_else(unknown)?;
+        // Written so that NaN is refused.
+        if !(wire.excess.abs() <= 1.0) {
+            let reason = format!("must lie between -1 and 1, not {}", wire.excess);
+            return Err(InvalidField::new("decision.excess", reason));
+        }
+        Ok(Self {
+            reason,
+            wait_ms: duration_ms(wire.wait_ms, "decision.wait_ms")?,
+            render_ms: duration_ms(wire.render_ms, "decision.render_ms")?,
+            excess: wire.excess,
+        })
     }
 }
 

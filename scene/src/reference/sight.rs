@@ -1,12 +1,13 @@
 //! Which cameras see what a view shows, by rays.
 
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{DVec2, DVec3};
 
 use super::Tracer;
-use crate::rig::Sight;
+use crate::rig::survey::added;
+use crate::rig::{Sight, Target};
 use crate::{Camera, Scene};
 
 /// Rays of a view by which cameras are told apart: columns and rows, of an image of [`SIZE`]. 8×6 of them tell no more.
@@ -18,19 +19,18 @@ const SIZE: [u32; 2] = [4, 3];
 /// A ray meets a point if it ends within this share of the way to it.
 const SLACK: f64 = 1e-3;
 
-/// What a camera is worth for what others see already: near the edges of things, between rays, it sees what they do not.
-const BESIDES: f64 = 0.3;
-
-/// Rays through the triangles of a scene that stands still, cut-outs left out.
+/// Rays through the triangles of a scene, cut-outs left out.
 ///
 /// What a camera is worth to a view is judged by what it shows of the surfaces that the view's own rays meet, with single-sided
 /// ones seen from their front alone, as samples have them: one that stands inside of a column shows what is around it and
-/// nothing of the column.
+/// nothing of the column. Choices of cameras are those of time zero: they are for scenes that stand still.
 pub struct SceneSight {
-    /// What a viewer sees.
-    seen: Tracer,
+    /// What a viewer sees, at time zero.
+    seen: Arc<Tracer>,
     /// The same triangles, seen from behind as well: nobody walks out of a wall.
     solid: Tracer,
+    /// What a viewer sees at the time that was asked for last; only of a scene that moves.
+    posed: Mutex<Option<(f64, Arc<Tracer>)>>,
 }
 
 impl fmt::Debug for SceneSight {
@@ -39,62 +39,50 @@ impl fmt::Debug for SceneSight {
     }
 }
 
-/// What a ray of a view meets.
-enum Target {
-    At(DVec3),
-    Sky(DVec3),
-}
-
 impl SceneSight {
-    /// Builds the hierarchy of the scene's triangles; `None` for one in which something moves, where what is between two points
-    /// now says nothing of later.
-    pub fn new(scene: &Arc<Scene>) -> Option<Self> {
-        if scene.is_animated() {
-            return None;
-        }
-        let seen = Tracer::of_shapes(scene.clone());
+    /// Builds the hierarchy of the scene's triangles.
+    pub fn new(scene: &Arc<Scene>) -> Self {
+        let seen = Arc::new(Tracer::of_shapes(scene.clone()));
         let solid = seen.without_backs();
-        Some(Self { seen, solid })
+        Self { seen, solid, posed: Mutex::new(None) }
     }
 
-    fn targets(&self, camera: &Camera) -> Vec<Target> {
+    /// The triangles where they are at a time, seconds.
+    fn at(&self, time_secs: f64) -> Arc<Tracer> {
+        if time_secs == 0.0 || !self.seen.scene().is_animated() {
+            return self.seen.clone();
+        }
+        let mut posed = self.posed.lock().unwrap_or_else(PoisonError::into_inner);
+        match posed.as_ref() {
+            Some((at, tracer)) if *at == time_secs => tracer.clone(),
+            _ => posed.insert((time_secs, Arc::new(self.seen.shapes_at(time_secs)))).1.clone(),
+        }
+    }
+
+    /// What the rays of the grid meet by which cameras are chosen.
+    fn grid(&self, camera: &Camera) -> Vec<Target> {
         let [width, height] = SIZE;
         let cell = DVec2::new(f64::from(width), f64::from(height)) / DVec2::from(GRID.map(f64::from));
         let places =
             (0..GRID[0] * GRID[1]).map(|i| DVec2::new(f64::from(i % GRID[0]), f64::from(i / GRID[0])));
-        let target = |place: DVec2| {
-            let direction = camera.direction((place + 0.5) * cell, width, height);
-            match self.seen.trace(camera.eye, direction) {
-                Some(hit) => Target::At(hit.position),
-                None => Target::Sky(direction),
-            }
-        };
-        places.map(target).collect()
+        let direction = |place: DVec2| camera.direction((place + 0.5) * cell, width, height);
+        places.map(|place| met(&self.seen, camera.eye, direction(place))).collect()
     }
+}
 
-    /// How well a camera shows what a viewer sees in a direction where it sees it, 0 to 1: less from aside and from afar,
-    /// and less the farther it is from the viewer, beside what is seen: more between the rays is hidden from it.
-    fn worth(camera: DVec3, eye: DVec3, target: &Target) -> f64 {
-        let Target::At(point) = *target else { return 1.0 };
-        let (from_camera, from_eye) = (point - camera, point - eye);
-        let (distance, near) = (from_camera.length(), from_eye.length());
-        if !(distance > 0.0 && near > 0.0) {
-            return 0.0;
-        }
-        let aside = (from_camera.dot(from_eye) / (distance * near)).max(0.0);
-        let baseline = camera.distance(eye);
-        aside * (near / distance).min(1.0).sqrt() * near / (near + baseline)
-    }
+/// What a ray meets.
+fn met(seen: &Tracer, eye: DVec3, direction: DVec3) -> Target {
+    seen.trace(eye, direction).map_or(Target::Sky(direction), |hit| Target::Surface(hit.position))
+}
 
-    /// Whether a camera sees what a viewer sees in a direction.
-    fn shows(&self, camera: DVec3, target: &Target) -> bool {
-        match *target {
-            Target::Sky(direction) => self.seen.is_clear(camera, direction),
-            Target::At(point) => {
-                let distance = point.distance(camera);
-                let range = self.seen.range_towards(camera, point, SLACK);
-                range.is_some_and(|range| (range - distance).abs() <= SLACK * distance)
-            }
+/// Whether a camera shows a viewer's target.
+fn shows(seen: &Tracer, camera: DVec3, target: &Target) -> bool {
+    match *target {
+        Target::Sky(direction) => seen.is_clear(camera, direction),
+        Target::Surface(point) => {
+            let distance = point.distance(camera);
+            let range = seen.range_towards(camera, point, SLACK);
+            range.is_some_and(|range| (range - distance).abs() <= SLACK * distance)
         }
     }
 }
@@ -111,7 +99,7 @@ struct Candidate {
 
 impl Candidate {
     fn new(index: u64, at: DVec3, eye: DVec3, targets: &[Target]) -> Self {
-        let worths: Vec<f64> = targets.iter().map(|target| SceneSight::worth(at, eye, target)).collect();
+        let worths: Vec<f64> = targets.iter().map(|target| target.worth(at, eye)).collect();
         let open = (0..targets.len()).filter(|&target| worths[target] > 0.0).collect();
         Self { index, at, worths, open }
     }
@@ -127,23 +115,18 @@ impl Candidate {
         let most = (0..self.open.len()).max_by(|&a, &b| adds(self.open[a]).total_cmp(&adds(self.open[b])));
         let Some(most) = most else { return false };
         let target = self.open.swap_remove(most);
-        if !sight.shows(self.at, &targets[target]) {
+        if !shows(&sight.seen, self.at, &targets[target]) {
             self.worths[target] = 0.0;
         }
         true
     }
 }
 
-/// What a camera that shows a target so well adds to others.
-fn added(worth: f64, shown: f64) -> f64 {
-    (worth - shown).max(0.0) + BESIDES * worth
-}
-
 impl Sight for SceneSight {
     /// The greedy choice. Rays are sent only for who may be the next to be chosen: from above, what somebody is worth is known
     /// without any.
     fn best(&self, camera: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
-        let targets = self.targets(camera);
+        let targets = self.grid(camera);
         let candidate = |&(index, at): &(u64, DVec3)| Candidate::new(index, at, camera.eye, &targets);
         let mut left: Vec<Candidate> = candidates.iter().map(candidate).collect();
         let mut shown = vec![0.0; targets.len()];
@@ -169,6 +152,16 @@ impl Sight for SceneSight {
         let range = self.solid.range_towards(from, to, SLACK);
         range.is_none_or(|range| range >= (1.0 - SLACK) * from.distance(to))
     }
+
+    fn targets(&self, eye: DVec3, directions: &[DVec3], time_secs: f64) -> Vec<Target> {
+        let seen = self.at(time_secs);
+        directions.iter().map(|direction| met(&seen, eye, *direction)).collect()
+    }
+
+    fn shows(&self, camera: DVec3, targets: &[Target], time_secs: f64) -> Vec<bool> {
+        let seen = self.at(time_secs);
+        targets.iter().map(|target| shows(&seen, camera, target)).collect()
+    }
 }
 
 #[cfg(test)]
@@ -178,9 +171,9 @@ mod tests {
 
     /// The greedy choice, with a ray from every camera to every target.
     fn greedy(sight: &SceneSight, camera: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
-        let targets = sight.targets(camera);
-        let worth = |at, target| match sight.shows(at, target) {
-            true => SceneSight::worth(at, camera.eye, target),
+        let targets = sight.grid(camera);
+        let worth = |at, target: &Target| match shows(&sight.seen, at, target) {
+            true => target.worth(at, camera.eye),
             false => 0.0,
         };
         let worths = |&(index, at): &(u64, DVec3)| (index, targets.iter().map(|t| worth(at, t)).collect());
@@ -201,7 +194,7 @@ mod tests {
     #[test]
     fn rays_that_are_not_sent_change_no_choice() {
         let scene = Arc::new(terrain(3000));
-        let sight = SceneSight::new(&scene).unwrap();
+        let sight = SceneSight::new(&scene);
         let bounds = scene.bounds();
         // Evenly spread, by the powers of the root of x⁴ = x + 1 (Roberts, 2018).
         let mut places = (1..)

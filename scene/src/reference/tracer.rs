@@ -110,9 +110,17 @@ impl Tracer {
 
     /// The scene's triangles without textures, as at time zero; cut-outs are not there at all.
     pub(super) fn of_shapes(scene: Arc<Scene>) -> Self {
-        let mut shapes = Self::of(scene, Vec::new());
-        shapes.placed.iter_mut().for_each(|placed| placed.cutoff = placed.cutoff.and(Some(f32::INFINITY)));
-        shapes
+        Self::of(scene, Vec::new()).without_cutouts()
+    }
+
+    /// The scene's triangles without textures, as at another time, seconds; cut-outs are not there at all.
+    pub(super) fn shapes_at(&self, time_secs: f64) -> Self {
+        self.at(time_secs).without_cutouts()
+    }
+
+    fn without_cutouts(mut self) -> Self {
+        self.placed.iter_mut().for_each(|placed| placed.cutoff = placed.cutoff.and(Some(f32::INFINITY)));
+        self
     }
 
     /// The same, but triangles without a back: seen from either side.

@@ -4,6 +4,7 @@ use std::fmt::Debug;
 
 use glam::DVec3;
 
+use super::survey::Target;
 use crate::Camera;
 
 /// Who knows what stands between viewers and cameras.
@@ -17,6 +18,12 @@ pub trait Sight: Debug + Send + Sync {
 
     /// Whether no surface is between two points.
     fn sees(&self, from: DVec3, to: DVec3) -> bool;
+
+    /// What rays from a viewer meet in some directions, one target each, at a time of the scene in seconds.
+    fn targets(&self, eye: DVec3, directions: &[DVec3], time_secs: f64) -> Vec<Target>;
+
+    /// Which of a view's targets a sample camera at a place shows, one answer each, at a time of the scene in seconds.
+    fn shows(&self, camera: DVec3, targets: &[Target], time_secs: f64) -> Vec<bool>;
 }
 
 /// What a view's cameras are chosen by.

@@ -142,7 +142,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     progress.inc(1);
 
     progress.set_message("frames are relayed");
-    let views = path_views(client.description(), 2000, options.size, PlanRequest::default());
+    let views = path_views(client.description(), 2000, options.size, PlanRequest::from_samples());
     let (before, answered, began) = (cpu_secs(pid), shared.answered.load(Ordering::Relaxed), Instant::now());
     while began.elapsed() < options.phase {
         let relayed = burst(&client, views.clone(), 256, &patient(), |_, _| ()).await;
@@ -255,7 +255,7 @@ async fn open(
     shared: &Shared,
     moving: watch::Receiver<bool>,
 ) -> Result<JoinSet<()>> {
-    let view = path_views(client.description(), 1, [16, 12], PlanRequest::default());
+    let view = path_views(client.description(), 1, [16, 12], PlanRequest::from_samples());
     let view = view.into_iter().next().context("a view")?;
     let opening = futures::stream::iter(0..options.sessions).map(|_| {
         let mut session = client.session(SessionOptions::default());
@@ -326,7 +326,7 @@ async fn lose(
     // Whoever gets the next view keeps it.
     shared.silence_next();
     let views =
-        path_views(client.description(), 2 * options.workers as u32, [16, 12], PlanRequest::default());
+        path_views(client.description(), 2 * options.workers as u32, [16, 12], PlanRequest::from_samples());
     let asking = tokio::spawn({
         let client = client.clone();
         async move { burst(&client, views, 256, &patient(), |_, _| ()).await }

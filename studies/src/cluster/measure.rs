@@ -163,7 +163,10 @@ pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
     ];
     let cluster = LocalCluster::of_single_threads(run.argus, run.scene, run.processes, &arguments)?;
     let client = connect(&cluster, run.processes).await?;
-    let plan = PlanRequest { direct: run.way == Way::Naive, ..PlanRequest::default() };
+    let plan = match run.way {
+        Way::Naive => PlanRequest { direct: true, ..PlanRequest::default() },
+        _ => PlanRequest::from_samples(),
+    };
     let views = path_views(client.description(), run.views, run.size, plan);
     let sums = Arc::new(Mutex::new(Sums::default()));
     let asking = tokio::spawn(ask(client.clone(), views, run.processes, refresh > 0, sums.clone()));
@@ -326,7 +329,7 @@ async fn snapshot(client: &Client, cluster: &LocalCluster) -> Result<Snapshot> {
 
 /// What the samples of one view are made of, as whoever has them says; `None` where nobody does.
 async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
-    let view = path_views(client.description(), 1, size, PlanRequest::default()).pop()?;
+    let view = path_views(client.description(), 1, size, PlanRequest::from_samples()).pop()?;
     let frame = client.render(&view, &patient()).await.ok()?.frame;
     let Plan::Warp(plan) = &frame.provenance.plan else { return None };
     let mut stages: Vec<v1::Stage> = Vec::new();

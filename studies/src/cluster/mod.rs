@@ -222,7 +222,7 @@ async fn quality(argus: &Path, options: &Options) -> Result<(f64, f64)> {
         LocalCluster::of_single_threads(argus, &options.scene, 1, &["--refining-share=0".to_owned()])?;
     let client = connect(&cluster, 1).await?;
     let (mut flip, mut psnr) = (0.0, 0.0);
-    let plans = [PlanRequest::default(), PlanRequest { direct: true, ..PlanRequest::default() }];
+    let plans = [PlanRequest::from_samples(), PlanRequest { direct: true, ..PlanRequest::default() }];
     let [warped, direct] = plans
         .map(|plan| argus_client::load::path_views(client.description(), JUDGED as u32, options.size, plan));
     for views in warped.iter().zip(&direct) {

@@ -263,11 +263,15 @@ impl World {
         self.next_id += 1;
         self.tally.asked += 1;
         self.views.insert(ticket, Asked { client, at: self.now, answered: false });
-        let plan = PlanRequest { direct, ..PlanRequest::default() };
+        let plan = match direct {
+            true => PlanRequest { direct, ..PlanRequest::default() },
+            false => PlanRequest::from_samples(),
+        };
         let view =
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
         let latency = self.latency();
-        let asked = Event::Asked { ticket, client: client.to_string().into(), view, deadline: None };
+        let asked =
+            Event::Asked { ticket, client: client.to_string().into(), view, deadline: None, survey: None };
         self.after(latency, Happening::ToCoordinator(asked));
         ticket
     }

@@ -198,7 +198,7 @@ impl Calibrated {
 impl Cost {
     /// A line through the median times at each size. With one size alone all of the cost is the pixels': small
     /// views are then thought cheaper than they are, large ones never.
-    fn fit(measured: impl Iterator<Item = (u64, f64)>) -> Option<Self> {
+    pub(crate) fn fit(measured: impl Iterator<Item = (u64, f64)>) -> Option<Self> {
         let mut measured: Vec<(u64, f64)> = measured.filter(|(_, ms)| *ms >= 0.0 && ms.is_finite()).collect();
         measured.sort_by_key(|m| m.0);
         let sizes: Vec<(f64, f64)> = measured

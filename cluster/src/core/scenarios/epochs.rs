@@ -51,10 +51,11 @@ fn pinned(sim: &mut Sim, epoch: u64, plan: Plan) -> Ticket {
         width: 20,
         height: 15,
         outputs: Outputs::COLOR,
-        plan: PlanRequest::default(),
+        plan: PlanRequest::from_samples(),
         pin: Some(Provenance { scene, epoch, generation, plan, device, history: false }),
     });
-    sim.step(Event::Asked { ticket, client: "a client".into(), view, deadline: None });
+    let client = "a client".into();
+    sim.step(Event::Asked { ticket, client, view, deadline: None, survey: None });
     ticket
 }
 

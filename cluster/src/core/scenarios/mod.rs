@@ -2,6 +2,7 @@
 
 mod copies;
 mod epochs;
+mod open;
 mod placement;
 mod property;
 mod roles;

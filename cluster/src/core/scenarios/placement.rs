@@ -51,7 +51,7 @@ fn lap(sim: &mut Sim, views: &[Camera]) -> Lap {
     let set = sim.core.set().clone();
     let (mut plans, mut sum) = (Vec::new(), 0);
     for camera in views {
-        let ticket = sim.ask_from(*camera, PlanRequest::default(), None);
+        let ticket = sim.ask_from(*camera, PlanRequest::from_samples(), None);
         let plan = sim.orders[&ticket].plan.clone();
         let missing = uncovered(&set, camera, &plan);
         sum += missing;
@@ -119,7 +119,7 @@ fn a_plan_takes_what_else_is_at_hand_unless_the_request_says_how_many() {
         sim.answer(ticket);
         warp.samples
     };
-    let first = count(&mut sim, PlanRequest::default());
+    let first = count(&mut sim, PlanRequest::from_samples());
     assert_eq!(first.len(), 4, "nobody has any");
     let held: Vec<SampleId> =
         set.rig.nearest(&camera, 7).into_iter().map(|i| SampleId { index: i, ..first[0] }).collect();
@@ -127,9 +127,9 @@ fn a_plan_takes_what_else_is_at_hand_unless_the_request_says_how_many() {
         worker.report.held.extend(held.iter().copied());
     }
     sim.report_all();
-    assert_eq!(count(&mut sim, PlanRequest::default()), held, "the eighth would have to be rendered");
+    assert_eq!(count(&mut sim, PlanRequest::from_samples()), held, "the eighth would have to be rendered");
     assert_eq!(count(&mut sim, PlanRequest { samples: Some(4), ..PlanRequest::default() }), first);
-    let interactive = PlanRequest { preset: Some(Preset::Interactive), ..PlanRequest::default() };
+    let interactive = PlanRequest { preset: Some(Preset::Interactive), ..PlanRequest::from_samples() };
     assert_eq!(count(&mut sim, interactive), first[..2]);
 }
 
@@ -169,14 +169,14 @@ fn a_sampler_that_refines_composes_once_others_would_take_as_long_as_a_sample() 
     (0..3).for_each(|_| drop(lap(&mut sim, &views)));
     let sampler = sim.sampler();
     // It has rendered what views need.
-    let ticket = sim.ask_from(views[0], PlanRequest::default(), None);
+    let ticket = sim.ask_from(views[0], PlanRequest::from_samples(), None);
     let Plan::Warp(warp) = sim.orders[&ticket].plan.clone() else { panic!("a warp") };
     sim.answer(ticket);
     sim.workers.get_mut(&sampler).unwrap().report.held.extend(warp.samples);
     // Somebody looks where samples are needed that nobody has yet: the sampler is told, and has not reported since.
     let place = Camera::look_at(DVec3::new(3.9, 1.7, 0.9), DVec3::new(9.0, 1.0, 3.0));
     for _ in 0..20 {
-        let ticket = sim.ask_from(place, PlanRequest::default(), None);
+        let ticket = sim.ask_from(place, PlanRequest::from_samples(), None);
         sim.answer_with(ticket, PIXELS as u64 / 5);
     }
     let told = |sim: &Sim| sim.workers[&sampler].told.last().map_or(0, |told| told.ahead.len());
@@ -185,7 +185,8 @@ fn a_sampler_that_refines_composes_once_others_would_take_as_long_as_a_sample() 
     sim.report_all();
     sim.step(Event::Tick);
     assert!(told(&sim) > before, "a sample is placed");
-    let asked: Vec<Ticket> = (0..40).map(|_| sim.ask_from(views[0], PlanRequest::default(), None)).collect();
+    let asked: Vec<Ticket> =
+        (0..40).map(|_| sim.ask_from(views[0], PlanRequest::from_samples(), None)).collect();
     let to_it: Vec<bool> = asked.iter().map(|ticket| sim.orders[ticket].worker == sampler).collect();
     // A sample takes as long as ten views; from then on they take turns.
     assert!(to_it.iter().take(9).all(|is| !is), "{to_it:?}");
@@ -256,7 +257,7 @@ fn plans_name_only_what_is_where_views_are_composed() {
     let views = walk(20);
     for round in 0..12 {
         for camera in &views {
-            let ticket = sim.ask_from(*camera, PlanRequest::default(), None);
+            let ticket = sim.ask_from(*camera, PlanRequest::from_samples(), None);
             let order = sim.orders[&ticket].clone();
             let Plan::Warp(warp) = &order.plan else { panic!("a warp") };
             for id in warp.samples.iter().filter(|id| interior().rig.level(id.index) != Some(0)) {
@@ -282,7 +283,7 @@ fn plans_name_only_what_is_where_views_are_composed() {
     let id = sim.join("fresh");
     sim.report(id);
     sim.step(Event::Tick);
-    let ticket = sim.ask_from(views[0], PlanRequest::default(), None);
+    let ticket = sim.ask_from(views[0], PlanRequest::from_samples(), None);
     let Plan::Warp(warp) = &sim.orders[&ticket].plan else { panic!("a warp") };
     assert!(warp.samples.iter().all(|id| interior().rig.level(id.index) == Some(0)));
 }
@@ -300,7 +301,7 @@ fn no_view_waits_for_a_refinement_that_is_lost_with_its_workers() {
     let views = walk(20);
     (0..12).for_each(|_| drop(lap(&mut sim, &views)));
     for camera in views.iter().cycle().take(60) {
-        sim.ask_from(*camera, PlanRequest::default(), None);
+        sim.ask_from(*camera, PlanRequest::from_samples(), None);
     }
     let before = sim.orders.clone();
     assert!(before.values().any(|order| !refinements(order).is_empty()));
@@ -341,7 +342,7 @@ fn a_view_is_not_sent_to_and_fro_for_a_refinement_that_is_not_where_it_was_thoug
     let newcomer = sim.join("late");
     sim.report(newcomer);
     let lacks = |order: &Order| order.worker == newcomer && !refinements(order).is_empty();
-    let asked = (0..400).map(|i| sim.ask_from(views[i % 20], PlanRequest::default(), None));
+    let asked = (0..400).map(|i| sim.ask_from(views[i % 20], PlanRequest::from_samples(), None));
     let asked: Vec<Ticket> = asked.collect();
     let ticket = *asked.iter().find(|ticket| lacks(&sim.orders[ticket])).unwrap();
     assert!(sim.orders[&ticket].sources.iter().any(|source| source.dispensable));
@@ -360,11 +361,11 @@ fn tiles_are_refined_from_where_they_are_looked_at() {
     let rig = sim.core.set().rig;
     let camera = Camera::look_at(DVec3::new(40.0, 16.0, 9.0), DVec3::new(5.0, 0.0, 5.0));
     for _ in 0..12 {
-        let ticket = sim.ask_from(camera, PlanRequest::default(), None);
+        let ticket = sim.ask_from(camera, PlanRequest::from_samples(), None);
         sim.answer_with(ticket, 600);
         sim.second(0, 0);
     }
-    let ticket = sim.ask_from(camera, PlanRequest::default(), None);
+    let ticket = sim.ask_from(camera, PlanRequest::from_samples(), None);
     let Plan::Warp(warp) = &sim.orders[&ticket].plan else { panic!("a warp") };
     assert!(rig.level(warp.samples[0].index) > Some(0), "{warp:?}");
 }

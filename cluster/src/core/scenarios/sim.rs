@@ -174,7 +174,11 @@ impl Sim {
     }
 
     pub(super) fn ask_with(&mut self, direct: bool, deadline: Option<Duration>) -> Ticket {
-        self.ask_by(PlanRequest { direct, ..PlanRequest::default() }, deadline)
+        let plan = match direct {
+            true => PlanRequest { direct, ..PlanRequest::default() },
+            false => PlanRequest::from_samples(),
+        };
+        self.ask_by(plan, deadline)
     }
 
     pub(super) fn ask_for(&mut self, plan: PlanRequest) -> Ticket {
@@ -196,7 +200,8 @@ impl Sim {
         self.next += 1;
         let view =
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
-        self.step(Event::Asked { ticket, client: "a client".into(), view, deadline });
+        let client = "a client".into();
+        self.step(Event::Asked { ticket, client, view, deadline, survey: None });
         ticket
     }
 
@@ -206,6 +211,15 @@ impl Sim {
 
     /// Its frame comes with so many pixels that no sample saw.
     pub(super) fn answer_with(&mut self, ticket: Ticket, uncovered: u64) {
+        self.answer_so(ticket, uncovered, 1.0);
+    }
+
+    /// Its frame comes, after so many milliseconds of rendering.
+    pub(super) fn answer_taking(&mut self, ticket: Ticket, ms: f64) {
+        self.answer_so(ticket, 0, ms);
+    }
+
+    fn answer_so(&mut self, ticket: Ticket, uncovered: u64, ms: f64) {
         let Some(order) = self.orders.remove(&ticket) else { return };
         if let Some(worker) = self.workers.get_mut(&order.worker) {
             match &order.plan {
@@ -227,7 +241,7 @@ impl Sim {
             ticket,
             attempt: order.attempt,
             uncovered: Some(uncovered),
-            ms: Some(1.0),
+            ms: Some(ms),
         });
     }
 

@@ -216,7 +216,7 @@ fn a_sampler_that_has_nothing_to_sample_composes_as_well() {
         // What is due to be sampled goes first.
         sim.answer_all();
         let elsewhere = Camera::look_at(DVec3::new(-9.0, 30.0, -9.0), DVec3::new(-8.0, 0.0, -8.0));
-        let due = sim.ask_from(elsewhere, PlanRequest::default(), None);
+        let due = sim.ask_from(elsewhere, PlanRequest::from_samples(), None);
         assert_ne!(sim.orders[&due].worker, sampler);
         let third: Vec<Ticket> = (0..20).map(|_| sim.ask(false)).collect();
         assert_eq!(to_it(&sim, &third), 0);
@@ -250,7 +250,7 @@ fn a_pinned_device_is_waited_for_or_refused() {
             width: 20,
             height: 15,
             outputs: Outputs::COLOR,
-            plan: PlanRequest::default(),
+            plan: PlanRequest::from_samples(),
             pin: Some(argus_scene::Provenance {
                 scene: set.scene,
                 epoch: set.epoch,
@@ -260,7 +260,8 @@ fn a_pinned_device_is_waited_for_or_refused() {
                 history: false,
             }),
         });
-        sim.step(Event::Asked { ticket, client: "a client".into(), view, deadline: None });
+        let client = "a client".into();
+        sim.step(Event::Asked { ticket, client, view, deadline: None, survey: None });
         ticket
     };
     let (same, other, any) = (pinned("device"), pinned("another"), pinned(""));

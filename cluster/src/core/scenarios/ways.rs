@@ -1,6 +1,6 @@
-//! How triangles are seen is settled before anybody renders.
+//! How triangles are seen is settled before samples are rendered; views from triangles do not wait for it.
 
-use argus_scene::Visibility;
+use argus_scene::{PlanRequest, Visibility};
 
 use super::sim::Sim;
 use crate::core::*;
@@ -16,13 +16,28 @@ fn measuring(sim: &Sim) -> Vec<WorkerId> {
 }
 
 #[test]
-fn the_cheapest_way_of_the_first_who_measured_is_everybodys() {
+fn views_from_triangles_are_answered_before_it_is_settled_how_triangles_are_seen() {
+    let mut sim = measured();
+    sim.join("a");
+    sim.join("b");
+    sim.report_all();
+    assert_eq!(sim.roles(), (1, 1), "ready at once");
+    sim.ask_for(PlanRequest::default());
+    sim.ask(true);
+    assert_eq!(sim.orders.len(), 2);
+    sim.step(Event::Tick);
+    assert!(measuring(&sim).is_empty(), "nobody wants a sample");
+}
+
+#[test]
+fn the_backend_that_the_first_worker_measures_to_be_cheapest_is_every_samples() {
     let mut sim = measured();
     let view = sim.ask(false);
     let (first, second) = (sim.join("a"), sim.join("b"));
-    assert_eq!(measuring(&sim), [first]);
     sim.report_all();
-    assert_eq!(sim.roles(), (0, 0), "nobody is ready under a set that may change");
+    sim.step(Event::Tick);
+    assert_eq!(measuring(&sim), [first]);
+    assert!(sim.orders.is_empty(), "a view from samples waits");
     sim.workers.get_mut(&first).unwrap().report.ways =
         vec![(Visibility::Raster, 80.0), (Visibility::Cpu, 8.0), (Visibility::Trace, f64::NAN)];
     sim.report(first);
@@ -40,18 +55,21 @@ fn the_cheapest_way_of_the_first_who_measured_is_everybodys() {
 }
 
 #[test]
-fn another_measures_where_the_first_is_lost() {
+fn another_worker_measures_where_the_first_is_lost() {
     let mut sim = measured();
     let (first, second) = (sim.join("a"), sim.join("b"));
     sim.report_all();
+    sim.ask(false);
+    sim.step(Event::Tick);
     sim.workers.remove(&first);
     sim.step(Event::Left { worker: first });
+    sim.step(Event::Tick);
     assert_eq!(measuring(&sim), [second]);
     sim.workers.get_mut(&second).unwrap().report.ways = vec![(Visibility::Trace, 3.0)];
     sim.report(second);
     sim.report(second);
     assert_eq!(sim.core.set().visibility, Visibility::Trace);
-    assert_eq!(sim.roles(), (1, 1));
+    assert_eq!(sim.orders.len(), 1);
 }
 
 #[test]
@@ -60,5 +78,8 @@ fn a_way_that_was_asked_for_is_not_measured() {
     let worker = sim.join("a");
     assert!(measuring(&sim).is_empty());
     sim.report(worker);
+    sim.ask(false);
+    sim.step(Event::Tick);
+    assert!(measuring(&sim).is_empty());
     assert_eq!((sim.core.set().visibility, sim.roles()), (Visibility::Trace, (1, 1)));
 }

@@ -86,7 +86,7 @@ fn a_worker_that_says_nothing_of_its_frame_or_dies_leaves_the_view_answered() {
 }
 
 #[test]
-fn presets_deadlines_and_plain_requests_are_answered_at_once_and_foretold() {
+fn presets_and_deadlines_of_explicit_searches_are_answered_at_once_and_foretold() {
     let mut sim = calibrated(2);
     let ask = |sim: &mut Sim, request| {
         let ticket = sim.ask_for(request);
@@ -94,15 +94,16 @@ fn presets_deadlines_and_plain_requests_are_answered_at_once_and_foretold() {
         assert!(!order.judged);
         order
     };
-    let interactive = PlanRequest { preset: Some(Preset::Interactive), ..PlanRequest::default() };
-    let exact =
-        PlanRequest { preset: Some(Preset::Exact), deadline_ms: Some(15.0), ..PlanRequest::default() };
+    let searched = PlanRequest::from_samples();
+    let interactive = PlanRequest { preset: Some(Preset::Interactive), ..searched };
+    let traces = PlanRequest { holes: Some(Holes::Trace), ..searched };
+    let exact = PlanRequest { preset: Some(Preset::Exact), deadline_ms: Some(15.0), ..traces };
     let cheap = ask(&mut sim, interactive);
     assert!(cheap.expected.unwrap().ms < 2.0, "{cheap:?}");
     let traced = ask(&mut sim, exact);
     assert!(matches!(&traced.plan, Plan::Warp(warp) if warp.holes == Holes::Trace), "{traced:?}");
-    let plain = ask(&mut sim, PlanRequest::default());
-    assert_eq!(plain.plan, cheap.plan, "what is asked for plainly is in the model too");
+    let plain = ask(&mut sim, searched);
+    assert_eq!(plain.plan, cheap.plan, "a plain search is in the model too");
     assert_eq!(plain.expected, cheap.expected);
     let unknown = ask(&mut sim, PlanRequest { samples: Some(1), ..PlanRequest::default() });
     assert_eq!(unknown.expected, None);
@@ -121,21 +122,4 @@ fn costs_follow_what_frames_take() {
     (0..30).for_each(|_| _ = expected_ms(&mut sim));
     let after = expected_ms(&mut sim);
     assert!((before - 1.0).abs() < 1e-6 && (after - 3.0).abs() < 0.05, "{before} {after}");
-}
-
-#[test]
-fn without_a_model_a_deadline_is_met_by_what_was_measured() {
-    let mut sim = Sim::with_workers(2);
-    let ask = |sim: &mut Sim, ms| {
-        let ticket = sim.ask_for(PlanRequest { deadline_ms: Some(ms), ..PlanRequest::default() });
-        let direct = setting(sim, ticket).is_direct();
-        sim.answer_all();
-        direct
-    };
-    assert!(!ask(&mut sim, 1000.0), "nothing was measured yet");
-    let direct = sim.ask(true);
-    sim.answer(direct);
-    sim.report_all();
-    assert!(ask(&mut sim, 1000.0));
-    assert!(!ask(&mut sim, 10.0));
 }

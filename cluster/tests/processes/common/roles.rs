@@ -144,6 +144,7 @@ fn frame(job: &ViewJob, scene: &Scene, generation: u64, seed: u64) -> Frame {
         unresolved_fraction: 0.0,
         served: Served::default(),
         predicted: None,
+        decision: None,
         provenance: Provenance {
             scene: scene.hash,
             epoch: job.epoch,

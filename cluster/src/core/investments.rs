@@ -1,0 +1,147 @@
+//! Samples as investments: a bundle is rendered when the views that it will serve save more than it costs.
+//!
+//! A *bundle* is the set of sample cameras that together bring a view within its error bound. A view that was rendered
+//! from triangles says what it would have saved had its bundle been there: the difference between what it took and what a
+//! view from samples is predicted to take, in seconds of one process. Such savings are averaged for each bundle. A bundle
+//! is worth its price where its savings a tick, over the horizon for which interest is expected to last, exceed the seconds
+//! that rendering its missing samples takes.
+
+use std::collections::BTreeMap;
+
+/// Ticks for which interest in a bundle is expected to last, in a scene that stands still.
+const HORIZON_TICKS: f64 = 60.0;
+
+/// Weight of the newest tick in a bundle's average savings: a viewer who looks in for a moment is no reason to invest.
+const WEIGHT: f64 = 0.1;
+
+/// Bundles that are remembered at most: those that save most.
+const MOST_BUNDLES: usize = 256;
+
+/// Seconds a tick below which a bundle is forgotten.
+const NEGLIGIBLE_SECS: f64 = 1e-5;
+
+/// What views say of one bundle.
+#[derive(Debug, Clone, Copy, Default)]
+struct Savings {
+    /// Seconds saved in the tick that runs.
+    fresh_secs: f64,
+    /// Average seconds saved in a tick.
+    secs_a_tick: f64,
+}
+
+/// What bundles would save.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Investments {
+    bundles: BTreeMap<Vec<u64>, Savings>,
+}
+
+impl Investments {
+    /// A view would have saved so many seconds had these cameras' samples been held. Savings that are not positive say
+    /// nothing.
+    pub(super) fn learn(&mut self, mut bundle: Vec<u64>, secs: f64) {
+        if bundle.is_empty() || !(secs > 0.0 && secs.is_finite()) {
+            return;
+        }
+        bundle.sort_unstable();
+        self.bundles.entry(bundle).or_default().fresh_secs += secs;
+    }
+
+    /// Ticks have passed.
+    pub(super) fn tick(&mut self, ticks: f64) {
+        let weight = 1.0 - (1.0 - WEIGHT).powf(ticks);
+        for savings in self.bundles.values_mut() {
+            let a_tick = savings.fresh_secs / ticks.max(1.0);
+            savings.secs_a_tick += weight * (a_tick - savings.secs_a_tick);
+            savings.fresh_secs = 0.0;
+        }
+        self.bundles.retain(|_, savings| savings.secs_a_tick >= NEGLIGIBLE_SECS);
+        if self.bundles.len() > MOST_BUNDLES {
+            let mut by_savings: Vec<f64> = self.bundles.values().map(|savings| savings.secs_a_tick).collect();
+            by_savings.sort_by(|a, b| b.total_cmp(a));
+            let least = by_savings[MOST_BUNDLES - 1];
+            self.bundles.retain(|_, savings| savings.secs_a_tick >= least);
+        }
+    }
+
+    /// The bundle that is worth most for its price, with what it saves a tick, if any is worth its price. `price` gives
+    /// the seconds of rendering what is missing of a bundle; `most_ticks` bounds the horizon where samples do not last.
+    pub(super) fn best(&self, price: impl Fn(&[u64]) -> f64, most_ticks: f64) -> Option<(&[u64], f64)> {
+        let horizon = HORIZON_TICKS.min(most_ticks);
+        let worth = self.bundles.iter().filter_map(|(bundle, savings)| {
+            let price = price(bundle);
+            let gain = savings.secs_a_tick * horizon;
+            // Nothing is missing of what costs nothing.
+            (price > 0.0 && gain > price).then_some((gain / price, bundle, savings.secs_a_tick))
+        });
+        let best = worth.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(a.1)));
+        best.map(|(_, bundle, secs)| (bundle.as_slice(), secs))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(ticks: u32, secs_a_tick: f64) -> Investments {
+        let mut investments = Investments::default();
+        for _ in 0..ticks {
+            investments.learn(vec![3, 1], secs_a_tick / 2.0);
+            investments.learn(vec![1, 3], secs_a_tick / 2.0);
+            investments.tick(1.0);
+        }
+        investments
+    }
+
+    #[test]
+    fn a_bundle_is_worth_its_price_once_steady_views_save_more_than_it_costs() {
+        let price = |bundle: &[u64]| 2.0 * bundle.len() as f64;
+        assert_eq!(after(1, 0.2).best(price, f64::INFINITY), None, "a moment is no reason");
+        let (bundle, secs) = after(30, 0.2).best(price, f64::INFINITY).map(|(b, s)| (b.to_vec(), s)).unwrap();
+        assert_eq!(bundle, [1, 3]);
+        assert!((0.15..0.2).contains(&secs), "{secs}");
+        assert_eq!(
+            after(30, 0.05).best(price, f64::INFINITY),
+            None,
+            "3 s are saved at most, and 4 s is the price"
+        );
+    }
+
+    #[test]
+    fn samples_that_last_a_moment_must_pay_within_it() {
+        let price = |_: &[u64]| 1.0;
+        assert!(after(40, 0.5).best(price, f64::INFINITY).is_some());
+        assert!(after(40, 0.5).best(price, 0.1).is_none());
+    }
+
+    #[test]
+    fn of_two_bundles_the_one_that_saves_more_for_its_price_comes_first() {
+        let mut investments = Investments::default();
+        for _ in 0..50 {
+            investments.learn(vec![1], 1.0);
+            investments.learn(vec![2], 2.0);
+            investments.tick(1.0);
+        }
+        let of = |prices: [f64; 3]| investments.best(|b| prices[b[0] as usize], 60.0).map(|(b, _)| b[0]);
+        assert_eq!(of([0.0, 1.0, 1.0]), Some(2));
+        assert_eq!(of([0.0, 1.0, 3.0]), Some(1));
+        assert_eq!(of([0.0, 0.0, 0.0]), None, "nothing is missing");
+        assert_eq!(of([0.0, f64::NAN, f64::INFINITY]), None);
+    }
+
+    #[test]
+    fn what_is_remembered_is_bounded_and_what_is_no_saving_is_not_counted() {
+        let mut investments = Investments::default();
+        for index in 0..3 * MOST_BUNDLES as u64 {
+            investments.learn(vec![index], 1.0 + index as f64);
+        }
+        for secs in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            investments.learn(vec![1 << 40], secs);
+        }
+        investments.learn(Vec::new(), 1.0);
+        investments.tick(1.0);
+        assert_eq!(investments.bundles.len(), MOST_BUNDLES);
+        assert!(!investments.bundles.contains_key(&vec![1 << 40]));
+        (0..400).for_each(|_| investments.tick(1.0));
+        assert!(investments.bundles.is_empty(), "interest fades");
+    }
+}

@@ -1,0 +1,182 @@
+//! Views whose request leaves the way open: answered at once, by anyone, in the way that is done first.
+
+use argus_scene::frame::Reason;
+use argus_scene::rig::{Sight, Target};
+use argus_scene::{Camera, Outputs, Plan, PlanRequest, SampleId, View};
+use glam::DVec3;
+
+use super::sim::Sim;
+use crate::core::quality::Cost;
+use crate::core::*;
+
+/// A scene in which every camera sees everything, ten metres from the viewer.
+#[derive(Debug)]
+struct Open;
+
+impl Sight for Open {
+    fn best(&self, _: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
+        candidates.iter().map(|(index, _)| *index).take(count).collect()
+    }
+
+    fn sees(&self, _: DVec3, _: DVec3) -> bool {
+        true
+    }
+
+    fn targets(&self, eye: DVec3, directions: &[DVec3], _: f64) -> Vec<Target> {
+        directions.iter().map(|direction| Target::Surface(eye + *direction * 10.0)).collect()
+    }
+
+    fn shows(&self, _: DVec3, targets: &[Target], _: f64) -> Vec<bool> {
+        vec![true; targets.len()]
+    }
+}
+
+/// Two workers that have measured what views cost, in a scene of cells.
+fn measured(direct_ms: f64, warp_ms: f64) -> Sim {
+    let rig = argus_scene::Rig::Cell { origin: DVec3::ZERO, spacing: 4.0, face: 512 };
+    let set = argus_scene::SampleSetInfo { rig, ..crate::core::tests::set_info() };
+    let mut sim = Sim::with_set(Config::default(), set);
+    sim.direct_ms = 200.0;
+    for name in ["a", "b"] {
+        let id = sim.join(name);
+        let report = &mut sim.workers.get_mut(&id).unwrap().report;
+        let cost = |fixed_ms| Some(Cost { fixed_ms, ms_per_megapixel: 0.0 });
+        (report.direct_cost, report.warp_cost) = (cost(direct_ms), cost(warp_ms));
+    }
+    sim.report_all();
+    sim
+}
+
+fn view() -> View {
+    let camera = Camera::look_at(DVec3::new(0.5, 1.0, 0.7), DVec3::new(5.0, 1.0, 0.7));
+    let plan = PlanRequest::default();
+    View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None }
+}
+
+/// Asks for a view with what is to be known of it before.
+fn ask(sim: &mut Sim, view: &View) -> Ticket {
+    let ticket = Ticket(sim.next);
+    sim.next += 1;
+    let survey = sim.core.survey_wanted(view).map(|wanted| Box::new(wanted.take(view, &Open)));
+    let (client, view) = ("a client".into(), Box::new(view.clone()));
+    sim.step(Event::Asked { ticket, client, view, deadline: None, survey });
+    ticket
+}
+
+/// Holds the corners of the viewer's cell everywhere.
+fn hold(sim: &mut Sim) {
+    let set = sim.core.set().clone();
+    let ids: Vec<SampleId> = set
+        .rig
+        .nearest(&view().camera, 8)
+        .into_iter()
+        .map(|index| SampleId { epoch: 0, generation: set.generation, index })
+        .collect();
+    for id in sim.workers.keys().copied().collect::<Vec<_>>() {
+        sim.workers.get_mut(&id).unwrap().report.held = ids.clone();
+        sim.report(id);
+    }
+}
+
+fn is_direct(sim: &Sim, ticket: Ticket) -> bool {
+    matches!(sim.orders[&ticket].plan, Plan::Direct { .. })
+}
+
+#[test]
+fn a_view_that_leaves_the_way_open_never_waits_for_a_sample_nor_for_a_role() {
+    let mut sim = measured(40.0, 10.0);
+    let tickets: Vec<Ticket> = (0..6).map(|_| ask(&mut sim, &view())).collect();
+    assert!(tickets.iter().all(|ticket| is_direct(&sim, *ticket)));
+    let shares: Vec<usize> = sim
+        .workers
+        .keys()
+        .map(|id| sim.orders.values().filter(|order| order.worker == *id).count())
+        .collect();
+    assert_eq!(shares, [3, 3], "sampler and compositor alike");
+    assert!(sim.orders.values().all(|order| order.sources.is_empty()));
+    assert_eq!(sim.orders[&tickets[0]].decision.unwrap().reason, Reason::NoSamples);
+}
+
+#[test]
+fn held_samples_are_used_where_that_is_faster_and_only_there() {
+    for (direct_ms, warp_ms, warped) in [(40.0, 10.0, true), (10.0, 40.0, false)] {
+        let mut sim = measured(direct_ms, warp_ms);
+        hold(&mut sim);
+        let ticket = ask(&mut sim, &view());
+        assert_eq!(is_direct(&sim, ticket), !warped, "{direct_ms} {warp_ms}");
+        let order = &sim.orders[&ticket];
+        let decision = order.decision.unwrap();
+        assert_eq!((decision.reason, decision.render_ms), (Reason::Soonest, direct_ms.min(warp_ms)));
+        assert_eq!(order.fallback, warped.then_some(1));
+        // It is in no hurry to fetch anything.
+        assert!(order.sources.iter().all(|source| source.dispensable && source.addresses.is_empty()));
+    }
+}
+
+#[test]
+fn samples_too_coarse_for_a_large_view_are_no_way() {
+    let mut sim = measured(40.0, 10.0);
+    hold(&mut sim);
+    let large = View { width: 1920, height: 1440, ..view() };
+    let ticket = ask(&mut sim, &large);
+    assert!(is_direct(&sim, ticket));
+    assert_eq!(sim.orders[&ticket].decision.unwrap().reason, Reason::SamplesFallShort);
+}
+
+#[test]
+fn a_retried_view_is_decided_anew() {
+    let mut sim = measured(40.0, 10.0);
+    hold(&mut sim);
+    let ticket = ask(&mut sim, &view());
+    let first = sim.orders[&ticket].clone();
+    // Meanwhile the other worker has lost its samples.
+    let other = *sim.workers.keys().find(|id| **id != first.worker).unwrap();
+    sim.workers.get_mut(&other).unwrap().report.held.clear();
+    sim.report(other);
+    sim.step(Event::Failed { ticket, attempt: first.attempt, failure: Failure::TryElsewhere });
+    assert_eq!(sim.orders[&ticket].worker, other);
+    assert!(is_direct(&sim, ticket));
+}
+
+#[test]
+fn steady_views_have_their_samples_rendered_and_then_come_from_them() {
+    let mut sim = measured(40.0, 10.0);
+    let mut seconds_until_warped = None;
+    for second in 0..60 {
+        for _ in 0..4 {
+            for _ in 0..5 {
+                let ticket = ask(&mut sim, &view());
+                if !is_direct(&sim, ticket) {
+                    seconds_until_warped.get_or_insert(second);
+                }
+                sim.answer_taking(ticket, 40.0);
+            }
+            sim.now = sim.now.after(std::time::Duration::from_millis(250));
+            sim.report_all();
+            sim.step(Event::Tick);
+        }
+    }
+    // 20 views a second save .6 s, and four samples of .2 s cost .8 s.
+    assert!(
+        seconds_until_warped.is_some_and(|seconds| (1..15).contains(&seconds)),
+        "{seconds_until_warped:?}"
+    );
+    let rendered: u64 = sim.workers.values().map(|worker| worker.report.samples_rendered).sum();
+    assert!((1..=8).contains(&rendered), "{rendered} samples");
+}
+
+#[test]
+fn where_triangles_are_cheaper_no_sample_is_ever_rendered() {
+    let mut sim = measured(8.0, 10.0);
+    for _ in 0..200 {
+        for _ in 0..5 {
+            let ticket = ask(&mut sim, &view());
+            assert!(is_direct(&sim, ticket));
+            sim.answer_taking(ticket, 8.0);
+        }
+        sim.now = sim.now.after(std::time::Duration::from_millis(250));
+        sim.report_all();
+        sim.step(Event::Tick);
+    }
+    assert!(sim.workers.values().all(|worker| worker.report.held.is_empty()));
+}
