@@ -14,6 +14,7 @@ const GRACE: Duration = Duration::from_secs(20);
 #[derive(Debug)]
 pub struct LocalCluster {
     process: Child,
+    started: Instant,
     url: String,
     pid: u32,
 }
@@ -80,6 +81,7 @@ impl LocalCluster {
                 command.env_remove(name);
             }
         }
+        let started = Instant::now();
         let mut process = command
             .args(arguments)
             .args(["--config=", "--json", "--exit-with-stdin", "--listen", "127.0.0.1:0"])
@@ -92,7 +94,7 @@ impl LocalCluster {
         // One object and no more: the stream stays open for as long as the service runs.
         let mut objects = serde_json::Deserializer::from_reader(output).into_iter::<Announcement>();
         match objects.next() {
-            Some(Ok(Announcement { url, pid })) => Ok(Self { process, url, pid }),
+            Some(Ok(Announcement { url, pid })) => Ok(Self { process, started, url, pid }),
             _ => bail!("the service ended before it served: {}", process.wait()?),
         }
     }
@@ -100,6 +102,11 @@ impl LocalCluster {
     /// Where clients reach it.
     pub fn url(&self) -> &str {
         &self.url
+    }
+
+    /// When its first process was started.
+    pub fn started(&self) -> Instant {
+        self.started
     }
 
     /// Process id of the coordinator.
