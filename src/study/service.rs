@@ -45,6 +45,10 @@ pub(super) struct Service {
     /// Repeat everything so often: rows are then medians, and the least and the most stand in `spread` [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     runs: Option<u16>,
+    /// Start each cluster with empty caches of the user, as on a machine that never ran Argus: drivers then compile every
+    /// program anew, which on the software driver takes seconds. Otherwise a start that is not measured fills them first
+    #[arg(long)]
+    empty_caches: bool,
     /// Further arguments of `argus serve`
     #[arg(last = true, value_name = "ARGUMENT")]
     serve: Vec<String>,
@@ -66,6 +70,7 @@ impl Service {
         options.walk = self.walk.unwrap_or(options.walk);
         options.seconds = self.seconds.unwrap_or(options.seconds);
         options.runs = self.runs.map_or(options.runs, usize::from);
+        options.empty_caches = self.empty_caches;
         options.serve = self.serve;
         run(&std::env::current_exe()?, &options, progress).await
     }

@@ -35,7 +35,29 @@ impl LocalCluster {
     /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
     pub fn start(argus: &Path, scene: &str, workers: usize, more: &[String]) -> anyhow::Result<Self> {
         let workers = workers.to_string();
-        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, None)
+        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, |_| ())
+    }
+
+    /// Starts a cluster like [`Self::start`] whose processes keep in `caches` what they would keep in the user's caches:
+    /// programs that the driver has compiled, scenes, calibrations.
+    ///
+    /// # Errors
+    /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
+    pub fn with_caches(
+        argus: &Path,
+        scene: &str,
+        workers: usize,
+        more: &[String],
+        caches: &Path,
+    ) -> anyhow::Result<Self> {
+        let workers = workers.to_string();
+        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, |command| {
+            // Mesa's drivers go by the first of these that is set, NVIDIA's by the last.
+            for name in ["MESA_GLSL_CACHE_DIR", "MESA_SHADER_CACHE_DIR", "ARGUS_CACHE"] {
+                command.env_remove(name);
+            }
+            command.env("XDG_CACHE_HOME", caches).env("__GL_SHADER_DISK_CACHE_PATH", caches);
+        })
     }
 
     /// … whose workers' software driver has one thread each, unless the environment says how many: else a worker that is alone
@@ -50,7 +72,11 @@ impl LocalCluster {
         more: &[String],
     ) -> anyhow::Result<Self> {
         let workers = workers.to_string();
-        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, Some(1))
+        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, |command| {
+            if std::env::var_os("LP_NUM_THREADS").is_none() {
+                command.env("LP_NUM_THREADS", "1");
+            }
+        })
     }
 
     /// … a coordinator alone, without workers.
@@ -58,19 +84,17 @@ impl LocalCluster {
     /// # Errors
     /// As [`Self::start`].
     pub fn coordinator(argus: &Path, scene: &str, more: &[String]) -> anyhow::Result<Self> {
-        Self::spawn(argus, &["coordinator", "--scene", scene], more, None)
+        Self::spawn(argus, &["coordinator", "--scene", scene], more, |_| ())
     }
 
     fn spawn(
         argus: &Path,
         arguments: &[&str],
         more: &[String],
-        driver_threads: Option<u32>,
+        change: impl FnOnce(&mut Command),
     ) -> anyhow::Result<Self> {
         let mut command = Command::new(argus);
-        if let Some(threads) = driver_threads.filter(|_| std::env::var_os("LP_NUM_THREADS").is_none()) {
-            command.env("LP_NUM_THREADS", threads.to_string());
-        }
+        change(&mut command);
         if std::env::var_os("ARGUS_LOG").is_none() {
             // Progress is shown by whoever asked for the cluster; its processes report trouble alone.
             command.env("ARGUS_LOG", "warn");

@@ -131,6 +131,7 @@ fn shown(value: &Value) -> String {
         }
         Value::Null => "–".to_owned(),
         Value::String(s) => s.clone(),
+        Value::Object(parts) if parts.is_empty() => shown(&Value::Null),
         Value::Array(parts) => parts.iter().map(shown).collect::<Vec<_>>().join("…"),
         Value::Object(parts) => {
             let parts = parts.iter().map(|(name, value)| format!("{name} {}", shown(value)));

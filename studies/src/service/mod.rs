@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result};
 use argus_client::load::{Ended, LoadOptions, run_along};
 use argus_client::{Client, ConnectOptions};
-use argus_scene::{Frame, Plan, PlanRequest, Search};
+use argus_scene::{Frame, Outputs, Plan, PlanRequest, Search, View};
 use indicatif::ProgressBar;
 
 pub use self::walk::Walk;
@@ -27,6 +27,7 @@ pub use self::walk::Walk;
 use self::row::{Measured, plot, row};
 use self::truth::{Judged, Truths};
 use self::watch::{Samples, settle};
+use crate::burst::patient;
 use crate::local_cluster::LocalCluster;
 use crate::median::mean;
 use crate::{Effort, Machine, Report};
@@ -54,6 +55,9 @@ pub struct Options {
     pub judged: u64,
     /// Before the warm phase, the service may take at most so long to finish what it has begun, seconds; twice.
     pub settle_secs: f64,
+    /// Whether each cluster starts with empty caches of the user, as on a machine that never ran Argus. Otherwise they are
+    /// filled by a start that is not measured.
+    pub empty_caches: bool,
     /// Further arguments of `argus serve`, such as the rig's.
     pub serve: Vec<String>,
 }
@@ -71,6 +75,7 @@ impl Default for Options {
             runs: 1,
             judged: 12,
             settle_secs: 15.0,
+            empty_caches: false,
             serve: Vec::new(),
         }
     }
@@ -155,9 +160,13 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let runs = options.runs.max(1);
     progress.set_length((runs * Mode::ALL.len() * Phase::ALL.len()) as u64);
     let (mut truths, mut measured, mut device) = (Truths::default(), Vec::new(), String::new());
+    if !options.empty_caches {
+        progress.set_message("filling caches");
+        fill_caches(argus, options).await.context("filling caches")?;
+    }
     for run in 0..runs {
         for turn in 0..Mode::ALL.len() {
-            // Each is first in turn: files and compiled programs that the operating system keeps serve those after it.
+            // Each is first in turn, so that none has what the one before it left behind in every run.
             let mode = Mode::ALL[(run + turn) % Mode::ALL.len()];
             let outcome = of_mode(argus, options, mode, &mut truths, progress).await;
             let (used, phases) = outcome.with_context(|| format!("mode {}", mode.name()))?;
@@ -176,6 +185,21 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     Ok(report)
 }
 
+/// Has a view of each mode made by a cluster that is not measured. The driver of its workers then has all programs in the
+/// user's cache, whether this machine has run Argus before or not: compiling them takes seconds.
+async fn fill_caches(argus: &Path, options: &Options) -> Result<()> {
+    let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
+    let client = Client::connect(cluster.url()).await?;
+    let ([width, height], description) = (options.size, client.description());
+    for mode in Mode::ALL {
+        let (camera, plan) = (options.walk.camera(description, 0, 0.0), mode.plan());
+        let view = View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None };
+        client.render(&view, &patient()).await?;
+    }
+    drop(client);
+    cluster.stop()
+}
+
 /// Both phases with a cluster of its own, and what the workers render with.
 async fn of_mode(
     argus: &Path,
@@ -186,18 +210,25 @@ async fn of_mode(
 ) -> Result<(String, [Measured; 2])> {
     let say = |phase: &'static str| progress.set_message(format!("{}: {phase}", mode.name()));
     say("cold");
-    let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
+    let caches = tempfile::tempdir()?;
+    let (scene, workers, serve) = (&options.scene, options.workers, &options.serve);
+    let cluster = match options.empty_caches {
+        true => LocalCluster::with_caches(argus, scene, workers, serve, caches.path())?,
+        false => LocalCluster::start(argus, scene, workers, serve)?,
+    };
     let connections = options.clients.clamp(1, CONNECTIONS) as usize;
     let connect = ConnectOptions { connections, ..ConnectOptions::default() };
     let client = Client::connect_with(cluster.url(), &connect).await?;
     let (mut cold, cold_views) = of_phase(&client, options, mode).await?;
-    cold.first_view_ms = cold_views.first.map(|at| (at - cluster.started()).as_secs_f64() * 1e3);
     progress.inc(1);
 
     say("warming up");
     let patience = Duration::try_from_secs_f64(options.settle_secs)?;
     settle(&client, options.workers, patience).await?;
-    of_phase(&client, options, mode).await?;
+    let (_, between) = of_phase(&client, options, mode).await?;
+    // Where all views of the cold phase failed, the first one came later.
+    let first = cold_views.first.or(between.first);
+    cold.first_view_ms = first.map(|at| (at - cluster.started()).as_secs_f64() * 1e3);
     let settled = settle(&client, options.workers, patience).await?;
     say("warm");
     let (mut warm, warm_views) = of_phase(&client, options, mode).await?;
@@ -287,10 +318,15 @@ fn notes(options: &Options, measured: &[(Mode, Phase, Measured)]) -> Vec<String>
     let Options { clients, rate, size: [width, height], seconds, workers, .. } = options;
     let mut notes = vec![format!(
         "{clients} clients, {rate} views a second each, {width}×{height} pixels, walk `{}`, {seconds} s a phase, {workers} \
-         workers, {} run(s). A view without a frame after {} s has failed, and counts in p50 and p99 with that time.",
+         workers, {} run(s). A view without a frame after {} s has failed, and counts in p50 and p99 with that time. \
+         {}",
         options.walk.name(),
         options.runs.max(1),
-        DEADLINE.as_secs()
+        DEADLINE.as_secs(),
+        match options.empty_caches {
+            true => "Clusters start with empty caches: drivers compile every program anew.",
+            false => "Programs that the driver has compiled are kept between starts.",
+        }
     )];
     let mut said = BTreeSet::new();
     for (mode, phase, of) in measured {

@@ -15,7 +15,8 @@ use crate::plot::{Axis, Plot, Series};
 /// One phase of one run.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Measured {
-    /// From the start of the first process to the first whole frame, milliseconds; of the cold phase alone.
+    /// From the start of the first process to the first whole frame, milliseconds; of the cold phase alone. Where no view of
+    /// that phase was answered, the frame is one of the load that warms the service up.
     pub(super) first_view_ms: Option<f64>,
     /// Views that fell due.
     pub(super) sent: u64,

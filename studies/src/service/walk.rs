@@ -32,10 +32,9 @@ const STRAY: f64 = 0.04;
 const HEAD_TURN: f64 = 0.7;
 /// How far an eye outside the bounds swings to either side, radians.
 const SWING: f64 = 0.44;
-/// The nearest point of an approach: the way from the bounds' surface to what is looked at that is left, level and up.
-/// Low, since a viewer who walks up to the ground sees it from its height.
-const LEFT_LEVEL: f64 = 0.5;
-const LEFT_UP: f64 = 0.1;
+/// An approach ends this far within the bounds at the most, as the share of the way from their surface to what is looked at
+/// that is left.
+const LEAST_LEFT: f64 = 0.05;
 /// Eyes inside the bounds keep away from their surface by this share of each side.
 const MARGIN: f64 = 0.02;
 /// Fractions of the golden ratio's relatives in two and three dimensions: their multiples spread evenly.
@@ -141,12 +140,14 @@ impl Place {
         self.looking(eye, head * (target - eye))
     }
 
-    /// The nearest point of an approach, inside the bounds.
+    /// The nearest point of an approach, inside the bounds: for an object, whose sides are about as long as each other, at
+    /// their surface; the flatter the scene, and the more it is a landscape, the closer to what is looked at.
     fn nearest(&self) -> DVec3 {
-        let (up, target) = (self.up(), self.base.target);
-        let left = self.entry() - target;
-        let upwards = up * left.dot(up);
-        self.within(target + (left - upwards) * LEFT_LEVEL + upwards * LEFT_UP)
+        let (size, target) = (self.bounds.size(), self.base.target);
+        let flatness = size.dot(self.up().abs()) / size.max_element();
+        // Written so that bounds without extent leave everything.
+        let left = if flatness > 0.0 { (flatness * flatness).clamp(LEAST_LEFT, 1.0) } else { 1.0 };
+        self.within(target + (self.entry() - target) * left)
     }
 
     /// Where the way from the eye to the target enters the bounds; where it does not, their point closest to the target.
@@ -290,20 +291,30 @@ mod tests {
 
     #[test]
     fn a_steady_walk_outside_comes_down_into_the_bounds_and_goes_back_without_a_jump() {
-        let valley = valley();
+        let (valley, target) = (valley(), DVec3::new(4.0, 12.0, 0.0));
         for client in 0..8 {
             let eye = |secs| Walk::Steady.camera(&valley, client, secs).eye;
-            let target = DVec3::new(4.0, 12.0, 0.0);
-            let lowest = times().map(|secs| eye(secs).y).fold(f64::INFINITY, f64::min);
-            assert!((target.y..target.y + 15.0).contains(&lowest), "client {client}: {lowest} m");
-            let near = times().min_by(|a, b| eye(*a).y.total_cmp(&eye(*b).y)).unwrap();
+            let distance = |secs| eye(secs).distance(target);
+            let near = times().min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap();
+            assert!((4.0..20.0).contains(&distance(near)), "client {client}: {} m", distance(near));
+            assert!((target.y..target.y + 12.0).contains(&eye(near).y), "client {client}: {}", eye(near));
             assert!(valley.bounds.contains(eye(near)) && !valley.bounds.contains(eye(0.0)));
             assert!(near < 11.0 || client > 0, "the first client is there within {PERIOD_SECS} s: {near}");
             for secs in times().take(400) {
-                let (distance, step) = (eye(secs).distance(target), eye(secs + 0.1).distance(eye(secs)));
-                assert!(step < 0.1 * distance, "client {client} at {secs} s: {step} of {distance} m");
+                let step = eye(secs + 0.1).distance(eye(secs));
+                assert!(step < 0.12 * distance(secs), "client {client} at {secs} s: {step} m");
             }
         }
+    }
+
+    #[test]
+    fn a_steady_walk_comes_close_to_an_object_and_does_not_enter_it() {
+        let bounds = Bounds { min: DVec3::new(-1.0, 0.0, -1.0), max: DVec3::new(1.0, 2.0, 1.0) };
+        let base = Camera::look_at(DVec3::new(3.0, 3.0, 5.0), DVec3::Y);
+        let object = description(bounds, &[base]);
+        let distance = |secs| Walk::Steady.camera(&object, 0, secs).eye.distance(DVec3::Y);
+        let nearest = times().map(distance).fold(f64::INFINITY, f64::min);
+        assert!((0.9..1.5).contains(&nearest), "{nearest}");
     }
 
     #[test]
