@@ -295,6 +295,60 @@ fn the_overload_study_turns_away_what_is_too_much_and_loses_nothing() {
 }
 
 #[test]
+fn the_service_study_sets_the_default_beside_forced_ways_cold_and_warm() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = json(&["study", "service", "--quick", "--json", "--runs", "2", "--out", out]);
+    assert_eq!(rows(&study).len(), 6, "{study:#}");
+    for (i, row) in rows(&study).iter().enumerate() {
+        assert_eq!(row["mode"], ["default", "direct", "warp"][i / 2], "{row:#}");
+        assert_eq!(row["phase"], ["cold", "warm"][i % 2], "{row:#}");
+        // Two clients, five views a second, two seconds; how many are answered in time is the machine's affair.
+        assert_eq!(row["sent"], 20, "{row:#}");
+        assert_eq!(number(row, "answered") + number(row, "failed"), 20.0, "{row:#}");
+        assert!(number(row, "answered") > 0.0 && number(row, "failed") >= number(row, "rejected"), "{row:#}");
+        assert!(number(row, "p99_ms") >= number(row, "p50_ms") && number(row, "p50_ms") > 0.0, "{row:#}");
+        assert_eq!(row["first_view_ms"].is_null(), row["phase"] == "warm", "{row:#}");
+        assert_eq!(row["settled"].is_null(), row["phase"] == "cold", "{row:#}");
+        assert!(number(row, "judged") > 0.0 && number(row, "flip") > 0.0, "{row:#}");
+        assert!(number(row, "worst_tile_flip") > number(row, "flip"), "{row:#}");
+        assert!(number(row, "excess_tile") >= number(row, "excess_flip"), "{row:#}");
+        let ways = row["ways"].as_object().unwrap();
+        assert!((ways.values().filter_map(Value::as_f64).sum::<f64>() - 1.0).abs() < 1e-9, "{row:#}");
+        let [least, most] = [0, 1].map(|i| row["spread"]["p50_ms"][i].as_f64().unwrap());
+        assert!((least..=most).contains(&number(row, "p50_ms")), "{row:#}");
+    }
+    let of = |mode: &str| rows(&study).iter().filter(|row| row["mode"] == mode).collect::<Vec<_>>();
+    for direct in of("direct") {
+        assert_eq!(direct["ways"]["direct"], 1.0, "{direct:#}");
+        // A direct view is no further off than a direct view, but for edges where triangles are seen in another way.
+        assert!(number(direct, "excess_flip").abs() < 0.002, "{direct:#}");
+        assert_eq!(number(direct, "samples_rendered"), 0.0, "{direct:#}");
+    }
+    for warp in of("warp") {
+        assert!(warp["ways"]["direct"].is_null(), "{warp:#}");
+        assert!(number(warp, "samples_rendered") > 0.0 && number(warp, "samples_mib") > 0.0, "{warp:#}");
+        // Reconstructed from samples: close to the truth, and not equal to a direct view.
+        assert!(number(warp, "excess_flip").abs() > 1e-4 && number(warp, "flip") < 0.3, "{warp:#}");
+    }
+    let plot = std::fs::read_to_string(folder.path().join("service-error-against-latency.svg")).unwrap();
+    assert!(plot.contains("default, warm") && plot.contains("direct, cold"));
+    let csv = std::fs::read_to_string(folder.path().join("service.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 7);
+}
+
+#[test]
+fn the_service_study_judges_frames_of_a_moving_scene_at_their_own_moment() {
+    let arguments = ["study", "service", "--quick", "--json", "--scene", "mirrors:6", "--walk", "stand"];
+    let study = json(&arguments);
+    for row in rows(&study).iter().filter(|row| row["mode"] == "direct") {
+        // A reference of another moment would show every ball elsewhere.
+        assert!(number(row, "judged") > 0.0 && number(row, "excess_flip").abs() < 0.002, "{row:#}");
+        assert!(number(row, "excess_tile").abs() < 0.05, "{row:#}");
+    }
+}
+
+#[test]
 fn the_cluster_study_measures_and_simulates_the_same_ticks_and_splits_them_into_parts() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();

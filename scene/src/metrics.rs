@@ -8,6 +8,8 @@
 //!   cannot hold: a [`Comparison`] writes `psnr_db: null` for them, and reads null as +∞.
 //! - **SSIM** (Wang et al. 2004) of the luma, Gaussian window of 11 pixels, σ = 1.5; 1 for identical images.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use image::RgbImage;
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageFloat, FlipImageRgb8};
@@ -56,6 +58,44 @@ pub fn compare(reference: &RgbImage, test: &RgbImage) -> Result<Comparison, Comp
 pub fn flip_mean(reference: &RgbImage, test: &RgbImage) -> Result<f64, CompareError> {
     let flip = flip_errors(reference, test)?.to_vec();
     Ok(flip.iter().map(|&e| f64::from(e)).sum::<f64>() / flip.len() as f64)
+}
+
+/// Mean FLIP errors of an image as a whole and of its parts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FlipTiles {
+    /// Of all pixels: 0 identical … 1.
+    pub mean: f64,
+    /// Of each tile, row by row from the top left. Images of one size have the same tiles.
+    pub tiles: Vec<f64>,
+}
+
+/// Mean FLIP errors of square tiles of `side` pixels (at least 1), and of the whole image.
+///
+/// Every tile is whole, so that no sliver of a few pixels is judged by itself: where `side` does not divide the image,
+/// the last tile of a row or column ends at the border and overlaps the one before it. An image that is narrower or
+/// lower than a tile has one tile in that direction, as wide or high as the image.
+///
+/// # Errors
+/// Images of different sizes, or without pixels.
+pub fn flip_tiles(reference: &RgbImage, test: &RgbImage, side: u32) -> Result<FlipTiles, CompareError> {
+    let errors = flip_errors(reference, test)?.to_vec();
+    let mean = |values: &mut dyn Iterator<Item = f32>| {
+        let (sum, count) = values.fold((0.0, 0.0), |(sum, count), e| (sum + f64::from(e), count + 1.0));
+        sum / count
+    };
+    let (width, height) = (reference.width() as usize, reference.height() as usize);
+    let starts = |length: usize| {
+        let side = (side.max(1) as usize).min(length);
+        (0..length.div_ceil(side)).map(move |i| (i * side).min(length - side)).map(move |at| at..at + side)
+    };
+    let tile = |rows: Range<usize>, columns: Range<usize>| {
+        mean(&mut rows.flat_map(|y| &errors[y * width + columns.start..y * width + columns.end]).copied())
+    };
+    let tiles = starts(height).flat_map(|rows| starts(width).map(move |columns| (rows.clone(), columns)));
+    Ok(FlipTiles {
+        tiles: tiles.map(|(rows, columns)| tile(rows, columns)).collect(),
+        mean: mean(&mut errors.iter().copied()),
+    })
 }
 
 /// The FLIP error of every pixel in its authors' colours (magma: black is none, pale yellow is most).
@@ -215,9 +255,57 @@ mod tests {
     }
 
     #[test]
+    fn a_difference_in_one_tile_is_found_in_that_tile() {
+        let image = RgbImage::from_pixel(160, 96, Rgb([128; 3]));
+        let mut other = image.clone();
+        for y in 40..56 {
+            for x in 104..120 {
+                other.put_pixel(x, y, Rgb([255, 255, 255]));
+            }
+        }
+        let found = flip_tiles(&image, &other, 32).unwrap();
+        assert_eq!(found.tiles.len(), 5 * 3);
+        let (worst, error) = found.tiles.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
+        assert_eq!(worst, 5 + 3, "second row, fourth column: {found:?}");
+        // A quarter of that tile's pixels differ, by about 0.4 each; FLIP's filters reach only a few pixels beyond.
+        assert!((0.05..0.25).contains(error), "{error}");
+        assert!([0, 4, 10, 14].iter().all(|&corner| found.tiles[corner] < 1e-4), "{found:?}");
+        // Whole tiles that do not overlap: their mean is the image's.
+        let of_tiles = found.tiles.iter().sum::<f64>() / found.tiles.len() as f64;
+        assert!((of_tiles - found.mean).abs() < 1e-6, "{of_tiles} {}", found.mean);
+        assert!((found.mean - flip_mean(&image, &other).unwrap()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn tiles_are_whole_whatever_the_size_of_the_image() {
+        let tiles = |width, height, side| {
+            let (image, white) = (picture(width, height), RgbImage::from_pixel(width, height, Rgb([255; 3])));
+            let found = flip_tiles(&image, &white, side).unwrap();
+            assert!(found.tiles.iter().all(|error| (0.0..=1.0).contains(error)), "{found:?}");
+            assert!(flip_tiles(&image, &image, side).unwrap().tiles.iter().all(|error| *error == 0.0));
+            found.tiles.len()
+        };
+        assert_eq!(tiles(64, 64, 32), 4);
+        assert_eq!(tiles(65, 64, 32), 6, "the last column overlaps the one before");
+        assert_eq!(tiles(20, 70, 32), 3, "as wide as the image");
+        assert_eq!(tiles(1, 1, 32), 1);
+        assert_eq!(tiles(3, 2, 0), 6, "no side is the least side");
+        assert_eq!(tiles(9, 9, u32::MAX), 1);
+        let flat = RgbImage::from_pixel(40, 33, Rgb([90; 3]));
+        let mut other = flat.clone();
+        (0..40).for_each(|x| other.put_pixel(x, 32, Rgb([255, 0, 0])));
+        let found = flip_tiles(&flat, &other, 32).unwrap();
+        assert!(found.tiles[2] < 0.2, "the last row of pixels is judged with those above it: {found:?}");
+        assert!(found.tiles[2] > found.tiles[0], "{found:?}");
+    }
+
+    #[test]
     fn images_that_cannot_be_compared_are_refused_with_their_sizes() {
         let error = compare(&picture(3, 4), &picture(4, 3)).unwrap_err();
         assert_eq!(error.to_string(), "images differ in size: 3×4 and 4×3 pixels");
         assert_eq!(flip_map(&picture(0, 4), &picture(0, 4)).unwrap_err(), CompareError::Empty([0, 4]));
+        assert_eq!(flip_tiles(&picture(4, 0), &picture(4, 0), 32).unwrap_err(), CompareError::Empty([4, 0]));
+        let sizes = CompareError::Sizes([3, 4], [4, 3]);
+        assert_eq!(flip_tiles(&picture(3, 4), &picture(4, 3), 32).unwrap_err(), sizes);
     }
 }

@@ -18,6 +18,7 @@ mod overload;
 mod particles;
 mod radiosity;
 mod reflections;
+mod service;
 mod soak;
 mod visibility;
 mod walk;
@@ -43,6 +44,7 @@ Examples:
   argus study burst --scene terrain:500000 --views 290
   argus study walk --scene sponza.glb --laps 8
   argus study cluster --simulate --out figures
+  argus study service --scene sponza.glb --size 320x240
   argus study soak --sessions 200 --minutes 2 --chaos")]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -76,6 +78,7 @@ enum Study {
     Radiosity(radiosity::Radiosity),
     Reflections(reflections::Mirrors),
     Overload(overload::Overload),
+    Service(service::Service),
 }
 
 /// How long a study may take, and what becomes of its figures.
@@ -118,6 +121,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
         Study::Reflections(study) => ("reflections", study.run(form.quick, &progress).await?),
         Study::Overload(study) => ("overload", study.run(form.quick, &progress).await?),
+        Study::Service(study) => ("service", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
     };
     progress.finish_and_clear();

@@ -30,6 +30,7 @@ mod processes;
 pub mod radiosity;
 pub mod reflections;
 mod report;
+pub mod service;
 pub mod simulate;
 pub mod soak;
 pub mod visibility;

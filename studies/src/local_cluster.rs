@@ -14,6 +14,7 @@ const GRACE: Duration = Duration::from_secs(20);
 #[derive(Debug)]
 pub struct LocalCluster {
     process: Child,
+    started: Instant,
     url: String,
     pid: u32,
 }
@@ -34,7 +35,29 @@ impl LocalCluster {
     /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
     pub fn start(argus: &Path, scene: &str, workers: usize, more: &[String]) -> anyhow::Result<Self> {
         let workers = workers.to_string();
-        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, None)
+        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, |_| ())
+    }
+
+    /// Starts a cluster like [`Self::start`] whose processes keep in `caches` what they would keep in the user's caches:
+    /// programs that the driver has compiled, scenes, calibrations.
+    ///
+    /// # Errors
+    /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
+    pub fn with_caches(
+        argus: &Path,
+        scene: &str,
+        workers: usize,
+        more: &[String],
+        caches: &Path,
+    ) -> anyhow::Result<Self> {
+        let workers = workers.to_string();
+        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, |command| {
+            // Mesa's drivers go by the first of these that is set, NVIDIA's by the last.
+            for name in ["MESA_GLSL_CACHE_DIR", "MESA_SHADER_CACHE_DIR", "ARGUS_CACHE"] {
+                command.env_remove(name);
+            }
+            command.env("XDG_CACHE_HOME", caches).env("__GL_SHADER_DISK_CACHE_PATH", caches);
+        })
     }
 
     /// … whose workers' software driver has one thread each, unless the environment says how many: else a worker that is alone
@@ -49,7 +72,11 @@ impl LocalCluster {
         more: &[String],
     ) -> anyhow::Result<Self> {
         let workers = workers.to_string();
-        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, Some(1))
+        Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, |command| {
+            if std::env::var_os("LP_NUM_THREADS").is_none() {
+                command.env("LP_NUM_THREADS", "1");
+            }
+        })
     }
 
     /// … a coordinator alone, without workers.
@@ -57,19 +84,17 @@ impl LocalCluster {
     /// # Errors
     /// As [`Self::start`].
     pub fn coordinator(argus: &Path, scene: &str, more: &[String]) -> anyhow::Result<Self> {
-        Self::spawn(argus, &["coordinator", "--scene", scene], more, None)
+        Self::spawn(argus, &["coordinator", "--scene", scene], more, |_| ())
     }
 
     fn spawn(
         argus: &Path,
         arguments: &[&str],
         more: &[String],
-        driver_threads: Option<u32>,
+        change: impl FnOnce(&mut Command),
     ) -> anyhow::Result<Self> {
         let mut command = Command::new(argus);
-        if let Some(threads) = driver_threads.filter(|_| std::env::var_os("LP_NUM_THREADS").is_none()) {
-            command.env("LP_NUM_THREADS", threads.to_string());
-        }
+        change(&mut command);
         if std::env::var_os("ARGUS_LOG").is_none() {
             // Progress is shown by whoever asked for the cluster; its processes report trouble alone.
             command.env("ARGUS_LOG", "warn");
@@ -80,6 +105,7 @@ impl LocalCluster {
                 command.env_remove(name);
             }
         }
+        let started = Instant::now();
         let mut process = command
             .args(arguments)
             .args(["--config=", "--json", "--exit-with-stdin", "--listen", "127.0.0.1:0"])
@@ -92,7 +118,7 @@ impl LocalCluster {
         // One object and no more: the stream stays open for as long as the service runs.
         let mut objects = serde_json::Deserializer::from_reader(output).into_iter::<Announcement>();
         match objects.next() {
-            Some(Ok(Announcement { url, pid })) => Ok(Self { process, url, pid }),
+            Some(Ok(Announcement { url, pid })) => Ok(Self { process, started, url, pid }),
             _ => bail!("the service ended before it served: {}", process.wait()?),
         }
     }
@@ -100,6 +126,11 @@ impl LocalCluster {
     /// Where clients reach it.
     pub fn url(&self) -> &str {
         &self.url
+    }
+
+    /// When its first process was started.
+    pub fn started(&self) -> Instant {
+        self.started
     }
 
     /// Process id of the coordinator.

@@ -131,18 +131,24 @@ fn shown(value: &Value) -> String {
         }
         Value::Null => "–".to_owned(),
         Value::String(s) => s.clone(),
+        Value::Object(parts) if parts.is_empty() => shown(&Value::Null),
+        Value::Array(parts) => parts.iter().map(shown).collect::<Vec<_>>().join("…"),
+        Value::Object(parts) => {
+            let parts = parts.iter().map(|(name, value)| format!("{name} {}", shown(value)));
+            parts.collect::<Vec<_>>().join(", ")
+        }
         other => other.to_string(),
     }
 }
 
-/// A value as CSV has it.
+/// A value as CSV has it; what has parts is a cell of JSON.
 fn cell(value: &Value) -> String {
-    match value {
+    let text = match value {
         Value::Null => String::new(),
-        Value::String(s) if s.contains([',', '"', '\n']) => format!("\"{}\"", s.replace('"', "\"\"")),
         Value::String(s) => s.clone(),
         other => other.to_string(),
-    }
+    };
+    if text.contains([',', '"', '\n']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
 }
 
 #[cfg(test)]
@@ -158,6 +164,14 @@ mod tests {
         let rows = vec![row("a,b", 1.25), row("c", f64::NAN)];
         let mut report = Report::new("s", Machine::here("none"), rows);
         assert_eq!(report.markdown().lines().count(), 4);
+        let parts = serde_json::json!({"by": {"a": 0.5, "b": 2}, "between": [1.0, 2.0]});
+        let of_parts = Report::new("s", Machine::here("none"), vec![super::row(parts)]);
+        assert!(
+            of_parts.markdown().ends_with("| a 0.5000, b 2 | 1.0000…2.0000 |\n"),
+            "{}",
+            of_parts.markdown()
+        );
+        assert_eq!(of_parts.csv(), "by,between\n\"{\"\"a\"\":0.5,\"\"b\"\":2}\",\"[1.0,2.0]\"\n");
         report.notes.push("One was left out.".to_owned());
         assert!(report.markdown().ends_with("|\n\nOne was left out.\n"));
         assert_eq!(report.csv(), "name,ms\n\"a,b\",1.25\nc,\n");

@@ -14,11 +14,14 @@ pub use burst::{BurstReport, burst, path_views};
 pub use path::CameraPath;
 pub use report::{LatencyMs, LoadReport};
 
+use std::fmt;
+use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::v1::Encoding;
-use argus_scene::{InvalidField, Outputs, PlanRequest, View};
+use argus_scene::{Camera, Frame, InvalidField, Outputs, PlanRequest, View};
 use serde::{Deserialize, Serialize};
+use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
@@ -75,24 +78,75 @@ impl Default for LoadOptions {
     }
 }
 
-/// Loads a service for as long as the options say, and counts.
+impl LoadOptions {
+    /// Views that each client asks for: at least 1.
+    pub fn views_per_client(&self) -> u64 {
+        (self.duration.as_secs_f64() * self.rate).ceil().max(1.0) as u64
+    }
+}
+
+/// Where each client of a load looks: client, from 0, and seconds since its first view was due, to camera.
+///
+/// It must be the same for the same arguments, since the load is compared with others of the same cameras.
+pub type Cameras = Arc<dyn Fn(u32, f64) -> Camera + Send + Sync>;
+
+/// How one view of a load ended.
+#[derive(Debug, Clone)]
+pub struct Ended {
+    /// The client that asked for it, from 0.
+    pub client: u32,
+    /// Its number among that client's views, from 0.
+    pub index: u64,
+    /// What was asked for.
+    pub view: View,
+    /// When it was due.
+    pub due: Instant,
+    /// When its frame had arrived whole, or its failure was known.
+    pub at: Instant,
+    /// The frame, or why there is none.
+    pub outcome: Result<Frame, ClientError>,
+}
+
+/// Loads a service for as long as the options say, and counts. Clients are on the paths of [`CameraPath`].
 ///
 /// # Errors
 /// [`ClientError::Invalid`] for options that name no load or views that the service would not accept. What
 /// goes wrong under the load is counted and not returned.
 pub async fn run(client: &Client, options: &LoadOptions) -> Result<LoadReport, ClientError> {
-    let schedules = check(client, options)?;
+    let description = client.description().clone();
+    let cameras = move |index, secs| CameraPath::new(&description, index).camera(secs);
+    run_along(client, options, Arc::new(cameras), |_| ()).await
+}
+
+/// Loads a service with cameras of the caller's choice, and hands each view to `ended` as it ends. Cameras of sessions
+/// that newer ones overtook are counted and not handed over.
+///
+/// # Errors
+/// [`ClientError::Invalid`] for options that name no load or views that the service would not accept. What
+/// goes wrong under the load is counted and handed to `ended`, and not returned.
+pub async fn run_along(
+    client: &Client,
+    options: &LoadOptions,
+    cameras: Cameras,
+    mut ended: impl FnMut(Ended),
+) -> Result<LoadReport, ClientError> {
+    let schedules = check(client, options, &cameras)?;
     let begin = Instant::now();
+    let (report, mut endings) = mpsc::unbounded_channel();
     // Ends the clients with this call, should its caller drop it.
     let mut clients = JoinSet::new();
     for schedule in schedules {
-        let (client, options) = (client.clone(), options.clone());
+        let (client, options, report) = (client.clone(), options.clone(), report.clone());
         clients.spawn(async move {
             match options.mode {
-                Mode::Requests => requests::run(client, options, schedule, begin).await,
-                Mode::Sessions => sessions::run(client, options, schedule, begin).await,
+                Mode::Requests => requests::run(client, options, schedule, begin, report).await,
+                Mode::Sessions => sessions::run(client, options, schedule, begin, report).await,
             }
         });
+    }
+    drop(report);
+    while let Some(ending) = endings.recv().await {
+        ended(ending);
     }
     let mut total = Tally::new();
     for tally in clients.join_all().await {
@@ -102,15 +156,23 @@ pub async fn run(client: &Client, options: &LoadOptions) -> Result<LoadReport, C
 }
 
 /// When one client's views are due, and what they show.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 struct Schedule {
-    path: CameraPath,
+    client: u32,
+    cameras: Cameras,
     size: [u32; 2],
     plan: PlanRequest,
     /// After the beginning, so that the clients' views are spread over an interval.
     phase: Duration,
     rate: f64,
     views: u64,
+}
+
+impl fmt::Debug for Schedule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { client, phase, rate, views, .. } = self;
+        write!(f, "client {client}: {views} views, {rate} a second from {phase:?} on")
+    }
 }
 
 impl Schedule {
@@ -124,7 +186,7 @@ impl Schedule {
 
     fn view(&self, secs: f64) -> View {
         View {
-            camera: self.path.camera(secs),
+            camera: (self.cameras)(self.client, secs),
             width: self.size[0],
             height: self.size[1],
             outputs: Outputs::COLOR,
@@ -137,6 +199,7 @@ impl Schedule {
 fn check(
     client: &Client,
     options: &LoadOptions,
+    cameras: &Cameras,
 ) -> Result<impl Iterator<Item = Schedule> + use<>, ClientError> {
     let invalid = |at: InvalidField| ClientError::Invalid { field: at.field.to_owned(), reason: at.reason };
     if options.clients == 0 {
@@ -146,14 +209,14 @@ fn check(
         let reason = format!("must be above 0 and at most a million views a second, not {}", options.rate);
         return Err(invalid(InvalidField::new("rate", reason)));
     }
-    let description = client.description().clone();
     let (clients, rate, size, plan) = (options.clients, options.rate, options.size, options.plan);
-    let views = (options.duration.as_secs_f64() * rate).ceil().max(1.0) as u64;
-    let schedule = move |index: u32| Schedule {
-        path: CameraPath::new(&description, index),
+    let (cameras, views) = (cameras.clone(), options.views_per_client());
+    let schedule = move |client: u32| Schedule {
+        client,
+        cameras: cameras.clone(),
         size,
         plan,
-        phase: Duration::from_secs_f64(f64::from(index) / (f64::from(clients) * rate)),
+        phase: Duration::from_secs_f64(f64::from(client) / (f64::from(clients) * rate)),
         rate,
         views,
     };

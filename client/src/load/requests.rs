@@ -1,27 +1,39 @@
 //! One client of a load whose views are requests.
 
+use tokio::sync::mpsc::UnboundedSender;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep_until};
 
 use super::report::Tally;
-use super::{LoadOptions, Schedule};
+use super::{Ended, LoadOptions, Schedule};
 use crate::{Client, RenderOptions};
 
 /// Sends each view when it is due, whatever has become of those before; a view that could not be sent in time
-/// has the less left of its deadline.
-pub(super) async fn run(client: Client, options: LoadOptions, schedule: Schedule, begin: Instant) -> Tally {
+/// has the less left of its deadline. Each view goes to `report` as it ends.
+pub(super) async fn run(
+    client: Client,
+    options: LoadOptions,
+    schedule: Schedule,
+    begin: Instant,
+    report: UnboundedSender<Ended>,
+) -> Tally {
     let mut tally = Tally::new();
     let mut flying = JoinSet::new();
-    for (due, view) in schedule.due() {
+    let number = schedule.client;
+    for (index, (due, view)) in (0..).zip(schedule.due()) {
         sleep_until(begin + due).await;
         tally.sent += 1;
         let deadline = (begin + due + options.deadline).saturating_duration_since(Instant::now());
         let render =
             RenderOptions { deadline, encoding: options.encoding, wait_for_room: false, view_id: None };
-        let client = client.clone();
+        let (client, report) = (client.clone(), report.clone());
         flying.spawn(async move {
-            let outcome = client.render(&view, &render).await;
-            (due, begin.elapsed(), outcome.map(drop))
+            let outcome = client.render(&view, &render).await.map(|answer| answer.frame);
+            let at = Instant::now();
+            let counted = outcome.as_ref().map(drop).map_err(Clone::clone);
+            // A caller that is gone wants to know nothing.
+            let _ = report.send(Ended { client: number, index, view, due: begin + due, at, outcome });
+            (due, at - begin, counted)
         });
         // What has come already need not be kept until the end.
         while let Some(outcome) = flying.try_join_next() {

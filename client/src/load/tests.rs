@@ -68,7 +68,8 @@ fn a_camera_that_looks_almost_straight_down_still_has_a_path() {
 fn schedules_are_fixed_and_spread_the_clients_over_an_interval() {
     let description = description(&[DVec3::new(4.0, 1.0, 3.0)]);
     let schedule = Schedule {
-        path: CameraPath::new(&description, 0),
+        client: 0,
+        cameras: Arc::new(move |index, secs| CameraPath::new(&description, index).camera(secs)),
         size: [20, 10],
         plan: PlanRequest::default(),
         phase: Duration::from_millis(5),

@@ -1,12 +1,15 @@
 //! The load generator and bursts, against a server that stalls, refuses or supersedes.
 
+use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
 use std::time::Duration;
 
 use crate::fake::{Fake, frame, view};
+use argus_client::load::Ended;
 use argus_client::load::{self, LoadOptions, Mode};
 use argus_client::{ClientError, Encoding, RenderOptions};
-use argus_scene::PlanRequest;
+use argus_scene::{Camera, PlanRequest};
+use glam::DVec3;
 
 fn options() -> LoadOptions {
     LoadOptions {
@@ -80,6 +83,59 @@ async fn sessions_that_never_answer_lose_exactly_their_newest_camera() {
     let report = load::run(&server.client().await, &sessions).await.unwrap();
     assert_eq!((report.sent, report.answered, report.failed), (80, 0, 4), "{report:?}");
     assert_eq!(report.superseded, 76, "{report:?}");
+}
+
+/// A camera that says which client's and when.
+fn telling(client: u32, secs: f64) -> Camera {
+    Camera::look_at(DVec3::new(1.0 + f64::from(client), secs, 20.0), DVec3::ZERO)
+}
+
+async fn endings(fake: Fake, options: &LoadOptions) -> (load::LoadReport, Vec<Ended>) {
+    let server = fake.serve().await;
+    let mut endings = Vec::new();
+    let client = server.client().await;
+    let report = load::run_along(&client, options, Arc::new(telling), |ended| endings.push(ended));
+    (report.await.unwrap(), endings)
+}
+
+#[tokio::test]
+async fn every_view_of_a_load_is_handed_over_once_with_its_camera_and_its_times() {
+    let stall = Some((Duration::from_millis(200), Duration::from_millis(400)));
+    let (report, mut endings) = endings(Fake { stall, ..Fake::default() }, &options()).await;
+    assert_eq!((report.answered, endings.len()), (80, 80));
+    endings.sort_by_key(|ended| (ended.client, ended.index));
+    for (i, ended) in endings.iter().enumerate() {
+        assert_eq!((u64::from(ended.client), ended.index), (i as u64 / 20, i as u64 % 20));
+        assert_eq!(ended.view.camera, telling(ended.client, ended.index as f64 / 20.0));
+        assert_eq!(*ended.outcome.as_ref().unwrap(), frame(&ended.view));
+        assert!(ended.at >= ended.due, "{ended:?}");
+    }
+    let slowest = endings.iter().map(|ended| ended.at - ended.due).max().unwrap().as_secs_f64() * 1e3;
+    assert!((slowest - report.latency_ms.max).abs() <= 0.01 * slowest, "{slowest} {report:?}");
+}
+
+#[tokio::test]
+async fn views_that_fail_are_handed_over_with_their_reason() {
+    let (report, endings) = endings(Fake { overloaded: true, ..Fake::default() }, &options()).await;
+    assert_eq!((report.rejected, endings.len()), (80, 80));
+    assert!(endings.iter().all(|e| matches!(e.outcome, Err(ClientError::Overloaded { .. }))), "{endings:?}");
+}
+
+#[tokio::test]
+async fn of_sessions_the_cameras_that_are_answered_or_fail_are_handed_over() {
+    let sessions = LoadOptions { mode: Mode::Sessions, ..options() };
+    let slow = Fake { frame_time: Duration::from_millis(120), ..Fake::default() };
+    let (report, answered) = endings(slow, &sessions).await;
+    assert_eq!(answered.len() as u64, report.answered, "{report:?}");
+    for ended in &answered {
+        assert_eq!(ended.view.camera, telling(ended.client, ended.index as f64 / 20.0));
+        assert_eq!(*ended.outcome.as_ref().unwrap(), frame(&ended.view));
+    }
+    let never = Fake { frame_time: Duration::from_secs(60), ..Fake::default() };
+    let impatient = LoadOptions { deadline: Duration::from_millis(300), ..sessions };
+    let (report, failed) = endings(never, &impatient).await;
+    assert_eq!((report.failed, failed.len()), (4, 4), "{report:?}");
+    assert!(failed.iter().all(|ended| ended.index == 19 && ended.outcome.is_err()), "{failed:?}");
 }
 
 #[tokio::test]

@@ -1,0 +1,378 @@
+//! The service as its users meet it: how soon the first view comes, how late views come under an open load, and how far
+//! they are from the truth, by default and with each way of making views forced.
+//!
+//! Each mode has a cluster of its own, started anew, and two phases. In the *cold* one clients ask as soon as there is
+//! an address to ask at. Then the same walk warms the service up, it may settle, and the *warm* phase repeats the walk.
+//! When each view is due is fixed beforehand, and its latency counts from then. A few views of each phase are judged, as they
+//! came under load, against direct views of 16 samples a pixel of the same poses, which are rendered after the loads.
+
+mod row;
+mod truth;
+mod walk;
+mod watch;
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, Result};
+use argus_client::load::{Ended, LoadOptions, run_along};
+use argus_client::{Client, ConnectOptions};
+use argus_scene::{Frame, Outputs, Plan, PlanRequest, Search, View};
+use indicatif::ProgressBar;
+
+pub use self::walk::Walk;
+
+use self::row::{Measured, plot, row};
+use self::truth::{Judged, Truths};
+use self::watch::{Samples, settle};
+use crate::burst::patient;
+use crate::local_cluster::LocalCluster;
+use crate::median::mean;
+use crate::{Effort, Machine, Report};
+
+/// What is measured, and for how long.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Pixels of a view.
+    pub size: [u32; 2],
+    /// Clients, each on a way of its own.
+    pub clients: u32,
+    /// Views a second of each client.
+    pub rate: f64,
+    /// How clients move.
+    pub walk: Walk,
+    /// Seconds of a phase.
+    pub seconds: f64,
+    /// Worker processes.
+    pub workers: usize,
+    /// How often all of it is repeated; rows are medians.
+    pub runs: usize,
+    /// Views of a phase whose error is measured.
+    pub judged: u64,
+    /// Before the warm phase, the service may take at most so long to finish what it has begun, seconds; twice.
+    pub settle_secs: f64,
+    /// Whether each cluster starts with empty caches of the user, as on a machine that never ran Argus. Otherwise they are
+    /// filled by a start that is not measured.
+    pub empty_caches: bool,
+    /// Further arguments of `argus serve`, such as the rig's.
+    pub serve: Vec<String>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            scene: "terrain:500000".to_owned(),
+            size: [320, 240],
+            clients: 4,
+            rate: 5.0,
+            walk: Walk::Steady,
+            seconds: 10.0,
+            workers: 2,
+            runs: 1,
+            judged: 12,
+            settle_secs: 15.0,
+            empty_caches: false,
+            serve: Vec::new(),
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "terrain:20000".to_owned(),
+            size: [96, 72],
+            clients: 2,
+            seconds: 2.0,
+            judged: 4,
+            settle_secs: 3.0,
+            ..Self::default()
+        }
+    }
+}
+
+/// A view without a frame for this long has failed.
+const DEADLINE: Duration = Duration::from_secs(30);
+/// Connections that all clients share, at most.
+const CONNECTIONS: u32 = 4;
+
+/// How views are asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    /// The plan is left open.
+    Default,
+    /// From the triangles.
+    Direct,
+    /// From samples: a request that names a search waits for them.
+    Warp,
+}
+
+impl Mode {
+    const ALL: [Self; 3] = [Self::Default, Self::Direct, Self::Warp];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Default => "default",
+            Self::Direct => "direct",
+            Self::Warp => "warp",
+        }
+    }
+
+    fn plan(self) -> PlanRequest {
+        match self {
+            Self::Default => PlanRequest::default(),
+            Self::Direct => PlanRequest { direct: true, ..PlanRequest::default() },
+            Self::Warp => PlanRequest { search: Some(Search::Splat), ..PlanRequest::default() },
+        }
+    }
+}
+
+/// What the service has done before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// Nothing: its processes have just been started.
+    Cold,
+    /// It has answered the same walk, and had time to settle.
+    Warm,
+}
+
+impl Phase {
+    const ALL: [Self; 2] = [Self::Cold, Self::Warm];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Cold => "cold",
+            Self::Warm => "warm",
+        }
+    }
+}
+
+/// Runs the study with clusters of the program `argus`; `progress` counts phases.
+///
+/// # Errors
+/// A cluster that does not come up or that ends, options that name no load, a reference that is not rendered. Views that
+/// fail under load are counted and are no error.
+pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let runs = options.runs.max(1);
+    progress.set_length((runs * Mode::ALL.len() * Phase::ALL.len()) as u64);
+    let (mut truths, mut measured, mut device) = (Truths::default(), Vec::new(), String::new());
+    if !options.empty_caches {
+        progress.set_message("filling caches");
+        fill_caches(argus, options).await.context("filling caches")?;
+    }
+    for run in 0..runs {
+        for turn in 0..Mode::ALL.len() {
+            // Each is first in turn, so that none has what the one before it left behind in every run.
+            let mode = Mode::ALL[(run + turn) % Mode::ALL.len()];
+            let outcome = of_mode(argus, options, mode, &mut truths, progress).await;
+            let (used, phases) = outcome.with_context(|| format!("mode {}", mode.name()))?;
+            device = used;
+            measured.extend(Phase::ALL.into_iter().zip(phases).map(|(phase, of)| (mode, phase, of)));
+        }
+    }
+    let rows = Mode::ALL.into_iter().flat_map(|mode| Phase::ALL.map(|phase| (mode, phase)));
+    let rows = rows.map(|(mode, phase)| {
+        let of = measured.iter().filter(|(m, p, _)| (*m, *p) == (mode, phase));
+        row(mode, phase, &of.map(|(.., measured)| measured).collect::<Vec<_>>())
+    });
+    let mut report = Report::new(options.scene.clone(), Machine::here(&device), rows.collect());
+    report.notes = notes(options, &measured);
+    report.plots = vec![plot(&measured, &options.scene)];
+    Ok(report)
+}
+
+/// Has a view of each mode made by a cluster that is not measured. The driver of its workers then has all programs in the
+/// user's cache, whether this machine has run Argus before or not: compiling them takes seconds.
+async fn fill_caches(argus: &Path, options: &Options) -> Result<()> {
+    let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
+    let client = Client::connect(cluster.url()).await?;
+    let ([width, height], description) = (options.size, client.description());
+    for mode in Mode::ALL {
+        let (camera, plan) = (options.walk.camera(description, 0, 0.0), mode.plan());
+        let view = View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None };
+        client.render(&view, &patient()).await?;
+    }
+    drop(client);
+    cluster.stop()
+}
+
+/// Both phases with a cluster of its own, and what the workers render with.
+async fn of_mode(
+    argus: &Path,
+    options: &Options,
+    mode: Mode,
+    truths: &mut Truths,
+    progress: &ProgressBar,
+) -> Result<(String, [Measured; 2])> {
+    let say = |phase: &'static str| progress.set_message(format!("{}: {phase}", mode.name()));
+    say("cold");
+    let caches = tempfile::tempdir()?;
+    let (scene, workers, serve) = (&options.scene, options.workers, &options.serve);
+    let cluster = match options.empty_caches {
+        true => LocalCluster::with_caches(argus, scene, workers, serve, caches.path())?,
+        false => LocalCluster::start(argus, scene, workers, serve)?,
+    };
+    let connections = options.clients.clamp(1, CONNECTIONS) as usize;
+    let connect = ConnectOptions { connections, ..ConnectOptions::default() };
+    let client = Client::connect_with(cluster.url(), &connect).await?;
+    let (mut cold, cold_views) = of_phase(&client, options, mode).await?;
+    progress.inc(1);
+
+    say("warming up");
+    let patience = Duration::try_from_secs_f64(options.settle_secs)?;
+    settle(&client, options.workers, patience).await?;
+    let (_, between) = of_phase(&client, options, mode).await?;
+    // Where all views of the cold phase failed, the first one came later.
+    let first = cold_views.first.or(between.first);
+    cold.first_view_ms = first.map(|at| (at - cluster.started()).as_secs_f64() * 1e3);
+    let settled = settle(&client, options.workers, patience).await?;
+    say("warm");
+    let (mut warm, warm_views) = of_phase(&client, options, mode).await?;
+    warm.settled = Some(settled);
+    progress.inc(1);
+
+    say("references");
+    cold.errors = truths.judge(&client, &cold_views.judged).await?;
+    warm.errors = truths.judge(&client, &warm_views.judged).await?;
+    let device = client.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
+    drop(client);
+    cluster.stop()?;
+    Ok((device, [cold, warm]))
+}
+
+/// What is kept of a phase's views.
+#[derive(Default)]
+struct Views {
+    /// When the first frame had come.
+    first: Option<Instant>,
+    judged: Vec<Judged>,
+}
+
+/// One load, from its first view to the last answer.
+async fn of_phase(client: &Client, options: &Options, mode: Mode) -> Result<(Measured, Views)> {
+    let asked = LoadOptions {
+        clients: options.clients,
+        duration: Duration::try_from_secs_f64(options.seconds)?,
+        rate: options.rate,
+        size: options.size,
+        plan: mode.plan(),
+        deadline: DEADLINE,
+        ..LoadOptions::default()
+    };
+    let judged = spread_over(asked.views_per_client(), options.clients, options.judged);
+    let (description, walk) = (client.description().clone(), options.walk);
+    let cameras = Arc::new(move |client, secs| walk.camera(&description, client, secs));
+    let (mut measured, mut views, mut unresolved) = (Measured::default(), Views::default(), Vec::new());
+    let report = run_along(client, &asked, cameras, |ended: Ended| match ended.outcome {
+        Ok(frame) => {
+            measured.latencies_ms.push((ended.at - ended.due).as_secs_f64() * 1e3);
+            *measured.ways.entry(way_of(&frame)).or_default() += 1;
+            unresolved.push(frame.unresolved_fraction);
+            let at = ended.at.into_std();
+            views.first = Some(views.first.map_or(at, |first| first.min(at)));
+            if judged.contains(&(ended.client, ended.index)) {
+                views.judged.push(Judged { camera: ended.view.camera, frame });
+            }
+        }
+        Err(error) => {
+            // That it was turned away at once does not make it fast.
+            measured.latencies_ms.push(DEADLINE.as_secs_f64() * 1e3);
+            measured.first_error.get_or_insert_with(|| error.to_string());
+        }
+    });
+    let report = report.await?;
+    measured.latencies_ms.sort_by(f64::total_cmp);
+    (measured.sent, measured.answered, measured.rejected) = (report.sent, report.answered, report.rejected);
+    measured.views_per_sec = report.views_per_sec;
+    measured.unresolved = (!unresolved.is_empty()).then(|| mean(unresolved));
+    measured.samples = Samples::of(client).await?;
+    Ok((measured, views))
+}
+
+/// How a frame was made: one of [`row::WAYS`].
+fn way_of(frame: &Frame) -> &'static str {
+    let [direct, warp, traced] = row::WAYS;
+    match frame.provenance.plan {
+        Plan::Direct { .. } => direct,
+        Plan::Warp(_) if frame.served.traced > 0 => traced,
+        Plan::Warp(_) => warp,
+    }
+}
+
+/// Which views are judged: so many, as client and number, evenly spread over the time and over the clients.
+fn spread_over(views: u64, clients: u32, count: u64) -> BTreeSet<(u32, u64)> {
+    let count = count.min(views.saturating_mul(u64::from(clients)));
+    let step = (u64::from(clients) / count.max(1)).max(1);
+    let at = |k: u64| {
+        let client = (k * step) % u64::from(clients.max(1));
+        (client as u32, ((2 * k + 1) * views / (2 * count)).min(views.saturating_sub(1)))
+    };
+    (0..count).map(at).collect()
+}
+
+fn notes(options: &Options, measured: &[(Mode, Phase, Measured)]) -> Vec<String> {
+    let Options { clients, rate, size: [width, height], seconds, workers, .. } = options;
+    let mut notes = vec![format!(
+        "{clients} clients, {rate} views a second each, {width}×{height} pixels, walk `{}`, {seconds} s a phase, {workers} \
+         workers, {} run(s). A view without a frame after {} s has failed, and counts in p50 and p99 with that time. \
+         {}",
+        options.walk.name(),
+        options.runs.max(1),
+        DEADLINE.as_secs(),
+        match options.empty_caches {
+            true => "Clusters start with empty caches: drivers compile every program anew.",
+            false => "Programs that the driver has compiled are kept between starts.",
+        }
+    )];
+    let mut said = BTreeSet::new();
+    for (mode, phase, of) in measured {
+        let name = format!("{}, {}", mode.name(), phase.name());
+        if let Some(error) = of.first_error.as_ref().filter(|_| said.insert(name.clone())) {
+            notes.push(format!("{name}: the first view that failed: {error}."));
+        }
+    }
+    if measured.iter().any(|(.., of)| of.settled == Some(false)) {
+        let secs = options.settle_secs;
+        notes.push(format!(
+            "settled below 1: after {secs} s, samples were still rendered or work was queued."
+        ));
+    }
+    notes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn judged_views_are_spread_over_the_time_and_the_clients() {
+        let judged = spread_over(40, 4, 12);
+        assert_eq!(judged.len(), 12);
+        for client in 0..4 {
+            assert_eq!(judged.iter().filter(|(c, _)| *c == client).count(), 3, "{judged:?}");
+        }
+        let mut times: Vec<u64> = judged.iter().map(|(_, index)| *index).collect();
+        times.sort_unstable();
+        assert!(times.windows(2).all(|pair| (3..=4).contains(&(pair[1] - pair[0]))), "{times:?}");
+        assert!(times[0] < 3 && times[11] > 36, "{times:?}");
+    }
+
+    #[test]
+    fn of_many_clients_the_judged_ones_are_spread_too() {
+        let judged = spread_over(50, 100, 10);
+        let clients: Vec<u32> = judged.iter().map(|(client, _)| *client).collect();
+        assert_eq!(clients, [0, 10, 20, 30, 40, 50, 60, 70, 80, 90]);
+    }
+
+    #[test]
+    fn there_are_no_more_judged_views_than_views() {
+        assert_eq!(spread_over(1, 1, 12), BTreeSet::from([(0, 0)]));
+        assert!(spread_over(1, 3, 12).len() <= 3);
+        assert!(spread_over(40, 4, 0).is_empty() && spread_over(0, 4, 12).is_empty());
+        assert!(spread_over(3, 7, 12).iter().all(|(client, index)| *client < 7 && *index < 3));
+    }
+}

@@ -1,0 +1,186 @@
+//! What judged views should show, and how far off the frames are that came under load.
+
+use anyhow::{Context as _, Result, ensure};
+use argus_client::Client;
+use argus_client::load::burst;
+use argus_scene::metrics::{FlipTiles, flip_tiles};
+use argus_scene::{Camera, Frame, Outputs, Plan, PlanRequest, Provenance, View};
+use image::RgbImage;
+
+use crate::burst::patient;
+use crate::median::mean;
+
+/// Samples a pixel, a side, of the reference: 16 samples a pixel.
+const REFERENCE_SIDE: u32 = 4;
+/// Side of the tiles that are judged one by one, pixels.
+const TILE: u32 = 32;
+
+/// A frame that came under load, and where it looks from.
+#[derive(Debug, Clone)]
+pub(super) struct Judged {
+    pub(super) camera: Camera,
+    pub(super) frame: Frame,
+}
+
+/// How far the judged frames of a phase are from their references; `None` where none of them came.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Errors {
+    /// Judged frames that came.
+    pub(super) judged: u64,
+    /// Mean FLIP against 16 samples a pixel.
+    pub(super) flip: Option<f64>,
+    /// The worst tile's.
+    pub(super) worst_tile: Option<f64>,
+    /// Mean FLIP less that of direct views of one sample a pixel, of the same poses.
+    pub(super) excess: Option<f64>,
+    /// The most that a tile's FLIP is above the same tile's of the direct view.
+    pub(super) excess_tile: Option<f64>,
+}
+
+/// One view rendered from the triangles.
+#[derive(Debug)]
+struct Truth {
+    camera: Camera,
+    /// Of what moves; 0 of what stands still.
+    epoch: u64,
+    reference: RgbImage,
+    /// FLIP of the view with one sample a pixel.
+    direct: FlipTiles,
+}
+
+/// References of all poses and moments that were judged so far. Where nothing moves they are the same in all modes.
+#[derive(Debug, Default)]
+pub(super) struct Truths(Vec<Truth>);
+
+impl Truths {
+    /// Judges frames; references that are missing are rendered by the service first, which should have nothing else to do.
+    ///
+    /// # Errors
+    /// A reference that the service does not render, or an image that is not of its size.
+    pub(super) async fn judge(&mut self, client: &Client, judged: &[Judged]) -> Result<Errors> {
+        self.render_missing(client, judged).await?;
+        let moves = client.description().epoch_secs > 0.0;
+        let found = judged.iter().map(|judged| {
+            let epoch = epoch_of(&judged.frame, moves);
+            let truth = self.find(&judged.camera, epoch).context("a judged view has no reference")?;
+            Ok((flip_tiles(&truth.reference, &image_of(&judged.frame)?, TILE)?, &truth.direct))
+        });
+        Ok(Errors::of(&found.collect::<Result<Vec<_>>>()?))
+    }
+
+    fn find(&self, camera: &Camera, epoch: u64) -> Option<&Truth> {
+        self.0.iter().find(|truth| truth.camera == *camera && truth.epoch == epoch)
+    }
+
+    async fn render_missing(&mut self, client: &Client, judged: &[Judged]) -> Result<()> {
+        let moves = client.description().epoch_secs > 0.0;
+        let mut missing: Vec<(Camera, u64)> = Vec::new();
+        for Judged { camera, frame } in judged {
+            let wanted = (*camera, epoch_of(frame, moves));
+            if self.find(camera, wanted.1).is_none() && !missing.contains(&wanted) {
+                missing.push(wanted);
+            }
+        }
+        let Some(Judged { frame: like, .. }) = judged.first() else { return Ok(()) };
+        let views = missing.iter().flat_map(|&(camera, epoch)| {
+            [REFERENCE_SIDE, 1].map(|side| direct_view(like, camera, moves.then_some(epoch), side))
+        });
+        let mut frames: Vec<Option<Frame>> = vec![None; 2 * missing.len()];
+        // One for each worker of a small cluster: nothing is timed here, and no view waits long.
+        let outcome =
+            burst(client, views.collect(), 2, &patient(), |i, answer| frames[i] = Some(answer.frame)).await;
+        if let Some(error) = outcome.first_error {
+            anyhow::bail!("{} of {} references were not rendered: {error}", outcome.failed, outcome.views);
+        }
+        for (&(camera, epoch), pair) in missing.iter().zip(frames.chunks_exact(2)) {
+            let [Some(reference), Some(direct)] = pair else { anyhow::bail!("a reference did not come") };
+            for frame in [reference, direct] {
+                ensure!(
+                    matches!(frame.provenance.plan, Plan::Direct { .. }) && epoch_of(frame, moves) == epoch,
+                    "a reference is not what was asked for: {:?}",
+                    frame.provenance
+                );
+            }
+            let reference = image_of(reference)?;
+            let direct = flip_tiles(&reference, &image_of(direct)?, TILE)?;
+            self.0.push(Truth { camera, epoch, reference, direct });
+        }
+        Ok(())
+    }
+}
+
+impl Errors {
+    /// Of frames with the direct views of the same poses, each against the same reference.
+    fn of(found: &[(FlipTiles, &FlipTiles)]) -> Self {
+        let worst = |of: &dyn Fn(f64, f64) -> f64| {
+            let tiles = found.iter().flat_map(|(shown, direct)| shown.tiles.iter().zip(&direct.tiles));
+            tiles.map(|(shown, direct)| of(*shown, *direct)).reduce(f64::max)
+        };
+        let average = |of: &dyn Fn(f64, f64) -> f64| {
+            let each = found.iter().map(|(shown, direct)| of(shown.mean, direct.mean));
+            (!found.is_empty()).then(|| mean(each))
+        };
+        Self {
+            judged: found.len() as u64,
+            flip: average(&|shown, _| shown),
+            worst_tile: worst(&|shown, _| shown),
+            excess: average(&|shown, direct| shown - direct),
+            excess_tile: worst(&|shown, direct| shown - direct),
+        }
+    }
+}
+
+/// What time of the scene a frame shows. Where nothing moves, all times are one.
+fn epoch_of(frame: &Frame, moves: bool) -> u64 {
+    if moves { frame.provenance.epoch } else { 0 }
+}
+
+/// A direct view of `side`² samples a pixel, as large as a frame; of a moment where the scene moves.
+fn direct_view(like: &Frame, camera: Camera, epoch: Option<u64>, side: u32) -> View {
+    let plan = PlanRequest { direct: true, supersampling: Some(side), ..PlanRequest::default() };
+    let pin = epoch.map(|epoch| Provenance {
+        epoch,
+        plan: Plan::Direct { samples_per_pixel: side * side },
+        // Any.
+        device: String::new(),
+        history: false,
+        ..like.provenance.clone()
+    });
+    View { camera, width: like.width, height: like.height, outputs: Outputs::COLOR, plan, pin }
+}
+
+fn image_of(frame: &Frame) -> Result<RgbImage> {
+    let color = frame.color.as_ref().context("the frame has no colour")?;
+    RgbImage::from_raw(frame.width, frame.height, color.to_vec()).context("the frame is not of its size")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tiles(values: &[f64]) -> FlipTiles {
+        FlipTiles { mean: mean(values.iter().copied()), tiles: values.to_vec() }
+    }
+
+    #[test]
+    fn excess_is_taken_tile_by_tile_and_not_between_the_worst_tiles() {
+        // The direct view's worst tile is another one than the frame's.
+        let direct = tiles(&[0.5, 0.1]);
+        let errors = Errors::of(&[(tiles(&[0.4, 0.4]), &direct), (tiles(&[0.5, 0.1]), &direct)]);
+        assert_eq!((errors.judged, errors.worst_tile), (2, Some(0.5)));
+        assert!((errors.excess_tile.unwrap() - 0.3).abs() < 1e-12, "{errors:?}");
+        assert!((errors.flip.unwrap() - 0.35).abs() < 1e-12, "{errors:?}");
+        assert!((errors.excess.unwrap() - 0.05).abs() < 1e-12, "{errors:?}");
+    }
+
+    #[test]
+    fn frames_that_are_better_than_direct_views_have_negative_excess() {
+        let errors = Errors::of(&[(tiles(&[0.1, 0.2]), &tiles(&[0.2, 0.3]))]);
+        assert!(errors.excess.unwrap() < 0.0 && errors.excess_tile.unwrap() < 0.0, "{errors:?}");
+    }
+
+    #[test]
+    fn without_a_judged_frame_no_error_is_stated() {
+        assert_eq!(Errors::of(&[]), Errors::default());
+    }
+}

@@ -1,0 +1,120 @@
+//! What the service says of itself between the loads: whether it has settled, and what samples it has made and keeps.
+
+use std::time::Duration;
+
+use anyhow::Result;
+use argus_client::{Client, ClusterStatus};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::time::{Instant, sleep, timeout};
+
+/// Between two looks at the status.
+const PAUSE: Duration = Duration::from_millis(250);
+/// Looks in a row at which nothing was going on.
+const CALM: u32 = 5;
+/// Workers report that often at the least, and a page is answered at once.
+const REPORTS: Duration = Duration::from_millis(500);
+const PAGE: Duration = Duration::from_secs(2);
+/// The largest page that is read.
+const MOST_PAGE_BYTES: u64 = 1 << 20;
+
+/// Waits until all workers have joined, nothing waits or is in work at them and no sample is rendered any more; at most so
+/// long. Whether it came to that.
+pub(super) async fn settle(client: &Client, workers: usize, at_most: Duration) -> Result<bool> {
+    let until = Instant::now() + at_most;
+    let (mut calm, mut rendered) = (0, None);
+    while calm < CALM {
+        if Instant::now() >= until {
+            return Ok(false);
+        }
+        sleep(PAUSE).await;
+        let status = client.status().await?;
+        let idle = status.workers.iter().all(|w| w.queued_samples == 0 && w.queued_views == 0);
+        let before = rendered.replace(samples_rendered(&status));
+        let still = idle && status.workers.len() >= workers && before == rendered;
+        calm = if still { calm + 1 } else { 0 };
+    }
+    Ok(true)
+}
+
+fn samples_rendered(status: &ClusterStatus) -> u64 {
+    status.workers.iter().map(|worker| worker.samples_rendered).sum()
+}
+
+/// Samples of all workers together.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Samples {
+    /// Rendered since the workers started.
+    pub(super) rendered: u64,
+    /// MiB of texels that are kept; `None` where a worker does not say.
+    pub(super) mib: Option<f64>,
+}
+
+impl Samples {
+    /// As they are now.
+    ///
+    /// # Errors
+    /// A service that cannot be asked for its status.
+    pub(super) async fn of(client: &Client) -> Result<Self> {
+        sleep(REPORTS).await;
+        let status = client.status().await?;
+        let mut bytes = Some(0.0);
+        for worker in &status.workers {
+            let held = timeout(PAGE, held_bytes(&worker.address)).await.ok().flatten();
+            bytes = bytes.zip(held).map(|(sum, held)| sum + held);
+        }
+        Ok(Self { rendered: samples_rendered(&status), mib: bytes.map(|bytes| bytes / f64::from(1 << 20)) })
+    }
+}
+
+/// Texel bytes that the worker at an address such as `http://127.0.0.1:7401` keeps, by its page for monitoring; `None` where
+/// that cannot be read.
+async fn held_bytes(address: &str) -> Option<f64> {
+    let host = address.strip_prefix("http://")?.trim_end_matches('/');
+    let mut stream = TcpStream::connect(host).await.ok()?;
+    let request = format!("GET /metrics HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+    stream.write_all(request.as_bytes()).await.ok()?;
+    let mut page = String::new();
+    stream.take(MOST_PAGE_BYTES).read_to_string(&mut page).await.ok()?;
+    gauge(&page, "argus_worker_held_bytes")
+}
+
+/// The value of a gauge without labels.
+fn gauge(page: &str, name: &str) -> Option<f64> {
+    let value = page.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '))?;
+    value.split_whitespace().next()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use tokio::net::TcpListener;
+
+    use super::*;
+
+    #[test]
+    fn a_gauge_is_found_by_its_whole_name() {
+        let page = "# HELP argus_held x\nargus_held_bytes 7\nargus_held 12.5\nargus_odd{a=\"b\"} 3\n";
+        assert_eq!(gauge(page, "argus_held"), Some(12.5));
+        assert_eq!((gauge(page, "argus_odd"), gauge(page, "argus_hel"), gauge("", "a")), (None, None, None));
+    }
+
+    #[tokio::test]
+    async fn what_a_worker_keeps_is_read_from_its_page_and_silence_is_no_number() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = format!("http://{}", listener.local_addr().unwrap());
+        let answering = tokio::spawn(async move {
+            let (mut stream, _) = listener.accept().await.unwrap();
+            let mut asked = Vec::new();
+            while !asked.ends_with(b"\r\n\r\n") {
+                asked.push(stream.read_u8().await.unwrap());
+            }
+            assert!(asked.starts_with(b"GET /metrics HTTP/1.1\r\n"));
+            let page = "HTTP/1.1 200 OK\r\n\r\nargus_worker_held_bytes 4194304\n# EOF\n";
+            stream.write_all(page.as_bytes()).await.unwrap();
+        });
+        assert_eq!(held_bytes(&address).await, Some(4_194_304.0));
+        answering.await.unwrap();
+        assert_eq!(held_bytes(&address).await, None, "nobody listens there any more");
+        assert_eq!(held_bytes("https://127.0.0.1:1").await, None);
+    }
+}
