@@ -150,7 +150,8 @@ fn images_are_compared() {
 #[cfg(unix)]
 #[test]
 fn a_service_that_is_asked_to_stop_exits_with_0() {
-    for signal in [Some("-INT"), Some("-TERM"), None] {
+    use rustix::process::{Pid, Signal, kill_process};
+    for signal in [Some(Signal::INT), Some(Signal::TERM), None] {
         let mut command =
             argus(&["serve", "--scene", SMALL, "--workers", "1", "--listen", "127.0.0.1:0", "--json"]);
         command.stdout(Stdio::piped());
@@ -165,8 +166,8 @@ fn a_service_that_is_asked_to_stop_exits_with_0() {
         assert!(output.status.success(), "{}", stderr(&output));
         let status = match signal {
             Some(signal) => {
-                let pid = service.pid().to_string();
-                assert!(std::process::Command::new("kill").args([signal, &pid]).status().unwrap().success());
+                let pid = Pid::from_raw(i32::try_from(service.pid()).unwrap()).unwrap();
+                kill_process(pid, signal).unwrap();
                 service.wait()
             }
             None => service.stop(),

@@ -1,11 +1,11 @@
 //! Workers that are killed and paused while a cluster serves: of a seed, and bounded, so that a run can be repeated.
 
-use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use argus_client::Client;
 use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
+use rustix::process::{Pid, Signal, kill_process};
 
 /// A paused worker goes on after at most this long.
 const LONGEST_PAUSE: Duration = Duration::from_millis(2000);
@@ -58,10 +58,10 @@ impl Chaos {
         self.next = (self.next + self.every).max(now + self.every / 2);
         let pid = pids[self.rng.random_range(0..pids.len())];
         if self.kills_next() {
-            signal(pid, "-KILL");
+            signal(pid, Signal::KILL);
             self.done.kills += 1;
         } else {
-            signal(pid, "-STOP");
+            signal(pid, Signal::STOP);
             let ms = self.rng.random_range(100..LONGEST_PAUSE.as_millis() as u64);
             self.paused.push((pid, now + Duration::from_millis(ms)));
             self.done.pauses += 1;
@@ -83,7 +83,7 @@ impl Chaos {
         self.paused.retain(|(pid, until)| {
             let stays = *until > by;
             if !stays {
-                signal(*pid, "-CONT");
+                signal(*pid, Signal::CONT);
             }
             stays
         });
@@ -102,15 +102,33 @@ impl Drop for Chaos {
     }
 }
 
-/// Sends a signal to a process that this test's cluster started; one that is gone meanwhile hears nothing.
-fn signal(pid: u32, name: &str) {
-    let mut kill = Command::new("kill");
-    let _ = kill.args([name, &pid.to_string()]).stdout(Stdio::null()).stderr(Stdio::null()).status();
+/// Sends a signal to a process that this test's cluster started. A process that has ended meanwhile is no error.
+fn signal(pid: u32, signal: Signal) {
+    if let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) {
+        let _ = kill_process(pid, signal);
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_signal_reaches_its_process_and_one_that_has_ended_is_no_error() {
+        use std::os::unix::process::ExitStatusExt as _;
+        let mut child = std::process::Command::new("sleep").arg("60").spawn().expect("sleep starts");
+        let pid = child.id();
+        signal(pid, Signal::STOP);
+        signal(pid, Signal::CONT);
+        signal(pid, Signal::KILL);
+        let status = child.wait().expect("it ends");
+        assert_eq!(status.signal(), Some(9));
+        signal(pid, Signal::KILL);
+        // Neither the group of this test nor everything.
+        signal(0, Signal::KILL);
+        signal(u32::MAX, Signal::KILL);
+    }
 
     #[test]
     fn short_tests_have_both_kinds_and_long_ones_about_as_many_of_each() {
