@@ -275,7 +275,10 @@ impl Core {
                 .filter(has_room)
                 .collect()
         };
-        let asked = able(&ids);
+        let mut asked = able(&ids);
+        if asked.iter().any(|worker| !worker.is_measuring()) {
+            asked.retain(|worker| !worker.is_measuring());
+        }
         let fresh: Vec<&Worker> = asked.iter().copied().filter(untried).collect();
         if !fresh.is_empty() {
             return fresh;

@@ -10,19 +10,32 @@ use argus_scene::{SampleSetInfo, Visibility};
 
 use super::event::Action;
 use super::machine::Core;
+use super::worker::Worker;
+
+/// Share of a process that views from triangles must take before views from samples are worth measuring.
+const WORTH_MEASURING: f64 = 0.05;
 
 impl Core {
-    /// Has some worker measure, if samples are wanted and nobody is at it.
+    /// Has some worker measure, one at a time: as soon as samples are wanted and it is open how triangles are seen, and each
+    /// of them once steady demand says that views from samples may be worth their price.
     pub(super) fn seek_way(&mut self, actions: &mut Vec<Action>) {
-        let is_wanted = !self.waiting.composed.is_empty() || self.placement.placed().next().is_some();
-        let is_measured = || self.workers.values().any(|w| w.assigned().measure_ways);
-        if self.way_is_settled || !is_wanted || is_measured() {
+        if self.workers.values().any(Worker::is_measuring) {
             return;
         }
+        let samples_are_wanted =
+            !self.waiting.composed.is_empty() || self.placement.placed().next().is_some();
+        let must_settle = !self.way_is_settled && samples_are_wanted;
+        let direct_secs = self.costs.direct.value().unwrap_or(0.0);
+        let demand_secs = self.rates.direct_anywhere.per_tick() * direct_secs;
+        let may_pay = demand_secs > WORTH_MEASURING * self.config.tick.as_secs_f64();
+        let is_wanted = |worker: &&mut Worker| {
+            let unmeasured = worker.report.direct_cost.is_some() && worker.report.warp_cost.is_none();
+            worker.answers() && (must_settle || (may_pay && unmeasured && !worker.has_been_told_to_measure()))
+        };
         // Whoever is idle keeps fewest waiting.
-        let ready = self.workers.values_mut().filter(|w| w.answers());
-        if let Some(worker) = ready.min_by_key(|w| (w.views.len(), w.id)) {
-            actions.push(Action::Assign { worker: worker.id, assignment: worker.measure_ways() });
+        let candidates = self.workers.values_mut().filter(is_wanted);
+        if let Some(worker) = candidates.min_by_key(|w| (w.views.len(), w.id)) {
+            actions.push(Action::Assign { worker: worker.id, assignment: worker.measure() });
         }
     }
 

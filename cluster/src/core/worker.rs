@@ -29,6 +29,8 @@ pub(super) struct Worker {
     role_told: u64,
     /// Sequence of the first assignment that told it the set that samples are rendered of; `None` until it was told.
     set_told: Option<u64>,
+    /// Sequence of the assignment that told it to measure; `None` until one did.
+    measure_told: Option<u64>,
     /// Views sent to it and not answered, each with the milliseconds of rendering that are predicted of it.
     pub(super) views: BTreeMap<Ticket, f64>,
     /// Views ever sent to it: whose turn it is among equals.
@@ -66,6 +68,7 @@ impl Worker {
             },
             role_told: 1,
             set_told: knows_set.then_some(1),
+            measure_told: None,
             views: BTreeMap::new(),
             dispatched: 0,
             held: BTreeSet::new(),
@@ -138,11 +141,22 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Tells it to measure what each way to see triangles costs; what to send it.
-    pub(super) fn measure_ways(&mut self) -> Assignment {
+    /// Tells it to measure what views from samples cost and, while that is open, each way to see triangles; what to send it.
+    pub(super) fn measure(&mut self) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.measure_ways = true;
+        self.measure_told = Some(self.assigned.sequence);
         self.assigned.clone()
+    }
+
+    /// Whether it was ever told to measure.
+    pub(super) fn has_been_told_to_measure(&self) -> bool {
+        self.measure_told.is_some()
+    }
+
+    /// Whether it measures right now, so that views had better go elsewhere.
+    pub(super) fn is_measuring(&self) -> bool {
+        self.measure_told.is_some_and(|told| self.report.applied < told)
     }
 
     /// Tells it of which set samples are rendered; what to send it. It goes on with views from triangles, and takes
@@ -194,6 +208,8 @@ impl Worker {
             self.held_as_reported = true;
         }
         self.report = report;
+        // Later assignments do not repeat it.
+        self.assigned.measure_ways &= self.is_measuring();
         news
     }
 

@@ -96,7 +96,8 @@ async fn at_hand(
     to_host: bool,
 ) -> Result<(), Fault> {
     let held = if to_host { node.store.get_on_host(id) } else { node.store.get(id) };
-    if held.is_some() {
+    if let Some(held) = held {
+        node.take_up(info.clone(), held).await;
         return Ok(());
     }
     // Others who are fed from here join it.
@@ -113,7 +114,9 @@ async fn at_hand(
             }),
         }
     });
-    fetch.await.map(|_| ())
+    let sample = fetch.await?;
+    node.take_up(info.clone(), sample).await;
+    Ok(())
 }
 
 /// The sample from the first of the others who has it, or is about to.
@@ -136,7 +139,7 @@ async fn fetched(
             return Ok(sample);
         }
         match fetch::from_other(node, info, id, address, true).await {
-            Ok(received) => return Ok(node.store.insert_received(received)),
+            Ok(received) => return Ok(node.store.insert_received_quietly(received)),
             Err(fault) => last = fault,
         }
     }

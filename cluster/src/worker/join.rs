@@ -282,7 +282,10 @@ async fn take_up(
         node.prepare(duty.role).await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
     }
     match duty.measure_ways {
-        true => node.measure_ways().await.map_err(|error| Ended::Fatal(RunError::Device(error)))?,
+        true => node
+            .measure(duty.visibility_is_open)
+            .await
+            .map_err(|error| Ended::Fatal(RunError::Device(error)))?,
         false => node.forget_ways(),
     }
     if let Some(before) = node.acting() {

@@ -388,14 +388,27 @@ impl Node {
         self.told.lock().set.clone().ok_or_else(|| RenderError::Internal("no set yet".to_owned()))
     }
 
-    /// Measures what each way to see triangles costs, to be said in every report until the next assignment.
-    pub(super) async fn measure_ways(&self) -> Result<(), RenderError> {
+    /// Measures what a view from samples costs and, if `backends` are wanted, each way to see triangles: to be said in
+    /// every report until the next assignment.
+    pub(super) async fn measure(&self, backends: bool) -> Result<(), RenderError> {
         let info = self.told_set()?;
         let (reply, done) = oneshot::channel();
-        self.queue.order(Work::Ways(info, reply));
+        self.queue.order(Work::Measure { info, backends, reply });
         let ways = done.await.unwrap_or_else(|_| Err(stopped()))?;
         self.told.lock().ways = ways;
         Ok(())
+    }
+
+    /// Has the compositor hold a sample before views ask for it, once nothing else is to be done, and only then says that
+    /// it is here.
+    pub(super) async fn take_up(&self, info: Arc<SampleSetInfo>, sample: Arc<Sample>) {
+        let id = sample.id;
+        let (reply, done) = oneshot::channel();
+        self.queue.order_last(Work::TakeUp { info, sample, reply });
+        // A thread that stops takes nothing up, and nobody asks any more.
+        let _ = done.await;
+        self.store.announce(id);
+        self.news.notify_one();
     }
 
     /// Forgets what was measured: it was taken in.
@@ -463,10 +476,16 @@ impl Node {
             match rendered {
                 Err(RenderError::DeviceLost(_)) if again => again = false,
                 rendered => {
-                    let sample = self.store.insert(rendered?);
+                    let rendered = rendered?;
+                    let sample = match ahead {
+                        true => self.store.insert_quietly(rendered),
+                        false => self.store.insert(rendered),
+                    };
                     trace::stages(&span, sample.stages.iter().map(|stage| (stage.name.as_str(), stage.ms)));
-                    // Views may be planned with it, and given to this worker, from now on.
-                    self.news.notify_one();
+                    if !ahead {
+                        // Views may be planned with it, and given to this worker, from now on.
+                        self.news.notify_one();
+                    }
                     return Ok(sample);
                 }
             }

@@ -71,8 +71,18 @@ pub(super) enum Work {
         role: Role,
         reply: oneshot::Sender<Result<(), RenderError>>,
     },
-    /// Measure what each way to see triangles costs.
-    Ways(Arc<SampleSetInfo>, oneshot::Sender<Result<Ways, RenderError>>),
+    /// Measure what a view from samples costs and, if `backends` are wanted, what each way to see triangles does.
+    Measure {
+        info: Arc<SampleSetInfo>,
+        backends: bool,
+        reply: oneshot::Sender<Result<Ways, RenderError>>,
+    },
+    /// Have the compositor hold a sample before a view asks for it.
+    TakeUp {
+        info: Arc<SampleSetInfo>,
+        sample: Arc<Sample>,
+        reply: oneshot::Sender<()>,
+    },
     Samples(Vec<SampleTask>),
     Pixels(Vec<PixelTask>),
     Views(Vec<ViewTask>),
@@ -86,10 +96,12 @@ impl Work {
     /// Whether a sampler does it.
     pub(super) fn needs_sampler(&self) -> bool {
         match self {
-            Self::Prepare { .. } | Self::Ways(..) | Self::Samples(_) | Self::Pixels(_) | Self::Direct(_) => {
-                true
-            }
-            Self::Scene(_) | Self::Views(_) | Self::Nothing | Self::Stop => false,
+            Self::Prepare { .. }
+            | Self::Measure { .. }
+            | Self::Samples(_)
+            | Self::Pixels(_)
+            | Self::Direct(_) => true,
+            Self::Scene(_) | Self::TakeUp { .. } | Self::Views(_) | Self::Nothing | Self::Stop => false,
         }
     }
 
@@ -135,11 +147,11 @@ struct State {
     views: VecDeque<ViewTask>,
     direct: VecDeque<ViewTask>,
     ahead: VecDeque<SampleTask>,
+    /// Samples that the compositor shall hold before views ask for them.
+    take_up: VecDeque<Work>,
     /// Work that was taken before it turned out that there is no sampler yet.
     postponed: VecDeque<Work>,
     makes_sampler: bool,
-    /// The compositor is warmed up elsewhere.
-    compositor_is_away: bool,
     in_work: Backlog,
     /// When what is in work was taken.
     taken: Option<Instant>,
@@ -180,6 +192,16 @@ impl Queue {
         let mut state = self.state.lock();
         state.stopped |= matches!(work, Work::Stop);
         state.orders.push_back(work);
+        self.filled.notify_one();
+    }
+
+    /// Queues samples that the compositor shall hold.
+    pub(super) fn order_last(&self, work: Work) {
+        let mut state = self.state.lock();
+        // Whoever waits for it hears that it came to nothing.
+        if !state.stopped {
+            state.take_up.push_back(work);
+        }
         self.filled.notify_one();
     }
 
@@ -262,17 +284,6 @@ impl Queue {
         self.filled.notify_one();
     }
 
-    /// The compositor is in use elsewhere, until [`Self::compositor_is_back`]: views from samples wait, others go on.
-    pub(super) fn compositor_is_away(&self) {
-        self.state.lock().compositor_is_away = true;
-    }
-
-    /// It is back, or came to nothing.
-    pub(super) fn compositor_is_back(&self) {
-        self.state.lock().compositor_is_away = false;
-        self.filled.notify_one();
-    }
-
     /// Has work wait for the sampler that is in the making; gives it back if there is none any more.
     pub(super) fn postpone(&self, work: Work) -> Option<Work> {
         let mut state = self.state.lock();
@@ -348,8 +359,7 @@ impl State {
     }
 
     fn take_views(&mut self, most: usize, _: usize) -> Option<Work> {
-        let some = !self.views.is_empty() && !self.compositor_is_away;
-        some.then(|| Work::Views(take_batch(&mut self.views, most)))
+        (!self.views.is_empty()).then(|| Work::Views(take_batch(&mut self.views, most)))
     }
 
     /// Views that nobody waits for any more make room for others.
@@ -363,6 +373,10 @@ impl State {
 
     fn take(&mut self, max_batch: usize, max_direct_batch: usize) -> Option<Work> {
         if let Some(work) = self.orders.pop_front() {
+            return Some(work);
+        }
+        // What views will be composed of is soon taken up, and makes them faster.
+        if let Some(work) = self.take_up.pop_front() {
             return Some(work);
         }
         let samples_now = !self.makes_sampler;
@@ -379,15 +393,14 @@ impl State {
                 let count = self.pixels.len().min(max_direct_batch);
                 return Some(Work::Pixels(self.pixels.drain(..count).collect()));
             }
-            let views_wait = !self.views.is_empty() && !self.compositor_is_away;
-            let direct_turn = !views_wait || !self.direct_had_its_turn;
+            let direct_turn = self.views.is_empty() || !self.direct_had_its_turn;
             if direct_turn && !self.direct.is_empty() {
                 self.direct_had_its_turn = true;
                 return Some(Work::Direct(take_batch(&mut self.direct, max_direct_batch)));
             }
         }
         self.direct_had_its_turn = false;
-        if !self.views.is_empty() && !self.compositor_is_away {
+        if !self.views.is_empty() {
             return Some(Work::Views(take_batch(&mut self.views, max_batch)));
         }
         // As few at a time: whoever comes next waits for no more than those.

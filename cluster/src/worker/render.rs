@@ -19,7 +19,7 @@ use tracing::{debug, info, warn};
 use super::claim::Batch;
 use super::health::Health;
 use super::meter::{Kind, Meter};
-use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
+use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
 use super::store::Store;
 use super::warm;
 use crate::RoleFactory;
@@ -42,8 +42,6 @@ pub(super) struct Renderer {
     /// Those whose scene or device is gone, until they have noticed.
     retired: Vec<Standby>,
     compositor: Option<Box<dyn Compositor>>,
-    /// The compositor, while it is put through its first views elsewhere.
-    warming: Option<JoinHandle<Warmed>>,
     /// What the compositor holds; a sample that only this map knows of is released.
     held: HashMap<SampleId, Held>,
     /// Whether the compositor has worked, or is about to.
@@ -71,25 +69,6 @@ struct Held {
 
 /// A sampler in the making, and what views from triangles cost with it.
 type Standby = JoinHandle<Result<(Box<dyn Sampler>, Option<Cost>), RenderError>>;
-
-/// A compositor that has worked, and what views from samples cost with it.
-type Warmed = Result<(Box<dyn Compositor>, Option<Cost>), RenderError>;
-
-/// While it lives, what needs the compositor waits for it.
-struct Away(Arc<Queue>);
-
-impl Away {
-    fn from(queue: &Arc<Queue>) -> Self {
-        queue.compositor_is_away();
-        Self(queue.clone())
-    }
-}
-
-impl Drop for Away {
-    fn drop(&mut self) {
-        self.0.compositor_is_back();
-    }
-}
 
 /// While it lives, what needs a sampler waits for one.
 struct Coming(Arc<Queue>);
@@ -134,7 +113,6 @@ impl Renderer {
             standby: None,
             retired: Vec::new(),
             compositor: Some(compositor),
-            warming: None,
             held: HashMap::new(),
             is_warm: false,
             batches: 0,
@@ -152,14 +130,12 @@ impl Renderer {
     pub(super) fn run(mut self) {
         loop {
             let work = self.queue.next(self.rest_after / 4);
-            self.take_compositor_back();
             match self.or_later(work) {
                 Work::Nothing => {}
                 Work::Stop => {
                     // A process that exits while its driver works may crash on its way out.
                     self.retire_standby();
                     self.retired.drain(..).for_each(|standby| drop(standby.join()));
-                    self.warming.take().into_iter().for_each(|warming| drop(warming.join()));
                     return;
                 }
                 Work::Scene(scene) => {
@@ -167,14 +143,17 @@ impl Renderer {
                     self.sampler = None;
                     self.retire_standby();
                 }
-                Work::Prepare { info, role, reply } => {
+                Work::Prepare { role, reply, .. } => {
                     // Nobody waits for it once the assignment is overtaken.
                     let _ = reply.send(self.prepare(role));
-                    // Views from triangles go on meanwhile.
-                    self.warm_compositor_up(&info);
                 }
-                Work::Ways(info, reply) => {
-                    let _ = reply.send(self.sampler().and_then(|sampler| sampler.ways(&info)));
+                Work::Measure { info, backends, reply } => {
+                    let _ = reply.send(self.measure(&info, backends));
+                }
+                Work::TakeUp { info, sample, reply } => {
+                    self.take_up(&info, sample);
+                    // Whoever gave up waiting misses nothing.
+                    let _ = reply.send(());
                 }
                 Work::Samples(tasks) => self.samples(tasks),
                 Work::Pixels(tasks) => self.pixels(tasks),
@@ -224,34 +203,34 @@ impl Renderer {
         self.sampler().map(drop)
     }
 
-    /// Has the compositor reconstruct some views in a thread of its own, if it never has. Views from samples wait for it.
-    fn warm_compositor_up(&mut self, info: &Arc<SampleSetInfo>) {
-        let Some(scene) = self.scene.clone().filter(|_| !self.is_warm) else { return };
-        let Some(mut compositor) = self.compositor.take() else { return };
-        self.is_warm = true;
-        let (info, away) = (info.clone(), Away::from(&self.queue));
-        let warm = move || {
-            let _away = away;
-            let began = Instant::now();
-            let cost = warm::compositor(compositor.as_mut(), &scene, &info)?;
-            debug!(ms = ms_since(began), ?cost, "compositor warmed up");
-            Ok((compositor, cost))
-        };
-        // Without a thread another compositor is made when it is needed, and warms up with its first view.
-        self.warming = std::thread::Builder::new().name("warm up".to_owned()).spawn(warm).ok();
+    /// Measures what a view from samples costs, if the compositor has not been used yet, and the visibility backends.
+    /// Others answer views meanwhile, if there are any.
+    fn measure(&mut self, info: &Arc<SampleSetInfo>, backends: bool) -> Result<Ways, RenderError> {
+        if let Some(scene) = self.scene.clone().filter(|_| !std::mem::replace(&mut self.is_warm, true)) {
+            let (began, mut cost) = (Instant::now(), None);
+            let warmed = self.guarded(|own| {
+                cost = warm::compositor(own.compositor()?, &scene, info)?;
+                Ok(Vec::<Result<(), RenderError>>::new())
+            });
+            debug!(ms = ms_since(began), ?cost, ok = warmed.is_ok(), "compositor measured");
+            self.meter.set_cost(Kind::View, cost);
+        }
+        match backends {
+            true => self.sampler().and_then(|sampler| sampler.ways(info)),
+            false => Ok(Ways::new()),
+        }
     }
 
-    /// Takes the compositor back once it has been warmed up. One that failed, or panicked, is made anew when it is needed.
-    fn take_compositor_back(&mut self) {
-        let Some(warming) = self.warming.take_if(|warming| warming.is_finished()) else { return };
-        match warming.join() {
-            Ok(Ok((compositor, cost))) => {
-                self.compositor.get_or_insert(compositor);
-                self.meter.set_cost(Kind::View, cost);
-            }
-            Ok(Err(error)) => warn!(%error, "the compositor could not be warmed up; another one is made"),
-            Err(_) => warn!("the compositor panicked while it was warmed up; another one is made"),
+    /// Has the compositor hold a sample that views will ask for. Where it is full, or no view is composed here, they take
+    /// it up themselves.
+    fn take_up(&mut self, info: &Arc<SampleSetInfo>, sample: Arc<Sample>) {
+        if !self.is_warm {
+            return;
         }
+        let began = Instant::now();
+        let held =
+            self.guarded(|own| own.hold(info, &[sample]).map(|()| Vec::<Result<(), RenderError>>::new()));
+        debug!(ms = ms_since(began), ok = held.is_ok(), "sample taken up ahead of views");
     }
 
     /// Begins to make a sampler beside the work, unless there is one.
@@ -384,7 +363,6 @@ impl Renderer {
             let queue = own.queue.clone();
             let results = sampler.render_samples_ahead(job, &batch.cancel, &mut |sampler| {
                 let gave_way = Instant::now();
-                own.take_compositor_back();
                 queue.give_way(|work| match work {
                     Work::Pixels(tasks) => own.pixels_by(Some(sampler), tasks),
                     Work::Direct(tasks) => own.direct_by(Some(sampler), tasks),
@@ -486,7 +464,9 @@ impl Renderer {
 
     /// The view, now that the compositor holds its samples; a view whose samples it refuses fails alone.
     fn holding(&mut self, task: ViewTask) -> Option<ViewTask> {
-        match self.guarded(|own| own.hold(&task).map(|()| Vec::<Result<(), RenderError>>::new())) {
+        match self.guarded(|own| {
+            own.hold(&task.info, &task.samples).map(|()| Vec::<Result<(), RenderError>>::new())
+        }) {
             Ok(_) => Some(task),
             Err(error) => {
                 let _ = task.reply.send(Err(error));
@@ -495,8 +475,8 @@ impl Renderer {
         }
     }
 
-    /// Makes the compositor hold what a view needs, and no longer what the store has forgotten.
-    fn hold(&mut self, task: &ViewTask) -> Result<(), RenderError> {
+    /// Makes the compositor hold what views need, and no longer what the store has forgotten.
+    fn hold(&mut self, info: &Arc<SampleSetInfo>, needed: &[Arc<Sample>]) -> Result<(), RenderError> {
         let gone: Vec<SampleId> =
             self.held.iter().filter(|(_, held)| held.sample.strong_count() == 0).map(|(id, _)| *id).collect();
         if !gone.is_empty() {
@@ -508,8 +488,8 @@ impl Renderer {
             held.is_some_and(|held| std::ptr::eq(held.sample.as_ptr(), Arc::as_ptr(sample)))
         };
         let used = self.batches;
-        let samples: Vec<Arc<Sample>> = task.samples.iter().filter(|s| !is_held(s)).cloned().collect();
-        for sample in &task.samples {
+        let samples: Vec<Arc<Sample>> = needed.iter().filter(|s| !is_held(s)).cloned().collect();
+        for sample in needed {
             if let Some(held) = self.held.get_mut(&sample.id) {
                 held.used = used;
             }
@@ -517,7 +497,7 @@ impl Renderer {
         if samples.is_empty() {
             return Ok(());
         }
-        let set = SampleSet { info: task.info.clone(), samples };
+        let set = SampleSet { info: info.clone(), samples };
         while let Err(error) = self.compositor()?.hold(&set) {
             let full = matches!(error, RenderError::OutOfMemory(_));
             let Some(oldest) = self.least_recently_used().filter(|_| full) else { return Err(error) };

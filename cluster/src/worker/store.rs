@@ -19,6 +19,8 @@ struct Entry {
     sample: Arc<Sample>,
     bytes: u64,
     used: u64,
+    /// Whoever asks for it has it, and nobody is told that it is here.
+    quiet: bool,
 }
 
 #[derive(Debug, Default)]
@@ -100,14 +102,37 @@ impl Store {
         sample
     }
 
+    /// The same for a sample that is to be announced later.
+    pub(super) fn insert_received_quietly(&self, (sample, chunks): (Sample, Chunks)) -> Arc<Sample> {
+        let sample = self.insert_quietly(sample);
+        self.packed.keep(sample.id, chunks);
+        sample
+    }
+
     /// Takes a sample in, in place of one of the same id.
     pub(super) fn insert(&self, sample: Sample) -> Arc<Sample> {
+        self.insert_as(sample, false)
+    }
+
+    /// Takes a sample in that [`Self::ids`] does not list until it is announced.
+    pub(super) fn insert_quietly(&self, sample: Sample) -> Arc<Sample> {
+        self.insert_as(sample, true)
+    }
+
+    /// Lists a sample from now on, if it is here.
+    pub(super) fn announce(&self, id: SampleId) {
+        if let Some(entry) = self.state.lock().entries.get_mut(&id) {
+            entry.quiet = false;
+        }
+    }
+
+    fn insert_as(&self, sample: Sample, quiet: bool) -> Arc<Sample> {
         self.packed.forget(sample.id);
         let sample = Arc::new(sample);
         let mut state = self.state.lock();
         state.remove(sample.id);
         state.clock += 1;
-        let entry = Entry { sample: sample.clone(), bytes: bytes_of(&sample), used: state.clock };
+        let entry = Entry { sample: sample.clone(), bytes: bytes_of(&sample), used: state.clock, quiet };
         state.bytes += entry.bytes;
         state.entries.insert(sample.id, entry);
         while state.bytes > self.limit {
@@ -159,9 +184,11 @@ impl Store {
         self.packed.clear();
     }
 
-    /// What is held.
+    /// What is held, but for what is not announced yet.
     pub(super) fn ids(&self) -> Vec<SampleId> {
-        let mut ids: Vec<SampleId> = self.state.lock().entries.keys().copied().collect();
+        let state = self.state.lock();
+        let listed = state.entries.iter().filter(|(_, entry)| !entry.quiet);
+        let mut ids: Vec<SampleId> = listed.map(|(id, _)| *id).collect();
         ids.sort_unstable();
         ids
     }
@@ -215,6 +242,16 @@ mod tests {
         drop(in_use);
         store.insert(host(4));
         assert_eq!(store.ids(), [id(1), id(3), id(4)]);
+    }
+
+    #[test]
+    fn what_is_taken_in_quietly_is_there_and_not_listed_until_it_is_announced() {
+        let store = Store::new(1 << 20);
+        store.insert_quietly(host(3));
+        assert!(store.get(id(3)).is_some() && store.ids().is_empty());
+        store.announce(id(3));
+        store.announce(id(4));
+        assert_eq!(store.ids(), [id(3)]);
     }
 
     #[test]

@@ -100,63 +100,41 @@ async fn a_lost_device_and_a_panic_are_made_good_within_the_worker() {
     assert_eq!(cluster.render(&view(1)).await.unwrap().0.color, expected.color);
 }
 
-/// Two workers, of whom the one that composes has never sampled.
-async fn sampler_and_compositor(standby_sampler: bool) -> Cluster {
-    let mut cluster = Cluster::start(0).await;
-    let config = worker::Config { standby_sampler, ..worker::Config::new(cluster.coordinator.url()) };
-    // One after the other, and until roles are taken up: on the way there either may sample for a moment.
-    for roles in [&[Role::Both][..], &[Role::Sampler, Role::Compositor]] {
-        cluster.workers.push(start_worker_with(config.clone(), &cluster.knobs, Opener::default().into()));
-        let played = |status: &argus_proto::v1::StatusResponse| {
-            roles.iter().all(|role| status.workers.iter().any(|w| w.role() == *role))
-        };
-        cluster.wait_for(played).await;
-    }
-    cluster
-}
-
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_compositor_has_a_sampler_at_hand_when_the_sampler_is_lost() {
+async fn the_only_worker_that_is_left_renders_samples_at_once() {
+    let mut cluster = Cluster::start(2).await;
     let made = |cluster: &Cluster| cluster.knobs.samplers_made.load(Ordering::SeqCst);
-    let mut cluster = sampler_and_compositor(true).await;
-    let at_hand = async {
-        while made(&cluster) < 2 {
-            tokio::time::sleep(Duration::from_millis(5)).await;
-        }
+    assert_eq!(made(&cluster), 2, "each worker has made a sampler before it was ready");
+    let sampler = |status: &argus_proto::v1::StatusResponse| {
+        let samples = |w: &&argus_proto::v1::WorkerStatus| w.role() == argus_proto::v1::Role::Sampler;
+        status.workers.iter().find(samples).map(|w| w.address.clone())
     };
-    tokio::time::timeout(common::LIMIT, at_hand).await.expect("a sampler beside the compositor's work");
-    let status = cluster.status().await;
-    let sampler = status.workers.iter().find(|w| w.role() == argus_proto::v1::Role::Sampler).unwrap();
-    cluster.worker_at(&sampler.address).kill();
+    cluster.wait_for(|status| sampler(status).is_some()).await;
+    let address = sampler(&cluster.status().await).unwrap();
+    cluster.worker_at(&address).kill();
     cluster.render(&view(1)).await.unwrap();
-    assert_eq!(made(&cluster), 2, "what was at hand is taken");
-    // Where memory and time are dearer, none is made.
-    let frugal = sampler_and_compositor(false).await;
-    frugal.render(&view(1)).await.unwrap();
-    assert_eq!(made(&frugal), 1, "the sampler's own");
+    assert_eq!(made(&cluster), 2);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn views_go_on_while_a_compositor_makes_a_sampler() {
-    let mut cluster = sampler_and_compositor(false).await;
+async fn views_of_held_samples_go_on_while_a_sampler_is_made_anew() {
+    let mut cluster = Cluster::start(1).await;
     let (before, _) = cluster.render(&view(1)).await.unwrap();
     let making = Duration::from_secs(3);
     cluster.knobs.sampler_us.store(making.as_micros() as u64, Ordering::SeqCst);
     let made_before = cluster.knobs.samplers_made.load(Ordering::SeqCst);
-    let status = cluster.status().await;
-    let sampler = status.workers.iter().find(|w| w.role() == argus_proto::v1::Role::Sampler).unwrap();
-    let address = sampler.address.clone();
     let began = Instant::now();
-    cluster.worker_at(&address).kill();
-    // By now it has been told to sample as well.
-    cluster.wait_for(|status| status.processes == 1).await;
+    cluster.workers.push(start_worker_with(
+        worker::Config::new(cluster.coordinator.url()),
+        &cluster.knobs,
+        Opener::default().into(),
+    ));
     for _ in 0..5 {
         tokio::time::sleep(Duration::from_millis(50)).await;
         assert_eq!(cluster.render(&view(1)).await.unwrap().0.color, before.color);
     }
     assert!(began.elapsed() < making, "views of what is held waited: {:?}", began.elapsed());
-    assert_eq!(cluster.knobs.samplers_made.load(Ordering::SeqCst), made_before);
-    cluster.render(&direct(1)).await.unwrap();
+    cluster.wait_for(|status| status.processes == 2).await;
     assert!(began.elapsed() >= making);
     assert_eq!(cluster.knobs.samplers_made.load(Ordering::SeqCst), made_before + 1);
 }

@@ -29,6 +29,11 @@ fn search_of(frame: &Frame) -> Search {
     warp.search
 }
 
+/// A view of a session whose searches may begin from its frame before.
+fn begun(i: usize) -> View {
+    View { plan: PlanRequest::default(), ..view(i) }
+}
+
 async fn cluster_of(count: usize) -> Cluster {
     let mut cluster = Cluster::start_with(quick(), 0).await;
     for _ in 0..count {
@@ -45,7 +50,7 @@ async fn a_session_that_asks_for_it_begins_from_its_frame_before_relayed_or_not(
     for redirect in [false, true] {
         let mut session = moving(&cluster, redirect).await;
         for i in 0..4 {
-            let (frame, _) = next(&mut session, &view(i)).await;
+            let (frame, _) = next(&mut session, &begun(i)).await;
             assert_eq!(frame.provenance.history, i > 0, "frame {i}, redirected: {redirect}");
             assert_eq!(search_of(&frame), Search::Seeded);
             let kept = [&frame.range, &frame.source, &frame.mask, &frame.confidence];
@@ -57,8 +62,8 @@ async fn a_session_that_asks_for_it_begins_from_its_frame_before_relayed_or_not(
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn whoever_does_not_ask_for_it_is_answered_as_ever() {
     let cluster = cluster_of(1).await;
-    let mut begun = moving(&cluster, false).await;
-    next(&mut begun, &view(1)).await;
+    let mut moved = moving(&cluster, false).await;
+    next(&mut moved, &begun(1)).await;
     let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
     let mut plain = client.session(SessionOptions::default());
     for i in 1..4 {
@@ -69,7 +74,7 @@ async fn whoever_does_not_ask_for_it_is_answered_as_ever() {
     }
     // What begins from samples can be pinned, in a session with history or not.
     let seeded = PlanRequest { search: Some(Search::Seeded), ..PlanRequest::default() };
-    let (first, _) = next(&mut moving(&cluster, false).await, &view(7)).await;
+    let (first, _) = next(&mut moving(&cluster, false).await, &begun(7)).await;
     let (asked, _) = cluster.render(&View { plan: seeded, ..view(7) }).await.unwrap();
     assert_eq!((first.color, first.provenance), (asked.color, asked.provenance));
 }
@@ -103,9 +108,9 @@ async fn where_its_worker_is_gone_a_session_begins_at_the_samples_again() {
     for redirect in [false, true] {
         let mut cluster = cluster_of(2).await;
         let mut session = moving(&cluster, redirect).await;
-        let mut last = next(&mut session, &view(0)).await;
+        let mut last = next(&mut session, &begun(0)).await;
         for i in 1..50 {
-            last = next(&mut session, &view(i)).await;
+            last = next(&mut session, &begun(i)).await;
             if last.0.provenance.history {
                 break;
             }
@@ -114,13 +119,13 @@ async fn where_its_worker_is_gone_a_session_begins_at_the_samples_again() {
         let workers = cluster.status().await.workers;
         let lost = workers.iter().find(|worker| worker.id == last.1.worker).unwrap();
         cluster.worker_at(&lost.address).kill();
-        let mut begun = false;
+        let mut has_begun = false;
         for i in 50..60 {
-            let (frame, meta) = next(&mut session, &view(i)).await;
+            let (frame, meta) = next(&mut session, &begun(i)).await;
             assert_ne!(meta.worker, lost.id);
-            begun |= frame.provenance.history;
+            has_begun |= frame.provenance.history;
         }
-        assert!(begun, "from the frames of the worker that is left");
+        assert!(has_begun, "from the frames of the worker that is left");
     }
 }
 
@@ -129,7 +134,7 @@ async fn a_frame_that_began_from_another_is_sent_anew_where_its_worker_dies_with
     let mut cluster = cluster_of(2).await;
     let mut session = Session::open(&cluster).await;
     session.history = true;
-    let large = View { width: 2048, height: 2048, outputs: Outputs::COLOR, ..view(1) };
+    let large = View { width: 2048, height: 2048, outputs: Outputs::COLOR, ..begun(1) };
     let mut assembler = FrameAssembler::new(Limits::default());
     let (mut seq, mut killed) = (1, false);
     session.ask(seq, &large).await;

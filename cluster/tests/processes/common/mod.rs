@@ -361,7 +361,7 @@ pub fn view(i: usize) -> View {
         width: 32,
         height: 24,
         outputs: Outputs::COLOR,
-        plan: PlanRequest::default(),
+        plan: PlanRequest::from_samples(),
         pin: None,
     }
 }

@@ -214,11 +214,11 @@ impl Sampler for FakeSampler {
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,
-        give_way: &mut dyn FnMut(),
+        give_way: &mut dyn FnMut(&mut dyn Sampler),
     ) -> Vec<Result<Sample, RenderError>> {
         for _ in 1..self.knobs.sample_parts.load(Ordering::SeqCst) {
             self.knobs.work(&self.knobs.sample_us, cancel);
-            give_way();
+            give_way(self);
         }
         self.knobs.samples_ahead.fetch_add(job.ids.len(), Ordering::SeqCst);
         self.render_samples(job, cancel)
