@@ -67,8 +67,9 @@ async fn roles_follow_demand_and_every_frame_is_answered() {
     direct.into_iter().for_each(all_answered);
 
     // Views from samples are compositors' work; the samples are there, so one sampler is enough.
-    let warped =
-        [(); 2].map(|()| load(&coordinator.url, &["--clients", "4", "--seconds", "12", "--rate", "15"]));
+    let warped = [(); 2].map(|()| {
+        load(&coordinator.url, &["--clients", "4", "--seconds", "12", "--rate", "15", "--search", "splat"])
+    });
     coordinator.wait_until("two compositors under warped views", |status| status["compositors"] == 2);
     warped.into_iter().for_each(all_answered);
 
@@ -113,7 +114,10 @@ async fn a_worker_killed_under_load_costs_no_view() {
         let pid = pid_of(victim.unwrap());
 
         let direct = load(&coordinator.url, &["--clients", "1", "--seconds", "6", "--rate", "5", "--direct"]);
-        let warped = load(&coordinator.url, &["--clients", "4", "--seconds", "6", "--rate", "10"]);
+        let warped = load(
+            &coordinator.url,
+            &["--clients", "4", "--seconds", "6", "--rate", "10", "--search", "splat"],
+        );
         tokio::time::sleep(Duration::from_secs(2)).await;
         workers.iter_mut().find(|worker| worker.pid() == pid).unwrap().kill();
         all_answered(direct);
@@ -207,10 +211,11 @@ async fn bad_input_is_rejected_by_field_and_the_server_goes_on() {
 }
 
 /// The plans whose bytes must not depend on who answers.
-fn plans() -> [PlanRequest; 4] {
+fn plans() -> [PlanRequest; 5] {
     let default = PlanRequest::default();
     [
         default,
+        PlanRequest::from_samples(),
         PlanRequest { search: Some(Search::Linear), steps: Some(32), ..default },
         PlanRequest { supersampling: Some(2), samples: Some(2), ..default },
         PlanRequest { direct: true, ..default },

@@ -119,7 +119,7 @@ async fn views_in_flight_outlive_the_device_and_look_the_same_on_the_next_one() 
     let cameras: Vec<_> = client.description().cameras.iter().map(|named| named.camera).collect();
     // Reconstructed, with pixels that a sampler traces, and directly from triangles: each way has state on the device.
     let plans = [
-        PlanRequest::default(),
+        PlanRequest::from_samples(),
         PlanRequest { holes: Some(Holes::Trace), ..PlanRequest::default() },
         PlanRequest { direct: true, ..PlanRequest::default() },
     ];

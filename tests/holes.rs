@@ -39,7 +39,7 @@ async fn traced_holes_are_the_direct_views_pixels_and_nothing_else_changes() {
     coordinator.wait_for_workers(2);
     let mut wire = Wire::connect(&coordinator.url).await;
     for supersampling in [1, 2] {
-        let plan = PlanRequest { supersampling: Some(supersampling), ..PlanRequest::default() };
+        let plan = PlanRequest { supersampling: Some(supersampling), ..PlanRequest::from_samples() };
         let marked = PlanRequest { holes: Some(Holes::Mark), ..plan };
         let trace = PlanRequest { holes: Some(Holes::Trace), ..plan };
         let (marked, _) = wire.render((&low_view(marked)).into()).await.unwrap();

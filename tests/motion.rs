@@ -77,7 +77,7 @@ fn view() -> View {
         width: SIZE[0],
         height: SIZE[1],
         outputs: Outputs::COLOR,
-        plan: argus_scene::PlanRequest::default(),
+        plan: argus_scene::PlanRequest::from_samples(),
         pin: None,
     }
 }

@@ -69,7 +69,7 @@ async fn a_views_trace_runs_from_the_client_through_coordinator_compositor_and_s
     coordinator.wait_for_workers(2);
     let mut view = argus(&["view", "--server", &coordinator.url, "--eye", "0,200,300", "--target", "0,0,0"]);
     let folder = tempfile::tempdir().unwrap();
-    view.args(["--size", "96x72", "--out"]).arg(folder.path().join("view.png"));
+    view.args(["--size", "96x72", "--search", "splat", "--out"]).arg(folder.path().join("view.png"));
     exporting(&mut view, &url);
     let output = view.stdin(Stdio::null()).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));

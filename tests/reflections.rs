@@ -32,7 +32,7 @@ async fn views_show_things_that_mirror_the_scene_and_two_workers_give_the_bytes_
         width: 160,
         height: 120,
         outputs: Outputs::COLOR,
-        plan: PlanRequest { supersampling: Some(2), ..PlanRequest::default() },
+        plan: PlanRequest { supersampling: Some(2), ..PlanRequest::from_samples() },
         pin: None,
     };
     let (frame, _) = of_many.render((&view).into()).await.unwrap();
@@ -58,7 +58,7 @@ async fn views_show_things_that_mirror_the_scene_and_two_workers_give_the_bytes_
     let (without, _) = Wire::connect(&plain.url).await.render((&view).into()).await.unwrap();
     let bare = flip(&exact, &without);
     assert!(off < 0.1 && off < 0.6 * bare, "FLIP {off} of the warped view, {bare} without maps");
-    let pinned = View { pin: Some(frame.provenance.clone()), plan: PlanRequest::default(), ..view };
+    let pinned = View { pin: Some(frame.provenance.clone()), plan: PlanRequest::from_samples(), ..view };
     let refused = Wire::connect(&plain.url).await.render((&pinned).into()).await.unwrap_err();
     assert!(refused.message().contains("reflections"), "{refused:?}");
 
@@ -80,7 +80,7 @@ async fn things_that_move_show_where_they_are() {
     let mut wire = Wire::connect(&cluster.url).await;
     let camera = wire.describe().await.cameras[0].camera;
     let (width, height) = (64, 48);
-    let (outputs, plan) = (Outputs::COLOR, PlanRequest::default());
+    let (outputs, plan) = (Outputs::COLOR, PlanRequest::from_samples());
     let view = View { camera, width, height, outputs, plan, pin: None };
     let mut epochs = Vec::new();
     let until = std::time::Instant::now() + std::time::Duration::from_secs(60);

@@ -27,7 +27,7 @@ async fn sponza_is_served_over_grpc_and_looks_like_its_direct_view() {
         let arguments = [&place, more, &["--json", "--out", out]].concat();
         json(&arguments)
     };
-    let warped = view(&path("warped.png"), &[]);
+    let warped = view(&path("warped.png"), &["--search", "splat"]);
     assert!(warped["unresolved_fraction"].as_f64().unwrap() < 0.05, "{warped:#}");
     assert!(warped["samples"].as_array().is_some_and(|samples| !samples.is_empty()), "{warped:#}");
     let direct = view(&path("direct.png"), &["--direct"]);

@@ -74,7 +74,7 @@ fn a_tight_bound_is_rendered_or_traced_a_loose_one_is_warped_and_the_truth_keeps
     assert!(number(&tight["predicted"], "error") > 1e-4, "what cannot be kept is said: {tight:#}");
     assert!(number(&tight, "true_error") < number(&loose, "true_error"), "{tight:#} {loose:#}");
 
-    let soon = view(&["--preset", "interactive"]);
+    let soon = view(&["--preset", "interactive", "--search", "splat"]);
     assert!(is_warped(&soon), "{soon:#}");
     assert!(soon["true_error"].is_null() && soon["predicted"]["ms"].is_f64());
     let late = view(&["--deadline-ms", "100000"]);

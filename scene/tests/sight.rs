@@ -9,7 +9,7 @@ use argus_scene::reference::{SceneSight, Tracer};
 use argus_scene::rig::{Among, Sight as _, Target};
 use argus_scene::{Camera, Material, Rig, Scene};
 use common::{furnace, patch, scene, white};
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 /// Walls of 20 m that face +z, at these heights above the plane z = 0.
 fn walls(at: &[f64], double_sided: bool) -> Scene {

@@ -45,7 +45,7 @@ pub(crate) fn small_view(camera: Camera) -> View {
         width: 96,
         height: 72,
         outputs: Outputs { range: true, mask: true, source: true, ..Outputs::COLOR },
-        plan: PlanRequest::default(),
+        plan: PlanRequest::from_samples(),
         pin: None,
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::{Fault, v1};
-use argus_scene::rig::Sight;
+use argus_scene::rig::{Sight, Survey};
 use argus_scene::{Prediction, View};
 use parking_lot::Mutex;
 use tokio::sync::mpsc::error::TrySendError;
@@ -339,10 +339,7 @@ impl Hub {
     /// Asks for a view; the verdicts come through what is returned.
     pub(super) fn ask(self: &Arc<Self>, client: Client, view: View, deadline: Option<Duration>) -> Asked {
         let (sender, verdicts) = unbounded_channel();
-        // Rays are sent while nobody waits for the core.
-        let wanted =
-            self.sight.as_ref().and_then(|sight| Some((sight, self.look(|core| core.survey_wanted(&view))?)));
-        let survey = wanted.map(|(sight, wanted)| Box::new(wanted.take(&view, sight.as_ref())));
+        let survey = self.survey(&view);
         let mut state = self.state.lock();
         let ticket = Ticket(state.next_id);
         state.next_id += 1;
@@ -358,6 +355,22 @@ impl Hub {
         }
         drop(state);
         Asked { hub: self.clone(), ticket, verdicts, open: true }
+    }
+
+    /// What is to be known of a view before it is asked for. Rays are sent while nobody waits for the core; those that tell
+    /// what to invest in, on another thread.
+    fn survey(self: &Arc<Self>, view: &View) -> Option<Box<Survey>> {
+        let sight = self.sight.as_ref()?;
+        let (wanted, thought) = self.look(|core| (core.survey_wanted(view), core.thought_wanted(view)));
+        if let Some(thought) = thought {
+            let (hub, sight, view) = (self.clone(), sight.clone(), view.clone());
+            tokio::task::spawn_blocking(move || {
+                let survey = Box::new(thought.take(&view, sight.as_ref()));
+                let pixels = u64::from(view.width) * u64::from(view.height);
+                hub.step(Event::Surveyed { pixels, survey });
+            });
+        }
+        wanted.map(|wanted| Box::new(wanted.take(view, sight.as_ref())))
     }
 
     /// Sends a client to the worker with that request, as the session's detour of that number; `None` where clients do not

@@ -166,6 +166,13 @@ pub enum Event {
         /// What the view will show, where that is known: see [`super::Core::survey_wanted`].
         survey: Option<Box<Survey>>,
     },
+    /// What a view shows is known, and which samples would show it: see [`super::Core::thought_wanted`].
+    Surveyed {
+        /// Of the view, sub-pixels counted.
+        pixels: u64,
+        /// What it shows.
+        survey: Box<Survey>,
+    },
     /// The frame of an attempt that is to be judged begins to arrive; [`Action::Deliver`] or another
     /// [`Action::Dispatch`] follows.
     Judged {

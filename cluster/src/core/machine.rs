@@ -30,8 +30,8 @@ use super::time::Uptime;
 use super::whereabouts::Whereabouts;
 use super::worker::Worker;
 
-/// Views that are surveyed for samples that nobody holds, between two ticks of the shell: what to invest in changes slowly.
-const MOST_THOUGHTS: u32 = 2;
+/// Views a tick of demand that are looked at to see which samples would be worth their price: that changes slowly.
+const MOST_THOUGHTS: u32 = 4;
 
 /// What happened since the coordinator started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -109,8 +109,10 @@ pub struct Core {
     pub(super) directory: Directory,
     pub(super) placement: Placement,
     pub(super) investments: Investments,
-    /// Views that may still be surveyed for samples that nobody holds, until the next tick of the shell.
+    /// Views that may still be looked at to see which samples are worth their price, in the tick that runs.
     pub(super) thoughts: Cell<u32>,
+    /// Views from triangles since the last one that was looked at.
+    pub(super) unthought: u32,
     pub(super) epochs: Epochs,
     /// What calibration measured of the scene, of each kind of device; none where nobody calibrated.
     pub(super) models: Vec<Arc<Model>>,
@@ -193,6 +195,7 @@ impl Core {
             placement: Placement::default(),
             investments: Investments::default(),
             thoughts: Cell::default(),
+            unthought: 0,
             epochs,
             split: Split::Nobody,
             counters: Counters::default(),
@@ -257,6 +260,7 @@ impl Core {
             Event::Asked { ticket, client, view, deadline, survey } => {
                 self.ask(ticket, client, &view, deadline, survey, now, &mut actions);
             }
+            Event::Surveyed { pixels, survey } => self.learn_thought(pixels, &survey),
             Event::Judged { ticket, attempt, observed, ms } => {
                 self.judge(ticket, attempt, observed, ms, &mut actions);
             }
@@ -377,7 +381,6 @@ impl Core {
     }
 
     fn tick(&mut self, now: Uptime, actions: &mut Vec<Action>) {
-        self.thoughts.set(MOST_THOUGHTS);
         self.advance(now);
         self.suspect(now, actions);
         let silent = |w: &&Worker| now.since(w.last_report) >= self.config.lease;
@@ -392,6 +395,7 @@ impl Core {
         if elapsed >= self.config.tick {
             // A shell that was held up for several ticks closes one: what came meanwhile is counted in it.
             self.tick_began = now;
+            self.thoughts.set(MOST_THOUGHTS);
             let ticks = elapsed.as_secs_f64() / self.config.tick.as_secs_f64();
             self.place_samples(ticks);
             self.invest(ticks);

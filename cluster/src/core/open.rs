@@ -80,19 +80,25 @@ impl SurveyWanted {
 
 impl Core {
     /// What is to be found out about a view before it is asked for; `None` where that would change nothing: its way is not
-    /// open, or nobody holds a sample near it and none is thought of.
+    /// open, or nobody holds a sample near it.
     pub fn survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
-        if view.pin.is_some() || !view.plan.leaves_way_open() {
-            return None;
-        }
-        let mut candidates = self.held_around(&view.camera);
-        candidates.extend(self.thinkable_around(&view.camera));
-        let wanted = || SurveyWanted {
-            rig: self.set.rig,
-            time_secs: self.set.time_secs(),
-            candidates: candidates.clone(),
-        };
-        (!candidates.is_empty()).then(wanted)
+        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        self.survey_of(if open { self.held_around(&view.camera) } else { Vec::new() })
+    }
+
+    /// What is to be found out about a view, while nobody waits for it, to see which samples would be worth their price;
+    /// [`Event::Surveyed`](super::Event::Surveyed) brings the answer. `None` for most views: a few a second tell enough.
+    pub fn thought_wanted(&self, view: &View) -> Option<SurveyWanted> {
+        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        let may_pay = self.workers.values().any(|worker| worker.report.warp_cost.is_some());
+        let left = self.thoughts.get().checked_sub(1).filter(|_| open && may_pay)?;
+        self.thoughts.set(left);
+        self.survey_of(self.cameras_around(&view.camera))
+    }
+
+    fn survey_of(&self, candidates: Vec<u64>) -> Option<SurveyWanted> {
+        let (rig, time_secs) = (self.set.rig, self.set.time_secs());
+        (!candidates.is_empty()).then_some(SurveyWanted { rig, time_secs, candidates })
     }
 
     /// Cameras near a viewer whose samples somebody holds, nearest first.
@@ -103,40 +109,45 @@ impl Core {
         held.take(MOST_HELD).collect()
     }
 
-    /// Cameras near a viewer whose samples nobody holds, and which a bundle could take: the corners of the viewer's cell,
-    /// then nearer ones.
-    fn thinkable_around(&self, camera: &Camera) -> Vec<u64> {
-        let Some(left) = self.thoughts.get().checked_sub(1) else { return Vec::new() };
-        self.thoughts.set(left);
+    /// Cameras near a viewer that a bundle could take, whether or not somebody holds their samples: the corners of the
+    /// viewer's cell, then nearer ones.
+    fn cameras_around(&self, camera: &Camera) -> Vec<u64> {
         let rig = &self.set.rig;
         let own = rig.nearest_among(camera, MOST_HELD, Among::default());
         let nearer = (1..=FINEST_LEVEL).filter_map(|level| rig.refinement(camera, level, None));
-        let mut thinkable: Vec<u64> = own.into_iter().chain(nearer).collect();
-        thinkable.dedup();
-        thinkable.retain(|index| !self.whereabouts.is_held(self.served(*index)));
-        thinkable
+        let mut around: Vec<u64> = own.into_iter().chain(nearer).collect();
+        around.dedup();
+        around
     }
 
-    /// A view whose way was open took so many milliseconds: it says what samples save, or would save.
+    /// A view whose way was open took so many milliseconds of rendering: samples that it used have saved some.
     pub(super) fn learn_savings(&mut self, view: &Pending, open: &OpenView, ms: f64) {
-        let Some(worker) = view.worker.and_then(|id| self.workers.get(&id)) else { return };
-        let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
-        let (Some(direct), Some(warp)) = (self.direct_cost(worker), worker.report.warp_cost) else { return };
-        if !view.is_direct() {
-            let used: Vec<u64> = view.samples().iter().map(|id| id.index).collect();
-            let pixels = self.pixels_for((direct.ms(work) - ms) * 1e-3);
-            self.placement.credit(&used, pixels / used.len().max(1) as f64);
+        if view.is_direct() {
+            self.unthought += 1;
             return;
         }
-        let Some(survey) = &open.survey else { return };
+        let Some(worker) = view.worker.and_then(|id| self.workers.get(&id)) else { return };
+        let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
+        let Some(direct) = self.direct_cost(worker) else { return };
+        let used: Vec<u64> = view.samples().iter().map(|id| id.index).collect();
+        let pixels = self.pixels_for((direct.ms(work) - ms) * 1e-3);
+        self.placement.credit(&used, pixels / used.len().max(1) as f64);
+    }
+
+    /// What a view of so many pixels, sub-pixels counted, shows is known: its bundle would have saved some time of that
+    /// view, and of those like it since the last one that was looked at.
+    pub(super) fn learn_thought(&mut self, pixels: u64, survey: &Survey) {
+        let measured = |w: &Worker| Some((w.report.direct_cost?.ms(pixels), w.report.warp_cost?.ms(pixels)));
+        let Some((direct_ms, warp_ms)) = self.workers.values().find_map(measured) else { return };
         let own = survey.choose(|index| self.set.rig.level(index) == Some(0), MOST_SAMPLES);
         let is_sound = |bundle: &[u64]| predicted_excess(Some(survey.coverage(bundle))).1;
         let bundle = match is_sound(&own) {
             true => own,
             false => survey.choose(|_| true, MOST_SAMPLES),
         };
+        let views = f64::from(std::mem::take(&mut self.unthought));
         if is_sound(&bundle) {
-            self.investments.learn(bundle, (ms - warp.ms(work)) * 1e-3);
+            self.investments.learn(bundle, views * (direct_ms - warp_ms) * 1e-3);
         }
     }
 

@@ -58,6 +58,10 @@ fn ask(sim: &mut Sim, view: &View) -> Ticket {
     let ticket = Ticket(sim.next);
     sim.next += 1;
     let survey = sim.core.survey_wanted(view).map(|wanted| Box::new(wanted.take(view, &Open)));
+    if let Some(thought) = sim.core.thought_wanted(view) {
+        let pixels = u64::from(view.width) * u64::from(view.height);
+        sim.step(Event::Surveyed { pixels, survey: Box::new(thought.take(view, &Open)) });
+    }
     let (client, view) = ("a client".into(), Box::new(view.clone()));
     sim.step(Event::Asked { ticket, client, view, deadline: None, survey });
     ticket
