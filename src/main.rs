@@ -18,6 +18,7 @@ mod load;
 mod output;
 mod processes;
 mod scene;
+mod selftest;
 mod serve;
 mod settings;
 mod shutdown;
@@ -56,6 +57,7 @@ struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   argus demo                                  sixteen viewers of the built-in scene, start to finish
+  argus selftest                              does Argus work on this machine, and right?
   argus serve --scene model.glb               serve a scene on this machine, then, elsewhere:
   argus view --eye 3,2,5 --target 0,1,0 --out view.png
   argus browse                                walk through it, in a browser
@@ -80,6 +82,7 @@ enum Command {
     Scene(scene::Args),
     Compare(compare::Args),
     Config(config::Args),
+    Selftest(selftest::Args),
     Certs(certs::Args),
     Study(study::Args),
 }
@@ -129,6 +132,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Health(args) => runtime.block_on(health::run(args, sources)),
         Command::Scene(args) => scene::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Selftest(args) => runtime.block_on(selftest::run(args)),
         Command::Certs(args) => certs::run(&args),
         Command::Config(args) => config::run(&args, sources),
         Command::Study(args) => runtime.block_on(study::run(args)),

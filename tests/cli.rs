@@ -8,7 +8,7 @@ use std::process::Stdio;
 
 use support::{Process, SMALL, argus, json, run, stderr};
 
-const SUBCOMMANDS: [&str; 12] = [
+const SUBCOMMANDS: [&str; 13] = [
     "certs",
     "config",
     "demo",
@@ -19,6 +19,7 @@ const SUBCOMMANDS: [&str; 12] = [
     "load",
     "status",
     "scene",
+    "selftest",
     "compare",
     "study",
 ];
@@ -144,6 +145,48 @@ fn images_are_compared() {
 
     fails_in_one_line(&["compare", &path("a.png"), &path("small.png")], 2, &["32x24", "8x8"]);
     fails_in_one_line(&["compare", &path("a.png"), &path("none.png")], 1, &["none.png"]);
+}
+
+#[test]
+fn the_self_test_passes_here_and_says_what_it_measured() {
+    let report = json(&["selftest", "--json"]);
+    assert_eq!(report["passed"], true, "{report:#}");
+    let device = &report["device"];
+    assert!(device["adapter"].is_string() && device["max_binding_bytes"].as_u64() > Some(0), "{device:#}");
+    assert!(device["triangles_by"].as_array().unwrap().iter().any(|way| way == "raster"), "{device:#}");
+    let checks = report["checks"].as_array().unwrap();
+    for (word, count) in [("triangles by raster", 2), ("a view from samples by", 10), ("fragment against", 5)]
+    {
+        let found = checks.iter().filter(|check| check["name"].as_str().unwrap().contains(word)).count();
+        assert_eq!(found, count, "{word}: {report:#}");
+    }
+    // Images that equal the reference to the last bit were not rendered, but copied.
+    for check in checks.iter().filter(|check| check["name"].as_str().unwrap().ends_with(": FLIP")) {
+        assert!(check["figure"].as_f64() > Some(0.0) && check["at_most"].as_f64() < Some(0.2), "{check:#}");
+    }
+    assert!(checks.iter().any(|check| check["name"].as_str().unwrap().contains("lost")), "{report:#}");
+}
+
+#[test]
+fn without_a_driver_the_self_test_fails_and_says_what_to_install() {
+    let mut command = argus(&["selftest", "--json"]);
+    for variable in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+        command.env(variable, "/no/such/driver.json");
+    }
+    let output = command.stdin(Stdio::null()).output().unwrap();
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(
+        message.lines().any(|line| line.starts_with("argus:") && line.contains("mesa-vulkan-drivers")),
+        "{message}"
+    );
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["passed"], &report["device"]), (&false.into(), &serde_json::Value::Null));
+
+    let mut command = argus(&["selftest"]);
+    let output = command.env("ARGUS_ADAPTER", "no such adapter").stdin(Stdio::null()).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("no such adapter"), "{}", stderr(&output));
 }
 
 /// Both ways to be asked to stop: a signal, and the end of the input of whoever started it.

@@ -27,7 +27,7 @@ pub struct Gpu {
     /// Its queue.
     pub queue: wgpu::Queue,
     kind: String,
-    software: bool,
+    adapter: wgpu::AdapterInfo,
     faults: Arc<Faults>,
     pub(crate) readback: ReadbackPool,
 }
@@ -91,7 +91,7 @@ impl Gpu {
             device,
             queue,
             kind: format!("{} / {} {}", info.name, info.driver, info.driver_info),
-            software: info.device_type == DeviceType::Cpu,
+            adapter: info,
             faults,
             readback: ReadbackPool::default(),
         }))
@@ -104,7 +104,12 @@ impl Gpu {
 
     /// Whether the adapter is a software driver, where graphics and compute work run at the same speed.
     pub fn is_software(&self) -> bool {
-        self.software
+        self.adapter.device_type == DeviceType::Cpu
+    }
+
+    /// What the driver says of the adapter: names, kind, range of subgroup sizes.
+    pub fn adapter(&self) -> &wgpu::AdapterInfo {
+        &self.adapter
     }
 
     /// Whether the device can time passes.
