@@ -357,7 +357,8 @@ fn visibility() -> impl TypedValueParser<Value = Way> {
     PossibleValuesParser::new(names).map(|name| Visibility::ALL.into_iter().find(|v| v.name() == name))
 }
 
-/// How a view is to be answered; what is left out the service chooses.
+/// How a view is to be answered. Without any of these, the service answers at once: from the triangles, or from samples that a
+/// worker holds where that is sooner and as good. --search, --steps, --samples and --holes ask for samples and wait for them.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Plan")]
 pub(crate) struct Plan {
@@ -380,8 +381,8 @@ pub(crate) struct Plan {
     /// What becomes of pixels that no sample saw: a guess that the mask marks, or their rays traced
     #[arg(long, value_name = "WAY", value_parser = holes())]
     pub(crate) holes: Option<Holes>,
-    /// What is wanted: interactive (the cheapest plan), balanced (the best for twice its time) or exact (no
-    /// pixel is guessed)
+    /// What matters: interactive (time before error), balanced (as good as the triangles, as soon as can be; the default) or
+    /// exact (no pixel is guessed, four samples a pixel)
     #[arg(long, value_name = "WISH", value_parser = preset())]
     pub(crate) preset: Option<Preset>,
     /// Greatest mean FLIP against the reference that is accepted, above 0 and up to 1; a scene that `argus study

@@ -8,6 +8,7 @@ use std::time::Duration;
 use anyhow::Context;
 use argus_client::{Answer, RenderOptions};
 use argus_proto::Description;
+use argus_scene::frame::Decision;
 use argus_scene::reference::{Tracer, cache};
 use argus_scene::{
     Camera, Frame, Holes, Output, Outputs, Plan, PlanRequest, Prediction, Provenance, Served, View,
@@ -64,8 +65,8 @@ pub(crate) struct Args {
     /// the scene's file on this machine
     #[arg(long)]
     verify: bool,
-    /// Print one JSON object: width, height, epoch, search, samples, unresolved_fraction, served, worker,
-    /// predicted: {error, ms}, measured_ms, true_error, stages_ms: {name: ms}, total_ms, …
+    /// Print one JSON object: width, height, epoch, search, samples, decision: {reason, wait_ms, render_ms, excess},
+    /// unresolved_fraction, served, worker, predicted: {error, ms}, measured_ms, true_error, stages_ms: {name: ms}, total_ms, …
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -105,6 +106,8 @@ struct Report {
     served: Served,
     /// `mark` or `trace`; absent for a direct view.
     holes: Option<Holes>,
+    /// How the service chose the way, with what it predicted; absent where the arguments name the way.
+    decision: Option<Decision>,
     /// What the service expected: mean FLIP that such frames stay below, milliseconds of rendering.
     predicted: Option<Prediction>,
     /// Milliseconds of rendering, that of frames which were not good enough included.
@@ -151,6 +154,7 @@ impl Report {
             unresolved_fraction: frame.unresolved_fraction,
             served: frame.served,
             holes,
+            decision: frame.decision,
             predicted: frame.predicted,
             measured_ms: frame.rendering_ms(),
             true_error: None,
@@ -191,6 +195,9 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     }
     println!("{}: {}x{}, {}", args.out.display(), report.width, report.height, report.search);
     println!("  made by     {} from {} samples", report.worker, report.samples.len());
+    if let Some(decision) = report.decision {
+        println!("  because     {}", decision.reason.phrase());
+    }
     println!("  unresolved  {:.3}% of the pixels", report.unresolved_fraction * 100.0);
     if let Some(Prediction { error, ms }) = report.predicted {
         println!("  foretold    an error of at most {error:.4}, {ms:.1} ms of rendering");

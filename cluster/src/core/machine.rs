@@ -113,6 +113,8 @@ pub struct Core {
     pub(super) thoughts: Cell<u32>,
     /// Views from triangles since the last one that was looked at.
     pub(super) unthought: u32,
+    /// Ticks for which views from triangles have taken so much time that samples may be worth measuring.
+    pub(super) steady_ticks: f64,
     pub(super) epochs: Epochs,
     /// What calibration measured of the scene, of each kind of device; none where nobody calibrated.
     pub(super) models: Vec<Arc<Model>>,
@@ -196,6 +198,7 @@ impl Core {
             investments: Investments::default(),
             thoughts: Cell::default(),
             unthought: 0,
+            steady_ticks: 0.0,
             epochs,
             split: Split::Nobody,
             counters: Counters::default(),
@@ -399,6 +402,7 @@ impl Core {
             let ticks = elapsed.as_secs_f64() / self.config.tick.as_secs_f64();
             self.place_samples(ticks);
             self.invest(ticks);
+            self.count_steady_ticks(ticks);
             let Rates { samples, direct, direct_anywhere, views, rays } = &mut self.rates;
             for rate in [samples, direct, direct_anywhere, views, rays] {
                 rate.roll();

@@ -78,7 +78,7 @@ impl Core {
             sample_ms: self.costs.sample.value().unwrap_or(0.0) * 1e3,
             views_per_tick: demand.views,
             view_ms: costs.view_secs * 1e3,
-            direct_views_per_tick: demand.direct,
+            direct_views_per_tick: demand.direct + demand.direct_anywhere,
             direct_ms: self.costs.direct.value().unwrap_or(0.0) * 1e3,
             rays_per_tick: demand.rays,
             ray_ms: costs.ray_secs * 1e3,

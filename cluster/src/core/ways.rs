@@ -15,6 +15,9 @@ use super::worker::Worker;
 /// Share of a process that views from triangles must take before views from samples are worth measuring.
 const WORTH_MEASURING: f64 = 0.05;
 
+/// Ticks for which they must do so: measuring takes a second, in which a worker answers nothing.
+const STEADY_TICKS: f64 = 8.0;
+
 impl Core {
     /// Has some worker measure, one at a time: as soon as samples are wanted and it is open how triangles are seen, and each
     /// of them once steady demand says that views from samples may be worth their price.
@@ -25,9 +28,7 @@ impl Core {
         let samples_are_wanted =
             !self.waiting.composed.is_empty() || self.placement.placed().next().is_some();
         let must_settle = !self.way_is_settled && samples_are_wanted;
-        let direct_secs = self.costs.direct.value().unwrap_or(0.0);
-        let demand_secs = self.rates.direct_anywhere.per_tick() * direct_secs;
-        let may_pay = demand_secs > WORTH_MEASURING * self.config.tick.as_secs_f64();
+        let may_pay = self.steady_ticks >= STEADY_TICKS;
         let is_wanted = |worker: &&mut Worker| {
             let unmeasured = worker.report.direct_cost.is_some() && worker.report.warp_cost.is_none();
             worker.answers() && (must_settle || (may_pay && unmeasured && !worker.has_been_told_to_measure()))
@@ -37,6 +38,14 @@ impl Core {
         if let Some(worker) = candidates.min_by_key(|w| (w.views.len(), w.id)) {
             actions.push(Action::Assign { worker: worker.id, assignment: worker.measure() });
         }
+    }
+
+    /// Ticks have passed: counts those for which views from triangles have taken a good part of a process.
+    pub(super) fn count_steady_ticks(&mut self, ticks: f64) {
+        let direct_secs = self.costs.direct.value().unwrap_or(0.0);
+        let demand_secs = self.rates.direct_anywhere.per_tick() * direct_secs;
+        let is_much = demand_secs > WORTH_MEASURING * self.config.tick.as_secs_f64();
+        self.steady_ticks = if is_much { self.steady_ticks + ticks } else { 0.0 };
     }
 
     /// A worker measured: the cheapest way is the one that all take.
