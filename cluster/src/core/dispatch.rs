@@ -250,6 +250,9 @@ impl Core {
         if self.views.get(&ticket).is_some_and(|view| view.open.is_some()) {
             return self.place_open(ticket, actions);
         }
+        if self.views.get(&ticket).is_some_and(|view| !view.is_direct()) && self.set_is_on_its_way() {
+            return false;
+        }
         self.leave_out_lost(ticket);
         let Some(view) = self.views.get(&ticket) else { return true };
         let Some(id) = self.choose(view) else { return false };

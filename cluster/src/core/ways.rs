@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use argus_scene::{SampleSetInfo, Visibility};
 
-use super::event::Action;
+use super::event::{Action, Role};
 use super::machine::Core;
 use super::worker::Worker;
 
@@ -46,6 +46,12 @@ impl Core {
         let demand_secs = self.rates.direct_anywhere.per_tick() * direct_secs;
         let is_much = demand_secs > WORTH_MEASURING * self.config.tick.as_secs_f64();
         self.steady_ticks = if is_much { self.steady_ticks + ticks } else { 0.0 };
+    }
+
+    /// Whether those who render samples have yet to hear of which set: until then compositors would render them.
+    pub(super) fn set_is_on_its_way(&self) -> bool {
+        let samples = |w: &&Worker| w.role().is_some_and(Role::samples) && w.seems_well();
+        !self.way_is_settled || self.members().filter(samples).any(|worker| !worker.knows_set())
     }
 
     /// A worker measured: the cheapest way is the one that all take.
