@@ -30,9 +30,8 @@ impl Core {
     pub(super) fn ask(
         &mut self,
         ticket: Ticket,
-        client: Client,
+        (client, deadline): (Client, Option<Duration>),
         view: &View,
-        deadline: Option<Duration>,
         survey: Option<Box<Survey>>,
         now: Uptime,
         actions: &mut Vec<Action>,

@@ -261,7 +261,7 @@ impl Core {
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.leave(worker, now, &mut actions),
             Event::Asked { ticket, client, view, deadline, survey } => {
-                self.ask(ticket, client, &view, deadline, survey, now, &mut actions);
+                self.ask(ticket, (client, deadline), &view, survey, now, &mut actions);
             }
             Event::Surveyed { pixels, survey } => self.learn_thought(pixels, &survey),
             Event::Judged { ticket, attempt, observed, ms } => {

@@ -59,6 +59,18 @@ impl OpenView {
     }
 }
 
+/// A view from some samples.
+#[derive(Debug, Clone)]
+struct FromSamples {
+    plan: Plan,
+    /// Share of the view that the samples miss, and that is traced.
+    uncovered: f64,
+    /// Predicted mean FLIP above that of a direct view.
+    excess: f64,
+    /// Whether the samples see enough of the view, with fine texels.
+    is_sound: bool,
+}
+
 /// What is to be found out about a view before it is asked for. The rays are sent outside of the core.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurveyWanted {
@@ -236,7 +248,7 @@ impl Core {
     fn offers(&self, view: &Pending, open: &OpenView) -> Vec<Offer> {
         let asked = self.asked(view, open);
         // Workers mostly hold the same: what a set of samples comes to is found out once.
-        let mut known: HashMap<Vec<u64>, Option<(Plan, f64, f64, bool)>> = HashMap::new();
+        let mut known: HashMap<Vec<u64>, Option<FromSamples>> = HashMap::new();
         let mut offers = Vec::new();
         for worker in asked {
             let turn = (worker.views.len(), worker.dispatched);
@@ -257,7 +269,7 @@ impl Core {
                 continue;
             };
             let plan = known.entry(held.clone()).or_insert_with(|| self.warp_from(&held, open));
-            if let Some((plan, uncovered, excess, is_sound)) = plan.clone() {
+            if let Some(FromSamples { plan, uncovered, excess, is_sound }) = plan.clone() {
                 let rays_ms = worker.report.ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
                 let render_ms = Some(warp_cost.ms(work) + rays_ms);
                 offers.push(Offer { plan, render_ms, excess, is_sound, ..base.clone() });
@@ -330,9 +342,8 @@ impl Core {
         }
     }
 
-    /// The plan of a view from those samples, the share of it that they miss, the predicted error, and whether that is
-    /// within what samples must fulfil; `None` without samples.
-    fn warp_from(&self, cameras: &[u64], open: &OpenView) -> Option<(Plan, f64, f64, bool)> {
+    /// What a view would be from those cameras' samples; `None` without samples.
+    fn warp_from(&self, cameras: &[u64], open: &OpenView) -> Option<FromSamples> {
         if cameras.is_empty() {
             return None;
         }
@@ -344,6 +355,7 @@ impl Core {
         let supersampling = open.samples_per_pixel.isqrt();
         let steps = self.config.steps_of(search);
         let plan = Plan::Warp(Warp { search, steps, supersampling, samples, holes: Holes::Trace });
-        Some((plan, coverage.map_or(0.0, |coverage| 1.0 - coverage.covered), excess, is_sound))
+        let uncovered = coverage.map_or(0.0, |coverage| 1.0 - coverage.covered);
+        Some(FromSamples { plan, uncovered, excess, is_sound })
     }
 }

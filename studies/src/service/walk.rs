@@ -132,7 +132,7 @@ impl Place {
         let closeness = 0.5 - 0.5 * turn.cos();
         let length = far.length() * (near.length() / far.length()).powf(closeness);
         let direction = far.normalize_or(DVec3::Z).lerp(near.normalize_or(DVec3::Z), closeness);
-        let side = if self.client % 2 == 0 { 1.0 } else { -1.0 };
+        let side = if self.client.is_multiple_of(2) { 1.0 } else { -1.0 };
         let swing = DQuat::from_axis_angle(up, side * SWING * (0.7 * turn).sin());
         let eye = target + swing * direction.normalize_or(DVec3::Z) * length;
         let eye = if closeness > 0.5 { eye.lerp(self.within(eye), 2.0 * closeness - 1.0) } else { eye };

@@ -272,7 +272,7 @@ impl World {
         let latency = self.latency();
         let asked =
             Event::Asked { ticket, client: client.to_string().into(), view, deadline: None, survey: None };
-        self.after(latency, Happening::ToCoordinator(asked));
+        self.after(latency, Happening::ToCoordinator(Box::new(asked)));
         ticket
     }
 
@@ -319,7 +319,7 @@ impl World {
             cores: 1,
         };
         let latency = self.latency();
-        self.after(latency, Happening::ToCoordinator(Event::Joined { worker: id, hello }));
+        self.after(latency, Happening::ToCoordinator(Box::new(Event::Joined { worker: id, hello })));
     }
 
     /// A worker's process ends without a word; its connections break.
@@ -330,7 +330,7 @@ impl World {
         let latency = self.latency();
         if let Some(worker) = id {
             self.slots.remove(&worker);
-            self.after(latency, Happening::ToCoordinator(Event::Left { worker }));
+            self.after(latency, Happening::ToCoordinator(Box::new(Event::Left { worker })));
         }
         for child in 0..self.workers.len() {
             let fetches = self.workers[child].fetches.iter();
@@ -387,7 +387,7 @@ impl World {
                 self.step(Event::Failed { ticket, attempt: order.attempt, failure });
             }
             Happening::ToWorker { .. } => {}
-            Happening::ToCoordinator(event) => self.step(event),
+            Happening::ToCoordinator(event) => self.step(*event),
             Happening::FrameAtCoordinator { view } => {
                 let ms = self.parameters.relay_ms;
                 self.begin(COORDINATOR, ms, Task::Relay { view });
@@ -469,7 +469,7 @@ impl World {
                                 failure: Failure::TryElsewhere,
                             };
                             let latency = self.latency();
-                            self.after(latency, Happening::ToCoordinator(failed));
+                            self.after(latency, Happening::ToCoordinator(Box::new(failed)));
                         }
                     }
                 }
@@ -518,7 +518,7 @@ impl World {
                     self.at(at, Happening::FrameAtCoordinator { view });
                 } else {
                     let latency = self.latency();
-                    self.after(latency, Happening::ToCoordinator(answered(view)));
+                    self.after(latency, Happening::ToCoordinator(Box::new(answered(view))));
                     let at = self.send(WORKERS + slot, CLIENTS, bytes);
                     self.at(at, Happening::FrameAtClient { ticket: view.ticket });
                 }

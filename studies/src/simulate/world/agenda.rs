@@ -11,7 +11,7 @@ use crate::simulate::worker::Attempt;
 pub(super) enum Happening {
     HostDone { host: usize, version: u64 },
     ToWorker { slot: usize, life: u32, message: Message },
-    ToCoordinator(Event),
+    ToCoordinator(Box<Event>),
     FrameAtCoordinator { view: Attempt },
     FrameAtClient { ticket: Ticket },
     Report { slot: usize, life: u32 },

@@ -22,7 +22,7 @@ impl World {
             && worker.direct.is_empty()
             && worker.waiting.is_empty();
         let latency = self.latency();
-        self.after(latency, Happening::ToCoordinator(Event::Reported { worker: id, report }));
+        self.after(latency, Happening::ToCoordinator(Box::new(Event::Reported { worker: id, report })));
         // It ends once the coordinator knows, so that nothing more is on its way here.
         let name = &self.workers[slot].name;
         if done && self.core.status().workers.iter().any(|w| w.hello.name == *name && w.report.leaving) {
