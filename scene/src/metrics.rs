@@ -267,8 +267,8 @@ mod tests {
         assert_eq!(found.tiles.len(), 5 * 3);
         let (worst, error) = found.tiles.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
         assert_eq!(worst, 5 + 3, "second row, fourth column: {found:?}");
-        // A quarter of that tile's pixels differ, by about 0.4 each; FLIP's filters reach only a few pixels beyond.
-        assert!((0.05..0.25).contains(error), "{error}");
+        // A quarter of that tile's pixels differ, and FLIP's filters reach a few pixels beyond.
+        assert!((0.1..0.5).contains(error), "{error}");
         assert!([0, 4, 10, 14].iter().all(|&corner| found.tiles[corner] < 1e-4), "{found:?}");
         // Whole tiles that do not overlap: their mean is the image's.
         let of_tiles = found.tiles.iter().sum::<f64>() / found.tiles.len() as f64;
