@@ -1,7 +1,7 @@
 //! JPEG for browsers: baseline, colour at half resolution (4:2:0), standard Huffman codes.
 //!
-//! A page gets each frame as a JPEG, so that encoding must take a small part of a frame's time. At 640×480 this takes about a
-//! third of the time of the `image` crate's encoder, on one thread, without unsafe code. Source: ITU-T T.81.
+//! A page gets each frame as a JPEG, so that encoding must take a small part of a frame's time. At 640×480 this takes
+//! about a third of the time of the `image` crate's encoder, on one thread, without unsafe code. Source: ITU-T T.81.
 
 mod tables;
 
@@ -13,8 +13,8 @@ const UNIT: usize = 16;
 /// Largest number of pixels on a side, by the file format.
 const MAX_SIDE: u32 = 65_535;
 
-/// Encodes an sRGB image, 3 bytes a pixel, tightly packed, row 0 at the top. `quality` is 1 (smallest) to 100 (best), as in libjpeg;
-/// values outside that range count as the nearest one inside.
+/// Encodes an sRGB image, 3 bytes a pixel, tightly packed, row 0 at the top. `quality` is 1 (smallest) to 100 (best),
+/// as in libjpeg; values outside that range count as the nearest one inside.
 ///
 /// Takes milliseconds: keep it off an async thread.
 ///
@@ -211,7 +211,8 @@ fn transposed(block: &Block) -> Block {
     turned
 }
 
-/// Cosine transforms of all columns, by the five multiplications of Arai, Agui and Nakajima 1988; results lack constant factors.
+/// Cosine transforms of all columns, by the five multiplications of Arai, Agui and Nakajima 1988; results lack
+/// constant factors.
 fn transform(block: &mut Block) {
     for column in 0..8 {
         let at = |row: usize| block[row][column];

@@ -1,8 +1,8 @@
 //! One page's WebSocket, bridged to one session of the service.
 //!
-//! The newest camera wins at each step: a camera that waits is replaced, here and in the session. A page acknowledges each image
-//! that it has shown, and at most two images are on their way to it, so that a slow page gets fewer images and never old ones,
-//! and a page that reads nothing makes nothing grow.
+//! The newest camera wins at each step: a camera that waits is replaced, here and in the session. A page acknowledges
+//! each image that it has shown, and at most two images are on their way to it, so that a slow page gets fewer images
+//! and never old ones, and a page that reads nothing makes nothing grow.
 
 mod flow;
 

@@ -4,8 +4,9 @@ use std::net::IpAddr;
 
 use axum::http::{HeaderMap, Uri, header};
 
-/// Whether a request was sent to a name of this machine. DNS rebinding sends requests under another site's name: that site's page
-/// could otherwise see what only this client may see. `authority` is the host of the request's address, where it has one.
+/// Whether a request was sent to a name of this machine. DNS rebinding sends requests under another site's name: that
+/// site's page could otherwise see what only this client may see. `authority` is the host of the request's address,
+/// where it has one.
 pub(super) fn is_of_this_machine(headers: &HeaderMap, authority: Option<&str>) -> bool {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let Some(host) = named.or(authority) else { return false };
@@ -17,8 +18,8 @@ pub(super) fn is_of_this_machine(headers: &HeaderMap, authority: Option<&str>) -
     name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
-/// Whether a WebSocket is opened by the page that this server serves. Browsers let every page open a WebSocket to every server, and
-/// say in `Origin` which page does; programs other than browsers send no `Origin`, and may connect.
+/// Whether a WebSocket is opened by the page that this server serves. Browsers let every page open a WebSocket to
+/// every server, and say in `Origin` which page does; programs other than browsers send no `Origin`, and may connect.
 pub(super) fn is_of_own_page(headers: &HeaderMap) -> bool {
     let mut origins = headers.get_all(header::ORIGIN).iter();
     let Some(origin) = origins.next() else { return true };

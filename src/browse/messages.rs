@@ -7,9 +7,10 @@
 //! {"shown": 7}
 //! ```
 //!
-//! Only `camera`, its number, must be there; the rest is as for `/frame`. Numbers ascend. The bridge sends images as binary messages: the
-//! length of a JSON object in 4 bytes, little-endian; the object, see [`about`]; a JPEG. Errors are text messages with one field:
-//! `refused` (the message was not understood), `failed` (a camera has no image) or `trouble` (the service does not answer).
+//! Only `camera`, its number, must be there; the rest is as for `/frame`. Numbers ascend. The bridge sends images as
+//! binary messages: the length of a JSON object in 4 bytes, little-endian; the object, see [`about`]; a JPEG. Errors
+//! are text messages with one field: `refused` (the message was not understood), `failed` (a camera has no image) or
+//! `trouble` (the service does not answer).
 
 use argus_client::FrameMeta;
 use argus_scene::{Camera, Frame, Holes, InvalidField, Outputs, Plan, PlanRequest, View};
@@ -64,13 +65,19 @@ pub(super) fn read(text: &str, usual: Camera, plan: &PlanRequest) -> Result<Mess
             _ => {
                 let known = "camera, eye, target, up, fov_deg, size, direct and shown are";
                 let name: String = name.chars().take(40).collect();
-                return Err(InvalidField::new("message", format!("the field {name:?} is not known: {known}")));
+                return Err(InvalidField::new(
+                    "message",
+                    format!("the field {name:?} is not known: {known}"),
+                ));
             }
         }
     }
     let number = number.ok_or_else(|| InvalidField::new("camera", "the camera's number must be given"))?;
     let [width, height] = size;
-    Ok(Message::Camera { number, view: View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None } })
+    Ok(Message::Camera {
+        number,
+        view: View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None },
+    })
 }
 
 fn field<T: DeserializeOwned>(name: &'static str, value: &Value) -> Result<T, InvalidField> {
@@ -79,9 +86,10 @@ fn field<T: DeserializeOwned>(name: &'static str, value: &Value) -> Result<T, In
 
 /// What a page shows beside an image: how it was made and what it cost.
 ///
-/// `way` is `direct` (rendered from the triangles), `samples`, or `samples and rays` where rays were traced for pixels that no sample saw.
-/// `samples` counts them, 0 for a direct view. `stages` are the timed steps with their `ms`; `rendering_ms` sums up those that are
-/// rendering. `age_ms` is the time since the request reached the service. `predicted` is the expected `error` and `ms`, or null.
+/// `way` is `direct` (rendered from the triangles), `samples`, or `samples and rays` where rays were traced for
+/// pixels that no sample saw. `samples` counts them, 0 for a direct view. `stages` are the timed steps with their
+/// `ms`; `rendering_ms` sums up those that are rendering. `age_ms` is the time since the request reached the service.
+/// `predicted` is the expected `error` and `ms`, or null.
 pub(super) fn about(frame: &Frame, meta: &FrameMeta) -> Map<String, Value> {
     let (search, way, samples) = match &frame.provenance.plan {
         Plan::Direct { .. } => ("direct", "direct", 0),
@@ -144,11 +152,17 @@ mod tests {
 
     #[test]
     fn a_camera_says_what_differs_from_the_usual_one() {
-        let text = r#"{"camera": 7, "eye": [1, -2.5, 3e2], "fov_deg": 45, "size": [320, 200], "direct": true}"#;
+        let text =
+            r#"{"camera": 7, "eye": [1, -2.5, 3e2], "fov_deg": 45, "size": [320, 200], "direct": true}"#;
         let Message::Camera { number, view } = said(text).unwrap() else { panic!("no camera") };
-        assert_eq!((number, view.camera.eye, view.camera.target), (7, DVec3::new(1.0, -2.5, 300.0), DVec3::ZERO));
+        assert_eq!(
+            (number, view.camera.eye, view.camera.target),
+            (7, DVec3::new(1.0, -2.5, 300.0), DVec3::ZERO)
+        );
         assert_eq!((view.camera.fov_deg, view.width, view.height, view.plan.direct), (45.0, 320, 200, true));
-        let Message::Camera { view, .. } = said(r#"{"camera": 0, "direct": false}"#).unwrap() else { panic!() };
+        let Message::Camera { view, .. } = said(r#"{"camera": 0, "direct": false}"#).unwrap() else {
+            panic!()
+        };
         assert_eq!(([view.width, view.height], view.plan.direct), (USUAL_SIZE, false));
         assert_eq!(said(r#"{"shown": 18446744073709551615}"#).unwrap(), Message::Shown(u64::MAX));
     }

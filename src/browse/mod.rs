@@ -1,8 +1,9 @@
 //! `argus browse`: a scene in a web browser.
 //!
-//! A thin client that serves a page. The page says over a WebSocket where its camera is; this process asks the service for that view
-//! in a session, with its own token and over its own connection, and sends the image on. So the service speaks gRPC only, and what
-//! a browser cannot do (TLS by the cluster's own authority, tokens from files) stays here.
+//! A thin client that serves a page. The page says over a WebSocket where its camera is; this process asks the
+//! service for that view in a session, with its own token and over its own connection, and sends the image on. So the
+//! service speaks gRPC only, and what a browser cannot do (TLS by the cluster's own authority, tokens from files)
+//! stays here.
 
 mod bridge;
 mod guard;
@@ -26,10 +27,17 @@ use crate::exit::bad_arguments;
 use crate::settings::Sources;
 use crate::{args, output, shutdown};
 
-/// Serves a page in which a browser looks at the scene and walks through it.
+/// Serves a page in which a browser shows the scene and walks through it.
 ///
-/// Drag to look around, W A S D or the arrow keys to move, Q and E for down and up, the wheel for speed. The page shows what each
-/// image cost and how much of it no sample saw, and compares it with the view from the triangles.
+/// Drag or touch to look around, W A S D or the arrow keys to move, Q and E for down and up, the wheel for the speed,
+/// two fingers to move ahead or back. The page shows how each image was made, what it cost, and how many arrive a
+/// second. While the camera moves and fewer than 10 images a second arrive, smaller images are asked for; a camera at
+/// rest gets one image of the full size. A box renders every image from the triangles, for comparison, and so does
+/// ?direct in the address. The address holds the view: copy it to show others the same view. Up to 16 pages can be
+/// open at a time.
+///
+/// For scripts: GET /frame?eye=X,Y,Z&target=X,Y,Z&size=WxH is one JPEG, with its description as JSON in the header
+/// argus-frame.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -97,10 +97,8 @@ async fn session(State(site): State<Arc<Site>>, headers: HeaderMap, upgrade: Web
     }
     let place = site.pages.clone().try_acquire_owned();
     let open = site.open.token();
-    upgrade
-        .max_message_size(bridge::MAX_MESSAGE_BYTES)
-        .max_frame_size(bridge::MAX_MESSAGE_BYTES)
-        .on_upgrade(async move |mut socket| {
+    upgrade.max_message_size(bridge::MAX_MESSAGE_BYTES).max_frame_size(bridge::MAX_MESSAGE_BYTES).on_upgrade(
+        async move |mut socket| {
             let _open = open;
             match place {
                 Ok(_place) => bridge::run(socket, site).await,
@@ -110,7 +108,8 @@ async fn session(State(site): State<Arc<Site>>, headers: HeaderMap, upgrade: Web
                     bridge::close(&mut socket, close_code::AGAIN, &reason).await;
                 }
             }
-        })
+        },
+    )
 }
 
 async fn scene(State(site): State<Arc<Site>>) -> Response {
@@ -138,7 +137,10 @@ async fn frame(State(site): State<Arc<Site>>, RawQuery(asked): RawQuery) -> Resp
         Err(reason) => return told(StatusCode::BAD_REQUEST, reason),
     };
     let Ok(_turn) = site.frames.try_acquire() else {
-        return told(StatusCode::SERVICE_UNAVAILABLE, format!("{MAX_FRAMES} frames are waited for already: try again later"));
+        return told(
+            StatusCode::SERVICE_UNAVAILABLE,
+            format!("{MAX_FRAMES} frames are waited for already: try again later"),
+        );
     };
     let options = RenderOptions { deadline: PATIENCE, ..RenderOptions::default() };
     let answer = match site.client.render(&view, &options).await {

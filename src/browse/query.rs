@@ -6,7 +6,8 @@ use percent_encoding::percent_decode_str;
 use super::messages::USUAL_SIZE;
 use crate::args;
 
-/// Reads the query of a frame's address. What it leaves out is as `usual` and `plan` say. The view is not checked against limits.
+/// Reads the query of a frame's address. What it leaves out is as `usual` and `plan` say. The view is not checked
+/// against limits.
 ///
 /// # Errors
 /// The word at fault, unknown ones too, and what is wrong with it.

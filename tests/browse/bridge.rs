@@ -122,8 +122,7 @@ fn only_the_own_page_opens_a_websocket_and_so_many_pages_at_a_time() {
     }
     assert_eq!(page.get("/session").0, 400, "not every request is one for a WebSocket");
     let own = format!("http://{}", page.address);
-    let mut open: Vec<Socket> =
-        (0..16).map(|_| Socket::open_as(&page, Some(&own)).unwrap()).collect();
+    let mut open: Vec<Socket> = (0..16).map(|_| Socket::open_as(&page, Some(&own)).unwrap()).collect();
     let Said::Closed(code, reason) = Socket::open(&page).next() else { panic!("there is room for a 17th") };
     assert!(code == 1013 && reason.contains("16 pages"), "{code} {reason}");
     open.pop();

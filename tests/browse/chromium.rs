@@ -1,4 +1,5 @@
-//! The page in Chromium: `apt-get install chromium` on Debian. `ARGUS_REQUIRE_CHROMIUM=1` makes a failure of there being none.
+//! The page in Chromium: `apt-get install chromium` on Debian. `ARGUS_REQUIRE_CHROMIUM=1` makes a failure of there
+//! being none.
 
 use std::time::Duration;
 
@@ -48,7 +49,8 @@ fn a_viewer_walks_through_the_scene_in_chromium() {
     let start = numbers(&browser.value(&tab, "viewer.eye"));
 
     let images = walk(&mut browser, &tab);
-    let told = browser.value(&tab, "`${shown.size} pixels, ${shown.age.toFixed(0)} ms old, ${at('rate').textContent}`");
+    let told = browser
+        .value(&tab, "`${shown.size} pixels, ${shown.age.toFixed(0)} ms old, ${at('rate').textContent}`");
     say(&format!("Chromium: {images} images in {WALK:?} of walking; at last {}", told.as_str().unwrap()));
     // Once the page got two images in six seconds. How many it gets here depends on how busy this machine is.
     assert!(images >= 15, "{images} images in {WALK:?}");
@@ -56,7 +58,8 @@ fn a_viewer_walks_through_the_scene_in_chromium() {
     assert_ne!(start, end);
 
     // At rest: one image of the full size, and then none.
-    browser.wait_until(&tab, "asked.size === 0 && shown.size[0] === 640 && performance.now() - movedAt > 500");
+    browser
+        .wait_until(&tab, "asked.size === 0 && shown.size[0] === 640 && performance.now() - movedAt > 500");
     let still = browser.value(&tab, "shown.images");
     std::thread::sleep(Duration::from_secs(1));
     assert_eq!(browser.value(&tab, "shown.images"), still);

@@ -27,7 +27,13 @@ impl Browser {
         let folder = tempfile::tempdir().unwrap();
         let mut child = Command::new("chromium")
             // Its sandbox wants rights that containers have not; it loads nothing but our page.
-            .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"])
+            .args([
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-dev-shm-usage",
+                "--no-first-run",
+            ])
             .args(["--remote-debugging-port=0", "--window-size=1280,900"])
             .arg(format!("--user-data-dir={}", folder.path().display()))
             .arg("about:blank")

@@ -64,9 +64,9 @@ impl Flow {
         Ok(())
     }
 
-    /// The view that the service is to be asked for now, if there is one: the newest, and only if the page will have room for its
-    /// image. While no image is on its way to the page the session may hold two views, one in work and one that waits; the one that
-    /// waits is replaced.
+    /// The view that the service is to be asked for now, if there is one: the newest, and only if the page will have
+    /// room for its image. While no image is on its way to the page the session may hold two views, one in work and
+    /// one that waits; the one that waits is replaced.
     pub(super) fn to_ask(&self) -> Option<&View> {
         let room = match self.unshown.len() {
             _ if self.made.is_some() => false,
@@ -119,8 +119,8 @@ impl Flow {
         Some(image.message)
     }
 
-    /// The page has shown this image, and needs none of those before it. An image that waited for that is dropped if the page has
-    /// a newer camera by now.
+    /// The page has shown this image, and needs none of those before it. An image that waited for that is dropped if
+    /// the page has a newer camera by now.
     pub(super) fn shown(&mut self, number: u64) {
         self.unshown.retain(|unshown| *unshown > number);
         let unasked = self.unasked;
@@ -250,7 +250,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the order of events, no more than two images are on their way, and the newest camera is shown in the end.
+        /// Whatever the order of events, no more than two images are on their way, and the newest camera is shown in
+        /// the end.
         #[test]
         fn the_newest_camera_is_shown_in_the_end(steps in prop::collection::vec(0_u8..3, 0..200)) {
             let mut played = Played::default();
