@@ -2,7 +2,8 @@
 //!
 //! [`v1`] is generated; nothing outside this crate needs to read its fields for what has a word in
 //! [`argus_scene`]: [`convert`] translates single values and checks them, [`chunks`] takes frames, samples
-//! and scenes apart and puts them together again, [`codec`] packs images without loss, [`status`] says
+//! and scenes apart and puts them together again, [`codec`] packs images without loss, [`jpeg`] with
+//! some for browsers, [`status`] says
 //! which error becomes which gRPC code. Whatever arrives is untrusted: a message that claims more than its
 //! receiver expects is refused before memory is set aside for it.
 
@@ -11,6 +12,7 @@ pub mod chunks;
 pub mod codec;
 pub mod convert;
 mod error;
+pub mod jpeg;
 pub mod network;
 pub mod status;
 pub mod trace;

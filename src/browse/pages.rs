@@ -1,47 +1,72 @@
-//! The page, what it needs to know of the scene, and its frames.
+//! The page, what it needs to know of the scene, its WebSocket, and single frames for scripts.
 
-use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_client::{Answer, Client, ClientError, RenderOptions};
-use argus_scene::{Plan, PlanRequest};
+use argus_client::{Client, ClientError, RenderOptions};
+use argus_scene::{Camera, Frame, PlanRequest};
 use axum::Router;
+use axum::extract::ws::{WebSocketUpgrade, close_code};
 use axum::extract::{RawQuery, Request, State};
 use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
-use image::ExtendedColorType;
-use image::codecs::jpeg::JpegEncoder;
-use serde_json::json;
+use glam::DVec3;
+use serde_json::{Value, json};
 use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 
-use super::query;
+use super::{bridge, guard, messages, query};
 
-/// Views that are asked for at a time, of all pages together.
-const IN_FLIGHT: usize = 16;
+/// Single frames that are asked for at a time.
+const MAX_FRAMES: usize = 16;
 
-/// How long a page waits for an image: the first one of an interior waits for its samples.
+/// Pages that are open at a time, each with a session of the service.
+const MAX_PAGES: usize = 16;
+
+/// How long a request for a single frame waits: the first one of an interior waits for its samples.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// Of a JPEG. Below 90 the edges of textures blur visibly; above it bytes double.
 const QUALITY: u8 = 90;
 
-/// What came with a frame, as JSON.
+/// What came with a frame, as JSON: [`messages::about`].
 const ABOUT: HeaderName = HeaderName::from_static("argus-frame");
 
 /// What pages are made from.
 pub(super) struct Site {
-    client: Client,
-    plan: PlanRequest,
+    pub(super) client: Client,
+    /// What each view asks of the plan, unless it asks for a direct one.
+    pub(super) plan: PlanRequest,
     /// Only this machine can reach it.
     local: bool,
-    room: Semaphore,
+    frames: Semaphore,
+    pages: Arc<Semaphore>,
+    /// Cancelled when pages are to end.
+    pub(super) closing: CancellationToken,
+    /// The pages' tasks.
+    pub(super) open: TaskTracker,
 }
 
 impl Site {
     pub(super) fn new(client: Client, plan: PlanRequest, local: bool) -> Self {
-        Self { client, plan, local, room: Semaphore::new(IN_FLIGHT) }
+        Self {
+            client,
+            plan,
+            local,
+            frames: Semaphore::new(MAX_FRAMES),
+            pages: Arc::new(Semaphore::new(MAX_PAGES)),
+            closing: CancellationToken::new(),
+            open: TaskTracker::new(),
+        }
+    }
+
+    /// The camera of a view whose page does not say: the scene's first one.
+    pub(super) fn usual_camera(&self) -> Camera {
+        let named = self.client.description().cameras.first();
+        named.map_or(Camera::look_at(DVec3::ONE, DVec3::ZERO), |named| named.camera)
     }
 }
 
@@ -50,30 +75,41 @@ pub(super) fn router(site: Arc<Site>) -> Router {
         .route("/", get(async || Html(include_str!("page.html"))))
         .route("/scene", get(scene))
         .route("/frame", get(frame))
-        .fallback(async || (StatusCode::NOT_FOUND, "there is /, /scene and /frame\n"))
+        .route("/session", get(session))
+        .fallback(async || (StatusCode::NOT_FOUND, "there is /, /scene, /session and /frame\n"))
         .layer(middleware::from_fn_with_state(site.clone(), of_this_machine))
         .with_state(site)
 }
 
-/// Turns away what was sent to a name that is not this machine's: a page from elsewhere could have its own name point here, and
-/// look at what only this client may see.
+/// Refuses requests that were sent to another machine's name: see [`guard::is_of_this_machine`].
 async fn of_this_machine(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
-    if site.local && !is_of_this_machine(request.headers(), request.uri().host()) {
+    if site.local && !guard::is_of_this_machine(request.headers(), request.uri().host()) {
         let reason = "open the page by the address that it was announced with\n";
         return (StatusCode::MISDIRECTED_REQUEST, reason).into_response();
     }
     next.run(request).await
 }
 
-fn is_of_this_machine(headers: &HeaderMap, authority: Option<&str>) -> bool {
-    let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
-    let Some(host) = named.or(authority) else { return false };
-    // [::1]:7480, 127.0.0.1:7480, localhost
-    let name = match host.strip_prefix('[') {
-        Some(rest) => rest.split(']').next().unwrap_or_default(),
-        None => host.split(':').next().unwrap_or_default(),
-    };
-    name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+/// Opens a page's WebSocket.
+async fn session(State(site): State<Arc<Site>>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+    if !guard::is_of_own_page(&headers) {
+        return told(StatusCode::FORBIDDEN, "only the page of this address may open a WebSocket here");
+    }
+    let place = site.pages.clone().try_acquire_owned();
+    let open = site.open.token();
+    upgrade.max_message_size(bridge::MAX_MESSAGE_BYTES).max_frame_size(bridge::MAX_MESSAGE_BYTES).on_upgrade(
+        async move |mut socket| {
+            let _open = open;
+            match place {
+                Ok(_place) => bridge::run(socket, site).await,
+                // A page cannot read why an upgrade was refused, but it can read why a WebSocket was closed.
+                Err(_) => {
+                    let reason = format!("{MAX_PAGES} pages are open already: close one of them");
+                    bridge::close(&mut socket, close_code::AGAIN, &reason).await;
+                }
+            }
+        },
+    )
 }
 
 async fn scene(State(site): State<Arc<Site>>) -> Response {
@@ -92,12 +128,19 @@ async fn scene(State(site): State<Arc<Site>>) -> Response {
 }
 
 async fn frame(State(site): State<Arc<Site>>, RawQuery(asked): RawQuery) -> Response {
-    let view = match query::view(&asked.unwrap_or_default(), &site.plan, &site.client) {
+    let view = query::view(&asked.unwrap_or_default(), site.usual_camera(), &site.plan).and_then(|view| {
+        view.validate(&site.client.description().limits)?;
+        Ok(view)
+    });
+    let view = match view {
         Ok(view) => view,
         Err(reason) => return told(StatusCode::BAD_REQUEST, reason),
     };
-    let Ok(_turn) = site.room.try_acquire() else {
-        return told(StatusCode::SERVICE_UNAVAILABLE, format!("{IN_FLIGHT} views are waited for already"));
+    let Ok(_turn) = site.frames.try_acquire() else {
+        return told(
+            StatusCode::SERVICE_UNAVAILABLE,
+            format!("{MAX_FRAMES} frames are waited for already: try again later"),
+        );
     };
     let options = RenderOptions { deadline: PATIENCE, ..RenderOptions::default() };
     let answer = match site.client.render(&view, &options).await {
@@ -106,8 +149,8 @@ async fn frame(State(site): State<Arc<Site>>, RawQuery(asked): RawQuery) -> Resp
         Err(error @ ClientError::Overloaded { .. }) => return told(StatusCode::SERVICE_UNAVAILABLE, error),
         Err(error) => return told(StatusCode::BAD_GATEWAY, error),
     };
-    let about = about(&answer);
-    let image = tokio::task::spawn_blocking(move || jpeg(&answer)).await;
+    let about = Value::Object(messages::about(&answer.frame, &answer.meta)).to_string();
+    let image = tokio::task::spawn_blocking(move || jpeg(&answer.frame)).await;
     match image {
         Ok(Ok(image)) => {
             let headers = [
@@ -126,57 +169,9 @@ fn told(status: StatusCode, reason: impl ToString) -> Response {
     (status, format!("{}\n", reason.to_string())).into_response()
 }
 
-/// What the page shows beside the image.
-fn about(answer: &Answer) -> String {
-    let frame = &answer.frame;
-    let (search, samples) = match &frame.provenance.plan {
-        Plan::Direct { .. } => ("direct", 0),
-        Plan::Warp(warp) => (warp.search.name(), warp.samples.len()),
-    };
-    let about = json!({
-        "search": search,
-        "samples": samples,
-        "unresolved_fraction": frame.unresolved_fraction,
-        "rendering_ms": frame.rendering_ms(),
-        "age_ms": answer.meta.age_ms,
-        "epoch": frame.provenance.epoch,
-    });
-    about.to_string()
-}
-
-fn jpeg(answer: &Answer) -> anyhow::Result<Vec<u8>> {
-    let frame = &answer.frame;
+/// Encodes a frame's colour. Takes milliseconds: keep it off an async thread.
+pub(super) fn jpeg(frame: &Frame) -> anyhow::Result<Vec<u8>> {
     let Some(color) = &frame.color else { anyhow::bail!("the frame has no colour") };
-    let mut image = Vec::new();
-    let mut encoder = JpegEncoder::new_with_quality(&mut image, QUALITY);
-    encoder.encode(color, frame.width, frame.height, ExtendedColorType::Rgb8)?;
-    Ok(image)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_that_may_point_anywhere_are_not_this_machines() {
-        let of = |host: &str| {
-            let mut headers = HeaderMap::new();
-            headers.insert(header::HOST, host.parse().unwrap());
-            is_of_this_machine(&headers, None)
-        };
-        for host in ["127.0.0.1:7480", "localhost", "LOCALHOST:7480", "[::1]:7480", "127.8.0.1"] {
-            assert!(of(host), "{host}");
-        }
-        for host in [
-            "example.org",
-            "example.org:7480",
-            "localhost.example.org",
-            "192.0.2.1:7480",
-            "[2001:db8::1]",
-            "",
-        ] {
-            assert!(!of(host), "{host}");
-        }
-        assert!(!is_of_this_machine(&HeaderMap::new(), None));
-    }
+    argus_proto::jpeg::encode(color, frame.width, frame.height, QUALITY)
+        .ok_or_else(|| anyhow::anyhow!("{} × {} pixels are too many for a JPEG", frame.width, frame.height))
 }

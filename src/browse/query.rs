@@ -1,30 +1,18 @@
-//! What a page asks for: the words after the question mark of a frame's address.
+//! The query of a single frame's address: the words after the question mark.
 
-use argus_client::Client;
 use argus_scene::{Camera, InvalidField, Outputs, PlanRequest, View};
-use glam::DVec3;
 use percent_encoding::percent_decode_str;
 
+use super::messages::USUAL_SIZE;
 use crate::args;
 
-/// Pixels of a view whose page does not say.
-const USUAL: [u32; 2] = [640, 480];
-
-/// The view that a query asks for.
+/// Reads the query of a frame's address. What it leaves out is as `usual` and `plan` say. The view is not checked
+/// against limits.
 ///
 /// # Errors
 /// The word at fault, unknown ones too, and what is wrong with it.
-pub(super) fn view(query: &str, plan: &PlanRequest, client: &Client) -> Result<View, InvalidField> {
-    let named = client.description().cameras.first();
-    let camera = named.map_or(Camera::look_at(DVec3::ONE, DVec3::ZERO), |named| named.camera);
-    let view = parsed(query, camera, plan)?;
-    view.validate(&client.description().limits)?;
-    Ok(view)
-}
-
-fn parsed(query: &str, mut camera: Camera, plan: &PlanRequest) -> Result<View, InvalidField> {
-    let mut size = USUAL;
-    let mut plan = *plan;
+pub(super) fn view(query: &str, usual: Camera, plan: &PlanRequest) -> Result<View, InvalidField> {
+    let (mut camera, mut size, mut plan) = (usual, USUAL_SIZE, *plan);
     for word in query.split('&').filter(|word| !word.is_empty()) {
         let (name, value) = word.split_once('=').unwrap_or((word, ""));
         // What is no UTF-8 is no number either, and is named for that.
@@ -52,10 +40,12 @@ fn parsed(query: &str, mut camera: Camera, plan: &PlanRequest) -> Result<View, I
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
 
     fn asked(query: &str) -> Result<View, InvalidField> {
-        parsed(query, Camera::look_at(DVec3::ONE, DVec3::ZERO), &PlanRequest::default())
+        view(query, Camera::look_at(DVec3::ONE, DVec3::ZERO), &PlanRequest::default())
     }
 
     #[test]
@@ -64,7 +54,7 @@ mod tests {
         assert_eq!((view.camera.eye, view.camera.target), (DVec3::new(1.0, -2.5, 300.0), DVec3::Y));
         assert_eq!(([view.width, view.height], view.plan.direct), ([320, 200], true));
         let view = asked("").unwrap();
-        assert_eq!(([view.width, view.height], view.plan.direct), (USUAL, false));
+        assert_eq!(([view.width, view.height], view.plan.direct), (USUAL_SIZE, false));
     }
 
     #[test]

@@ -1,6 +1,11 @@
-//! A scene in a web browser: what a page gets of `argus browse`, by plain HTTP as a browser speaks it.
+//! A scene in a web browser: what a page gets of `argus browse`, by plain HTTP, by a WebSocket, and in Chromium.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
+mod bridge;
+mod chromium;
+mod devtools;
+mod socket;
+#[path = "../support/mod.rs"]
 mod support;
 
 use std::io::{Read, Write};
@@ -21,9 +26,9 @@ struct Page {
 type Answer = (u16, String, Vec<u8>);
 
 impl Page {
-    fn open(server: &str) -> Self {
+    fn open(server: &str, more: &[&str]) -> Self {
         let mut command = argus(&["browse", "--server", server, "--listen", "127.0.0.1:0", "--json"]);
-        command.stdout(Stdio::piped());
+        command.args(more).stdout(Stdio::piped());
         let mut process = Process::start(command);
         let mut objects = serde_json::Deserializer::from_reader(process.take_stdout()).into_iter::<Value>();
         let announced = objects.next().unwrap().unwrap();
@@ -60,7 +65,7 @@ fn a_browser_walks_through_a_scene() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let _worker = coordinator.workers(1);
     coordinator.wait_for_workers(1);
-    let mut page = Page::open(&coordinator.url);
+    let mut page = Page::open(&coordinator.url, &[]);
     let (status, head, text) = page.get("/");
     assert_eq!((status, field(&head, "content-type").starts_with("text/html")), (200, true), "{head}");
     // All that it loads comes from here.
@@ -101,7 +106,7 @@ fn a_browser_walks_through_a_scene() {
     }
     assert_eq!(page.get("/elsewhere").0, 404);
     // A name that somebody else has pointed here.
-    for path in ["/", "/scene", "/frame"] {
+    for path in ["/", "/scene", "/frame", "/session"] {
         assert_eq!(page.get_as(path, "example.org").0, 421, "{path}");
     }
     assert!(page.process.stop().success());

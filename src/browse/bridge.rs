@@ -1,0 +1,233 @@
+//! One page's WebSocket, bridged to one session of the service.
+//!
+//! The newest camera wins at each step: a camera that waits is replaced, here and in the session. A page acknowledges
+//! each image that it has shown, and at most two images are on their way to it, so that a slow page gets fewer images
+//! and never old ones, and a page that reads nothing makes nothing grow.
+
+mod flow;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_client::{ClientError, FrameMeta, Session, SessionEvent, SessionOptions};
+use argus_scene::Frame;
+use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
+use serde_json::{Map, Value, json};
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until, timeout};
+
+use self::flow::{Flow, Image};
+use super::messages::{self, Message as Said};
+use super::pages::{Site, jpeg};
+
+/// Bytes of a page's longest message. A camera takes about 200.
+pub(super) const MAX_MESSAGE_BYTES: usize = 4096;
+
+/// Time a session has to reach the service again before its page is told that there is trouble.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Pause between two sessions that failed.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// A page that takes a message for longer than this is given up.
+const SEND_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Pause between pings. Browsers answer them by themselves.
+const PING: Duration = Duration::from_secs(20);
+
+/// A page that says nothing for this long, not even in answer to pings, is gone.
+const SILENCE: Duration = Duration::from_secs(60);
+
+/// An image that is being encoded.
+type Encoding = JoinHandle<anyhow::Result<Image>>;
+
+/// Serves a page until it closes its WebSocket, is silent for too long, or this process stops.
+pub(super) async fn run(mut socket: WebSocket, site: Arc<Site>) {
+    let (code, reason) = Bridge::new(site).serve(&mut socket).await;
+    close(&mut socket, code, &reason).await;
+}
+
+/// Tells a page why its WebSocket ends; at most 123 bytes of the reason fit.
+pub(super) async fn close(socket: &mut WebSocket, code: u16, reason: &str) {
+    let frame = CloseFrame { code, reason: reason.into() };
+    // A page that is gone needs no reason.
+    let _ = timeout(SEND_TIMEOUT, socket.send(Message::Close(Some(frame)))).await;
+}
+
+/// Why a bridge ends: a code of RFC 6455, section 7.4.1, and words for the page.
+type End = (u16, String);
+
+struct Bridge {
+    site: Arc<Site>,
+    session: Session,
+    flow: Flow,
+    encoding: Option<Encoding>,
+    /// Nothing is asked of the service before that.
+    paused_until: Instant,
+}
+
+/// What happens next.
+enum Step {
+    Message(Option<Result<Message, axum::Error>>),
+    Event(Result<SessionEvent, ClientError>),
+    Encoded(anyhow::Result<Image>),
+    Ping,
+    Resume,
+    Stop,
+}
+
+impl Bridge {
+    fn new(site: Arc<Site>) -> Self {
+        let session = open(&site);
+        Self { site, session, flow: Flow::default(), encoding: None, paused_until: Instant::now() }
+    }
+
+    async fn serve(&mut self, socket: &mut WebSocket) -> End {
+        let mut pings = interval(PING);
+        pings.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut heard = Instant::now();
+        loop {
+            let paused = Instant::now() < self.paused_until;
+            if !paused && let Some(view) = self.flow.to_ask() {
+                let view = view.clone();
+                self.flow.asked(self.session.send(&view));
+            }
+            if let Some(image) = self.flow.to_send()
+                && let Err(end) = send(socket, Message::Binary(image.into())).await
+            {
+                return end;
+            }
+            let listens = !paused && self.flow.is_waiting() && self.encoding.is_none();
+            let step = tokio::select! {
+                message = socket.recv() => Step::Message(message),
+                event = self.session.next(), if listens => Step::Event(event),
+                image = encoded(&mut self.encoding) => Step::Encoded(image),
+                () = sleep_until(self.paused_until), if paused => Step::Resume,
+                _ = pings.tick() => Step::Ping,
+                () = self.site.closing.cancelled() => Step::Stop,
+            };
+            let answer = match step {
+                Step::Message(message) => {
+                    heard = Instant::now();
+                    match self.hear(message) {
+                        Ok(answer) => answer,
+                        Err(end) => return end,
+                    }
+                }
+                Step::Event(event) => self.take(event),
+                Step::Encoded(image) => {
+                    self.encoding = None;
+                    self.encoded(image)
+                }
+                Step::Resume => None,
+                Step::Ping if heard.elapsed() > SILENCE => {
+                    return (close_code::POLICY, "the page does not answer".to_owned());
+                }
+                Step::Ping => Some(Message::Ping(Vec::new().into())),
+                Step::Stop => return (close_code::AWAY, "argus browse was stopped".to_owned()),
+            };
+            if let Some(answer) = answer
+                && let Err(end) = send(socket, answer).await
+            {
+                return end;
+            }
+        }
+    }
+
+    /// Takes in what the page says; what it is told in reply.
+    fn hear(&mut self, message: Option<Result<Message, axum::Error>>) -> Result<Option<Message>, End> {
+        let text = match message {
+            Some(Ok(Message::Text(text))) => text,
+            Some(Ok(Message::Ping(_) | Message::Pong(_))) => return Ok(None),
+            Some(Ok(Message::Binary(_))) => {
+                let error = argus_scene::InvalidField::new("message", "text is wanted, not binary");
+                return Ok(Some(Message::Text(messages::refused(&error).into())));
+            }
+            Some(Ok(Message::Close(_))) | None => return Err((close_code::NORMAL, String::new())),
+            Some(Err(error)) => {
+                // What comes after a message that is too long, or no WebSocket's, cannot be told from it.
+                let reason = format!("no message of at most {MAX_MESSAGE_BYTES} bytes: {error}");
+                return Err((close_code::SIZE, reason.chars().take(120).collect()));
+            }
+        };
+        let site = &self.site;
+        let read = messages::read(&text, site.usual_camera(), &site.plan).and_then(|said| match said {
+            Said::Shown(number) => {
+                self.flow.shown(number);
+                Ok(())
+            }
+            Said::Camera { number, view } => {
+                view.validate(&site.client.description().limits)?;
+                self.flow.wants(number, view, Instant::now())
+            }
+        });
+        Ok(read.err().map(|error| Message::Text(messages::refused(&error).into())))
+    }
+
+    /// Takes in what the service says; what the page is told of it.
+    fn take(&mut self, event: Result<SessionEvent, ClientError>) -> Option<Message> {
+        match event {
+            Ok(SessionEvent::Frame { camera_seq, frame, meta }) => {
+                if let Some((number, since)) = self.flow.answered(camera_seq) {
+                    let bridge_ms = since.elapsed().as_secs_f64() * 1e3;
+                    self.encoding =
+                        Some(tokio::task::spawn_blocking(move || encode(number, bridge_ms, &frame, &meta)));
+                }
+                None
+            }
+            Ok(SessionEvent::Failed { camera_seq, error }) => {
+                let (number, _) = self.flow.answered(camera_seq)?;
+                let again = !matches!(error, ClientError::Invalid { .. });
+                Some(Message::Text(messages::failed(number, &error.to_string(), again).into()))
+            }
+            Err(error) => {
+                self.session = open(&self.site);
+                self.flow.ask_again();
+                self.paused_until = Instant::now() + PAUSE;
+                Some(Message::Text(messages::trouble(&error.to_string()).into()))
+            }
+        }
+    }
+
+    fn encoded(&mut self, image: anyhow::Result<Image>) -> Option<Message> {
+        match image {
+            Ok(image) => {
+                self.flow.made(image);
+                None
+            }
+            Err(error) => Some(Message::Text(messages::trouble(&format!("{error:#}")).into())),
+        }
+    }
+}
+
+fn open(site: &Site) -> Session {
+    site.client.session(SessionOptions { patience: PATIENCE, ..SessionOptions::default() })
+}
+
+/// Waits for the image that is being encoded; for ever where none is.
+async fn encoded(encoding: &mut Option<Encoding>) -> anyhow::Result<Image> {
+    match encoding {
+        Some(encoding) => encoding.await?,
+        None => std::future::pending().await,
+    }
+}
+
+/// Makes an image's message, with what only this process knows in its description: the page's number of the camera, the
+/// milliseconds from the camera's arrival here to the frame's (`bridge_ms`), and those of encoding (`jpeg_ms`).
+fn encode(number: u64, bridge_ms: f64, frame: &Frame, meta: &FrameMeta) -> anyhow::Result<Image> {
+    let begin = std::time::Instant::now();
+    let jpeg = jpeg(frame)?;
+    let mut about: Map<String, Value> = messages::about(frame, meta);
+    about.insert("camera_seq".to_owned(), json!(number));
+    about.insert("bridge_ms".to_owned(), json!(bridge_ms));
+    about.insert("jpeg_ms".to_owned(), json!(begin.elapsed().as_secs_f64() * 1e3));
+    Ok(Image { number, message: messages::image(&about, &jpeg) })
+}
+
+async fn send(socket: &mut WebSocket, message: Message) -> Result<(), End> {
+    match timeout(SEND_TIMEOUT, socket.send(message)).await {
+        Ok(Ok(())) => Ok(()),
+        Ok(Err(error)) => Err((close_code::ABNORMAL, error.to_string())),
+        Err(_) => Err((close_code::POLICY, "the page does not read".to_owned())),
+    }
+}
