@@ -213,6 +213,7 @@ fn transposed(block: &Block) -> Block {
 
 /// Cosine transforms of all columns, by the five multiplications of Arai, Agui and Nakajima 1988; results lack
 /// constant factors.
+#[allow(clippy::needless_range_loop, reason = "a column crosses all rows")]
 fn transform(block: &mut Block) {
     for column in 0..8 {
         let at = |row: usize| block[row][column];

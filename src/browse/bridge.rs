@@ -92,7 +92,7 @@ impl Bridge {
                 let view = view.clone();
                 self.flow.asked(self.session.send(&view));
             }
-            if let Some(image) = self.flow.to_send()
+            if let Some(image) = self.flow.next_to_send()
                 && let Err(end) = send(socket, Message::Binary(image.into())).await
             {
                 return end;
@@ -158,7 +158,7 @@ impl Bridge {
             }
             Said::Camera { number, view } => {
                 view.validate(&site.client.description().limits)?;
-                self.flow.wants(number, view, Instant::now())
+                self.flow.wants(number, *view, Instant::now())
             }
         });
         Ok(read.err().map(|error| Message::Text(messages::refused(&error).into())))

@@ -29,7 +29,7 @@ pub(super) enum Message {
         /// The page's number of it.
         number: u64,
         /// What it sees. Not checked against the service's limits.
-        view: View,
+        view: Box<View>,
     },
     /// Has shown the image of the camera with that number, and needs none of those before it.
     Shown(u64),
@@ -76,7 +76,7 @@ pub(super) fn read(text: &str, usual: Camera, plan: &PlanRequest) -> Result<Mess
     let [width, height] = size;
     Ok(Message::Camera {
         number,
-        view: View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None },
+        view: Box::new(View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None }),
     })
 }
 

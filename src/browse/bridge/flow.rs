@@ -94,7 +94,7 @@ impl Flow {
     /// The service answered a camera, and none before it will be: the page's number of it, and when the page sent it.
     pub(super) fn answered(&mut self, camera_seq: u64) -> Option<(u64, Instant)> {
         let end = self.asked.iter().take_while(|asked| asked.camera_seq <= camera_seq).count();
-        let last = self.asked.drain(..end).last()?;
+        let last = self.asked.drain(..end).next_back()?;
         (last.camera_seq == camera_seq).then_some((last.number, last.since))
     }
 
@@ -110,7 +110,7 @@ impl Flow {
     }
 
     /// The image that is to be sent now, if there is one and the page has room. It counts as on its way from now on.
-    pub(super) fn to_send(&mut self) -> Option<Vec<u8>> {
+    pub(super) fn next_to_send(&mut self) -> Option<Vec<u8>> {
         if self.unshown.len() >= WINDOW {
             return None;
         }
@@ -160,7 +160,7 @@ mod tests {
                 self.waits = Some(self.sent);
             }
             self.in_work = self.in_work.or_else(|| self.waits.take());
-            self.on_their_way.extend(self.flow.to_send());
+            self.on_their_way.extend(self.flow.next_to_send());
             assert!(self.on_their_way.len() <= WINDOW, "more images are on their way than fit");
         }
 
