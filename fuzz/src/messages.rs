@@ -5,7 +5,7 @@ use argus_client::ClusterStatus;
 use argus_proto::{Description, v1};
 use argus_scene::{
     Bounds, Camera, Light, Lighting, Limits, Plan, PlanRequest, Prediction, Provenance, Rig, SampleCamera,
-    SampleSetInfo, Stage, View, scene::NamedCamera,
+    SampleSetInfo, Stage, View, frame::Decision, scene::NamedCamera,
 };
 use prost::Message;
 
@@ -49,6 +49,10 @@ messages! {
     Hello => |m| converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Hello(m)))),
     Measurements => |m| converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Measurements(m)))),
     WayCost,
+    Cost => |m| {
+        let measured = v1::Measurements { direct_cost: Some(m), ..v1::Measurements::default() };
+        converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Measurements(measured))))
+    },
     Assignment => |m| converted(argus_cluster::untrusted::assignment(m)),
     StatusRequest,
     StatusResponse => |m| { drop(ClusterStatus::from(m)); Ok(()) },
@@ -81,6 +85,7 @@ messages! {
     Limits => |m| converted(Limits::try_from(m)),
     ImageHeader, Served,
     Prediction => |m| converted(Prediction::try_from(m)),
+    Decision => |m| converted(Decision::try_from(m)),
     FrameHeader => |m| begun(super::chunks::frames, v1::FrameChunk { body: Some(v1::frame_chunk::Body::Header(m)) }),
     Observed,
     FrameChunk => |m| begun(super::chunks::frames, m),
