@@ -11,7 +11,7 @@ pub fn page(report: &Report) -> String {
         "# Hard cases\n\n\
          What makes a reconstruction go wrong, case by case, and how far each search is from the f64 ray tracer \
          there.\n\
-         Written by `argus study hard-cases --page docs/hard-cases.md`; `cargo test --test hard_cases` plays the \
+         Written by `argus study hard-cases --page docs/hard-cases.md`; `cargo test --test studies hard_cases` plays the \
          same cases.\n\n\
          A *wrong* pixel claims to be resolved, and its range differs by more than {:.0}% or its colour by more \
          than {COLOR}\nof 255 steps from what its own ray and each of the eight around it meet. *Unresolved* \

@@ -1,0 +1,101 @@
+//! The page in Chromium: `apt-get install chromium` on Debian. `ARGUS_REQUIRE_CHROMIUM=1` makes a failure of there
+//! being none.
+
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::Page;
+use super::devtools::{Browser, Tab};
+use crate::support::{Coordinator, SMALL, say, there};
+
+const WALK: Duration = Duration::from_secs(5);
+
+/// Whether there is Chromium here.
+fn chromium() -> bool {
+    there("ARGUS_REQUIRE_CHROMIUM", "chromium", &["--version"])
+}
+
+const HAS_IMAGES: &str = "typeof shown !== 'undefined' && shown.images > 0";
+
+/// Walks ahead; the images that were shown meanwhile.
+fn walk(browser: &mut Browser, tab: &Tab) -> u64 {
+    let images = |browser: &mut Browser| browser.value(tab, "shown.images").as_u64().unwrap();
+    let before = images(browser);
+    browser.key(tab, 'w', true);
+    std::thread::sleep(WALK);
+    let after = images(browser);
+    browser.key(tab, 'w', false);
+    after - before
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn a_viewer_walks_through_the_scene_in_chromium() {
+    if !chromium() {
+        return;
+    }
+    let coordinator = Coordinator::start(SMALL, &[]);
+    let _worker = coordinator.workers(1);
+    coordinator.wait_for_workers(1);
+    let page = Page::open(&coordinator.url, &["--direct"]);
+    let mut browser = Browser::start();
+    let address = format!("http://{}/", page.address);
+    let tab = browser.open(&address, "");
+    browser.wait_until(&tab, HAS_IMAGES);
+    let start = numbers(&browser.value(&tab, "viewer.eye"));
+
+    let images = walk(&mut browser, &tab);
+    let told = browser
+        .value(&tab, "`${shown.size} pixels, ${shown.age.toFixed(0)} ms old, ${at('rate').textContent}`");
+    say(&format!("Chromium: {images} images in {WALK:?} of walking; at last {}", told.as_str().unwrap()));
+    // Once the page got two images in six seconds. How many it gets here depends on how busy this machine is.
+    assert!(images >= 15, "{images} images in {WALK:?}");
+    let end = numbers(&browser.value(&tab, "viewer.eye"));
+    assert_ne!(start, end);
+
+    // At rest: one image of the full size, and then none.
+    browser
+        .wait_until(&tab, "asked.size === 0 && shown.size[0] === 640 && performance.now() - movedAt > 500");
+    let still = browser.value(&tab, "shown.images");
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!(browser.value(&tab, "shown.images"), still);
+    assert_eq!(browser.value(&tab, "at('error').textContent"), "");
+    assert!(browser.value(&tab, "at('way').textContent").as_str().unwrap().contains("triangles"));
+    // The canvas shows more than one colour.
+    let colours = "new Set(new Uint32Array(paint.getImageData(0, 0, 640, 480).data.buffer)).size";
+    assert!(browser.value(&tab, colours).as_u64().unwrap() > 100);
+
+    // The address is the view: whoever opens it stands there.
+    let shared = browser.value(&tab, "location.href");
+    let tab = browser.open(shared.as_str().unwrap(), "");
+    browser.wait_until(&tab, HAS_IMAGES);
+    for (there, here) in numbers(&browser.value(&tab, "viewer.eye")).iter().zip(&end) {
+        assert!((there - here).abs() < 0.5, "{shared}: {there} in place of {here}");
+    }
+    let tab = browser.open(&format!("{address}#eye=1,2"), "");
+    browser.wait_until(&tab, HAS_IMAGES);
+    assert!(browser.value(&tab, "at('error').textContent").as_str().unwrap().contains("eye"));
+}
+
+#[test]
+fn a_page_without_websockets_asks_for_one_image_after_another() {
+    if !chromium() {
+        return;
+    }
+    let coordinator = Coordinator::start(SMALL, &[]);
+    let _worker = coordinator.workers(1);
+    coordinator.wait_for_workers(1);
+    let page = Page::open(&coordinator.url, &["--direct"]);
+    let mut browser = Browser::start();
+    // As behind a proxy that knows no WebSockets.
+    let none = "WebSocket = class extends WebSocket { constructor() { super('ws://127.0.0.1:1'); } }";
+    let tab = browser.open(&format!("http://{}/", page.address), none);
+    browser.wait_until(&tab, HAS_IMAGES);
+    assert_eq!(browser.value(&tab, "byRequests"), true);
+    let images = walk(&mut browser, &tab);
+    assert!(images >= 10, "{images} images in {WALK:?}");
+}

@@ -1,0 +1,120 @@
+//! A scene in a web browser: what a page gets of `argus browse`, by plain HTTP, by a WebSocket, and in Chromium.
+
+mod bridge;
+mod chromium;
+mod devtools;
+mod socket;
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::process::Stdio;
+
+use crate::support::{Coordinator, PATIENCE, Process, SMALL, argus, run, stderr};
+use argus_scene::metrics;
+use serde_json::Value;
+
+/// `argus browse` and where its page is.
+struct Page {
+    address: String,
+    process: Process,
+}
+
+/// Status, head and body of an answer.
+type Answer = (u16, String, Vec<u8>);
+
+impl Page {
+    fn open(server: &str, more: &[&str]) -> Self {
+        let mut command = argus(&["browse", "--server", server, "--listen", "127.0.0.1:0", "--json"]);
+        command.args(more).stdout(Stdio::piped());
+        let mut process = Process::start(command);
+        let mut objects = serde_json::Deserializer::from_reader(process.take_stdout()).into_iter::<Value>();
+        let announced = objects.next().unwrap().unwrap();
+        let address = announced["url"].as_str().unwrap().strip_prefix("http://").unwrap().to_owned();
+        Self { address, process }
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        self.get_as(path, &self.address)
+    }
+
+    /// As a browser that was told to look for `host`.
+    fn get_as(&self, path: &str, host: &str) -> Answer {
+        let mut stream = TcpStream::connect(&self.address).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        let end = answer.windows(4).position(|bytes| bytes == b"\r\n\r\n").unwrap();
+        let head = String::from_utf8(answer[..end].to_vec()).unwrap();
+        assert!(!head.contains("chunked"), "answers are whole: {head}");
+        let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+        (status, head, answer[end + 4..].to_vec())
+    }
+}
+
+fn field(head: &str, name: &str) -> String {
+    let line = head.lines().find(|line| line.to_ascii_lowercase().starts_with(name));
+    line.unwrap_or_else(|| panic!("no {name} in {head}")).split_once(": ").unwrap().1.to_owned()
+}
+
+#[test]
+fn a_browser_walks_through_a_scene() {
+    let coordinator = Coordinator::start(SMALL, &[]);
+    let _worker = coordinator.workers(1);
+    coordinator.wait_for_workers(1);
+    let mut page = Page::open(&coordinator.url, &[]);
+    let (status, head, text) = page.get("/");
+    assert_eq!((status, field(&head, "content-type").starts_with("text/html")), (200, true), "{head}");
+    // All that it loads comes from here.
+    assert!(!String::from_utf8(text).unwrap().contains("://"));
+
+    let (status, _, about) = page.get("/scene");
+    let about: Value = serde_json::from_slice(&about).unwrap();
+    assert_eq!((status, about["name"].as_str()), (200, Some(SMALL)), "{about}");
+    let camera = &about["cameras"][0]["camera"];
+    let place = |name: &str| {
+        let parts: Vec<String> = camera[name].as_array().unwrap().iter().map(Value::to_string).collect();
+        format!("{name}={}", parts.join(","))
+    };
+    let asked =
+        format!("/frame?{}&{}&fov_deg={}&size=160x120", place("eye"), place("target"), camera["fov_deg"]);
+    let [from_samples, direct] = [asked.clone(), format!("{asked}&direct")].map(|path| {
+        let (status, head, image) = page.get(&path);
+        assert_eq!((status, field(&head, "content-type").as_str()), (200, "image/jpeg"), "{head}");
+        let made: Value = serde_json::from_str(&field(&head, "argus-frame")).unwrap();
+        assert!(!path.ends_with("direct") || made["search"] == "direct", "{made}");
+        assert!(made["rendering_ms"].as_f64().unwrap() > 0.0, "{made}");
+        image::load_from_memory(&image).unwrap().to_rgb8()
+    });
+    assert_eq!(direct.dimensions(), (160, 120));
+    let differ = metrics::compare(&direct, &from_samples).unwrap().flip_mean;
+    assert!(differ < 0.15, "{differ}");
+
+    for (path, word) in [
+        ("/frame?eye=1,2", "eye"),
+        ("/frame?size=0x100", "width"),
+        ("/frame?eye=NaN,0,0", "eye"),
+        ("/frame?size=99999x99999", "pixels"),
+        ("/frame?zoom=2", "zoom"),
+    ] {
+        let (status, _, text) = page.get(path);
+        let text = String::from_utf8(text).unwrap();
+        assert!(status == 400 && text.contains(word), "{path}: {status} {text}");
+    }
+    assert_eq!(page.get("/elsewhere").0, 404);
+    // A name that somebody else has pointed here.
+    for path in ["/", "/scene", "/frame", "/session"] {
+        assert_eq!(page.get_as(path, "example.org").0, 421, "{path}");
+    }
+    assert!(page.process.stop().success());
+}
+
+#[test]
+fn a_page_is_for_this_machine_unless_it_was_told_so_and_a_missing_service_is_said() {
+    let refused = run(&["browse", "--listen", "0.0.0.0:0"]);
+    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("--insecure"), "{}", stderr(&refused));
+    let nobody = run(&["browse", "--listen", "127.0.0.1:0", "--server", "http://127.0.0.1:9"]);
+    assert_eq!(nobody.status.code(), Some(1), "{}", stderr(&nobody));
+    assert!(stderr(&nobody).contains("127.0.0.1:9"), "{}", stderr(&nobody));
+}

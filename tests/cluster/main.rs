@@ -1,0 +1,20 @@
+//! Clusters of real processes on this machine: what they answer, what they survive, and what the browser page gets.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+
+mod browse;
+mod deploy;
+mod device_loss;
+mod holes;
+mod indirect;
+mod megaviews;
+mod motion;
+mod observe;
+mod processes;
+mod reflections;
+mod rolling_restart;
+mod scenes;
+mod security;
+mod session_history;
+#[path = "../support/mod.rs"]
+mod support;
+mod wishes;

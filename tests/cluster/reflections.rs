@@ -1,0 +1,110 @@
+//! Things that show the scene around them, across processes: maps of surroundings travel like samples.
+
+use crate::support::wire::Wire;
+use crate::support::{Coordinator, run, stderr};
+use argus_scene::{Outputs, Plan, PlanRequest, View};
+
+const SCENE: &str = "mirrors:6";
+
+/// Held still, and with triangles seen one way: on a busy machine two clusters may find different ways to be the cheapest.
+const STILL: [&str; 5] =
+    ["--time-scale=0", "--face=192", "--cell=1", "--refining-share=0", "--visibility=raster"];
+
+const MAPS: [&str; 3] = ["--reflections=maps", "--reflection-side=32", "--reflection-levels=7"];
+
+fn image(frame: &argus_scene::Frame) -> image::RgbImage {
+    let color = frame.color.as_ref().unwrap().to_vec();
+    image::RgbImage::from_raw(frame.width, frame.height, color).unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn views_show_things_that_mirror_the_scene_and_two_workers_give_the_bytes_of_one() {
+    let cluster = Coordinator::start(SCENE, &[&STILL[..], &MAPS].concat());
+    let _workers = cluster.workers(2);
+    cluster.wait_for_workers(2);
+    let mut of_many = Wire::connect(&cluster.url).await;
+    let camera = of_many.describe().await.cameras[0].camera;
+    let view = View {
+        camera,
+        width: 160,
+        height: 120,
+        outputs: Outputs::COLOR,
+        plan: PlanRequest { supersampling: Some(2), ..PlanRequest::from_samples() },
+        pin: None,
+    };
+    let (frame, _) = of_many.render((&view).into()).await.unwrap();
+    let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
+    let around = warp.samples.iter().filter(|id| id.is_surroundings()).count();
+    assert_eq!(around, 1, "beside samples of the rig: {:?}", warp.samples);
+    let device = &frame.provenance.device;
+    assert!(device.ends_with("; reflections by maps of 32 from 7 levels, at most 256"), "{device}");
+
+    // A direct view looks the same maps up.
+    let direct = PlanRequest { direct: true, supersampling: Some(2), ..PlanRequest::default() };
+    let (exact, _) = of_many.render((&View { plan: direct, ..view.clone() }).into()).await.unwrap();
+    assert!(exact.provenance.device.contains("reflections by maps"), "{}", exact.provenance.device);
+    let flip = |a: &argus_scene::Frame, b: &argus_scene::Frame| {
+        argus_scene::metrics::compare(&image(a), &image(b)).unwrap().flip_mean
+    };
+    let off = flip(&exact, &frame);
+
+    // Without them, things are others.
+    let plain = Coordinator::start(SCENE, &STILL);
+    let _worker = plain.worker(&[]);
+    plain.wait_for_workers(1);
+    let (without, _) = Wire::connect(&plain.url).await.render((&view).into()).await.unwrap();
+    let bare = flip(&exact, &without);
+    assert!(off < 0.1 && off < 0.6 * bare, "FLIP {off} of the warped view, {bare} without maps");
+    let pinned = View { pin: Some(frame.provenance.clone()), plan: PlanRequest::from_samples(), ..view };
+    let refused = Wire::connect(&plain.url).await.render((&pinned).into()).await.unwrap_err();
+    assert!(refused.message().contains("reflections"), "{refused:?}");
+
+    // One process gives the same bytes.
+    let single = Coordinator::start(SCENE, &[&STILL[..], &MAPS].concat());
+    let _worker = single.worker(&[]);
+    single.wait_for_workers(1);
+    let (alone, _) = Wire::connect(&single.url).await.render((&pinned).into()).await.unwrap();
+    assert_eq!(alone.provenance, frame.provenance);
+    assert!(alone.color == frame.color);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn things_that_move_show_where_they_are() {
+    let flags = ["--face=96", "--cell=2", "--refining-share=0", "--visibility=raster", "--epoch-ms=1500"];
+    let cluster = Coordinator::start(SCENE, &[&flags[..], &MAPS].concat());
+    let _workers = cluster.workers(2);
+    cluster.wait_for_workers(2);
+    let mut wire = Wire::connect(&cluster.url).await;
+    let camera = wire.describe().await.cameras[0].camera;
+    let (width, height) = (64, 48);
+    let (outputs, plan) = (Outputs::COLOR, PlanRequest::from_samples());
+    let view = View { camera, width, height, outputs, plan, pin: None };
+    let mut epochs = Vec::new();
+    let until = std::time::Instant::now() + std::time::Duration::from_secs(60);
+    while epochs.len() < 3 && std::time::Instant::now() < until {
+        let (frame, _) = wire.render((&view).into()).await.unwrap();
+        let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
+        assert!(warp.samples.iter().all(|id| id.epoch == frame.provenance.epoch), "{:?}", warp.samples);
+        assert!(warp.samples.iter().any(argus_scene::SampleId::is_surroundings));
+        if epochs.last() != Some(&frame.provenance.epoch) {
+            epochs.push(frame.provenance.epoch);
+        }
+    }
+    assert_eq!(epochs.len(), 3, "time passes: {epochs:?}");
+}
+
+#[test]
+fn what_maps_cannot_be_made_of_is_said_before_anything_is_served() {
+    let refused = |more: &[&str]| {
+        let scene = ["coordinator", "--scene", SCENE, "--listen", "127.0.0.1:0"];
+        let output = run(&[&scene[..], more].concat());
+        assert!(!output.status.success());
+        stderr(&output)
+    };
+    let side = refused(&["--reflections=maps", "--reflection-side=48"]);
+    assert!(side.contains("--reflection-side") && side.contains("64"), "{side}");
+    let word = refused(&["--set", "coordinator.reflections=rays"]);
+    assert!(word.contains("reflections") && word.contains("off or maps"), "{word}");
+    let both = refused(&["--reflections=maps", "--sampling=megaviews"]);
+    assert!(both.contains("reflections") && both.contains("megaviews"), "{both}");
+}

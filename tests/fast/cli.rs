@@ -1,0 +1,217 @@
+//! The command as scripts and people meet it: help, exit codes, JSON, and errors that say what to do.
+
+use std::net::TcpListener;
+use std::process::Stdio;
+
+use crate::support::{Process, SMALL, argus, json, run, stderr};
+
+const SUBCOMMANDS: [&str; 13] = [
+    "certs",
+    "config",
+    "demo",
+    "serve",
+    "coordinator",
+    "worker",
+    "view",
+    "load",
+    "status",
+    "scene",
+    "selftest",
+    "compare",
+    "study",
+];
+
+/// An address that nobody listens on: it was free a moment ago.
+fn unused_url() -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    format!("http://{}", listener.local_addr().unwrap())
+}
+
+#[track_caller]
+fn fails_with(arguments: &[&str], code: i32, words: &[&str]) {
+    let output = run(arguments);
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "argus {arguments:?}: {message}");
+    assert!(output.stdout.is_empty(), "argus {arguments:?} wrote to stdout, where only results belong");
+    for word in words {
+        assert!(message.contains(word), "argus {arguments:?} does not say `{word}`: {message}");
+    }
+}
+
+/// A failure that is no misuse of the command line is told in one line.
+#[track_caller]
+fn fails_in_one_line(arguments: &[&str], code: i32, words: &[&str]) {
+    fails_with(arguments, code, words);
+    let message = stderr(&run(arguments));
+    assert_eq!(message.lines().count(), 1, "argus {arguments:?}: {message}");
+}
+
+#[test]
+fn every_subcommand_teaches_itself() {
+    let overview = run(&["--help"]);
+    assert!(overview.status.success());
+    let overview = String::from_utf8(overview.stdout).unwrap();
+    for subcommand in SUBCOMMANDS {
+        assert!(overview.contains(subcommand), "--help does not mention {subcommand}");
+        let help = run(&[subcommand, "--help"]);
+        assert_eq!(help.status.code(), Some(0), "{subcommand}");
+        let text = String::from_utf8(help.stdout).unwrap();
+        assert!(text.contains("Example") || text.contains("Commands:"), "{subcommand} --help has no example");
+    }
+}
+
+#[test]
+fn bad_arguments_end_with_2_before_anything_is_done() {
+    fails_with(&["view"], 2, &["--eye", "--target", "--out"]);
+    fails_with(&["view", "--eye", "1,2", "--target", "0,0,0", "--out", "x.png"], 2, &["three numbers"]);
+    let view = ["view", "--eye", "1,2,3", "--target", "-1,-2,-3", "--out", "x.png"];
+    for (wrong, word) in [
+        (["--search", "best"], "splat"),
+        (["--output", "depth"], "range"),
+        (["--size", "big"], "640x480"),
+        (["--steps", "-1"], "--steps"),
+    ] {
+        fails_with(&[view.as_slice(), &wrong].concat(), 2, &[word]);
+    }
+    fails_with(&["load", "--clients", "0", "--seconds", "1"], 2, &["--clients"]);
+    fails_with(&["load", "--clients", "1", "--seconds", "nan"], 2, &["--seconds"]);
+    fails_with(&["serve", "--workers", "0"], 2, &["--workers"]);
+    fails_with(&["worker"], 2, &["--coordinator"]);
+    fails_with(&["no-such-command"], 2, &["no-such-command"]);
+    assert_eq!(run(&[]).status.code(), Some(2));
+}
+
+#[test]
+fn nobody_listening_is_told_in_one_line_that_says_what_to_do() {
+    let url = unused_url();
+    for subcommand in [
+        ["status"].as_slice(),
+        &["load", "--clients", "1", "--seconds", "1"],
+        &["view", "--eye", "1,2,3", "--target", "0,0,0", "--out", "never.png"],
+    ] {
+        fails_in_one_line(&[subcommand, &["--server", &url]].concat(), 1, &["argus serve", &url]);
+    }
+    // Else it goes on trying.
+    let at_once = ["worker", "--set", "worker.coordinator_wait_secs=0", "--coordinator", &url];
+    fails_with(&at_once, 1, &["argus coordinator", &url]);
+    fails_in_one_line(&["status", "--server", "not an address"], 2, &["not an address"]);
+}
+
+#[test]
+fn a_taken_port_is_told_in_one_line() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    fails_in_one_line(&["coordinator", "--scene", SMALL, "--listen", &address], 1, &[&address, "--listen"]);
+}
+
+#[test]
+fn a_scene_is_described_and_a_missing_one_is_named() {
+    let scene = json(&["scene", SMALL, "--json"]);
+    assert!((19_000..=20_000).contains(&scene["triangles"].as_u64().unwrap()), "{scene:#}");
+    for key in ["instances", "materials", "textures", "lights", "cameras"] {
+        assert!(scene[key].is_u64(), "{key}: {scene:#}");
+    }
+    for corner in ["min", "max"] {
+        assert_eq!(scene["bounds"][corner].as_array().unwrap().len(), 3);
+    }
+    assert!(scene["effects"].as_array().unwrap().iter().any(|effect| effect == "specular"), "{scene:#}");
+    assert_eq!(scene, json(&["scene", SMALL, "--json"]), "a generated scene is the same each time");
+
+    fails_in_one_line(&["scene", "no/such/file.glb"], 1, &["no/such/file.glb"]);
+    assert!(!run(&["scene", "terrain:many"]).status.success());
+}
+
+#[test]
+fn images_are_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let gray = |level| image::RgbImage::from_pixel(32, 24, image::Rgb([level; 3]));
+    gray(100).save(path("a.png")).unwrap();
+    gray(110).save(path("b.png")).unwrap();
+    image::RgbImage::new(8, 8).save(path("small.png")).unwrap();
+
+    let same = json(&["compare", &path("a.png"), &path("a.png"), "--json"]);
+    assert_eq!(same["flip_mean"], 0.0);
+    assert!(same["psnr_db"].is_null(), "equal images have an infinite PSNR, which JSON cannot hold");
+    assert_eq!(same["ssim"], 1.0);
+
+    let close = json(&["compare", &path("a.png"), &path("b.png"), "--json"]);
+    let psnr = close["psnr_db"].as_f64().unwrap();
+    assert!((psnr - 20.0 * (255.0f64 / 10.0).log10()).abs() < 1e-6, "{psnr}");
+    assert!(close["flip_mean"].as_f64().unwrap() > 0.0);
+
+    fails_in_one_line(&["compare", &path("a.png"), &path("small.png")], 2, &["32x24", "8x8"]);
+    fails_in_one_line(&["compare", &path("a.png"), &path("none.png")], 1, &["none.png"]);
+}
+
+#[test]
+fn the_self_test_passes_here_and_says_what_it_measured() {
+    let report = json(&["selftest", "--json"]);
+    assert_eq!(report["passed"], true, "{report:#}");
+    let device = &report["device"];
+    assert!(device["adapter"].is_string() && device["max_binding_bytes"].as_u64() > Some(0), "{device:#}");
+    assert!(device["triangles_by"].as_array().unwrap().iter().any(|way| way == "raster"), "{device:#}");
+    let checks = report["checks"].as_array().unwrap();
+    for (word, count) in [("triangles by raster", 2), ("a view from samples by", 10), ("fragment against", 5)]
+    {
+        let found = checks.iter().filter(|check| check["name"].as_str().unwrap().contains(word)).count();
+        assert_eq!(found, count, "{word}: {report:#}");
+    }
+    // Images that equal the reference to the last bit were not rendered, but copied.
+    for check in checks.iter().filter(|check| check["name"].as_str().unwrap().ends_with(": FLIP")) {
+        assert!(check["figure"].as_f64() > Some(0.0) && check["at_most"].as_f64() < Some(0.2), "{check:#}");
+    }
+    assert!(checks.iter().any(|check| check["name"].as_str().unwrap().contains("lost")), "{report:#}");
+}
+
+#[test]
+fn without_a_driver_the_self_test_fails_and_says_what_to_install() {
+    let mut command = argus(&["selftest", "--json"]);
+    for variable in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+        command.env(variable, "/no/such/driver.json");
+    }
+    let output = command.stdin(Stdio::null()).output().unwrap();
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(
+        message.lines().any(|line| line.starts_with("argus:") && line.contains("mesa-vulkan-drivers")),
+        "{message}"
+    );
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["passed"], &report["device"]), (&false.into(), &serde_json::Value::Null));
+
+    let mut command = argus(&["selftest"]);
+    let output = command.env("ARGUS_ADAPTER", "no such adapter").stdin(Stdio::null()).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("no such adapter"), "{}", stderr(&output));
+}
+
+/// Both ways to be asked to stop: a signal, and the end of the input of whoever started it.
+#[cfg(unix)]
+#[test]
+fn a_service_that_is_asked_to_stop_exits_with_0() {
+    use rustix::process::{Pid, Signal, kill_process};
+    for signal in [Some(Signal::INT), Some(Signal::TERM), None] {
+        let mut command =
+            argus(&["serve", "--scene", SMALL, "--workers", "1", "--listen", "127.0.0.1:0", "--json"]);
+        command.stdout(Stdio::piped());
+        let mut service = Process::start(command);
+        let mut objects =
+            serde_json::Deserializer::from_reader(service.take_stdout()).into_iter::<serde_json::Value>();
+        let url = objects.next().unwrap().unwrap()["url"].as_str().unwrap().to_owned();
+        let view = ["view", "--server", &url, "--eye", "60,40,60", "--target", "0,5,0", "--size", "32x24"];
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("view.png");
+        let output = run(&[view.as_slice(), &["--out", out.to_str().unwrap()]].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        let status = match signal {
+            Some(signal) => {
+                let pid = Pid::from_raw(i32::try_from(service.pid()).unwrap()).unwrap();
+                kill_process(pid, signal).unwrap();
+                service.wait()
+            }
+            None => service.stop(),
+        };
+        assert_eq!(status.code(), Some(0), "{signal:?}");
+    }
+}

@@ -1,0 +1,213 @@
+//! The shape of the workspace: who may depend on whom, and where shaders live.
+//!
+//! Dependencies are judged as `cargo metadata` resolves them, transitively and without dev-dependencies, so
+//! that a rule cannot be got round through a third crate.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+
+/// Names of packages, and for each the names of all that it is built with, directly or not.
+struct Graph {
+    reached: BTreeMap<String, BTreeSet<String>>,
+    metadata: Value,
+}
+
+impl Graph {
+    fn of_this_workspace() -> Self {
+        // This platform's packages are all here, since this test was built; the others' would be downloaded.
+        let version = cargo(&["-vV"]);
+        let host = version.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
+        let metadata = cargo(&["metadata", "--format-version", "1", "--locked", "--filter-platform", host]);
+        let metadata: Value = serde_json::from_str(&metadata).unwrap();
+
+        let name_of: BTreeMap<&str, &str> = list(&metadata["packages"])
+            .map(|package| (text(&package["id"]), text(&package["name"])))
+            .collect();
+        // A dependency that is only ever a dev-dependency is not part of what is built.
+        let built_with: BTreeMap<&str, Vec<&str>> = list(&metadata["resolve"]["nodes"])
+            .map(|node| {
+                let deps = list(&node["deps"])
+                    .filter(|dep| list(&dep["dep_kinds"]).any(|kind| kind["kind"] != "dev"))
+                    .map(|dep| text(&dep["pkg"]))
+                    .collect();
+                (text(&node["id"]), deps)
+            })
+            .collect();
+
+        let members = list(&metadata["workspace_members"]).map(text);
+        let reached = members
+            .map(|member| {
+                let mut seen = BTreeSet::new();
+                let mut waiting = vec![member];
+                while let Some(id) = waiting.pop() {
+                    for &dep in &built_with[id] {
+                        if seen.insert(name_of[dep].to_owned()) {
+                            waiting.push(dep);
+                        }
+                    }
+                }
+                (name_of[member].to_owned(), seen)
+            })
+            .collect();
+        Self { reached, metadata }
+    }
+
+    /// What `package` is built with, by name.
+    fn of(&self, package: &str) -> &BTreeSet<String> {
+        self.reached.get(package).unwrap_or_else(|| panic!("the workspace has no package {package}"))
+    }
+
+    fn never(&self, package: &str, forbidden: &[&str]) {
+        for name in forbidden {
+            assert!(
+                !self.of(package).contains(*name),
+                "{package} must not depend on {name}, not even indirectly"
+            );
+        }
+    }
+}
+
+/// What cargo prints.
+fn cargo(arguments: &[&str]) -> String {
+    let output = Command::new(env!("CARGO")).args(arguments).current_dir(root()).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn text(value: &Value) -> &str {
+    value.as_str().expect("cargo metadata: a string")
+}
+
+fn list(value: &Value) -> impl Iterator<Item = &Value> {
+    value.as_array().expect("cargo metadata: a list").iter()
+}
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Every file of the tree that is ours: build outputs and hidden folders left out.
+fn files() -> Vec<PathBuf> {
+    walkdir::WalkDir::new(root())
+        .into_iter()
+        .filter_entry(|entry| {
+            let name = entry.file_name().to_string_lossy();
+            entry.depth() == 0 || !(name.starts_with('.') || name == "target" || name == "out")
+        })
+        .map(|entry| entry.unwrap())
+        .filter(|entry| entry.file_type().is_file())
+        .map(|entry| entry.into_path().strip_prefix(root()).unwrap().to_path_buf())
+        .collect()
+}
+
+fn is_shader(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e == "wgsl" || e == "wesl")
+}
+
+#[test]
+fn the_two_roles_know_neither_each_other_nor_the_network() {
+    let graph = Graph::of_this_workspace();
+    let network = ["argus-proto", "argus-cluster", "argus-client", "tonic", "prost", "tokio"];
+    for (role, other) in [("argus-sampler", "argus-compositor"), ("argus-compositor", "argus-sampler")] {
+        graph.never(role, &[other]);
+        graph.never(role, &network);
+    }
+}
+
+#[test]
+fn what_runs_without_a_gpu_is_built_without_one() {
+    let graph = Graph::of_this_workspace();
+    let gpu = ["wgpu", "argus-gpu", "argus-shaders", "argus-sampler", "argus-compositor"];
+    for package in ["argus-cluster", "argus-client", "argus-proto", "argus-scene"] {
+        graph.never(package, &gpu);
+    }
+}
+
+#[test]
+fn dependencies_within_the_workspace_point_one_way() {
+    let graph = Graph::of_this_workspace();
+    let allowed: &[(&str, &[&str])] = &[
+        ("argus-scene", &[]),
+        ("argus-shaders", &[]),
+        ("argus-proto", &["argus-scene"]),
+        ("argus-gpu", &["argus-scene", "argus-shaders"]),
+        ("argus-sampler", &["argus-gpu", "argus-scene", "argus-shaders"]),
+        ("argus-compositor", &["argus-gpu", "argus-scene", "argus-shaders"]),
+        ("argus-cluster", &["argus-proto", "argus-scene"]),
+        ("argus-client", &["argus-proto", "argus-scene"]),
+    ];
+    for (package, allowed) in allowed {
+        let ours: Vec<&String> = graph.of(package).iter().filter(|name| name.starts_with("argus")).collect();
+        let strange: Vec<_> = ours.iter().filter(|name| !allowed.contains(&name.as_str())).collect();
+        assert!(strange.is_empty(), "{package} must not depend on {strange:?}");
+    }
+}
+
+#[test]
+fn the_thin_client_compiles_the_vocabulary_alone() {
+    let graph = Graph::of_this_workspace();
+    for package in list(&graph.metadata["packages"]) {
+        if !["argus-client", "argus-proto", "argus-cluster"].contains(&text(&package["name"])) {
+            continue;
+        }
+        for dep in list(&package["dependencies"]).filter(|dep| dep["kind"] != "dev") {
+            if text(&dep["name"]) == "argus-scene" {
+                let features: Vec<_> = list(&dep["features"]).collect();
+                assert!(features.is_empty(), "{} asks argus-scene for {features:?}", package["name"]);
+            }
+        }
+    }
+}
+
+#[test]
+fn gpu_programs_live_in_the_shaders_crate_alone() {
+    let files = files();
+    assert!(
+        files.iter().any(|path| is_shader(path)),
+        "no shader found: does this test look in the right place?"
+    );
+    for path in files.iter().filter(|path| !path.starts_with("shaders")) {
+        assert!(!is_shader(path), "{} belongs in shaders/", path.display());
+        if path.extension().is_some_and(|e| e == "rs") {
+            let text = std::fs::read_to_string(root().join(path)).unwrap();
+            for stage in ["compute", "vertex", "fragment"] {
+                let attribute = format!("@{stage}\n");
+                let inline = format!("@{stage} ");
+                assert!(
+                    !text.contains(&attribute) && !text.contains(&inline),
+                    "{} holds a {stage} program; it belongs in shaders/",
+                    path.display()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_pass_and_its_program_share_a_stem() {
+    let files = files();
+    for user in ["sampler", "compositor", "gpu"] {
+        let passes = Path::new(user).join("src/passes");
+        for pass in files.iter().filter(|path| path.parent() == Some(&passes)) {
+            let stem = pass.file_stem().unwrap().to_string_lossy();
+            if stem == "mod" {
+                continue;
+            }
+            let program = Path::new("shaders").join(user).join(format!("{stem}.wgsl"));
+            assert!(files.contains(&program), "{} has no program at {}", pass.display(), program.display());
+        }
+    }
+}
+
+#[test]
+fn shared_shader_files_have_no_entry_points() {
+    for path in files().iter().filter(|path| path.starts_with("shaders/shared") && is_shader(path)) {
+        let text = std::fs::read_to_string(root().join(path)).unwrap();
+        for stage in ["@compute", "@vertex", "@fragment"] {
+            assert!(!text.contains(stage), "{} has an entry point", path.display());
+        }
+    }
+}

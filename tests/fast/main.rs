@@ -1,0 +1,10 @@
+//! What needs no cluster: the command line, the configuration, the rules of the workspace, the files that are deployed.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+
+mod cli;
+mod configuration;
+mod dependency_rules;
+mod manifests;
+mod supply_chain;
+#[path = "../support/mod.rs"]
+mod support;

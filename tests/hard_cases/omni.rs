@@ -1,7 +1,0 @@
-use argus_studies::hard_cases::Theme;
-
-#[test]
-fn seams_poles_and_corners_of_samples_that_look_everywhere() {
-    let rows = crate::holds(Theme::Omni);
-    crate::has(&rows, &["seam", "pole", "corner of three faces", "rim of a paraboloid"]);
-}

@@ -1,9 +1,0 @@
-use argus_studies::hard_cases::Theme;
-
-#[test]
-fn wherever_the_viewer_stands() {
-    let rows = crate::holds(Theme::Poses);
-    let cases =
-        ["at a sample camera", "outside the rig", "behind the rig", "looking away", "fov 1°", "fov 179°"];
-    crate::has(&rows, &cases);
-}

@@ -1,7 +1,0 @@
-use argus_studies::hard_cases::Theme;
-
-#[test]
-fn images_of_uncommon_shape_and_their_tiles() {
-    let rows = crate::holds(Theme::Sizes);
-    crate::has(&rows, &["1×1 pixel", "8192×8 pixels, in tiles", "8×8192 pixels, in tiles"]);
-}

@@ -1,0 +1,39 @@
+//! The conformance suite of the reconstruction: every case of `argus study hard-cases`, within its bounds.
+
+mod omni;
+mod page;
+mod poses;
+mod precision;
+mod rays;
+mod sizes;
+mod surfaces;
+
+use std::sync::{Arc, OnceLock};
+
+use argus_gpu::{Gpu, GpuOptions};
+use argus_studies::hard_cases::{Row, Stages, Theme};
+
+/// Plays the cases of a theme and fails with all that are out of bounds.
+#[track_caller]
+fn holds(theme: Theme) -> Vec<Row> {
+    static GPU: OnceLock<Arc<Gpu>> = OnceLock::new();
+    let gpu = GPU.get_or_init(|| Gpu::new(&GpuOptions::default()).expect("these tests need a Vulkan driver"));
+    let rows = theme.run(&mut Stages::new(gpu).unwrap()).unwrap();
+    let failed: Vec<String> = rows.iter().filter(|row| !row.passed).map(|row| format!("{row:?}")).collect();
+    assert!(
+        failed.is_empty(),
+        "{} of {} are out of bounds:\n{}",
+        failed.len(),
+        rows.len(),
+        failed.join("\n")
+    );
+    rows
+}
+
+/// The cases that a theme must have, by the words of its demand.
+#[track_caller]
+fn has(rows: &[Row], cases: &[&str]) {
+    for case in cases {
+        assert!(rows.iter().any(|row| row.case.contains(case)), "no case `{case}`");
+    }
+}

@@ -1,0 +1,9 @@
+use argus_studies::hard_cases::Theme;
+
+#[test]
+fn wherever_the_viewer_stands() {
+    let rows = super::holds(Theme::Poses);
+    let cases =
+        ["at a sample camera", "outside the rig", "behind the rig", "looking away", "fov 1°", "fov 179°"];
+    super::has(&rows, &cases);
+}
