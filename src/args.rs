@@ -14,25 +14,25 @@ use crate::settings::{self, Flags, Sources};
 /// Where the service is, for every subcommand that is a client.
 #[derive(clap::Args)]
 pub(crate) struct Server {
-    /// Where the service is [default: ARGUS_SERVER, else http://127.0.0.1:7400]
+    /// Address of the service [default: ARGUS_SERVER, else http://127.0.0.1:7400]
     #[arg(long, value_name = "URL")]
     server: Option<String>,
-    /// PEM file of the authority that signed the service's certificate, for https://
+    /// PEM file of the certificate authority that signed the service's certificate; needed for https://
     #[arg(long, value_name = "FILE")]
     ca: Option<PathBuf>,
-    /// File that holds this client's token
+    /// File with this client's access token
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
 }
 
 impl Server {
-    /// A client of the service that the settings name, over so many connections.
+    /// Connects to the service that the settings name, over `connections` connections.
     pub(crate) async fn connect(&self, sources: &Sources, connections: usize) -> anyhow::Result<Client> {
         let (url, options) = self.options(sources)?;
         Ok(Client::connect_with(&url, &ConnectOptions { connections, ..options }).await?)
     }
 
-    /// Where the service is, and how it is connected to.
+    /// Returns the service's address and the options of a connection to it.
     pub(crate) fn options(&self, sources: &Sources) -> anyhow::Result<(String, ConnectOptions)> {
         let flags = Flags::default()
             .with("client.server", "--server", self.server.as_ref())
@@ -48,22 +48,22 @@ impl Server {
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Security (`argus certs` makes the files)")]
 pub(crate) struct Security {
-    /// PEM file of this process's certificate; with it, all that it listens on and connects to is TLS
+    /// PEM file of this process's certificate; with it, every connection from and to this process uses TLS
     #[arg(long, value_name = "FILE")]
     certificate: Option<PathBuf>,
-    /// PEM file of the certificate's key
+    /// PEM file of the certificate's private key
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
-    /// PEM file of the authority that signs the certificates of the cluster's processes
+    /// PEM file of the certificate authority that signs the certificates of the cluster's processes
     #[arg(long, value_name = "FILE")]
     ca: Option<PathBuf>,
-    /// Listen beyond this machine without TLS, for whoever can reach it
+    /// Listen on addresses beyond this machine without TLS: everyone who can reach the port has full access
     #[arg(long)]
     insecure: bool,
 }
 
 impl Security {
-    /// Among the flags of a subcommand.
+    /// Adds these flags to those of a subcommand.
     pub(crate) fn with(&self, flags: Flags) -> Flags {
         flags
             .with("security.certificate", "--certificate", settings::path(self.certificate.as_ref()))
@@ -73,33 +73,33 @@ impl Security {
     }
 }
 
-/// How sample cameras are placed; what is left out follows from the scene.
+/// How sample cameras are placed. A flag that is not given follows from the scene.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Sample cameras")]
 pub(crate) struct Rig {
-    /// Rule of placement: four cameras over each tile (landscapes seen from outside) or omni cameras on a
-    /// lattice (interiors)
+    /// How sample cameras are placed: tile-corners puts four cameras over each tile of a landscape that is seen from
+    /// above, cell puts cameras for all directions on a lattice among the viewers [default: by the scene's shape]
     #[arg(long, value_name = "RULE", value_parser = rig_kind())]
     pub(crate) rig: Option<RigKind>,
-    /// Tiles along x and z, for tile-corners
+    /// Number of tiles along x and z; for --rig tile-corners
     #[arg(long, value_name = "XxZ", value_parser = size)]
     pub(crate) tiles: Option<[u32; 2]>,
-    /// Texels of a sample, for tile-corners
+    /// Size of a sample in texels; more texels show finer detail and cost time and memory; for --rig tile-corners
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) sample_size: Option<[u32; 2]>,
-    /// Edge of a cell in metres, for cell
+    /// Spacing of the lattice in metres; a smaller one has fewer holes and needs more samples; for --rig cell
     #[arg(long, value_name = "METRES", value_parser = positive)]
     pub(crate) cell: Option<f64>,
-    /// Side of a cube face in texels, for cell
+    /// Texels on a side of a sample's cube faces; for --rig cell
     #[arg(long, value_name = "TEXELS")]
     pub(crate) face: Option<u32>,
-    /// Samples that a view is reconstructed from where its request leaves it open
+    /// Number of samples that a view is reconstructed from, unless its request says otherwise
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
     pub(crate) samples: Option<u32>,
 }
 
 impl Rig {
-    /// The rig's part of them, in the vocabulary's words.
+    /// Converts the flags to the rig's settings.
     pub(crate) fn knobs(&self) -> RigKnobs {
         RigKnobs {
             kind: self.rig,
@@ -110,7 +110,7 @@ impl Rig {
         }
     }
 
-    /// The same knobs as arguments of a subcommand that runs in a process of its own.
+    /// Converts the flags back to arguments, for a subcommand in a process of its own.
     pub(crate) fn to_arguments(&self) -> Vec<String> {
         let pair = |[a, b]: [u32; 2]| format!("{a}x{b}");
         let rig = self.rig.map(|kind| RIGS[usize::from(kind == RigKind::Cell)].to_owned());
@@ -130,38 +130,39 @@ impl Rig {
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Samplers")]
 pub(crate) struct SampleSource {
-    /// What samples are rendered from: the triangles, each sample by itself, or maps of an octree of the scene, whose
-    /// surfaces are shaded once for all of them; megaviews takes omni cameras, and --rig cell by itself. Direct views
-    /// and single pixels come from triangles always [default: triangles]
+    /// What samples are rendered from: triangles, or megaviews: an octree of the scene that is shaded once for all
+    /// samples, without gloss and cut-outs. megaviews implies --rig cell. Direct views always come from triangles
+    /// [default: triangles]
     #[arg(long, value_name = "WAY", value_parser = argus_scene::Sampling::NAMES)]
     sampling: Option<String>,
-    /// Texels on a side of a map's hemisphere, for megaviews: 8 to 1024 [default: 512]
+    /// Texels on a side of a map's hemisphere, 8 to 1024; for --sampling megaviews [default: 512]
     #[arg(long, value_name = "TEXELS")]
     map_side: Option<u32>,
-    /// Levels of the scene's octree, for megaviews: 1 to 10 [default: 9]
+    /// Levels of the scene's octree, 1 to 10; each further level has cells half as large and takes about four times the
+    /// memory; for --sampling megaviews [default: 9]
     #[arg(long, value_name = "N")]
     octree_levels: Option<u32>,
-    /// Cameras along an edge of the block whose maps are rendered together and share what looks alike from them, for
-    /// megaviews: 1, where each has its own, 2 or 4 [default: 1]
+    /// Cameras along the edge of a block that share distant parts of their maps: 1 (nothing is shared), 2 or 4; for
+    /// --sampling megaviews [default: 1]
     #[arg(long, value_name = "N")]
     map_block: Option<u32>,
-    /// What glossy and transparent things show of the scene around them: off, or maps, one around each of them, of an
-    /// octree of the scene; direct views, too [default: off]
+    /// Reflections on glossy and transparent objects: off, or maps (one map of the scene around each object, for views from
+    /// samples and for direct views) [default: off]
     #[arg(long, value_name = "WAY", value_parser = ["off", "maps"])]
     reflections: Option<String>,
-    /// Texels on a side of such a map: 16, 32, 64, 128 or 256 [default: 64]
+    /// Texels on a side of a reflection map: 16, 32, 64, 128 or 256 [default: 64]
     #[arg(long, value_name = "TEXELS")]
     reflection_side: Option<u32>,
-    /// Levels of the octree that they show: 1 to 10 [default: 8]
+    /// Levels of the octree that reflection maps are rendered from, 1 to 10; more levels show finer detail [default: 8]
     #[arg(long, value_name = "N")]
     reflection_levels: Option<u32>,
-    /// Things that have a map, the largest first: 1 to 1024 [default: 256]
+    /// Greatest number of objects with a reflection map, 1 to 1024; the largest objects come first [default: 256]
     #[arg(long, value_name = "N")]
     reflectors: Option<u32>,
 }
 
 impl SampleSource {
-    /// Among the flags of a subcommand.
+    /// Adds these flags to those of a subcommand.
     pub(crate) fn with(&self, flags: Flags) -> Flags {
         flags
             .with("coordinator.sampling", "--sampling", self.sampling.as_ref())
@@ -174,7 +175,7 @@ impl SampleSource {
             .with("coordinator.reflectors", "--reflectors", self.reflectors)
     }
 
-    /// The same as arguments of a subcommand that runs in a process of its own.
+    /// Converts the flags back to arguments, for a subcommand in a process of its own.
     pub(crate) fn to_arguments(&self) -> Vec<String> {
         let number = |n: Option<u32>| n.map(|n| n.to_string());
         let values = [
@@ -195,63 +196,61 @@ impl SampleSource {
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Samplers")]
 pub(crate) struct Sampling {
-    /// Sub-samples of a texel of a sample: 1, 4 or 16
+    /// Sub-samples of each texel of a sample: 1, 4 or 16; more of them smooth edges and cost time in proportion
     #[arg(long, value_name = "N", default_value = "4", value_parser = ["1", "4", "16"])]
     pub(crate) sub_samples: String,
     #[command(flatten)]
     pub(crate) indirect: IndirectLight,
 }
 
-/// How surfaces light one another. `argus study radiosity` shows what each of the knobs costs.
+/// How surfaces light one another. `argus study radiosity` shows what each flag costs.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Indirect light")]
 pub(crate) struct IndirectLight {
-    /// Light that surfaces reflect onto one another, and that surfaces emit, found once per sample: none (off), gathered
-    /// from virtual point lights (vpl), or from small images of an octree of the scene that some of what is visible
-    /// sees (points)
+    /// Indirect light: off, vpl (gathered from virtual point lights) or points (gathered from small images of an octree of
+    /// the scene, rendered at some of the visible points). It is computed once a sample; views cost the same
     #[arg(long, value_name = "WAY", default_value = "off", value_parser = ["off", "vpl", "points"])]
     pub(crate) indirect: String,
-    /// Virtual point lights
+    /// Number of virtual point lights; more of them are smoother and slower
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub(crate) vpls: Option<u32>,
-    /// Reflections between a light and what is seen, at most
+    /// Greatest number of reflections between a light and a visible surface, 1 to 4
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4))]
     pub(crate) bounces: Option<u32>,
-    /// Where shadows of virtual point lights come from: nowhere, rays through the centres of maps' texels, random
-    /// points splatted into maps, or an octree of the scene, rendered for all of them together or for each by itself
+    /// Shadow maps of virtual point lights: none, exact (a ray a texel), imperfect (splatted random points), megaviews (an
+    /// octree of the scene, rendered for all lights together) or manylods (the same, for each light by itself)
     #[arg(long, value_name = "SOURCE", value_parser = PossibleValuesParser::new(MapSource::ALL.map(MapSource::name)))]
     pub(crate) vpl_maps: Option<String>,
-    /// Texels on a side of a hemisphere of such a map: a power of two, 4 to 256
+    /// Texels on a side of a hemisphere of a light's shadow map: a power of two, 4 to 256
     #[arg(long, value_name = "TEXELS")]
     pub(crate) vpl_map_side: Option<u32>,
-    /// Glowing particles: small lights that drift through the scene and shine everywhere, with the shadows that
-    /// --vpl-maps makes; their light is gathered like that of virtual point lights, and --indirect off has that of
-    /// particles alone
+    /// Number of glowing particles: small lights that drift through the scene. Their light is gathered like that of virtual
+    /// point lights, with the shadows that --vpl-maps selects
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub(crate) particles: Option<u32>,
-    /// Virtual point lights that each sub-sample gathers from
+    /// Number of virtual point lights that each sub-sample gathers from; more of them mean less noise and more time
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub(crate) gather: Option<u32>,
-    /// Groups of virtual point lights, of 256, that a block of the image gathers from on average, drawn by how much light
-    /// they bring, each in the stead of those like it; 0: all that may light the block
+    /// Number of light groups, of 256, that a block of the image draws on average, with a probability by the light that they
+    /// bring; each drawn group represents those like it. 0 uses every group that may light the block
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=256))]
     pub(crate) vpl_groups: Option<u32>,
-    /// Levels of the octree whose small images are seen, below its root
+    /// Levels of the octree that --indirect points gathers from, 1 to 10
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10))]
     pub(crate) point_levels: Option<u32>,
-    /// Texels on a side of a hemisphere of such an image: 8 to 256
+    /// Texels on a side of a hemisphere of the images that --indirect points gathers from, 8 to 256
     #[arg(long, value_name = "TEXELS", value_parser = clap::value_parser!(u32).range(8..=256))]
     pub(crate) point_map_side: Option<u32>,
-    /// Sub-samples on a side of the blocks that see one or two such images
+    /// Side, in sub-samples, of the blocks that share one or two of those images, 1 to 16
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(crate) point_block: Option<u32>,
 }
 
 impl IndirectLight {
-    /// In the sampler's words.
+    /// Converts the flags to the sampler's settings.
     ///
     /// # Errors
-    /// Particles where nothing gathers their light.
+    /// `--particles` together with `--indirect points`, which cannot gather their light.
     pub(crate) fn knobs(&self) -> anyhow::Result<Indirect> {
         let off = self.indirect == "off";
         if off && self.particles.is_none() {
@@ -285,7 +284,7 @@ impl IndirectLight {
         }))
     }
 
-    /// The same as arguments of a subcommand that runs in a process of its own.
+    /// Converts the flags back to arguments, for a subcommand in a process of its own.
     pub(crate) fn to_arguments(&self) -> Vec<String> {
         let number = |n: Option<u32>| n.map(|n| n.to_string());
         let values = [
@@ -306,17 +305,17 @@ impl IndirectLight {
 }
 
 impl Sampling {
-    /// In the sampler's words.
+    /// Converts the flags to the sampler's settings.
     ///
     /// # Errors
-    /// Flags that do not go together.
+    /// Flags that exclude one another.
     pub(crate) fn knobs(&self) -> anyhow::Result<SamplerKnobs> {
         let default = SamplerKnobs::default();
         let sub_samples = self.sub_samples.parse().unwrap_or(default.sub_samples);
         Ok(SamplerKnobs { sub_samples, indirect: self.indirect.knobs()?, ..default })
     }
 
-    /// The same as arguments of a subcommand that runs in a process of its own.
+    /// Converts the flags back to arguments, for a subcommand in a process of its own.
     pub(crate) fn to_arguments(&self) -> Vec<String> {
         let mut arguments = vec![format!("--sub-samples={}", self.sub_samples)];
         arguments.extend(self.indirect.to_arguments());
@@ -328,25 +327,24 @@ impl Sampling {
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Samplers")]
 pub(crate) struct Seeing {
-    /// How triangles are seen: by the device's rasteriser, by packets of rays in compute (trace) or on the processor
-    /// (cpu), or by whichever of them the first worker measures to be cheapest for the scene (auto). Ways may differ
-    /// along edges
+    /// Visibility backend: raster (the device's rasteriser), trace (packets of rays in compute), cpu (packets of rays on the
+    /// processor) or auto (the first worker measures which is cheapest for the scene). Images differ along edges alone
     #[arg(long, value_name = "WAY", default_value = AUTO, value_parser = visibility())]
     visibility: Way,
 }
 
-/// A way to see triangles; none where it is to be measured.
+/// A visibility backend; `None` if it is to be measured.
 type Way = Option<Visibility>;
 
 const AUTO: &str = "auto";
 
 impl Seeing {
-    /// The way, if the user said which.
+    /// Returns the backend that the user selected, if any.
     pub(crate) fn visibility(&self) -> Way {
         self.visibility
     }
 
-    /// The same as arguments of a subcommand that runs in a process of its own.
+    /// Converts the flags back to arguments, for a subcommand in a process of its own.
     pub(crate) fn to_arguments(&self) -> Vec<String> {
         vec![format!("--visibility={}", self.visibility.map_or(AUTO, Visibility::name))]
     }
@@ -357,45 +355,45 @@ fn visibility() -> impl TypedValueParser<Value = Way> {
     PossibleValuesParser::new(names).map(|name| Visibility::ALL.into_iter().find(|v| v.name() == name))
 }
 
-/// How a view is to be answered. Without any of these, the service answers at once: from the triangles, or from samples that a
-/// worker holds where that is sooner and as good. --search, --steps, --samples and --holes ask for samples and wait for them.
+/// How a view is answered. Without these flags the service answers at once, in the fastest way that is as good as the triangles.
+/// --search, --steps, --samples and --holes ask for samples, and wait until they are rendered.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Plan")]
 pub(crate) struct Plan {
-    /// How the depth of a pixel is found: by splatting the samples forward (fast), by the cluster paper's linear steps
-    /// along the ray, by fixed-point steps, by those from a coarse splat (seeded), or exactly, through levels (pyramid)
+    /// Reconstruct from samples, and find the depth of a pixel by: splat (samples are splatted forward; fastest), linear (the
+    /// cluster paper's steps along the ray), fixed-point, seeded (fixed-point from a coarse splat) or pyramid (exact)
     #[arg(long, value_name = "SEARCH", value_parser = search())]
     pub(crate) search: Option<Search>,
-    /// Steps of the linear, fixed-point and seeded searches, 1 to 4096
+    /// Steps of the linear, fixed-point and seeded searches, 1 to 4096; more steps find more surfaces and cost time
     #[arg(long, value_name = "N")]
     pub(crate) steps: Option<u32>,
-    /// Render from the triangles: the exact answer, and the baseline
+    /// Render from the triangles, never from samples
     #[arg(long)]
     pub(crate) direct: bool,
-    /// Average each pixel from this many a side, 1 to 8
+    /// Sub-pixels on a side of each pixel, 1 to 8; N costs about N² times as much
     #[arg(long, value_name = "N")]
     pub(crate) supersampling: Option<u32>,
     /// Reconstruct from at most this many samples, 1 to 8
     #[arg(long, value_name = "N")]
     pub(crate) samples: Option<u32>,
-    /// What becomes of pixels that no sample saw: a guess that the mask marks, or their rays traced
+    /// Pixels that no sample saw: mark (guess them and mark them in the mask) or trace (trace their rays)
     #[arg(long, value_name = "WAY", value_parser = holes())]
     pub(crate) holes: Option<Holes>,
-    /// What matters: interactive (time before error), balanced (as good as the triangles, as soon as can be; the default) or
-    /// exact (no pixel is guessed, four samples a pixel)
+    /// What matters most: interactive (time), balanced (the fastest image that is as good as the triangles'; the default) or
+    /// exact (no guessed pixel, four samples a pixel)
     #[arg(long, value_name = "WISH", value_parser = preset())]
     pub(crate) preset: Option<Preset>,
-    /// Greatest mean FLIP against the reference that is accepted, above 0 and up to 1; a scene that `argus study
-    /// bounds` has calibrated is answered at the least cost that keeps it
+    /// Greatest accepted mean FLIP error against the reference, above 0 and up to 1. `argus study bounds` calibrates the
+    /// scene, so that the cheapest plan that keeps the bound is taken
     #[arg(long, value_name = "FLIP", allow_negative_numbers = true)]
     pub(crate) max_error: Option<f64>,
-    /// Milliseconds that rendering may take; the best that is expected to be done by then
+    /// Milliseconds that the answer may take; the service takes the plan with the least error that is expected to keep it
     #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     pub(crate) deadline_ms: Option<f64>,
 }
 
 impl Plan {
-    /// In the vocabulary's words.
+    /// Converts the flags to a plan request.
     pub(crate) fn request(&self) -> PlanRequest {
         PlanRequest {
             direct: self.direct,

@@ -7,16 +7,16 @@ use argus_scene::metrics;
 use crate::exit::bad_arguments;
 use crate::output;
 
-/// How far an image is from a reference: FLIP, PSNR and SSIM.
+/// Compares an image with a reference: FLIP, PSNR and SSIM.
 ///
 /// FLIP is 0 where a viewer sees no difference and 1 at worst; PSNR is in dB, higher is closer; SSIM is 1
 /// where the images are equal.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  argus compare warped.png direct.png --json")]
 pub(crate) struct Args {
-    /// The image to judge
+    /// Image to judge
     a: PathBuf,
-    /// The reference
+    /// Reference image
     b: PathBuf,
     /// Print one JSON object: flip_mean, psnr_db (null where the images are equal), ssim
     #[arg(long)]

@@ -21,13 +21,13 @@ use crate::settings::{self, Flags, Settings, Sources};
 use crate::wiring::OpenScene;
 use crate::{args, credentials, output, shutdown};
 
-/// Between two attempts to reach a registry that is not there yet.
+/// Pause between two attempts to reach a registry.
 const TRY_AGAIN: Duration = Duration::from_millis(500);
 
-/// Accepts workers and answers clients; renders nothing itself.
+/// Accepts workers and answers clients. It renders nothing itself.
 ///
-/// Workers join it with `argus worker --coordinator URL`, from this machine or others; one that does not have
-/// the scene takes it from here. Ctrl-C finishes what is in work and exits 0.
+/// Workers join it with `argus worker --coordinator URL`, from this machine or from others. A worker without the scene fetches it
+/// from the coordinator. Ctrl-C finishes the requests in work and exits 0.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example: a cluster over machines that trust their network; `argus certs` shows the same by TLS
@@ -38,44 +38,46 @@ pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
     #[arg(long, value_name = "S")]
     scene: Option<String>,
-    /// Serve one moment after the other though nothing of the scene moves: for workers that have --particles
+    /// Advance the scene's time although the scene has no animation; needed if workers have --particles
     #[arg(long)]
     particles: bool,
     #[command(flatten)]
     service: Service,
 }
 
-/// What `coordinator` and `serve` have in common.
+/// The flags that `coordinator` and `serve` share.
 #[derive(clap::Args)]
 pub(crate) struct Service {
-    /// Where to listen; port 0 takes any that is free [default: 127.0.0.1:7400]
+    /// Address to listen on; port 0 takes a free port [default: 127.0.0.1:7400]
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// Print one JSON object as soon as clients can connect: url, pid, scene, workers
+    /// Print one JSON object once clients can connect: url, pid, scene, workers
     #[arg(long)]
     json: bool,
     /// Also stop when standard input ends
     #[arg(long, hide = true)]
     exit_with_stdin: bool,
-    /// Whether samplers that have nothing to sample also compose views [default: true]
+    /// Whether samplers with time to spare also compose views [default: true]
     #[arg(long, value_name = "BOOL")]
     samplers_composite: Option<bool>,
-    /// Share of the samplers' time that may go into samples where views have holes; 0: none are placed [default: 0.5]
+    /// Greatest share of the samplers' time for additional samples where views have holes, 0 to 1; 0 places none
+    /// [default: 0.5]
     #[arg(long, value_name = "SHARE", value_parser = args::share)]
     refining_share: Option<f64>,
-    /// What `argus study bounds` calibrated, in place of what it kept on this machine for the scene
+    /// Calibration that `argus study bounds` wrote, instead of the one kept on this machine for the scene
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// NATS server with JetStream through which several coordinators agree who leads, such as nats://127.0.0.1:4222
-    /// [default: this one is alone]
+    /// NATS server with JetStream through which several coordinators elect a leader, such as nats://127.0.0.1:4222
+    /// [default: none; this is the only coordinator]
     #[arg(long, value_name = "URL")]
     registry: Option<String>,
-    /// Where others reach this coordinator, if that is not where it listens; a standby tells whoever asks
+    /// Address at which others reach this coordinator, if it is not the one it listens on; a standby redirects clients to the
+    /// leader's
     #[arg(long, value_name = "URL")]
     advertise: Option<String>,
     #[command(flatten)]
     security: args::Security,
-    /// File of clients' tokens, a line each: role (view or admin), name, token
+    /// File with the clients' tokens, one a line: role (view or admin), name, token
     #[arg(long, value_name = "FILE", help_heading = "Security (`argus certs` makes the files)")]
     tokens: Option<PathBuf>,
     #[command(flatten)]
@@ -84,20 +86,20 @@ pub(crate) struct Service {
     source: args::SampleSource,
     #[command(flatten)]
     seeing: args::Seeing,
-    /// Milliseconds until the next moment of an animated scene is rendered, at the least [default: 100]
+    /// Least milliseconds between two rendered moments of an animated scene; fewer are smoother and cost more [default: 100]
     #[arg(long, value_name = "MS", value_parser = args::positive)]
     epoch_ms: Option<f64>,
-    /// Render samples anew only after so many views, also where nothing moves: the cluster paper's ticks; 0: by time alone
+    /// Render all samples anew after this many views, even if nothing moves (the cluster paper's experiments); 0: never
     #[arg(long, value_name = "VIEWS", default_value_t = 0)]
     refresh_views: u64,
-    /// Seconds that an animated scene moves on in a second; 0 holds it still [default: 1]
+    /// Speed of an animated scene; 1 is real time, 0 holds it still [default: 1]
     #[arg(long, value_name = "FACTOR", value_parser = args::zero_or_more)]
     time_scale: Option<f64>,
 }
 
-/// A coordinator that has its address, and no scene yet.
+/// A coordinator that has its address, but no scene yet.
 pub(crate) struct Listening {
-    /// Where clients on this machine will reach it.
+    /// Address for clients on this machine.
     pub(crate) url: String,
     listener: TcpListener,
     security: Option<Arc<Security>>,
@@ -107,7 +109,7 @@ pub(crate) struct Listening {
 
 /// A coordinator that listens, and has not yet begun to serve.
 pub(crate) struct Ready {
-    /// Where clients on this machine reach it.
+    /// Address for clients on this machine.
     pub(crate) url: String,
     listener: TcpListener,
     source: Arc<OpenScene>,
@@ -157,7 +159,7 @@ impl Service {
         Ok(sources.load(self.security.with(self.source.with(flags)))?.settings)
     }
 
-    /// Takes the address, so that a conflict shows at once.
+    /// Binds the address first, so that a conflict shows at once.
     pub(crate) async fn listen(&self, settings: &Settings) -> anyhow::Result<Listening> {
         let shutdown = shutdown::requested(self.exit_with_stdin);
         let security = credentials::of_member(&settings.security, true)?;
@@ -221,7 +223,7 @@ impl Service {
         Ok(vec![model])
     }
 
-    /// Says where the service is.
+    /// Prints the service's address.
     pub(crate) fn announce(&self, ready: &Ready, workers: usize) -> anyhow::Result<()> {
         let (url, scene) = (ready.url.as_str(), ready.source.name());
         if self.json {
@@ -245,7 +247,7 @@ impl Ready {
     }
 }
 
-/// Where coordinators agree who leads.
+/// The registry in which coordinators elect their leader.
 async fn registry(settings: &Settings) -> anyhow::Result<Arc<dyn Registry>> {
     let coordinator = &settings.coordinator;
     let Some(url) = &coordinator.registry else { return Ok(Arc::new(LocalRegistry::alone())) };

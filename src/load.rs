@@ -11,11 +11,11 @@ use crate::exit::bad_arguments;
 use crate::settings::Sources;
 use crate::{args, output};
 
-/// Loads a service with many clients, each on a path of its own around the viewpoints that the scene
-/// recommends, and counts what becomes of their views.
+/// Loads a service with many clients, and counts how many views are answered and how late.
 ///
-/// When each view is due is fixed beforehand, and latency counts from then, so a stall of the service shows
-/// in full. With --views, a number of views is instead asked for as fast as they are answered.
+/// Each client walks its own path around the scene's suggested viewpoints. Views are due at fixed times, and latency counts from
+/// the due time, so that a stall of the service shows in full. With --views, a fixed number of views is requested as fast as they
+/// are answered.
 #[derive(clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -30,29 +30,29 @@ Examples:
 pub(crate) struct Args {
     #[command(flatten)]
     server: args::Server,
-    /// Clients at the same time
+    /// Number of clients at the same time
     #[arg(long, value_name = "N", required_unless_present = "views", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     clients: Option<u32>,
-    /// How long views are sent
+    /// Seconds for which views are requested
     #[arg(long, value_name = "T", required_unless_present = "views", value_parser = args::positive)]
     seconds: Option<f64>,
-    /// Pixels of a view
+    /// Size of a view in pixels
     #[arg(long, value_name = "WxH", default_value = "200x150", value_parser = args::size)]
     size: [u32; 2],
-    /// Views a second, of each client
+    /// Views a second of each client
     #[arg(long, value_name = "FPS", default_value = "10", value_parser = args::positive)]
     rate: f64,
-    /// Cameras of sessions, where newer ones supersede older ones, in place of views that each want an answer
+    /// Use one session a client: a newer camera supersedes an older one, so that a slow client gets fewer frames
     #[arg(long)]
     sessions: bool,
-    /// Have the search of each camera begin from its session's frame before, where that shows enough of it; it then is the
-    /// seeded one. Such frames say so, and cannot be repeated
+    /// Start each depth search from the session's previous frame (temporal reprojection). Implies the seeded search. Such
+    /// frames depend on history and cannot be reproduced from their provenance
     #[arg(long, requires = "sessions")]
     history: bool,
-    /// Ask for this many views as fast as they are answered, in place of clients and a rate
+    /// Request this many views as fast as they are answered, instead of --clients and --rate
     #[arg(long, value_name = "N", conflicts_with_all = ["clients", "seconds", "rate", "sessions", "history"], value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     views: Option<u32>,
-    /// A view without an answer for this many seconds has failed
+    /// Seconds after which a view without an answer counts as failed
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = args::positive)]
     timeout: f64,
     /// Print one JSON object: sent, answered, failed, rejected, superseded, from_history,

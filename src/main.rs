@@ -36,18 +36,18 @@ use clap::{Parser, Subcommand};
 
 /// Renders a scene once and serves many viewers from it.
 ///
-/// Samplers render the scene, with all of its shading, into a few depth images; compositors reconstruct any
-/// number of views from those, without the triangles; a coordinator splits the processes between the two.
+/// Views are rendered from the triangles, or reconstructed from a few shared depth images, whichever is faster at the same
+/// quality. A coordinator assigns the work to worker processes.
 #[derive(Parser)]
 #[command(version, arg_required_else_help = true, after_help = EXAMPLES)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Say more on standard error: once for progress, twice for details (or set ARGUS_LOG, such as
+    /// Log more on standard error: once for progress, twice for details (or set ARGUS_LOG, such as
     /// `argus_cluster=debug`)
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
-    /// How the log on standard error is written
+    /// Format of the log on standard error
     #[arg(long, global = true, value_name = "FORMAT", env = "ARGUS_LOG_FORMAT", default_value = "text")]
     log_format: telemetry::LogFormat,
     #[command(flatten)]

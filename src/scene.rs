@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::output;
 
-/// What is in a scene: triangles, bounds, materials, lights, cameras, and the effects it calls for.
+/// Describes a scene: triangles, bounds, materials, lights, cameras, and the effects that it calls for.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  argus scene model.glb\n  argus scene terrain:2000000 --json")]
 pub(crate) struct Args {

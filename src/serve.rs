@@ -6,10 +6,9 @@ use crate::coordinator::Service;
 use crate::settings::Sources;
 use crate::{args, processes};
 
-/// Serves a scene from this machine: a coordinator, and worker processes beside it.
+/// Serves a scene from this machine: a coordinator and its worker processes.
 ///
-/// Workers that end are started again; all of them end with this process. Ctrl-C finishes what is in work and
-/// exits 0.
+/// A worker that ends is started again. All workers end with this process. Ctrl-C finishes the requests in work and exits 0.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -20,10 +19,10 @@ pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]` [default: terrain]
     #[arg(long, value_name = "S")]
     scene: Option<String>,
-    /// Worker processes [default: one a core, at least 2 and at most 4]
+    /// Number of worker processes [default: one a core, at least 2 and at most 4]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
-    /// Let sessions of clients on this machine fetch their frames from the workers, instead of relaying them
+    /// Let sessions fetch their frames from the workers directly, instead of relaying them; for clients on this machine
     #[arg(long)]
     redirect: bool,
     #[command(flatten)]

@@ -10,10 +10,10 @@ use console::Term;
 use crate::settings::Sources;
 use crate::{args, output};
 
-/// Workers, their roles, and the balance between them.
+/// Shows the workers, their roles, and the balance between them.
 ///
-/// S samples and V views are asked for per tick; a sample costs g, a view from samples c. Of P processes, K
-/// sample: the whole number that makes a tick shortest. All of it is measured.
+/// Per tick, S samples and V views are requested. A sample costs g, a view from samples costs c. Of P processes, K render
+/// samples: the whole number that makes a tick shortest. All of these are measured.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -27,7 +27,7 @@ pub(crate) struct Args {
     /// view_ms, tick_predicted_ms, tick_measured_ms, workers: [{id, pid, role, address, …}], counters, …
     #[arg(long)]
     json: bool,
-    /// Keep the table current, and say how many views a second are answered
+    /// Refresh the table every SECONDS, and show the answered views a second
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "1", value_parser = args::positive, conflicts_with = "json")]
     watch: Option<f64>,
 }
@@ -46,7 +46,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Shows the table time and again, each in the place of the one before where standard output is a terminal.
+/// Prints the table repeatedly; on a terminal, each one replaces the one before.
 async fn watch(client: &Client, every: Duration) -> anyhow::Result<()> {
     let term = Term::stdout();
     let mut lines = 0;

@@ -21,7 +21,7 @@ use crate::exit::bad_arguments;
 use crate::settings::Sources;
 use crate::{args, output};
 
-/// Samples a pixel of the reference, as the calibration's.
+/// Samples a pixel of the reference, the same as in the calibration.
 const REFERENCE_SAMPLES: u32 = 16;
 
 /// Asks for one view and writes it to a file.
@@ -46,23 +46,23 @@ pub(crate) struct Args {
     server: args::Server,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Pixels
+    /// Size of the image in pixels
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = args::size)]
     size: [u32; 2],
-    /// Which image: color, range, mask, source or confidence
+    /// Image to write: color, range, mask, source or confidence
     #[arg(long, value_name = "IMAGE", default_value = "color", value_parser = args::output())]
     output: Output,
     /// File to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Show an animated scene at this time, to the nearest epoch, rather than at the time that is served
+    /// Show an animated scene at this time, rounded to the nearest epoch, instead of the time that is served now
     #[arg(long, value_name = "SECONDS", requires = "direct", value_parser = args::zero_or_more)]
     time: Option<f64>,
     /// Give up after this many seconds
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = args::positive)]
     timeout: f64,
-    /// Also render the reference, here and slowly, and report the true error beside the predicted one; needs
-    /// the scene's file on this machine
+    /// Also render the reference on this machine, which is slow, and report the true error beside the predicted one; needs
+    /// the scene's file here
     #[arg(long)]
     verify: bool,
     /// Print one JSON object: width, height, epoch, search, samples, decision: {reason, wait_ms, render_ms, excess},
@@ -75,13 +75,13 @@ pub(crate) struct Args {
 
 #[derive(clap::Args)]
 struct CameraArgs {
-    /// Where the viewer stands, metres
+    /// Position of the viewer, metres
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true)]
     eye: DVec3,
-    /// What the viewer looks at
+    /// Point that the viewer looks at, metres
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true)]
     target: DVec3,
-    /// What is up in the image
+    /// Direction that points up in the image
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", value_parser = args::point, allow_hyphen_values = true)]
     up: DVec3,
     /// Vertical field of view, degrees
@@ -108,18 +108,18 @@ struct Report {
     holes: Option<Holes>,
     /// How the service chose the way, with what it predicted; absent where the arguments name the way.
     decision: Option<Decision>,
-    /// What the service expected: mean FLIP that such frames stay below, milliseconds of rendering.
+    /// The service's prediction: an upper bound of the mean FLIP error, and milliseconds of rendering.
     predicted: Option<Prediction>,
-    /// Milliseconds of rendering, that of frames which were not good enough included.
+    /// Milliseconds of rendering, including frames that were rejected because they missed the bound.
     measured_ms: f64,
     /// Mean FLIP against the reference, with --verify.
     true_error: Option<f64>,
     worker: String,
     device: String,
     stages_ms: BTreeMap<String, f64>,
-    /// Within the service.
+    /// Milliseconds that the frame spent within the service.
     age_ms: f64,
-    /// As this client saw it.
+    /// Milliseconds from the request to the whole frame, measured by this client.
     total_ms: f64,
     attempts: u32,
 }
@@ -228,7 +228,7 @@ fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::R
     })
 }
 
-/// Mean FLIP of a frame against the reference, which is traced here unless it was before.
+/// Mean FLIP of a frame against the reference. The reference is traced on this machine and kept for the next call.
 fn true_error(description: &Description, camera: &Camera, frame: &Frame) -> anyhow::Result<f64> {
     let scene = argus_scene::open(&description.scene_name)
         .with_context(|| format!("--verify needs the scene {} here", description.scene_name))?;
@@ -244,7 +244,7 @@ fn true_error(description: &Description, camera: &Camera, frame: &Frame) -> anyh
     calibration::error(frame, &reference.display(exposure))
 }
 
-/// Writes the one image that was asked for.
+/// Writes the requested image.
 fn write(path: &Path, output: Output, frame: &Frame) -> anyhow::Result<()> {
     let (width, height) = (frame.width, frame.height);
     let image = frame.image(output).context("the frame lacks the image that was asked for")?;

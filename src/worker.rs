@@ -10,10 +10,10 @@ use crate::settings::{self, Flags, Settings, Sources};
 use crate::wiring::{Device, SceneFolder};
 use crate::{args, credentials, shutdown};
 
-/// Joins a coordinator and renders for it: samples, views from samples, or views from triangles, as it says.
+/// Joins a coordinator and renders for it: samples, views from samples, and views from triangles.
 ///
-/// The worker takes the scene from the coordinator if it does not have it. Ctrl-C finishes what is in work
-/// and exits 0. `ARGUS_ADAPTER` chooses among several graphics adapters by a part of their name.
+/// The worker fetches the scene from the coordinator if it does not have it. Ctrl-C finishes the requests in work and exits 0.
+/// `ARGUS_ADAPTER` selects one of several graphics adapters by a part of its name.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -22,24 +22,24 @@ Examples:
   argus worker --coordinator https://host-a:7400 --listen 0.0.0.0:7401 --public-address https://host-b.example:7401 \
     --certificate worker.pem --key worker.key --ca ca.pem")]
 pub(crate) struct Args {
-    /// Where the coordinator is
+    /// Address of the coordinator
     #[arg(long, value_name = "URL")]
     coordinator: Option<String>,
-    /// Where to listen for the coordinator and other workers; port 0 takes any that is free [default: 127.0.0.1:0]
+    /// Address to listen on for the coordinator and other workers; port 0 takes a free port [default: 127.0.0.1:0]
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// Where others reach this worker [default: where it listens or, if that is everywhere, this machine's address on
-    /// the way to the coordinator]
+    /// Address at which the coordinator and other workers reach this worker [default: the address it listens on; if that
+    /// is a wildcard, this machine's address towards the coordinator]
     #[arg(long, value_name = "URL")]
     advertise: Option<String>,
-    /// Where clients reach this worker: their sessions then fetch frames here, and the coordinator need not relay them;
-    /// `advertised`: where other workers do
+    /// Address at which clients reach this worker. Sessions then fetch their frames here, which relieves the coordinator;
+    /// `advertised` means the address for other workers
     #[arg(long, value_name = "URL")]
     public_address: Option<String>,
     /// Open this scene at once, before the coordinator has named the one that is served
     #[arg(long, value_name = "S", hide = true)]
     preload: Option<String>,
-    /// Folder to look for the scene in, and to keep scenes that were fetched [default: the user's cache]
+    /// Folder that is searched for the scene, and that keeps fetched scenes [default: the user's cache]
     #[arg(long, value_name = "DIR")]
     scenes: Option<PathBuf>,
     #[command(flatten)]
