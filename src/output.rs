@@ -5,8 +5,10 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use anyhow::Context;
+use exr::image::{AnyChannel, AnyChannels, FlatSamples, Image as ExrImage};
+use exr::prelude::{SmallVec, WritableImage};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ColorType, ExtendedColorType, ImageEncoder, Rgb, Rgb32FImage, RgbImage};
+use image::{ColorType, ExtendedColorType, ImageEncoder, RgbImage};
 use serde::Serialize;
 
 /// Prints the one JSON object of a run.
@@ -37,18 +39,22 @@ fn write_png(path: &Path, width: u32, height: u32, bytes: &[u8], color: ColorTyp
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Writes ranges (f32 little-endian, metres, +inf where there is nothing) as 32-bit float OpenEXR. The value
-/// stands in all three of R, G and B, since few readers open a file without them.
+/// Name of the channel with the range in an OpenEXR file. By convention, `Z` holds a distance from the camera.
+const RANGE_CHANNEL: &str = "Z";
+
+/// Writes ranges (f32 little-endian, metres from the eye, +inf where there is nothing) as an OpenEXR file with one channel of
+/// 32-bit floats, named `Z`.
 pub(crate) fn write_range_exr(path: &Path, width: u32, height: u32, range: &[u8]) -> anyhow::Result<()> {
     let (values, _) = range.as_chunks::<4>();
-    let mut image = Rgb32FImage::new(width, height);
-    for (pixel, value) in image.pixels_mut().zip(values) {
-        *pixel = Rgb([f32::from_le_bytes(*value); 3]);
-    }
+    let values: Vec<f32> = values.iter().map(|value| f32::from_le_bytes(*value)).collect();
+    let channel = AnyChannel::new(RANGE_CHANNEL, FlatSamples::F32(values));
+    let image = ExrImage::from_channels(
+        [width as usize, height as usize],
+        AnyChannels::sort(SmallVec::from_vec(vec![channel])),
+    );
     // The encoder seeks, so it gets the file itself.
-    image
-        .write_to(&mut create(path)?, image::ImageFormat::OpenExr)
-        .with_context(|| format!("cannot write {}", path.display()))
+    let written = image.write().to_buffered(create(path)?);
+    written.with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// Reads an image file as 8-bit RGB.

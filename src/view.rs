@@ -26,10 +26,9 @@ const REFERENCE_SAMPLES: u32 = 16;
 
 /// Asks for one view and writes it to a file.
 ///
-/// Colour is written as sRGB PNG; range (metres from the eye, +inf where there is nothing) as 32-bit float
-/// OpenEXR; mask (255 where no sample saw the pixel's surface) and source (which of the samples served it,
-/// from 1; 0 for none) and confidence (how sure it is: the low seven bits, 0 where no sample saw it; the highest bit where a
-/// second sample agrees) as grey PNG.
+/// The file's format follows from --output. color: sRGB PNG. range: OpenEXR with one 32-bit float channel, Z, in metres from the
+/// eye, +inf where there is nothing. The others are grey PNG. mask: 255 where no sample saw the pixel's surface. source: which of
+/// the plan's samples served the pixel, from 1; 0 for none. confidence: 0 to 127, plus 128 where a second sample agrees.
 #[derive(clap::Args)]
 #[command(
     allow_negative_numbers = true,

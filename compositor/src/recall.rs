@@ -1,5 +1,10 @@
 //! What a view begins from of an earlier frame: whether that shows enough of what the view does, and which of its pixels
 //! leave their depth where.
+//!
+//! The earlier frame's pixels land in cells of the view by the function that splatted texels use (`shaders/shared/landing.wgsl`). They are
+//! used if they show fifteen sixteenths of the view, which a grid of its pixels tells on the CPU, and for at most six frames in a row,
+//! since what a search missed those after it miss as well. `argus study history` measures the gain: less error, and no time, since
+//! refining takes eighty times what the coarse splat takes.
 
 use std::sync::Arc;
 

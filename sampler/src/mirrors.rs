@@ -3,6 +3,20 @@
 //!
 //! All maps come from one traversal, a cut through the octree for each; a thing is left out of its own map, by what of
 //! the octree belongs to it alone. The octree's leaves are shaded as samples are: what is seen in a reflection is diffuse.
+//!
+//! # Life of the maps
+//!
+//! Once for each pose and lighting: a lit octree is built; one traversal with a cut for each object's view renders it; *look around*
+//! turns each dual paraboloid into an octahedral map of radiance and range; *blur surroundings* adds coarser levels, each blurred as a
+//! surface of its roughness would. Octree nodes that belong to one object alone (*own nodes*) are culled for that object's view.
+//!
+//! The maps of a moment are one more sample of the set (`SampleId::SURROUNDINGS`). They are rendered, sent, held, evicted and pinned
+//! like any other; plans name it last. A sample's *reflector* plane says which map each texel looks up, and what passes through it. Both
+//! roles look up with one function (`shaders/shared/surroundings.wgsl`): the reflected ray is followed to the range that the map stores,
+//! in three steps, and looked up at the level of the surface's roughness. Glass adds the refracted ray.
+//!
+//! A scene without reflective objects, or a set without reflections, compiles no program for any of this. The reference follows rays
+//! instead (`scene/src/reference/reflection.rs`), and `argus study reflections` measures the difference.
 
 use std::sync::Arc;
 use std::time::Instant;

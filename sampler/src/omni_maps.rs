@@ -6,6 +6,30 @@
 //! Maps of cameras that are traversed together depend on one another: what looks alike from several is rendered once,
 //! from the middle of them. So that a sample's bytes stay a function of its id, either none is shared, or among a block
 //! of the rig's lattice that follows from the sample's index ([`argus_scene::Rig::block`]), whoever asked for which.
+//!
+//! # Steps
+//!
+//! Once a pose: the octree, and the two triangles that each leaf shows, one to either side. Once a lighting: *shade leaves* shades a list
+//! of points with the functions that shade what rays meet (`shaders/shared/surface.wgsl`), with textures as wide as a cell; *surfels*
+//! averages them up the tree. Once a batch: one traversal for all waiting cameras (up to eight, the corners of a cell). Once a sample:
+//! *look up* replaces visibility and shading. A sub-sample's ray finds a node in its camera's map; its range is where the texel's central
+//! ray meets the node's plane, kept within the node's cell. The cell that a camera stands in is left out (`Knobs::own_cell`).
+//!
+//! # Format
+//!
+//! A sample is stored as cube faces, like any other. The warp searches along straight lines of pinhole images, which a paraboloid is not.
+//! A texel of a face asks the map four times and takes one surface, as it would of triangles.
+//!
+//! # Sharing
+//!
+//! By default cameras are traversed each by itself. With `--map-block 2|4` an aligned block of the lattice is traversed together. Blocks
+//! are off by default for a geometric reason: a shared node of the scene is at least as large as the cameras' distance, seen as a texel.
+//! At 16² texels that is a sixteenth of the scene; at 256² it never happens.
+//!
+//! # Losses against triangles
+//!
+//! Mirrors and gloss (no planes for them), cut-outs (leaves hold whole triangles), detail below a cell, and the back of single-sided
+//! surfaces, which counts as sky. `argus study omni-maps` measures them.
 
 use std::sync::Arc;
 use std::time::Instant;

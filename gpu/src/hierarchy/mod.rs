@@ -5,6 +5,10 @@
 //! - [`SphereHierarchy`]: a perfect binary tree of balls over points of the surfaces, fitted anew as they move
 //!   ([`SphereBuilder`] makes it);
 //! - [`RootCube`]: the cube that an octree divides, in f64; everything on the GPU is relative to it.
+//!
+//! The octree's builder divides triangles among the cells that they meet, level by level, by a conservative test. Pieces are sorted by
+//! Morton code, and leaves and nodes are averaged. Leaves come first in the array of nodes, the root last. Everything is f32 relative to
+//! the root cube, combined in f64 first.
 
 mod error;
 mod levels;

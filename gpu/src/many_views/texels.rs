@@ -4,6 +4,9 @@
 //! order. Where an inverse range has fewer than 32 bits, it is an f32 whose lower bits are left away, counted from the
 //! least that is told from nothing: what is stored is never nearer than what was rendered, and what was stored once is
 //! stored again without loss.
+//!
+//! Where texels name their node, the reader finds the range anew from the octree. Halves of words are written by compare-exchange: pairs
+//! reach a map in any order until the last part of the frame, so there is no earlier moment at which 32-bit maps could be packed.
 
 use crate::hierarchy::HierarchyError;
 

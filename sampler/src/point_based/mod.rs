@@ -6,6 +6,15 @@
 //! the dual-paraboloid maps of nodes around all of them; what a map shows is weighed by the cosine of its receiver's
 //! normal, which is the diffuse reflection's share; and sub-samples take the light of the receivers around them that stand
 //! for them best. All of it is done where samples are rendered, once for all views that are made of them.
+//!
+//! # Passes of a tile
+//!
+//! *choose receivers* takes the middle sub-sample of each block and, where the block sees two surfaces, one of the other. One traversal
+//! renders the maps around all receivers. *receive* weights what a map shows by the cosine of its receiver's normal. *spread* gives
+//! each sub-sample the light of the receivers around it that stand for it best.
+//!
+//! A receiver's eye is lifted off its surface by a cell and a half, so that the cells of that surface hide nothing; light from nearer
+//! than that is lost. Receivers are read back between the passes, since lists of views are made on the CPU.
 
 mod direct;
 mod knobs;

@@ -6,6 +6,19 @@
 //! a block of it are left out, each sub-sample gathers from some of the rest, and a filter along surfaces gathers up
 //! what neighbours took; the light is added to what was shaded. All of it is done where samples are rendered, once for
 //! all views that are made of them.
+//!
+//! # Steps
+//!
+//! Once a pose: paths from lights and emitting surfaces leave VPLs, traced on the CPU as single f64 rays (`packets/single.rs`). A tree
+//! over six dimensions groups them. Each VPL gets a dual paraboloid map of what it sees: by one ray a texel (*exact*), by splatted
+//! points (*imperfect*), or from an octree of the scene, shared by neighbouring VPLs (*megaviews*) or not (*manylods*).
+//!
+//! Once a tile: shading leaves position, normal and albedo of each sub-sample (*guides*). Groups of VPLs that cannot light a block of
+//! 16×16 are culled, the rest are weighted, and with `--vpl-groups` some are drawn at random in place of all. Each sub-sample steps
+//! through the groups by weight, from another start than its neighbours. A cross-bilateral filter then shares what neighbours gathered.
+//!
+//! Each approximation is a knob of `VplKnobs` with a row in `argus study radiosity`, against a path-traced reference
+//! (`scene/src/reference/indirect.rs`).
 
 pub(crate) mod emitters;
 mod from_octree;

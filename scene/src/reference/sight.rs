@@ -1,4 +1,11 @@
 //! Which cameras see what a view shows, by rays.
+//!
+//! The nearest camera may stand in a wall or behind it, and then shows what is behind. So some rays of the view find what it shows, and
+//! rays from the nearest cameras find which of them see it too. Single-sided surfaces count from their front alone, as in samples.
+//! Cameras are taken greedily by what they add; what is seen from aside, from afar or from far beside the viewer is worth less. How much
+//! nearness counts is a compromise, measured by `argus study warp` (rows for cameras that were chosen blindly) and `study walk`: without it,
+//! views from where the scene's own cameras stand are worse than from the nearest cameras; with four times as much, the first lap of
+//! `study walk` in Sponza has a FLIP of 0.051 in place of 0.043, since cameras inside of columns are near, too.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};

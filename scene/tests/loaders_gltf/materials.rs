@@ -86,3 +86,16 @@ fn materials_keep_their_extensions() {
     document["extensionsRequired"] = json!(["EXT_meshopt_compression"]);
     assert!(refused(&document).contains("EXT_meshopt_compression"));
 }
+
+#[test]
+fn extensions_and_occlusion_textures_that_are_ignored_are_warned_of_once_each() {
+    let bytes = png();
+    let mut document = textured(json!({"uri": "wood.png"}));
+    document["extensionsUsed"] =
+        json!(["KHR_materials_clearcoat", "KHR_materials_ior", "KHR_materials_clearcoat"]);
+    document["materials"][0]["occlusionTexture"] = json!({"index": 0});
+    let scene = load_with(&document, &[("wood.png", &bytes)]).unwrap();
+    assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
+    assert!(scene.warnings[0].contains("KHR_materials_clearcoat"), "{:?}", scene.warnings);
+    assert!(scene.warnings[1].contains("occlusion"), "{:?}", scene.warnings);
+}

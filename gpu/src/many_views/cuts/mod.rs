@@ -1,5 +1,12 @@
 //! ManyLoDs (Holländer et al. 2011): a cut through a tree of balls for every view at once, found anew in every frame or
 //! from the last frame's, and a map of inverse range drawn from each.
+//!
+//! The verdict about a node is a length (`shaders/shared/cut.wgsl`) that changes by at most as much as the view or the ball moves. So it
+//! also says for how long no look is needed. Entries lie in chunks of 64, ordered by when they are due on a clock of motion; only due
+//! chunks are taken apart, examined, and put back by how long they now last. While views move steadily, entries last by where their
+//! course leads; the first view that turns more sharply makes all chunks due once. Balls and cells are padded by level, so that a
+//! verdict in f32 never contradicts the one above it: cuts equal those found from the root, node by node. Lazy cuts descend few edges a
+//! frame, and may lag while views move. A view that jumps starts over. `argus study manylods` measures it.
 
 mod counters;
 mod draw;

@@ -1,10 +1,12 @@
 //! The container and the JSON: from bytes to a document.
 
+use std::collections::BTreeSet;
+
 use bytes::Bytes;
 use gltf::json;
 use serde_json::Value;
 
-/// Extensions that a file may require, since they are honoured, or change nothing that is drawn here.
+/// Extensions that are honoured, or that change nothing that is drawn here. A file may require them.
 const KNOWN_EXTENSIONS: [&str; 8] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
@@ -41,6 +43,12 @@ impl Document {
             Some(extension) => Err(format!("it requires the extension {extension}, which is not supported")),
             None => Ok(()),
         }
+    }
+
+    /// Returns the extensions that the document uses without requiring them, and that are ignored here; each once.
+    pub(super) fn ignored_extensions(&self) -> BTreeSet<&str> {
+        let used = self.root.extensions_used.iter().map(String::as_str);
+        used.filter(|extension| !KNOWN_EXTENSIONS.contains(extension)).collect()
     }
 }
 

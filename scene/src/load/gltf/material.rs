@@ -85,6 +85,11 @@ impl Slots<'_, '_> {
                 self.other_set();
             }
         }
+        if json.occlusion_texture.is_some() {
+            let name = &material.name;
+            self.warnings
+                .add(format!("material {name:?}: occlusion textures are not supported: shown without"));
+        }
         let cutoff = json.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
         material.alpha = match json.alpha_mode {
             Checked::Valid(JsonAlphaMode::Mask) => AlphaMode::Mask(cutoff),

@@ -85,6 +85,9 @@ fn fetch(bundle: &Bundle, uri: &str) -> Result<Bytes, String> {
 pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, String> {
     let document = Document::parse(bundle.main_bytes())?;
     document.check_extensions()?;
+    for extension in document.ignored_extensions() {
+        warnings.add(format!("the extension {extension} is not supported: the scene is shown without it"));
+    }
     let root = &document.root;
     let mut budget = Budget::for_bundle(bundle);
     let reader = accessor::Reader::new(&document, bundle, budget.left);
