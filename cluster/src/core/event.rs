@@ -1,5 +1,6 @@
 //! What the core is told, and what it tells its shell to do.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
@@ -8,8 +9,10 @@ use argus_scene::rig::Survey;
 use argus_scene::{Plan, Prediction, SampleId, View, Visibility};
 use serde::Serialize;
 
-use super::admission::Client;
 use super::quality::{Cost, Observed};
+
+/// A client, as it is told apart from others: the name of its token, or else its address.
+pub type Client = Arc<str>;
 
 /// One joining of one worker process. A process that joins again gets another, so that what its earlier
 /// stream still says cannot be mistaken for news.

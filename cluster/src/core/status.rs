@@ -3,10 +3,36 @@
 use argus_scene::Visibility;
 use serde::Serialize;
 
-use super::balance::Load;
 use super::event::{Hello, Report, Role};
-use super::machine::{Core, Counters};
-use super::placement::Refinements;
+use super::samples::{Refinements, Samples};
+use super::views::Views;
+use super::workers::balance::Load;
+use super::workers::{Worker, Workers};
+
+/// What happened since the coordinator started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct Counters {
+    /// Views whose frame was relayed whole.
+    pub views_answered: u64,
+    /// Views that ended with a fault other than overload.
+    pub views_failed: u64,
+    /// Views turned away because of overload.
+    pub views_rejected: u64,
+    /// Session cameras that a newer one overtook before they were rendered.
+    pub cameras_superseded: u64,
+    /// Views sent to another worker after the first one failed.
+    pub views_retried: u64,
+    /// Frames that were thrown away because they were not good enough for their request.
+    pub frames_refused: u64,
+    /// Roles that a worker was told in place of another.
+    pub roles_changed: u64,
+    /// Workers that joined.
+    pub workers_joined: u64,
+    /// Workers that fell silent or whose stream ended unannounced.
+    pub workers_lost: u64,
+    /// Sessions that are open now.
+    pub sessions_open: u64,
+}
 
 /// The cluster at a glance.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -61,42 +87,64 @@ pub struct WorkerStatus {
     pub draining: bool,
 }
 
-impl Core {
-    /// The cluster at a glance.
-    pub fn status(&self) -> Status {
-        let (demand, costs) = (self.demand(), self.believed_costs());
-        let processes = self.members().count() as u32;
-        let count = |plays: fn(Role) -> bool| self.members().filter(|w| w.role().is_some_and(plays)).count();
+impl Status {
+    /// A snapshot of the three parts.
+    pub(super) fn of(workers: &Workers, samples: &Samples, views: &Views) -> Self {
+        let (demand, costs, measured) = (workers.demand(), workers.believed_costs(), workers.costs());
+        let processes = workers.members().count() as u32;
+        let count = |plays: fn(Role) -> bool| {
+            workers.members().filter(|w| w.role().is_some_and(plays)).count() as u32
+        };
         let load = Load::of(&demand, &costs);
-        let predicted = self.predicted_tick_secs(load, processes, self.split);
+        let predicted = workers.predicted_tick_secs(load, processes, workers.split());
         let alone = load.sampling_secs + load.compositing_secs;
-        Status {
+        Self {
             processes,
-            samplers: count(Role::samples) as u32,
-            compositors: count(Role::composites) as u32,
+            samplers: count(Role::samples),
+            compositors: count(Role::composites),
             samples_per_tick: demand.samples,
-            sample_ms: self.costs.sample.value().unwrap_or(0.0) * 1e3,
+            sample_ms: measured.sample_secs().unwrap_or(0.0) * 1e3,
             views_per_tick: demand.views,
             view_ms: costs.view_secs * 1e3,
             direct_views_per_tick: demand.direct + demand.direct_anywhere,
-            direct_ms: self.costs.direct.value().unwrap_or(0.0) * 1e3,
+            direct_ms: measured.direct_secs().unwrap_or(0.0) * 1e3,
             rays_per_tick: demand.rays,
             ray_ms: costs.ray_secs * 1e3,
             tick_predicted_ms: if predicted.is_finite() { predicted } else { alone } * 1e3,
-            tick_measured_ms: self.costs.tick_secs * 1e3,
-            visibility: self.way_is_settled.then_some(self.set.visibility),
-            refinements: self.placement.counts(),
-            workers: self
-                .workers
-                .values()
-                .map(|w| WorkerStatus {
-                    hello: w.hello.clone(),
-                    report: w.report.clone(),
-                    role: w.role().filter(|_| w.is_ready()),
-                    draining: w.is_changing(),
-                })
-                .collect(),
-            counters: self.counters,
+            tick_measured_ms: measured.tick_secs() * 1e3,
+            visibility: workers.visibility_is_settled().then_some(samples.set().visibility),
+            refinements: samples.placement().counts(),
+            workers: workers.iter().map(WorkerStatus::of).collect(),
+            counters: Counters::of(workers, views),
+        }
+    }
+}
+
+impl WorkerStatus {
+    fn of(worker: &Worker) -> Self {
+        Self {
+            hello: worker.hello().clone(),
+            report: worker.report().clone(),
+            role: worker.role().filter(|_| worker.is_ready()),
+            draining: worker.is_changing(),
+        }
+    }
+}
+
+impl Counters {
+    fn of(workers: &Workers, views: &Views) -> Self {
+        let (of_workers, of_views) = (workers.counts(), views.counts());
+        Self {
+            views_answered: of_views.answered,
+            views_failed: of_views.failed,
+            views_rejected: of_views.rejected,
+            cameras_superseded: of_views.superseded,
+            views_retried: of_views.retried,
+            frames_refused: of_views.frames_refused,
+            roles_changed: of_workers.roles_changed,
+            workers_joined: of_workers.joined,
+            workers_lost: of_workers.lost,
+            sessions_open: views.sessions() as u64,
         }
     }
 }

@@ -269,11 +269,11 @@ fn plans_name_only_what_is_where_views_are_composed() {
         sim.second(0, 0);
         if round == 6 {
             // A compositor that joins has none of them yet, which takes none away from the others.
-            let usable = sim.core.placement.usable().to_vec();
+            let usable = sim.core.samples().placement().usable().to_vec();
             let newcomer = sim.join("late");
             sim.report(newcomer);
             assert!(!usable.is_empty());
-            assert_eq!(sim.core.placement.usable(), usable);
+            assert_eq!(sim.core.samples().placement().usable(), usable);
         }
     }
     // When nobody is left who has them, plans go back to the rig's own cameras at once.

@@ -97,7 +97,7 @@ proptest! {
             let closed = sim.answered.len() + sim.refused.len() + ended;
             prop_assert_eq!(asked, closed + sim.core.views_in_flight());
             let status = sim.core.status();
-            if status.processes >= 2 && sim.core.split != balance::Split::AllDirect {
+            if status.processes >= 2 && sim.core.workers().split() != balance::Split::AllDirect {
                 prop_assert!(status.samplers >= 1 && status.compositors >= 1, "{:?}", status.workers);
             }
         }

@@ -108,7 +108,7 @@ fn one_that_is_often_late_is_suspected_of_it_once() {
     // It is trusted at each report, and suspected as soon as anybody once it has been on time for a while.
     pass(&mut sim, 8000, on_time, |_| false);
     let others = |id, now| id != has && on_time(id, now);
-    let answers = |sim: &Sim| sim.core.workers[&has].answers();
+    let answers = |sim: &Sim| sim.core.workers().get(has).is_some_and(|worker| worker.answers());
     assert!(answers(&sim));
     pass(&mut sim, 1000, others, |sim| !answers(sim));
     assert!(!answers(&sim));

@@ -1,0 +1,47 @@
+//! Where a worker finds the samples of a view that it is given.
+
+use argus_scene::SampleId;
+
+use super::Samples;
+use super::directory::{Directory, Known};
+use crate::core::event::{Source, WorkerId};
+use crate::core::time::Uptime;
+use crate::core::workers::Workers;
+
+/// How much a view depends on a sample that its worker may lack.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::core) enum Access {
+    /// The worker holds it: it is looked for nowhere else.
+    AtHand,
+    /// The view can do without it: it comes from a worker that holds it, or not at all.
+    Dispensable,
+    /// It is rendered if no worker holds it.
+    Needed,
+}
+
+impl Samples {
+    /// Where a worker finds the samples of a view, and how many of them have to be rendered for it.
+    pub(in crate::core) fn find(
+        &mut self,
+        reader: WorkerId,
+        wanted: &[(SampleId, Access)],
+        workers: &Workers,
+        now: Uptime,
+    ) -> (Vec<Source>, u64) {
+        let mut to_render = 0;
+        let mut source = |&(id, access): &(SampleId, Access)| {
+            let known = Known { workers, locations: &self.locations };
+            match access {
+                Access::AtHand => Source { id, addresses: Vec::new(), dispensable: true },
+                Access::Dispensable => Directory::among_holders(id, reader, known),
+                Access::Needed => {
+                    let (source, is_new) = self.directory.locate(id, reader, known, &mut self.trees, now);
+                    to_render += u64::from(is_new);
+                    source
+                }
+            }
+        };
+        let sources = wanted.iter().map(&mut source).collect();
+        (sources, to_render)
+    }
+}

@@ -1,0 +1,256 @@
+//! Which workers have which sample, and which are about to: kept up to date worker by worker, so that no question about
+//! a sample looks at every worker.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use argus_scene::SampleId;
+
+use crate::core::event::WorkerId;
+
+/// One sample.
+#[derive(Debug, Clone, Default)]
+struct Place {
+    /// Workers that have it.
+    holders: BTreeSet<WorkerId>,
+    /// Workers with a view in their queue that needs it.
+    readers: BTreeSet<WorkerId>,
+}
+
+/// What one worker has, and what its views need.
+#[derive(Debug, Clone, Default)]
+struct Holdings {
+    /// What it said it holds, and what it must hold because it used it.
+    held: BTreeSet<SampleId>,
+    /// It used samples since its newest report.
+    used_since_report: bool,
+    /// Samples that views in its queue need, with how many need each: it will hold them.
+    needed: BTreeMap<SampleId, usize>,
+}
+
+/// All samples that any worker has or is about to have.
+#[derive(Debug, Clone, Default)]
+pub(in crate::core) struct SampleLocations {
+    places: BTreeMap<SampleId, Place>,
+    workers: BTreeMap<WorkerId, Holdings>,
+    /// Samples that views in work need and nobody has: they are being rendered.
+    due: BTreeSet<SampleId>,
+    /// Samples that somebody was told to render ahead of demand and nobody has.
+    ordered: BTreeSet<SampleId>,
+}
+
+impl SampleLocations {
+    /// A worker reports what it holds, and had reported other samples `before`. Whether it has samples that it was not known
+    /// to have.
+    pub(super) fn reported(&mut self, worker: WorkerId, held: &[SampleId], before: &[SampleId]) -> bool {
+        let holdings = self.workers.entry(worker).or_default();
+        if !holdings.used_since_report && held == before {
+            return false;
+        }
+        let held: BTreeSet<SampleId> = held.iter().copied().collect();
+        let known = std::mem::replace(&mut holdings.held, held.clone());
+        holdings.used_since_report = false;
+        known.difference(&held).for_each(|&id| self.lost(id, worker));
+        let mut news = false;
+        for &id in held.difference(&known) {
+            self.gained(id, worker);
+            news = true;
+        }
+        news
+    }
+
+    /// A view that needs these samples was sent to a worker.
+    pub(super) fn begin(&mut self, worker: WorkerId, samples: impl Iterator<Item = SampleId>) {
+        for id in samples {
+            let count = self.workers.entry(worker).or_default().needed.entry(id).or_default();
+            *count += 1;
+            if *count == 1 {
+                self.wanted(id, worker);
+            }
+        }
+    }
+
+    /// A view that needs these samples is no longer with a worker; having answered it, the worker holds what it needed.
+    pub(super) fn end(&mut self, worker: WorkerId, samples: &[SampleId], answered: bool) {
+        let Some(mut holdings) = self.workers.remove(&worker) else { return };
+        for &id in samples {
+            if answered && holdings.held.insert(id) {
+                holdings.used_since_report = true;
+                self.gained(id, worker);
+            }
+            if let Some(count) = holdings.needed.get_mut(&id) {
+                *count -= 1;
+                if *count == 0 {
+                    holdings.needed.remove(&id);
+                    self.unwanted(id, worker);
+                }
+            }
+        }
+        self.workers.insert(worker, holdings);
+    }
+
+    /// A worker is gone, and what it had and needed with it.
+    pub(super) fn forget(&mut self, worker: WorkerId) {
+        let Some(Holdings { held, needed, .. }) = self.workers.remove(&worker) else { return };
+        held.into_iter().for_each(|id| self.lost(id, worker));
+        needed.into_keys().for_each(|id| self.unwanted(id, worker));
+    }
+
+    /// How many samples each worker has.
+    pub(super) fn holdings(&self) -> impl Iterator<Item = (WorkerId, usize)> {
+        self.workers.iter().map(|(worker, holdings)| (*worker, holdings.held.len()))
+    }
+
+    /// A worker has a sample.
+    fn gained(&mut self, id: SampleId, worker: WorkerId) {
+        self.places.entry(id).or_default().holders.insert(worker);
+        self.due.remove(&id);
+        self.ordered.remove(&id);
+    }
+
+    /// A worker has a sample no longer.
+    fn lost(&mut self, id: SampleId, worker: WorkerId) {
+        self.change(id, |place| _ = place.holders.remove(&worker));
+    }
+
+    /// A view in a worker's queue is the first there that needs a sample.
+    fn wanted(&mut self, id: SampleId, worker: WorkerId) {
+        self.change(id, |place| _ = place.readers.insert(worker));
+    }
+
+    /// No view in a worker's queue needs a sample any more.
+    fn unwanted(&mut self, id: SampleId, worker: WorkerId) {
+        self.change(id, |place| _ = place.readers.remove(&worker));
+    }
+
+    fn change(&mut self, id: SampleId, change: impl FnOnce(&mut Place)) {
+        let place = self.places.entry(id).or_default();
+        change(place);
+        match (place.holders.is_empty(), place.readers.is_empty()) {
+            (true, false) => _ = self.due.insert(id),
+            (false, _) => _ = self.due.remove(&id),
+            (true, true) => {
+                self.due.remove(&id);
+                self.places.remove(&id);
+            }
+        }
+    }
+
+    /// The workers that have a sample, in the order in which they joined.
+    pub(in crate::core) fn holders(&self, id: SampleId) -> impl Iterator<Item = WorkerId> {
+        self.places.get(&id).into_iter().flat_map(|place| place.holders.iter().copied())
+    }
+
+    /// How many have a sample.
+    pub(in crate::core) fn count(&self, id: SampleId) -> usize {
+        self.places.get(&id).map_or(0, |place| place.holders.len())
+    }
+
+    /// Those who have a sample or have a view that needs it, from a worker on.
+    pub(in crate::core) fn near(&self, id: SampleId, from: WorkerId) -> impl Iterator<Item = WorkerId> {
+        let place = self.places.get(&id);
+        let around = move |of: fn(&Place) -> &BTreeSet<WorkerId>| {
+            let set = place.map(of);
+            set.into_iter().flat_map(move |set| set.range(from..).chain(set.range(..from)).copied())
+        };
+        around(|place| &place.holders).chain(around(|place| &place.readers))
+    }
+
+    /// How many [`Self::near`] yields.
+    pub(in crate::core) fn count_near(&self, id: SampleId) -> usize {
+        self.places.get(&id).map_or(0, |place| place.holders.len() + place.readers.len())
+    }
+
+    /// Whether a worker has a sample.
+    pub(in crate::core) fn has(&self, id: SampleId, worker: WorkerId) -> bool {
+        self.places.get(&id).is_some_and(|place| place.holders.contains(&worker))
+    }
+
+    /// How many of these samples a worker neither has nor is about to have.
+    pub(in crate::core) fn missing(&self, samples: &[SampleId], worker: WorkerId) -> usize {
+        samples.iter().filter(|id| !self.is_near(**id, worker)).count()
+    }
+
+    /// Whether a worker has a sample or a view that needs it.
+    pub(super) fn is_near(&self, id: SampleId, worker: WorkerId) -> bool {
+        let near = |place: &Place| place.holders.contains(&worker) || place.readers.contains(&worker);
+        self.places.get(&id).is_some_and(near)
+    }
+
+    /// Whether anybody has a sample.
+    pub(in crate::core) fn is_held(&self, id: SampleId) -> bool {
+        self.count(id) > 0
+    }
+
+    /// Whether a view in somebody's queue needs a sample, so that it is being rendered or fetched.
+    pub(super) fn is_on_its_way(&self, id: SampleId) -> bool {
+        self.places.get(&id).is_some_and(|place| !place.readers.is_empty())
+    }
+
+    /// These are the samples that somebody was told to render ahead of demand.
+    pub(super) fn order(&mut self, ids: impl Iterator<Item = SampleId>) {
+        self.ordered =
+            ids.filter(|id| self.places.get(id).is_none_or(|place| place.holders.is_empty())).collect();
+    }
+
+    /// Samples that somebody has to render: for views that wait first, then for those to come.
+    pub(in crate::core) fn to_render(&self) -> impl Iterator<Item = SampleId> {
+        self.due.iter().chain(&self.ordered).copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: WorkerId = WorkerId(1);
+    const B: WorkerId = WorkerId(2);
+
+    fn id(index: u64) -> SampleId {
+        SampleId { epoch: 0, generation: 1, index }
+    }
+
+    #[test]
+    fn a_sample_is_to_be_rendered_as_long_as_it_is_wanted_and_nobody_has_it() {
+        let mut places = SampleLocations::default();
+        places.wanted(id(7), A);
+        places.wanted(id(7), B);
+        places.order([id(8)].into_iter());
+        assert_eq!(places.to_render().collect::<Vec<_>>(), [id(7), id(8)]);
+        places.gained(id(7), A);
+        places.gained(id(8), B);
+        assert_eq!(places.to_render().count(), 0);
+        assert!(places.is_on_its_way(id(7)) && places.has(id(7), A) && !places.has(id(7), B));
+        places.lost(id(7), A);
+        assert_eq!(places.to_render().collect::<Vec<_>>(), [id(7)], "views still want it");
+        for worker in [A, B] {
+            places.unwanted(id(7), worker);
+        }
+        assert_eq!(places.to_render().count(), 0);
+        assert!(!places.is_held(id(7)) && !places.is_on_its_way(id(7)));
+    }
+
+    #[test]
+    fn what_nobody_has_and_nobody_wants_takes_no_room() {
+        let mut places = SampleLocations::default();
+        for index in 0..100 {
+            places.gained(id(index), A);
+            places.wanted(id(index), B);
+            places.unwanted(id(index), B);
+            places.lost(id(index), A);
+        }
+        assert!(places.places.is_empty() && places.due.is_empty());
+    }
+
+    #[test]
+    fn those_near_a_sample_are_all_there_from_any_beginning() {
+        let mut places = SampleLocations::default();
+        (1..=5).for_each(|worker| places.gained(id(0), WorkerId(worker)));
+        places.wanted(id(0), WorkerId(9));
+        for from in 0..12 {
+            let near: BTreeSet<WorkerId> = places.near(id(0), WorkerId(from)).collect();
+            assert_eq!(near.len(), 6, "from {from}");
+            assert_eq!(places.count_near(id(0)), 6);
+        }
+        assert_eq!(places.near(id(0), WorkerId(4)).next(), Some(WorkerId(4)));
+    }
+}

@@ -1,0 +1,221 @@
+//! Where samples are, which are rendered, and how they reach the workers that compose from them.
+//!
+//! This part reads `workers`, and nothing of views: what views asked for, used and lacked is handed in. What it decides is
+//! returned: what workers shall have at hand, where a worker finds a view's samples, how many samples are to be rendered.
+//!
+//! `locations` knows which workers have which sample, `directory` which one renders it, `distribution` how it reaches the
+//! others. `cameras` chooses the rig's cameras for a viewpoint, `placement` and `investments` where more samples are worth
+//! their price, `copies` which are worth a second copy, and `refine` tells workers what to have at hand. `epochs` says
+//! which moment of an animated scene is served, and `moments` what follows from it.
+
+mod cameras;
+mod copies;
+mod directory;
+mod distribution;
+mod epochs;
+mod find;
+mod invest;
+mod investments;
+mod locations;
+mod moments;
+mod needed;
+mod placement;
+mod recent_use;
+mod refine;
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+use argus_scene::rig::Sight;
+use argus_scene::{Camera, SampleId, SampleSetInfo, Visibility};
+
+pub(super) use cameras::MOST_SAMPLES;
+pub(super) use find::Access;
+pub(super) use locations::SampleLocations;
+pub(super) use needed::NeededEpochs;
+pub(super) use placement::Placement;
+pub use placement::Refinements;
+
+use super::config::Config;
+use super::event::WorkerId;
+use super::time::Uptime;
+use super::workers::{Stake, Worker, Workers};
+use cameras::Cameras;
+use directory::Directory;
+use distribution::DistributionTrees;
+use epochs::Epochs;
+use investments::Investments;
+use recent_use::RecentUse;
+
+/// The samples of one set.
+#[derive(Debug)]
+pub(super) struct Samples {
+    config: Arc<Config>,
+    /// The set that all samples belong to, at the epoch that is served.
+    set: Arc<SampleSetInfo>,
+    cameras: Cameras,
+    locations: SampleLocations,
+    directory: Directory,
+    trees: DistributionTrees,
+    placement: Placement,
+    investments: Investments,
+    recent: RecentUse,
+    epochs: Epochs,
+    /// By camera: a worker that composes from the last epoch's sample and lacks the next one's.
+    laggards: BTreeMap<u64, WorkerId>,
+    /// Whether what workers shall have at hand may be another than they were told.
+    changed: bool,
+}
+
+impl Samples {
+    /// No samples yet, of a set from epoch 0 on.
+    pub(super) fn new(config: &Arc<Config>, set: Arc<SampleSetInfo>) -> Self {
+        let every = (set.epoch_secs > 0.0).then_some(config.epoch);
+        let epochs =
+            Epochs::new(every, config.epoch_interest, config.epoch_patience).with_plans(config.refresh_views);
+        let mut samples = Self {
+            config: config.clone(),
+            set,
+            cameras: Cameras::default(),
+            locations: SampleLocations::default(),
+            directory: Directory::default(),
+            trees: DistributionTrees::default(),
+            placement: Placement::default(),
+            investments: Investments::default(),
+            recent: RecentUse::default(),
+            epochs,
+            laggards: BTreeMap::new(),
+            changed: false,
+        };
+        if let Some(visibility) = config.visibility {
+            samples.see_by(visibility);
+        }
+        samples
+    }
+
+    /// Plans views by what the rig's cameras see.
+    pub(super) fn plan_by(&mut self, sight: Option<Arc<dyn Sight>>) {
+        self.cameras = Cameras::new(sight);
+    }
+
+    /// Triangles are seen by this backend in all samples.
+    pub(super) fn see_by(&mut self, visibility: Visibility) {
+        self.set = Arc::new(SampleSetInfo { visibility, ..(*self.set).clone() });
+    }
+
+    /// The set that all samples belong to, at the epoch that is served.
+    pub(super) fn set(&self) -> &Arc<SampleSetInfo> {
+        &self.set
+    }
+
+    /// What the rig's cameras see, where that is known.
+    pub(super) fn sight(&self) -> Option<&dyn Sight> {
+        self.cameras.sight()
+    }
+
+    /// Which workers have which sample.
+    pub(super) fn locations(&self) -> &SampleLocations {
+        &self.locations
+    }
+
+    /// Samples at refinements of the rig.
+    pub(super) fn placement(&self) -> &Placement {
+        &self.placement
+    }
+
+    /// The sample of a camera at the epoch that is served.
+    pub(super) fn served(&self, index: u64) -> SampleId {
+        SampleId { epoch: self.set.epoch, generation: self.set.generation, index }
+    }
+
+    /// The samples of an epoch that serve a viewpoint best, best first.
+    pub(super) fn sample_ids(&self, camera: &Camera, count: usize, epoch: u64) -> Vec<SampleId> {
+        self.sample_ids_among(camera, count, epoch, self.placement.usable())
+    }
+
+    /// The samples of an epoch that serve a viewpoint best, of the rig's own cameras and these refinements.
+    pub(super) fn sample_ids_among(
+        &self,
+        camera: &Camera,
+        count: usize,
+        epoch: u64,
+        refined: &[u64],
+    ) -> Vec<SampleId> {
+        let generation = self.set.generation;
+        let indices = self.cameras.best(&self.set.rig, camera, count, refined).into_iter();
+        self.set.with_surroundings(indices.map(|index| SampleId { epoch, generation, index }).collect())
+    }
+
+    /// Whether a sampler has yet to render any of such samples.
+    pub(super) fn has_to_render(&self, sampler: WorkerId, such: impl Fn(u64) -> bool) -> bool {
+        let mut to_render = self.locations.to_render();
+        to_render.any(|id| such(id.index) && self.directory.is_owner(sampler, id))
+    }
+
+    /// Whether a worker was told to render samples that no view waits for, and lacks some of them.
+    pub(super) fn is_refining(&self, worker: &Worker) -> bool {
+        let lacks = |id: SampleId| !self.locations.has(id, worker.id());
+        worker.assigned().ahead.iter().any(|source| source.addresses.is_empty() && lacks(source.id))
+    }
+
+    /// Whether a plan could be made without a sample: refinements are used where they are at hand, and rendered when no
+    /// view waits. Where the scene moves they come with each moment as all samples do.
+    pub(super) fn is_dispensable(&self, id: SampleId) -> bool {
+        self.set.epoch_secs == 0.0 && self.set.rig.level(id.index) > Some(0)
+    }
+
+    /// What each worker would take along into another role.
+    pub(super) fn stakes(&self) -> HashMap<WorkerId, Stake> {
+        let held = self.locations.holdings().map(|(worker, held)| (worker, Stake { held, owned: 0 }));
+        let mut stakes: HashMap<WorkerId, Stake> = held.collect();
+        for (worker, owned) in self.directory.owned() {
+            stakes.entry(worker).or_default().owned = owned;
+        }
+        stakes
+    }
+
+    /// Whether what workers shall have at hand may be another than they were told.
+    pub(super) fn has_changed(&self) -> bool {
+        self.changed
+    }
+
+    /// A worker reports what it holds, and had reported other samples `before`. Whether it has samples that it was not known
+    /// to have.
+    pub(super) fn reported(&mut self, worker: WorkerId, held: &[SampleId], before: &[SampleId]) -> bool {
+        let news = self.locations.reported(worker, held, before);
+        self.changed |= news;
+        news
+    }
+
+    /// A view that needs these samples was sent to a worker.
+    pub(super) fn begin(&mut self, worker: WorkerId, samples: impl Iterator<Item = SampleId>) {
+        self.locations.begin(worker, samples);
+    }
+
+    /// A view that needs these samples is no longer with a worker; having answered it, the worker holds them.
+    pub(super) fn end(&mut self, worker: WorkerId, samples: &[SampleId], answered: bool) {
+        self.locations.end(worker, samples, answered);
+    }
+
+    /// A worker is lost, and what it had with it.
+    pub(super) fn forget(&mut self, worker: WorkerId) {
+        self.locations.forget(worker);
+        self.trees.forget(worker);
+    }
+
+    /// A view was answered from the samples of these cameras, and `uncovered` of its `pixels` none of them saw.
+    pub(super) fn learn_holes(&mut self, camera: &Camera, used: &[u64], uncovered: u64, pixels: u64) {
+        let rig = (&self.set.rig, self.cameras.sight());
+        self.placement.learn(rig, camera, used, uncovered, pixels);
+    }
+
+    /// Ticks have passed: places samples where views lack them and where they are worth their price, and forgets what no view
+    /// needs. How many samples are to be rendered.
+    pub(super) fn tick(&mut self, workers: &Workers, ticks: f64, now: Uptime) -> usize {
+        let placed = self.place(workers, ticks);
+        let invested = self.invest(workers, ticks);
+        self.directory.prune(&self.locations, now);
+        self.changed = true;
+        placed + invested
+    }
+}

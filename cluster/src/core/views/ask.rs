@@ -1,0 +1,196 @@
+//! Views that are asked for: let in, with a plan, or turned away.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use argus_proto::Fault;
+use argus_scene::rig::Survey;
+use argus_scene::{Plan, Preset, SampleId, View};
+
+use super::open_view::OpenView;
+use super::pending::{Pending, device_kind, sub_pixels};
+use super::plan::plan;
+use super::wishes::Planned;
+use super::{Cluster, Effect, Views};
+use crate::core::event::{Action, Client, Ticket};
+use crate::core::samples::MOST_SAMPLES;
+use crate::core::time::Uptime;
+use crate::core::workers::Worker;
+
+/// A view that is asked for.
+#[derive(Debug)]
+pub(in crate::core) struct Asked<'a> {
+    pub(in crate::core) ticket: Ticket,
+    pub(in crate::core) client: Client,
+    pub(in crate::core) view: &'a View,
+    /// The answer is worthless after this.
+    pub(in crate::core) deadline: Option<Duration>,
+    /// What the view will show, where that is known.
+    pub(in crate::core) survey: Option<Box<Survey>>,
+}
+
+impl Views {
+    /// A view is asked for: it waits for a worker, or is turned away.
+    pub(in crate::core) fn ask(
+        &mut self,
+        asked: Asked<'_>,
+        cluster: Cluster<'_>,
+        now: Uptime,
+    ) -> Vec<Effect> {
+        let ticket = asked.ticket;
+        match self.admit(&asked, cluster, now) {
+            Err(fault) => {
+                match fault {
+                    Fault::Overloaded { .. } => self.counts.rejected += 1,
+                    _ => self.counts.failed += 1,
+                }
+                vec![Effect::Act(Action::Refuse { ticket, fault })]
+            }
+            Ok(planned) => self.enter(asked, planned, cluster, now),
+        }
+    }
+
+    /// A view is let in with a plan.
+    fn enter(
+        &mut self,
+        asked: Asked<'_>,
+        planned: Planned,
+        cluster: Cluster<'_>,
+        now: Uptime,
+    ) -> Vec<Effect> {
+        let Asked { ticket, client, view, deadline, survey } = asked;
+        let Planned { plan, expected, quest } = planned;
+        let longest = self.config.max_view_time;
+        let deadline = deadline.unwrap_or(longest).min(longest);
+        let pixels = u64::from(view.width) * u64::from(view.height);
+        self.admission.enter(&client, pixels.saturating_mul(sub_pixels(&plan)), &self.config, now);
+        let pending = Pending {
+            client,
+            camera: view.camera,
+            pixels,
+            epoch: view.pin.as_ref().map_or(cluster.samples.set().epoch, |pin| pin.epoch),
+            plan,
+            open: OpenView::of(view, survey),
+            pinned: view.pin.is_some(),
+            expected,
+            quest,
+            device_kind: view.pin.as_ref().map(|pin| device_kind(&pin.device).to_owned()).unwrap_or_default(),
+            deadline: (now.after(deadline), deadline),
+            asked: now,
+            due: now,
+            attempt: 0,
+            worker: None,
+            tried: BTreeSet::new(),
+        };
+        let mut effects = Vec::new();
+        // One whose way is open is counted once it is decided.
+        if pending.open.is_none() {
+            effects.push(Effect::Asked(pending.kind()));
+        }
+        if !pending.pinned {
+            effects.push(Effect::Used { cameras: pending.cameras() });
+        }
+        self.in_flight.add(&pending);
+        self.views.insert(ticket, pending);
+        self.wait(ticket);
+        effects
+    }
+
+    /// The plan of a view that may come in.
+    fn admit(&self, asked: &Asked<'_>, cluster: Cluster<'_>, now: Uptime) -> Result<Planned, Fault> {
+        let &Asked { ref client, view, deadline, .. } = asked;
+        if self.draining {
+            return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
+        }
+        let Cluster { samples, workers, .. } = cluster;
+        samples.check_epoch(view)?;
+        // Who is turned away anyway costs no planning: where many are, that is what the coordinator would spend its time on.
+        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        let least = match open {
+            true => self.expected_wait_anywhere(cluster),
+            false => self.expected_wait(true, cluster).min(self.expected_wait(false, cluster)),
+        };
+        self.check_load(client, deadline, least, now)?;
+        let nearest = |count| samples.sample_ids(&view.camera, count, samples.set().epoch);
+        let plain = plan(view, samples.set(), nearest, &self.config)?;
+        if open {
+            return Ok(Planned { plan: plain, expected: None, quest: None });
+        }
+        let mut planned = self.planned(view, plain, cluster);
+        if planned.quest.is_none() && view.pin.is_none() {
+            widen(view, &mut planned.plan, cluster);
+        }
+        let direct = matches!(planned.plan, Plan::Direct { .. });
+        self.check_load(client, deadline, self.expected_wait(direct, cluster), now)?;
+        if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
+            let mut ready = workers.members().peekable();
+            if ready.peek().is_some() && !ready.any(|w| w.hello().device == device_kind(device)) {
+                return Err(Fault::Pin(format!("no worker has the device {device:?}")));
+            }
+        }
+        Ok(planned)
+    }
+
+    /// Whether a view that has to wait so long until its turn may come in.
+    fn check_load(
+        &self,
+        client: &str,
+        deadline: Option<Duration>,
+        expected: Duration,
+        now: Uptime,
+    ) -> Result<(), Fault> {
+        let bearable = deadline.unwrap_or(Duration::MAX).min(self.config.max_wait);
+        // By then half of what is in flight is done.
+        let retry_after = (expected / 2).clamp(Duration::from_millis(50), Duration::from_secs(5));
+        if self.views.len() >= self.config.max_views || expected > bearable {
+            let (count, secs) = (self.views.len(), expected.as_secs_f64());
+            let what =
+                format!("{count} views are waiting or in work, {secs:.1} s of it before this one's turn");
+            return Err(Fault::Overloaded { what, retry_after });
+        }
+        self.admission.check(client, &self.config, retry_after, now)
+    }
+
+    /// How long the views of one kind that are in flight will take those who play that role, as far as their
+    /// cost was measured. Where nothing but direct views is in flight, all will soon render them.
+    pub(super) fn expected_wait(&self, direct: bool, cluster: Cluster<'_>) -> Duration {
+        let (costs, queues) = (cluster.workers.believed_costs(), cluster.workers.queues());
+        let (cost, ahead) = match direct {
+            true => (costs.direct_secs, self.in_flight.direct),
+            false => (costs.view_secs, self.in_flight.composed),
+        };
+        let hands = match direct {
+            true if self.in_flight.composed == 0 => queues.ready(),
+            true => queues.samplers().len(),
+            false => queues.compositors().len(),
+        };
+        Duration::try_from_secs_f64(cost * ahead as f64 / hands.max(1) as f64).unwrap_or(Duration::MAX)
+    }
+
+    /// How long the views that any worker can answer will take all of them, as far as that is predicted.
+    fn expected_wait_anywhere(&self, cluster: Cluster<'_>) -> Duration {
+        let workers = cluster.workers;
+        let queued_ms: f64 = workers.iter().map(Worker::queued_ms).sum();
+        let decided: usize = workers.iter().map(Worker::queued).sum();
+        let each_ms = if decided > 0 { queued_ms / decided as f64 } else { 0.0 };
+        let ahead_ms = queued_ms + each_ms * self.waiting.open.len() as f64;
+        let secs = ahead_ms * 1e-3 / workers.queues().ready().max(1) as f64;
+        Duration::try_from_secs_f64(secs).unwrap_or(Duration::MAX)
+    }
+}
+
+/// A plan whose request leaves it open takes further samples, those that are at hand anyway: what none of the first ones
+/// saw, another camera may have seen, and a new sample costs more.
+fn widen(view: &View, plan: &mut Plan, cluster: Cluster<'_>) {
+    let open = view.plan.samples.is_none() && matches!(view.plan.preset, None | Some(Preset::Balanced));
+    let (true, Plan::Warp(warp)) = (open, plan) else { return };
+    let samples = cluster.samples;
+    let readers = cluster.workers.queues().compositors().len();
+    let at_hand = |id: &SampleId| readers > 0 && 2 * samples.locations().count(*id) >= readers;
+    let all = samples.sample_ids(&view.camera, MOST_SAMPLES, samples.set().epoch).into_iter();
+    let further: Vec<SampleId> =
+        all.filter(|id| !id.is_surroundings() && !warp.samples.contains(id) && at_hand(id)).collect();
+    // What surrounds the scene comes last.
+    let own = warp.samples.iter().filter(|id| !id.is_surroundings()).count();
+    warp.samples.splice(own..own, further.into_iter().take(MOST_SAMPLES.saturating_sub(own)));
+}

@@ -1,0 +1,171 @@
+//! Which worker a view is given to: the one that will probably answer first.
+//!
+//! That is the one with the fewest views in its queue, each sample that it lacks counted as
+//! [`crate::core::Config::missing_sample_views`]; among equals the one that had the fewest views so far. So views go where
+//! their samples are as long as nobody there is much busier than others, and load spreads.
+//!
+//! In a large cluster not everybody is looked at: those with the shortest queues, and those who have the rarest of
+//! the view's samples, hold the best one or one nearly as good.
+
+use super::cluster::Cluster;
+use super::pending::Pending;
+use crate::core::event::WorkerId;
+use crate::core::workers::{Turn, Worker};
+
+/// Samplers that are named in an order as those who can trace: a second and a third chance.
+const MOST_TRACERS: usize = 3;
+
+/// Views that a sampler with time to spare has at the same time: half a batch, of which half are rendered while the
+/// others are packed and sent.
+const MOST_SPARE_VIEWS: usize = 32;
+
+/// In a cluster of so many workers each one is looked at; in a larger one so many of each kind.
+const LOOKED_AT: usize = 64;
+
+impl Cluster<'_> {
+    /// The best worker with room for a view, if any has room.
+    ///
+    /// Roles decide who is asked. Where nobody plays the role (the moment before roles change), or everybody
+    /// who does has failed at this view, anybody is: a worker can do both, it is only slower to start.
+    pub(super) fn choose(&self, view: &Pending) -> Option<WorkerId> {
+        let line = if view.is_direct() {
+            self.workers.queues().samplers()
+        } else {
+            self.workers.queues().compositors()
+        };
+        let few = self.workers.queues().ready() <= LOOKED_AT || line.len() <= view.tried.len();
+        if few || !view.device_kind.is_empty() {
+            return self.choose_among_all(view);
+        }
+        let mut best: Option<(f64, Turn)> = None;
+        // A worker costs what its queue is long, at the least.
+        let beaten = |best: &Option<(f64, Turn)>, turn: &Turn| {
+            turn.queued >= self.config.max_views_per_worker
+                || best.is_some_and(|(cost, _)| cost <= turn.queued as f64)
+        };
+        let consider = |best: &mut Option<(f64, Turn)>, turn: Turn| {
+            let untried = self.workers.get(turn.worker).filter(|w| !view.tried.contains(&w.id()));
+            let Some(worker) = untried else { return };
+            let offer = (self.cost(worker, view), turn);
+            if best.is_none_or(|best| offer.0.total_cmp(&best.0).then(offer.1.cmp(&best.1)).is_lt()) {
+                *best = Some(offer);
+            }
+        };
+        for turn in line.iter().take(LOOKED_AT) {
+            if beaten(&best, turn) {
+                break;
+            }
+            consider(&mut best, *turn);
+        }
+        if view.is_direct() {
+            return best.map(|(_, turn)| turn.worker);
+        }
+        for turn in self.workers.queues().samplers().iter().take(LOOKED_AT) {
+            if turn.queued >= MOST_SPARE_VIEWS || beaten(&best, turn) {
+                break;
+            }
+            if self.workers.get(turn.worker).is_some_and(|w| self.may_help_out(w, view)) {
+                consider(&mut best, *turn);
+            }
+        }
+        let lacks = |turn: Turn| {
+            self.workers
+                .get(turn.worker)
+                .is_none_or(|w| self.samples.locations().missing(view.samples(), w.id()) > 0)
+        };
+        if best.is_none_or(|(_, turn)| lacks(turn)) {
+            let counted = view.samples().iter().map(|&id| (self.samples.locations().count_near(id), id));
+            let rarest = counted.filter(|(count, _)| *count > 0).min();
+            // Whoever is looked at first changes from view to view.
+            let from = best.map_or(WorkerId(0), |(_, turn)| turn.worker);
+            let near = rarest.into_iter().flat_map(|(_, id)| self.samples.locations().near(id, from));
+            for worker in near.take(LOOKED_AT).filter_map(|id| self.workers.get(id)) {
+                if worker.takes_views() && worker.queued() < self.config.max_views_per_worker {
+                    consider(&mut best, worker.turn());
+                }
+            }
+        }
+        best.map(|(_, turn)| turn.worker)
+    }
+
+    fn cost(&self, worker: &Worker, view: &Pending) -> f64 {
+        let queued = worker.queued() as f64;
+        let fetched = self.samples.locations().missing(view.samples(), worker.id()) as f64
+            * self.config.missing_sample_views;
+        queued + fetched + self.refining_views(worker)
+    }
+
+    /// Views that are composed while a sampler renders what it may be busy with: views go before refinements, and in between
+    /// the parts that a sampler makes of one.
+    fn refining_views(&self, worker: &Worker) -> f64 {
+        let placement = self.samples.placement();
+        if !(worker.takes_samples()
+            && self.samples.has_to_render(worker.id(), |index| placement.is_placed(index)))
+        {
+            return 0.0;
+        }
+        let costs = self.workers.believed_costs();
+        let part_secs = worker.report().part_ms.map_or(costs.sample_secs, |ms| ms * 1e-3);
+        let views = part_secs / costs.view_secs;
+        if views >= 0.0 && views.is_finite() { views } else { MOST_SPARE_VIEWS as f64 }
+    }
+
+    fn choose_among_all(&self, view: &Pending) -> Option<WorkerId> {
+        let takes = |w: &&Worker| match view.is_direct() {
+            true => w.takes_samples(),
+            false => w.takes_views() || self.may_help_out(w, view),
+        };
+        let able: Vec<&Worker> = self
+            .workers
+            .iter()
+            .filter(|w| w.is_ready() && (view.is_direct() || w.knows_set()))
+            .filter(|w| view.device_kind.is_empty() || w.hello().device == view.device_kind)
+            .collect();
+        // Who seems to hang, or fails, is asked where there is nobody else.
+        let awake: Vec<&Worker> = able.iter().filter(|w| w.answers()).copied().collect();
+        let able = if awake.is_empty() { able } else { awake };
+        let untried: Vec<&Worker> = able.iter().filter(|w| !view.tried.contains(&w.id())).copied().collect();
+        let open = if untried.is_empty() { able } else { untried };
+        let suited: Vec<&Worker> = open.iter().filter(|w| takes(w)).copied().collect();
+        let asked = if suited.is_empty() { open } else { suited };
+        asked
+            .into_iter()
+            .filter(|w| w.queued() < self.config.max_views_per_worker)
+            .map(|w| (self.cost(w, view), w))
+            .min_by(|(a_cost, a), (b_cost, b)| {
+                let turn = |w: &Worker| (w.turn().dispatched, w.id());
+                a_cost.total_cmp(b_cost).then(turn(a).cmp(&turn(b)))
+            })
+            .map(|(_, w)| w.id())
+    }
+
+    /// Whether a sampler has time to compose a view: it holds the view's samples, there is none that it has yet to
+    /// render but at refinements, which can wait, and it has few views, so that the next sample does not wait for long.
+    fn may_help_out(&self, sampler: &Worker, view: &Pending) -> bool {
+        self.config.samplers_composite
+            && sampler.takes_samples()
+            && sampler.queued() < MOST_SPARE_VIEWS
+            && view.samples().iter().all(|id| self.samples.locations().has(*id, sampler.id()))
+            && !self.samples.has_to_render(sampler.id(), |index| !self.samples.placement().is_placed(index))
+    }
+
+    /// Who traces pixels for a view that `reader` composes: itself if it samples, since that needs no transfer,
+    /// then samplers of the same kind of device, whose bytes are the same, then others; those with least to do
+    /// first; also those on their way to that role. None where nobody samples.
+    pub(super) fn tracers(&self, reader: WorkerId) -> Vec<String> {
+        let itself = self.workers.get(reader);
+        let device = itself.map(|w| &w.hello().device);
+        let rank = |w: &&Worker| (w.id() != reader, Some(&w.hello().device) != device, w.queued(), w.id());
+        let mut samplers: Vec<&Worker> = match self.workers.queues().ready() <= LOOKED_AT {
+            true => self.workers.iter().filter(|w| w.answers() && w.assigned().role.samples()).collect(),
+            false => {
+                let front = self.workers.queues().samplers().iter().take(LOOKED_AT);
+                let others = front.filter(|turn| turn.worker != reader);
+                let others = others.filter_map(|turn| self.workers.get(turn.worker));
+                itself.filter(|w| w.takes_samples()).into_iter().chain(others).collect()
+            }
+        };
+        samplers.sort_by_key(rank);
+        samplers.into_iter().take(MOST_TRACERS).map(|w| w.hello().address.clone()).collect()
+    }
+}

@@ -1,0 +1,210 @@
+//! Views that wait, given to workers with room.
+//!
+//! Worker selection is in `choose`, and for views whose request leaves the way open in `open` and [`planner`].
+
+use argus_scene::{Plan, Prediction, SampleId};
+
+use super::pending::{LINES, Pending};
+use super::quest::Quest;
+use super::{Cluster, Views, planner};
+use crate::core::event::{Order, Source, Ticket, WorkerId};
+use crate::core::samples::Access;
+use crate::core::workers::{QueuedView, WorkKind};
+
+/// Views bound to certain workers that are looked at in one go.
+const MOST_BOUND: usize = 64;
+
+/// Attempts that end where a refinement is not where it was thought to be, before it is rendered for the view after all.
+const MOST_WITHOUT: u32 = 3;
+
+/// A view that a worker is given.
+#[derive(Debug, Clone)]
+pub(in crate::core) struct Given {
+    /// Which view.
+    pub(in crate::core) ticket: Ticket,
+    /// Which worker.
+    pub(in crate::core) worker: WorkerId,
+    /// The samples of its plan, and how much it depends on each.
+    pub(in crate::core) samples: Vec<(SampleId, Access)>,
+    /// What it is counted as, where that was open until now.
+    pub(in crate::core) decided: Option<WorkKind>,
+}
+
+/// What came of the attempt to give a view to a worker.
+#[derive(Debug)]
+enum Attempt {
+    Given(Given),
+    /// No worker has room for it.
+    Full,
+    /// The view is over.
+    Over,
+}
+
+/// One pass over the views that wait.
+#[derive(Debug)]
+pub(in crate::core) struct Round {
+    /// Views that only certain workers can answer, oldest first.
+    bound: std::vec::IntoIter<Ticket>,
+    /// The lines whose first view has to wait.
+    full: [bool; LINES],
+}
+
+impl Views {
+    /// A view waits for a worker, among the others by its age.
+    pub(super) fn wait(&mut self, ticket: Ticket) {
+        let Some(view) = self.views.get_mut(&ticket) else { return };
+        self.waiting.insert(ticket, view);
+        self.due.remove(&(view.due, ticket));
+        let patient = view.asked.after(self.config.patience);
+        view.due = view.deadline.0.min(patient);
+        self.due.insert((view.due, ticket));
+    }
+
+    /// A view that was put back for another plan waits anew.
+    pub(super) fn begin_again(
+        &mut self,
+        ticket: Ticket,
+        plan: Plan,
+        expected: Prediction,
+        quest: Box<Quest>,
+    ) {
+        let Some(view) = self.views.get_mut(&ticket) else { return };
+        self.in_flight.subtract(view);
+        view.begin_again(plan, expected, quest);
+        self.in_flight.add(view);
+        self.wait(ticket);
+    }
+
+    /// Begins to give waiting views to workers.
+    pub(in crate::core) fn begin_round(&self) -> Round {
+        let bound: Vec<Ticket> = self.waiting.bound.iter().copied().take(MOST_BOUND).collect();
+        Round { bound: bound.into_iter(), full: [false; LINES] }
+    }
+
+    /// The next view that a worker is given: the oldest first of those that are reconstructed and of those rendered
+    /// directly, until one has to wait; a view that is bound to certain workers holds no other up. `None`: all that are
+    /// left have to wait.
+    pub(in crate::core) fn next(&mut self, round: &mut Round, cluster: Cluster<'_>) -> Option<Given> {
+        while let Some(ticket) = round.bound.next() {
+            match self.place(ticket, cluster) {
+                Attempt::Given(given) => {
+                    self.waiting.remove(ticket);
+                    return Some(given);
+                }
+                Attempt::Over => self.waiting.remove(ticket),
+                Attempt::Full => {}
+            }
+        }
+        loop {
+            let (ticket, line) = self.waiting.first(&round.full)?;
+            match self.place(ticket, cluster) {
+                Attempt::Given(given) => {
+                    self.waiting.remove(ticket);
+                    return Some(given);
+                }
+                Attempt::Over => self.waiting.remove(ticket),
+                Attempt::Full => round.full[line] = true,
+            }
+        }
+    }
+
+    /// Finds the best worker for a view.
+    fn place(&mut self, ticket: Ticket, cluster: Cluster<'_>) -> Attempt {
+        let Some(view) = self.views.get(&ticket) else { return Attempt::Over };
+        if view.open.is_some() {
+            return self.place_open(ticket, cluster);
+        }
+        if !view.is_direct() && cluster.workers.set_is_on_its_way() {
+            return Attempt::Full;
+        }
+        self.leave_out_lost(ticket, cluster);
+        let Some(view) = self.views.get(&ticket) else { return Attempt::Over };
+        let Some(worker) = cluster.choose(view) else { return Attempt::Full };
+        // What was lost before anybody knew of it shall not send a view to and fro.
+        let may_come_back = view.attempts() < MOST_WITHOUT;
+        let lacks = |sample: SampleId| !cluster.samples.locations().has(sample, worker);
+        let access = |&sample: &SampleId| {
+            let dispensable = may_come_back && lacks(sample) && is_dispensable(view, sample, cluster);
+            (sample, if dispensable { Access::Dispensable } else { Access::Needed })
+        };
+        let samples = view.samples().iter().map(access).collect();
+        Attempt::Given(Given { ticket, worker, samples, decided: None })
+    }
+
+    /// Decides how a view is answered and by which worker.
+    fn place_open(&mut self, ticket: Ticket, cluster: Cluster<'_>) -> Attempt {
+        let Some(view) = self.views.get_mut(&ticket) else { return Attempt::Over };
+        let Some(open) = &view.open else { return Attempt::Over };
+        let Some((offer, decision)) = planner::choose(cluster.offers(view, open), &open.aim) else {
+            return Attempt::Full;
+        };
+        self.in_flight.subtract(view);
+        view.plan = offer.plan;
+        view.epoch = cluster.samples.set().epoch;
+        if let Some(open) = &mut view.open {
+            open.decision = Some(decision);
+        }
+        self.in_flight.add(view);
+        let kind = if view.is_direct() { WorkKind::DirectAnywhere } else { WorkKind::Views };
+        let samples = view.samples().iter().map(|id| (*id, Access::AtHand)).collect();
+        let decided = (view.attempt == 0).then_some(kind);
+        Attempt::Given(Given { ticket, worker: offer.worker, samples, decided })
+    }
+
+    /// A view that names refinements which were lost meanwhile gets the next best samples that some worker has.
+    fn leave_out_lost(&mut self, ticket: Ticket, cluster: Cluster<'_>) {
+        let Some(view) = self.views.get_mut(&ticket) else { return };
+        let Cluster { workers, samples, .. } = cluster;
+        let answers = |worker: WorkerId| workers.get(worker).is_some_and(|w| !w.is_suspected());
+        let is_lost = |id: SampleId| !samples.locations().holders(id).any(answers);
+        let lost = |id: &&SampleId| is_dispensable(view, **id, cluster) && is_lost(**id);
+        let Some(&SampleId { epoch, generation, .. }) = view.samples().iter().find(lost) else { return };
+        let there = |index: &u64| !is_lost(SampleId { epoch, generation, index: *index });
+        let usable: Vec<u64> = samples.placement().usable().iter().copied().filter(there).collect();
+        let count = view.samples().iter().filter(|id| !id.is_surroundings()).count();
+        let ids = samples.sample_ids_among(&view.camera, count, epoch, &usable);
+        if let Plan::Warp(warp) = &mut view.plan {
+            warp.samples = ids;
+        }
+    }
+
+    /// A view goes to a worker: what the worker is told, and what stands in its queue.
+    pub(in crate::core) fn give(
+        &mut self,
+        given: &Given,
+        sources: Vec<Source>,
+        cluster: Cluster<'_>,
+    ) -> Option<(Box<Order>, QueuedView)> {
+        let view = self.views.get_mut(&given.ticket)?;
+        let worker = cluster.workers.get(given.worker)?;
+        let tracers = if view.traces_holes() { cluster.tracers(worker.id()) } else { Vec::new() };
+        let costs = cluster.workers.costs();
+        let usual = if view.is_direct() { costs.direct_secs() } else { costs.view_secs() };
+        let decision = view.open.as_ref().and_then(|open| open.decision);
+        let predicted_ms = decision.map_or(usual.unwrap_or(0.0) * 1e3, |decision| decision.render_ms);
+        let queued = QueuedView { predicted_ms, direct: view.is_direct(), work: view.work() };
+        view.attempt += 1;
+        view.worker = Some(worker.id());
+        view.tried.insert(worker.id());
+        let order = Order {
+            attempt: view.attempt,
+            worker: worker.id(),
+            address: worker.hello().address.clone(),
+            // Its samples say which moment a plan is of.
+            epoch: view.sampled_epoch().unwrap_or(view.epoch),
+            plan: view.plan.clone(),
+            sources,
+            tracers,
+            expected: view.expected,
+            judged: view.quest.as_ref().is_some_and(|quest| quest.judged),
+            decision,
+            fallback: view.open.as_ref().filter(|_| !view.is_direct()).map(|open| open.samples_per_pixel),
+        };
+        Some((Box::new(order), queued))
+    }
+}
+
+/// Whether a view's plan could be made without a sample.
+fn is_dispensable(view: &Pending, id: SampleId, cluster: Cluster<'_>) -> bool {
+    !view.pinned && cluster.samples.is_dispensable(id)
+}

@@ -1,0 +1,226 @@
+//! Views whose request leaves the way open: what workers could do about them, for the planner to choose from.
+
+use std::collections::HashMap;
+
+use argus_scene::rig::{Among, Survey};
+use argus_scene::{Camera, Holes, Plan, Search, View, Warp};
+
+use super::cluster::Cluster;
+use super::effect::Effect;
+use super::open_view::OpenView;
+use super::pending::Pending;
+use super::planner::{Offer, predicted_excess};
+use super::survey::SurveyWanted;
+use crate::core::event::WorkerId;
+use crate::core::quality::Cost;
+use crate::core::workers::Worker;
+
+/// Workers with the shortest queues that are asked for an offer, and holders of samples beside them.
+const MOST_ASKED: usize = 64;
+
+/// Samples of a plan at most: further ones cost more than they show.
+const MOST_SAMPLES: usize = 4;
+
+/// Cameras around a viewer that are looked at for samples that somebody holds, nearest first.
+const AROUND: usize = 24;
+
+/// Cameras of held samples that a view is surveyed for, at most.
+const MOST_HELD: usize = 8;
+
+/// The finest level of refinement that a bundle may have: finer cameras serve too few viewers.
+const FINEST_LEVEL: u32 = 2;
+
+/// Longest time that a view waits for work that nobody waits for, milliseconds: half of a slice, on the mean.
+const HALF_SLICE_MS: f64 = 10.0;
+
+/// A view from some samples.
+#[derive(Debug, Clone)]
+struct FromSamples {
+    plan: Plan,
+    /// Share of the view that the samples miss, and that is traced.
+    uncovered: f64,
+    /// Predicted mean FLIP above that of a direct view.
+    excess: f64,
+    /// Whether the samples see enough of the view, with fine texels.
+    is_sound: bool,
+}
+
+impl Cluster<'_> {
+    /// What is to be found out about a view before it is asked for; `None` where that would change nothing: its way is not
+    /// open, or no worker holds a sample near it.
+    pub(in crate::core) fn survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
+        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        let candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
+        SurveyWanted::of(self.samples.set(), candidates)
+    }
+
+    /// What is to be found out about a view to see which samples would be worth their price; `None` where that cannot pay.
+    pub(super) fn thought_wanted(&self, view: &View) -> Option<SurveyWanted> {
+        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        let may_pay = self.workers.iter().any(|worker| worker.report().warp_cost.is_some());
+        let candidates = if open && may_pay { self.cameras_around(&view.camera) } else { Vec::new() };
+        SurveyWanted::of(self.samples.set(), candidates)
+    }
+
+    /// Cameras near a viewer whose samples somebody holds, nearest first.
+    fn held_around(&self, camera: &Camera) -> Vec<u64> {
+        let placed: Vec<u64> = self.samples.placement().placed().collect();
+        let around =
+            self.samples.set().rig.nearest_among(camera, AROUND, Among { refined: &placed, sight: None });
+        let held =
+            around.into_iter().filter(|index| self.samples.locations().is_held(self.samples.served(*index)));
+        held.take(MOST_HELD).collect()
+    }
+
+    /// Cameras near a viewer that a bundle could take, whether or not somebody holds their samples: the corners of the
+    /// viewer's cell, then nearer ones.
+    fn cameras_around(&self, camera: &Camera) -> Vec<u64> {
+        let rig = &self.samples.set().rig;
+        let own = rig.nearest_among(camera, MOST_HELD, Among::default());
+        let nearer = (1..=FINEST_LEVEL).filter_map(|level| rig.refinement(camera, level, None));
+        let mut around: Vec<u64> = own.into_iter().chain(nearer).collect();
+        around.dedup();
+        around
+    }
+
+    /// What a view whose way was open, and which took so many milliseconds of rendering, saved by the samples that it used.
+    pub(super) fn savings(&self, view: &Pending, open: &OpenView, ms: f64) -> Option<Effect> {
+        let worker = view.worker.and_then(|id| self.workers.get(id))?;
+        let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
+        let direct = self.direct_cost(worker)?;
+        Some(Effect::Saved { cameras: view.cameras(), secs: (direct.ms(work) - ms) * 1e-3 })
+    }
+
+    /// Seconds that a view of so many pixels, sub-pixels counted, takes less from samples than from triangles; `None` until
+    /// a worker measured both.
+    pub(super) fn saved_secs(&self, pixels: u64) -> Option<f64> {
+        let ms = |w: &Worker| Some(w.report().direct_cost?.ms(pixels) - w.report().warp_cost?.ms(pixels));
+        self.workers.iter().find_map(ms).map(|ms| ms * 1e-3)
+    }
+
+    /// The cameras whose samples would have served a view well: the rig's own where these are enough. `None` where none are.
+    pub(super) fn bundle(&self, survey: &Survey) -> Option<Vec<u64>> {
+        let own = survey.choose(|index| self.samples.set().rig.level(index) == Some(0), MOST_SAMPLES);
+        let is_sound = |bundle: &Vec<u64>| predicted_excess(Some(survey.coverage(bundle))).1;
+        Some(own).filter(is_sound).or_else(|| Some(survey.choose(|_| true, MOST_SAMPLES)).filter(is_sound))
+    }
+
+    /// What workers with room could do about a view.
+    pub(super) fn offers(&self, view: &Pending, open: &OpenView) -> Vec<Offer> {
+        let asked = self.asked(view, open);
+        // Workers mostly hold the same: what a set of samples comes to is found out once.
+        let mut known: HashMap<Vec<u64>, Option<FromSamples>> = HashMap::new();
+        let mut offers = Vec::new();
+        for worker in asked {
+            let turn = worker.turn();
+            let turn = (turn.queued, turn.dispatched);
+            let wait_ms = self.wait_before(worker);
+            let cost = self.direct_cost(worker);
+            let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
+            let base = Offer {
+                worker: worker.id(),
+                turn,
+                plan: Plan::Direct { samples_per_pixel: open.samples_per_pixel },
+                wait_ms,
+                render_ms: cost.map(|cost| cost.ms(work)),
+                excess: 0.0,
+                is_sound: true,
+            };
+            let (Some(warp_cost), held) = (worker.report().warp_cost, self.held_for(worker, view, open))
+            else {
+                offers.push(base);
+                continue;
+            };
+            let plan = known.entry(held.clone()).or_insert_with(|| self.warp_from(&held, open));
+            if let Some(FromSamples { plan, uncovered, excess, is_sound }) = plan.clone() {
+                let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
+                let render_ms = Some(warp_cost.ms(work) + rays_ms);
+                offers.push(Offer { plan, render_ms, excess, is_sound, ..base.clone() });
+            }
+            offers.push(base);
+        }
+        offers
+    }
+
+    /// Workers that are asked for an offer: those that answer, with room, which have not failed at the view.
+    fn asked(&self, view: &Pending, open: &OpenView) -> Vec<&Worker> {
+        let has_room = |worker: &&Worker| worker.queued() < self.config.max_views_per_worker;
+        let untried = |worker: &&Worker| !view.tried.contains(&worker.id());
+        let front = self.workers.queues().anyone().iter().take(MOST_ASKED + view.tried.len());
+        let mut ids: Vec<WorkerId> = front.map(|turn| turn.worker).collect();
+        if self.workers.queues().anyone().len() > ids.len() {
+            let best = open.survey.as_ref().and_then(|survey| survey.choose(|_| true, 1).first().copied());
+            let from = ids.first().copied().unwrap_or(WorkerId(0));
+            let holders = best
+                .into_iter()
+                .flat_map(|index| self.samples.locations().near(self.samples.served(index), from));
+            ids.extend(holders.take(MOST_ASKED));
+        }
+        let able = |ids: &[WorkerId]| -> Vec<&Worker> {
+            ids.iter()
+                .filter_map(|id| self.workers.get(*id))
+                .filter(|w| w.answers())
+                .filter(has_room)
+                .collect()
+        };
+        let mut asked = able(&ids);
+        if asked.iter().any(|worker| !worker.is_measuring()) {
+            asked.retain(|worker| !worker.is_measuring());
+        }
+        let fresh: Vec<&Worker> = asked.iter().copied().filter(untried).collect();
+        if !fresh.is_empty() {
+            return fresh;
+        }
+        if !asked.is_empty() || !self.workers.queues().anyone().is_empty() {
+            return asked;
+        }
+        // Whoever seems to hang, or fails, is asked where there is nobody else.
+        self.workers.iter().filter(|w| w.is_ready()).filter(has_room).collect()
+    }
+
+    /// What a view from triangles costs at a worker: what it measured, or else what those with the same device did.
+    fn direct_cost(&self, worker: &Worker) -> Option<Cost> {
+        let alike = || {
+            let same = self.workers.iter().filter(|other| other.hello().device == worker.hello().device);
+            same.take(MOST_ASKED).find_map(|other| other.report().direct_cost)
+        };
+        worker.report().direct_cost.or_else(alike)
+    }
+
+    /// Milliseconds of what a worker has to do before another view.
+    fn wait_before(&self, worker: &Worker) -> f64 {
+        let samples = f64::from(worker.report().queued_samples) * worker.report().sample_ms.unwrap_or(0.0);
+        let slices = if self.samples.is_refining(worker) { HALF_SLICE_MS } else { 0.0 };
+        worker.queued_ms() + samples + slices
+    }
+
+    /// The cameras of a view's survey whose samples a worker holds; without a survey, the nearest ones if it has all.
+    fn held_for(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Vec<u64> {
+        let has = |index: u64| self.samples.locations().has(self.samples.served(index), worker.id());
+        match &open.survey {
+            Some(survey) => survey.choose(has, MOST_SAMPLES),
+            None => {
+                let near = Among { refined: self.samples.placement().usable(), sight: None };
+                let nearest = self.samples.set().rig.nearest_among(&view.camera, MOST_SAMPLES, near);
+                if nearest.iter().all(|index| has(*index)) { nearest } else { Vec::new() }
+            }
+        }
+    }
+
+    /// What a view would be from those cameras' samples; `None` without samples.
+    fn warp_from(&self, cameras: &[u64], open: &OpenView) -> Option<FromSamples> {
+        if cameras.is_empty() {
+            return None;
+        }
+        let ids = cameras.iter().map(|index| self.samples.served(*index)).collect();
+        let samples = self.samples.set().with_surroundings(ids);
+        let coverage = open.survey.as_ref().map(|survey| survey.coverage(cameras));
+        let (excess, is_sound) = predicted_excess(coverage);
+        let search = Search::default();
+        let supersampling = open.samples_per_pixel.isqrt();
+        let steps = self.config.steps_of(search);
+        let plan = Plan::Warp(Warp { search, steps, supersampling, samples, holes: Holes::Trace });
+        let uncovered = coverage.map_or(0.0, |coverage| 1.0 - coverage.covered);
+        Some(FromSamples { plan, uncovered, excess, is_sound })
+    }
+}

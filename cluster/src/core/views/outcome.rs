@@ -1,0 +1,188 @@
+//! What becomes of views: answered, failed and tried elsewhere, given up, cancelled.
+
+use argus_proto::Fault;
+
+use super::pending::Pending;
+use super::{Cluster, Effect, Views};
+use crate::core::event::{Action, Failure, Ticket};
+use crate::core::time::Uptime;
+use crate::core::workers::Worker;
+
+impl Views {
+    /// A frame was relayed whole.
+    pub(in crate::core) fn answered(
+        &mut self,
+        (ticket, attempt): (Ticket, u32),
+        uncovered: Option<u64>,
+        ms: Option<f64>,
+        cluster: Cluster<'_>,
+    ) -> Vec<Effect> {
+        if !self.is_current(ticket, attempt) {
+            return Vec::new();
+        }
+        if let Some(ms) = ms {
+            self.learn_pace(ticket, ms, cluster);
+        }
+        let taken_back = self.take_back(ticket, true);
+        let Some(view) = self.forget(ticket) else { return Vec::new() };
+        self.counts.answered += 1;
+        let mut effects = Vec::new();
+        if let Some(worker) = view.worker {
+            effects.push(Effect::Answered { worker, direct: view.is_direct(), work: view.work() });
+        }
+        effects.extend(taken_back);
+        match (&view.open, ms) {
+            (Some(_), Some(_)) if view.is_direct() => self.unthought += 1,
+            (Some(open), Some(ms)) => effects.extend(cluster.savings(&view, open, ms)),
+            _ => effects.extend(holes(&view, uncovered)),
+        }
+        effects
+    }
+
+    /// An attempt failed.
+    pub(in crate::core) fn failed(
+        &mut self,
+        (ticket, attempt): (Ticket, u32),
+        failure: Failure,
+        cluster: Cluster<'_>,
+        now: Uptime,
+    ) -> Vec<Effect> {
+        if !self.is_current(ticket, attempt) {
+            return Vec::new();
+        }
+        let mut effects = Vec::new();
+        match failure {
+            Failure::TryElsewhere => self.retry(ticket, cluster, now, &mut effects),
+            Failure::OfWorker => {
+                let worker = self.views.get(&ticket).and_then(|view| view.worker);
+                effects.extend(worker.map(|worker| Effect::Blamed { worker, ticket }));
+                self.retry(ticket, cluster, now, &mut effects);
+            }
+            Failure::Final => {
+                effects.extend(self.cancel(ticket));
+                self.counts.failed += 1;
+            }
+        }
+        effects
+    }
+
+    /// No client waits for a view any more.
+    pub(in crate::core) fn cancel(&mut self, ticket: Ticket) -> Option<Effect> {
+        let taken_back = self.take_back(ticket, false);
+        self.forget(ticket);
+        taken_back
+    }
+
+    /// Views whose worker is lost go to others.
+    pub(in crate::core) fn retry_all(
+        &mut self,
+        tickets: impl IntoIterator<Item = Ticket>,
+        cluster: Cluster<'_>,
+        now: Uptime,
+    ) -> Vec<Effect> {
+        let mut effects = Vec::new();
+        tickets.into_iter().for_each(|ticket| self.retry(ticket, cluster, now, &mut effects));
+        effects
+    }
+
+    /// The views of workers that are suspected go to others.
+    pub(in crate::core) fn leave_suspected(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Effect> {
+        let workers = cluster.workers;
+        // Where no other worker can have it a view stays, until one can; so does one that has gone round already.
+        let can = |w: &Worker, v: &Pending| {
+            w.answers() && (v.device_kind.is_empty() || w.hello().device == v.device_kind)
+        };
+        let elsewhere = |v: &Pending| workers.iter().any(|w| can(w, v));
+        let moves = |ticket: &Ticket| {
+            self.views.get(ticket).is_some_and(|view| self.may_be_retried(view) && elsewhere(view))
+        };
+        let suspected = workers.iter().filter(|w| w.is_suspected());
+        let views: Vec<Ticket> = suspected.flat_map(|w| w.views().keys().copied()).filter(moves).collect();
+        self.retry_all(views, cluster, now)
+    }
+
+    /// Ends the deadlines and the patience that are over.
+    pub(in crate::core) fn expire(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Effect> {
+        let mut effects = Vec::new();
+        while let Some(&(due, ticket)) = self.due.first().filter(|(due, _)| now >= *due) {
+            self.due.remove(&(due, ticket));
+            self.expire_one(ticket, cluster, now, &mut effects);
+        }
+        effects
+    }
+
+    /// Whether another attempt would leave one more to fail.
+    fn may_be_retried(&self, view: &Pending) -> bool {
+        view.attempts() + 1 < self.config.max_attempts
+    }
+
+    /// Puts a view whose worker failed first in the queue, or gives it up after too many attempts.
+    fn retry(&mut self, ticket: Ticket, cluster: Cluster<'_>, now: Uptime, effects: &mut Vec<Effect>) {
+        effects.extend(self.take_back(ticket, false));
+        let Some(view) = self.views.get_mut(&ticket) else { return };
+        view.worker = None;
+        if now >= view.deadline.0 {
+            return self.expire_one(ticket, cluster, now, effects);
+        }
+        if view.attempts() >= self.config.max_attempts {
+            let fault = Fault::Unavailable(format!("{} workers failed at this view", view.attempts()));
+            return self.refuse(ticket, fault, effects);
+        }
+        self.counts.retried += 1;
+        self.wait(ticket);
+    }
+
+    fn expire_one(&mut self, ticket: Ticket, cluster: Cluster<'_>, now: Uptime, effects: &mut Vec<Effect>) {
+        let Some(view) = self.views.get_mut(&ticket) else { return };
+        let (at, asked_for) = view.deadline;
+        if now >= at {
+            self.refuse(ticket, Fault::Deadline(asked_for), effects);
+        } else if view.worker.is_none() && now.since(view.asked) >= self.config.patience {
+            let secs = self.config.patience.as_secs_f64();
+            let ready = cluster.workers.queues().ready();
+            let fault = Fault::Unavailable(format!("none of {ready} ready workers had room within {secs} s"));
+            self.refuse(ticket, fault, effects);
+        } else {
+            // In work: what is left is its deadline.
+            view.due = at;
+            self.due.insert((at, ticket));
+        }
+    }
+
+    fn refuse(&mut self, ticket: Ticket, fault: Fault, effects: &mut Vec<Effect>) {
+        effects.extend(self.cancel(ticket));
+        self.counts.failed += 1;
+        effects.push(Effect::Act(Action::Refuse { ticket, fault }));
+    }
+
+    /// A view is over.
+    fn forget(&mut self, ticket: Ticket) -> Option<Pending> {
+        let view = self.views.remove(&ticket)?;
+        self.admission.leave(&view.client);
+        self.in_flight.subtract(&view);
+        self.due.remove(&(view.due, ticket));
+        self.waiting.remove(ticket);
+        Some(view)
+    }
+
+    /// Whether that attempt is the one the view's answer is awaited from.
+    pub(super) fn is_current(&self, ticket: Ticket, attempt: u32) -> bool {
+        self.views.get(&ticket).is_some_and(|view| view.attempt == attempt && view.worker.is_some())
+    }
+
+    /// Takes a view off the worker that has it.
+    pub(super) fn take_back(&self, ticket: Ticket, answered: bool) -> Option<Effect> {
+        let view = self.views.get(&ticket)?;
+        let samples = view.samples().to_vec();
+        Some(Effect::TakenBack { worker: view.worker?, ticket, samples, answered })
+    }
+}
+
+/// What a frame says of the samples that it was made from; a pinned plan says nothing of those that are made here.
+fn holes(view: &Pending, uncovered: Option<u64>) -> Option<Effect> {
+    if view.is_direct() || view.pinned {
+        return None;
+    }
+    let uncovered = uncovered?.min(view.pixels);
+    Some(Effect::Holes { camera: view.camera, used: view.cameras(), uncovered, pixels: view.pixels })
+}

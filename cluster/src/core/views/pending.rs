@@ -1,0 +1,188 @@
+//! Views that were admitted: what each one is, the lines in which those wait that no worker has room for yet, and how
+//! many there are of each kind.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Visibility};
+
+use super::open_view::OpenView;
+use super::quest::Quest;
+use crate::core::event::{Client, Ticket, WorkerId};
+use crate::core::samples::NeededEpochs;
+use crate::core::time::Uptime;
+use crate::core::workers::WorkKind;
+
+/// An admitted view.
+#[derive(Debug, Clone)]
+pub(super) struct Pending {
+    pub(super) client: Client,
+    pub(super) camera: Camera,
+    /// How many the frame has.
+    pub(super) pixels: u64,
+    pub(super) epoch: u64,
+    /// How it is answered; of a view whose way is open, how it was last decided to be.
+    pub(super) plan: Plan,
+    /// What the planner goes by, if the request leaves the way open.
+    pub(super) open: Option<Box<OpenView>>,
+    /// What is expected of its frame.
+    pub(super) expected: Option<Prediction>,
+    /// The search for a frame within a bound.
+    pub(super) quest: Option<Box<Quest>>,
+    /// Its plan was pinned: what it lacks says nothing of the plans made here.
+    pub(super) pinned: bool,
+    /// Pinned kind of device; empty: any.
+    pub(super) device_kind: String,
+    /// When its answer is worthless, and how long that was when it was asked.
+    pub(super) deadline: (Uptime, Duration),
+    pub(super) asked: Uptime,
+    /// When it is looked at next, to see whether its time is over.
+    pub(super) due: Uptime,
+    pub(super) attempt: u32,
+    pub(super) worker: Option<WorkerId>,
+    pub(super) tried: BTreeSet<WorkerId>,
+}
+
+/// Lines whose first view holds the others up.
+pub(super) const LINES: usize = 3;
+
+/// Views that no worker has room for yet. Tickets ascend with arrival, so the least is the oldest.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Waiting {
+    pub(super) composed: BTreeSet<Ticket>,
+    pub(super) direct: BTreeSet<Ticket>,
+    /// Those that any worker can answer, in one way or another.
+    pub(super) open: BTreeSet<Ticket>,
+    /// Those that only certain workers can answer: they hold nobody up.
+    pub(super) bound: BTreeSet<Ticket>,
+}
+
+impl Waiting {
+    pub(super) fn insert(&mut self, ticket: Ticket, view: &Pending) {
+        let line = match (view.is_bound(), view.open.is_some(), view.is_direct()) {
+            (true, ..) => &mut self.bound,
+            (_, true, _) => &mut self.open,
+            (.., true) => &mut self.direct,
+            _ => &mut self.composed,
+        };
+        line.insert(ticket);
+    }
+
+    /// The oldest view that waits, leaving out the lines that are `full`; and its line.
+    pub(super) fn first(&self, full: &[bool; LINES]) -> Option<(Ticket, usize)> {
+        let lines = [&self.direct, &self.composed, &self.open];
+        let first = |line: usize| lines[line].first().map(|ticket| (*ticket, line));
+        (0..LINES).filter(|line| !full[*line]).filter_map(first).min()
+    }
+
+    pub(super) fn remove(&mut self, ticket: Ticket) {
+        for line in [&mut self.composed, &mut self.direct, &mut self.open, &mut self.bound] {
+            line.remove(&ticket);
+        }
+    }
+}
+
+/// Views in flight of each kind, and the epochs whose samples they need, each with how many need it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct InFlight {
+    pub(super) direct: usize,
+    pub(super) composed: usize,
+    /// Those whose way is open.
+    pub(super) open: usize,
+    needed: NeededEpochs,
+}
+
+impl InFlight {
+    pub(super) fn add(&mut self, view: &Pending) {
+        *self.kind(view) += 1;
+        if let Some(epoch) = view.sampled_epoch() {
+            self.needed.add(epoch);
+        }
+    }
+
+    pub(super) fn subtract(&mut self, view: &Pending) {
+        *self.kind(view) -= 1;
+        if let Some(epoch) = view.sampled_epoch() {
+            self.needed.subtract(epoch);
+        }
+    }
+
+    fn kind(&mut self, view: &Pending) -> &mut usize {
+        match (view.open.is_some(), view.is_direct()) {
+            (true, _) => &mut self.open,
+            (_, true) => &mut self.direct,
+            _ => &mut self.composed,
+        }
+    }
+
+    /// The epochs whose samples views in flight need.
+    pub(super) fn needed(&self) -> &NeededEpochs {
+        &self.needed
+    }
+}
+
+/// What is rendered for a pixel.
+pub(super) fn sub_pixels(plan: &Plan) -> u64 {
+    match plan {
+        Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
+        Plan::Warp(warp) => u64::from(warp.supersampling).pow(2),
+    }
+}
+
+/// The kind of device in a frame's.
+pub(super) fn device_kind(device: &str) -> &str {
+    Visibility::of_device(device).0
+}
+
+impl Pending {
+    /// Its frame was not good enough: another is made, by whomever.
+    pub(super) fn begin_again(&mut self, plan: Plan, expected: Prediction, quest: Box<Quest>) {
+        (self.plan, self.expected, self.quest) = (plan, Some(expected), Some(quest));
+        (self.worker, self.tried) = (None, BTreeSet::new());
+    }
+
+    /// Attempts that failed, or are in work: without those whose frame was thrown away.
+    pub(super) fn attempts(&self) -> u32 {
+        self.attempt - self.quest.as_ref().map_or(0, |quest| quest.thrown_away())
+    }
+
+    /// Whether not just anybody can answer it.
+    pub(super) fn is_bound(&self) -> bool {
+        !self.device_kind.is_empty() || !self.tried.is_empty()
+    }
+
+    /// What it is counted as where its request says how it is answered.
+    pub(super) fn kind(&self) -> WorkKind {
+        if self.is_direct() { WorkKind::Direct } else { WorkKind::Views }
+    }
+
+    pub(super) fn is_direct(&self) -> bool {
+        matches!(self.plan, Plan::Direct { .. })
+    }
+
+    /// What is rendered for it: pixels with their sub-pixels.
+    pub(super) fn work(&self) -> u64 {
+        self.pixels.saturating_mul(sub_pixels(&self.plan))
+    }
+
+    pub(super) fn traces_holes(&self) -> bool {
+        matches!(&self.plan, Plan::Warp(warp) if warp.holes == Holes::Trace)
+    }
+
+    /// The cameras whose samples its plan names.
+    pub(super) fn cameras(&self) -> Vec<u64> {
+        self.samples().iter().map(|id| id.index).collect()
+    }
+
+    /// The epoch whose samples it needs, if it needs any.
+    pub(super) fn sampled_epoch(&self) -> Option<u64> {
+        self.samples().first().map(|id| id.epoch)
+    }
+
+    pub(super) fn samples(&self) -> &[SampleId] {
+        match &self.plan {
+            Plan::Direct { .. } => &[],
+            Plan::Warp(warp) => &warp.samples,
+        }
+    }
+}

@@ -1,0 +1,310 @@
+//! How a view shall be answered: the plan that follows from what its request leaves open, or the pinned one.
+
+use argus_proto::Fault;
+use argus_scene::{
+    Holes, InvalidField, Plan, PlanRequest, Preset, Provenance, Reflections, SampleId, SampleSetInfo,
+    Sampling, View, Visibility, Warp,
+};
+
+use crate::core::config::Config;
+use crate::core::samples::MOST_SAMPLES;
+
+/// Samples a pixel of the view that stands for the truth where nothing is known of a scene's errors.
+const NEAR_THE_TRUTH: u32 = 16;
+/// Samples of an interactive view: the pair that the splat takes its depth from.
+const INTERACTIVE_SAMPLES: u32 = 2;
+
+/// The plan of a validated view as its request alone has it; a model of the scene may know better
+/// ([`crate::core::quality`]). Without one, a bound on the error is kept by rendering from the triangles, unless the
+/// request says how to reconstruct. `nearest` gives the best samples, so many, of the set's epoch.
+///
+/// # Errors
+/// [`Fault::Pin`] for a pinned scene or generation that is not the one served (which epochs are is for
+/// `Core::check_epoch` to say), [`Fault::Invalid`] for
+/// a pinned plan that nobody could follow.
+pub fn plan(
+    view: &View,
+    set: &SampleSetInfo,
+    nearest: impl FnOnce(usize) -> Vec<SampleId>,
+    config: &Config,
+) -> Result<Plan, Fault> {
+    if let Some(pin) = &view.pin {
+        check_pin(pin, set)?;
+        return Ok(pin.plan.clone());
+    }
+    let request = &view.plan;
+    if request.leaves_way_open() {
+        // Until the planner has looked at who holds what.
+        return Ok(Plan::Direct { samples_per_pixel: samples_per_pixel(request) });
+    }
+    let exact = request.preset == Some(Preset::Exact);
+    let side = request.supersampling.unwrap_or(if exact { 2 } else { 1 });
+    if request.direct {
+        return Ok(Plan::Direct { samples_per_pixel: side * side });
+    }
+    let open = (request.search, request.steps, request.samples, request.holes) == (None, None, None, None);
+    if request.max_error.is_some() && open {
+        let samples_per_pixel = request.supersampling.map_or(NEAR_THE_TRUTH, |side| side * side);
+        return Ok(Plan::Direct { samples_per_pixel });
+    }
+    let samples = match request.preset {
+        Some(Preset::Interactive) => config.samples_per_view.min(INTERACTIVE_SAMPLES),
+        Some(Preset::Exact) => MOST_SAMPLES as u32,
+        Some(Preset::Balanced) | None => config.samples_per_view,
+    };
+    let count = request.samples.unwrap_or(samples) as usize;
+    let search = request.search.unwrap_or_default();
+    Ok(Plan::Warp(Warp {
+        search,
+        steps: request.steps.unwrap_or(config.steps_of(search)),
+        supersampling: side,
+        holes: request.holes.unwrap_or(if exact { Holes::Trace } else { Holes::Mark }),
+        samples: nearest(count),
+    }))
+}
+
+/// Samples a pixel, to be had from triangles, of a request that leaves the way open.
+pub(super) fn samples_per_pixel(request: &PlanRequest) -> u32 {
+    let usual = if request.preset == Some(Preset::Exact) { 2 } else { 1 };
+    request.supersampling.unwrap_or(usual).pow(2)
+}
+
+/// Whether a pinned provenance is one that this cluster can repeat. The kind of device is not looked at here: it
+/// decides which workers may answer.
+fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
+    let differs = |what: &str, theirs: String, ours: String| {
+        Err(Fault::Pin(format!("{what} {theirs} is not served here, {what} {ours} is")))
+    };
+    if pin.scene != set.scene {
+        return differs("scene", pin.scene.to_string(), set.scene.to_string());
+    }
+    // Views from triangles use no samples, so their bytes do not depend on where samples are taken.
+    let sampled = matches!(pin.plan, Plan::Warp(_));
+    if sampled && pin.generation != set.generation {
+        return differs("generation", pin.generation.to_string(), set.generation.to_string());
+    }
+    if sampled && !pin.device.is_empty() {
+        let ours = set.device("");
+        let [theirs, ours] = [&pin.device, &ours].map(|device| Sampling::of_device(device).1);
+        if theirs != ours {
+            let said = |by: Option<&str>| by.unwrap_or(Sampling::Triangles.name()).to_owned();
+            return differs("samples by", said(theirs), said(ours));
+        }
+    }
+    if !pin.device.is_empty() {
+        let ours = set.device("");
+        let [theirs, ours] = [&pin.device, &ours].map(|device| Reflections::of_device(device).1);
+        if theirs != ours {
+            let said = |by: Option<&str>| by.map_or("none".to_owned(), |by| format!("by maps {by}"));
+            return differs("reflections", said(theirs), said(ours));
+        }
+    }
+    match Visibility::of_device(&pin.device).1 {
+        None => return Err(Fault::Pin(format!("{:?} names no way to see triangles", pin.device))),
+        Some(way) if sampled && !pin.device.is_empty() && way != set.visibility => {
+            return differs("triangles seen by", way.name().to_owned(), set.visibility.name().to_owned());
+        }
+        Some(_) => (),
+    }
+    Ok(check_plan(&pin.plan, set, (pin.epoch, set.generation))?)
+}
+
+/// Plans come from outside only as pins; what [`View::validate`] checks of a wish is checked here of a plan.
+fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), InvalidField> {
+    let within = |field, n: u32, most: u32| match (1..=most).contains(&n) {
+        true => Ok(()),
+        false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {n}"))),
+    };
+    match plan {
+        Plan::Direct { samples_per_pixel: n } => {
+            within("pin.plan.direct.samples_per_pixel", *n, 256)?;
+            let side = n.isqrt();
+            match side * side == *n {
+                true => Ok(()),
+                false => {
+                    let reason = format!("must be a square number, not {n}");
+                    Err(InvalidField::new("pin.plan.direct.samples_per_pixel", reason))
+                }
+            }
+        }
+        Plan::Warp(Warp { search, steps, supersampling, samples, .. }) => {
+            if search.takes_steps() {
+                within("pin.plan.warp.steps", *steps, 4096)?;
+            }
+            within("pin.plan.warp.supersampling", *supersampling, 8)?;
+            let field = "pin.plan.warp.samples";
+            let of_rig = samples.iter().filter(|id| !id.is_surroundings()).count();
+            if !(1..=MOST_SAMPLES).contains(&of_rig) {
+                return Err(InvalidField::new(field, format!("must be 1 to 8 samples, not {of_rig}")));
+            }
+            if set.reflections.is_some() && of_rig == samples.len() {
+                return Err(InvalidField::new(field, "must have the surroundings that are reflected"));
+            }
+            for (i, id) in samples.iter().enumerate() {
+                if (id.epoch, id.generation) != of {
+                    let reason = format!("sample {id} is not of epoch {}, generation {}", of.0, of.1);
+                    return Err(InvalidField::new(field, reason));
+                }
+                set.camera(id.index).map_err(|e| InvalidField::new(field, e.reason))?;
+                if samples[..i].contains(id) {
+                    return Err(InvalidField::new(field, format!("sample {id} is named twice")));
+                }
+            }
+            Ok(())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Camera, MegaViews, Outputs, SceneHash, Search};
+    use glam::DVec3;
+
+    use super::*;
+    use crate::core::tests::set_info;
+
+    fn view() -> View {
+        View {
+            camera: Camera::look_at(DVec3::new(3.0, 4.0, 5.0), DVec3::ZERO),
+            width: 200,
+            height: 150,
+            outputs: Outputs::COLOR,
+            plan: PlanRequest::default(),
+            pin: None,
+        }
+    }
+
+    /// A view that asks for samples.
+    fn searched() -> View {
+        let search = PlanRequest { search: Some(Search::Splat), ..PlanRequest::default() };
+        View { plan: search, ..view() }
+    }
+
+    /// The plan of a view with nothing known of the scene.
+    fn plan(view: &View) -> Result<Plan, Fault> {
+        let set = set_info();
+        let (epoch, generation) = (set.epoch, set.generation);
+        let id = |index| SampleId { epoch, generation, index };
+        let nearest = |count| set.rig.nearest(&view.camera, count).into_iter().map(id).collect();
+        super::plan(view, &set, nearest, &Config::default())
+    }
+
+    fn pinned(change: impl FnOnce(&mut Provenance)) -> Result<Plan, Fault> {
+        let set = set_info();
+        let free = plan(&searched()).unwrap();
+        let mut pin = Provenance {
+            scene: set.scene,
+            epoch: set.epoch,
+            generation: set.generation,
+            plan: free,
+            device: String::new(),
+            history: false,
+        };
+        change(&mut pin);
+        plan(&View { pin: Some(pin), ..view() })
+    }
+
+    #[test]
+    fn a_request_that_leaves_the_way_open_begins_as_a_direct_view() {
+        let samples = |request| match plan(&View { plan: request, ..view() }).unwrap() {
+            Plan::Direct { samples_per_pixel } => samples_per_pixel,
+            Plan::Warp(_) => panic!("a direct view"),
+        };
+        let open = PlanRequest::default();
+        assert_eq!(samples(open), 1);
+        assert_eq!(samples(PlanRequest { preset: Some(Preset::Exact), ..open }), 4);
+        assert_eq!(samples(PlanRequest { supersampling: Some(3), ..open }), 9);
+    }
+
+    #[test]
+    fn a_search_without_more_is_that_search_of_the_four_nearest_samples() {
+        let set = set_info();
+        let search = PlanRequest { search: Some(Search::Splat), ..PlanRequest::default() };
+        let plan = plan(&View { plan: search, ..view() }).unwrap();
+        let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) = plan else { panic!("a warp") };
+        assert_eq!((search, steps, supersampling), (Search::Splat, 64, 1));
+        let indices: Vec<u64> = samples.iter().map(|s| s.index).collect();
+        assert_eq!(indices, set.rig.nearest(&view().camera, 4));
+        assert!(samples.iter().all(|s| s.generation == set.generation));
+    }
+
+    #[test]
+    fn a_direct_view_takes_the_square_of_its_supersampling() {
+        let wish = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
+        let plan = plan(&View { plan: wish, ..view() }).unwrap();
+        assert_eq!(plan, Plan::Direct { samples_per_pixel: 16 });
+    }
+
+    #[test]
+    fn without_a_model_presets_of_explicit_searches_are_taken_by_what_they_are_called() {
+        let plan = |request| plan(&View { plan: request, ..view() }).unwrap();
+        let search = Some(Search::Splat);
+        let preset =
+            |preset| match plan(PlanRequest { preset: Some(preset), search, ..PlanRequest::default() }) {
+                Plan::Warp(warp) => (warp.supersampling, warp.samples.len(), warp.holes),
+                Plan::Direct { .. } => panic!("a warp"),
+            };
+        assert_eq!(preset(Preset::Interactive), (1, 2, Holes::Mark));
+        assert_eq!(preset(Preset::Balanced), (1, 4, Holes::Mark));
+        assert_eq!(preset(Preset::Exact), (2, 4, Holes::Trace), "a tile has four cameras");
+        let bounded = PlanRequest { max_error: Some(0.01), ..PlanRequest::default() };
+        assert_eq!(plan(bounded), Plan::Direct { samples_per_pixel: 16 });
+        let warped = plan(PlanRequest { search: Some(Search::Linear), ..bounded });
+        assert!(
+            matches!(warped, Plan::Warp(warp) if warp.search == Search::Linear),
+            "what is said goes first"
+        );
+    }
+
+    #[test]
+    fn a_pin_is_repeated_as_it_is() {
+        let free = plan(&searched()).unwrap();
+        assert_eq!(pinned(|_| ()).unwrap(), free);
+        let direct = Plan::Direct { samples_per_pixel: 9 };
+        assert_eq!(pinned(|p| p.plan = direct.clone()).unwrap(), direct);
+    }
+
+    #[test]
+    fn a_pin_of_other_samples_is_refused_and_one_of_none_is_not() {
+        let mapped = Sampling::MegaViews(MegaViews::default()).on_device("llvmpipe".to_owned());
+        let refused = pinned(|p| p.device = mapped.clone()).unwrap_err();
+        assert!(matches!(&refused, Fault::Pin(text) if text.contains("samples by megaviews")), "{refused:?}");
+        pinned(|p| p.device = "llvmpipe".to_owned()).unwrap();
+        let direct = Plan::Direct { samples_per_pixel: 1 };
+        pinned(|p| (p.plan, p.device) = (direct, "llvmpipe".to_owned())).unwrap();
+    }
+
+    #[test]
+    fn a_pin_that_cannot_be_repeated_is_rejected_by_field() {
+        for change in
+            [|p: &mut Provenance| p.scene = SceneHash([9; 32]), |p: &mut Provenance| p.generation += 1]
+        {
+            assert!(matches!(pinned(change), Err(Fault::Pin(_))));
+        }
+        let reject = |plan: Plan| match pinned(|p| p.plan = plan) {
+            Err(Fault::Invalid(at)) => at.field,
+            other => panic!("must be rejected by field, not {other:?}"),
+        };
+        for n in [0, 2, 63, 289] {
+            let field = reject(Plan::Direct { samples_per_pixel: n });
+            assert_eq!(field, "pin.plan.direct.samples_per_pixel", "{n}");
+        }
+        let warp = |ids: &[(u64, u64)], steps, supersampling| {
+            let id =
+                |&(generation, index): &(u64, u64)| SampleId { epoch: set_info().epoch, generation, index };
+            let samples = ids.iter().map(id).collect();
+            Plan::Warp(Warp { search: Search::Linear, steps, supersampling, samples, ..Warp::default() })
+        };
+        assert_eq!(reject(warp(&[(1, 0)], 0, 1)), "pin.plan.warp.steps");
+        assert_eq!(reject(warp(&[(1, 0)], 64, 9)), "pin.plan.warp.supersampling");
+        assert_eq!(reject(warp(&[], 64, 1)), "pin.plan.warp.samples");
+        assert_eq!(reject(warp(&[(1, u64::MAX)], 64, 1)), "pin.plan.warp.samples");
+        assert_eq!(reject(warp(&[(2, 0)], 64, 1)), "pin.plan.warp.samples");
+        let mixed = pinned(|p| p.epoch += 1);
+        assert!(
+            matches!(&mixed, Err(Fault::Invalid(at)) if at.field == "pin.plan.warp.samples"),
+            "{mixed:?}"
+        );
+        assert_eq!(reject(warp(&[(1, 0), (1, 0)], 64, 1)), "pin.plan.warp.samples");
+    }
+}

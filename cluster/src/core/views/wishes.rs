@@ -1,0 +1,148 @@
+//! What becomes of a view whose request states what it wants: the plan, and the judgement of its frames.
+
+use argus_scene::{Camera, Plan, Prediction, View};
+
+use super::quest::Quest;
+use super::{Cluster, Effect, Views};
+use crate::core::event::{Action, Ticket};
+use crate::core::quality::choose::{self, Candidate, Step, Wish};
+use crate::core::quality::{Model, Observed, Setting, Situation};
+use crate::core::workers::WorkKind;
+
+/// How a view is answered, and what is expected of that.
+#[derive(Debug, Clone)]
+pub(super) struct Planned {
+    pub(super) plan: Plan,
+    /// Absent without a model, and for plans that it does not know.
+    pub(super) expected: Option<Prediction>,
+    /// The search for a frame within a bound, where there is a bound and a model.
+    pub(super) quest: Option<Box<Quest>>,
+}
+
+impl Views {
+    /// The model of the workers' device, or one of another device: errors hardly differ, and costs are
+    /// corrected by what frames are seen to take.
+    fn model(&self, cluster: Cluster<'_>) -> Option<&Model> {
+        let of_a_worker =
+            |model: &&&Model| cluster.workers.iter().any(|worker| worker.hello().device == model.device);
+        let models = || self.models.iter().map(AsRef::as_ref);
+        models().find(|model| of_a_worker(&model)).or_else(|| models().next())
+    }
+
+    /// The plan of a view that is not pinned, by its wish if it has one that a model can answer; else `plain`,
+    /// which is what the request alone comes to.
+    pub(super) fn planned(&self, view: &View, plain: Plan, cluster: Cluster<'_>) -> Planned {
+        let Some(model) = self.model(cluster).filter(|_| view.pin.is_none()) else {
+            return Planned { plan: plain, expected: None, quest: None };
+        };
+        let set = cluster.samples.set();
+        let rig = (&set.rig, cluster.samples.sight());
+        let situation = Situation::new(&view.camera, view.height, rig, &set.bounds);
+        let pixels = u64::from(view.width) * u64::from(view.height);
+        let chosen = Wish::of(&view.plan).and_then(|wish| {
+            let candidates = model.candidates(&view.plan, &situation, pixels, &self.pace);
+            let step = choose::first(&candidates, &wish, |setting| self.wait_ms(setting, cluster))?;
+            let Step::Try { setting, expected, judged } = step else { return None };
+            let quest = Quest {
+                camera: view.camera,
+                request: view.plan,
+                wish,
+                situation,
+                pixels,
+                tried: vec![setting],
+                spent_ms: 0.0,
+                judged,
+            };
+            let quest = wish.max_error.is_some().then(|| Box::new(quest));
+            let plan = plan_of(setting, &view.camera, set.epoch, cluster);
+            Some(Planned { plan, expected: Some(expected), quest })
+        });
+        chosen.unwrap_or_else(|| {
+            let setting = Setting::of(&plain);
+            let expected = model.of(setting).map(|calibrated| Prediction {
+                error: calibrated.before.believe(&situation.0).upper(),
+                ms: calibrated.cost.ms(pixels) * self.pace.factor(setting),
+            });
+            Planned { plan: plain, expected, quest: None }
+        })
+    }
+
+    /// A frame that is to be judged begins to arrive: `observed` is what its pixels say, `ms` what rendering
+    /// it took. It is delivered, or thrown away for another try.
+    pub(in crate::core) fn judge(
+        &mut self,
+        (ticket, attempt): (Ticket, u32),
+        observed: Option<Observed>,
+        ms: f64,
+        cluster: Cluster<'_>,
+    ) -> Vec<Effect> {
+        if !self.is_current(ticket, attempt) {
+            return Vec::new();
+        }
+        let Some(mut quest) = self.views.get_mut(&ticket).and_then(|view| view.quest.take()) else {
+            let expected = Prediction { error: 1.0, ms };
+            return vec![Effect::Act(Action::Deliver { ticket, attempt, expected })];
+        };
+        self.learn_pace(ticket, ms, cluster);
+        quest.spent_ms += if ms >= 0.0 { ms } else { 0.0 };
+        match self.next_step(&quest, observed, cluster) {
+            Step::Deliver { expected } => {
+                quest.judged = false;
+                if let Some(view) = self.views.get_mut(&ticket) {
+                    view.quest = Some(quest);
+                    view.expected = Some(expected);
+                }
+                vec![Effect::Act(Action::Deliver { ticket, attempt, expected })]
+            }
+            Step::Try { setting, expected, judged } => {
+                // Its worker did well, and holds what the frame was made from.
+                let taken_back = self.take_back(ticket, true);
+                // Scene time may have gone on: a view stays in the epoch it was admitted in.
+                let served = cluster.samples.set().epoch;
+                let epoch = self.views.get(&ticket).map_or(served, |view| view.epoch);
+                let plan = plan_of(setting, &quest.camera, epoch, cluster);
+                quest.tried.push(setting);
+                quest.judged = judged;
+                self.counts.frames_refused += 1;
+                let kind = if setting.is_direct() { WorkKind::Direct } else { WorkKind::Views };
+                self.begin_again(ticket, plan, expected, quest);
+                taken_back.into_iter().chain([Effect::Asked(kind)]).collect()
+            }
+        }
+    }
+
+    fn next_step(&self, quest: &Quest, observed: Option<Observed>, cluster: Cluster<'_>) -> Step {
+        let nothing_known = Prediction { error: 1.0, ms: quest.spent_ms };
+        let (Some(model), Some(observed), Some(&seen)) = (self.model(cluster), observed, quest.tried.last())
+        else {
+            // A worker that says nothing of its frame leaves no choice.
+            return Step::Deliver { expected: nothing_known };
+        };
+        let candidates: Vec<Candidate<'_>> =
+            model.candidates(&quest.request, &quest.situation, quest.pixels, &self.pace);
+        let candidates = model.enlightened(&candidates, &quest.situation, seen, &observed);
+        choose::next(&candidates, &quest.wish, &quest.tried, quest.spent_ms, |setting| {
+            self.wait_ms(setting, cluster)
+        })
+    }
+
+    /// A frame of the view's plan took `ms` of rendering.
+    pub(super) fn learn_pace(&mut self, ticket: Ticket, ms: f64, cluster: Cluster<'_>) {
+        let Some(view) = self.views.get(&ticket) else { return };
+        let (setting, pixels) = (Setting::of(&view.plan), view.pixels);
+        let known = self.model(cluster).and_then(|model| model.of(setting));
+        if let Some(expected_ms) = known.map(|calibrated| calibrated.cost.ms(pixels)) {
+            self.pace.observe(setting, ms, expected_ms);
+        }
+    }
+
+    /// How long a view has to wait before a worker can begin with it.
+    fn wait_ms(&self, setting: Setting, cluster: Cluster<'_>) -> f64 {
+        self.expected_wait(setting.is_direct(), cluster).as_secs_f64() * 1e3
+    }
+}
+
+/// The plan of a setting from a viewpoint, in an epoch.
+fn plan_of(setting: Setting, camera: &Camera, epoch: u64, cluster: Cluster<'_>) -> Plan {
+    setting.plan(cluster.samples.sample_ids(camera, setting.samples(), epoch))
+}

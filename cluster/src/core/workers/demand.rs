@@ -1,0 +1,66 @@
+//! What is asked for, counted tick by tick.
+
+use super::balance::Demand;
+use crate::core::smooth::Rate;
+
+/// What the formula of the roles counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::core) enum WorkKind {
+    /// S: samples to render.
+    Samples,
+    /// D: views whose request, or whose bound on the error, calls for the triangles.
+    Direct,
+    /// Views from triangles whose request left the way open.
+    DirectAnywhere,
+    /// V: views from samples.
+    Views,
+    /// R: single rays.
+    Rays,
+}
+
+/// What is asked for per tick, of each kind.
+#[derive(Debug, Clone)]
+pub(super) struct Rates {
+    samples: Rate,
+    direct: Rate,
+    direct_anywhere: Rate,
+    views: Rate,
+    rays: Rate,
+}
+
+impl Rates {
+    /// Nothing counted yet; `weight` of the newest tick in (0, 1].
+    pub(super) fn new(weight: f64) -> Self {
+        let rate = || Rate::new(weight);
+        Self { samples: rate(), direct: rate(), direct_anywhere: rate(), views: rate(), rays: rate() }
+    }
+
+    /// Counts in the current tick.
+    pub(super) fn count(&mut self, kind: WorkKind, n: u64) {
+        let rate = match kind {
+            WorkKind::Samples => &mut self.samples,
+            WorkKind::Direct => &mut self.direct,
+            WorkKind::DirectAnywhere => &mut self.direct_anywhere,
+            WorkKind::Views => &mut self.views,
+            WorkKind::Rays => &mut self.rays,
+        };
+        rate.count(n);
+    }
+
+    /// Closes the tick.
+    pub(super) fn roll(&mut self) {
+        let Self { samples, direct, direct_anywhere, views, rays } = self;
+        [samples, direct, direct_anywhere, views, rays].into_iter().for_each(Rate::roll);
+    }
+
+    /// Per tick, over the ticks that are closed.
+    pub(super) fn demand(&self) -> Demand {
+        Demand {
+            samples: self.samples.per_tick(),
+            direct: self.direct.per_tick(),
+            direct_anywhere: self.direct_anywhere.per_tick(),
+            rays: self.rays.per_tick(),
+            views: self.views.per_tick(),
+        }
+    }
+}
