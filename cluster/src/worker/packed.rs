@@ -1,7 +1,7 @@
 //! Samples as they go over the wire, kept for a while.
 //!
-//! A sample is passed on to several workers, at nearly the same time (`core/spread.rs`). Who rendered it packs it once for all of
-//! them, and who received it has it packed already: what came is kept as it came, since whoever gets it checks it by its hash.
+//! A sample is passed on to several workers, at nearly the same time (`core/samples/distribution.rs`). Who rendered it packs
+//! it once for all of them, and who received it has it packed already: what came is kept as it came, since whoever gets it checks it by its hash.
 
 use std::sync::Arc;
 

@@ -85,25 +85,18 @@ impl Views {
     /// directly, until one has to wait; a view that is bound to certain workers holds no other up. `None`: all that are
     /// left have to wait.
     pub(in crate::core) fn next(&mut self, round: &mut Round, cluster: Cluster<'_>) -> Option<Given> {
-        while let Some(ticket) = round.bound.next() {
-            match self.place(ticket, cluster) {
-                Attempt::Given(given) => {
-                    self.waiting.remove(ticket);
-                    return Some(given);
-                }
-                Attempt::Over => self.waiting.remove(ticket),
-                Attempt::Full => {}
-            }
-        }
         loop {
-            let (ticket, line) = self.waiting.first(&round.full)?;
+            let (ticket, line) = match round.bound.next() {
+                Some(ticket) => (ticket, None),
+                None => self.waiting.first(&round.full).map(|(ticket, line)| (ticket, Some(line)))?,
+            };
             match self.place(ticket, cluster) {
                 Attempt::Given(given) => {
                     self.waiting.remove(ticket);
                     return Some(given);
                 }
                 Attempt::Over => self.waiting.remove(ticket),
-                Attempt::Full => round.full[line] = true,
+                Attempt::Full => line.into_iter().for_each(|line| round.full[line] = true),
             }
         }
     }

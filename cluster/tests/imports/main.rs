@@ -1,0 +1,124 @@
+//! The shape of the crate's larger modules: no files import one another in a circle, and the core's three parts are read in
+//! one direction.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+
+mod graph;
+mod source;
+
+use std::path::{Path, PathBuf};
+
+use graph::Graph;
+use source::Source;
+
+/// The modules of this crate below one folder of its sources.
+fn modules(folder: &str) -> Graph {
+    Graph::read(&sources().join(folder), &[folder])
+}
+
+fn sources() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+}
+
+/// Folders whose modules must not import one another in a circle.
+const WITHOUT_CIRCLES: [&str; 1] = ["core"];
+
+#[test]
+fn no_modules_import_one_another_in_a_circle() {
+    for folder in WITHOUT_CIRCLES {
+        let circles = modules(folder).circles();
+        assert!(circles.is_empty(), "modules of {folder} import one another:\n{}", circles.join("\n"));
+    }
+}
+
+#[test]
+fn the_cores_parts_are_read_in_one_direction() {
+    let core = modules("core");
+    for (part, others) in [("workers", vec!["samples", "views"]), ("samples", vec!["views"])] {
+        for other in others {
+            let imports = core.between(part, other);
+            assert!(imports.is_empty(), "{part} must not import {other}:\n{}", imports.join("\n"));
+        }
+        for above in ["machine", "status"] {
+            assert!(core.between(part, above).is_empty(), "{part} must not import {above}");
+        }
+    }
+    assert!(!core.between("samples", "workers").is_empty() && !core.between("views", "samples").is_empty());
+}
+
+#[test]
+fn the_cores_parts_keep_their_fields_to_themselves() {
+    for (file, part) in [("workers", "Workers"), ("samples", "Samples"), ("views", "Views")] {
+        let text = std::fs::read_to_string(sources().join(format!("core/{file}/mod.rs"))).unwrap();
+        let begin = text.find(&format!("struct {part} {{")).unwrap();
+        let fields = &text[begin..begin + text[begin..].find("\n}").unwrap()];
+        assert!(!fields.contains("pub"), "a field of {part} is not private");
+    }
+}
+
+/// A folder of these files, and what is found in it.
+fn circles_of(files: &[(&str, &str)]) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    for (path, text) in files {
+        let path = folder.path().join(path);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+    Graph::read(folder.path(), &["here"]).circles()
+}
+
+#[test]
+fn a_circle_is_found_however_its_imports_are_written() {
+    let found = circles_of(&[
+        ("mod.rs", "mod a; mod b; mod c;"),
+        ("a.rs", "use super::b::{self, B};"),
+        ("b.rs", "fn f() -> crate::here::c::C { loop {} }"),
+        ("c.rs", "use std::fmt; use crate::{other::X, here::{a::A as First}};"),
+    ]);
+    assert_eq!(found, ["a → b → c → a"]);
+}
+
+#[test]
+fn a_folder_and_its_sibling_must_not_import_one_another_even_through_different_files() {
+    let found = circles_of(&[
+        ("mod.rs", "mod part; mod b;"),
+        ("part/mod.rs", "mod x; mod y;"),
+        ("part/x.rs", "use crate::here::b::B;"),
+        ("part/y.rs", ""),
+        ("b.rs", "use super::part::y::Y;"),
+    ]);
+    assert_eq!(found, ["b → part → b"]);
+}
+
+#[test]
+fn a_name_that_a_module_passes_on_is_an_import_of_where_it_is_defined() {
+    let passed_on = [
+        ("mod.rs", "mod a; mod b; pub(crate) use a::A; struct Own;"),
+        ("a.rs", "use super::Own;"),
+        ("b.rs", "use super::A;"),
+    ];
+    assert_eq!(circles_of(&passed_on), [""; 0]);
+    let used_as_well =
+        [("mod.rs", "mod a; mod b; pub(crate) use a::A; struct Own(A);"), passed_on[1], passed_on[2]];
+    assert_eq!(circles_of(&used_as_well), ["mod → a → mod"]);
+}
+
+#[test]
+fn what_tests_import_is_no_circle() {
+    let found = circles_of(&[
+        ("mod.rs", "mod a; mod b; #[cfg(test)] mod scenarios;"),
+        ("a.rs", "#[cfg(test)] mod tests { use super::*; use crate::here::b::B; fn f() { let _ = '{'; } }"),
+        ("b.rs", "// use super::c::C;\nconst TEXT: &str = \"super::c::C\"; use super::a::A;"),
+        ("scenarios.rs", "use super::a::A;"),
+    ]);
+    assert_eq!(found, [""; 0]);
+}
+
+#[test]
+fn a_sources_names_are_read_whole() {
+    let text = "use a::{b::{C, D as E}, f::*};\npub use g::H;\nfn f<'a>(x: &'a crate::i::J) -> self::k::L { super::m::n() }\npub(in crate::o) fn p() {}";
+    let path = |path: &str| path.split("::").map(str::to_owned).collect::<Vec<_>>();
+    let read = Source::read(text);
+    let named = ["a::b::C", "a::b::D", "a::f::*", "crate::i::J", "self::k::L", "super::m::n"];
+    assert_eq!(read.named, named.map(path));
+    assert_eq!(read.exported, [("H".to_owned(), path("g::H"), false)]);
+}
