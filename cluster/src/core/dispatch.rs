@@ -11,7 +11,7 @@ use argus_scene::{Plan, Prediction, Preset, SampleId, View};
 
 use super::admission::Client;
 use super::directory::{Directory, Known};
-use super::event::{Action, Failure, Order, Source, Ticket, WorkerId};
+use super::event::{Action, Failure, LastView, Order, Source, Ticket, WorkerId};
 use super::machine::Core;
 use super::open::OpenView;
 use super::pending::{Pending, device_kind, sub_pixels};
@@ -32,7 +32,7 @@ impl Core {
         ticket: Ticket,
         (client, deadline): (Client, Option<Duration>),
         view: &View,
-        survey: Option<Box<Survey>>,
+        (survey, last): (Option<Box<Survey>>, Option<Box<LastView>>),
         now: Uptime,
         actions: &mut Vec<Action>,
     ) {
@@ -57,7 +57,7 @@ impl Core {
                     pixels,
                     epoch,
                     plan,
-                    open: OpenView::of(view, survey),
+                    open: OpenView::of(view, survey, last),
                     pinned: view.pin.is_some(),
                     expected,
                     quest,

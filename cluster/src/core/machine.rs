@@ -260,8 +260,8 @@ impl Core {
             Event::Joined { worker, hello } => self.join(worker, hello, now, &mut actions),
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.leave(worker, now, &mut actions),
-            Event::Asked { ticket, client, view, deadline, survey } => {
-                self.ask(ticket, (client, deadline), &view, survey, now, &mut actions);
+            Event::Asked { ticket, client, view, deadline, survey, last } => {
+                self.ask(ticket, (client, deadline), &view, (survey, last), now, &mut actions);
             }
             Event::Surveyed { pixels, survey } => self.learn_thought(pixels, &survey),
             Event::Judged { ticket, attempt, observed, ms } => {

@@ -8,8 +8,8 @@
 //! `directory` who renders it, `spread` how it reaches the others, `placement` where more samples are needed and
 //! `refine` who gets them,
 //! `epochs` which moment of an animated scene is served and `moments` what follows from it, [`plan`] how a view is
-//! answered, with what error and cost [`quality`], `wishes` what becomes of requests that state what they want,
-//! `status` tells it all.
+//! answered, with what error and cost [`quality`], `session_memory` what a session's next view keeps of the last one,
+//! `wishes` what becomes of requests that state what they want, `status` tells it all.
 
 mod admission;
 pub mod balance;
@@ -34,6 +34,7 @@ pub mod planner;
 pub mod quality;
 mod refine;
 mod roles;
+mod session_memory;
 mod silence;
 pub mod smooth;
 mod spread;
@@ -47,7 +48,9 @@ mod worker;
 
 pub use admission::Client;
 pub use config::Config;
-pub use event::{Action, Assignment, Event, Failure, Hello, Order, Report, Role, Source, Ticket, WorkerId};
+pub use event::{
+    Action, Assignment, Event, Failure, Hello, LastView, Order, Report, Role, Source, Ticket, WorkerId,
+};
 pub use machine::{Core, Counters};
 pub use open::SurveyWanted;
 pub use placement::Refinements;

@@ -6,11 +6,12 @@ use argus_scene::frame::Decision;
 use argus_scene::rig::{Among, Sight, Survey};
 use argus_scene::{Camera, Holes, Plan, Rig, SampleId, Search, View, Warp};
 
-use super::event::{Action, Source, Ticket, WorkerId};
+use super::event::{Action, LastView, Source, Ticket, WorkerId};
 use super::machine::Core;
 use super::pending::Pending;
 use super::plan::samples_per_pixel;
-use super::planner::{self, Aim, MOST_TEXEL_PIXELS, Offer, predicted_excess};
+use super::planner::{Aim, MOST_TEXEL_PIXELS, Offer, predicted_excess};
+use super::session_memory::{Memory, choose_after};
 use super::worker::Worker;
 
 /// Workers with the shortest queues that are asked for an offer, and holders of samples beside them.
@@ -45,17 +46,24 @@ pub(super) struct OpenView {
     pub(super) aim: Aim,
     /// What it will show, where that is known.
     pub(super) survey: Option<Box<Survey>>,
+    /// What its session remembers.
+    memory: Option<Memory>,
     /// How it was last decided to be answered.
     pub(super) decision: Option<Decision>,
 }
 
 impl OpenView {
     /// Of a view that is not pinned and whose request leaves the way open.
-    pub(super) fn of(view: &View, survey: Option<Box<Survey>>) -> Option<Box<Self>> {
+    pub(super) fn of(
+        view: &View,
+        survey: Option<Box<Survey>>,
+        last: Option<Box<LastView>>,
+    ) -> Option<Box<Self>> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let samples_per_pixel = samples_per_pixel(&view.plan);
         let aim = Aim::of(&view.plan);
-        open.then(|| Box::new(Self { samples_per_pixel, aim, survey, decision: None }))
+        let memory = last.and_then(|last| Memory::of(view, *last));
+        open.then(|| Box::new(Self { samples_per_pixel, aim, survey, memory, decision: None }))
     }
 }
 
@@ -93,9 +101,13 @@ impl SurveyWanted {
 impl Core {
     /// What is to be found out about a view before it is asked for; `None` where that would change nothing: its way is not
     /// open, or nobody holds a sample near it.
-    pub fn survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
+    pub fn survey_wanted(&self, view: &View, last: Option<&LastView>) -> Option<SurveyWanted> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
-        self.survey_of(if open { self.held_around(&view.camera) } else { Vec::new() })
+        let mut candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
+        // A frame may be repeated from samples that are no longer among the nearest ones.
+        let memory = last.filter(|_| open).and_then(|last| Memory::of(view, last.clone()));
+        candidates.extend(memory.iter().flat_map(Memory::samples).map(|id| id.index));
+        self.survey_of(candidates)
     }
 
     /// What is to be found out about a view, while nobody waits for it, to see which samples would be worth their price;
@@ -219,7 +231,8 @@ impl Core {
     pub(super) fn place_open(&mut self, ticket: Ticket, actions: &mut Vec<Action>) -> bool {
         let Some(view) = self.views.get(&ticket) else { return true };
         let Some(open) = &view.open else { return true };
-        let Some((offer, decision)) = planner::choose(self.offers(view, open), &open.aim) else {
+        let Some((offer, decision)) = choose_after(self.offers(view, open), &open.aim, open.memory.as_ref())
+        else {
             return false;
         };
         let is_first = view.attempt == 0;
@@ -255,24 +268,20 @@ impl Core {
             let wait_ms = self.wait_before(worker);
             let cost = self.direct_cost(worker);
             let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
-            let base = Offer {
-                worker: worker.id,
-                turn,
-                plan: Plan::Direct { samples_per_pixel: open.samples_per_pixel },
-                wait_ms,
-                render_ms: cost.map(|cost| cost.ms(work)),
-                excess: 0.0,
-                is_sound: true,
-            };
-            let (Some(warp_cost), held) = (worker.report.warp_cost, self.held_for(worker, view, open)) else {
-                offers.push(base);
-                continue;
-            };
-            let plan = known.entry(held.clone()).or_insert_with(|| self.warp_from(&held, open));
-            if let Some(FromSamples { plan, uncovered, excess, is_sound }) = plan.clone() {
-                let rays_ms = worker.report.ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
-                let render_ms = Some(warp_cost.ms(work) + rays_ms);
-                offers.push(Offer { plan, render_ms, excess, is_sound, ..base.clone() });
+            let plan = Plan::Direct { samples_per_pixel: open.samples_per_pixel };
+            let render_ms = cost.map(|cost| cost.ms(work));
+            let repeats = self.repeats(worker, open, &plan);
+            let (id, excess, is_sound) = (worker.id, 0.0, true);
+            let base = Offer { worker: id, turn, plan, wait_ms, render_ms, excess, is_sound, repeats };
+            let warp_ms = worker.report.warp_cost.map(|cost| cost.ms(work));
+            for held in self.bundles(worker, view, open) {
+                let plan = known.entry(held.clone()).or_insert_with(|| self.warp_from(&held, open));
+                if let Some(FromSamples { plan, uncovered, excess, is_sound }) = plan.clone() {
+                    let rays_ms = worker.report.ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
+                    let render_ms = warp_ms.map(|ms| ms + rays_ms);
+                    let repeats = self.repeats(worker, open, &plan);
+                    offers.push(Offer { plan, render_ms, excess, is_sound, repeats, ..base.clone() });
+                }
             }
             offers.push(base);
         }
@@ -340,6 +349,25 @@ impl Core {
                 if nearest.iter().all(|index| has(*index)) { nearest } else { Vec::new() }
             }
         }
+    }
+
+    /// The sets of samples that a worker could answer a view from: the best ones that it holds, and those of the frame that is
+    /// to be repeated. None at a worker that has not measured what views from samples cost.
+    fn bundles(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Vec<Vec<u64>> {
+        if worker.report.warp_cost.is_none() {
+            return Vec::new();
+        }
+        let held = self.held_for(worker, view, open);
+        let again: Vec<SampleId> = open.memory.iter().flat_map(Memory::samples).collect();
+        let has_all = again.iter().all(|id| worker.has(*id) && *id == self.served(id.index));
+        let again: Vec<u64> = again.iter().map(|id| id.index).filter(|_| has_all).collect();
+        if again.is_empty() || again == held { vec![held] } else { vec![held, again] }
+    }
+
+    /// Whether that plan at that worker repeats the session's last frame.
+    fn repeats(&self, worker: &Worker, open: &OpenView, plan: &Plan) -> bool {
+        let device = &worker.hello.device;
+        open.memory.as_ref().is_some_and(|memory| memory.is_repeated_by(plan, self.set.epoch, device))
     }
 
     /// What a view would be from those cameras' samples; `None` without samples.
