@@ -46,7 +46,6 @@ pub(super) fn answer<'a>(
                     Effect::Send(chunk) => yield Ok(Answer::Chunk(chunk)),
                     Effect::Redirect(elsewhere) => yield Ok(Answer::Elsewhere(elsewhere)),
                     Effect::Fail(status) => yield Err(status),
-                    // Reading to the end lets the worker's stream close in order, if it does soon.
                     Effect::SeeOff => view.see_off().await,
                     told => view.tell(told),
                 }
@@ -94,6 +93,8 @@ impl<'a> Underway<'a> {
             }
         }
     }
+
+    /// Reads a worker's stream to its end, which lets it close in order, if it does soon.
     async fn see_off(&mut self) {
         if let Some(stream) = &mut self.stream {
             let _ = tokio::time::timeout(LAST_WORD, stream.message()).await;
