@@ -49,7 +49,7 @@ pub(crate) fn write_range_exr(path: &Path, width: u32, height: u32, range: &[u8]
     let values: Vec<f32> = values.iter().map(|value| f32::from_le_bytes(*value)).collect();
     let channel = AnyChannel::new(RANGE_CHANNEL, FlatSamples::F32(values));
     let image = ExrImage::from_channels(
-        [width as usize, height as usize],
+        (width as usize, height as usize),
         AnyChannels::sort(SmallVec::from_vec(vec![channel])),
     );
     // The encoder seeks, so it gets the file itself.

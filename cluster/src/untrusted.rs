@@ -56,6 +56,7 @@ fn ask(core: &mut Core, view: View, now: Uptime) {
         view: Box::new(view),
         deadline: None,
         survey: None,
+        last: None,
     };
     core.step(event, now);
 }

@@ -98,17 +98,23 @@ pub enum Reason {
     FrameFellShort,
     /// Beyond the error bound, since a frame within it would have come too late.
     TimeFirst,
+    /// As the session's last frame: its camera stands still, or its way has just changed.
+    Kept,
+    /// Otherwise than the session's last frame, whose camera stands still: this frame is predicted to have less error.
+    Upgrade,
 }
 
 impl Reason {
     /// All of them, in the order of their numbers on the wire, from 1.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 8] = [
         Self::Requested,
         Self::Soonest,
         Self::NoSamples,
         Self::SamplesFallShort,
         Self::FrameFellShort,
         Self::TimeFirst,
+        Self::Kept,
+        Self::Upgrade,
     ];
 
     /// A phrase for people.
@@ -120,6 +126,8 @@ impl Reason {
             Self::SamplesFallShort => "samples too coarse, or miss a part",
             Self::FrameFellShort => "the frame from samples fell short",
             Self::TimeFirst => "time before error",
+            Self::Kept => "as the frame before it",
+            Self::Upgrade => "upgraded to less error",
         }
     }
 }

@@ -87,8 +87,8 @@ fn field<T: DeserializeOwned>(name: &'static str, value: &Value) -> Result<T, In
 /// What a page shows beside an image: how it was made and what it cost.
 ///
 /// `way` is `direct` (rendered from the triangles), `samples`, or `samples and rays` where rays were traced for
-/// pixels that no sample saw. `samples` counts them, 0 for a direct view. `stages` are the timed steps with their
-/// `ms`; `rendering_ms` sums up those that are rendering. `age_ms` is the time since the request reached the service.
+/// pixels that no sample saw. `because` says why that way, or is null where it was requested. `samples` counts them, 0
+/// for a direct view. `stages` are the timed steps with their `ms`; `rendering_ms` sums up those that are rendering. `age_ms` is the time since the request reached the service.
 /// `predicted` is the expected `error` and `ms`, or null.
 pub(super) fn about(frame: &Frame, meta: &FrameMeta) -> Map<String, Value> {
     let (search, way, samples) = match &frame.provenance.plan {
@@ -101,6 +101,7 @@ pub(super) fn about(frame: &Frame, meta: &FrameMeta) -> Map<String, Value> {
     let about = json!({
         "search": search,
         "way": way,
+        "because": frame.decision.map(|decision| decision.reason.phrase()),
         "samples": samples,
         "unresolved_fraction": frame.unresolved_fraction,
         "rendering_ms": frame.rendering_ms(),

@@ -15,12 +15,11 @@ use tokio_util::sync::CancellationToken;
 use tonic::{Request, Status};
 use tracing::{debug, info, warn};
 
-use super::Config;
-use super::redirect::{Place, Tickets};
-use super::watch::Frames;
+use super::config::Config;
+use super::frames::Frames;
+use super::tickets::{Redirect, Tickets};
 use crate::SceneSource;
-use crate::core::quality::Observed;
-use crate::core::{Action, Client, Core, Event, Failure, Hello, Order, Ticket, Uptime, WorkerId};
+use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, Ticket, Uptime, WorkerId};
 use crate::leadership::Held;
 use crate::net::Channels;
 use crate::sealed::{Kind, SealKey};
@@ -92,35 +91,15 @@ struct Door {
     key: SealKey,
     /// Of the newest ticket.
     serial: u64,
-    /// One for each detour besides this.
+    /// One for each client that is on its way, besides this.
     out: Arc<()>,
     /// For as long as the key is good.
     open: Arc<()>,
 }
 
-/// What a client is told that shall fetch its frame from a worker.
-pub(super) struct Detour {
-    pub(super) elsewhere: v1::Elsewhere,
-    key: SealKey,
-    /// Of the ticket.
-    serial: u64,
-    place: Place,
-    _out: Arc<()>,
-}
-
 /// Most clients that are on their way to one worker: some of its places are left to frames that are relayed, should
 /// clients take their time.
 const MOST_OUT: usize = 64;
-
-impl Detour {
-    /// What the worker says of the frame, if the receipt is of this detour's ticket, which is good for nothing then.
-    pub(super) fn returned(&mut self, receipt: &v1::Sealed) -> Option<v1::FrameHeader> {
-        let receipt: v1::Receipt = self.key.open(Kind::Receipt, receipt)?;
-        let header = receipt.header.filter(|_| receipt.serial == self.serial)?;
-        self.place.returned = true;
-        Some(header)
-    }
-}
 
 /// A worker that joined: its id, what to send it, and the token that ends its stream.
 pub(super) struct Seated {
@@ -336,10 +315,16 @@ impl Hub {
         self.step_locked(&mut state, Event::Left { worker });
     }
 
-    /// Asks for a view; the verdicts come through what is returned.
-    pub(super) fn ask(self: &Arc<Self>, client: Client, view: View, deadline: Option<Duration>) -> Asked {
+    /// Asks for a view; the verdicts come through what is returned, until [`Hub::end_view`].
+    pub(super) fn begin_view(
+        self: &Arc<Self>,
+        client: Client,
+        view: View,
+        deadline: Option<Duration>,
+        last: Option<Box<LastView>>,
+    ) -> (Ticket, UnboundedReceiver<Verdict>) {
         let (sender, verdicts) = unbounded_channel();
-        let survey = self.survey(&view);
+        let survey = self.survey(&view, last.as_deref());
         let mut state = self.state.lock();
         let ticket = Ticket(state.next_id);
         state.next_id += 1;
@@ -349,19 +334,29 @@ impl Hub {
                 state.views.insert(ticket, sender);
                 self.step_locked(
                     &mut state,
-                    Event::Asked { ticket, client, view: Box::new(view), deadline, survey },
+                    Event::Asked { ticket, client, view: Box::new(view), deadline, survey, last },
                 );
             }
         }
-        drop(state);
-        Asked { hub: self.clone(), ticket, verdicts, open: true }
+        (ticket, verdicts)
+    }
+
+    /// Nobody waits for verdicts about a view any more, for the reason that the event tells.
+    pub(super) fn end_view(&self, ticket: Ticket, event: Event) {
+        let mut state = self.state.lock();
+        state.views.remove(&ticket);
+        self.step_locked(&mut state, event);
+        // Another attempt may have begun before this one's end was said.
+        if state.core.is_open(ticket) {
+            self.step_locked(&mut state, Event::Cancelled { ticket });
+        }
     }
 
     /// What is to be known of a view before it is asked for. Rays are sent while nobody waits for the core; those that tell
     /// what to invest in, on another thread.
-    fn survey(self: &Arc<Self>, view: &View) -> Option<Box<Survey>> {
+    fn survey(self: &Arc<Self>, view: &View, last: Option<&LastView>) -> Option<Box<Survey>> {
         let sight = self.sight.as_ref()?;
-        let (wanted, thought) = self.look(|core| (core.survey_wanted(view), core.thought_wanted(view)));
+        let (wanted, thought) = self.look(|core| (core.survey_wanted(view, last), core.thought_wanted(view)));
         if let Some(thought) = thought {
             let (hub, sight, view) = (self.clone(), sight.clone(), view.clone());
             tokio::task::spawn_blocking(move || {
@@ -373,16 +368,16 @@ impl Hub {
         wanted.map(|wanted| Box::new(wanted.take(view, sight.as_ref())))
     }
 
-    /// Sends a client to the worker with that request, as the session's detour of that number; `None` where clients do not
+    /// Sends a client to the worker with that request, as the session's redirect of that number; `None` where clients do not
     /// reach it, enough are on their way, or this one has enough tickets.
-    pub(super) fn detour(
+    pub(super) fn redirect(
         &self,
         worker: WorkerId,
         client: &Client,
         request: Request<v1::RenderRequest>,
         age: Duration,
         number: u64,
-    ) -> Option<Detour> {
+    ) -> Option<Redirect> {
         let mut state = self.state.lock();
         let most = state.core.config().max_views_per_client;
         let seat = state.seats.get_mut(&worker)?;
@@ -399,7 +394,7 @@ impl Hub {
         let ticket = v1::Ticket { serial, request: Some(request.into_inner()), traceparent };
         let ticket = Some(key.seal(Kind::Ticket, &ticket));
         let elsewhere = v1::Elsewhere { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial: number };
-        Some(Detour { elsewhere, key, serial, place, _out: out })
+        Some(Redirect { elsewhere, key, serial, place, _out: out })
     }
 
     /// Counts a session, if its client may open one.
@@ -427,71 +422,4 @@ impl Hub {
 fn stands_by(leader: Option<&str>) -> Fault {
     let who = leader.map_or_else(|| "another one will lead".to_owned(), |leader| format!("{leader} leads"));
     Fault::Unavailable(format!("this coordinator stands by, {who}"))
-}
-
-/// A view that was asked for. Dropping it before it ended cancels it.
-pub(super) struct Asked {
-    hub: Arc<Hub>,
-    ticket: Ticket,
-    verdicts: UnboundedReceiver<Verdict>,
-    open: bool,
-}
-
-impl Asked {
-    /// The next verdict.
-    pub(super) async fn verdict(&mut self) -> Verdict {
-        match self.verdicts.recv().await {
-            Some(Ok(ruling)) => Ok(ruling),
-            Some(Err(fault)) => {
-                self.open = false;
-                Err(fault)
-            }
-            None => Err(Fault::Unavailable("the coordinator is shutting down".to_owned())),
-        }
-    }
-
-    /// The frame of that attempt begins to arrive, and is to be judged: a verdict follows.
-    pub(super) fn judge(&self, attempt: u32, observed: Option<Observed>, ms: f64) {
-        self.hub.step(Event::Judged { ticket: self.ticket, attempt, observed, ms });
-    }
-
-    /// The frame of that attempt was relayed whole; `uncovered` of its pixels no sample saw. Rendering took `ms`,
-    /// if that was not said before.
-    pub(super) fn answered(mut self, attempt: u32, uncovered: Option<u64>, ms: Option<f64>) {
-        self.end(Event::Answered { ticket: self.ticket, attempt, uncovered, ms });
-    }
-
-    /// The view failed for good.
-    pub(super) fn failed(mut self, attempt: u32) {
-        self.end(Event::Failed { ticket: self.ticket, attempt, failure: Failure::Final });
-    }
-
-    /// That attempt failed, and its worker is to blame; a verdict follows.
-    pub(super) fn blame_worker(&self, attempt: u32) {
-        self.hub.step(Event::Failed { ticket: self.ticket, attempt, failure: Failure::OfWorker });
-    }
-
-    /// That attempt came to nothing, which says nothing of its worker; a verdict follows.
-    pub(super) fn try_elsewhere(&self, attempt: u32) {
-        self.hub.step(Event::Failed { ticket: self.ticket, attempt, failure: Failure::TryElsewhere });
-    }
-
-    fn end(&mut self, event: Event) {
-        self.open = false;
-        let mut state = self.hub.state.lock();
-        state.views.remove(&self.ticket);
-        self.hub.step_locked(&mut state, event);
-        // Another attempt may have begun before this one's end was said. Nobody waits for it.
-        if state.core.is_open(self.ticket) {
-            self.hub.step_locked(&mut state, Event::Cancelled { ticket: self.ticket });
-        }
-    }
-}
-
-impl Drop for Asked {
-    fn drop(&mut self) {
-        if self.open {
-            self.end(Event::Cancelled { ticket: self.ticket });
-        }
-    }
 }

@@ -1,23 +1,37 @@
 //! The coordinator's shell: sockets and clocks around [`crate::core`].
+//!
+//! A view comes in at `views`, or at `session` for a moving camera, whose words `inbox` keeps. `drive` takes it along the
+//! states of `view_path`, which is pure: `asked` holds it at the core, `relayed` what the client has of its frame, `redirect`
+//! sends clients to workers with `tickets`, `memory` what a session knows of its last view. `hub` holds the core behind a lock. `cluster` is what workers join, `scenes` where
+//! they fetch the scene, `lead` keeps the lease, `watch` and `frames` serve those who watch.
 
+mod asked;
+mod checks;
 mod cluster;
 mod config;
+mod drive;
+mod frames;
 mod hub;
+mod inbox;
 mod lead;
+mod memory;
 mod redirect;
-mod relay;
+mod relayed;
 mod scenes;
 mod session;
+mod tickets;
+mod view_path;
 mod views;
+mod wanted;
 mod watch;
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::cluster_server::ClusterServer;
 use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
+use argus_proto::{FILE_DESCRIPTOR_SET, v1};
 use argus_scene::rig::Sight;
 use argus_scene::{InvalidField, Rig, SampleSetInfo, Sampling, Surroundings, Visibility};
 use tokio_util::sync::CancellationToken;
@@ -26,8 +40,7 @@ use tonic::service::Routes;
 use tracing::info;
 
 pub use config::{Config, ServeError};
-pub(crate) use redirect::learn;
-pub(crate) use session::hear;
+pub(crate) use inbox::hear;
 
 use self::hub::Hub;
 use crate::core::{Core, Event};
@@ -156,6 +169,14 @@ pub async fn serve(
     served?;
     info!("coordinator stopped");
     Ok(())
+}
+
+/// What a coordinator learns of a frame that it did not see, for fuzzing: pixels that no sample saw, and milliseconds.
+pub(crate) fn learn(header: &v1::FrameHeader) -> (u64, f64) {
+    let frames = frames::Frames::default();
+    frames.arrived(header);
+    frames.registry();
+    (relayed::uncovered(header), relayed::rendering_ms(header))
 }
 
 /// What views show and what stands between them and cameras, found out off the async threads.

@@ -9,20 +9,19 @@ use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Description, v1};
 use argus_scene::scene::NamedCamera;
-use argus_scene::{InvalidField, PlanRequest, Search, View};
-use futures::Stream;
+use argus_scene::{InvalidField, PlanRequest, Search};
+use futures::{Stream, StreamExt};
 use tokio::time::Instant;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::debug_span;
 
+use super::checks::checked_request;
+use super::drive::{Answer, answer};
 use super::hub::Hub;
-use super::relay::{Wanted, relay};
 use super::session;
+use super::wanted::Wanted;
 use crate::security::guard::Caller;
 use crate::taken::in_time;
-
-/// The longest `view_id` that is carried around.
-const MAX_VIEW_ID: usize = 128;
 
 /// The service.
 pub(super) struct ViewsService {
@@ -65,22 +64,6 @@ impl ViewsService {
     }
 }
 
-/// Checks a view as it came.
-pub(super) fn checked(hub: &Hub, wire: Option<&v1::View>) -> Result<View, InvalidField> {
-    let wire = wire.cloned().ok_or_else(|| InvalidField::new("view", "must be given"))?;
-    let view = View::try_from(wire)?;
-    view.validate(&hub.standing.limits)?;
-    Ok(view)
-}
-
-/// Checks how the images of a frame shall be packed.
-pub(super) fn checked_encoding(encoding: i32) -> Result<i32, InvalidField> {
-    match v1::Encoding::try_from(encoding) {
-        Ok(_) => Ok(encoding),
-        Err(_) => Err(InvalidField::new("encoding", format!("{encoding} is not a known value"))),
-    }
-}
-
 #[tonic::async_trait]
 impl Views for ViewsService {
     type RenderStream = Streamed<v1::FrameChunk>;
@@ -107,30 +90,24 @@ impl Views for ViewsService {
         continued(&span, request.metadata());
         let client = Caller::of(&request).name;
         let request = request.into_inner();
-        let view = checked(&self.hub, request.view.as_ref()).map_err(invalid)?;
-        let encoding = checked_encoding(request.encoding).map_err(invalid)?;
-        if request.view_id.len() > MAX_VIEW_ID {
-            let reason = format!("must be at most {MAX_VIEW_ID} bytes, not {}", request.view_id.len());
-            return Err(invalid(InvalidField::new("view_id", reason)));
-        }
-        if request.order.is_some() {
-            return Err(invalid(InvalidField::new(
-                "order",
-                "must be absent: only a coordinator gives orders",
-            )));
-        }
+        let view = checked_request(&self.hub, &request).map_err(invalid)?;
         let wanted = Wanted {
             client,
             view,
             wire: request.view.unwrap_or_default(),
             view_id: request.view_id,
             deadline: (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into())),
-            encoding,
+            encoding: request.encoding,
             history: String::new(),
             arrived,
             span,
         };
-        let frame = relay(self.hub.clone(), wanted);
+        let frame = answer(self.hub.clone(), wanted, None).filter_map(async |answer| match answer {
+            Ok(Answer::Chunk(chunk)) => Some(Ok(chunk)),
+            // The client of a single view is sent nowhere.
+            Ok(Answer::Elsewhere(_)) => None,
+            Err(status) => Some(Err(status)),
+        });
         Ok(Response::new(Box::pin(in_time(frame, self.hub.read_within))))
     }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::frame::Decision;
+use argus_scene::frame::{Decision, Provenance, Reason};
 use argus_scene::rig::Survey;
 use argus_scene::{Plan, Prediction, SampleId, View, Visibility};
 use serde::Serialize;
@@ -123,6 +123,19 @@ pub struct Report {
     pub ways: Vec<(Visibility, f64)>,
 }
 
+/// A session's last answered view whose request left the way open.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LastView {
+    /// What was asked for.
+    pub view: View,
+    /// What its frame was made of.
+    pub provenance: Provenance,
+    /// Why it was answered so.
+    pub reason: Reason,
+    /// Time since the session's frames last changed their way; `None`: they never did.
+    pub since_change: Option<Duration>,
+}
+
 /// How an attempt at a view ended without its frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Failure {
@@ -168,6 +181,8 @@ pub enum Event {
         deadline: Option<Duration>,
         /// What the view will show, where that is known: see [`super::Core::survey_wanted`].
         survey: Option<Box<Survey>>,
+        /// Its session's last view, where it has one.
+        last: Option<Box<LastView>>,
     },
     /// What a view shows is known, and which samples would show it: see [`super::Core::thought_wanted`].
     Surveyed {

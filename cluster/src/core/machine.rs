@@ -10,7 +10,7 @@ use argus_scene::rig::Sight;
 use argus_scene::{SampleSetInfo, View};
 
 use super::config::Config;
-use super::event::{Action, Event, Hello, Report, Ticket, WorkerId};
+use super::event::{Action, Event, Hello, LastView, Report, Ticket, WorkerId};
 use super::quality::Model;
 use super::samples::Samples;
 use super::status::Status;
@@ -111,8 +111,8 @@ impl Core {
 
     /// What is to be found out about a view before it is asked for; `None` where that would change nothing: its way is not
     /// open, or no worker holds a sample near it.
-    pub fn survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
-        self.cluster().survey_wanted(view)
+    pub fn survey_wanted(&self, view: &View, last: Option<&LastView>) -> Option<SurveyWanted> {
+        self.cluster().survey_wanted(view, last)
     }
 
     /// What is to be found out about a view, while no client waits for it, to see which samples would be worth their price;
@@ -143,9 +143,9 @@ impl Core {
             Event::Joined { worker, hello } => self.join(worker, hello, now, &mut actions),
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.lose(worker, now, &mut actions),
-            Event::Asked { ticket, client, view, deadline, survey } => {
+            Event::Asked { ticket, client, view, deadline, survey, last } => {
                 self.samples.wake(now, self.views.needed_epochs());
-                let asked = Asked { ticket, client, view: &view, deadline, survey };
+                let asked = Asked { ticket, client, view: &view, deadline, survey, last };
                 self.on_views(now, &mut actions, |views, cluster| views.ask(asked, cluster, now));
             }
             Event::Surveyed { pixels, survey } => self

@@ -38,7 +38,8 @@ mod workers;
 
 pub use config::Config;
 pub use event::{
-    Action, Assignment, Client, Event, Failure, Hello, Order, Report, Role, Source, Ticket, WorkerId,
+    Action, Assignment, Client, Event, Failure, Hello, LastView, Order, Report, Role, Source, Ticket,
+    WorkerId,
 };
 pub use machine::Core;
 pub use samples::Refinements;

@@ -55,7 +55,7 @@ fn pinned(sim: &mut Sim, epoch: u64, plan: Plan) -> Ticket {
         pin: Some(Provenance { scene, epoch, generation, plan, device, history: false }),
     });
     let client = "a client".into();
-    sim.step(Event::Asked { ticket, client, view, deadline: None, survey: None });
+    sim.step(Event::Asked { ticket, client, view, deadline: None, survey: None, last: None });
     ticket
 }
 

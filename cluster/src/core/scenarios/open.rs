@@ -1,6 +1,8 @@
 //! Views whose request leaves the way open: answered at once, by anyone, in the way that is done first.
 
-use argus_scene::frame::Reason;
+use std::time::Duration;
+
+use argus_scene::frame::{Provenance, Reason};
 use argus_scene::rig::{Sight, Target};
 use argus_scene::{Camera, Outputs, Plan, PlanRequest, SampleId, View};
 use glam::DVec3;
@@ -55,15 +57,20 @@ fn view() -> View {
 
 /// Asks for a view with what is to be known of it before.
 fn ask(sim: &mut Sim, view: &View) -> Ticket {
+    ask_after(sim, view, None)
+}
+
+/// Asks for the next view of a session.
+fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> Ticket {
     let ticket = Ticket(sim.next);
     sim.next += 1;
-    let survey = sim.core.survey_wanted(view).map(|wanted| Box::new(wanted.take(view, &Open)));
+    let survey = sim.core.survey_wanted(view, last.as_ref()).map(|wanted| Box::new(wanted.take(view, &Open)));
     if let Some(thought) = sim.core.thought_wanted(view) {
         let pixels = u64::from(view.width) * u64::from(view.height);
         sim.step(Event::Surveyed { pixels, survey: Box::new(thought.take(view, &Open)) });
     }
-    let (client, view) = ("a client".into(), Box::new(view.clone()));
-    sim.step(Event::Asked { ticket, client, view, deadline: None, survey });
+    let (client, view, last) = ("a client".into(), Box::new(view.clone()), last.map(Box::new));
+    sim.step(Event::Asked { ticket, client, view, deadline: None, survey, last });
     ticket
 }
 
@@ -183,4 +190,89 @@ fn where_triangles_are_cheaper_no_sample_is_ever_rendered() {
         sim.step(Event::Tick);
     }
     assert!(sim.workers.values().all(|worker| worker.report.held.is_empty()));
+}
+
+/// What a session's shell keeps of a view that was answered as it was ordered.
+fn remembered(sim: &Sim, view: &View, ticket: Ticket, since_change: Option<Duration>) -> LastView {
+    let order = &sim.orders[&ticket];
+    let provenance = Provenance {
+        scene: sim.core.set().scene,
+        epoch: order.epoch,
+        generation: sim.core.set().generation,
+        plan: order.plan.clone(),
+        device: "device".to_owned(),
+        history: false,
+    };
+    LastView { view: view.clone(), provenance, reason: order.decision.unwrap().reason, since_change }
+}
+
+/// What views cost at every worker from now on.
+fn costs(sim: &mut Sim, direct_ms: f64, warp_ms: f64) {
+    let cost = |fixed_ms| Some(Cost { fixed_ms, ms_per_megapixel: 0.0 });
+    for worker in sim.workers.values_mut() {
+        (worker.report.direct_cost, worker.report.warp_cost) = (cost(direct_ms), cost(warp_ms));
+    }
+    sim.report_all();
+}
+
+#[test]
+fn a_session_whose_camera_stands_still_gets_the_same_plan_while_its_samples_are_held() {
+    let mut sim = measured(40.0, 10.0);
+    hold(&mut sim);
+    let first = ask(&mut sim, &view());
+    let plan = sim.orders[&first].plan.clone();
+    assert!(!is_direct(&sim, first));
+    let last = remembered(&sim, &view(), first, Some(Duration::ZERO));
+    sim.answer_taking(first, 10.0);
+    // From triangles would now be sooner, and the way has just changed.
+    costs(&mut sim, 5.0, 10.0);
+    let again = ask_after(&mut sim, &view(), Some(last.clone()));
+    assert_eq!(
+        (&sim.orders[&again].plan, sim.orders[&again].decision.unwrap().reason),
+        (&plan, Reason::Kept)
+    );
+    sim.answer_taking(again, 10.0);
+    // Long after, that is an upgrade.
+    let calm = LastView { since_change: Some(Duration::from_secs(3)), ..last.clone() };
+    let later = ask_after(&mut sim, &view(), Some(calm));
+    assert_eq!(sim.orders[&later].decision.unwrap().reason, Reason::Upgrade);
+    assert!(is_direct(&sim, later));
+    sim.answer_taking(later, 5.0);
+    // And a lost sample changes the plan at once.
+    for id in sim.workers.keys().copied().collect::<Vec<_>>() {
+        sim.workers.get_mut(&id).unwrap().report.held.clear();
+        sim.report(id);
+    }
+    let lost = ask_after(&mut sim, &view(), Some(last));
+    assert_eq!(sim.orders[&lost].decision.unwrap().reason, Reason::NoSamples);
+}
+
+#[test]
+fn a_session_that_moves_changes_its_way_at_most_once_in_two_seconds() {
+    let mut sim = measured(40.0, 10.0);
+    hold(&mut sim);
+    let mut view = view();
+    let mut last: Option<(LastView, bool)> = None;
+    let (mut changed, mut changes) = (None, Vec::new());
+    for frame in 0..200 {
+        let now = Duration::from_millis(50 * frame);
+        view.camera.eye.x += 1e-3;
+        match frame % 2 {
+            0 => costs(&mut sim, 12.0, 10.0),
+            _ => costs(&mut sim, 10.0, 12.0),
+        }
+        let since_change = changed.map(|changed| now - changed);
+        let before = last.take();
+        let memory = before.clone().map(|(last, _)| LastView { since_change, ..last });
+        let ticket = ask_after(&mut sim, &view, memory);
+        let way = is_direct(&sim, ticket);
+        if before.is_some_and(|(_, before)| before != way) {
+            changed = Some(now);
+            changes.push(now);
+        }
+        last = Some((remembered(&sim, &view, ticket, None), way));
+        sim.answer_taking(ticket, 10.0);
+    }
+    assert!(changes.len() > 2, "{changes:?}");
+    assert!(changes.windows(2).all(|pair| pair[1] - pair[0] >= Duration::from_secs(2)), "{changes:?}");
 }

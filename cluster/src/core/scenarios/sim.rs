@@ -201,7 +201,7 @@ impl Sim {
         let view =
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
         let client = "a client".into();
-        self.step(Event::Asked { ticket, client, view, deadline, survey: None });
+        self.step(Event::Asked { ticket, client, view, deadline, survey: None, last: None });
         ticket
     }
 

@@ -261,7 +261,7 @@ fn a_pinned_device_is_waited_for_or_refused() {
             }),
         });
         let client = "a client".into();
-        sim.step(Event::Asked { ticket, client, view, deadline: None, survey: None });
+        sim.step(Event::Asked { ticket, client, view, deadline: None, survey: None, last: None });
         ticket
     };
     let (same, other, any) = (pinned("device"), pinned("another"), pinned(""));

@@ -12,7 +12,7 @@ use super::pending::{Pending, device_kind, sub_pixels};
 use super::plan::plan;
 use super::wishes::Planned;
 use super::{Cluster, Effect, Views};
-use crate::core::event::{Action, Client, Ticket};
+use crate::core::event::{Action, Client, LastView, Ticket};
 use crate::core::samples::MOST_SAMPLES;
 use crate::core::time::Uptime;
 use crate::core::workers::Worker;
@@ -27,6 +27,8 @@ pub(in crate::core) struct Asked<'a> {
     pub(in crate::core) deadline: Option<Duration>,
     /// What the view will show, where that is known.
     pub(in crate::core) survey: Option<Box<Survey>>,
+    /// Its session's last view.
+    pub(in crate::core) last: Option<Box<LastView>>,
 }
 
 impl Views {
@@ -58,7 +60,7 @@ impl Views {
         cluster: Cluster<'_>,
         now: Uptime,
     ) -> Vec<Effect> {
-        let Asked { ticket, client, view, deadline, survey } = asked;
+        let Asked { ticket, client, view, deadline, survey, last } = asked;
         let Planned { plan, expected, quest } = planned;
         let longest = self.config.max_view_time;
         let deadline = deadline.unwrap_or(longest).min(longest);
@@ -70,7 +72,7 @@ impl Views {
             pixels,
             epoch: view.pin.as_ref().map_or(cluster.samples.set().epoch, |pin| pin.epoch),
             plan,
-            open: OpenView::of(view, survey),
+            open: OpenView::of(view, survey, last),
             pinned: view.pin.is_some(),
             expected,
             quest,

@@ -1,12 +1,13 @@
 //! Views that wait, given to workers with room.
 //!
-//! Worker selection is in `choose`, and for views whose request leaves the way open in `open` and [`planner`].
+//! Worker selection is in `choose`, and for views whose request leaves the way open in `open` and [`super::planner`].
 
 use argus_scene::{Plan, Prediction, SampleId};
 
 use super::pending::{LINES, Pending};
 use super::quest::Quest;
-use super::{Cluster, Views, planner};
+use super::session_memory::choose_after;
+use super::{Cluster, Views};
 use crate::core::event::{Order, Source, Ticket, WorkerId};
 use crate::core::samples::Access;
 use crate::core::workers::{QueuedView, WorkKind};
@@ -128,7 +129,8 @@ impl Views {
     fn place_open(&mut self, ticket: Ticket, cluster: Cluster<'_>) -> Attempt {
         let Some(view) = self.views.get_mut(&ticket) else { return Attempt::Over };
         let Some(open) = &view.open else { return Attempt::Over };
-        let Some((offer, decision)) = planner::choose(cluster.offers(view, open), &open.aim) else {
+        let offers = cluster.offers(view, open);
+        let Some((offer, decision)) = choose_after(offers, &open.aim, open.memory.as_ref()) else {
             return Attempt::Full;
         };
         self.in_flight.subtract(view);

@@ -3,15 +3,16 @@
 use std::collections::HashMap;
 
 use argus_scene::rig::{Among, Survey};
-use argus_scene::{Camera, Holes, Plan, Search, View, Warp};
+use argus_scene::{Camera, Holes, Plan, SampleId, Search, View, Warp};
 
 use super::cluster::Cluster;
 use super::effect::Effect;
 use super::open_view::OpenView;
 use super::pending::Pending;
 use super::planner::{Offer, predicted_excess};
+use super::session_memory::Memory;
 use super::survey::SurveyWanted;
-use crate::core::event::WorkerId;
+use crate::core::event::{LastView, WorkerId};
 use crate::core::quality::Cost;
 use crate::core::workers::Worker;
 
@@ -48,9 +49,16 @@ struct FromSamples {
 impl Cluster<'_> {
     /// What is to be found out about a view before it is asked for; `None` where that would change nothing: its way is not
     /// open, or no worker holds a sample near it.
-    pub(in crate::core) fn survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
+    pub(in crate::core) fn survey_wanted(
+        &self,
+        view: &View,
+        last: Option<&LastView>,
+    ) -> Option<SurveyWanted> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
-        let candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
+        let mut candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
+        // A frame may be repeated from samples that are no longer among the nearest ones.
+        let memory = last.filter(|_| open).and_then(|last| Memory::of(view, last.clone()));
+        candidates.extend(memory.iter().flat_map(Memory::samples).map(|id| id.index));
         SurveyWanted::of(self.samples.set(), candidates)
     }
 
@@ -117,25 +125,20 @@ impl Cluster<'_> {
             let wait_ms = self.wait_before(worker);
             let cost = self.direct_cost(worker);
             let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
-            let base = Offer {
-                worker: worker.id(),
-                turn,
-                plan: Plan::Direct { samples_per_pixel: open.samples_per_pixel },
-                wait_ms,
-                render_ms: cost.map(|cost| cost.ms(work)),
-                excess: 0.0,
-                is_sound: true,
-            };
-            let (Some(warp_cost), held) = (worker.report().warp_cost, self.held_for(worker, view, open))
-            else {
-                offers.push(base);
-                continue;
-            };
-            let plan = known.entry(held.clone()).or_insert_with(|| self.warp_from(&held, open));
-            if let Some(FromSamples { plan, uncovered, excess, is_sound }) = plan.clone() {
-                let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
-                let render_ms = Some(warp_cost.ms(work) + rays_ms);
-                offers.push(Offer { plan, render_ms, excess, is_sound, ..base.clone() });
+            let plan = Plan::Direct { samples_per_pixel: open.samples_per_pixel };
+            let render_ms = cost.map(|cost| cost.ms(work));
+            let repeats = self.repeats(worker, open, &plan);
+            let (id, excess, is_sound) = (worker.id(), 0.0, true);
+            let base = Offer { worker: id, turn, plan, wait_ms, render_ms, excess, is_sound, repeats };
+            let warp_ms = worker.report().warp_cost.map(|cost| cost.ms(work));
+            for held in self.bundles(worker, view, open) {
+                let plan = known.entry(held.clone()).or_insert_with(|| self.warp_from(&held, open));
+                if let Some(FromSamples { plan, uncovered, excess, is_sound }) = plan.clone() {
+                    let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
+                    let render_ms = warp_ms.map(|ms| ms + rays_ms);
+                    let repeats = self.repeats(worker, open, &plan);
+                    offers.push(Offer { plan, render_ms, excess, is_sound, repeats, ..base.clone() });
+                }
             }
             offers.push(base);
         }
@@ -205,6 +208,26 @@ impl Cluster<'_> {
                 if nearest.iter().all(|index| has(*index)) { nearest } else { Vec::new() }
             }
         }
+    }
+
+    /// The sets of samples that a worker could answer a view from: the best ones that it holds, and those of the frame that is
+    /// to be repeated. None at a worker that has not measured what views from samples cost.
+    fn bundles(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Vec<Vec<u64>> {
+        if worker.report().warp_cost.is_none() {
+            return Vec::new();
+        }
+        let held = self.held_for(worker, view, open);
+        let again: Vec<SampleId> = open.memory.iter().flat_map(Memory::samples).collect();
+        let has = |id: &SampleId| self.samples.locations().has(*id, worker.id());
+        let has_all = again.iter().all(|id| has(id) && *id == self.samples.served(id.index));
+        let again: Vec<u64> = again.iter().map(|id| id.index).filter(|_| has_all).collect();
+        if again.is_empty() || again == held { vec![held] } else { vec![held, again] }
+    }
+
+    /// Whether that plan at that worker repeats the session's last frame.
+    fn repeats(&self, worker: &Worker, open: &OpenView, plan: &Plan) -> bool {
+        let (device, epoch) = (&worker.hello().device, self.samples.set().epoch);
+        open.memory.as_ref().is_some_and(|memory| memory.is_repeated_by(plan, epoch, device))
     }
 
     /// What a view would be from those cameras' samples; `None` without samples.

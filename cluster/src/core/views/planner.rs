@@ -80,12 +80,24 @@ pub struct Offer {
     pub excess: f64,
     /// Whether the samples of the plan pass the tests of coverage and fineness; a direct view does.
     pub is_sound: bool,
+    /// Whether its frame would have the bytes of the session's last one, whose camera stands still.
+    pub repeats: bool,
 }
 
 impl Offer {
     /// Milliseconds until its frame would be done; what is unknown comes after all that is known.
-    fn finish_ms(&self) -> f64 {
+    pub(super) fn finish_ms(&self) -> f64 {
         self.render_ms.map_or(f64::INFINITY, |render_ms| self.wait_ms + render_ms)
+    }
+
+    /// Whether its predicted error is within the bound.
+    pub(super) fn keeps_bound(&self, aim: &Aim) -> bool {
+        self.is_sound && self.excess <= aim.most_excess
+    }
+
+    /// Whether its frame comes too late: for the request, or for a cluster that has too much to do.
+    pub(super) fn is_late(&self, aim: &Aim) -> bool {
+        self.wait_ms > OVERLOADED_MS || aim.deadline_ms.is_some_and(|most| self.finish_ms() > most)
     }
 }
 
@@ -99,7 +111,7 @@ pub fn predicted_excess(coverage: Option<Coverage>) -> (f64, bool) {
 
 /// The best offer, and why it is; `None` of none.
 pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
-    let within = |offer: &&Offer| offer.is_sound && offer.excess <= aim.most_excess;
+    let within = |offer: &&Offer| offer.keeps_bound(aim);
     let best_of = |offers: &mut dyn Iterator<Item = &Offer>| -> Option<Offer> {
         offers
             .min_by(|a, b| {
@@ -110,11 +122,8 @@ pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
     };
     let in_bound = best_of(&mut offers.iter().filter(within));
     let any = best_of(&mut offers.iter());
-    let is_late = |offer: &Offer| {
-        offer.wait_ms > OVERLOADED_MS || aim.deadline_ms.is_some_and(|most| offer.finish_ms() > most)
-    };
     let (chosen, beyond) = match in_bound {
-        Some(offer) if !(aim.time_first || is_late(&offer)) => (offer, false),
+        Some(offer) if !(aim.time_first || offer.is_late(aim)) => (offer, false),
         in_bound => {
             let any = any?;
             // Beyond the bound only for what is gained by it.
@@ -163,6 +172,7 @@ mod tests {
             render_ms,
             excess: 0.0,
             is_sound: true,
+            repeats: false,
         }
     }
 

@@ -1,0 +1,78 @@
+//! A view that the core was asked for, as the one who asked holds it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_proto::{Fault, v1};
+use argus_scene::View;
+use futures::FutureExt;
+use tokio::sync::mpsc::UnboundedReceiver;
+
+use super::hub::{Hub, Ruling, Verdict};
+use crate::core::{Client, Event, Failure, LastView, Order, Ticket};
+use crate::wire;
+
+/// A view that was asked for. It is the core's until [`Asked::answered`], [`Asked::failed`] for good, or
+/// [`Asked::cancelled`].
+pub(super) struct Asked {
+    hub: Arc<Hub>,
+    ticket: Ticket,
+    verdicts: UnboundedReceiver<Verdict>,
+}
+
+impl Asked {
+    /// Asks the core for a view; of a session, with what it remembers of its last one.
+    pub(super) fn of(
+        hub: &Arc<Hub>,
+        client: Client,
+        view: View,
+        deadline: Option<Duration>,
+        last: Option<Box<LastView>>,
+    ) -> Self {
+        let (ticket, verdicts) = hub.begin_view(client, view, deadline, last);
+        Self { hub: hub.clone(), ticket, verdicts }
+    }
+
+    /// The next verdict.
+    pub(super) async fn verdict(&mut self) -> Verdict {
+        let gone = || Fault::Unavailable("the coordinator is shutting down".to_owned());
+        self.verdicts.recv().await.unwrap_or_else(|| Err(gone()))
+    }
+
+    /// The newest order that is here already.
+    pub(super) fn newest(&mut self) -> Option<Box<Order>> {
+        let mut newest = None;
+        while let Some(Ok(ruling)) = self.verdict().now_or_never() {
+            if let Ruling::Carry(order) = ruling {
+                newest = Some(order);
+            }
+        }
+        newest
+    }
+
+    /// The frame of that attempt begins to arrive, and is to be judged: a verdict follows.
+    pub(super) fn judge(&self, attempt: u32, observed: Option<v1::Observed>, ms: f64) {
+        let observed = observed.map(wire::observed_from);
+        self.hub.step(Event::Judged { ticket: self.ticket, attempt, observed, ms });
+    }
+
+    /// The client has the frame of that attempt; `uncovered` of its pixels no sample saw. Rendering took `ms`, if that was
+    /// not said before.
+    pub(super) fn answered(&self, attempt: u32, uncovered: Option<u64>, ms: Option<f64>) {
+        self.hub.end_view(self.ticket, Event::Answered { ticket: self.ticket, attempt, uncovered, ms });
+    }
+
+    /// That attempt failed; unless that is final, a verdict follows.
+    pub(super) fn failed(&self, attempt: u32, failure: Failure) {
+        let event = Event::Failed { ticket: self.ticket, attempt, failure };
+        match failure {
+            Failure::Final => self.hub.end_view(self.ticket, event),
+            Failure::OfWorker | Failure::TryElsewhere => self.hub.step(event),
+        }
+    }
+
+    /// Nobody waits for it any more.
+    pub(super) fn cancelled(&self) {
+        self.hub.end_view(self.ticket, Event::Cancelled { ticket: self.ticket });
+    }
+}

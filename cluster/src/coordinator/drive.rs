@@ -1,0 +1,203 @@
+//! Drives one view along its path: waits for what its state listens to, and does what follows.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use argus_proto::trace::within;
+use argus_proto::v1;
+use argus_proto::v1::views_client::ViewsClient;
+use futures::Stream;
+use tokio::time::Instant;
+use tonic::{Status, Streaming};
+use tracing::{Instrument, debug};
+
+use super::asked::Asked;
+use super::hub::{Hub, Ruling, Verdict};
+use super::inbox::ClientNotice;
+use super::redirect::SessionClient;
+use super::view_path::{Answered, Effect, Event, State, ViewPath};
+use super::wanted::Wanted;
+use crate::core::Order;
+
+/// How long a worker that has sent all of a frame may take to say so.
+const LAST_WORD: Duration = Duration::from_secs(1);
+
+/// What a client gets of its view.
+pub(super) enum Answer {
+    /// A piece of its frame.
+    Chunk(v1::FrameChunk),
+    /// Where to fetch its frame.
+    Elsewhere(v1::Elsewhere),
+}
+
+/// Answers a view: its frame in chunks, where to fetch it, or an error, which is last. Dropping the stream cancels the view.
+/// With `client`, frames may be fetched from workers.
+pub(super) fn answer<'a>(
+    hub: Arc<Hub>,
+    wanted: Wanted,
+    client: Option<SessionClient<'a>>,
+) -> impl Stream<Item = Result<Answer, Status>> + use<'a> {
+    async_stream::stream! {
+        let mut view = Underway::new(hub, wanted, client);
+        while !matches!(view.path.state(), State::Done) {
+            let event = view.next().await;
+            for effect in view.path.step(event) {
+                match effect {
+                    Effect::Send(chunk) => yield Ok(Answer::Chunk(chunk)),
+                    Effect::Redirect(elsewhere) => yield Ok(Answer::Elsewhere(elsewhere)),
+                    Effect::Fail(status) => yield Err(status),
+                    Effect::SeeOff => view.see_off().await,
+                    told => view.tell(told),
+                }
+            }
+        }
+    }
+}
+
+/// A view under way. Dropping it cancels the view unless its path has ended.
+struct Underway<'a> {
+    hub: Arc<Hub>,
+    wanted: Wanted,
+    client: Option<SessionClient<'a>>,
+    asked: Asked,
+    path: ViewPath,
+    /// The stream of the worker that is ordered, once it is open.
+    stream: Option<Streaming<v1::FrameChunk>>,
+}
+
+impl<'a> Underway<'a> {
+    fn new(hub: Arc<Hub>, wanted: Wanted, client: Option<SessionClient<'a>>) -> Self {
+        let last = client.as_ref().and_then(|client| client.memory.recall(Instant::now()));
+        let asked = Asked::of(&hub, wanted.client.clone(), wanted.view.clone(), wanted.deadline, last);
+        let path = ViewPath::new(client.as_ref().is_some_and(|client| client.redirectable));
+        Self { hub, wanted, client, asked, path, stream: None }
+    }
+
+    /// The next event that the view's state listens to. Every future here may be dropped at any await: a verdict and a
+    /// notice stay where they are until they are taken, and an RPC that is not read on is cancelled.
+    async fn next(&mut self) -> Event {
+        match (self.path.state(), &self.client) {
+            (State::Ordered(_) | State::Streaming(_), _) => tokio::select! {
+                biased;
+                verdict = self.asked.verdict() => self.decided(verdict),
+                chunk = next_chunk(&self.hub, &self.wanted, self.path.order(), &mut self.stream) => self.came(chunk),
+            },
+            (State::Redirected { .. }, Some(client)) => tokio::select! {
+                biased;
+                notice = client.notice(&self.hub) => self.noticed(notice),
+                verdict = self.asked.verdict() => self.decided(verdict),
+            },
+            _ => {
+                let verdict = self.asked.verdict().await;
+                self.decided(verdict)
+            }
+        }
+    }
+
+    /// Reads a worker's stream to its end, which lets it close in order, if it does soon.
+    async fn see_off(&mut self) {
+        if let Some(stream) = &mut self.stream {
+            let _ = tokio::time::timeout(LAST_WORD, stream.message()).await;
+        }
+    }
+
+    /// What the core decided, with a ticket for the client where it may fetch the frame itself.
+    fn decided(&mut self, verdict: Verdict) -> Event {
+        match verdict {
+            Ok(Ruling::Carry(order)) => {
+                let client = self.client.as_mut().filter(|_| self.path.may_redirect(&order));
+                let ticket = client.and_then(|client| client.ticket(&self.hub, &self.wanted, &order));
+                Event::Ordered { order, ticket }
+            }
+            Ok(Ruling::Deliver { attempt, expected }) => Event::Delivered { attempt, expected },
+            Err(fault) => Event::Refused(fault),
+        }
+    }
+
+    /// What came from the worker.
+    fn came(&self, chunk: Result<v1::FrameChunk, Status>) -> Event {
+        match chunk {
+            Ok(chunk) => Event::Chunk { chunk, age_ms: self.wanted.age_ms() },
+            Err(status) => {
+                let attempt = self.path.order().map(|order| order.attempt);
+                debug!(view = self.wanted.view_id, attempt, %status, "attempt failed");
+                Event::Broken(status)
+            }
+        }
+    }
+
+    /// What the client said of the frame that it was sent for.
+    fn noticed(&mut self, notice: ClientNotice) -> Event {
+        let newest = match notice {
+            ClientNotice::Arrived(_) => self.asked.newest(),
+            ClientNotice::Missed(_) => None,
+        };
+        match &mut self.client {
+            Some(client) => client.event(notice, &self.wanted, newest),
+            None => Event::Cancelled,
+        }
+    }
+
+    /// Does what needs no waiting.
+    fn tell(&mut self, effect: Effect) {
+        match effect {
+            Effect::Open => self.stream = None,
+            Effect::RestRedirects => {
+                if let Some(client) = &mut self.client {
+                    client.rest();
+                }
+            }
+            Effect::Judge { attempt, observed, ms } => self.asked.judge(attempt, observed, ms),
+            Effect::Failed { attempt, failure } => self.asked.failed(attempt, failure),
+            Effect::Answered(answered) => self.answered(&answered),
+            Effect::Cancel => self.asked.cancelled(),
+            // These go to the client, or wait: see [`answer`].
+            Effect::Send(_) | Effect::Redirect(_) | Effect::Fail(_) | Effect::SeeOff => {}
+        }
+    }
+
+    fn answered(&mut self, answered: &Answered) {
+        match answered.relayed {
+            true => self.hub.frames.relayed(),
+            false => self.hub.frames.fetched(),
+        }
+        self.asked.answered(answered.attempt, answered.uncovered, answered.ms);
+        let Some(header) = &answered.header else { return };
+        self.hub.frames.arrived(header);
+        if let Some(client) = &mut self.client {
+            client.memory.learn(&self.wanted.view, header, Instant::now());
+        }
+    }
+}
+
+impl Drop for Underway<'_> {
+    fn drop(&mut self) {
+        for effect in self.path.step(Event::Cancelled) {
+            self.tell(effect);
+        }
+    }
+}
+
+/// The next chunk of the ordered worker's stream, which is opened first.
+async fn next_chunk(
+    hub: &Hub,
+    wanted: &Wanted,
+    order: Option<&Order>,
+    stream: &mut Option<Streaming<v1::FrameChunk>>,
+) -> Result<v1::FrameChunk, Status> {
+    let stream = match stream {
+        Some(stream) => stream,
+        None => {
+            let order = order.ok_or_else(|| Status::internal("a view that no worker has"))?;
+            stream.insert(open(hub, wanted, order).instrument(wanted.span.clone()).await?)
+        }
+    };
+    let chunk = stream.message().await?;
+    chunk.ok_or_else(|| Status::data_loss("the worker ended a frame before its end"))
+}
+
+async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {
+    let request = wanted.request(hub.term(), order);
+    let mut client = ViewsClient::new(hub.channels.to(&order.address)?);
+    Ok(client.render(within(&wanted.span, request)).await?.into_inner())
+}

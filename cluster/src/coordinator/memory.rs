@@ -1,0 +1,116 @@
+//! What a session remembers of its last answered view, for the planner to go by with its next one.
+//!
+//! What a frame was made of is what its header says, also of one that the client fetched from its worker: the receipt
+//! carries the header, sealed. What nothing proves is not remembered.
+
+use argus_proto::v1;
+use argus_scene::frame::{Decision, Provenance, Reason};
+use argus_scene::{Plan, View};
+use tokio::time::Instant;
+
+use crate::core::LastView;
+
+/// A session's memory.
+#[derive(Debug, Default)]
+pub(super) struct SessionMemory(Option<Remembered>);
+
+#[derive(Debug)]
+struct Remembered {
+    view: View,
+    provenance: Provenance,
+    reason: Reason,
+    /// When frames last changed their way.
+    changed: Option<Instant>,
+}
+
+impl SessionMemory {
+    /// A view was answered with a frame of that header. One whose request named its way says nothing of the planner's.
+    pub(super) fn learn(&mut self, view: &View, header: &v1::FrameHeader, now: Instant) {
+        let (Some(decision), Some(provenance)) = (header.decision, header.provenance.clone()) else { return };
+        let (Ok(decision), Ok(provenance)) = (Decision::try_from(decision), Provenance::try_from(provenance))
+        else {
+            return;
+        };
+        let is_direct = |provenance: &Provenance| matches!(provenance.plan, Plan::Direct { .. });
+        let changed = self.0.as_ref().and_then(|last| {
+            let same = is_direct(&last.provenance) == is_direct(&provenance);
+            if same { last.changed } else { Some(now) }
+        });
+        self.0 = Some(Remembered { view: view.clone(), provenance, reason: decision.reason, changed });
+    }
+
+    /// What is known of the last view.
+    pub(super) fn recall(&self, now: Instant) -> Option<Box<LastView>> {
+        let Remembered { view, provenance, reason, changed } = self.0.as_ref()?;
+        let since_change = changed.map(|changed| now.saturating_duration_since(changed));
+        let (view, provenance) = (view.clone(), provenance.clone());
+        Some(Box::new(LastView { view, provenance, reason: *reason, since_change }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use argus_scene::{Camera, Outputs, PlanRequest, SceneHash, Warp};
+    use glam::DVec3;
+
+    use super::*;
+
+    fn view() -> View {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
+        let plan = PlanRequest::default();
+        View { camera, width: 40, height: 30, outputs: Outputs::COLOR, plan, pin: None }
+    }
+
+    fn header(plan: Plan) -> v1::FrameHeader {
+        let scene = SceneHash([1; 32]);
+        let device = "device".to_owned();
+        let provenance = Provenance { scene, epoch: 0, generation: 1, plan, device, history: false };
+        let decision = Decision { reason: Reason::Soonest, wait_ms: 0.0, render_ms: 1.0, excess: 0.0 };
+        v1::FrameHeader {
+            provenance: Some((&provenance).into()),
+            decision: Some(decision.into()),
+            ..v1::FrameHeader::default()
+        }
+    }
+
+    fn direct() -> v1::FrameHeader {
+        header(Plan::Direct { samples_per_pixel: 1 })
+    }
+
+    fn warp() -> v1::FrameHeader {
+        let samples = vec![argus_scene::SampleId { epoch: 0, generation: 1, index: 7 }];
+        header(Plan::Warp(Warp { samples, ..Warp::default() }))
+    }
+
+    #[test]
+    fn the_time_since_a_change_of_way_counts_from_the_last_change_and_not_from_the_last_frame() {
+        let (mut memory, began) = (SessionMemory::default(), Instant::now());
+        let at = |secs| began + Duration::from_secs(secs);
+        let since = |memory: &SessionMemory, secs| memory.recall(at(secs)).and_then(|last| last.since_change);
+        assert_eq!(memory.recall(began), None);
+        memory.learn(&view(), &direct(), at(0));
+        assert_eq!(since(&memory, 1), None, "the first frame changes nothing");
+        memory.learn(&view(), &warp(), at(1));
+        memory.learn(&view(), &warp(), at(2));
+        assert_eq!(since(&memory, 3), Some(Duration::from_secs(2)));
+        memory.learn(&view(), &direct(), at(4));
+        assert_eq!(since(&memory, 3), Some(Duration::ZERO), "a clock that seems to go back counts as now");
+    }
+
+    #[test]
+    fn frames_whose_way_was_requested_and_headers_that_are_wrong_change_nothing() {
+        let (mut memory, now) = (SessionMemory::default(), Instant::now());
+        memory.learn(&view(), &direct(), now);
+        let before = memory.recall(now);
+        let requested = v1::FrameHeader { decision: None, ..warp() };
+        let unknown = v1::Decision { reason: 99, ..v1::Decision::default() };
+        let wrong = v1::FrameHeader { decision: Some(unknown), ..warp() };
+        let of_nothing = v1::FrameHeader { provenance: None, ..warp() };
+        for header in [requested, wrong, of_nothing] {
+            memory.learn(&view(), &header, now);
+            assert_eq!(memory.recall(now), before);
+        }
+    }
+}

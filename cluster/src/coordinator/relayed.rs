@@ -1,0 +1,181 @@
+//! What a client has of a frame that is relayed: what a worker's next chunk adds to it, and what its header tells.
+//!
+//! A frame's bytes are a function of its provenance. So where a worker fails in the middle of a frame, another one's
+//! chunks continue it: what the client already has is skipped.
+
+use argus_proto::v1;
+use argus_proto::v1::frame_chunk::Body;
+use argus_scene::{Prediction, Stage};
+use tonic::Status;
+
+/// What a client already has of a frame.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Relayed {
+    header: Option<v1::FrameHeader>,
+    bytes: u64,
+    /// Milliseconds of rendering frames that were thrown away.
+    refused_ms: f64,
+}
+
+impl Relayed {
+    /// The header that the client has.
+    pub(super) fn header(&self) -> Option<&v1::FrameHeader> {
+        self.header.as_ref()
+    }
+
+    /// Counts what a frame cost that was thrown away; what is no number counts as nothing.
+    pub(super) fn refuse(&mut self, ms: f64) {
+        if ms.is_finite() {
+            self.refused_ms += ms;
+        }
+    }
+
+    /// Whether the client has, with the chunk passed last, all of the frame.
+    pub(super) fn is_whole(&self) -> bool {
+        let due =
+            |header: &v1::FrameHeader| header.images.iter().map(|image| image.packed_bytes).sum::<u64>();
+        self.header.as_ref().is_some_and(|header| self.bytes == due(header))
+    }
+
+    /// What to send on of a chunk that came `age_ms` after the view's request; `None` if the client has it already.
+    ///
+    /// # Errors
+    /// The chunk is empty, data comes before any header, or the header is of another frame than the client has a part of.
+    pub(super) fn pass(
+        &mut self,
+        chunk: v1::FrameChunk,
+        age_ms: f64,
+        expected: Option<Prediction>,
+    ) -> Result<Option<v1::FrameChunk>, Status> {
+        match chunk.body {
+            Some(Body::Header(header)) => self.pass_header(header, age_ms, expected),
+            Some(Body::Data(_)) if self.header.is_none() => {
+                Err(Status::data_loss("the worker sent a frame without its header"))
+            }
+            // Every worker cuts the same bytes at the same places.
+            Some(Body::Data(data)) if data.offset < self.bytes => Ok(None),
+            Some(Body::Data(data)) => {
+                self.bytes = data.offset.saturating_add(data.bytes.len() as u64);
+                Ok(Some(v1::FrameChunk { body: Some(Body::Data(data)) }))
+            }
+            None => Err(Status::data_loss("the worker sent an empty chunk")),
+        }
+    }
+
+    fn pass_header(
+        &mut self,
+        mut header: v1::FrameHeader,
+        age_ms: f64,
+        expected: Option<Prediction>,
+    ) -> Result<Option<v1::FrameChunk>, Status> {
+        // No worker repeats a frame that began from an earlier one: a session's client has it anew.
+        if self.header.iter().chain([&header]).any(begun_from_history) {
+            (self.header, self.bytes) = (None, 0);
+        }
+        if let Some(sent) = &self.header {
+            let same = sent.provenance == header.provenance && sent.images == header.images;
+            let reason = "the worker failed within a frame, and no other makes the same one";
+            return if same { Ok(None) } else { Err(Status::unavailable(reason)) };
+        }
+        let relay_ms = (age_ms - header.age_ms).max(0.0);
+        header.stages.push(v1::Stage { name: "relay".to_owned(), ms: relay_ms });
+        header.age_ms = age_ms;
+        if self.refused_ms > 0.0 {
+            header.stages.push(v1::Stage { name: Stage::REFUSED.to_owned(), ms: self.refused_ms });
+        }
+        header.predicted = expected.map(Into::into);
+        header.observed = None;
+        self.header = Some(header.clone());
+        Ok(Some(v1::FrameChunk { body: Some(Body::Header(header)) }))
+    }
+}
+
+fn begun_from_history(header: &v1::FrameHeader) -> bool {
+    header.provenance.as_ref().is_some_and(|provenance| provenance.history)
+}
+
+/// Pixels of a frame that none of its samples saw.
+pub(super) fn uncovered(header: &v1::FrameHeader) -> u64 {
+    let pixels = f64::from(header.width) * f64::from(header.height);
+    // What was traced is no longer unresolved. A share that is no number counts as nothing.
+    let guessed = (header.unresolved_fraction * pixels).round() as u64;
+    guessed.saturating_add(header.served.map_or(0, |served| served.traced))
+}
+
+/// Milliseconds of a frame's stages that were spent on rendering it.
+pub(super) fn rendering_ms(header: &v1::FrameHeader) -> f64 {
+    header.stages.iter().filter(|stage| !Stage::is_on_the_way(&stage.name)).map(|stage| stage.ms).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn header(bytes: u64) -> v1::FrameChunk {
+        let image = v1::ImageHeader { packed_bytes: bytes, ..v1::ImageHeader::default() };
+        let header = v1::FrameHeader { images: vec![image], age_ms: 3.0, ..v1::FrameHeader::default() };
+        v1::FrameChunk { body: Some(Body::Header(header)) }
+    }
+
+    fn begun(mut chunk: v1::FrameChunk) -> v1::FrameChunk {
+        if let Some(Body::Header(header)) = &mut chunk.body {
+            header.provenance = Some(v1::Provenance { history: true, ..v1::Provenance::default() });
+        }
+        chunk
+    }
+
+    fn data(offset: u64, bytes: &'static [u8]) -> v1::FrameChunk {
+        v1::FrameChunk { body: Some(Body::Data(v1::FrameData { offset, bytes: bytes.into() })) }
+    }
+
+    #[test]
+    fn a_frame_that_another_worker_continues_is_passed_once() {
+        let mut relayed = Relayed::default();
+        let passes =
+            |relayed: &mut Relayed, chunk| relayed.pass(chunk, 5.0, None).map(|chunk| chunk.is_some());
+        assert!(passes(&mut relayed, header(4)).unwrap());
+        assert!(passes(&mut relayed, data(0, b"ab")).unwrap());
+        assert!(!relayed.is_whole());
+        for (chunk, is_new) in [(header(4), false), (data(0, b"ab"), false), (data(2, b"cd"), true)] {
+            assert_eq!(passes(&mut relayed, chunk).unwrap(), is_new);
+        }
+        assert!(relayed.is_whole());
+        assert_eq!(relayed.header().unwrap().stages[0].ms, 2.0, "the way through the relay");
+        let other = passes(&mut relayed, header(5)).unwrap_err();
+        assert_eq!(other.code(), tonic::Code::Unavailable);
+    }
+
+    #[test]
+    fn a_frame_that_began_from_history_is_sent_anew() {
+        let mut relayed = Relayed::default();
+        assert!(relayed.pass(header(2), 5.0, None).unwrap().is_some());
+        assert!(relayed.pass(data(0, b"a"), 5.0, None).unwrap().is_some());
+        assert!(relayed.pass(begun(header(2)), 5.0, None).unwrap().is_some());
+        assert!(relayed.pass(data(0, b"a"), 5.0, None).unwrap().is_some());
+        assert!(!relayed.is_whole());
+    }
+
+    #[test]
+    fn chunks_that_are_no_part_of_a_frame_are_errors() {
+        let mut relayed = Relayed::default();
+        assert!(relayed.pass(data(0, b"a"), 5.0, None).is_err(), "before its header");
+        assert!(relayed.pass(v1::FrameChunk { body: None }, 5.0, None).is_err());
+        assert!(!relayed.is_whole());
+        assert!(relayed.pass(header(2), 5.0, None).is_ok());
+        assert!(
+            relayed.pass(data(u64::MAX, b"ab"), 5.0, None).is_ok(),
+            "a wrong offset is the client's to see"
+        );
+        assert!(!relayed.is_whole());
+    }
+
+    #[test]
+    fn what_refused_frames_cost_is_in_the_header_and_what_is_no_number_is_not() {
+        let mut relayed = Relayed::default();
+        relayed.refuse(f64::NAN);
+        relayed.refuse(7.0);
+        relayed.pass(header(0), 5.0, None).unwrap();
+        assert!(relayed.is_whole(), "a frame of no bytes is its header");
+        assert!(rendering_ms(relayed.header().unwrap()) == 7.0);
+    }
+}

@@ -1,0 +1,300 @@
+//! Every state × every event, then paths that take several steps.
+
+use std::time::Duration;
+
+use argus_scene::Plan;
+
+use super::*;
+use crate::core::WorkerId;
+
+fn order(attempt: u32) -> Box<Order> {
+    Box::new(Order {
+        attempt,
+        worker: WorkerId(attempt.into()),
+        address: String::new(),
+        epoch: 0,
+        plan: Plan::Direct { samples_per_pixel: 1 },
+        sources: Vec::new(),
+        tracers: Vec::new(),
+        expected: None,
+        judged: false,
+        decision: None,
+        fallback: None,
+    })
+}
+
+fn judged(attempt: u32) -> Box<Order> {
+    Box::new(Order { judged: true, ..*order(attempt) })
+}
+
+fn ordered(order: Box<Order>) -> Event {
+    Event::Ordered { order, ticket: None }
+}
+
+fn with_ticket(order: Box<Order>, serial: u64) -> Event {
+    Event::Ordered { order, ticket: Some(v1::Elsewhere { serial, ..v1::Elsewhere::default() }) }
+}
+
+fn chunk(body: Option<Body>) -> Event {
+    Event::Chunk { chunk: v1::FrameChunk { body }, age_ms: 9.0 }
+}
+
+/// Of a frame of four bytes that took 5 ms.
+fn a_header() -> v1::FrameHeader {
+    v1::FrameHeader {
+        images: vec![v1::ImageHeader { packed_bytes: 4, ..v1::ImageHeader::default() }],
+        stages: vec![v1::Stage { name: "render".to_owned(), ms: 5.0 }],
+        ..v1::FrameHeader::default()
+    }
+}
+
+fn header() -> Event {
+    chunk(Some(Body::Header(a_header())))
+}
+
+fn data(offset: u64, bytes: &'static [u8]) -> Event {
+    chunk(Some(Body::Data(v1::FrameData { offset, bytes: bytes.into() })))
+}
+
+fn missed(ticket: u64, unreachable: bool) -> Event {
+    Event::Missed { ticket, unreachable }
+}
+
+fn fetched(header: Option<v1::FrameHeader>, newest: Option<Box<Order>>) -> Event {
+    Event::Fetched { header: header.map(Box::new), newest }
+}
+
+fn delivered(attempt: u32) -> Event {
+    Event::Delivered { attempt, expected: Prediction { error: 0.1, ms: 5.0 } }
+}
+
+fn deadline() -> Event {
+    Event::Refused(Fault::Deadline(Duration::from_secs(1)))
+}
+
+fn none_left() -> Event {
+    Event::Refused(Fault::Unavailable("3 workers failed at this view".to_owned()))
+}
+
+/// A view after these events.
+fn after(events: &[Event]) -> ViewPath {
+    let mut path = ViewPath::new(true);
+    for event in events {
+        path.step(event.clone());
+    }
+    path
+}
+
+/// A state in a word, and what was done, in words.
+fn told(path: &ViewPath, effects: &[Effect]) -> String {
+    let state = match path.state() {
+        State::Asked { failed: None } => "asked",
+        State::Asked { failed: Some(_) } => "failed",
+        State::Ordered(order) if order.judged => "ordered*",
+        State::Ordered(_) => "ordered",
+        State::Judged { .. } => "judged",
+        State::Streaming(_) => "streaming",
+        State::Redirected { .. } => "redirected",
+        State::Done => "done",
+    };
+    let done = effects.iter().map(|effect| match effect {
+        Effect::Open => "open",
+        Effect::Redirect(_) => "redirect",
+        Effect::RestRedirects => "rest",
+        Effect::Judge { .. } => "judge",
+        Effect::Failed { failure: Failure::Final, .. } => "final",
+        Effect::Failed { failure: Failure::OfWorker, .. } => "blame",
+        Effect::Failed { failure: Failure::TryElsewhere, .. } => "elsewhere",
+        Effect::Answered(_) => "answered",
+        Effect::Cancel => "cancel",
+        Effect::Send(_) => "send",
+        Effect::SeeOff => "see-off",
+        Effect::Fail(_) => "fail",
+    });
+    std::iter::once(state).chain(done).collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn every_event_in_every_state_leads_where_the_table_says() {
+    let broken = || Event::Broken(Status::unavailable("it went away"));
+    let states = [
+        ("asked", after(&[])),
+        ("failed", after(&[ordered(order(1)), broken()])),
+        ("ordered", after(&[ordered(order(1))])),
+        ("ordered*", after(&[ordered(judged(1))])),
+        ("judged", after(&[ordered(judged(1)), header()])),
+        ("streaming", after(&[ordered(order(1)), header()])),
+        ("redirected", after(&[with_ticket(order(1), 7)])),
+        ("done", after(&[Event::Cancelled])),
+    ];
+    let all = |what: &'static str| [what, what, what, what, what, what, what, "done"];
+    // "." : nothing changes and nothing is done.
+    let table: [(Event, [&str; 8]); 19] = [
+        (ordered(order(2)), all("ordered open")),
+        (with_ticket(order(2), 8), all("redirected redirect")),
+        (Event::Cancelled, all("done cancel")),
+        (deadline(), all("done fail")),
+        (none_left(), all("done fail")),
+        (delivered(1), [".", ".", ".", ".", "streaming send", ".", ".", "."]),
+        (delivered(9), ["."; 8]),
+        (header(), [".", ".", "streaming send", "judged judge", ".", "streaming", ".", "."]),
+        (data(0, b"ab"), [".", ".", "failed blame", "failed blame", ".", "streaming send", ".", "."]),
+        (
+            data(0, b"abcd"),
+            [".", ".", "failed blame", "failed blame", ".", "done answered send see-off", ".", "."],
+        ),
+        (chunk(None), [".", ".", "failed blame", "failed blame", ".", "failed blame", ".", "."]),
+        (broken(), [".", ".", "failed blame", "failed blame", ".", "failed blame", ".", "."]),
+        (
+            Event::Broken(Status::resource_exhausted("no room")),
+            [".", ".", "failed elsewhere", "failed elsewhere", ".", "failed elsewhere", ".", "."],
+        ),
+        (
+            Event::Broken(Status::invalid_argument("no such camera")),
+            [".", ".", "done final fail", "done final fail", ".", "done final fail", ".", "."],
+        ),
+        (fetched(Some(a_header()), None), [".", ".", ".", ".", ".", ".", "done answered", "."]),
+        (fetched(None, None), [".", ".", ".", ".", ".", ".", "done answered", "."]),
+        (missed(7, false), [".", ".", ".", ".", ".", ".", "asked elsewhere", "."]),
+        (missed(6, false), ["."; 8]),
+        (missed(0, true), [".", ".", ".", ".", ".", ".", "ordered rest open", "."]),
+    ];
+    for (event, row) in table {
+        for ((name, path), expected) in states.iter().zip(row) {
+            let mut path = ViewPath { relayed: path.relayed.clone(), state: path.state.clone(), ..*path };
+            assert_eq!(told(&path, &[]), *name);
+            let effects = path.step(event.clone());
+            let expected = if expected == "." { name } else { expected };
+            assert_eq!(told(&path, &effects), expected, "{name} × {event:?}");
+        }
+    }
+}
+
+#[test]
+fn a_worker_that_fails_before_its_first_chunk_costs_the_client_nothing() {
+    let mut path = after(&[ordered(order(1)), Event::Broken(Status::unavailable("x")), ordered(order(2))]);
+    let mut sent = Vec::new();
+    for event in [header(), data(0, b"abcd")] {
+        sent.extend(path.step(event));
+    }
+    let answers = |effect: &&Effect| matches!(effect, Effect::Answered(answered) if answered.attempt == 2);
+    assert_eq!(sent.iter().filter(answers).count(), 1);
+    assert_eq!(sent.iter().filter(|effect| matches!(effect, Effect::Send(_))).count(), 2);
+}
+
+#[test]
+fn a_worker_that_fails_within_its_frame_is_continued_by_another_one() {
+    let mut path = after(&[ordered(order(1)), header(), data(0, b"ab")]);
+    path.step(Event::Broken(Status::data_loss("x")));
+    path.step(ordered(order(2)));
+    assert_eq!(told(&path, &[]), "ordered");
+    for known in [header(), data(0, b"ab")] {
+        let effects = path.step(known);
+        assert_eq!(told(&path, &effects), "streaming", "the client has it already");
+    }
+    let effects = path.step(data(2, b"cd"));
+    assert_eq!(told(&path, &effects), "done answered send see-off");
+}
+
+#[test]
+fn a_frame_that_no_other_worker_makes_alike_is_tried_elsewhere_until_none_is_left() {
+    let mut path = after(&[ordered(order(1)), header()]);
+    path.step(ordered(order(2)));
+    let mut other = a_header();
+    other.images.clear();
+    let effects = path.step(chunk(Some(Body::Header(other))));
+    assert_eq!(told(&path, &effects), "failed blame");
+    let effects = path.step(none_left());
+    let [Effect::Fail(status)] = &effects[..] else { panic!("{effects:?}") };
+    assert!(
+        status.message().contains("within a frame"),
+        "what the worker said, not that none is left: {status}"
+    );
+}
+
+#[test]
+fn a_deadline_within_a_retry_is_told_as_a_deadline() {
+    let mut path = after(&[ordered(order(1)), Event::Broken(Status::unavailable("x"))]);
+    let effects = path.step(deadline());
+    let [Effect::Fail(status)] = &effects[..] else { panic!("{effects:?}") };
+    assert_eq!(status.code(), Code::DeadlineExceeded);
+}
+
+#[test]
+fn a_frame_that_is_not_good_enough_is_made_anew_and_the_next_header_tells_its_cost() {
+    let mut path = after(&[ordered(judged(1)), header()]);
+    let effects = path.step(ordered(judged(2)));
+    assert_eq!(told(&path, &effects), "ordered* open");
+    assert!(matches!(&path.step(header())[..], [Effect::Judge { attempt: 2, ms: 5.0, .. }]));
+    let effects = path.step(delivered(2));
+    let [Effect::Send(v1::FrameChunk { body: Some(Body::Header(sent)) })] = &effects[..] else {
+        panic!("{effects:?}")
+    };
+    assert!(sent.stages.iter().any(|stage| stage.name == argus_scene::Stage::REFUSED && stage.ms == 5.0));
+    assert_eq!(sent.predicted.map(|predicted| predicted.error), Some(0.1));
+    // What it cost was said when it was judged.
+    let effects = path.step(data(0, b"abcd"));
+    assert!(matches!(&effects[0], Effect::Answered(Answered { ms: None, relayed: true, .. })));
+}
+
+#[test]
+fn a_frame_of_which_the_client_has_a_part_is_not_judged_again() {
+    let mut path = after(&[ordered(judged(1)), header(), delivered(1), data(0, b"ab")]);
+    path.step(ordered(judged(2)));
+    let effects = path.step(header());
+    assert_eq!(told(&path, &effects), "streaming");
+}
+
+#[test]
+fn a_client_that_misses_its_frame_twice_has_it_relayed() {
+    let mut path = after(&[with_ticket(order(1), 1), missed(1, false)]);
+    assert!(path.may_redirect(&order(2)));
+    path.step(with_ticket(order(2), 2));
+    let effects = path.step(missed(2, false));
+    assert_eq!(told(&path, &effects), "asked rest elsewhere");
+    assert!(!path.may_redirect(&order(3)));
+    let effects = path.step(none_left());
+    assert_eq!(told(&path, &effects), "done fail");
+}
+
+#[test]
+fn a_client_that_reaches_no_worker_has_the_same_attempt_relayed_under_the_same_view() {
+    let mut path = after(&[with_ticket(order(1), 1), missed(1, true)]);
+    assert_eq!(path.order().map(|order| order.attempt), Some(1));
+    assert!(!path.may_redirect(&order(1)));
+    path.step(header());
+    let effects = path.step(data(0, b"abcd"));
+    assert_eq!(told(&path, &effects), "done answered send see-off");
+}
+
+#[test]
+fn a_frame_fetched_while_another_worker_was_given_the_view_answers_the_newest_attempt() {
+    let mut path = after(&[with_ticket(order(1), 1)]);
+    let effects = path.step(fetched(Some(a_header()), Some(order(2))));
+    let [Effect::Answered(Answered { attempt: 2, header: Some(_), ms: Some(5.0), relayed: false, .. })] =
+        &effects[..]
+    else {
+        panic!("{effects:?}")
+    };
+}
+
+#[test]
+fn only_frames_that_are_neither_judged_nor_begun_here_may_be_fetched() {
+    let path = after(&[]);
+    assert!(path.may_redirect(&order(1)));
+    assert!(!path.may_redirect(&judged(1)), "they pass here to be looked at");
+    let path = after(&[ordered(order(1))]);
+    assert!(!path.may_redirect(&order(2)), "the client may have a part");
+    assert!(!ViewPath::new(false).may_redirect(&order(1)));
+}
+
+#[test]
+fn the_order_is_known_wherever_a_worker_has_the_view() {
+    let has_order = |events: &[Event]| after(events).order().is_some();
+    assert!(!has_order(&[]));
+    assert!(has_order(&[ordered(order(1))]));
+    assert!(has_order(&[ordered(judged(1)), header()]));
+    assert!(has_order(&[ordered(order(1)), header()]));
+    assert!(has_order(&[with_ticket(order(1), 1)]));
+    assert!(!has_order(&[Event::Cancelled]));
+}

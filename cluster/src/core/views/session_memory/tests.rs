@@ -1,0 +1,268 @@
+//! A session's frames, one after the other, as offers change.
+
+use argus_scene::rig::Coverage;
+use argus_scene::{Camera, Outputs, PlanRequest, Preset, SceneHash, Warp};
+use glam::DVec3;
+use proptest::prelude::*;
+
+use super::*;
+use crate::core::WorkerId;
+use crate::core::planner::predicted_excess;
+
+const FULL: Coverage = Coverage { covered: 1.0, fine: 1.0 };
+const COARSE: Coverage = Coverage { covered: 1.0, fine: 0.5 };
+
+/// From triangles, in so many milliseconds.
+fn direct(render_ms: f64) -> Offer {
+    Offer {
+        worker: WorkerId(1),
+        turn: (0, 0),
+        plan: Plan::Direct { samples_per_pixel: 1 },
+        wait_ms: 0.0,
+        render_ms: Some(render_ms),
+        excess: 0.0,
+        is_sound: true,
+        repeats: false,
+    }
+}
+
+/// From the sample of a camera.
+fn warp(index: u64, render_ms: f64, coverage: Coverage) -> Offer {
+    let samples = vec![SampleId { epoch: 0, generation: 1, index }];
+    let (excess, is_sound) = predicted_excess(Some(coverage));
+    let plan = Plan::Warp(Warp { samples, ..Warp::default() });
+    Offer { worker: WorkerId(2), plan, excess, is_sound, ..direct(render_ms) }
+}
+
+fn waiting(wait_ms: f64, offer: Offer) -> Offer {
+    Offer { wait_ms, ..offer }
+}
+
+/// A viewer's session, and what its shell keeps of it.
+struct Session {
+    now: Duration,
+    view: View,
+    last: Option<LastView>,
+    changed: Option<Duration>,
+}
+
+impl Session {
+    fn new(plan: PlanRequest) -> Self {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
+        let view = View { camera, width: 40, height: 30, outputs: Outputs::COLOR, plan, pin: None };
+        Self { now: Duration::ZERO, view, last: None, changed: None }
+    }
+
+    fn moves(&mut self) {
+        self.view.camera.eye += DVec3::splat(0.01);
+    }
+
+    /// The next frame, `ms` after the one before it: whether it is from triangles, its sample, and why.
+    fn frame(&mut self, ms: u64, offers: &[Offer]) -> (Plan, Reason) {
+        self.now += Duration::from_millis(ms);
+        let since_change = self.changed.map(|changed| self.now - changed);
+        let last = self.last.clone().map(|last| LastView { since_change, ..last });
+        let memory = last.and_then(|last| Memory::of(&self.view, last));
+        let is_repeated = |offer: &Offer| {
+            memory.as_ref().is_some_and(|memory| memory.is_repeated_by(&offer.plan, 0, "device"))
+        };
+        let offers = offers.iter().map(|offer| Offer { repeats: is_repeated(offer), ..offer.clone() });
+        let aim = Aim::of(&self.view.plan);
+        let (offer, decision) = choose_after(offers.collect(), &aim, memory.as_ref()).unwrap();
+        let is_direct = |plan: &Plan| matches!(plan, Plan::Direct { .. });
+        if self.last.as_ref().is_some_and(|last| is_direct(&last.provenance.plan) != is_direct(&offer.plan)) {
+            self.changed = Some(self.now);
+        }
+        let (scene, device) = (SceneHash([1; 32]), "device; triangles by raster".to_owned());
+        let plan = offer.plan.clone();
+        let provenance = Provenance { scene, epoch: 0, generation: 1, plan, device, history: false };
+        let (view, reason) = (self.view.clone(), decision.reason);
+        self.last = Some(LastView { view, provenance, reason, since_change: None });
+        (offer.plan, decision.reason)
+    }
+}
+
+/// Two ways whose times change places with each frame.
+fn alternating(frame: usize) -> [Offer; 2] {
+    let (a, b) = if frame.is_multiple_of(2) { (10.0, 9.0) } else { (9.0, 10.0) };
+    [direct(a), warp(7, b, FULL)]
+}
+
+#[test]
+fn a_standing_camera_gets_one_plan_while_cheap_offers_alternate() {
+    for preset in [None, Some(Preset::Balanced), Some(Preset::Interactive)] {
+        let mut session = Session::new(PlanRequest { preset, ..PlanRequest::default() });
+        let (plan, _) = session.frame(0, &alternating(1));
+        assert_eq!(plan, direct(0.0).plan);
+        for frame in 2..100_usize {
+            let reason = if frame.is_multiple_of(2) { Reason::Kept } else { Reason::Soonest };
+            assert_eq!(session.frame(50, &alternating(frame)), (plan.clone(), reason), "frame {frame}");
+        }
+    }
+}
+
+#[test]
+fn a_standing_camera_that_began_from_samples_is_upgraded_once_and_then_stays() {
+    let mut session = Session::new(PlanRequest::default());
+    assert_eq!(session.frame(0, &alternating(0)).0, warp(7, 0.0, FULL).plan);
+    assert_eq!(session.frame(50, &alternating(1)), (direct(0.0).plan, Reason::Upgrade));
+    for frame in 2..100 {
+        assert_eq!(session.frame(50, &alternating(frame)).0, direct(0.0).plan, "frame {frame}");
+    }
+}
+
+#[test]
+fn a_moving_camera_changes_its_way_at_most_once_in_two_seconds() {
+    let mut session = Session::new(PlanRequest::default());
+    let (mut before, _) = session.frame(0, &alternating(0));
+    let mut changes = Vec::new();
+    for frame in 1..200 {
+        session.moves();
+        let (plan, _) = session.frame(50, &alternating(frame));
+        if plan != before {
+            changes.push(session.now);
+        }
+        before = plan;
+    }
+    assert!(changes.len() > 2, "ten seconds have room for some: {changes:?}");
+    assert!(changes.windows(2).all(|pair| pair[1] - pair[0] >= CALM), "{changes:?}");
+}
+
+#[test]
+fn a_lost_sample_lets_the_way_change_at_once() {
+    for moves in [false, true] {
+        let mut session = Session::new(PlanRequest::default());
+        session.frame(0, &[direct(10.0)]);
+        session.moves();
+        let (plan, _) = session.frame(50, &[direct(10.0), warp(7, 5.0, FULL)]);
+        assert!(matches!(plan, Plan::Warp(_)));
+        if moves {
+            session.moves();
+        }
+        assert_eq!(session.frame(50, &[direct(10.0)]), (direct(0.0).plan, Reason::NoSamples));
+        // It was the second change: the third one waits.
+        session.moves();
+        let both = [direct(10.0), warp(7, 5.0, FULL)];
+        assert_eq!(session.frame(50, &both), (direct(0.0).plan, Reason::Kept));
+        session.moves();
+        assert_eq!(session.frame(2000, &both), (warp(7, 0.0, FULL).plan, Reason::Soonest));
+    }
+}
+
+#[test]
+fn a_way_whose_offers_are_beyond_the_bound_is_left_at_once() {
+    let mut session = Session::new(PlanRequest::default());
+    session.frame(0, &[direct(10.0)]);
+    for coverage in [FULL, COARSE] {
+        session.moves();
+        let (plan, reason) = session.frame(50, &[direct(10.0), warp(7, 5.0, coverage)]);
+        let expected = if coverage == FULL { Reason::Soonest } else { Reason::SamplesFallShort };
+        assert_eq!((matches!(plan, Plan::Warp(_)), reason), (coverage == FULL, expected));
+    }
+}
+
+#[test]
+fn a_standing_cameras_frame_changes_for_less_error_and_says_that_it_is_upgraded() {
+    let mut session = Session::new(PlanRequest::default());
+    let fair = Coverage { covered: 1.0, fine: 0.96 };
+    let nearly = Coverage { covered: 1.0, fine: 0.97 };
+    session.frame(0, &[direct(50.0), warp(7, 9.0, fair)]);
+    // Sooner, but hardly better: what would be seen is the change.
+    let (plan, reason) = session.frame(50, &[direct(50.0), warp(7, 9.0, fair), warp(8, 5.0, nearly)]);
+    assert_eq!((plan, reason), (warp(7, 0.0, fair).plan, Reason::Kept));
+    let better = [direct(50.0), warp(7, 9.0, fair), warp(9, 5.0, FULL)];
+    assert_eq!(session.frame(50, &better), (warp(9, 0.0, FULL).plan, Reason::Upgrade));
+    assert_eq!(session.frame(50, &better).0, warp(9, 0.0, FULL).plan);
+}
+
+#[test]
+fn an_upgrade_by_another_way_waits_until_the_way_has_been_calm() {
+    let mut session = Session::new(PlanRequest::default());
+    session.frame(0, &[direct(10.0)]);
+    session.moves();
+    session.frame(50, &[direct(10.0), warp(7, 5.0, FULL)]);
+    let now_direct_is_soonest = [direct(4.0), warp(7, 5.0, FULL)];
+    assert_eq!(session.frame(1900, &now_direct_is_soonest).1, Reason::Kept);
+    assert_eq!(session.frame(100, &now_direct_is_soonest), (direct(0.0).plan, Reason::Upgrade));
+}
+
+#[test]
+fn where_repeating_takes_too_long_a_sooner_frame_is_taken_and_labelled_and_later_the_bound_returns() {
+    let mut session = Session::new(PlanRequest::default());
+    let at = |wait| [waiting(wait, direct(40.0)), waiting(wait, warp(7, 4.0, COARSE))];
+    assert_eq!(session.frame(0, &at(0.0)), (direct(0.0).plan, Reason::SamplesFallShort));
+    let coarse = warp(7, 0.0, COARSE).plan;
+    assert_eq!(session.frame(50, &at(1000.0)), (coarse.clone(), Reason::TimeFirst));
+    assert_eq!(session.frame(50, &at(0.0)), (coarse.clone(), Reason::TimeFirst), "for two seconds");
+    session.moves();
+    assert_eq!(session.frame(50, &at(1000.0)), (coarse, Reason::TimeFirst));
+    assert_eq!(session.frame(2000, &at(0.0)), (direct(0.0).plan, Reason::Upgrade));
+}
+
+#[test]
+fn a_request_that_asks_for_something_else_is_answered_as_if_it_were_the_first() {
+    let mut session = Session::new(PlanRequest::default());
+    session.frame(0, &alternating(0));
+    session.view.plan.preset = Some(Preset::Exact);
+    let (plan, reason) = session.frame(50, &alternating(0));
+    assert_eq!((plan, reason), (direct(0.0).plan, Reason::SamplesFallShort));
+}
+
+#[test]
+fn another_size_epoch_or_device_repeats_nothing() {
+    let mut session = Session::new(PlanRequest::default());
+    let (plan, _) = session.frame(0, &[warp(7, 5.0, FULL)]);
+    let last = session.last.clone().unwrap();
+    let memory = Memory::of(&session.view, last.clone()).unwrap();
+    assert!(memory.is_repeated_by(&plan, 0, "device"));
+    assert!(!memory.is_repeated_by(&plan, 1, "device"));
+    assert!(!memory.is_repeated_by(&plan, 0, "another device"));
+    assert!(!memory.is_repeated_by(&direct(1.0).plan, 0, "device"));
+    let larger = View { width: 41, ..session.view.clone() };
+    let memory = Memory::of(&larger, last).unwrap();
+    assert!(!memory.is_repeated_by(&plan, 0, "device"));
+    assert_eq!(memory.samples().count(), 0);
+}
+
+#[test]
+fn without_offers_nothing_is_chosen() {
+    let mut session = Session::new(PlanRequest::default());
+    session.frame(0, &alternating(0));
+    let memory = Memory::of(&session.view, session.last.clone().unwrap());
+    assert_eq!(choose_after(Vec::new(), &Aim::of(&session.view.plan), memory.as_ref()), None);
+}
+
+fn any_offers() -> impl Strategy<Value = (bool, u64, Vec<Offer>)> {
+    let costs = (1.0..50.0_f64, 1.0..50.0_f64, 0.0..100.0_f64);
+    (any::<bool>(), 20_u64..400, costs, 0_u64..3).prop_map(
+        |(moves, ms, (triangles, samples, wait), index)| {
+            (moves, ms, vec![waiting(wait, direct(triangles)), warp(index, samples, FULL)])
+        },
+    )
+}
+
+proptest! {
+    #[test]
+    fn whatever_is_offered_within_bound_and_time_ways_change_once_in_two_seconds_and_standing_frames_for_less_error(
+        frames in proptest::collection::vec(any_offers(), 1..60),
+    ) {
+        let mut session = Session::new(PlanRequest::default());
+        let mut before: Option<Plan> = None;
+        let mut changed: Option<Duration> = None;
+        for (moves, ms, offers) in frames {
+            if moves {
+                session.moves();
+            }
+            let (plan, reason) = session.frame(ms, &offers);
+            if let Some(before) = &before {
+                let is_held = offers.iter().any(|offer| offer.plan == *before);
+                prop_assert!(moves || !is_held || plan == *before || reason == Reason::Upgrade);
+                if matches!(before, Plan::Direct { .. }) != matches!(plan, Plan::Direct { .. }) {
+                    prop_assert!(changed.is_none_or(|at| session.now - at >= CALM));
+                    changed = Some(session.now);
+                }
+            }
+            before = Some(plan);
+        }
+    }
+}
