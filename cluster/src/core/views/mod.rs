@@ -4,7 +4,7 @@
 //! returned as [`Effect`]s, which the machine passes on.
 //!
 //! `admission` keeps what clients may ask for. [`plan`] says how a view is answered whose request names that, [`planner`]
-//! how one is whose request leaves it open, by the offers that `open` collects, and `wishes` what becomes of requests with
+//! how one is whose request leaves it open, by the offers that `open` collects, and `targets` what becomes of requests with
 //! a bound on the error. `ask` lets views in, `dispatch` gives them to the workers that `choose` picks, and `outcome` says
 //! what becomes of frames and failures.
 
@@ -20,9 +20,9 @@ mod outcome;
 mod pending;
 pub mod plan;
 pub mod planner;
-mod quest;
 mod survey;
-mod wishes;
+mod target_search;
+mod targets;
 
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
