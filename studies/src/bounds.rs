@@ -5,7 +5,7 @@
 //! for. The yardstick is whoever knows all errors beforehand: the cheapest setting that keeps the bound.
 
 use anyhow::Result;
-use argus_cluster::core::quality::choose::{self, Step, Wish};
+use argus_cluster::core::quality::choose::{self, QualityTarget, Step};
 use argus_cluster::core::quality::{Answer, Model, Pace, Setting, Trial};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_scene::{Holes, PlanRequest, RigKnobs, Search};
@@ -124,12 +124,12 @@ struct Outcome<'a> {
 
 /// Plays the coordinator: what is tried, and in the end delivered, of a view's answers.
 fn play<'a>(model: &Model, trial: &'a Trial, request: &PlanRequest) -> Option<Outcome<'a>> {
-    let (wish, pace) = (Wish::of(request)?, Pace::new(1.0));
-    let bound = wish.max_error?;
+    let (target, pace) = (QualityTarget::of(request)?, Pace::new(1.0));
+    let bound = target.max_error?;
     let candidates = model.candidates(request, &trial.situation, trial.pixels, &pace);
     let answer = |setting: Setting| trial.answers.iter().find(|answer| answer.setting == setting);
     let (mut ms, mut tried) = (0.0, Vec::new());
-    let mut step = choose::first(&candidates, &wish, |_| 0.0)?;
+    let mut step = choose::first(&candidates, &target, |_| 0.0)?;
     let (delivered, predicted) = loop {
         match step {
             Step::Deliver { expected } => break (answer(*tried.last()?)?, expected.error),
@@ -141,7 +141,7 @@ fn play<'a>(model: &Model, trial: &'a Trial, request: &PlanRequest) -> Option<Ou
                     break (seen, expected.error);
                 }
                 let light = model.enlightened(&candidates, &trial.situation, setting, &seen.observed);
-                step = choose::next(&light, &wish, &tried, ms, |_| 0.0);
+                step = choose::next(&light, &target, &tried, ms, |_| 0.0);
             }
         }
     };

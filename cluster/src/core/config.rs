@@ -16,7 +16,7 @@ pub struct Config {
     /// A change of roles must be predicted to shorten the tick by this factor: noise in measured costs is a
     /// few per cent, and a change costs a drain and a transfer of samples.
     pub margin: f64,
-    /// … and be predicted for this long without a break.
+    /// A change of roles must be predicted to pay for this long without a break.
     pub dwell: Duration,
     /// Below this fraction of a tick nobody is short of time, and roles stay as they are.
     pub idle_fraction: f64,
@@ -26,22 +26,22 @@ pub struct Config {
     /// A worker whose render thread has been at one piece of work for this long, and for ten times as long as that is
     /// expected to take, is suspected as if it were silent.
     pub stuck_after: Duration,
-    /// … this long while nobody has measured such work yet: a first sample may wait for machine code.
+    /// Takes the place of [`Config::stuck_after`] while no worker has measured such work yet: a first sample may wait for machine code.
     pub first_of_its_kind: Duration,
     /// How often workers report.
     pub report_interval: Duration,
     /// Views waiting or in work in the whole cluster; one more is turned away at once.
     pub max_views: usize,
-    /// … of one client: three quarters, so that nobody fills the cluster alone.
+    /// Views of one client waiting or in work: three quarters, so that no client fills the cluster alone.
     pub max_views_per_client: usize,
     /// Sessions that are open at the same time. Each is a task and two frames on their way.
     pub max_sessions: usize,
-    /// … of one client: three quarters.
+    /// Sessions of one client that are open at the same time: three quarters.
     pub max_sessions_per_client: usize,
     /// Pixels, sub-pixels counted, that all clients may ask for in a second. `None`: as many as workers manage, which
     /// [`Config::max_wait`] sees to.
     pub pixels_per_sec: Option<f64>,
-    /// … one client.
+    /// Pixels, sub-pixels counted, that one client may ask for in a second. `None`: as many as workers manage.
     pub pixels_per_sec_per_client: Option<f64>,
     /// A view that would probably wait longer than this, or than its own deadline, before its turn comes is
     /// turned away at once: by the measured costs of what is in flight before it.
@@ -102,7 +102,7 @@ impl Config {
         self.lease * 3 / 20
     }
 
-    /// … this long, whatever others do, and however late its reports were lately. Six reports by default: wrongly
+    /// A worker that has not reported for this long is suspected whatever others do, and however late its reports were lately. Six reports by default: wrongly
     /// suspecting one that was merely starved costs a view's time, and waiting for one that hangs costs its clients all
     /// of it.
     pub(super) fn suspected_after(&self) -> Duration {

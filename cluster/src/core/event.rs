@@ -76,11 +76,11 @@ pub struct Report {
     pub applied: u64,
     /// Milliseconds of one process for a sample, over what it rendered lately.
     pub sample_ms: Option<f64>,
-    /// … for a direct view.
+    /// Milliseconds of one process for a direct view, over what it rendered lately.
     pub direct_ms: Option<f64>,
-    /// … for a reconstructed view.
+    /// Milliseconds of one process for a reconstructed view, over what it rendered lately.
     pub view_ms: Option<f64>,
-    /// … for a single ray of a pixel that no sample saw.
+    /// Milliseconds of one process for a single ray of a pixel that no sample saw, over what it traced lately.
     pub ray_ms: Option<f64>,
     /// Samples that wait or are in work.
     pub queued_samples: u32,
@@ -173,7 +173,7 @@ pub enum Event {
     Asked {
         /// Given by the shell, never used before.
         ticket: Ticket,
-        /// Who asks.
+        /// Which client asks.
         client: Client,
         /// What is asked for.
         view: Box<View>,
@@ -264,7 +264,7 @@ pub struct Assignment {
     pub suspected: Vec<String>,
 }
 
-/// Who holds or can render a sample, best first. Where none of them has it, the worker renders it itself.
+/// The workers that hold or can render a sample, best first. Where none of them has it, the worker renders it itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
     /// Which sample.
@@ -281,7 +281,7 @@ pub struct Source {
 pub struct Order {
     /// Ascending for a ticket, from 1.
     pub attempt: u32,
-    /// Who shall answer.
+    /// Which worker shall answer.
     pub worker: WorkerId,
     /// Where it is.
     pub address: String,
@@ -310,14 +310,14 @@ pub struct Order {
 pub enum Action {
     /// Tell a worker its role.
     Assign {
-        /// Whom.
+        /// Which worker.
         worker: WorkerId,
         /// What.
         assignment: Assignment,
     },
     /// End a worker's stream: it is lost, replaced or unknown. If it lives it joins again.
     Expel {
-        /// Whom.
+        /// Which worker.
         worker: WorkerId,
         /// Why, for the log and for the worker.
         reason: String,

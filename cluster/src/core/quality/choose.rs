@@ -28,21 +28,21 @@ pub struct Candidate<'a> {
 
 /// What is wanted beside what the plan must be.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Wish {
+pub struct QualityTarget {
     /// The greatest error that is accepted.
     pub max_error: Option<f64>,
     /// Milliseconds that rendering may take, after those it has to wait.
     pub deadline_ms: Option<f64>,
-    /// A named wish.
+    /// A named trade of time for error.
     pub preset: Option<Preset>,
 }
 
-impl Wish {
-    /// What a request wishes; `None` if nothing.
+impl QualityTarget {
+    /// The target that a request states; `None` if it states none.
     pub fn of(request: &PlanRequest) -> Option<Self> {
         let PlanRequest { max_error, deadline_ms, preset, .. } = *request;
-        let wish = Self { max_error, deadline_ms, preset };
-        (wish != Self::default()).then_some(wish)
+        let target = Self { max_error, deadline_ms, preset };
+        (target != Self::default()).then_some(target)
     }
 
     /// Whether a preset forbids a setting: exact ones guess no pixel, and supersample what they warp.
@@ -82,10 +82,14 @@ pub enum Step {
 
 /// The first setting to try; `None` where there is nothing to choose among. `wait_ms` is how long a setting
 /// has to wait before its turn.
-pub fn first(candidates: &[Candidate<'_>], wish: &Wish, wait_ms: impl Fn(Setting) -> f64) -> Option<Step> {
-    let allowed = |c: &&Candidate<'_>| !wish.forbids(c.setting);
+pub fn first(
+    candidates: &[Candidate<'_>],
+    target: &QualityTarget,
+    wait_ms: impl Fn(Setting) -> f64,
+) -> Option<Step> {
+    let allowed = |c: &&Candidate<'_>| !target.forbids(c.setting);
     let affordable =
-        candidates.iter().filter(allowed).filter(|c| wish.affords(c, wait_ms(c.setting))).copied();
+        candidates.iter().filter(allowed).filter(|c| target.affords(c, wait_ms(c.setting))).copied();
     let mut open: Vec<Candidate<'_>> = affordable.collect();
     if open.is_empty() {
         // Late all the same: what is done first.
@@ -93,12 +97,12 @@ pub fn first(candidates: &[Candidate<'_>], wish: &Wish, wait_ms: impl Fn(Setting
         let all = || candidates.iter();
         open.extend(least(all().filter(allowed), soonest).or(least(all(), soonest)));
     }
-    if let Some(bound) = wish.max_error {
+    if let Some(bound) = target.max_error {
         let chosen = bounded(&open, &[], bound)?;
         return Some(attempt(&chosen, open.len() > 1));
     }
     let cheapest = least(open.iter(), |c| c.ms)?;
-    let chosen = match wish.preset {
+    let chosen = match target.preset {
         Some(Preset::Interactive) => Some(cheapest),
         Some(Preset::Balanced) => {
             least(open.iter().filter(|c| c.ms <= BALANCED * cheapest.ms), |c| c.error.median())
@@ -112,14 +116,14 @@ pub fn first(candidates: &[Candidate<'_>], wish: &Wish, wait_ms: impl Fn(Setting
 /// `spent_ms` have passed since the first try began.
 pub fn next(
     candidates: &[Candidate<'_>],
-    wish: &Wish,
+    target: &QualityTarget,
     tried: &[Setting],
     spent_ms: f64,
     wait_ms: impl Fn(Setting) -> f64,
 ) -> Step {
     let seen = candidates.iter().find(|c| Some(&c.setting) == tried.last());
     let delivered = |seen: &Candidate<'_>| Step::Deliver { expected: expected(seen) };
-    let (Some(seen), Some(bound)) = (seen, wish.max_error) else {
+    let (Some(seen), Some(bound)) = (seen, target.max_error) else {
         let nothing_known = Prediction { error: 1.0, ms: spent_ms };
         return seen.map_or(Step::Deliver { expected: nothing_known }, delivered);
     };
@@ -128,8 +132,8 @@ pub fn next(
     }
     let open: Vec<Candidate<'_>> = candidates
         .iter()
-        .filter(|c| !wish.forbids(c.setting) && c.setting != seen.setting)
-        .filter(|c| wish.affords(c, spent_ms + wait_ms(c.setting)))
+        .filter(|c| !target.forbids(c.setting) && c.setting != seen.setting)
+        .filter(|c| target.affords(c, spent_ms + wait_ms(c.setting)))
         .copied()
         .collect();
     let last = tried.len() + 1 >= MOST_TRIES;

@@ -19,7 +19,7 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// As the model has it; `weight` of the newest observation in (0, 1].
+    /// Costs are as the model has them; `weight` of the newest observation in (0, 1].
     pub fn new(weight: f64) -> Self {
         Self { weight, settings: HashMap::new(), kinds: [Smoothed::new(weight), Smoothed::new(weight)] }
     }

@@ -72,7 +72,7 @@ impl Setting {
         matches!(self, Self::Warp { holes: Holes::Trace, .. })
     }
 
-    /// Whether it does what a request says beside its wish: searches, knobs, treatment of holes. A request's
+    /// Whether it does what a request says beside its target: searches, knobs, treatment of holes. A request's
     /// number of samples is the most that may be used.
     pub fn is_allowed_by(self, request: &PlanRequest) -> bool {
         match self {

@@ -6,7 +6,7 @@ use argus_scene::{Camera, Holes, PlanRequest, Preset, Search};
 use glam::DVec3;
 use proptest::prelude::*;
 
-use super::choose::{self, MOST_TRIES, Step, Wish};
+use super::choose::{self, MOST_TRIES, QualityTarget, Step};
 use super::*;
 use crate::core::tests::set_info;
 
@@ -81,8 +81,8 @@ fn candidates<'a>(model: &'a Model, request: &PlanRequest, trial: &Trial) -> Vec
 }
 
 fn first(model: &Model, request: &PlanRequest, trial: &Trial) -> Option<Setting> {
-    let wish = Wish::of(request)?;
-    match choose::first(&candidates(model, request, trial), &wish, |_| 0.0)? {
+    let target = QualityTarget::of(request)?;
+    match choose::first(&candidates(model, request, trial), &target, |_| 0.0)? {
         Step::Try { setting, .. } => Some(setting),
         Step::Deliver { .. } => None,
     }
@@ -90,10 +90,10 @@ fn first(model: &Model, request: &PlanRequest, trial: &Trial) -> Option<Setting>
 
 /// What is delivered in the end, the milliseconds of all tries, and the error that was foretold.
 fn play(model: &Model, request: &PlanRequest, trial: &Trial) -> (Answer, f64, f64) {
-    let wish = Wish::of(request).unwrap();
+    let target = QualityTarget::of(request).unwrap();
     let before = candidates(model, request, trial);
     let (mut tried, mut ms) = (Vec::new(), 0.0);
-    let mut step = choose::first(&before, &wish, |_| 0.0).unwrap();
+    let mut step = choose::first(&before, &target, |_| 0.0).unwrap();
     loop {
         let answer = |setting| *trial.answers.iter().find(|a| a.setting == setting).unwrap();
         match step {
@@ -106,7 +106,7 @@ fn play(model: &Model, request: &PlanRequest, trial: &Trial) -> (Answer, f64, f6
                     return (answer(setting), ms, expected.error);
                 }
                 let light = model.enlightened(&before, &trial.situation, setting, &answer(setting).observed);
-                step = choose::next(&light, &wish, &tried, ms, |_| 0.0);
+                step = choose::next(&light, &target, &tried, ms, |_| 0.0);
             }
         }
     }
@@ -144,15 +144,15 @@ fn what_may_break_a_bound_is_not_delivered_where_something_else_is_sure_to_keep_
     let mut went_on = 0;
     for (trial, bound) in trials[120..].iter().flat_map(|t| [0.015, 0.02, 0.03, 0.04].map(|bound| (t, bound)))
     {
-        let wish = Wish::of(&bounded(bound)).unwrap();
+        let target = QualityTarget::of(&bounded(bound)).unwrap();
         let before = candidates(&model, &bounded(bound), trial);
-        let Some(Step::Try { setting, judged: true, .. }) = choose::first(&before, &wish, |_| 0.0) else {
+        let Some(Step::Try { setting, judged: true, .. }) = choose::first(&before, &target, |_| 0.0) else {
             continue;
         };
         let seen = trial.answers.iter().find(|a| a.setting == setting).unwrap();
         let light = model.enlightened(&before, &trial.situation, setting, &seen.observed);
         let sure = light.iter().any(|c| c.error.upper() <= bound);
-        match choose::next(&light, &wish, &[setting], seen.ms, |_| 0.0) {
+        match choose::next(&light, &target, &[setting], seen.ms, |_| 0.0) {
             Step::Deliver { expected } => {
                 assert!(expected.error <= bound || !sure, "{setting:?} {expected:?}")
             }
@@ -209,7 +209,7 @@ fn presets_and_deadlines_choose_by_what_they_are_called() {
     let busy = |setting: Setting| if setting.is_direct() { 900.0 } else { 0.0 };
     let request = PlanRequest { deadline_ms: Some(1000.0), ..PlanRequest::default() };
     let candidates = candidates(&model, &request, trial);
-    let step = choose::first(&candidates, &Wish::of(&request).unwrap(), busy).unwrap();
+    let step = choose::first(&candidates, &QualityTarget::of(&request).unwrap(), busy).unwrap();
     assert!(matches!(step, Step::Try { setting: DIRECT, judged: false, .. }), "{step:?}");
 }
 
@@ -221,7 +221,7 @@ fn a_slower_machine_is_taken_into_account() {
     let mut pace = Pace::new(0.3);
     (0..20).for_each(|_| pace.observe(DIRECT, 40.0, 20.0));
     let candidates = model.candidates(&request, &trial.situation, trial.pixels, &pace);
-    let step = choose::first(&candidates, &Wish::of(&request).unwrap(), |_| 0.0).unwrap();
+    let step = choose::first(&candidates, &QualityTarget::of(&request).unwrap(), |_| 0.0).unwrap();
     assert!(matches!(step, Step::Try { setting: TRACED, .. }), "{step:?}");
 }
 
@@ -280,15 +280,15 @@ proptest! {
         let camera = Camera::look_at(DVec3::from_array(eye.map(f)), DVec3::ZERO);
         let situation = Situation::new(&camera, 150, (&set.rig, None), &set.bounds);
         let request = bounded(bound);
-        let wish = Wish::of(&request).unwrap();
+        let target = QualityTarget::of(&request).unwrap();
         let open = model.candidates(&request, &situation, 30_000, &Pace::new(0.3));
         prop_assert!(open.iter().all(|c| (0.0..=1.0).contains(&c.error.upper())));
-        let Some(Step::Try { setting, expected, .. }) = choose::first(&open, &wish, |_| f64::NAN) else {
+        let Some(Step::Try { setting, expected, .. }) = choose::first(&open, &target, |_| f64::NAN) else {
             return Err(TestCaseError::fail("there is something to try"));
         };
         prop_assert!((0.0..=1.0).contains(&expected.error));
         let light = model.enlightened(&open, &situation, setting, &strange);
-        match choose::next(&light, &wish, &[setting], f64::NAN, |_| 0.0) {
+        match choose::next(&light, &target, &[setting], f64::NAN, |_| 0.0) {
             Step::Try { expected, .. } | Step::Deliver { expected } => {
                 prop_assert!((0.0..=1.0).contains(&expected.error));
             }
@@ -305,11 +305,11 @@ fn of_settings_that_may_be_wrong_in_any_way_the_likeliest_to_be_right_is_tried()
     let [bad, good] = [&bad, &good].map(|regression| regression.believe(&[f64::NAN]));
     assert_eq!((bad.upper(), good.upper()), (1.0, 1.0));
     let candidate = |setting, error| choose::Candidate { setting, ms: 1.0, error, judged_factor: 1.0 };
-    let wish = Wish { max_error: Some(0.01), ..Wish::default() };
+    let target = QualityTarget { max_error: Some(0.01), ..QualityTarget::default() };
     for candidates in
         [[candidate(CHEAP, bad), candidate(FINE, good)], [candidate(FINE, good), candidate(CHEAP, bad)]]
     {
-        let step = choose::first(&candidates, &wish, |_| 0.0);
+        let step = choose::first(&candidates, &target, |_| 0.0);
         assert!(matches!(step, Some(Step::Try { setting: FINE, .. })), "{step:?}");
     }
 }

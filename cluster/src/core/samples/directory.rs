@@ -61,7 +61,7 @@ pub(super) struct Known<'a> {
 }
 
 impl Directory {
-    /// Who renders a sample, chosen now if nobody was; `None` where nobody samples.
+    /// The worker that renders a sample, chosen now if none was; `None` where no worker samples.
     pub(super) fn owner(&mut self, id: SampleId, known: Known<'_>, now: Uptime) -> Option<WorkerId> {
         let before = self.owners.get(&id).and_then(|entry| known.workers.get(entry.owner));
         let owner = match before.filter(|w| w.takes_samples()) {

@@ -242,6 +242,34 @@ mod tests {
     }
 
     #[test]
+    fn what_a_worker_used_counts_as_held_until_a_report_says_otherwise() {
+        let mut places = SampleLocations::default();
+        places.begin(A, [id(1), id(2)].into_iter());
+        places.begin(A, [id(2)].into_iter());
+        assert_eq!((places.missing(&[id(1), id(3)], A), places.missing(&[id(1)], B)), (1, 1));
+        places.end(A, &[id(1), id(2)], true);
+        assert!(places.has(id(1), A) && places.is_on_its_way(id(2)) && !places.is_on_its_way(id(1)));
+        // The same report as before: but it used samples since, so it is taken by what it says.
+        assert!(!places.reported(A, &[], &[]), "nothing new");
+        assert!(!places.has(id(1), A));
+        assert!(places.reported(A, &[id(3)], &[]) && places.has(id(3), A));
+        assert!(!places.reported(A, &[id(3)], &[id(3)]));
+        assert_eq!(places.holdings().collect::<Vec<_>>(), [(A, 1)]);
+    }
+
+    #[test]
+    fn a_worker_that_is_gone_leaves_nothing_behind() {
+        let mut places = SampleLocations::default();
+        places.reported(A, &[id(1)], &[]);
+        places.begin(A, [id(2)].into_iter());
+        places.forget(A);
+        places.forget(B);
+        // What comes late of a view that it had changes nothing.
+        places.end(A, &[id(2)], true);
+        assert!(places.places.is_empty() && places.workers.is_empty() && places.due.is_empty());
+    }
+
+    #[test]
     fn those_near_a_sample_are_all_there_from_any_beginning() {
         let mut places = SampleLocations::default();
         (1..=5).for_each(|worker| places.gained(id(0), WorkerId(worker)));

@@ -34,3 +34,20 @@ impl NeededEpochs {
         self.counts.keys().next().copied()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_epoch_is_needed_until_its_last_view_is_over() {
+        let mut needed = NeededEpochs::default();
+        [7, 5, 7].into_iter().for_each(|epoch| needed.add(epoch));
+        assert_eq!((needed.oldest(), needed.contains(7)), (Some(5), true));
+        [5, 7].into_iter().for_each(|epoch| needed.subtract(epoch));
+        assert_eq!((needed.oldest(), needed.contains(5)), (Some(7), false));
+        // One that no view needs stays so.
+        [7, 7, 9].into_iter().for_each(|epoch| needed.subtract(epoch));
+        assert_eq!(needed.oldest(), None);
+    }
+}

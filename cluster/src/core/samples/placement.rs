@@ -1,8 +1,8 @@
 //! Where samples are taken beside the rig's own cameras: at its refinements, where views have holes.
 //!
-//! Every answered frame says how many of its pixels none of its samples saw. Those are laid to the account of the
-//! *site* that would have seen most of them: the rig's refinement nearest to the viewpoint, of the coarsest level
-//! that the view did not use already. Sites are given samples greedily, those with most uncovered pixels first,
+//! Every answered frame says how many of its pixels none of its samples saw. Unresolved pixels are counted for the
+//! refinement *site* that would have seen most of them: the rig's refinement nearest to the viewpoint, of the coarsest
+//! level that the view did not use already. Sites are given samples greedily, those with most uncovered pixels first,
 //! within a budget of rendering time and of memory. A sample that is placed earns, with every view that uses it,
 //! the pixels that it spares; in a full memory one that would spare twice as many replaces the least useful.
 //!

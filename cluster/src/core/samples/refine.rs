@@ -27,6 +27,19 @@ const ALWAYS: f64 = 0.1;
 /// The least bytes of a texel: radiance and inverse range. What is shaded per view takes more.
 const TEXEL_BYTES: u64 = 8;
 
+/// What each worker shall have at hand.
+type Lists = BTreeMap<WorkerId, Vec<Source>>;
+
+/// The workers that read a sample beside its owner.
+#[derive(Debug)]
+enum Readers {
+    /// These, told at once; each waits until its parent has the sample. The next epoch's samples are for those that compose
+    /// from the last one's, and a second copy is for one worker.
+    AtOnce(Vec<WorkerId>),
+    /// All that compose, each told once its parent has the sample: there is no hurry with refinements.
+    InTime,
+}
+
 impl Samples {
     /// Ticks have passed: places the samples that the budget allows; how many.
     pub(super) fn place(&mut self, workers: &Workers, ticks: f64) -> usize {
@@ -70,79 +83,77 @@ impl Samples {
         // The last view in a past epoch may have been answered since the next one was served. Whoever is told to have its samples,
         // and that none so old are of use, would drop them and render them again.
         self.epochs.retire(|epoch| needed.contains(epoch));
-        // Refinements are for all who compose, each told once whoever feeds it has the sample: there is no hurry. What
-        // the next epoch needs is for those who compose from the last one; they are told at once, and wait. So is who gets
-        // a second copy.
-        let mut wanted: BTreeMap<SampleId, Option<Vec<WorkerId>>> =
-            self.prepared(workers).into_iter().map(|(id, readers)| (id, Some(readers))).collect();
-        wanted.extend(self.copies(workers, now).into_iter().map(|(id, readers)| (id, Some(readers))));
-        wanted.extend(self.placement.placed().map(|index| (self.served(index), None)));
+        let wanted = self.wanted(workers, now);
         self.trees.retain(|id| wanted.contains_key(&id) || self.locations.is_on_its_way(id));
-        let mut lists: BTreeMap<WorkerId, Vec<Source>> = BTreeMap::new();
+        let mut lists = Lists::new();
         let mut to_render = Vec::new();
         for (id, readers) in wanted {
             let known = Known { workers, locations: &self.locations };
             let Some(owner) = self.directory.owner(id, known, now) else { continue };
             // A new owner fetches as well, from those who have it from the old one.
-            let answers = |worker: &WorkerId| workers.get(*worker).is_some_and(|w| !w.is_suspected());
             let holder = match self.locations.has(id, owner) {
                 true => Some(owner),
-                false => self.locations.holders(id).find(answers),
+                false => self.locations.holders(id).find(|worker| responds(*worker, workers)),
             };
             if holder.is_none() {
                 to_render.push(id);
             }
-            let address = |worker: WorkerId| workers.get(worker).map(|w| w.hello().address.clone());
-            let from = holder.filter(|holder| *holder != owner).and_then(address);
-            let addresses = from.into_iter().collect();
-            lists.entry(owner).or_default().push(Source { id, addresses, dispensable: false });
-            let root = holder.unwrap_or(owner);
-            let reads = |worker: &WorkerId| *worker != owner && *worker != root;
-            let hurry = readers.is_some();
-            let readers: Vec<WorkerId> = match (readers, holder) {
-                (Some(readers), _) => readers.into_iter().filter(reads).collect(),
-                (None, Some(_)) => {
-                    let composes = |w: &&Worker| w.takes_views() && reads(&w.id());
-                    workers.iter().filter(composes).map(Worker::id).collect()
-                }
-                (None, None) => Vec::new(),
-            };
-            let Some(root_address) = address(root) else { continue };
-            // Trees of different samples have different roots and leaves, so that nobody feeds others with all.
-            let tree = self.trees.tree(id);
-            let turn = id.index.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
-            for reader in readers.iter().cycle().skip(turn as usize).take(readers.len()) {
-                let parent = tree.parent(*reader).filter(|p| *p != root && answers(p));
-                let (has, fed) = (
-                    self.locations.has(id, *reader),
-                    parent.is_none_or(|p| hurry || self.locations.has(id, p)),
-                );
-                if !(has || fed) {
-                    continue;
-                }
-                let mut addresses: Vec<String> = parent.and_then(address).into_iter().collect();
-                addresses.push(root_address.clone());
-                lists.entry(*reader).or_default().push(Source { id, addresses, dispensable: false });
-            }
+            self.list(id, (owner, holder), readers, workers, &mut lists);
         }
         self.locations.order(to_render.into_iter());
-        let kept_from = self.kept_from(needed);
+        self.see_what_is_there(workers);
         let suspected = workers.iter().filter(|w| w.is_suspected());
         let suspected = suspected.map(|w| w.hello().address.clone()).collect();
-        // What a list leaves out is forgotten. So who seems to hang is told nothing until it is heard of again, and all keep
-        // what they have while nobody samples: that moment passes.
-        let nobody_samples = workers.queues().samplers().is_empty();
-        let mut list_of = |worker: &Worker| match nobody_samples {
-            true => {
-                let ahead = worker.assigned().ahead.iter();
-                ahead.filter(|source| source.id.epoch >= kept_from).cloned().collect()
+        let kept_from = self.kept_from(needed);
+        Ahead { lists: told(lists, kept_from, workers), kept_from, suspected }
+    }
+
+    /// The samples that workers shall have at hand, each with the workers that read it beside its owner.
+    fn wanted(&mut self, workers: &Workers, now: Uptime) -> BTreeMap<SampleId, Readers> {
+        let copies = self.copies(workers, now);
+        let at_once = self.prepared(workers).into_iter().chain(copies);
+        let mut wanted: BTreeMap<SampleId, Readers> =
+            at_once.map(|(id, readers)| (id, Readers::AtOnce(readers))).collect();
+        wanted.extend(self.placement.placed().map(|index| (self.served(index), Readers::InTime)));
+        wanted
+    }
+
+    /// Puts a sample on the lists of its owner and of its readers, each with the addresses where it finds it.
+    fn list(
+        &mut self,
+        id: SampleId,
+        (owner, holder): (WorkerId, Option<WorkerId>),
+        readers: Readers,
+        workers: &Workers,
+        lists: &mut Lists,
+    ) {
+        let address = |worker: WorkerId| workers.get(worker).map(|w| w.hello().address.clone());
+        let from = holder.filter(|holder| *holder != owner).and_then(address);
+        let source = Source { id, addresses: from.into_iter().collect(), dispensable: false };
+        lists.entry(owner).or_default().push(source);
+        let root = holder.unwrap_or(owner);
+        let reads = |worker: &WorkerId| *worker != owner && *worker != root;
+        let (readers, hurry): (Vec<WorkerId>, bool) = match readers {
+            Readers::AtOnce(readers) => (readers.into_iter().filter(reads).collect(), true),
+            Readers::InTime if holder.is_some() => {
+                let compose = workers.iter().filter(|w| w.takes_views()).map(Worker::id);
+                (compose.filter(reads).collect(), false)
             }
-            false => lists.remove(&worker.id()).unwrap_or_default(),
+            Readers::InTime => return,
         };
-        let told = workers.iter().filter(|w| w.answers());
-        let lists = told.map(|worker| (worker.id(), list_of(worker))).collect();
-        self.see_what_is_there(workers);
-        Ahead { lists, kept_from, suspected }
+        let Some(root_address) = address(root) else { return };
+        // Trees of different samples have different roots and leaves, so that no worker feeds others with all.
+        let tree = self.trees.tree(id);
+        let turn = id.index.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
+        for reader in readers.iter().cycle().skip(turn as usize).take(readers.len()) {
+            let parent = tree.parent(*reader).filter(|p| *p != root && responds(*p, workers));
+            let is_fed = parent.is_none_or(|p| hurry || self.locations.has(id, p));
+            if !(is_fed || self.locations.has(id, *reader)) {
+                continue;
+            }
+            let addresses = parent.and_then(address).into_iter().chain([root_address.clone()]).collect();
+            lists.entry(*reader).or_default().push(Source { id, addresses, dispensable: false });
+        }
     }
 
     /// Sees which refinements views may use: those that most of the workers have that compose.
@@ -160,4 +171,23 @@ impl Samples {
         self.placement
             .update(|index| readers > 0 && 2 * held_by(index) >= readers, |index| held_by(index) > 0);
     }
+}
+
+/// Whether a worker is there and not suspected.
+fn responds(worker: WorkerId, workers: &Workers) -> bool {
+    workers.get(worker).is_some_and(|w| !w.is_suspected())
+}
+
+/// What each worker is told. What a list leaves out is forgotten: so a worker that seems to hang is told nothing until it is
+/// heard of again, and all keep what they have while no worker samples, which passes.
+fn told(mut lists: Lists, kept_from: u64, workers: &Workers) -> Lists {
+    let nobody_samples = workers.queues().samplers().is_empty();
+    let mut list_of = |worker: &Worker| match nobody_samples {
+        true => {
+            let ahead = worker.assigned().ahead.iter();
+            ahead.filter(|source| source.id.epoch >= kept_from).cloned().collect()
+        }
+        false => lists.remove(&worker.id()).unwrap_or_default(),
+    };
+    workers.iter().filter(|w| w.answers()).map(|worker| (worker.id(), list_of(worker))).collect()
 }

@@ -8,6 +8,6 @@ mod property;
 mod roles;
 mod silence;
 mod sim;
+mod targets;
 mod views;
 mod ways;
-mod wishes;

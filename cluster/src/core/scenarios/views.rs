@@ -160,20 +160,20 @@ fn a_view_whose_holes_shall_be_traced_names_the_samplers_that_can() {
     assert!(sim.orders.is_empty());
     let marked = sim.ask(false);
     assert!(sim.orders[&marked].tracers.is_empty(), "nothing to trace");
-    let wish = PlanRequest { holes: Some(Holes::Trace), ..PlanRequest::default() };
-    let first = sim.ask_for(wish);
+    let request = PlanRequest { holes: Some(Holes::Trace), ..PlanRequest::default() };
+    let first = sim.ask_for(request);
     let sampler = sim.sampler();
     assert_eq!(sim.orders[&first].tracers, [sim.address(sampler)]);
     // Its death leaves the view with its compositor; the next view has another to ask.
     sim.leave(sampler);
-    let second = sim.ask_for(wish);
+    let second = sim.ask_for(request);
     let successor = sim.sampler();
     assert_eq!(sim.orders[&second].tracers, [sim.address(successor)]);
     sim.answer_all();
     assert!(sim.answered.contains(&first) && sim.answered.contains(&second));
     // The only worker traces for itself.
     let mut alone = Sim::with_workers(1);
-    let ticket = alone.ask_for(wish);
+    let ticket = alone.ask_for(request);
     let worker = alone.orders[&ticket].worker;
     assert_eq!(alone.orders[&ticket].tracers, [alone.address(worker)]);
 }

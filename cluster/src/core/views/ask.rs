@@ -10,7 +10,7 @@ use argus_scene::{Plan, Preset, SampleId, View};
 use super::open_view::OpenView;
 use super::pending::{Pending, device_kind, sub_pixels};
 use super::plan::plan;
-use super::wishes::Planned;
+use super::targets::Planned;
 use super::{Cluster, Effect, Views};
 use crate::core::event::{Action, Client, LastView, Ticket};
 use crate::core::samples::MOST_SAMPLES;
@@ -61,7 +61,7 @@ impl Views {
         now: Uptime,
     ) -> Vec<Effect> {
         let Asked { ticket, client, view, deadline, survey, last } = asked;
-        let Planned { plan, expected, quest } = planned;
+        let Planned { plan, expected, target_search } = planned;
         let longest = self.config.max_view_time;
         let deadline = deadline.unwrap_or(longest).min(longest);
         let pixels = u64::from(view.width) * u64::from(view.height);
@@ -75,7 +75,7 @@ impl Views {
             open: OpenView::of(view, survey, last),
             pinned: view.pin.is_some(),
             expected,
-            quest,
+            target_search,
             device_kind: view.pin.as_ref().map(|pin| device_kind(&pin.device).to_owned()).unwrap_or_default(),
             deadline: (now.after(deadline), deadline),
             asked: now,
@@ -116,10 +116,10 @@ impl Views {
         let nearest = |count| samples.sample_ids(&view.camera, count, samples.set().epoch);
         let plain = plan(view, samples.set(), nearest, &self.config)?;
         if open {
-            return Ok(Planned { plan: plain, expected: None, quest: None });
+            return Ok(Planned { plan: plain, expected: None, target_search: None });
         }
         let mut planned = self.planned(view, plain, cluster);
-        if planned.quest.is_none() && view.pin.is_none() {
+        if planned.target_search.is_none() && view.pin.is_none() {
             widen(view, &mut planned.plan, cluster);
         }
         let direct = matches!(planned.plan, Plan::Direct { .. });

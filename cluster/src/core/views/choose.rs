@@ -149,7 +149,7 @@ impl Cluster<'_> {
             && !self.samples.has_to_render(sampler.id(), |index| !self.samples.placement().is_placed(index))
     }
 
-    /// Who traces pixels for a view that `reader` composes: itself if it samples, since that needs no transfer,
+    /// The workers that trace pixels for a view that `reader` composes: itself if it samples, since that needs no transfer,
     /// then samplers of the same kind of device, whose bytes are the same, then others; those with least to do
     /// first; also those on their way to that role. None where nobody samples.
     pub(super) fn tracers(&self, reader: WorkerId) -> Vec<String> {

@@ -5,8 +5,8 @@
 use argus_scene::{Plan, Prediction, SampleId};
 
 use super::pending::{LINES, Pending};
-use super::quest::Quest;
 use super::session_memory::choose_after;
+use super::target_search::TargetSearch;
 use super::{Cluster, Views};
 use crate::core::event::{Order, Source, Ticket, WorkerId};
 use crate::core::samples::Access;
@@ -67,11 +67,11 @@ impl Views {
         ticket: Ticket,
         plan: Plan,
         expected: Prediction,
-        quest: Box<Quest>,
+        target_search: Box<TargetSearch>,
     ) {
         let Some(view) = self.views.get_mut(&ticket) else { return };
         self.in_flight.subtract(view);
-        view.begin_again(plan, expected, quest);
+        view.begin_again(plan, expected, target_search);
         self.in_flight.add(view);
         self.wait(ticket);
     }
@@ -191,7 +191,7 @@ impl Views {
             sources,
             tracers,
             expected: view.expected,
-            judged: view.quest.as_ref().is_some_and(|quest| quest.judged),
+            judged: view.target_search.as_ref().is_some_and(|target_search| target_search.judged),
             decision,
             fallback: view.open.as_ref().filter(|_| !view.is_direct()).map(|open| open.samples_per_pixel),
         };

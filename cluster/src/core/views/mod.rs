@@ -4,7 +4,8 @@
 //! returned as [`Effect`]s, which the machine passes on.
 //!
 //! `admission` keeps what clients may ask for. [`plan`] says how a view is answered whose request names that, [`planner`]
-//! how one is whose request leaves it open, by the offers that `open` collects and `session_memory` weighs against a session's last view, and `wishes` what becomes of requests with
+//! how one is whose request leaves it open, by the offers that `open` collects; `session_memory` weighs them against the
+//! session's last view. `targets` says what becomes of requests with
 //! a bound on the error. `ask` lets views in, `dispatch` gives them to the workers that `choose` picks, and `outcome` says
 //! what becomes of frames and failures.
 
@@ -20,10 +21,10 @@ mod outcome;
 mod pending;
 pub mod plan;
 pub mod planner;
-mod quest;
 mod session_memory;
 mod survey;
-mod wishes;
+mod target_search;
+mod targets;
 
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};

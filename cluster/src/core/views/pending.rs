@@ -7,7 +7,7 @@ use std::time::Duration;
 use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Visibility};
 
 use super::open_view::OpenView;
-use super::quest::Quest;
+use super::target_search::TargetSearch;
 use crate::core::event::{Client, Ticket, WorkerId};
 use crate::core::samples::NeededEpochs;
 use crate::core::time::Uptime;
@@ -28,7 +28,7 @@ pub(super) struct Pending {
     /// What is expected of its frame.
     pub(super) expected: Option<Prediction>,
     /// The search for a frame within a bound.
-    pub(super) quest: Option<Box<Quest>>,
+    pub(super) target_search: Option<Box<TargetSearch>>,
     /// Its plan was pinned: what it lacks says nothing of the plans made here.
     pub(super) pinned: bool,
     /// Pinned kind of device; empty: any.
@@ -136,14 +136,14 @@ pub(super) fn device_kind(device: &str) -> &str {
 
 impl Pending {
     /// Its frame was not good enough: another is made, by whomever.
-    pub(super) fn begin_again(&mut self, plan: Plan, expected: Prediction, quest: Box<Quest>) {
-        (self.plan, self.expected, self.quest) = (plan, Some(expected), Some(quest));
+    pub(super) fn begin_again(&mut self, plan: Plan, expected: Prediction, target_search: Box<TargetSearch>) {
+        (self.plan, self.expected, self.target_search) = (plan, Some(expected), Some(target_search));
         (self.worker, self.tried) = (None, BTreeSet::new());
     }
 
     /// Attempts that failed, or are in work: without those whose frame was thrown away.
     pub(super) fn attempts(&self) -> u32 {
-        self.attempt - self.quest.as_ref().map_or(0, |quest| quest.thrown_away())
+        self.attempt - self.target_search.as_ref().map_or(0, |target_search| target_search.thrown_away())
     }
 
     /// Whether not just anybody can answer it.

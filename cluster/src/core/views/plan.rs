@@ -109,7 +109,7 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     Ok(check_plan(&pin.plan, set, (pin.epoch, set.generation))?)
 }
 
-/// Plans come from outside only as pins; what [`View::validate`] checks of a wish is checked here of a plan.
+/// Plans come from outside only as pins; what [`View::validate`] checks of a request is checked here of a plan.
 fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), InvalidField> {
     let within = |field, n: u32, most: u32| match (1..=most).contains(&n) {
         true => Ok(()),
@@ -230,8 +230,8 @@ mod tests {
 
     #[test]
     fn a_direct_view_takes_the_square_of_its_supersampling() {
-        let wish = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
-        let plan = plan(&View { plan: wish, ..view() }).unwrap();
+        let request = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
+        let plan = plan(&View { plan: request, ..view() }).unwrap();
         assert_eq!(plan, Plan::Direct { samples_per_pixel: 16 });
     }
 

@@ -14,7 +14,7 @@ use crate::core::event::WorkerId;
 /// Mean FLIP above that of a direct view that a frame may have by default.
 const BALANCED_EXCESS: f64 = 0.03;
 
-/// The same for [`Preset::Exact`].
+/// Mean FLIP above that of a direct view that a frame may have with [`Preset::Exact`].
 const EXACT_EXCESS: f64 = 0.005;
 
 /// A frame from samples is within bound only where they see this share of what the view shows at least.

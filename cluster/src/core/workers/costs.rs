@@ -106,3 +106,42 @@ impl MeasuredCosts {
         self.tick_secs
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(reports: u64) -> MeasuredCosts {
+        let mut costs = MeasuredCosts::new(0.3);
+        let mut before = Report::default();
+        for done in 1..=reports {
+            let report =
+                Report { views_direct: done, direct_ms: Some(20.0), view_ms: Some(9e9), ..before.clone() };
+            costs.learn(&report, &before);
+            before = report;
+        }
+        costs
+    }
+
+    #[test]
+    fn a_cost_is_learnt_from_work_that_was_done_and_stands_in_for_a_sample_alone() {
+        let costs = after(3);
+        assert_eq!((costs.direct_secs(), costs.view_secs(), costs.sample_secs()), (Some(0.02), None, None));
+        let believed = costs.believed();
+        assert_eq!((believed.sample_secs, believed.view_secs), (0.02, 0.0));
+        assert_eq!(after(0).believed(), Costs::default());
+    }
+
+    #[test]
+    fn a_view_larger_than_usual_is_expected_to_take_longer_and_a_smaller_one_no_less() {
+        let mut costs = after(3);
+        let expected = |costs: &MeasuredCosts, direct, work| {
+            costs.expected_secs(&QueuedView { predicted_ms: 0.0, direct, work })
+        };
+        assert_eq!(expected(&costs, true, 1 << 40), 0.02, "no size is known to be usual");
+        costs.learn_pixels(true, 1000);
+        assert_eq!(expected(&costs, true, 3000), 0.06);
+        assert_eq!(expected(&costs, true, 10), 0.02);
+        assert_eq!(expected(&costs, false, 3000), 0.0, "no such view was measured");
+    }
+}

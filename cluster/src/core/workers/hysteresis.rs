@@ -27,7 +27,8 @@ const TREMBLE_DWELLS: f64 = 10.0;
 /// How many times as much as it trembles the mean must gain, at the least.
 const TREMBLES: f64 = 3.0;
 
-/// The same of small gains, over so many dwell times: the longer the mean, the less it trembles.
+/// Small gains are averaged over so many dwell times, and must be so many times as much as they tremble: the longer the
+/// mean, the less it trembles.
 const LONG_DWELLS: f64 = 10.0;
 const LONG_TREMBLES: f64 = 2.0;
 
@@ -42,13 +43,13 @@ pub struct Hysteresis {
     idle_secs: f64,
     /// Since when a gain of the margin has been predicted, and of what.
     pending: Option<(Direction, Uptime)>,
-    /// … a mean gain of [`LEAST_GAIN`].
+    /// Since when a mean gain of [`LEAST_GAIN`] has been predicted, and of what.
     patient: Option<(Direction, Uptime)>,
     /// Mean of the logarithm of the gain, positive towards more samplers.
     mean: f64,
-    /// … over a longer time.
+    /// Mean of the logarithm of the gain over a longer time.
     long_mean: f64,
-    /// How far it is from that mean, on the mean.
+    /// Mean absolute deviation from the mean.
     tremble: f64,
     /// When it was looked at.
     looked: Option<Uptime>,
@@ -167,7 +168,7 @@ mod tests {
     use super::*;
 
     impl Hysteresis {
-        /// … by the formula's own prediction.
+        /// Whether a change pays by the formula's own prediction.
         fn pays_for(&mut self, now: Uptime, load: Load, processes: u32, from: Split, to: Split) -> bool {
             let with = |split| (split, tick_secs(load, processes, split));
             self.pays(now, with(from), with(to), processes)

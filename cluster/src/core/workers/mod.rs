@@ -1,4 +1,4 @@
-//! Who is there, what each worker can be given, and which role it plays.
+//! Which workers there are, what each can be given, and which role it plays.
 //!
 //! This part reads neither of the others. What it has to know of them is handed in: how many samples each worker would
 //! take along ([`Stake`]), how large the largest view is, whether samples are wanted. What changes here and matters to

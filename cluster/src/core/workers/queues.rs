@@ -1,4 +1,4 @@
-//! Who has room: the workers of each role, those with the fewest views first.
+//! Queues of workers: those of each role, the ones with the fewest views first.
 //!
 //! A view goes to the worker that will probably answer first, and there may be thousands of them and a hundred
 //! thousand views a second. So they are kept in order, and only those at the front are looked at.

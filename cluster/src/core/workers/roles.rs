@@ -1,4 +1,4 @@
-//! Who plays which role: the split the formula wants, carried out with the fewest changes.
+//! The roles of workers: the split that the formula wants, carried out with the fewest changes.
 
 use std::collections::HashMap;
 

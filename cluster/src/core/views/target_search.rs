@@ -2,15 +2,15 @@
 
 use argus_scene::{Camera, PlanRequest};
 
-use crate::core::quality::choose::Wish;
+use crate::core::quality::choose::QualityTarget;
 use crate::core::quality::{Setting, Situation};
 
 /// A view on its way to a frame that is good enough.
 #[derive(Debug, Clone)]
-pub(super) struct Quest {
+pub(super) struct TargetSearch {
     pub(super) camera: Camera,
     pub(super) request: PlanRequest,
-    pub(super) wish: Wish,
+    pub(super) target: QualityTarget,
     pub(super) situation: Situation,
     pub(super) pixels: u64,
     pub(super) tried: Vec<Setting>,
@@ -19,7 +19,7 @@ pub(super) struct Quest {
     pub(super) judged: bool,
 }
 
-impl Quest {
+impl TargetSearch {
     /// Frames that were made for it and thrown away.
     pub(super) fn thrown_away(&self) -> u32 {
         u32::try_from(self.tried.len().saturating_sub(1)).unwrap_or(u32::MAX)

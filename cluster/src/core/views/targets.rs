@@ -2,10 +2,10 @@
 
 use argus_scene::{Camera, Plan, Prediction, View};
 
-use super::quest::Quest;
+use super::target_search::TargetSearch;
 use super::{Cluster, Effect, Views};
 use crate::core::event::{Action, Ticket};
-use crate::core::quality::choose::{self, Candidate, Step, Wish};
+use crate::core::quality::choose::{self, Candidate, QualityTarget, Step};
 use crate::core::quality::{Model, Observed, Setting, Situation};
 use crate::core::workers::WorkKind;
 
@@ -16,7 +16,7 @@ pub(super) struct Planned {
     /// Absent without a model, and for plans that it does not know.
     pub(super) expected: Option<Prediction>,
     /// The search for a frame within a bound, where there is a bound and a model.
-    pub(super) quest: Option<Box<Quest>>,
+    pub(super) target_search: Option<Box<TargetSearch>>,
 }
 
 impl Views {
@@ -29,33 +29,33 @@ impl Views {
         models().find(|model| of_a_worker(&model)).or_else(|| models().next())
     }
 
-    /// The plan of a view that is not pinned, by its wish if it has one that a model can answer; else `plain`,
+    /// The plan of a view that is not pinned, by its target if it has one that a model can answer; else `plain`,
     /// which is what the request alone comes to.
     pub(super) fn planned(&self, view: &View, plain: Plan, cluster: Cluster<'_>) -> Planned {
         let Some(model) = self.model(cluster).filter(|_| view.pin.is_none()) else {
-            return Planned { plan: plain, expected: None, quest: None };
+            return Planned { plan: plain, expected: None, target_search: None };
         };
         let set = cluster.samples.set();
         let rig = (&set.rig, cluster.samples.sight());
         let situation = Situation::new(&view.camera, view.height, rig, &set.bounds);
         let pixels = u64::from(view.width) * u64::from(view.height);
-        let chosen = Wish::of(&view.plan).and_then(|wish| {
+        let chosen = QualityTarget::of(&view.plan).and_then(|target| {
             let candidates = model.candidates(&view.plan, &situation, pixels, &self.pace);
-            let step = choose::first(&candidates, &wish, |setting| self.wait_ms(setting, cluster))?;
+            let step = choose::first(&candidates, &target, |setting| self.wait_ms(setting, cluster))?;
             let Step::Try { setting, expected, judged } = step else { return None };
-            let quest = Quest {
+            let target_search = TargetSearch {
                 camera: view.camera,
                 request: view.plan,
-                wish,
+                target,
                 situation,
                 pixels,
                 tried: vec![setting],
                 spent_ms: 0.0,
                 judged,
             };
-            let quest = wish.max_error.is_some().then(|| Box::new(quest));
+            let target_search = target.max_error.is_some().then(|| Box::new(target_search));
             let plan = plan_of(setting, &view.camera, set.epoch, cluster);
-            Some(Planned { plan, expected: Some(expected), quest })
+            Some(Planned { plan, expected: Some(expected), target_search })
         });
         chosen.unwrap_or_else(|| {
             let setting = Setting::of(&plain);
@@ -63,7 +63,7 @@ impl Views {
                 error: calibrated.before.believe(&situation.0).upper(),
                 ms: calibrated.cost.ms(pixels) * self.pace.factor(setting),
             });
-            Planned { plan: plain, expected, quest: None }
+            Planned { plan: plain, expected, target_search: None }
         })
     }
 
@@ -79,17 +79,18 @@ impl Views {
         if !self.is_current(ticket, attempt) {
             return Vec::new();
         }
-        let Some(mut quest) = self.views.get_mut(&ticket).and_then(|view| view.quest.take()) else {
+        let Some(mut target_search) = self.views.get_mut(&ticket).and_then(|view| view.target_search.take())
+        else {
             let expected = Prediction { error: 1.0, ms };
             return vec![Effect::Act(Action::Deliver { ticket, attempt, expected })];
         };
         self.learn_pace(ticket, ms, cluster);
-        quest.spent_ms += if ms >= 0.0 { ms } else { 0.0 };
-        match self.next_step(&quest, observed, cluster) {
+        target_search.spent_ms += if ms >= 0.0 { ms } else { 0.0 };
+        match self.next_step(&target_search, observed, cluster) {
             Step::Deliver { expected } => {
-                quest.judged = false;
+                target_search.judged = false;
                 if let Some(view) = self.views.get_mut(&ticket) {
-                    view.quest = Some(quest);
+                    view.target_search = Some(target_search);
                     view.expected = Some(expected);
                 }
                 vec![Effect::Act(Action::Deliver { ticket, attempt, expected })]
@@ -100,30 +101,44 @@ impl Views {
                 // Scene time may have gone on: a view stays in the epoch it was admitted in.
                 let served = cluster.samples.set().epoch;
                 let epoch = self.views.get(&ticket).map_or(served, |view| view.epoch);
-                let plan = plan_of(setting, &quest.camera, epoch, cluster);
-                quest.tried.push(setting);
-                quest.judged = judged;
+                let plan = plan_of(setting, &target_search.camera, epoch, cluster);
+                target_search.tried.push(setting);
+                target_search.judged = judged;
                 self.counts.frames_refused += 1;
                 let kind = if setting.is_direct() { WorkKind::Direct } else { WorkKind::Views };
-                self.begin_again(ticket, plan, expected, quest);
+                self.begin_again(ticket, plan, expected, target_search);
                 taken_back.into_iter().chain([Effect::Asked(kind)]).collect()
             }
         }
     }
 
-    fn next_step(&self, quest: &Quest, observed: Option<Observed>, cluster: Cluster<'_>) -> Step {
-        let nothing_known = Prediction { error: 1.0, ms: quest.spent_ms };
-        let (Some(model), Some(observed), Some(&seen)) = (self.model(cluster), observed, quest.tried.last())
+    fn next_step(
+        &self,
+        target_search: &TargetSearch,
+        observed: Option<Observed>,
+        cluster: Cluster<'_>,
+    ) -> Step {
+        let nothing_known = Prediction { error: 1.0, ms: target_search.spent_ms };
+        let (Some(model), Some(observed), Some(&seen)) =
+            (self.model(cluster), observed, target_search.tried.last())
         else {
             // A worker that says nothing of its frame leaves no choice.
             return Step::Deliver { expected: nothing_known };
         };
-        let candidates: Vec<Candidate<'_>> =
-            model.candidates(&quest.request, &quest.situation, quest.pixels, &self.pace);
-        let candidates = model.enlightened(&candidates, &quest.situation, seen, &observed);
-        choose::next(&candidates, &quest.wish, &quest.tried, quest.spent_ms, |setting| {
-            self.wait_ms(setting, cluster)
-        })
+        let candidates: Vec<Candidate<'_>> = model.candidates(
+            &target_search.request,
+            &target_search.situation,
+            target_search.pixels,
+            &self.pace,
+        );
+        let candidates = model.enlightened(&candidates, &target_search.situation, seen, &observed);
+        choose::next(
+            &candidates,
+            &target_search.target,
+            &target_search.tried,
+            target_search.spent_ms,
+            |setting| self.wait_ms(setting, cluster),
+        )
     }
 
     /// A frame of the view's plan took `ms` of rendering.
