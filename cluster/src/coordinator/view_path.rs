@@ -45,6 +45,7 @@ pub(super) enum State {
 
 /// What happened to a view.
 #[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
 pub(super) enum Event {
     /// The core gives the view to a worker, and an earlier attempt is void. With a ticket where [`ViewPath::may_redirect`]
     /// allows one and there is one.
@@ -68,6 +69,7 @@ pub(super) enum Event {
 
 /// What is to be done about a view, in order.
 #[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
 pub(super) enum Effect {
     /// Ask the worker of [`ViewPath::order`] for the frame, in place of an earlier one.
     Open,

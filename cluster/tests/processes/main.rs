@@ -8,6 +8,7 @@ mod faults;
 mod history;
 mod leadership;
 mod limits;
+mod memory;
 mod network;
 mod redirect;
 mod services;
