@@ -245,6 +245,15 @@ impl Views for Handler {
         Ok(Response::new(Box::pin(chunks)))
     }
 
+    type RenderBatchStream = Chunks<v1::RenderBatchResponse>;
+
+    async fn render_batch(
+        &self,
+        _request: Request<v1::RenderBatchRequest>,
+    ) -> Result<Response<Self::RenderBatchStream>, Status> {
+        Err(Status::unimplemented("no batches here"))
+    }
+
     type RedeemStream = Chunks<v1::RedeemResponse>;
 
     async fn redeem(

@@ -270,8 +270,14 @@ impl World {
         let view =
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
         let latency = self.latency();
-        let asked =
-            Event::Asked { ticket, client: client.to_string().into(), view, deadline: None, survey: None, last: None };
+        let asked = Event::Asked {
+            ticket,
+            client: client.to_string().into(),
+            view,
+            deadline: None,
+            survey: None,
+            last: None,
+        };
         self.after(latency, Happening::ToCoordinator(Box::new(asked)));
         ticket
     }
