@@ -1,6 +1,6 @@
 //! The thin client: connect, request, stream, measure.
 //!
-//! [`Client`] renders single views and asks for status, [`Session`] follows a moving camera, and [`load`]
+//! [`Client`] renders single views and batches and asks for status, [`Session`] follows a moving camera, and [`load`]
 //! puts a service under a load that does not wait for it. None of them links a GPU or a loader.
 //!
 //! ```no_run
@@ -19,6 +19,7 @@
 //! ```
 
 mod arrival;
+mod batch;
 mod connect;
 mod credentials;
 mod elsewhere;
@@ -35,6 +36,7 @@ mod unanswered;
 pub use argus_proto::chunks::FrameMeta;
 pub use argus_proto::network::Network;
 pub use argus_proto::{Description, v1::Encoding};
+pub use batch::Batch;
 pub use connect::{Client, ConnectOptions};
 pub use credentials::{Credentials, Key, Token};
 pub use error::ClientError;

@@ -330,7 +330,8 @@ async fn fetched(fetch: &mut Option<Fetch>) -> (u64, Result<Fetched, ClientError
     }
 }
 
-fn error_of(failure: v1::SessionFailure) -> ClientError {
+/// What a view's failure means, where it ended no call.
+pub(crate) fn error_of(failure: v1::SessionFailure) -> ClientError {
     let v1::SessionFailure { code, message, field, retry_after_ms } = failure;
     match Code::from_i32(code) {
         Code::InvalidArgument if !field.is_empty() => ClientError::Invalid {

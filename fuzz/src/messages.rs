@@ -94,6 +94,12 @@ messages! {
     RenderRequest => |m| view(m.view.unwrap_or_default()),
     ViewOrder => |m| converted(Plan::try_from(m.plan.unwrap_or_default())),
     SampleSource,
+    RenderBatchRequest => |m| {
+        let v1::RenderBatchRequest { width, height, outputs, plan, .. } = m;
+        let of = |camera| v1::View { camera: Some(camera), width, height, outputs: outputs.clone(), plan, pin: None };
+        m.cameras.into_iter().try_for_each(|camera| view(of(camera)))
+    },
+    RenderBatchResponse,
     SessionRequest => |m| { argus_cluster::untrusted::words(vec![m]); Ok(()) },
     SessionView => |m| view(m.view.unwrap_or_default()),
     SessionAck, SessionMissed, SessionResponse, SessionFailure,

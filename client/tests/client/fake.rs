@@ -11,6 +11,7 @@ use argus_client::{Client, ConnectOptions};
 use argus_proto::chunks::{FrameMeta, frame_chunks};
 use argus_proto::v1::cluster_server::{Cluster, ClusterServer};
 use argus_proto::v1::redeem_response::Body as Redeemed;
+use argus_proto::v1::render_batch_response::Body as Batched;
 use argus_proto::v1::session_response::Body;
 use argus_proto::v1::views_server::{Views, ViewsServer};
 use argus_proto::v1::{self, Encoding};
@@ -243,6 +244,35 @@ impl Views for Handler {
                 Ok(chunk)
             });
         Ok(Response::new(Box::pin(chunks)))
+    }
+
+    type RenderBatchStream = Chunks<v1::RenderBatchResponse>;
+
+    /// The last camera's frame comes first, and chunks of all frames alternate. Where the server is to be unavailable, it is
+    /// after a few chunks.
+    async fn render_batch(
+        &self,
+        request: Request<v1::RenderBatchRequest>,
+    ) -> Result<Response<Self::RenderBatchStream>, Status> {
+        let v1::RenderBatchRequest { cameras, width, height, outputs, plan, batch_id, encoding } =
+            request.into_inner();
+        lock(&self.0.view_ids).push(batch_id);
+        let mut said = Vec::new();
+        for (index, camera) in cameras.into_iter().enumerate().rev() {
+            let view =
+                v1::View { camera: Some(camera), width, height, outputs: outputs.clone(), plan, pin: None };
+            let view = View::try_from(view).map_err(status::invalid)?;
+            let chunks = self.0.chunks(&view, "", encoding).await?.into_iter().map(Batched::Chunk);
+            let index = index as u32;
+            said.extend(chunks.enumerate().map(|(at, body)| (at, index, body)));
+        }
+        said.sort_by_key(|(at, ..)| *at);
+        let breaks = take_one(&self.0.unavailable);
+        let kept = if breaks { said.len() * 2 / 3 } else { said.len() };
+        let said = said.into_iter().take(kept);
+        let answers = said.map(|(_, index, body)| Ok(v1::RenderBatchResponse { index, body: Some(body) }));
+        let end = breaks.then(|| Err(Fault::Unavailable("no compositor left".to_owned()).into()));
+        Ok(Response::new(Box::pin(futures::stream::iter(answers.chain(end).collect::<Vec<_>>()))))
     }
 
     type RedeemStream = Chunks<v1::RedeemResponse>;

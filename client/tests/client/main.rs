@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "clippy knows tests by their attribute, not the server they share")]
 
+mod batch;
 mod fake;
 mod load;
 mod session;

@@ -30,6 +30,17 @@ pub(super) fn checked_encoding(encoding: i32) -> Result<i32, InvalidField> {
     }
 }
 
+/// A name that a client gave a view, or a batch, in the field of that name.
+///
+/// # Errors
+/// It is too long.
+pub(super) fn checked_view_id(field: &'static str, id: &str) -> Result<(), InvalidField> {
+    match id.len() {
+        0..=MAX_VIEW_ID => Ok(()),
+        len => Err(InvalidField::new(field, format!("must be at most {MAX_VIEW_ID} bytes, not {len}"))),
+    }
+}
+
 /// A request for one view.
 ///
 /// # Errors
@@ -37,10 +48,7 @@ pub(super) fn checked_encoding(encoding: i32) -> Result<i32, InvalidField> {
 pub(super) fn checked_request(hub: &Hub, request: &v1::RenderRequest) -> Result<View, InvalidField> {
     let view = checked(hub, request.view.as_ref())?;
     checked_encoding(request.encoding)?;
-    if request.view_id.len() > MAX_VIEW_ID {
-        let reason = format!("must be at most {MAX_VIEW_ID} bytes, not {}", request.view_id.len());
-        return Err(InvalidField::new("view_id", reason));
-    }
+    checked_view_id("view_id", &request.view_id)?;
     if request.order.is_some() {
         return Err(InvalidField::new("order", "must be absent: only a coordinator gives orders"));
     }

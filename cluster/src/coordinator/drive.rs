@@ -23,6 +23,7 @@ use crate::core::Order;
 const LAST_WORD: Duration = Duration::from_secs(1);
 
 /// What a client gets of its view.
+#[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
 pub(super) enum Answer {
     /// A piece of its frame.
     Chunk(v1::FrameChunk),

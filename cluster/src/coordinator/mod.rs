@@ -1,15 +1,17 @@
 //! The coordinator's shell: sockets and clocks around [`crate::core`].
 //!
-//! A view comes in at `views`, or at `session` for a moving camera, whose words `inbox` keeps. `drive` takes it along the
+//! A view comes in at `views`, in a `batch`, or at `session` for a moving camera, whose words `inbox` keeps. `drive` takes it along the
 //! states of `view_path`, which is pure: `asked` holds it at the core, `relayed` what the client has of its frame, `redirect`
 //! sends clients to workers with `tickets`, `memory` what a session knows of its last view. `hub` holds the core behind a lock. `cluster` is what workers join, `scenes` where
 //! they fetch the scene, `lead` keeps the lease, `watch` and `frames` serve those who watch.
 
 mod asked;
+mod batch;
 mod checks;
 mod cluster;
 mod config;
 mod drive;
+mod failure;
 mod frames;
 mod hub;
 mod inbox;

@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use argus_proto::status::{invalid, invalid_field, retry_after};
+use argus_proto::status::invalid;
 use argus_proto::trace::{TARGET, continued_from};
 use argus_proto::v1::session_response::Body;
 use argus_proto::{Fault, v1};
@@ -20,6 +20,7 @@ use tracing::debug_span;
 
 use super::checks::{checked, checked_encoding};
 use super::drive::{Answer, answer};
+use super::failure::failure;
 use super::hub::Hub;
 use super::inbox::{Inbox, SessionCamera};
 use super::memory::SessionMemory;
@@ -149,7 +150,7 @@ fn answers<'a>(
         let wanted = match wanted(open, camera, kept) {
             Ok(wanted) => wanted,
             Err(at) => {
-                yield failure(&invalid(at));
+                yield Body::Failure(failure(&invalid(at)));
                 return;
             }
         };
@@ -158,7 +159,7 @@ fn answers<'a>(
             yield match answer {
                 Ok(Answer::Chunk(chunk)) => Body::Chunk(chunk),
                 Ok(Answer::Elsewhere(elsewhere)) => Body::Elsewhere(elsewhere),
-                Err(status) => failure(&status),
+                Err(status) => Body::Failure(failure(&status)),
             };
         }
     }
@@ -189,15 +190,5 @@ fn wanted(
         history,
         arrived,
         span,
-    })
-}
-
-fn failure(status: &Status) -> Body {
-    Body::Failure(v1::SessionFailure {
-        code: status.code() as i32,
-        message: status.message().to_owned(),
-        field: invalid_field(status).map(|(field, _)| field).unwrap_or_default(),
-        retry_after_ms: retry_after(status)
-            .map_or(0, |after| u32::try_from(after.as_millis()).unwrap_or(u32::MAX).max(1)),
     })
 }

@@ -1,16 +1,13 @@
 //! One view's path through the coordinator, from its request to its last chunk: state × event → state × effects.
 //!
 //! ```text
-//!            ┌───────────────────── the attempt failed ────────────────────┐
-//!            ▼                                                             │
-//!  Asked ── order ──▶ Ordered ── header ──▶ Streaming ── last chunk ──▶ Done
-//!            │           │                     ▲
-//!            │           └─ header ▶ Judged ───┘  where the core looks at a frame before it is delivered
-//!            │
-//!            └── order, with a ticket ──▶ Redirected ── the client has the frame ──▶ Done
-//!                                             └── it does not reach the worker ──▶ Ordered
+//!  Asked ── order ───────────────▶ Ordered ── header ─▶ Streaming ── last chunk ─▶ Done
+//!    │                              ▲   └─ header ─▶ Judged ─ good ─▲
+//!    │                              └── the client reaches no worker
+//!    └── order, with a ticket ─▶ Redirected ── the client has the frame ─▶ Done
 //! ```
 //!
+//! An attempt that fails, ordered, streaming or redirected, leads back to Asked: the core orders another one, or refuses.
 //! The core may give the view to another worker in every state but the last: an order replaces what was ordered before. It
 //! may refuse the view in each of them, for its deadline among other things, and the client may cancel it in each.
 //! Nothing here waits, reads a clock or opens a socket: `drive` does, and says what happened.
@@ -45,6 +42,7 @@ pub(super) enum State {
 
 /// What happened to a view.
 #[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
 pub(super) enum Event {
     /// The core gives the view to a worker, and an earlier attempt is void. With a ticket where [`ViewPath::may_redirect`]
     /// allows one and there is one.
@@ -68,6 +66,7 @@ pub(super) enum Event {
 
 /// What is to be done about a view, in order.
 #[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
 pub(super) enum Effect {
     /// Ask the worker of [`ViewPath::order`] for the frame, in place of an earlier one.
     Open,

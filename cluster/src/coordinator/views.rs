@@ -15,6 +15,7 @@ use tokio::time::Instant;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::debug_span;
 
+use super::batch::{self, Batch};
 use super::checks::checked_request;
 use super::drive::{Answer, answer};
 use super::hub::Hub;
@@ -67,6 +68,7 @@ impl ViewsService {
 #[tonic::async_trait]
 impl Views for ViewsService {
     type RenderStream = Streamed<v1::FrameChunk>;
+    type RenderBatchStream = Streamed<v1::RenderBatchResponse>;
     type SessionStream = Streamed<v1::SessionResponse>;
     type RedeemStream = Streamed<v1::RedeemResponse>;
 
@@ -109,6 +111,19 @@ impl Views for ViewsService {
             Err(status) => Some(Err(status)),
         });
         Ok(Response::new(Box::pin(in_time(frame, self.hub.read_within))))
+    }
+
+    async fn render_batch(
+        &self,
+        request: Request<v1::RenderBatchRequest>,
+    ) -> Result<Response<Self::RenderBatchStream>, Status> {
+        let span = debug_span!(target: TARGET, "batch", batch = request.get_ref().batch_id);
+        continued(&span, request.metadata());
+        self.hub.check_leading()?;
+        let client = Caller::of(&request).name;
+        let batch = Batch::checked(&self.hub, client, request.into_inner(), span).map_err(invalid)?;
+        let answers = batch::answers(self.hub.clone(), batch).map(Ok);
+        Ok(Response::new(Box::pin(in_time(answers, self.hub.read_within))))
     }
 
     async fn redeem(

@@ -92,6 +92,7 @@ impl Views for ViewsService {
     type RenderStream = Streamed<v1::FrameChunk>;
     type RedeemStream = Streamed<v1::RedeemResponse>;
     type SessionStream = Streamed<v1::SessionResponse>;
+    type RenderBatchStream = Streamed<v1::RenderBatchResponse>;
 
     async fn describe(
         &self,
@@ -135,6 +136,13 @@ impl Views for ViewsService {
             Ok((bodies.collect(), places))
         });
         Ok(Response::new(Box::pin(in_time(answered, self.node.config.read_within))))
+    }
+
+    async fn render_batch(
+        &self,
+        _request: Request<v1::RenderBatchRequest>,
+    ) -> Result<Response<Self::RenderBatchStream>, Status> {
+        Err(ask_the_coordinator())
     }
 
     async fn session(

@@ -4,10 +4,12 @@
 
 mod common;
 
+mod batch;
 mod faults;
 mod history;
 mod leadership;
 mod limits;
+mod memory;
 mod network;
 mod redirect;
 mod services;

@@ -199,6 +199,7 @@ struct Answering {
 impl Views for Answering {
     type RenderStream = BoxStream<'static, Result<v1::FrameChunk, Status>>;
     type SessionStream = BoxStream<'static, Result<v1::SessionResponse, Status>>;
+    type RenderBatchStream = BoxStream<'static, Result<v1::RenderBatchResponse, Status>>;
     type RedeemStream = BoxStream<'static, Result<v1::RedeemResponse, Status>>;
 
     async fn describe(
@@ -219,6 +220,13 @@ impl Views for Answering {
         }
         let chunks = self.shared.frame(worker, request).map(Ok);
         Ok(Response::new(stream::iter(chunks).boxed()))
+    }
+
+    async fn render_batch(
+        &self,
+        _request: Request<v1::RenderBatchRequest>,
+    ) -> Result<Response<Self::RenderBatchStream>, Status> {
+        Err(Status::unimplemented("simulated"))
     }
 
     async fn redeem(

@@ -1,0 +1,160 @@
+//! Batches: many cameras in one request.
+
+use std::collections::{BTreeSet, HashMap};
+
+use argus_proto::WireError;
+use argus_proto::chunks::FrameMeta;
+use argus_proto::trace::{TARGET, within};
+use argus_proto::v1::render_batch_response::Body;
+use argus_proto::v1::{Encoding, RenderBatchRequest, RenderBatchResponse};
+use argus_scene::{Camera, Frame, InvalidField, Limits, Outputs, PlanRequest, View};
+use futures::Stream;
+use tokio::time::sleep;
+use tonic::Streaming;
+
+use crate::arrival::Arrival;
+use crate::render::answers;
+use crate::retry::Backoff;
+use crate::session::error_of;
+use crate::{Client, ClientError};
+
+/// Requests in a row that bring no frame before what is left of a batch is given up.
+const MOST_FRUITLESS: u32 = 5;
+
+/// Many cameras whose frames are alike but for that.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Batch {
+    /// The viewpoints, at most 2048.
+    pub cameras: Vec<Camera>,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Which images.
+    pub outputs: Outputs,
+    /// Wishes about the plan, which is fixed for all frames: from triangles, where this leaves the way open.
+    pub plan: PlanRequest,
+}
+
+impl Batch {
+    fn view(&self, index: usize) -> Option<View> {
+        let Self { width, height, outputs, plan, .. } = *self;
+        Some(View { camera: *self.cameras.get(index)?, width, height, outputs, plan, pin: None })
+    }
+}
+
+/// One request for what is left of a batch, and what has come of it.
+struct Arriving {
+    stream: Streaming<RenderBatchResponse>,
+    /// The batch's index of each camera of the request.
+    asked: Vec<usize>,
+    arrivals: HashMap<u32, Arrival>,
+}
+
+impl Client {
+    /// Renders a batch. Frames come as they are done, each with its camera's index; a camera that fails takes no other with
+    /// it. Where the connection breaks, what has not come is asked for again, until several requests in a row bring
+    /// nothing. Every index comes once, with its frame or the reason why there is none.
+    pub fn render_batch(
+        &self,
+        batch: Batch,
+        encoding: Encoding,
+    ) -> impl Stream<Item = (usize, Result<(Frame, FrameMeta), ClientError>)> + Send + use<> {
+        let client = self.clone();
+        async_stream::stream! {
+            let mut left: BTreeSet<usize> = (0..batch.cameras.len()).collect();
+            let (mut backoff, mut fruitless) = (Backoff::new(), 0);
+            while !left.is_empty() {
+                let server = client.server();
+                let error = match client.begin_batch(&batch, &left, encoding).await {
+                    Ok(mut arriving) => loop {
+                        match arriving.next(&batch).await {
+                            Ok((index, result)) => {
+                                if left.remove(&index) {
+                                    (backoff, fruitless) = (Backoff::new(), 0);
+                                    yield (index, result);
+                                }
+                            }
+                            Err(error) => break error,
+                        }
+                    },
+                    Err(error) => error,
+                };
+                fruitless += 1;
+                if !error.is_transient() || fruitless >= MOST_FRUITLESS {
+                    for index in std::mem::take(&mut left) {
+                        yield (index, Err(error.clone()));
+                    }
+                } else if !left.is_empty() {
+                    client.try_another(server);
+                    sleep(backoff.pause()).await;
+                }
+            }
+        }
+    }
+
+    async fn begin_batch(
+        &self,
+        batch: &Batch,
+        left: &BTreeSet<usize>,
+        encoding: Encoding,
+    ) -> Result<Arriving, ClientError> {
+        let cameras = left.iter().filter_map(|index| batch.cameras.get(*index)).map(Into::into).collect();
+        // As one of its views says it on the wire.
+        let view: argus_proto::v1::View = batch.view(0).as_ref().map(Into::into).unwrap_or_default();
+        let request = RenderBatchRequest {
+            batch_id: self.new_view_id(),
+            cameras,
+            width: view.width,
+            height: view.height,
+            outputs: view.outputs,
+            plan: view.plan,
+            encoding: encoding as i32,
+        };
+        let span = tracing::debug_span!(target: TARGET, "batch", batch = request.batch_id);
+        let stream = self.views().render_batch(within(&span, request)).await?.into_inner();
+        Ok(Arriving { stream, asked: left.iter().copied().collect(), arrivals: HashMap::new() })
+    }
+}
+
+impl Arriving {
+    /// The next camera that is done with.
+    ///
+    /// # Errors
+    /// The stream ended or broke, or what came is no part of the batch.
+    async fn next(
+        &mut self,
+        batch: &Batch,
+    ) -> Result<(usize, Result<(Frame, FrameMeta), ClientError>), ClientError> {
+        loop {
+            let Some(RenderBatchResponse { index, body }) = self.stream.message().await? else {
+                return Err(WireError::Truncated { what: "batch", got: 0, expected: 1 }.into());
+            };
+            let wrong =
+                |field, reason: &str| ClientError::from(WireError::from(InvalidField::new(field, reason)));
+            let known = usize::try_from(index).ok().and_then(|index| self.asked.get(index).copied());
+            let known = known.and_then(|known| Some((known, batch.view(known)?)));
+            let (known, view) = known.ok_or_else(|| wrong("index", "is of no camera that was asked for"))?;
+            match body {
+                Some(Body::Failure(failure)) => {
+                    self.arrivals.remove(&index);
+                    return Ok((known, Err(error_of(failure))));
+                }
+                Some(Body::Chunk(chunk)) => {
+                    // Exactly the size that was asked for, so that no header can make this client set aside more.
+                    let limits = Limits {
+                        max_side: view.width.max(view.height),
+                        max_pixels: u64::from(view.width) * u64::from(view.height),
+                    };
+                    let arrival = self.arrivals.entry(index).or_insert_with(|| Arrival::new(limits));
+                    if let Some((frame, meta)) = arrival.push(chunk)? {
+                        self.arrivals.remove(&index);
+                        answers(&frame, &view)?;
+                        return Ok((known, Ok((frame, meta))));
+                    }
+                }
+                None => return Err(wrong("body", "must be given")),
+            }
+        }
+    }
+}

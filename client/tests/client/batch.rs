@@ -1,0 +1,54 @@
+//! Batches: what does not come is asked for again, and every camera is told of once.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
+
+use argus_client::{Batch, ClientError, Encoding};
+use argus_scene::View;
+use futures::StreamExt;
+
+use crate::fake::{Fake, frame, view};
+
+fn batch(count: usize) -> Batch {
+    let View { width, height, outputs, plan, .. } = view(0.0);
+    let cameras = (0..count).map(|i| view(i as f64 * 0.5).camera).collect();
+    Batch { cameras, width, height, outputs, plan }
+}
+
+#[tokio::test]
+async fn frames_that_a_broken_stream_left_out_are_asked_for_again_and_come_once() {
+    let server = Fake { unavailable: 1.into(), truncate: 2.into(), ..Fake::default() }.serve().await;
+    let client = server.client().await;
+    let frames: Vec<_> = client.render_batch(batch(9), Encoding::Zstd).collect().await;
+    assert_eq!(frames.len(), 9);
+    let frames: BTreeMap<usize, _> = frames.into_iter().collect();
+    for i in 0..9 {
+        let (came, _) = frames[&i].as_ref().unwrap();
+        assert_eq!(came.color, frame(&view(i as f64 * 0.5)).color, "camera {i}");
+    }
+    assert_eq!(server.fake.unavailable.load(Ordering::SeqCst), 0);
+    let requests = server.fake.view_ids.lock().unwrap().len();
+    assert!((2..=3).contains(&requests), "{requests} requests");
+}
+
+#[tokio::test]
+async fn a_server_that_is_gone_fails_every_camera_that_is_left() {
+    let server = Fake::default().serve().await;
+    let client = server.client().await;
+    server.kill().await;
+    let results: Vec<_> = client.render_batch(batch(4), Encoding::Unspecified).collect().await;
+    let mut failed: Vec<usize> =
+        results.iter().filter(|(_, result)| result.is_err()).map(|(i, _)| *i).collect();
+    failed.sort_unstable();
+    assert_eq!(failed, [0, 1, 2, 3]);
+}
+
+#[tokio::test]
+async fn a_field_that_is_wrong_for_all_is_not_asked_for_again() {
+    let server = Fake::default().serve().await;
+    let client = server.client().await;
+    let results: Vec<_> =
+        client.render_batch(Batch { width: 0, ..batch(2) }, Encoding::Unspecified).collect().await;
+    assert!(results.iter().all(|(_, result)| matches!(result, Err(ClientError::Invalid { .. }))));
+    assert_eq!((results.len(), server.fake.view_ids.lock().unwrap().len()), (2, 1));
+}

@@ -1,0 +1,92 @@
+//! Batches over gRPC: every camera is answered, by one plan, and one that fails takes no other with it.
+
+use std::collections::BTreeMap;
+
+use argus_client::{Batch, Client, ClientError, Encoding};
+use argus_proto::v1;
+use argus_scene::{Outputs, Plan, PlanRequest};
+use futures::StreamExt;
+
+use crate::common::{Cluster, direct, quick, view};
+
+/// A batch of the test's viewpoints.
+fn batch(count: usize, plan: PlanRequest) -> Batch {
+    let cameras = (0..count).map(|i| view(i).camera).collect();
+    Batch { cameras, width: 32, height: 24, outputs: Outputs::COLOR, plan }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn every_camera_of_a_batch_is_answered_once_and_as_if_it_had_been_asked_for_alone() {
+    let mut config = quick();
+    // Fewer than the batch has views, which wait their turn instead of being turned away.
+    config.core.max_views_per_client = 4;
+    let cluster = Cluster::start_with(config, 2).await;
+    let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
+    let frames: Vec<_> =
+        client.render_batch(batch(40, PlanRequest::default()), Encoding::Unspecified).collect().await;
+    assert_eq!(frames.len(), 40);
+    let frames: BTreeMap<usize, _> = frames.into_iter().collect();
+    assert!(frames.keys().copied().eq(0..40));
+    for (index, result) in &frames {
+        let (frame, _) = result.as_ref().unwrap();
+        assert_eq!(frame.provenance.plan, Plan::Direct { samples_per_pixel: 1 }, "one plan for all");
+        if index % 8 == 0 {
+            let (alone, _) = cluster.render(&direct(*index)).await.unwrap();
+            assert_eq!(frame.color, alone.color, "camera {index}");
+        }
+    }
+    let samples = client.render_batch(batch(3, PlanRequest::from_samples()), Encoding::Raw);
+    let warped = samples.filter(|(_, result)| {
+        let plan = result.as_ref().map(|(frame, _)| frame.provenance.plan.clone());
+        std::future::ready(matches!(plan, Ok(Plan::Warp(_))))
+    });
+    assert_eq!(warped.count().await, 3, "as it asks");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_camera_that_is_none_fails_alone_and_what_is_wrong_with_all_fails_them_all() {
+    let cluster = Cluster::start(1).await;
+    let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
+    let mut wrong = batch(5, PlanRequest::default());
+    wrong.cameras[2].fov_deg = f64::NAN;
+    let mut failed = Vec::new();
+    let mut frames = std::pin::pin!(client.render_batch(wrong, Encoding::Unspecified));
+    while let Some((index, result)) = frames.next().await {
+        if let Err(error) = result {
+            assert!(matches!(error, ClientError::Invalid { .. }), "{error}");
+            failed.push(index);
+        }
+    }
+    assert_eq!(failed, [2]);
+    let flat = Batch { height: 0, ..batch(3, PlanRequest::default()) };
+    let results: Vec<_> = client.render_batch(flat, Encoding::Unspecified).collect().await;
+    assert_eq!(results.len(), 3);
+    assert!(results.iter().all(|(_, result)| matches!(result, Err(ClientError::Invalid { .. }))));
+    let none = client.render_batch(batch(0, PlanRequest::default()), Encoding::Unspecified);
+    assert_eq!(none.count().await, 0);
+    // The wire itself, where a client does not look first.
+    for cameras in [Vec::new(), vec![v1::Camera::default(); 5000]] {
+        let request =
+            v1::RenderBatchRequest { cameras, width: 8, height: 8, outputs: vec![1], ..Default::default() };
+        let status = cluster.views().render_batch(request).await.unwrap_err();
+        assert_eq!(status.code(), tonic::Code::InvalidArgument);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_killed_worker_costs_a_batch_no_frame() {
+    let mut cluster = Cluster::start(2).await;
+    cluster.knobs.set(0, 20_000);
+    let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
+    let mut frames =
+        std::pin::pin!(client.render_batch(batch(30, PlanRequest::default()), Encoding::Unspecified));
+    let mut answered = 0;
+    while let Some((index, result)) = frames.next().await {
+        result.unwrap_or_else(|error| panic!("camera {index}: {error}"));
+        answered += 1;
+        if answered == 3 {
+            cluster.workers[0].kill();
+        }
+    }
+    assert_eq!(answered, 30);
+}

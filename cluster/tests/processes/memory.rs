@@ -1,0 +1,56 @@
+//! Sessions remember their last frame, relayed or fetched from the worker.
+
+use std::time::Duration;
+
+use argus_client::{Client, Session, SessionEvent, SessionOptions};
+use argus_cluster::worker::{Config, Public};
+use argus_scene::frame::Reason;
+use argus_scene::{Frame, Plan, PlanRequest, View};
+
+use crate::common::{Cluster, LIMIT, quick, start_worker_with, view};
+
+/// A view whose request leaves the way open.
+fn open(i: usize) -> View {
+    View { plan: PlanRequest::default(), ..view(i) }
+}
+
+async fn next(session: &mut Session, view: &View) -> Frame {
+    session.send(view);
+    match tokio::time::timeout(LIMIT, session.next()).await.expect("a session must answer").unwrap() {
+        SessionEvent::Frame { frame, .. } => *frame,
+        SessionEvent::Failed { error, .. } => panic!("{error}"),
+    }
+}
+
+fn is_direct(frame: &Frame) -> bool {
+    matches!(frame.provenance.plan, Plan::Direct { .. })
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_standing_cameras_frames_stay_the_same_where_another_way_becomes_faster_meanwhile() {
+    for redirect in [false, true] {
+        let mut cluster = Cluster::start_with(quick(), 0).await;
+        cluster.knobs.set(0, 60_000);
+        let config = Config { public: Some(Public::AsAdvertised), ..Config::new(cluster.coordinator.url()) };
+        cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+        cluster.wait_for(|status| status.processes == 1).await;
+        let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
+        let mut session = client.session(SessionOptions { redirect, ..SessionOptions::default() });
+        let first = next(&mut session, &open(1)).await;
+        assert!(is_direct(&first), "nobody holds a sample");
+        // Samples come to be held, by which a view is faster.
+        cluster.render(&view(1)).await.unwrap();
+        let began = tokio::time::Instant::now();
+        while is_direct(&cluster.render(&open(1)).await.unwrap().0) {
+            assert!(began.elapsed() < LIMIT, "no view comes from samples");
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+        for _ in 0..3 {
+            let again = next(&mut session, &open(1)).await;
+            assert_eq!(again.decision.unwrap().reason, Reason::Kept, "redirected: {redirect}");
+            assert_eq!((&again.provenance, &again.color), (&first.provenance, &first.color));
+        }
+        // One that moves is answered the faster way.
+        assert!(!is_direct(&next(&mut session, &open(2)).await), "redirected: {redirect}");
+    }
+}
