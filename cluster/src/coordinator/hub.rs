@@ -16,7 +16,9 @@ use tonic::{Request, Status};
 use tracing::{debug, info, warn};
 
 use super::Config;
+use super::planning::Planning;
 use super::redirect::{Place, Tickets};
+use super::surveys::Surveys;
 use super::watch::Frames;
 use crate::SceneSource;
 use crate::core::quality::Observed;
@@ -43,6 +45,8 @@ pub(super) struct Hub {
     pub(super) frames: Frames,
     /// What clients were sent to workers with.
     tickets: Tickets,
+    planning: Planning,
+    surveys: Surveys,
     /// Cancelled when streams without an end of their own must end.
     pub(super) closing: CancellationToken,
     /// The lease, while it is held.
@@ -165,6 +169,8 @@ impl Hub {
             read_within: config.read_within,
             frames: Frames::default(),
             tickets: Tickets::default(),
+            planning: Planning::default(),
+            surveys: Surveys::default(),
             closing: CancellationToken::new(),
             held: Mutex::new(None),
             fresh: Box::new(fresh),
@@ -339,6 +345,7 @@ impl Hub {
     /// Asks for a view; the verdicts come through what is returned.
     pub(super) fn ask(self: &Arc<Self>, client: Client, view: View, deadline: Option<Duration>) -> Asked {
         let (sender, verdicts) = unbounded_channel();
+        let planning = self.planning.begin(&view);
         let survey = self.survey(&view);
         let mut state = self.state.lock();
         let ticket = Ticket(state.next_id);
@@ -354,6 +361,7 @@ impl Hub {
             }
         }
         drop(state);
+        planning.end();
         Asked { hub: self.clone(), ticket, verdicts, open: true }
     }
 
@@ -370,7 +378,7 @@ impl Hub {
                 hub.step(Event::Surveyed { pixels, survey });
             });
         }
-        wanted.map(|wanted| Box::new(wanted.take(view, sight.as_ref())))
+        wanted.map(|wanted| self.surveys.take(wanted, view, sight.as_ref()))
     }
 
     /// Sends a client to the worker with that request, as the session's detour of that number; `None` where clients do not
@@ -414,7 +422,9 @@ impl Hub {
     pub(super) fn status(&self) -> v1::StatusResponse {
         let state = self.state.lock();
         let term = state.leading.map_or(0, |leading| leading.term);
-        wire::status(state.core.status(), term, &self.standing, state.core.set())
+        let (views_planned, planning_us) = self.planning.so_far();
+        let status = wire::status(state.core.status(), term, &self.standing, state.core.set());
+        v1::StatusResponse { views_planned, planning_us, ..status }
     }
 
     /// Looks at the core.

@@ -4,10 +4,12 @@ mod cluster;
 mod config;
 mod hub;
 mod lead;
+mod planning;
 mod redirect;
 mod relay;
 mod scenes;
 mod session;
+mod surveys;
 mod views;
 mod watch;
 

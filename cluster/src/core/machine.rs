@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::admission::Admission;
 use super::balance::{Costs, Demand, Split};
+use super::calibrated_error::CalibratedError;
 use super::cameras::LastChoice;
 use super::config::Config;
 use super::copies::Lately;
@@ -116,6 +117,8 @@ pub struct Core {
     /// Ticks for which views from triangles have taken so much time that samples may be worth measuring.
     pub(super) steady_ticks: f64,
     pub(super) epochs: Epochs,
+    /// What probes have taught of predicted errors.
+    pub(super) error: CalibratedError,
     /// What calibration measured of the scene, of each kind of device; none where nobody calibrated.
     pub(super) models: Vec<Arc<Model>>,
     /// Which of the rig's cameras see what a view shows; where nobody knows, the nearest are the best.
@@ -200,6 +203,7 @@ impl Core {
             unthought: 0,
             steady_ticks: 0.0,
             epochs,
+            error: CalibratedError::default(),
             split: Split::Nobody,
             counters: Counters::default(),
             draining: false,
@@ -332,6 +336,9 @@ impl Core {
         observe(&mut costs.direct, report.views_direct, before.views_direct, report.direct_ms);
         observe(&mut costs.view, report.views_composed, before.views_composed, report.view_ms);
         observe(&mut costs.ray, report.rays_traced, before.rays_traced, report.ray_ms);
+        if let Some((error, predicted)) = report.probed.since(&before.probed) {
+            self.error.observe(error, predicted);
+        }
         // How many rays a view needs is known once they are traced.
         if before.applied > 0 {
             self.rates.rays.count(report.rays_traced.saturating_sub(before.rays_traced));
@@ -402,6 +409,7 @@ impl Core {
             let ticks = elapsed.as_secs_f64() / self.config.tick.as_secs_f64();
             self.place_samples(ticks);
             self.invest(ticks);
+            self.error.relax(elapsed.as_secs_f64());
             self.count_steady_ticks(ticks);
             let Rates { samples, direct, direct_anywhere, views, rays } = &mut self.rates;
             for rate in [samples, direct, direct_anywhere, views, rays] {

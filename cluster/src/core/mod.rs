@@ -13,6 +13,7 @@
 
 mod admission;
 pub mod balance;
+mod calibrated_error;
 mod cameras;
 mod choose;
 mod config;
@@ -47,7 +48,9 @@ mod worker;
 
 pub use admission::Client;
 pub use config::Config;
-pub use event::{Action, Assignment, Event, Failure, Hello, Order, Report, Role, Source, Ticket, WorkerId};
+pub use event::{
+    Action, Assignment, Event, Failure, Hello, Order, Probed, Report, Role, Source, Ticket, WorkerId,
+};
 pub use machine::{Core, Counters};
 pub use open::SurveyWanted;
 pub use placement::Refinements;

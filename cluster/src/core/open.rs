@@ -77,14 +77,36 @@ pub struct SurveyWanted {
     rig: Rig,
     time_secs: f64,
     candidates: Vec<u64>,
+    /// Whether all is to be known of each candidate, and not only what it takes to choose some of them.
+    whole: bool,
 }
 
 impl SurveyWanted {
     /// Sends the rays.
     pub fn take(&self, view: &View, sight: &dyn Sight) -> Survey {
-        let mut survey = Survey::new(&view.camera, [view.width, view.height], sight, self.time_secs);
-        for &index in &self.candidates {
-            survey.judge(&self.rig, index, sight, self.time_secs, MOST_TEXEL_PIXELS);
+        self.take_after(None, view, sight)
+    }
+
+    /// Whether what another survey finds out holds for this one.
+    pub fn is_of_same_scene(&self, other: &Self) -> bool {
+        self.rig == other.rig && self.time_secs == other.time_secs
+    }
+
+    /// Sends the rays whose answers a survey of the same scene does not tell.
+    pub fn take_after(&self, before: Option<&Survey>, view: &View, sight: &dyn Sight) -> Survey {
+        let (camera, size) = (&view.camera, [view.width, view.height]);
+        let mut survey = match before {
+            Some(before) => before.renewed(camera, size, sight, self.time_secs),
+            None => Survey::new(camera, size, sight, self.time_secs),
+        };
+        match self.whole {
+            true => self.candidates.iter().for_each(|&index| {
+                survey.judge(&self.rig, index, sight, self.time_secs, MOST_TEXEL_PIXELS);
+            }),
+            false => {
+                let sight = (sight, self.time_secs);
+                survey.judge_few(&self.rig, &self.candidates, MOST_SAMPLES, sight, MOST_TEXEL_PIXELS);
+            }
         }
         survey
     }
@@ -95,7 +117,7 @@ impl Core {
     /// open, or nobody holds a sample near it.
     pub fn survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
-        self.survey_of(if open { self.held_around(&view.camera) } else { Vec::new() })
+        self.survey_of(if open { self.held_around(&view.camera) } else { Vec::new() }, false)
     }
 
     /// What is to be found out about a view, while nobody waits for it, to see which samples would be worth their price;
@@ -105,12 +127,12 @@ impl Core {
         let may_pay = self.workers.values().any(|worker| worker.report.warp_cost.is_some());
         let left = self.thoughts.get().checked_sub(1).filter(|_| open && may_pay)?;
         self.thoughts.set(left);
-        self.survey_of(self.cameras_around(&view.camera))
+        self.survey_of(self.cameras_around(&view.camera), true)
     }
 
-    fn survey_of(&self, candidates: Vec<u64>) -> Option<SurveyWanted> {
+    fn survey_of(&self, candidates: Vec<u64>, whole: bool) -> Option<SurveyWanted> {
         let (rig, time_secs) = (self.set.rig, self.set.time_secs());
-        (!candidates.is_empty()).then_some(SurveyWanted { rig, time_secs, candidates })
+        (!candidates.is_empty()).then_some(SurveyWanted { rig, time_secs, candidates, whole })
     }
 
     /// Cameras near a viewer whose samples somebody holds, nearest first.
@@ -152,7 +174,7 @@ impl Core {
         let measured = |w: &Worker| Some((w.report.direct_cost?.ms(pixels), w.report.warp_cost?.ms(pixels)));
         let Some((direct_ms, warp_ms)) = self.workers.values().find_map(measured) else { return };
         let own = survey.choose(|index| self.set.rig.level(index) == Some(0), MOST_SAMPLES);
-        let is_sound = |bundle: &[u64]| predicted_excess(Some(survey.coverage(bundle))).1;
+        let is_sound = |bundle: &[u64]| predicted_excess(Some(survey.coverage(bundle)), 1.0).1;
         let bundle = match is_sound(&own) {
             true => own,
             false => survey.choose(|_| true, MOST_SAMPLES),
@@ -329,11 +351,11 @@ impl Core {
         worker.queued_ms() + samples + slices
     }
 
-    /// The cameras of a view's survey whose samples a worker holds; without a survey, the nearest ones if it has all.
+    /// The cameras that were surveyed whose samples a worker holds; without a survey, the nearest ones if it has all.
     fn held_for(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Vec<u64> {
         let has = |index: u64| worker.has(self.served(index));
         match &open.survey {
-            Some(survey) => survey.choose(has, MOST_SAMPLES),
+            Some(survey) => survey.cameras().filter(|index| has(*index)).collect(),
             None => {
                 let near = Among { refined: self.placement.usable(), sight: None };
                 let nearest = self.set.rig.nearest_among(&view.camera, MOST_SAMPLES, near);
@@ -342,15 +364,19 @@ impl Core {
         }
     }
 
-    /// What a view would be from those cameras' samples; `None` without samples.
-    fn warp_from(&self, cameras: &[u64], open: &OpenView) -> Option<FromSamples> {
+    /// What a view would be from the best of those cameras' samples; `None` without samples.
+    fn warp_from(&self, held: &[u64], open: &OpenView) -> Option<FromSamples> {
+        let cameras = match &open.survey {
+            Some(survey) => survey.choose(|index| held.contains(&index), MOST_SAMPLES),
+            None => held.to_vec(),
+        };
         if cameras.is_empty() {
             return None;
         }
         let ids = cameras.iter().map(|index| self.served(*index)).collect();
         let samples = self.set.with_surroundings(ids);
-        let coverage = open.survey.as_ref().map(|survey| survey.coverage(cameras));
-        let (excess, is_sound) = predicted_excess(coverage);
+        let coverage = open.survey.as_ref().map(|survey| survey.coverage(&cameras));
+        let (excess, is_sound) = predicted_excess(coverage, self.error.factor());
         let search = Search::default();
         let supersampling = open.samples_per_pixel.isqrt();
         let steps = self.config.steps_of(search);

@@ -44,6 +44,8 @@ pub struct Status {
     pub refinements: Refinements,
     /// Every worker, ready or not, oldest first.
     pub workers: Vec<WorkerStatus>,
+    /// By what predicted errors of frames from samples are multiplied, as probes have found.
+    pub error_factor: f64,
     /// Since the start.
     pub counters: Counters,
 }
@@ -96,6 +98,7 @@ impl Core {
                     draining: w.is_changing(),
                 })
                 .collect(),
+            error_factor: self.error.factor(),
             counters: self.counters,
         }
     }
