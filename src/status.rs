@@ -136,6 +136,12 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
         "  tick           {:8.1} ms predicted, {:.1} ms measured",
         status.tick_predicted_ms, status.tick_measured_ms
     )?;
+    let planning_us = status.planning_us / status.views_planned.max(1) as f64;
+    writeln!(
+        text,
+        "  planning       {planning_us:8.1} µs a view; predicted errors times {:.2}, as probes have found",
+        status.error_factor
+    )?;
     let counters = &status.counters;
     writeln!(
         text,

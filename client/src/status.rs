@@ -48,6 +48,12 @@ pub struct ClusterStatus {
     pub tick_measured_ms: f64,
     /// One a process.
     pub workers: Vec<WorkerStatus>,
+    /// Views for which the planner chose how they are answered, and by whom, since the coordinator started.
+    pub views_planned: u64,
+    /// What these choices took in all, with the rays that were sent for them, microseconds.
+    pub planning_us: f64,
+    /// By what predicted errors of frames from samples are multiplied, as probes have found; 0: not known.
+    pub error_factor: f64,
     /// Since the coordinator started.
     pub counters: CounterStatus,
 }
@@ -146,6 +152,9 @@ impl From<v1::StatusResponse> for ClusterStatus {
             tick_predicted_ms: number(wire.tick_predicted_ms),
             tick_measured_ms: number(wire.tick_measured_ms),
             workers: wire.workers.into_iter().map(Into::into).collect(),
+            views_planned: wire.views_planned,
+            planning_us: number(wire.planning_us),
+            error_factor: number(wire.error_factor),
             counters: wire.counters.unwrap_or_default().into(),
         }
     }

@@ -13,7 +13,9 @@ use prost::Message;
 
 use crate::SceneRef;
 use crate::coordinator;
-use crate::core::{Assignment, Config, Core, Event, Hello, Report, Role, Source, Ticket, Uptime, WorkerId};
+use crate::core::{
+    Assignment, Config, Core, Event, Hello, Probed, Report, Role, Source, Ticket, Uptime, WorkerId,
+};
 use crate::sealed::{Kind, SealKey, Shown};
 use crate::wire::{self, Standing};
 use crate::worker;
@@ -190,6 +192,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         views_composed: 9,
         sampling_busy_ms: 40.0,
         held: vec![id],
+        probed: Probed { count: 1, error: 0.02, predicted: 0.015 },
         ways: vec![(Visibility::default(), 3.0)],
         ..Report::default()
     };

@@ -8,7 +8,7 @@ use argus_scene::{InvalidField, Limits, SampleSetInfo, Visibility};
 
 use crate::SceneRef;
 use crate::core::quality::{Cost, Observed};
-use crate::core::{Assignment, Hello, Report, Role, Source, Status, WorkerStatus};
+use crate::core::{Assignment, Hello, Probed, Report, Role, Source, Status, WorkerStatus};
 use crate::sealed::SealKey;
 use crate::security::Security;
 
@@ -95,6 +95,7 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         sample_bytes: wire.sample_bytes,
         direct_cost: wire.direct_cost.and_then(cost_from),
         warp_cost: wire.warp_cost.and_then(cost_from),
+        probed: probed_from(wire.probes, wire.probed_error, wire.probed_predicted),
         ways: wire
             .ways
             .into_iter()
@@ -129,6 +130,9 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         sample_bytes: report.sample_bytes,
         direct_cost: report.direct_cost.map(cost),
         warp_cost: report.warp_cost.map(cost),
+        probes: report.probed.count,
+        probed_error: report.probed.error,
+        probed_predicted: report.probed.predicted,
         ways: report.ways.into_iter().map(way_cost).collect(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }
@@ -143,6 +147,15 @@ fn cost_from(v1::Cost { fixed_ms, ms_per_megapixel }: v1::Cost) -> Option<Cost> 
     let measured = |ms: f64| ms >= 0.0 && ms.is_finite();
     let cost = Cost { fixed_ms, ms_per_megapixel };
     (measured(fixed_ms) && measured(ms_per_megapixel) && fixed_ms + ms_per_megapixel > 0.0).then_some(cost)
+}
+
+/// Probes whose errors are not finite, or below zero, were none.
+fn probed_from(count: u64, error: f64, predicted: f64) -> Probed {
+    let is_sum = |x: f64| x >= 0.0 && x.is_finite();
+    match is_sum(error) && is_sum(predicted) {
+        true => Probed { count, error, predicted },
+        false => Probed::default(),
+    }
 }
 
 fn way_cost((visibility, ms): (Visibility, f64)) -> v1::WayCost {
@@ -252,6 +265,10 @@ pub(crate) fn status(
         visibility: status.visibility.map_or(v1::Visibility::Unspecified, v1::Visibility::from) as i32,
         rays_per_tick: status.rays_per_tick,
         ray_ms: status.ray_ms,
+        error_factor: status.error_factor,
+        // The core has no clock.
+        views_planned: 0,
+        planning_us: 0.0,
     }
 }
 
@@ -283,5 +300,27 @@ fn worker_status(worker: WorkerStatus) -> v1::WorkerStatus {
         unpacking_ms: report.unpacking_ms,
         holding_ms: report.holding_ms,
         samples_held: report.held.len() as u64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn probes_come_as_they_were_reported_and_errors_that_are_no_numbers_are_refused() {
+        let probed = Probed { count: 3, error: 0.06, predicted: 0.045 };
+        let sent = |probed| {
+            let report = report(Report { probed, ..Report::default() }, Role::Both);
+            match report.body {
+                Some(v1::worker_report::Body::Measurements(measured)) => report_from(measured).probed,
+                _ => Probed::default(),
+            }
+        };
+        assert_eq!(sent(probed), probed);
+        for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -0.1] {
+            assert_eq!(sent(Probed { error: odd, ..probed }), Probed::default());
+            assert_eq!(sent(Probed { predicted: odd, ..probed }), Probed::default());
+        }
     }
 }

@@ -6,7 +6,10 @@
 //! Beside its own cameras a rig has *refinements*: cameras of the same kind, level by level denser, that are
 //! taken where the own ones leave pixels that none of them saw.
 
+mod greedy;
+mod judged;
 mod lattice;
+mod renewal;
 mod sight;
 pub(crate) mod survey;
 mod tile;

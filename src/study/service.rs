@@ -15,12 +15,15 @@ use crate::args;
 /// ask as soon as there is an address. Warm: the same walk again, after it was walked once more and the service had time to
 /// settle. When a view is due is fixed beforehand, and its latency counts from then; one without a frame after 30 s has
 /// failed and counts with that time. Twelve views of a phase are judged, as they came, against direct views of 16 samples a
-/// pixel. This takes a minute or two a run, more where views are late.
+/// pixel. Predictions of the planner are judged by what frames took and show: time_predicted is the share of frames within 30%
+/// or 3 ms, error_bounded the share of frames from samples whose error is at most the predicted one, planning_us the
+/// coordinator's microseconds a view. This takes two or three minutes a run, more where views are late.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   argus study service --scene sponza.glb --out figures
   argus study service --scene sponza.glb --size 640x480 --rate 10 --walk jumps --runs 5
+  argus study service --scene sponza.glb --overload --regret-views 100
   argus study service --scene room.glb -- --rig cell --cell 0.5")]
 pub(super) struct Service {
     #[command(flatten)]
@@ -49,6 +52,14 @@ pub(super) struct Service {
     /// program anew, which on the software driver takes seconds. Otherwise a start that is not measured fills them first
     #[arg(long)]
     empty_caches: bool,
+    /// Render so many views one at a time in every way, to see what the planner's choices cost: `regret` is the time by default
+    /// over that of the best way whose error is within bound, less one. Takes up to 90 s; 0 leaves it out [default: 24]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10_000))]
+    regret_views: Option<u32>,
+    /// Measure twice and four times the load that direct views carry, too, in every mode: `share_of_peak` is the rate of
+    /// answered views over that of the best forced way that is as good. Takes two or three minutes more a run
+    #[arg(long)]
+    overload: bool,
     /// Further arguments of `argus serve`
     #[arg(last = true, value_name = "ARGUMENT")]
     serve: Vec<String>,
@@ -71,6 +82,8 @@ impl Service {
         options.seconds = self.seconds.unwrap_or(options.seconds);
         options.runs = self.runs.map_or(options.runs, usize::from);
         options.empty_caches = self.empty_caches;
+        options.regret_views = self.regret_views.unwrap_or(options.regret_views);
+        options.overload = self.overload;
         options.serve = self.serve;
         run(&std::env::current_exe()?, &options, progress).await
     }

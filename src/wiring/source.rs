@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use argus_cluster::SceneSource;
-use argus_scene::reference::SceneSight;
+use argus_sampler::PacketSight;
 use argus_scene::rig::Sight;
 use argus_scene::{LoadError, Scene, load};
 
@@ -40,7 +40,7 @@ impl SceneSource for OpenScene {
     }
 
     fn sight(&self) -> Option<Arc<dyn Sight>> {
-        Some(Arc::new(SceneSight::new(&self.scene)))
+        Some(Arc::new(PacketSight::new(&self.scene)))
     }
 
     fn procedural(&self) -> Option<String> {

@@ -17,6 +17,8 @@ use tracing::{debug, info, warn};
 
 use super::config::Config;
 use super::frames::Frames;
+use super::planning::Planning;
+use super::surveys::Surveys;
 use super::tickets::{Redirect, Tickets};
 use crate::SceneSource;
 use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, Ticket, Uptime, WorkerId};
@@ -42,6 +44,8 @@ pub(super) struct Hub {
     pub(super) frames: Frames,
     /// What clients were sent to workers with.
     tickets: Tickets,
+    planning: Planning,
+    surveys: Surveys,
     /// Cancelled when streams without an end of their own must end.
     pub(super) closing: CancellationToken,
     /// The lease, while it is held.
@@ -144,6 +148,8 @@ impl Hub {
             read_within: config.read_within,
             frames: Frames::default(),
             tickets: Tickets::default(),
+            planning: Planning::default(),
+            surveys: Surveys::default(),
             closing: CancellationToken::new(),
             held: Mutex::new(None),
             fresh: Box::new(fresh),
@@ -324,6 +330,7 @@ impl Hub {
         last: Option<Box<LastView>>,
     ) -> (Ticket, UnboundedReceiver<Verdict>) {
         let (sender, verdicts) = unbounded_channel();
+        let planning = self.planning.begin(&view);
         let survey = self.survey(&view, last.as_deref());
         let mut state = self.state.lock();
         let ticket = Ticket(state.next_id);
@@ -338,6 +345,8 @@ impl Hub {
                 );
             }
         }
+        drop(state);
+        planning.end();
         (ticket, verdicts)
     }
 
@@ -365,7 +374,7 @@ impl Hub {
                 hub.step(Event::Surveyed { pixels, survey });
             });
         }
-        wanted.map(|wanted| Box::new(wanted.take(view, sight.as_ref())))
+        wanted.map(|wanted| self.surveys.take(wanted, view, sight.as_ref()))
     }
 
     /// Sends a client to the worker with that request, as the session's redirect of that number; `None` where clients do not
@@ -409,7 +418,9 @@ impl Hub {
     pub(super) fn status(&self) -> v1::StatusResponse {
         let state = self.state.lock();
         let term = state.leading.map_or(0, |leading| leading.term);
-        wire::status(state.core.status(), term, &self.standing, state.core.set())
+        let (views_planned, planning_us) = self.planning.so_far();
+        let status = wire::status(state.core.status(), term, &self.standing, state.core.set());
+        v1::StatusResponse { views_planned, planning_us, ..status }
     }
 
     /// Looks at the core.

@@ -1,5 +1,6 @@
 //! What the core is told, and what it tells its shell to do.
 
+use std::ops::Add;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -69,6 +70,37 @@ pub struct Hello {
     pub cores: u32,
 }
 
+/// Frames from samples of which a few pixels were traced, to see how well their error was predicted.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Probed {
+    /// How many.
+    pub count: u64,
+    /// Sum of the errors that were found: mean FLIP above that of a direct view.
+    pub error: f64,
+    /// Sum of the errors that were predicted.
+    pub predicted: f64,
+}
+
+impl Probed {
+    /// The mean error found and the mean error predicted, of the frames that were probed since; `None` of none.
+    pub fn since(&self, before: &Self) -> Option<(f64, f64)> {
+        let count = self.count.checked_sub(before.count).filter(|count| *count > 0)? as f64;
+        Some(((self.error - before.error) / count, (self.predicted - before.predicted) / count))
+    }
+}
+
+impl Add for Probed {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            count: self.count + other.count,
+            error: self.error + other.error,
+            predicted: self.predicted + other.predicted,
+        }
+    }
+}
+
 /// What a worker measured. Counts and busy times are since its process started.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Report {
@@ -119,6 +151,8 @@ pub struct Report {
     pub direct_cost: Option<Cost>,
     /// What a view from samples costs there.
     pub warp_cost: Option<Cost>,
+    /// How well the errors of frames from samples are predicted.
+    pub probed: Probed,
     /// What each way to see triangles costs there, ms for a tile of a sample; where it was told to measure.
     pub ways: Vec<(Visibility, f64)>,
 }

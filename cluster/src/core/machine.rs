@@ -207,6 +207,9 @@ impl Core {
             return;
         };
         let has_news = self.samples.reported(id, &report.held, &worker.report().held);
+        if let Some((error, predicted)) = report.probed.since(&worker.report().probed) {
+            self.samples.observe_error(error, predicted);
+        }
         let measured = std::mem::take(&mut report.ways);
         if self.workers.report(id, report, now, || self.views.largest()) {
             self.processes_changed(actions);

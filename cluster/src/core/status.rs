@@ -70,6 +70,8 @@ pub struct Status {
     pub refinements: Refinements,
     /// Every worker, ready or not, oldest first.
     pub workers: Vec<WorkerStatus>,
+    /// By what predicted errors of frames from samples are multiplied, as probes have found.
+    pub error_factor: f64,
     /// Since the start.
     pub counters: Counters,
 }
@@ -115,6 +117,7 @@ impl Status {
             visibility: workers.visibility_is_settled().then_some(samples.set().visibility),
             refinements: samples.placement().counts(),
             workers: workers.iter().map(WorkerStatus::of).collect(),
+            error_factor: samples.error_factor(),
             counters: Counters::of(workers, views),
         }
     }

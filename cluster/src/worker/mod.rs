@@ -14,6 +14,7 @@ mod join;
 mod meter;
 mod node;
 mod packed;
+mod probe;
 mod queue;
 mod render;
 mod room;

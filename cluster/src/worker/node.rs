@@ -22,6 +22,7 @@ use super::fetch::Fetches;
 use super::health::Health;
 use super::histories::Histories;
 use super::meter::Meter;
+use super::probe::Probes;
 use super::queue::{Backlog, PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
 use super::room::Rooms;
 use super::store::Store;
@@ -71,6 +72,8 @@ pub(super) struct Node {
     pub(super) rooms: Rooms,
     /// What the last frames of sessions left.
     pub(super) histories: Histories,
+    /// How well errors were predicted.
+    pub(super) probes: Probes,
     queue: Arc<Queue>,
     meter: Arc<Meter>,
     pub(super) health: Arc<Health>,
@@ -117,6 +120,7 @@ impl Node {
             fetching: Arc::new(Semaphore::new((config.max_queued_views / 2).max(1))),
             rooms: Rooms::new(config.frame_bytes),
             histories: Histories::new(config.history_bytes),
+            probes: Probes::default(),
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             config,
             hello,
@@ -336,6 +340,7 @@ impl Node {
             piece_ms: self.queue.at_piece_for().as_secs_f64() * 1e3,
             sample_bytes: self.store.largest(),
             ways: told.ways.clone(),
+            probed: self.probes.found(),
             ..Report::default()
         };
         drop(told);
@@ -346,6 +351,12 @@ impl Node {
     /// A sample came from another worker, and it took so long to unpack.
     pub(super) fn received(&self, unpacking: Duration) {
         self.meter.add_received(unpacking);
+    }
+
+    /// Whether a view, or a part of one, waits for the render thread or is in work.
+    pub(super) fn has_views(&self) -> bool {
+        let Backlog { views, direct, pixels, .. } = self.backlog();
+        views + direct + pixels > 0
     }
 
     pub(super) fn backlog(&self) -> Backlog {

@@ -30,7 +30,7 @@ use super::histories::MAX_NAME;
 use super::node::{Active, Node};
 use super::queue::Rendered;
 use super::room::{self, Room};
-use super::{fetch, trace};
+use super::{fetch, probe, trace};
 use crate::core::Source;
 use crate::core::quality::Observed;
 use crate::sealed::Kind;
@@ -247,6 +247,7 @@ impl ViewsService {
                 tokio::time::timeout(deadline, answer).await.map_err(late)??
             }
         };
+        probe::consider(&self.node, &ordered.job, &frame);
         // Fetching samples has spans of its own.
         let measured = frame.stages.iter().filter(|stage| stage.name != SAMPLES);
         stages(&span, measured.map(|stage| (stage.name.as_str(), stage.ms)));

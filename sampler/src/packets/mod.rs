@@ -6,6 +6,7 @@
 
 mod cutouts;
 mod lanes;
+mod lengths;
 mod packet;
 mod single;
 
@@ -23,6 +24,7 @@ use crate::bvh::{Hierarchy, Node, OF_OBJECT, Triangle};
 use crate::resident::Placement;
 use cutouts::Cutouts;
 use lanes::{LANES, Lanes, Plain};
+pub(crate) use lengths::Ray;
 use packet::{Directions, Entry, Leaves, Nearest, Packet};
 pub(crate) use single::Met;
 

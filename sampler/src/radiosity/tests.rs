@@ -34,7 +34,7 @@ impl World {
             rig: RigKind::Cell,
             warnings: Vec::new(),
         });
-        let placements = resident::placed(&scene);
+        let placements = resident::placed(&scene, &scene.instances);
         let tracer = PacketTracer::new(&scene, &placements, 1e-3);
         let surfaces = Surfaces::new(&scene, &placements);
         Self { scene, tracer, surfaces }

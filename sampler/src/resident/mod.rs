@@ -142,7 +142,7 @@ impl Resident {
             texel_levels: upload(gpu, "texture levels", &texels.levels, storage)?,
             texels: texels.linear,
             texels_srgb: texels.srgb,
-            instances: placements(scene, &scene.at(0.0).instances, &runs),
+            instances: placements(scene, &scene.at(0.0).instances, |mesh| is_filled(&runs[mesh])),
             runs,
             instance_count: scene.instances.len(),
             bounds: scene.bounds(),
@@ -151,7 +151,7 @@ impl Resident {
 
     /// Places the scene's instances anew, which move; triangles, materials and textures stay as they lie.
     pub(crate) fn place(&mut self, scene: &Scene, instances: &[Instance]) {
-        self.instances = placements(scene, instances, &self.runs);
+        self.instances = placements(scene, instances, |mesh| is_filled(&self.runs[mesh]));
     }
 }
 
@@ -181,14 +181,18 @@ pub(crate) fn upload<T: NoUninit + Zeroable>(
     })
 }
 
-/// Instances of a scene at time zero, as [`Resident::instances`] has them, without a device.
-#[cfg(test)]
-pub(crate) fn placed(scene: &Scene) -> Vec<Placement> {
-    placements(scene, &scene.instances, &geometry::Arena::new(scene).1)
+fn is_filled(run: &MeshRun) -> bool {
+    !run.chunks.is_empty()
 }
 
-/// Instances with triangles and a transform that can be inverted, in the order they are drawn.
-fn placements(scene: &Scene, instances: &[Instance], runs: &[MeshRun]) -> Vec<Placement> {
+/// A scene's instances where they are, as [`Resident::instances`] has them, without a device.
+pub(crate) fn placed(scene: &Scene, instances: &[Instance]) -> Vec<Placement> {
+    placements(scene, instances, |mesh| scene.meshes[mesh].triangles() > 0)
+}
+
+/// Instances with triangles and a transform that can be inverted, in the order they are drawn. `is_filled` says of each mesh
+/// whether it has triangles.
+fn placements(scene: &Scene, instances: &[Instance], is_filled: impl Fn(usize) -> bool) -> Vec<Placement> {
     let mut placements: Vec<Placement> = (0u32..)
         .zip(instances)
         .filter_map(|(index, instance)| {
@@ -204,8 +208,7 @@ fn placements(scene: &Scene, instances: &[Instance], runs: &[MeshRun]) -> Vec<Pl
                 (false, true) => Cull::MirroredBack,
             };
             let class = DrawClass { cutout: material.alpha_cutoff().is_some(), cull };
-            let filled = !runs[instance.mesh as usize].chunks.is_empty();
-            (seen && filled).then_some(Placement {
+            (seen && is_filled(instance.mesh as usize)).then_some(Placement {
                 instance: index,
                 mesh: instance.mesh,
                 class,

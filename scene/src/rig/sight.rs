@@ -4,6 +4,7 @@ use std::fmt::Debug;
 
 use glam::DVec3;
 
+use super::greedy;
 use super::survey::Target;
 use crate::Camera;
 
@@ -13,8 +14,10 @@ use crate::Camera;
 /// samples show little of what a viewer sees, and where surfaces are single-sided, one in a wall sees past all that is solid.
 pub trait Sight: Debug + Send + Sync {
     /// The `count` cameras, of these at these places, that together see most of what a view shows, the best first; fewer where
-    /// there are fewer. A function of its arguments alone.
-    fn best(&self, camera: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64>;
+    /// there are fewer. A function of its arguments alone; of scenes that move, at time zero.
+    fn best(&self, camera: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
+        greedy::best(self, camera, candidates, count)
+    }
 
     /// Whether no surface is between two points.
     fn sees(&self, from: DVec3, to: DVec3) -> bool;

@@ -7,13 +7,18 @@
 use glam::{DVec2, DVec3};
 
 use super::Sight;
+use super::judged::{Judged, Known};
 use crate::{Camera, Rig, SampleCamera};
 
 /// Rays of a survey: columns and rows. Their number is that of the bits of a [`u64`], less some.
-const GRID: [u32; 2] = [8, 6];
+pub(super) const GRID: [u32; 2] = [8, 6];
+
+/// Rays are listed by blocks of so many columns and rows: neighbours in the list are neighbours in the view, which helps a
+/// [`Sight`] that traces several rays at once.
+const BLOCK: [u32; 2] = [4, 2];
 
 /// Rays of a survey.
-const RAYS: usize = (GRID[0] * GRID[1]) as usize;
+pub(super) const RAYS: usize = (GRID[0] * GRID[1]) as usize;
 
 /// A camera is worth this share of what it shows for what others show already: between the rays, near the edges of
 /// things, it sees what they do not.
@@ -29,6 +34,14 @@ pub enum Target {
 }
 
 impl Target {
+    /// Which way it is from a place: not of unit length, and zero or not finite where there is no way.
+    pub(super) fn direction_from(&self, at: DVec3) -> DVec3 {
+        match *self {
+            Self::Surface(point) => point - at,
+            Self::Sky(direction) => direction,
+        }
+    }
+
     /// How well a camera shows this target to a viewer, 0 to 1, where it sees it: less from aside and from afar, and less
     /// the farther the camera is from the viewer, since more between the rays is hidden from it.
     pub fn worth(&self, camera: DVec3, eye: DVec3) -> f64 {
@@ -43,15 +56,6 @@ impl Target {
     }
 }
 
-/// One sample camera, judged by the targets of a view. Bit i of a mask stands for target i.
-#[derive(Debug, Clone, PartialEq)]
-struct Judged {
-    index: u64,
-    seen: u64,
-    fine: u64,
-    worths: Vec<f64>,
-}
-
 /// What samples would show of a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coverage {
@@ -64,59 +68,112 @@ pub struct Coverage {
 /// A view's targets, and the sample cameras that were judged by them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Survey {
-    eye: DVec3,
+    pub(super) eye: DVec3,
+    /// Unit vector of the direction of view.
+    pub(super) ahead: DVec3,
+    /// Of the scene, when it was taken, seconds.
+    pub(super) time_secs: f64,
     /// Angle of a pixel in the middle of the view, radians.
     pixel_angle: f64,
-    targets: Vec<Target>,
-    judged: Vec<Judged>,
+    /// Mean distance of the surfaces in sight, metres; 0 where there is none.
+    pub(super) reach: f64,
+    pub(super) targets: Vec<Target>,
+    /// From where each target was met: this view's eye, or that of one before.
+    pub(super) met_from: Vec<DVec3>,
+    pub(super) judged: Vec<Judged>,
+    /// What earlier surveys tell of cameras that this one has not judged.
+    pub(super) known: Vec<(u64, Known)>,
 }
 
 impl Survey {
     /// Sends the rays of a view of `width` × `height` pixels at a time of the scene, seconds.
-    pub fn new(camera: &Camera, [width, height]: [u32; 2], sight: &dyn Sight, time_secs: f64) -> Self {
-        let cell = DVec2::new(f64::from(width), f64::from(height)) / DVec2::from(GRID.map(f64::from));
-        let directions: Vec<DVec3> = (0..GRID[0] * GRID[1])
-            .map(|i| {
-                let place = DVec2::new(f64::from(i % GRID[0]), f64::from(i / GRID[0]));
-                camera.direction((place + 0.5) * cell, width, height)
-            })
-            .collect();
-        let targets = sight.targets(camera.eye, &directions, time_secs);
-        let pixel_angle = 2.0 * camera.tan_half_fov(width, height).y / f64::from(height.max(1));
-        Self { eye: camera.eye, pixel_angle, targets, judged: Vec::new() }
+    pub fn new(camera: &Camera, size: [u32; 2], sight: &dyn Sight, time_secs: f64) -> Self {
+        Self::without_targets(camera, size, time_secs).renewed(camera, size, sight, time_secs)
     }
 
-    /// Judges one of the rig's cameras, unless it has been judged. A texel counts as fine where it covers at most
+    /// A survey that knows nothing.
+    pub(super) fn without_targets(camera: &Camera, [width, height]: [u32; 2], time_secs: f64) -> Self {
+        Self {
+            eye: camera.eye,
+            ahead: (camera.target - camera.eye).normalize(),
+            time_secs,
+            pixel_angle: 2.0 * camera.tan_half_fov(width, height).y / f64::from(height.max(1)),
+            reach: 0.0,
+            targets: Vec::with_capacity(RAYS),
+            met_from: Vec::with_capacity(RAYS),
+            judged: Vec::new(),
+            known: Vec::new(),
+        }
+    }
+
+    /// Judges one of the rig's cameras by all targets, unless it has been judged. A texel counts as fine where it covers at most
     /// `most_pixels` pixels of the view to a side.
     pub fn judge(&mut self, rig: &Rig, index: u64, sight: &dyn Sight, time_secs: f64, most_pixels: f64) {
-        if self.judged.iter().any(|judged| judged.index == index) {
-            return;
-        }
-        let Ok(camera) = rig.camera(index) else { return };
-        let at = camera.center();
-        let shown = sight.shows(at, &self.targets, time_secs);
-        let mut judged = Judged { index, seen: 0, fine: 0, worths: vec![0.0; self.targets.len()] };
-        for (i, target) in self.targets.iter().enumerate().take(RAYS) {
-            if shown.get(i) != Some(&true) || !camera.frames(target) {
-                continue;
-            }
-            judged.seen |= 1 << i;
-            judged.worths[i] = target.worth(at, self.eye);
-            if self.texel_pixels(&camera, target) <= most_pixels {
-                judged.fine |= 1 << i;
-            }
-        }
+        let Some(mut judged) = self.introduced(rig, index, most_pixels) else { return };
+        judged.ask(u64::MAX, &self.targets, sight, time_secs);
         self.judged.push(judged);
     }
 
-    /// Pixels of the view that a texel of a sample covers at a target, to a side.
-    fn texel_pixels(&self, camera: &SampleCamera, target: &Target) -> f64 {
+    /// Judges cameras by no more rays than it takes to choose `count` of them: each is asked only for what those before it do
+    /// not show with fine texels. [`Self::coverage`] of those that [`Self::choose`] takes of all is as exact as after
+    /// [`Self::judge`]; of others it may be less than theirs, never more.
+    pub fn judge_few(
+        &mut self,
+        rig: &Rig,
+        indices: &[u64],
+        count: usize,
+        (sight, time_secs): (&dyn Sight, f64),
+        most_pixels: f64,
+    ) {
+        let begin = self.judged.len();
+        for &index in indices {
+            self.judged.extend(self.introduced(rig, index, most_pixels));
+        }
+        let mut left: Vec<usize> = (begin..self.judged.len()).collect();
+        // Where nobody has fine texels, coarse ones are the best there are.
+        let attainable = self.judged[begin..].iter().fold(0, |all, judged| all | judged.near & judged.framed);
+        let (mut shown, mut open) = (vec![0.0; self.targets.len()], u64::MAX);
+        for _ in 0..count {
+            let mut gains: Vec<f64> = left.iter().map(|&at| self.judged[at].gain(&shown)).collect();
+            let chosen = loop {
+                let Some(most) = first_of_most(&gains) else { return };
+                let judged = &mut self.judged[left[most]];
+                if !judged.ask(open, &self.targets, sight, time_secs) {
+                    break &self.judged[left.remove(most)];
+                }
+                gains[most] = judged.gain(&shown);
+            };
+            shown.iter_mut().zip(chosen.worths()).for_each(|(shown, worth)| *shown = worth.max(*shown));
+            open &= !(chosen.fine() | chosen.seen & !attainable);
+        }
+    }
+
+    /// A camera to which no ray was sent yet; `None` of one that has been judged, and of one that is none.
+    fn introduced(&self, rig: &Rig, index: u64, most_pixels: f64) -> Option<Judged> {
+        if self.judged.iter().any(|judged| judged.index == index) {
+            return None;
+        }
+        let camera = rig.camera(index).ok()?;
+        let (at, texel_angle) = (camera.center(), camera.texel_angle());
+        let known = self.known.iter().find(|(known, _)| *known == index).map(|(_, known)| *known);
+        let texel_pixels = |target: &Target| self.texel_pixels(at, texel_angle, target);
+        let view = (self.eye, &self.targets[..]);
+        Some(Judged::new((index, &camera), view, known.unwrap_or_default(), texel_pixels, most_pixels))
+    }
+
+    /// Pixels of the view, to a side, that a texel of a sample from a place covers at a target.
+    fn texel_pixels(&self, at: DVec3, texel_angle: f64, target: &Target) -> f64 {
         let nearer = match *target {
             Target::Sky(_) => 1.0,
-            Target::Surface(point) => point.distance(camera.center()) / point.distance(self.eye),
+            Target::Surface(point) => point.distance(at) / point.distance(self.eye),
         };
         // A target at the eye itself gives NaN or infinity, which no limit admits.
-        nearer * camera.texel_angle() / self.pixel_angle
+        nearer * texel_angle / self.pixel_angle
+    }
+
+    /// The cameras that were judged.
+    pub fn cameras(&self) -> impl Iterator<Item = u64> {
+        self.judged.iter().map(|judged| judged.index)
     }
 
     /// The cameras, of those that were judged and are allowed, that together show most of the view, best first.
@@ -125,14 +182,9 @@ impl Survey {
         let mut shown = vec![0.0; self.targets.len()];
         let mut best = Vec::new();
         while best.len() < count && !left.is_empty() {
-            let gain = |judged: &Judged| -> f64 {
-                judged.worths.iter().zip(&shown).map(|(worth, shown)| added(*worth, *shown)).sum()
-            };
-            let gains: Vec<f64> = left.iter().map(|judged| gain(judged)).collect();
-            // Of equals the first one that was judged.
-            let most = (0..gains.len()).rev().max_by(|&a, &b| gains[a].total_cmp(&gains[b]));
-            let Some(chosen) = most.map(|most| left.remove(most)) else { break };
-            shown.iter_mut().zip(&chosen.worths).for_each(|(shown, worth)| *shown = worth.max(*shown));
+            let gains: Vec<f64> = left.iter().map(|judged| judged.gain(&shown)).collect();
+            let Some(chosen) = first_of_most(&gains).map(|most| left.remove(most)) else { break };
+            shown.iter_mut().zip(chosen.worths()).for_each(|(shown, worth)| *shown = worth.max(*shown));
             best.push(chosen.index);
         }
         best
@@ -148,9 +200,14 @@ impl Survey {
         };
         match self.targets.is_empty() {
             true => Coverage { covered: 1.0, fine: 1.0 },
-            false => Coverage { covered: of(|judged| judged.seen), fine: of(|judged| judged.fine) },
+            false => Coverage { covered: of(|judged| judged.seen), fine: of(Judged::fine) },
         }
     }
+}
+
+/// Which is the most; of equals the first, which was judged first.
+fn first_of_most(gains: &[f64]) -> Option<usize> {
+    (0..gains.len()).rev().max_by(|&a, &b| gains[a].total_cmp(&gains[b]))
 }
 
 /// What a camera that shows a target so well adds to others.
@@ -164,19 +221,24 @@ impl SampleCamera {
         let faces = self.faces();
         faces.first().map_or(f64::INFINITY, |face| 2.0 * face.tan_half_fov.y / f64::from(face.size[1].max(1)))
     }
+}
 
-    /// Whether a target lies within one of the camera's faces, whatever stands before it.
-    fn frames(&self, target: &Target) -> bool {
-        let direction = match *target {
-            Target::Surface(point) => point - self.center(),
-            Target::Sky(direction) => direction,
-        };
-        self.faces().iter().any(|face| {
-            let p = face.view_from_world * direction;
-            let (x, y) = (p.x / -p.z, p.y / -p.z);
-            p.z < 0.0 && x.abs() <= face.tan_half_fov.x && y.abs() <= face.tan_half_fov.y
-        })
-    }
+/// The ray whose cell of the view holds a position: shares of its width and height, from the top left, below 1.
+pub(super) fn ray_at(share: DVec2) -> u32 {
+    let [column, row] = (share * DVec2::from(GRID.map(f64::from))).to_array().map(|x| x as u32);
+    let [columns, rows] = BLOCK;
+    let block = row / rows * (GRID[0] / columns) + column / columns;
+    block * columns * rows + row % rows * columns + column % columns
+}
+
+/// Column and row of a survey's ray.
+pub(super) fn place(ray: u32) -> DVec2 {
+    let [columns, rows] = BLOCK;
+    let (block, within) = (ray / (columns * rows), ray % (columns * rows));
+    let blocks = GRID[0] / columns;
+    let column = block % blocks * columns + within % columns;
+    let row = block / blocks * rows + within / columns;
+    DVec2::new(f64::from(column), f64::from(row))
 }
 
 #[cfg(test)]
@@ -252,6 +314,57 @@ mod tests {
         assert_eq!(survey.choose(|_| false, 3), [0; 0]);
     }
 
+    /// A wall, with one sphere before it that hides a part from each camera and answers are counted.
+    #[derive(Debug)]
+    struct Counted(std::sync::atomic::AtomicUsize);
+
+    impl Sight for Counted {
+        fn sees(&self, _: DVec3, _: DVec3) -> bool {
+            true
+        }
+
+        fn targets(&self, eye: DVec3, directions: &[DVec3], time_secs: f64) -> Vec<Target> {
+            Wall(10.0).targets(eye, directions, time_secs)
+        }
+
+        fn shows(&self, from: DVec3, targets: &[Target], _: f64) -> Vec<bool> {
+            self.0.fetch_add(targets.len(), std::sync::atomic::Ordering::Relaxed);
+            let shows = |target: &Target| {
+                let Target::Surface(point) = *target else { return false };
+                let (way, to_ball) = ((point - from).normalize(), DVec3::new(6.0, 0.5, 0.5) - from);
+                (to_ball - way * to_ball.dot(way)).length() > 0.7
+            };
+            targets.iter().map(shows).collect()
+        }
+    }
+
+    #[test]
+    fn fewer_rays_choose_the_same_cameras_and_tell_the_same_of_them() {
+        for (place, face) in [(0.3, 512), (0.7, 512), (1.4, 256), (2.6, 1024), (4.9, 512)] {
+            let eye = DVec3::new(place, 0.4, 0.9 - place * 0.1);
+            let camera = Camera::look_at(eye, DVec3::new(9.0, 0.4, 0.5));
+            let near = rig(face).nearest(&camera, 8);
+            let (few, all) = (Counted(0.into()), Counted(0.into()));
+            let mut by_few = Survey::new(&camera, [320, 240], &few, 0.0);
+            by_few.judge_few(&rig(face), &near, 4, (&few, 0.0), 1.5);
+            let mut by_all = Survey::new(&camera, [320, 240], &all, 0.0);
+            near.iter().for_each(|&index| by_all.judge(&rig(face), index, &all, 0.0, 1.5));
+            let chosen = by_few.choose(|_| true, 4);
+            assert_eq!(chosen.len(), 4);
+            assert_eq!(chosen[0], by_all.choose(|_| true, 1)[0], "{place}");
+            // No less is known of what was chosen than by all rays; of single cameras it may be less.
+            let (known, whole) = (by_few.coverage(&chosen), by_all.coverage(&chosen));
+            assert_eq!(known.fine, whole.fine, "{place}: {known:?} {whole:?}");
+            assert!(known.covered <= whole.covered && known.covered >= whole.fine);
+            for index in &near {
+                let (known, whole) = (by_few.coverage(&[*index]), by_all.coverage(&[*index]));
+                assert!(known.covered <= whole.covered && known.fine <= whole.fine);
+            }
+            let [few, all] = [few, all].map(|sight| sight.0.into_inner());
+            assert!(2 * few < all, "{place}: {few} of {all} rays");
+        }
+    }
+
     #[test]
     fn hard_cases_give_shares_between_0_and_1() {
         let bounds = Bounds { min: DVec3::splat(-1.0), max: DVec3::splat(1.0) };
@@ -269,12 +382,15 @@ mod tests {
     }
 
     #[test]
-    fn a_perspective_sample_covers_what_lies_within_its_image_alone() {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
-        let sample = SampleCamera::Perspective { camera, width: 40, height: 30 };
-        assert!(sample.frames(&Target::Surface(DVec3::new(5.0, 0.1, 0.1))));
-        assert!(!sample.frames(&Target::Surface(DVec3::new(-5.0, 0.1, 0.1))));
-        assert!(!sample.frames(&Target::Surface(DVec3::new(1.0, 3.0, 0.0))));
-        assert!(!sample.frames(&Target::Surface(DVec3::ZERO)), "at the camera itself");
+    fn the_rays_of_a_survey_are_each_at_a_place_of_their_own() {
+        let mut places: Vec<[u32; 2]> =
+            (0..RAYS as u32).map(|ray| place(ray).to_array().map(|x| x as u32)).collect();
+        assert_eq!(places[..5], [[0, 0], [1, 0], [2, 0], [3, 0], [0, 1]]);
+        places.sort_unstable();
+        places.dedup();
+        assert_eq!(places.len(), RAYS);
+        assert!(places.iter().all(|place| place[0] < GRID[0] && place[1] < GRID[1]));
+        let cells = DVec2::from(GRID.map(f64::from));
+        assert!((0..RAYS as u32).all(|ray| ray_at((place(ray) + 0.5) / cells) == ray));
     }
 }

@@ -4,8 +4,14 @@
 //! Each mode has a cluster of its own, started anew, and two phases. In the *cold* one clients ask as soon as there is
 //! an address to ask at. Then the same walk warms the service up, it may settle, and the *warm* phase repeats the walk.
 //! When each view is due is fixed beforehand, and its latency counts from then. A few views of each phase are judged, as they
-//! came under load, against direct views of 16 samples a pixel of the same poses, which are rendered after the loads.
+//! came under load, against direct views of 16 samples a pixel of the same poses, which are rendered after the loads. Then
+//! some views are asked for one at a time, by default and with each way forced, to see what the choice of ways costs; and,
+//! where that is wanted, more is asked for than direct views carry.
 
+mod mode;
+mod overload;
+mod predictions;
+mod regret;
 mod row;
 mod truth;
 mod walk;
@@ -18,16 +24,16 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
 use argus_client::load::{Ended, LoadOptions, run_along};
-use argus_client::{Client, ConnectOptions};
-use argus_scene::{Frame, Outputs, Plan, PlanRequest, Search, View};
+use argus_client::{Client, ClusterStatus, ConnectOptions, RenderOptions};
+use argus_scene::{Frame, Outputs, Plan, View};
 use indicatif::ProgressBar;
 
 pub use self::walk::Walk;
 
+use self::mode::{Mode, Phase};
 use self::row::{Measured, plot, row};
 use self::truth::{Judged, Truths};
 use self::watch::{Samples, settle};
-use crate::burst::patient;
 use crate::local_cluster::LocalCluster;
 use crate::median::mean;
 use crate::{Effort, Machine, Report};
@@ -58,6 +64,10 @@ pub struct Options {
     /// Whether each cluster starts with empty caches of the user, as on a machine that never ran Argus. Otherwise they are
     /// filled by a start that is not measured.
     pub empty_caches: bool,
+    /// Views that are rendered one at a time in every way, to see what the planner's choices cost; 0: none.
+    pub regret_views: u32,
+    /// Whether more load than direct views carry is measured as well, with further clusters.
+    pub overload: bool,
     /// Further arguments of `argus serve`, such as the rig's.
     pub serve: Vec<String>,
 }
@@ -76,6 +86,8 @@ impl Default for Options {
             judged: 12,
             settle_secs: 15.0,
             empty_caches: false,
+            regret_views: 24,
+            overload: false,
             serve: Vec::new(),
         }
     }
@@ -90,6 +102,7 @@ impl Effort for Options {
             seconds: 2.0,
             judged: 4,
             settle_secs: 3.0,
+            regret_views: 4,
             ..Self::default()
         }
     }
@@ -97,59 +110,29 @@ impl Effort for Options {
 
 /// A view without a frame for this long has failed.
 const DEADLINE: Duration = Duration::from_secs(30);
+/// A view that fills caches is waited for this long.
+const FIRST_DEADLINE: Duration = Duration::from_secs(120);
 /// Connections that all clients share, at most.
 const CONNECTIONS: u32 = 4;
 
-/// How views are asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Mode {
-    /// The plan is left open.
-    Default,
-    /// From the triangles.
-    Direct,
-    /// From samples: a request that names a search waits for them.
-    Warp,
+/// How much is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Load {
+    /// Views a second, of each client.
+    rate: f64,
+    /// A view without a frame for this long has failed.
+    deadline: Duration,
 }
 
-impl Mode {
-    const ALL: [Self; 3] = [Self::Default, Self::Direct, Self::Warp];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Default => "default",
-            Self::Direct => "direct",
-            Self::Warp => "warp",
-        }
-    }
-
-    fn plan(self) -> PlanRequest {
-        match self {
-            Self::Default => PlanRequest::default(),
-            Self::Direct => PlanRequest { direct: true, ..PlanRequest::default() },
-            Self::Warp => PlanRequest { search: Some(Search::Splat), ..PlanRequest::default() },
-        }
+impl Load {
+    /// As the options say.
+    fn of(options: &Options) -> Self {
+        Self { rate: options.rate, deadline: DEADLINE }
     }
 }
 
-/// What the service has done before.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    /// Nothing: its processes have just been started.
-    Cold,
-    /// It has answered the same walk, and had time to settle.
-    Warm,
-}
-
-impl Phase {
-    const ALL: [Self; 2] = [Self::Cold, Self::Warm];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Cold => "cold",
-            Self::Warm => "warm",
-        }
-    }
-}
+/// The phases of every mode; overload comes apart.
+const PHASES: [Phase; 2] = [Phase::Cold, Phase::Warm];
 
 /// Runs the study with clusters of the program `argus`; `progress` counts phases.
 ///
@@ -158,7 +141,8 @@ impl Phase {
 /// fail under load are counted and are no error.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     let runs = options.runs.max(1);
-    progress.set_length((runs * Mode::ALL.len() * Phase::ALL.len()) as u64);
+    let phases = PHASES.len() + if options.overload { 2 } else { 0 };
+    progress.set_length((runs * Mode::ALL.len() * phases) as u64);
     let (mut truths, mut measured, mut device) = (Truths::default(), Vec::new(), String::new());
     if !options.empty_caches {
         progress.set_message("filling caches");
@@ -171,13 +155,17 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
             let outcome = of_mode(argus, options, mode, &mut truths, progress).await;
             let (used, phases) = outcome.with_context(|| format!("mode {}", mode.name()))?;
             device = used;
-            measured.extend(Phase::ALL.into_iter().zip(phases).map(|(phase, of)| (mode, phase, of)));
+            measured.extend(PHASES.into_iter().zip(phases).map(|(phase, of)| (mode, phase, of)));
+        }
+        if options.overload {
+            measured.extend(overload::run(argus, options, &mut truths, progress).await.context("overload")?);
         }
     }
     let rows = Mode::ALL.into_iter().flat_map(|mode| Phase::ALL.map(|phase| (mode, phase)));
-    let rows = rows.map(|(mode, phase)| {
+    let rows = rows.filter_map(|(mode, phase)| {
         let of = measured.iter().filter(|(m, p, _)| (*m, *p) == (mode, phase));
-        row(mode, phase, &of.map(|(.., measured)| measured).collect::<Vec<_>>())
+        let of: Vec<&Measured> = of.map(|(.., measured)| measured).collect();
+        (!of.is_empty()).then(|| row(mode, phase, &of))
     });
     let mut report = Report::new(options.scene.clone(), Machine::here(&device), rows.collect());
     report.notes = notes(options, &measured);
@@ -194,7 +182,9 @@ async fn fill_caches(argus: &Path, options: &Options) -> Result<()> {
     for mode in Mode::ALL {
         let (camera, plan) = (options.walk.camera(description, 0, 0.0), mode.plan());
         let view = View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None };
-        client.render(&view, &patient()).await?;
+        let patience = RenderOptions { deadline: FIRST_DEADLINE, ..RenderOptions::default() };
+        // One that does not come leaves the caches as they are, and the study says so by its figures.
+        drop(client.render(&view, &patience).await);
     }
     drop(client);
     cluster.stop()
@@ -216,32 +206,46 @@ async fn of_mode(
         true => LocalCluster::with_caches(argus, scene, workers, serve, caches.path())?,
         false => LocalCluster::start(argus, scene, workers, serve)?,
     };
-    let connections = options.clients.clamp(1, CONNECTIONS) as usize;
-    let connect = ConnectOptions { connections, ..ConnectOptions::default() };
-    let client = Client::connect_with(cluster.url(), &connect).await?;
-    let (mut cold, cold_views) = of_phase(&client, options, mode).await?;
+    let client = connect(&cluster, options).await?;
+    let (mut cold, cold_views) = of_phase(&client, options, mode, Load::of(options)).await?;
     progress.inc(1);
 
     say("warming up");
     let patience = Duration::try_from_secs_f64(options.settle_secs)?;
     settle(&client, options.workers, patience).await?;
-    let (_, between) = of_phase(&client, options, mode).await?;
+    let (_, between) = of_phase(&client, options, mode, Load::of(options)).await?;
     // Where all views of the cold phase failed, the first one came later.
     let first = cold_views.first.or(between.first);
     cold.first_view_ms = first.map(|at| (at - cluster.started()).as_secs_f64() * 1e3);
     let settled = settle(&client, options.workers, patience).await?;
     say("warm");
-    let (mut warm, warm_views) = of_phase(&client, options, mode).await?;
+    let (mut warm, warm_views) = of_phase(&client, options, mode, Load::of(options)).await?;
     warm.settled = Some(settled);
     progress.inc(1);
 
     say("references");
     cold.errors = truths.judge(&client, &cold_views.judged).await?;
     warm.errors = truths.judge(&client, &warm_views.judged).await?;
+    if mode == Mode::Default && options.regret_views > 0 {
+        say("each way by itself");
+        warm.regret = regret::measure(&client, options, truths).await?;
+    }
     let device = client.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
     drop(client);
     cluster.stop()?;
     Ok((device, [cold, warm]))
+}
+
+async fn connect(cluster: &LocalCluster, options: &Options) -> Result<Client> {
+    let connections = options.clients.clamp(1, CONNECTIONS) as usize;
+    let connect = ConnectOptions { connections, ..ConnectOptions::default() };
+    Ok(Client::connect_with(cluster.url(), &connect).await?)
+}
+
+/// Microseconds that planning a view took, of those that were planned between two looks at the status.
+fn planning_us(before: &ClusterStatus, after: &ClusterStatus) -> Option<f64> {
+    let views = after.views_planned.checked_sub(before.views_planned).filter(|views| *views > 0)?;
+    Some((after.planning_us - before.planning_us) / views as f64)
 }
 
 /// What is kept of a phase's views.
@@ -253,24 +257,26 @@ struct Views {
 }
 
 /// One load, from its first view to the last answer.
-async fn of_phase(client: &Client, options: &Options, mode: Mode) -> Result<(Measured, Views)> {
+async fn of_phase(client: &Client, options: &Options, mode: Mode, load: Load) -> Result<(Measured, Views)> {
     let asked = LoadOptions {
         clients: options.clients,
         duration: Duration::try_from_secs_f64(options.seconds)?,
-        rate: options.rate,
+        rate: load.rate,
         size: options.size,
         plan: mode.plan(),
-        deadline: DEADLINE,
+        deadline: load.deadline,
         ..LoadOptions::default()
     };
     let judged = spread_over(asked.views_per_client(), options.clients, options.judged);
     let (description, walk) = (client.description().clone(), options.walk);
     let cameras = Arc::new(move |client, secs| walk.camera(&description, client, secs));
     let (mut measured, mut views, mut unresolved) = (Measured::default(), Views::default(), Vec::new());
+    let before = client.status().await?;
     let report = run_along(client, &asked, cameras, |ended: Ended| match ended.outcome {
         Ok(frame) => {
             measured.latencies_ms.push((ended.at - ended.due).as_secs_f64() * 1e3);
             *measured.ways.entry(way_of(&frame)).or_default() += 1;
+            measured.timed.take(&frame);
             unresolved.push(frame.unresolved_fraction);
             let at = ended.at.into_std();
             views.first = Some(views.first.map_or(at, |first| first.min(at)));
@@ -280,7 +286,7 @@ async fn of_phase(client: &Client, options: &Options, mode: Mode) -> Result<(Mea
         }
         Err(error) => {
             // That it was turned away at once does not make it fast.
-            measured.latencies_ms.push(DEADLINE.as_secs_f64() * 1e3);
+            measured.latencies_ms.push(load.deadline.as_secs_f64() * 1e3);
             measured.first_error.get_or_insert_with(|| error.to_string());
         }
     });
@@ -289,6 +295,9 @@ async fn of_phase(client: &Client, options: &Options, mode: Mode) -> Result<(Mea
     (measured.sent, measured.answered, measured.rejected) = (report.sent, report.answered, report.rejected);
     measured.views_per_sec = report.views_per_sec;
     measured.unresolved = (!unresolved.is_empty()).then(|| mean(unresolved));
+    let after = client.status().await?;
+    measured.planning_us = planning_us(&before, &after);
+    measured.error_factor = (measured.timed.share().is_some()).then_some(after.error_factor);
     measured.samples = Samples::of(client).await?;
     Ok((measured, views))
 }
@@ -335,6 +344,24 @@ fn notes(options: &Options, measured: &[(Mode, Phase, Measured)]) -> Vec<String>
             notes.push(format!("{name}: the first view that failed: {error}."));
         }
     }
+    if options.overload {
+        let carried = measured.iter().find_map(|(_, phase, of)| {
+            of.offered_per_sec.filter(|_| *phase == Phase::Twice).map(|offered| offered / 2.0)
+        });
+        notes.push(format!(
+            "Overload: direct views carry {:.1} views a second. share_of_peak: views a second, over the most that a forced \
+             way answers in either overload with frames within bound, or as good.",
+            carried.unwrap_or(0.0)
+        ));
+    }
+    notes.push(
+        "time_predicted: share of planned frames whose queue and rendering took within 30% or 3 ms of what was predicted. \
+         error_bounded, error_ratio: of judged frames from samples, the share whose mean FLIP is at most the predicted one \
+         (the direct view's and the predicted excess), and the median of predicted over true. regret: time of queue and \
+         rendering over that of the best way within bound, each view by itself. planning_us: microseconds in which the \
+         coordinator chose way and worker, a view. error_factor: by what probes had it multiply predicted excess."
+            .to_owned(),
+    );
     if measured.iter().any(|(.., of)| of.settled == Some(false)) {
         let secs = options.settle_secs;
         notes.push(format!(

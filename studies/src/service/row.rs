@@ -6,9 +6,11 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
+use super::mode::{Mode, Phase};
+use super::predictions::Timed;
+use super::regret::Regret;
 use super::truth::Errors;
 use super::watch::Samples;
-use super::{Mode, Phase};
 use crate::median::{mean, median};
 use crate::plot::{Axis, Plot, Series};
 
@@ -36,6 +38,18 @@ pub(super) struct Measured {
     pub(super) samples: Samples,
     /// Whether the service had nothing left to do before the phase; `None` of a cold one.
     pub(super) settled: Option<bool>,
+    /// How well times were predicted.
+    pub(super) timed: Timed,
+    /// Microseconds that the coordinator took to choose way and worker, a view; `None` where no view left them open.
+    pub(super) planning_us: Option<f64>,
+    /// By what probes had the service multiply predicted errors, at the end of the phase.
+    pub(super) error_factor: Option<f64>,
+    /// Against the best way of each view; of the warm phase by default.
+    pub(super) regret: Regret,
+    /// Views a second that fell due; of overloads.
+    pub(super) offered_per_sec: Option<f64>,
+    /// Views a second, as a share of the most that a forced way answers as well; of overloads.
+    pub(super) share_of_peak: Option<f64>,
     /// Why the first view failed that did.
     pub(super) first_error: Option<String>,
 }
@@ -70,7 +84,7 @@ const fn beside(name: &'static str, of: fn(&Measured) -> Option<f64>) -> Column 
     Column { name, of, whole: false, spread: false }
 }
 
-const COLUMNS: [Column; 17] = [
+const COLUMNS: [Column; 27] = [
     judged("first_view_ms", |m| m.first_view_ms),
     count("sent", |m| Some(m.sent as f64)),
     count("answered", |m| Some(m.answered as f64)),
@@ -88,6 +102,16 @@ const COLUMNS: [Column; 17] = [
     count("samples_rendered", |m| Some(m.samples.rendered as f64)),
     beside("samples_mib", |m| m.samples.mib),
     count("settled", |m| m.settled.map(f64::from)),
+    judged("time_predicted", |m| m.timed.share()),
+    count("warped_judged", |m| Some(m.errors.warped as f64)),
+    judged("error_bounded", |m| m.errors.bounded),
+    judged("error_ratio", |m| m.errors.ratio),
+    beside("error_factor", |m| m.error_factor),
+    count("regret_views", |m| Some(m.regret.views as f64)),
+    judged("regret", |m| m.regret.share),
+    beside("planning_us", |m| m.planning_us),
+    beside("offered_per_sec", |m| m.offered_per_sec),
+    judged("share_of_peak", |m| m.share_of_peak),
 ];
 
 /// The ways in which a view is made, as [`Measured::ways`] names them.
@@ -148,7 +172,7 @@ pub(super) fn plot(measured: &[(Mode, Phase, Measured)], scene: &str) -> Plot {
         title: format!("{scene}: error and latency of a view"),
         x: Axis::log("half of the views came within, milliseconds from when they were due"),
         y: Axis::linear("mean FLIP against 16 samples a pixel"),
-        series: series.collect(),
+        series: series.filter(|series| !series.points.is_empty()).collect(),
         ..Plot::default()
     }
 }

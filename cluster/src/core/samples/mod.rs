@@ -4,10 +4,11 @@
 //! returned: what workers shall have at hand, where a worker finds a view's samples, how many samples are to be rendered.
 //!
 //! `locations` knows which workers have which sample, `directory` which one renders it, `distribution` how it reaches the
-//! others. `cameras` chooses the rig's cameras for a viewpoint, `placement` and `investments` where more samples are worth
+//! others. `calibrated_error` corrects the predicted errors of views from samples. `cameras` chooses the rig's cameras for a viewpoint, `placement` and `investments` where more samples are worth
 //! their price, `copies` which are worth a second copy, and `refine` tells workers what to have at hand. `epochs` says
 //! which moment of an animated scene is served, and `moments` what follows from it.
 
+mod calibrated_error;
 mod cameras;
 mod copies;
 mod directory;
@@ -40,6 +41,7 @@ use super::config::Config;
 use super::event::WorkerId;
 use super::time::Uptime;
 use super::workers::{Stake, Worker, Workers};
+use calibrated_error::CalibratedError;
 use cameras::Cameras;
 use directory::Directory;
 use distribution::DistributionTrees;
@@ -60,6 +62,8 @@ pub(super) struct Samples {
     placement: Placement,
     investments: Investments,
     recent: RecentUse,
+    /// How far predicted errors of views from samples are to be trusted.
+    error: CalibratedError,
     epochs: Epochs,
     /// By camera: a worker that composes from the last epoch's sample and lacks the next one's.
     laggards: BTreeMap<u64, WorkerId>,
@@ -83,6 +87,7 @@ impl Samples {
             placement: Placement::default(),
             investments: Investments::default(),
             recent: RecentUse::default(),
+            error: CalibratedError::default(),
             epochs,
             laggards: BTreeMap::new(),
             changed: false,
@@ -215,7 +220,18 @@ impl Samples {
         let placed = self.place(workers, ticks);
         let invested = self.invest(workers, ticks);
         self.directory.prune(&self.locations, now);
+        self.error.relax(ticks * self.config.tick.as_secs_f64());
         self.changed = true;
         placed + invested
+    }
+
+    /// Takes in the error that a worker measured of a view from samples, beside the predicted one.
+    pub(super) fn observe_error(&mut self, measured: f64, predicted: f64) {
+        self.error.observe(measured, predicted);
+    }
+
+    /// The factor by which predicted errors of views from samples are multiplied.
+    pub(super) fn error_factor(&self) -> f64 {
+        self.error.factor()
     }
 }

@@ -20,7 +20,7 @@ use crate::core::workers::Worker;
 const MOST_ASKED: usize = 64;
 
 /// Samples of a plan at most: further ones cost more than they show.
-const MOST_SAMPLES: usize = 4;
+pub(super) const MOST_SAMPLES: usize = 4;
 
 /// Cameras around a viewer that are looked at for samples that somebody holds, nearest first.
 const AROUND: usize = 24;
@@ -46,6 +46,9 @@ struct FromSamples {
     is_sound: bool,
 }
 
+/// What sets of samples come to for one view, by their cameras: workers mostly hold the same.
+type Known = HashMap<Vec<u64>, Option<FromSamples>>;
+
 impl Cluster<'_> {
     /// What is to be found out about a view before it is asked for; `None` where that would change nothing: its way is not
     /// open, or no worker holds a sample near it.
@@ -55,11 +58,11 @@ impl Cluster<'_> {
         last: Option<&LastView>,
     ) -> Option<SurveyWanted> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
-        let mut candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
+        let candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
         // A frame may be repeated from samples that are no longer among the nearest ones.
         let memory = last.filter(|_| open).and_then(|last| Memory::of(view, last.clone()));
-        candidates.extend(memory.iter().flat_map(Memory::samples).map(|id| id.index));
-        SurveyWanted::of(self.samples.set(), candidates)
+        let repeated = memory.iter().flat_map(Memory::samples).map(|id| id.index).collect();
+        SurveyWanted::of(self.samples.set(), repeated, candidates)
     }
 
     /// What is to be found out about a view to see which samples would be worth their price; `None` where that cannot pay.
@@ -67,7 +70,7 @@ impl Cluster<'_> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let may_pay = self.workers.iter().any(|worker| worker.report().warp_cost.is_some());
         let candidates = if open && may_pay { self.cameras_around(&view.camera) } else { Vec::new() };
-        SurveyWanted::of(self.samples.set(), candidates)
+        SurveyWanted::of(self.samples.set(), candidates, Vec::new())
     }
 
     /// Cameras near a viewer whose samples somebody holds, nearest first.
@@ -109,15 +112,14 @@ impl Cluster<'_> {
     /// The cameras whose samples would have served a view well: the rig's own where these are enough. `None` where none are.
     pub(super) fn bundle(&self, survey: &Survey) -> Option<Vec<u64>> {
         let own = survey.choose(|index| self.samples.set().rig.level(index) == Some(0), MOST_SAMPLES);
-        let is_sound = |bundle: &Vec<u64>| predicted_excess(Some(survey.coverage(bundle))).1;
+        let is_sound = |bundle: &Vec<u64>| predicted_excess(Some(survey.coverage(bundle)), 1.0).1;
         Some(own).filter(is_sound).or_else(|| Some(survey.choose(|_| true, MOST_SAMPLES)).filter(is_sound))
     }
 
     /// What workers with room could do about a view.
     pub(super) fn offers(&self, view: &Pending, open: &OpenView) -> Vec<Offer> {
         let asked = self.asked(view, open);
-        // Workers mostly hold the same: what a set of samples comes to is found out once.
-        let mut known: HashMap<Vec<u64>, Option<FromSamples>> = HashMap::new();
+        let mut known = Known::new();
         let mut offers = Vec::new();
         for worker in asked {
             let turn = worker.turn();
@@ -131,14 +133,12 @@ impl Cluster<'_> {
             let (id, excess, is_sound) = (worker.id(), 0.0, true);
             let base = Offer { worker: id, turn, plan, wait_ms, render_ms, excess, is_sound, repeats };
             let warp_ms = worker.report().warp_cost.map(|cost| cost.ms(work));
-            for held in self.bundles(worker, view, open) {
-                let plan = known.entry(held.clone()).or_insert_with(|| self.warp_from(&held, open));
-                if let Some(FromSamples { plan, uncovered, excess, is_sound }) = plan.clone() {
-                    let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
-                    let render_ms = warp_ms.map(|ms| ms + rays_ms);
-                    let repeats = self.repeats(worker, open, &plan);
-                    offers.push(Offer { plan, render_ms, excess, is_sound, repeats, ..base.clone() });
-                }
+            for from_samples in self.from_samples(worker, view, open, &mut known) {
+                let FromSamples { plan, uncovered, excess, is_sound } = from_samples;
+                let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
+                let render_ms = warp_ms.map(|ms| ms + rays_ms);
+                let repeats = self.repeats(worker, open, &plan);
+                offers.push(Offer { plan, render_ms, excess, is_sound, repeats, ..base.clone() });
             }
             offers.push(base);
         }
@@ -197,11 +197,11 @@ impl Cluster<'_> {
         worker.queued_ms() + samples + slices
     }
 
-    /// The cameras of a view's survey whose samples a worker holds; without a survey, the nearest ones if it has all.
+    /// The cameras that were surveyed whose samples a worker holds; without a survey, the nearest ones if it has all.
     fn held_for(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Vec<u64> {
         let has = |index: u64| self.samples.locations().has(self.samples.served(index), worker.id());
         match &open.survey {
-            Some(survey) => survey.choose(has, MOST_SAMPLES),
+            Some(survey) => survey.cameras().filter(|index| has(*index)).collect(),
             None => {
                 let near = Among { refined: self.samples.placement().usable(), sight: None };
                 let nearest = self.samples.set().rig.nearest_among(&view.camera, MOST_SAMPLES, near);
@@ -210,18 +210,35 @@ impl Cluster<'_> {
         }
     }
 
-    /// The sets of samples that a worker could answer a view from: the best ones that it holds, and those of the frame that is
-    /// to be repeated. None at a worker that has not measured what views from samples cost.
-    fn bundles(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Vec<Vec<u64>> {
+    /// What a view could be from the samples that a worker holds: from the best of them, and from those of the frame that is to be
+    /// repeated. Empty for a worker that has not measured what views from samples cost.
+    fn from_samples(
+        &self,
+        worker: &Worker,
+        view: &Pending,
+        open: &OpenView,
+        known: &mut Known,
+    ) -> Vec<FromSamples> {
         if worker.report().warp_cost.is_none() {
             return Vec::new();
         }
-        let held = self.held_for(worker, view, open);
-        let again: Vec<SampleId> = open.memory.iter().flat_map(Memory::samples).collect();
+        let best_of = |held: &Vec<u64>| match &open.survey {
+            Some(survey) => self.warp_from(&survey.choose(|index| held.contains(&index), MOST_SAMPLES), open),
+            None => self.warp_from(held, open),
+        };
+        let best = known.entry(self.held_for(worker, view, open)).or_insert_with_key(best_of).clone();
+        let again = self.held_again(worker, open).and_then(|cameras| self.warp_from(&cameras, open));
+        let is_other = |again: &FromSamples| best.as_ref().is_none_or(|best| best.plan != again.plan);
+        let again = again.filter(is_other);
+        best.into_iter().chain(again).collect()
+    }
+
+    /// The cameras of the frame that is to be repeated, if a worker holds all of their samples.
+    fn held_again(&self, worker: &Worker, open: &OpenView) -> Option<Vec<u64>> {
+        let again: Vec<SampleId> = open.memory.as_ref()?.samples().collect();
         let has = |id: &SampleId| self.samples.locations().has(*id, worker.id());
         let has_all = again.iter().all(|id| has(id) && *id == self.samples.served(id.index));
-        let again: Vec<u64> = again.iter().map(|id| id.index).filter(|_| has_all).collect();
-        if again.is_empty() || again == held { vec![held] } else { vec![held, again] }
+        has_all.then(|| again.iter().map(|id| id.index).collect())
     }
 
     /// Whether that plan at that worker repeats the session's last frame.
@@ -238,7 +255,7 @@ impl Cluster<'_> {
         let ids = cameras.iter().map(|index| self.samples.served(*index)).collect();
         let samples = self.samples.set().with_surroundings(ids);
         let coverage = open.survey.as_ref().map(|survey| survey.coverage(cameras));
-        let (excess, is_sound) = predicted_excess(coverage);
+        let (excess, is_sound) = predicted_excess(coverage, self.samples.error_factor());
         let search = Search::default();
         let supersampling = open.samples_per_pixel.isqrt();
         let steps = self.config.steps_of(search);

@@ -101,12 +101,13 @@ impl Offer {
     }
 }
 
-/// Predicted mean FLIP above that of a direct view of a frame from samples that cover the view so, and whether they pass the
-/// tests by which a frame is within bound. Where nothing is known of the view, a frame shows how good it is.
-pub fn predicted_excess(coverage: Option<Coverage>) -> (f64, bool) {
-    let Some(Coverage { covered, fine }) = coverage else { return (EXCESS_OF_FINE, true) };
+/// Predicted mean FLIP above that of a direct view of a frame from samples that cover the view so, by the factor that probes of
+/// the scene have found, and whether they pass the tests by which a frame is within bound. Where nothing is known of the view,
+/// a frame shows how good it is.
+pub fn predicted_excess(coverage: Option<Coverage>, factor: f64) -> (f64, bool) {
+    let Some(Coverage { covered, fine }) = coverage else { return (EXCESS_OF_FINE * factor, true) };
     let excess = EXCESS_OF_FINE + EXCESS_OF_UNCOVERED * (1.0 - covered) + EXCESS_OF_COARSE * (covered - fine);
-    (excess, covered >= LEAST_COVERED && fine >= LEAST_FINE)
+    (excess * factor, covered >= LEAST_COVERED && fine >= LEAST_FINE)
 }
 
 /// The best offer, and why it is; `None` of none.
@@ -178,7 +179,7 @@ mod tests {
 
     fn warp(worker: u64, wait_ms: f64, render_ms: Option<f64>, coverage: Coverage) -> Offer {
         let samples = vec![SampleId { epoch: 0, generation: 1, index: 7 }];
-        let (excess, is_sound) = predicted_excess(Some(coverage));
+        let (excess, is_sound) = predicted_excess(Some(coverage), 1.0);
         let plan = Plan::Warp(Warp { samples, ..Warp::default() });
         Offer { plan, excess, is_sound, ..direct(worker, wait_ms, render_ms) }
     }
@@ -239,6 +240,17 @@ mod tests {
         busy.turn = (2, 1);
         assert_eq!(by_default(vec![busy, idle]).0, 3, "by their queues, where nothing is known");
         assert_eq!(choose(Vec::new(), &Aim::of(&PlanRequest::default())), None);
+    }
+
+    #[test]
+    fn samples_whose_frames_were_found_worse_than_the_bound_are_no_way() {
+        let offers = |factor: f64| {
+            let (excess, is_sound) = predicted_excess(Some(FULL), factor);
+            vec![direct(1, 0.0, Some(40.0)), Offer { excess, is_sound, ..warp(1, 0.0, Some(1.0), FULL) }]
+        };
+        assert_eq!(by_default(offers(1.9)), (1, true, Reason::Soonest));
+        assert_eq!(by_default(offers(2.1)), (1, false, Reason::SamplesFallShort));
+        assert!(predicted_excess(None, 3.0).0 > predicted_excess(None, 1.0).0);
     }
 
     #[test]

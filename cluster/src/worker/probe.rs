@@ -1,0 +1,290 @@
+//! Probes: in spare time, a few pixels of a frame that was made from samples are traced, to see how well its error was
+//! predicted.
+//!
+//! Some blocks of the frame's pixels are traced twice: with many samples a pixel, for what they should show, and with as
+//! many as the direct view has that could have been rendered in the frame's place. A block's error is FLIP's difference of
+//! colour (Andersson et al., "FLIP", 2020, section 4.1) between the means of the block: averaging stands for the filter by
+//! which FLIP takes the eye's sharpness into account. What FLIP adds at edges and points is left out, so that measured errors
+//! are somewhat smaller than a whole frame's mean FLIP. The measured excess is how far the frame's mean error is above that
+//! of the direct view.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use argus_scene::frame::Reason;
+use argus_scene::{Frame, PixelJob, Plan, ViewJob};
+use parking_lot::Mutex;
+use tracing::debug;
+
+use super::node::Node;
+use crate::core::Probed;
+
+/// Between two probes of a worker.
+const EVERY: Duration = Duration::from_secs(2);
+
+/// A probe waits so long for spare time, and is given up then.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// How often it looks for some.
+const PAUSE: Duration = Duration::from_millis(10);
+
+/// Blocks of a frame, to a side: one at a place of its own in each cell of so many columns and rows.
+const BLOCKS: u32 = 4;
+
+/// Pixels of a block, to a side: about what FLIP's filters blend for an eye that sees 67 pixels a degree.
+const BLOCK: u32 = 4;
+
+/// Samples a pixel, of what a block should show.
+const REFERENCE_SAMPLES: u32 = 16;
+
+/// The probes of a worker.
+#[derive(Debug, Default)]
+pub(super) struct Probes(Mutex<State>);
+
+#[derive(Debug, Default)]
+struct State {
+    is_at_work: bool,
+    last: Option<Instant>,
+    probed: Probed,
+}
+
+impl Probes {
+    /// What they have found since the worker started.
+    pub(super) fn found(&self) -> Probed {
+        self.0.lock().probed
+    }
+
+    /// Begins a probe, with its number, unless one is under way or the last one was a moment ago.
+    fn begin(&self, now: Instant) -> Option<u64> {
+        let mut state = self.0.lock();
+        let rests = state.last.is_some_and(|last| now < last + EVERY);
+        (!rests && !std::mem::replace(&mut state.is_at_work, true)).then_some(state.probed.count)
+    }
+
+    fn end(&self, found: Option<Probed>) {
+        let mut state = self.0.lock();
+        (state.is_at_work, state.last) = (false, Some(Instant::now()));
+        if let Some(found) = found {
+            state.probed = state.probed + found;
+        }
+    }
+}
+
+/// Probes a frame, beside everything else, if it is time for that and the planner predicted the frame's error.
+pub(super) fn consider(node: &Arc<Node>, job: &ViewJob, frame: &Frame) {
+    let (Some(decision), Plan::Warp(warp)) = (frame.decision, &frame.provenance.plan) else { return };
+    if decision.reason == Reason::FrameFellShort || !(decision.excess > 0.0 && decision.excess.is_finite()) {
+        return;
+    }
+    let Some(number) = node.probes.begin(Instant::now()) else { return };
+    let direct_samples = warp.supersampling.saturating_mul(warp.supersampling).max(1);
+    let Some((blocks, shown)) = blocks_of(frame, number) else { return node.probes.end(None) };
+    let job = PixelJob {
+        camera: job.camera,
+        width: job.width,
+        height: job.height,
+        pixels: blocks.keys().copied().collect(),
+        samples_per_pixel: REFERENCE_SAMPLES,
+        epoch: job.epoch,
+        time_secs: job.time_secs,
+        reflections: job.reflections,
+    };
+    let node = node.clone();
+    tokio::spawn(async move {
+        let excess = measure(&node, job, direct_samples, &blocks, &shown).await;
+        debug!(?excess, predicted = decision.excess, "probe");
+        node.probes.end(excess.map(|error| Probed { count: 1, error, predicted: decision.excess }));
+    });
+}
+
+/// The excess of a frame's blocks; `None` where there was no time to spare, or nothing could be traced.
+async fn measure(
+    node: &Arc<Node>,
+    job: PixelJob,
+    direct_samples: u32,
+    blocks: &BTreeMap<u32, usize>,
+    shown: &[u8],
+) -> Option<f64> {
+    let until = Instant::now() + PATIENCE;
+    while node.has_views() {
+        if Instant::now() >= until {
+            return None;
+        }
+        tokio::time::sleep(PAUSE).await;
+    }
+    let reference = node.render_pixels(&job).await.ok()?;
+    let direct = node.render_pixels(&PixelJob { samples_per_pixel: direct_samples, ..job }).await.ok()?;
+    excess(blocks, shown, &direct.color, &reference.color)
+}
+
+/// Pixels of some blocks of a frame, ascending, each with the number of its block, and their sRGB colours. `turn` moves the
+/// blocks about.
+fn blocks_of(frame: &Frame, turn: u64) -> Option<(BTreeMap<u32, usize>, Vec<u8>)> {
+    let color = frame.color.as_ref()?;
+    let mut blocks = BTreeMap::new();
+    for block in 0..BLOCKS * BLOCKS {
+        // Steps of Roberts' two-dimensional sequence (2018) spread places evenly.
+        let step = (turn * u64::from(BLOCKS * BLOCKS) + u64::from(block)) as f64;
+        let share = [0.754_877_666_246_69, 0.569_840_290_998_05].map(|s| (step * s).fract());
+        let first = |cell: u32, size: u32, share: f64| {
+            let place = (f64::from(cell) + share) / f64::from(BLOCKS) * f64::from(size);
+            (place as u32).min(size.saturating_sub(BLOCK))
+        };
+        let column = first(block % BLOCKS, frame.width, share[0]);
+        let row = first(block / BLOCKS, frame.height, share[1]);
+        for y in row..(row + BLOCK).min(frame.height) {
+            for x in column..(column + BLOCK).min(frame.width) {
+                blocks.insert(y * frame.width + x, block as usize);
+            }
+        }
+    }
+    let pixel = |&pixel: &u32| color.get(3 * pixel as usize..3 * pixel as usize + 3);
+    let shown: Option<Vec<&[u8]>> = blocks.keys().map(pixel).collect();
+    Some((blocks, shown?.concat()))
+}
+
+/// How far the mean error of what is shown is above that of a direct view; 0 where it is below. All images hold the pixels of
+/// `blocks` in their order.
+fn excess(blocks: &BTreeMap<u32, usize>, shown: &[u8], direct: &[u8], reference: &[u8]) -> Option<f64> {
+    let bytes = 3 * blocks.len();
+    if bytes == 0 || [shown, direct, reference].iter().any(|image| image.len() != bytes) {
+        return None;
+    }
+    let means = [shown, direct, reference].map(|image| block_means(blocks, image));
+    let error = |of: usize| -> f64 {
+        let each = means[of].iter().zip(&means[2]).map(|(a, b)| color_difference(*a, *b));
+        each.sum::<f64>() / means[2].len() as f64
+    };
+    Some((error(0) - error(1)).max(0.0))
+}
+
+/// The mean of each block, linear RGB.
+fn block_means(blocks: &BTreeMap<u32, usize>, image: &[u8]) -> Vec<[f64; 3]> {
+    let mut sums: BTreeMap<usize, ([f64; 3], f64)> = BTreeMap::new();
+    for (block, pixel) in blocks.values().zip(image.as_chunks::<3>().0) {
+        let (sum, count) = sums.entry(*block).or_default();
+        sum.iter_mut().zip(pixel).for_each(|(sum, byte)| *sum += linear(*byte));
+        *count += 1.0;
+    }
+    sums.into_values().map(|(sum, count)| sum.map(|x| x / count)).collect()
+}
+
+/// IEC 61966-2-1.
+fn linear(byte: u8) -> f64 {
+    let x = f64::from(byte) / 255.0;
+    if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+}
+
+/// FLIP's difference of two colours, linear RGB: 0 to 1.
+fn color_difference(a: [f64; 3], b: [f64; 3]) -> f64 {
+    // Exponent of differences; differences up to the first share of the largest one take up the second of the range.
+    const EXPONENT: f64 = 0.7;
+    const LARGE: f64 = 0.4;
+    const UP_TO_LARGE: f64 = 0.95;
+    let distance = |a: [f64; 3], b: [f64; 3]| {
+        let ([l, a, b], [m, c, d]) = (adjusted_lab(a), adjusted_lab(b));
+        ((l - m).abs() + (a - c).hypot(b - d)).powf(EXPONENT)
+    };
+    let most = distance([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
+    let share = distance(a, b) / most;
+    match share < LARGE {
+        true => share / LARGE * UP_TO_LARGE,
+        false => (UP_TO_LARGE + (share - LARGE) / (1.0 - LARGE) * (1.0 - UP_TO_LARGE)).min(1.0),
+    }
+}
+
+/// CIELAB of linear RGB, with the colourfulness of dark colours lowered (Hunt).
+fn adjusted_lab([r, g, b]: [f64; 3]) -> [f64; 3] {
+    // As shares of white's.
+    let x = (0.412_456_4 * r + 0.357_576_1 * g + 0.180_437_5 * b) / 0.950_47;
+    let y = 0.212_672_9 * r + 0.715_152_2 * g + 0.072_175 * b;
+    let z = (0.019_333_9 * r + 0.119_192 * g + 0.950_304_1 * b) / 1.088_83;
+    let f = |t: f64| if t > 216.0 / 24389.0 { t.cbrt() } else { t * (841.0 / 108.0) + 4.0 / 29.0 };
+    let l = 116.0 * f(y) - 16.0;
+    [l, 0.01 * l * 500.0 * (f(x) - f(y)), 0.01 * l * 200.0 * (f(y) - f(z))]
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Provenance, SceneHash, Served, Warp};
+
+    use super::*;
+
+    fn frame(width: u32, height: u32) -> Frame {
+        let color = (0..width * height).flat_map(|pixel| [pixel as u8, 7, 9]).collect::<Vec<u8>>();
+        Frame {
+            width,
+            height,
+            color: Some(color.into()),
+            range: None,
+            mask: None,
+            source: None,
+            confidence: None,
+            unresolved_fraction: 0.0,
+            served: Served::default(),
+            predicted: None,
+            decision: None,
+            provenance: Provenance {
+                scene: SceneHash([0; 32]),
+                epoch: 0,
+                generation: 1,
+                plan: Plan::Warp(Warp::default()),
+                device: String::new(),
+                history: false,
+            },
+            stages: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn differences_of_colours_are_those_of_flip() {
+        let (black, white) = ([0.0; 3], [1.0; 3]);
+        assert_eq!(color_difference(white, white), 0.0);
+        assert!((color_difference([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]) - 1.0).abs() < 1e-12);
+        // As the reference implementation has it for images of one colour.
+        assert!((color_difference(black, white) - 0.967).abs() < 0.003, "{}", color_difference(black, white));
+        let dim = color_difference([0.20; 3], [0.21; 3]);
+        assert!((0.01..0.2).contains(&dim), "{dim}");
+    }
+
+    #[test]
+    fn blocks_lie_within_the_frame_wherever_it_is_their_turn_and_in_the_smallest_frame() {
+        for (width, height) in [(320, 240), (17, 5), (3, 2), (1, 1)] {
+            let frame = frame(width, height);
+            for turn in [0, 1, 99, 1 << 40] {
+                let (blocks, shown) = blocks_of(&frame, turn).unwrap();
+                assert!(blocks.keys().all(|&pixel| pixel < width * height));
+                assert_eq!(shown.len(), 3 * blocks.len());
+                let first = *blocks.keys().next().unwrap();
+                assert_eq!(shown[0], first as u8);
+            }
+        }
+        assert_ne!(blocks_of(&frame(320, 240), 0), blocks_of(&frame(320, 240), 1));
+        assert_eq!(blocks_of(&Frame { color: None, ..frame(4, 4) }, 0), None);
+    }
+
+    #[test]
+    fn the_excess_is_what_a_direct_view_would_not_have_shown_as_well() {
+        let (blocks, shown) = blocks_of(&frame(64, 48), 3).unwrap();
+        let other: Vec<u8> = shown.iter().map(|byte| byte.wrapping_add(90)).collect();
+        assert_eq!(excess(&blocks, &shown, &shown, &shown), Some(0.0));
+        assert_eq!(excess(&blocks, &other, &other, &shown), Some(0.0), "the direct view is as far off");
+        assert_eq!(excess(&blocks, &shown, &other, &shown), Some(0.0), "the direct view is worse");
+        assert!(excess(&blocks, &other, &shown, &shown).unwrap() > 0.1);
+        assert_eq!(excess(&blocks, &shown, &shown[1..], &shown), None);
+        assert_eq!(excess(&BTreeMap::new(), &[], &[], &[]), None);
+    }
+
+    #[test]
+    fn one_probe_is_under_way_at_a_time_and_the_next_one_comes_later() {
+        let (probes, now) = (Probes::default(), Instant::now());
+        assert_eq!(probes.begin(now), Some(0));
+        assert_eq!(probes.begin(now), None);
+        probes.end(Some(Probed { count: 1, error: 0.5, predicted: 0.25 }));
+        assert_eq!(probes.begin(now + EVERY / 2), None);
+        assert_eq!(probes.begin(now + 2 * EVERY), Some(1));
+        probes.end(None);
+        assert_eq!(probes.found(), Probed { count: 1, error: 0.5, predicted: 0.25 });
+    }
+}

@@ -1,0 +1,107 @@
+//! Which cameras see what a view shows, by packets of rays.
+//!
+//! Answers as the reference's `SceneSight` does, several times as fast: all rays of a question start at one place, and the
+//! triangles of what stands still are in one tree. A scene that moves is posed at the time that is asked about, so questions
+//! about one time should come together.
+
+use std::fmt;
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
+
+use argus_scene::Scene;
+use argus_scene::rig::{Sight, Target};
+use glam::DVec3;
+
+use crate::packets::{PacketTracer, Ray};
+use crate::resident::{Placement, placed};
+
+/// A ray meets a point if it ends within this share of the way to it.
+const SLACK: f64 = 1e-3;
+
+/// Rays through the triangles of a scene, cut-outs left out: single-sided triangles are seen from their front alone, as samples
+/// have them. [`Sight::sees`] meets both sides, of the scene at time zero: nobody walks out of a wall.
+pub struct PacketSight {
+    scene: Arc<Scene>,
+    posed: RwLock<Posed>,
+}
+
+/// The triangles where they are at a time.
+struct Posed {
+    time_secs: f64,
+    tracer: PacketTracer,
+}
+
+impl fmt::Debug for PacketSight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("PacketSight").finish_non_exhaustive()
+    }
+}
+
+impl PacketSight {
+    /// Builds the hierarchy of the scene's triangles; takes a second for a few million.
+    pub fn new(scene: &Arc<Scene>) -> Self {
+        let tracer = PacketTracer::new(scene, &solid(scene, 0.0), f32::MIN_POSITIVE);
+        Self { scene: scene.clone(), posed: RwLock::new(Posed { time_secs: 0.0, tracer }) }
+    }
+
+    /// Calls with the triangles where they are at a time, seconds.
+    fn at<T>(&self, time_secs: f64, ask: impl FnOnce(&PacketTracer) -> T) -> T {
+        let time_secs = if self.scene.is_animated() { time_secs } else { 0.0 };
+        let read =
+            || -> RwLockReadGuard<'_, Posed> { self.posed.read().unwrap_or_else(PoisonError::into_inner) };
+        let posed = read();
+        if posed.time_secs == time_secs {
+            return ask(&posed.tracer);
+        }
+        drop(posed);
+        let mut posed = self.posed.write().unwrap_or_else(PoisonError::into_inner);
+        if posed.time_secs != time_secs {
+            posed.tracer.pose(&self.scene, &solid(&self.scene, time_secs));
+            posed.time_secs = time_secs;
+        }
+        ask(&posed.tracer)
+    }
+}
+
+/// What can be seen at a time, without cut-outs.
+fn solid(scene: &Scene, time_secs: f64) -> Vec<Placement> {
+    let mut placements = placed(scene, &scene.at(time_secs).instances);
+    placements.retain(|placement| !placement.class.cutout);
+    placements
+}
+
+impl Sight for PacketSight {
+    fn sees(&self, from: DVec3, to: DVec3) -> bool {
+        let way = to - from;
+        self.at(0.0, |tracer| {
+            // From either end: what one side of a single-sided triangle does not show, the other does.
+            let short = way * (1.0 - SLACK);
+            let is_clear = |from, way| tracer.nearest(from, way, 1.0).is_none();
+            is_clear(from, short) && is_clear(from + short, -short)
+        })
+    }
+
+    fn targets(&self, eye: DVec3, directions: &[DVec3], time_secs: f64) -> Vec<Target> {
+        let rays: Vec<Ray> = directions.iter().map(|&direction| Ray { direction, most: f32::MAX }).collect();
+        let found = self.at(time_secs, |tracer| tracer.distances(eye, &rays));
+        let target = |(&direction, found): (&DVec3, Option<f32>)| match found {
+            Some(t) => Target::Surface(eye + direction * f64::from(t)),
+            None => Target::Sky(direction),
+        };
+        directions.iter().zip(found).map(target).collect()
+    }
+
+    fn shows(&self, camera: DVec3, targets: &[Target], time_secs: f64) -> Vec<bool> {
+        let ray = |target: &Target| match *target {
+            Target::Surface(point) => Ray { direction: point - camera, most: (1.0 + SLACK) as f32 },
+            Target::Sky(direction) => Ray { direction, most: f32::MAX },
+        };
+        let rays: Vec<Ray> = targets.iter().map(ray).collect();
+        let found = self.at(time_secs, |tracer| tracer.distances(camera, &rays));
+        let shows = |((target, ray), found): ((&Target, &Ray), Option<f32>)| match (target, found) {
+            (Target::Surface(_), Some(t)) => f64::from(t) >= 1.0 - SLACK,
+            (Target::Surface(_), None) => false,
+            (Target::Sky(_), found) => found.is_none() && camera.is_finite() && ray.direction.is_finite(),
+        };
+        targets.iter().zip(&rays).zip(found).map(shows).collect()
+    }
+}

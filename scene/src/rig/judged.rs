@@ -1,0 +1,159 @@
+//! A sample camera, judged by what a view shows.
+
+use glam::DVec3;
+
+use super::Sight;
+use super::survey::{Target, added};
+use crate::SampleCamera;
+use crate::camera::{Face, OmniLayout};
+
+/// One sample camera, judged by the targets of a view. Bit i of a mask stands for target i.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Judged {
+    pub(super) index: u64,
+    at: DVec3,
+    /// Targets that the camera would show if nothing stood before them.
+    pub(super) framed: u64,
+    /// Targets for which its texels are fine.
+    pub(super) near: u64,
+    /// Targets to which a ray was sent.
+    asked: u64,
+    /// Targets that it was found to show.
+    pub(super) seen: u64,
+    /// What it is worth to each target where it sees it.
+    worths: Vec<f64>,
+}
+
+/// What rays have told of a camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Known {
+    pub(super) asked: u64,
+    pub(super) seen: u64,
+}
+
+impl Judged {
+    /// A camera of which so much is known. `texel_pixels` says how many pixels of the view a texel covers at a target, to a side,
+    /// and `most_pixels` how many are fine.
+    pub(super) fn new(
+        (index, camera): (u64, &SampleCamera),
+        (eye, targets): (DVec3, &[Target]),
+        known: Known,
+        texel_pixels: impl Fn(&Target) -> f64,
+        most_pixels: f64,
+    ) -> Self {
+        let at = camera.center();
+        let faces = if sees_all_around(camera) { Vec::new() } else { camera.faces() };
+        let mut judged =
+            Self { index, at, framed: 0, near: 0, asked: 0, seen: 0, worths: vec![0.0; targets.len()] };
+        for (i, target) in targets.iter().enumerate() {
+            let framed = match sees_all_around(camera) {
+                true => target.direction_from(at).abs().max_element() > 0.0,
+                false => frames(&faces, at, target),
+            };
+            if framed {
+                judged.framed |= 1 << i;
+                judged.worths[i] = target.worth(at, eye);
+                judged.near |= u64::from(texel_pixels(target) <= most_pixels) << i;
+            }
+        }
+        judged.asked = known.asked & judged.framed;
+        judged.seen = known.seen & judged.asked;
+        judged
+    }
+
+    /// What rays have told.
+    pub(super) fn known(&self) -> Known {
+        Known { asked: self.asked, seen: self.seen }
+    }
+
+    /// Targets that it shows with fine texels.
+    pub(super) fn fine(&self) -> u64 {
+        self.seen & self.near
+    }
+
+    /// Share of the rays that met their targets, for what no ray was sent to; by Laplace's rule of succession: two rays that
+    /// miss do not tell that all will.
+    fn share(&self) -> f64 {
+        match self.asked {
+            0 => 1.0,
+            _ => f64::from(self.seen.count_ones() + 1) / f64::from(self.asked.count_ones() + 2),
+        }
+    }
+
+    /// What it is worth to each target, as far as that is known.
+    pub(super) fn worths(&self) -> impl Iterator<Item = f64> {
+        let share = self.share();
+        self.worths.iter().enumerate().map(move |(i, worth)| {
+            match (self.seen >> i & 1 == 1, self.asked >> i & 1 == 1) {
+                (true, _) => *worth,
+                (false, true) => 0.0,
+                (false, false) => worth * share,
+            }
+        })
+    }
+
+    /// What it adds to those that show each target so well.
+    pub(super) fn gain(&self, shown: &[f64]) -> f64 {
+        self.worths().zip(shown).map(|(worth, shown)| added(worth, *shown)).sum()
+    }
+
+    /// Sends rays to some of the targets, unless that was done; whether any was sent.
+    pub(super) fn ask(&mut self, some: u64, targets: &[Target], sight: &dyn Sight, time_secs: f64) -> bool {
+        let open = self.framed & some & !self.asked;
+        let asked: Vec<usize> = (0..targets.len()).filter(|target| open >> target & 1 == 1).collect();
+        if asked.is_empty() {
+            return false;
+        }
+        let points: Vec<Target> = asked.iter().map(|&target| targets[target]).collect();
+        let shown = sight.shows(self.at, &points, time_secs);
+        self.asked |= open;
+        for (target, _) in asked.iter().zip(shown).filter(|(_, shown)| *shown) {
+            self.seen |= 1 << target;
+        }
+        true
+    }
+}
+
+/// Whether a camera's faces show every direction.
+fn sees_all_around(camera: &SampleCamera) -> bool {
+    matches!(camera, SampleCamera::Omni { layout: OmniLayout::CubeFaces { .. }, .. })
+}
+
+/// Whether a target lies within one of the faces of a camera at a place, whatever stands before it.
+fn frames(faces: &[Face], at: DVec3, target: &Target) -> bool {
+    let direction = target.direction_from(at);
+    faces.iter().any(|face| {
+        let p = face.view_from_world * direction;
+        let (x, y) = (p.x / -p.z, p.y / -p.z);
+        p.z < 0.0 && x.abs() <= face.tan_half_fov.x && y.abs() <= face.tan_half_fov.y
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Camera;
+
+    #[test]
+    fn a_perspective_sample_covers_what_lies_within_its_image_alone() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
+        let sample = SampleCamera::Perspective { camera, width: 40, height: 30 };
+        let faces = sample.faces();
+        let frames = |point| frames(&faces, sample.center(), &Target::Surface(point));
+        assert!(frames(DVec3::new(5.0, 0.1, 0.1)));
+        assert!(!frames(DVec3::new(-5.0, 0.1, 0.1)));
+        assert!(!frames(DVec3::new(1.0, 3.0, 0.0)));
+        assert!(!frames(DVec3::ZERO), "at the camera itself");
+    }
+
+    #[test]
+    fn a_cube_frames_every_direction_and_nothing_where_it_stands() {
+        let cube = SampleCamera::Omni { center: DVec3::ONE, layout: OmniLayout::CubeFaces { face: 8 } };
+        let targets = [DVec3::ZERO, DVec3::ONE, DVec3::new(1.0, 9.0, 1.0), DVec3::NAN].map(Target::Surface);
+        let judged = Judged::new((1, &cube), (DVec3::Y * 3.0, &targets), Known::default(), |_| 1.0, 2.0);
+        assert_eq!(judged.framed, 0b101);
+        let by_faces: Vec<bool> =
+            targets.iter().map(|target| frames(&cube.faces(), cube.center(), target)).collect();
+        assert_eq!(by_faces, [true, false, true, false]);
+    }
+}

@@ -1,0 +1,52 @@
+//! How well the planner predicted the time that frames took.
+
+use argus_scene::Frame;
+
+/// A prediction is good where the measured time is this close to it, as a share of it…
+const SHARE: f64 = 0.3;
+/// … or this close, milliseconds.
+const MS: f64 = 3.0;
+
+/// Frames whose time the planner predicted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Timed {
+    predicted: u64,
+    close: u64,
+}
+
+impl Timed {
+    /// Takes in a frame. One whose way was named, or whose cost was not known, was not predicted.
+    pub(super) fn take(&mut self, frame: &Frame) {
+        let Some(decision) = frame.decision.filter(|decision| decision.render_ms > 0.0) else { return };
+        self.predicted += 1;
+        self.close += u64::from(is_close(decision.wait_ms + decision.render_ms, took_ms(frame)));
+    }
+
+    /// Share of the predicted frames that took about as long as was predicted.
+    pub(super) fn share(&self) -> Option<f64> {
+        (self.predicted > 0).then(|| self.close as f64 / self.predicted as f64)
+    }
+}
+
+/// Milliseconds that a view waited for the render thread of its worker, and was rendered.
+pub(super) fn took_ms(frame: &Frame) -> f64 {
+    let queued = frame.stages.iter().filter(|stage| stage.name == "queue").map(|stage| stage.ms);
+    queued.sum::<f64>() + frame.rendering_ms()
+}
+
+fn is_close(predicted_ms: f64, measured_ms: f64) -> bool {
+    (measured_ms - predicted_ms).abs() <= (SHARE * predicted_ms).max(MS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_time_is_predicted_within_thirty_per_cent_or_three_milliseconds() {
+        assert!(is_close(1.0, 3.9) && !is_close(1.0, 4.1));
+        assert!(is_close(100.0, 71.0) && is_close(100.0, 129.0) && !is_close(100.0, 131.0));
+        assert!(!is_close(10.0, f64::NAN));
+        assert_eq!(Timed::default().share(), None);
+    }
+}
