@@ -11,7 +11,7 @@ use argus_proto::Fault;
 use argus_scene::{Output, ViewJob};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::node::RETRY;
+use super::config::RETRY;
 
 /// What is counted: a semaphore counts no further than 2³² at once.
 const UNIT: u64 = 1 << 10;

@@ -14,8 +14,8 @@ use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Frame, History, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleId, SampleSetInfo, Search,
-    Stage, View, ViewJob, Visibility,
+    Frame, History, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleCamera, SampleId,
+    SampleSetInfo, Search, Stage, View, ViewJob, Visibility,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -30,7 +30,7 @@ use super::histories::MAX_NAME;
 use super::node::{Active, Node};
 use super::queue::Rendered;
 use super::room::{self, Room};
-use super::{fetch, trace};
+use super::{bound, fetch, trace};
 use crate::core::Source;
 use crate::core::quality::Observed;
 use crate::sealed::Kind;
@@ -79,10 +79,6 @@ struct Ordered {
     /// The direct view that is rendered instead, where a sample is missing or the frame from samples is not good enough.
     fallback: Option<Plan>,
 }
-
-/// A frame of which samples miss more than this share is not good enough: tracing so many holes costs much of a view from
-/// triangles, and around holes samples are wrong as well.
-const MOST_UNRESOLVED: f64 = 0.05;
 
 /// Sub-pixels of a pixel, at most.
 const MOST_SUB_PIXELS: u32 = 256;
@@ -350,17 +346,20 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
     let Plan::Warp(warp) = &ordered.job.plan else {
         return render(node, ordered, &ordered.samples, &ordered.job).await;
     };
-    if warp.holes != Holes::Trace {
-        return render(node, ordered, &ordered.samples, &ordered.job).await;
-    }
+    let traces = warp.holes == Holes::Trace;
     let mut job = ordered.job.clone();
-    job.outputs.mask = true;
-    let mut frame = render(node, ordered, &ordered.samples, &job).await?;
-    if ordered.fallback.is_some() && frame.unresolved_fraction > MOST_UNRESOLVED {
-        let percent = frame.unresolved_fraction * 100.0;
-        return Err(Fault::NotFound(format!("the samples miss {percent:.1}% of the view")));
+    job.outputs.mask |= traces;
+    if ordered.fallback.is_some() {
+        // What it is judged by.
+        (job.outputs.range, job.outputs.source) = (true, true);
     }
-    if let Err(fault) = trace::fill(node, &job, warp, &ordered.tracers, until, &mut frame).await {
+    let mut frame = render(node, ordered, &ordered.samples, &job).await?;
+    if ordered.fallback.is_some()
+        && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?)
+    {
+        return Err(Fault::NotFound(reason));
+    }
+    if traces && let Err(fault) = trace::fill(node, &job, warp, &ordered.tracers, until, &mut frame).await {
         if ordered.pinned {
             return Err(fault);
         }
@@ -376,6 +375,12 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
         frame.mask = None;
     }
     Ok(frame)
+}
+
+/// The cameras of a plan's samples, in the order in which a frame's source counts them.
+fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
+    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_surroundings());
+    of_rig.map(|source| Ok(ordered.info.camera(source.id.index)?)).collect()
 }
 
 /// The frame as composed or rendered, with the stages before the role's own. If the device is lost, or the

@@ -44,7 +44,7 @@ impl Watched for Watch {
         let done = [report.samples_rendered, report.views_composed, report.views_direct, report.rays_traced];
         let done = kinds.into_iter().zip(done.map(|count| count as f64));
         to.counters("worker_rendered", "What it rendered", done)?;
-        let waiting = [backlog.samples, backlog.views, backlog.direct, backlog.pixels];
+        let waiting = [backlog.samples, backlog.warped, backlog.direct, backlog.pixels];
         let waiting = kinds.into_iter().zip(waiting.map(|count| count as f64));
         to.gauges("worker_queued", "What waits for its render thread or is in work", waiting)?;
         let cost = [report.sample_ms, report.view_ms, report.direct_ms, report.ray_ms];
