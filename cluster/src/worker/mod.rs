@@ -11,6 +11,7 @@ mod claim;
 mod config;
 mod fetch;
 mod fetches;
+mod frame_memory;
 mod health;
 mod histories;
 #[cfg(test)]
@@ -22,7 +23,6 @@ mod packed;
 pub mod policy;
 mod queue;
 mod render;
-mod room;
 mod samples;
 mod scene;
 mod slices;

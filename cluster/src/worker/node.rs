@@ -19,12 +19,12 @@ use super::bringing::Ahead;
 use super::claim::claim;
 use super::config::{Config, RETRY};
 use super::fetches::Fetches;
+use super::frame_memory::FrameMemory;
 use super::health::Health;
 use super::histories::Histories;
 use super::meter::Meter;
 use super::policy::{self, Waiting};
 use super::queue::{Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
-use super::room::Rooms;
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
@@ -65,7 +65,7 @@ pub(super) struct Node {
     /// Turns of packing frames and samples.
     pub(super) packing: Semaphore,
     /// Memory for frames.
-    pub(super) rooms: Rooms,
+    pub(super) frame_memory: FrameMemory,
     /// What the last frames of sessions left.
     pub(super) histories: Histories,
     queue: Arc<Queue>,
@@ -112,7 +112,7 @@ impl Node {
         Arc::new(Self {
             packing: Semaphore::new(policy::threads_beside(hello.cores)),
             fetching: Arc::new(Semaphore::new((config.max_queued_views / 2).max(1))),
-            rooms: Rooms::new(config.frame_bytes),
+            frame_memory: FrameMemory::new(config.frame_bytes),
             histories: Histories::new(config.history_bytes),
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             config,

@@ -15,14 +15,14 @@
 //!    samples; one *slice* of background work. Each kind gets one batch a round, if any of it waits.
 //! 5. *Samples ahead of demand*, one at a time, if nothing else waits.
 //!
-//! Nobody waits for background work: samples that the compositor takes up before a view asks for them, and the first use of
-//! programs. It is done in slices of [`SLICE_MS`] at most. A round gives it one slice, so a view that arrives waits for one
-//! slice at most, and under full load background work still ends. Strict priority would do one of the two only: with views first, a
-//! worker that is too busy would never hold the samples that make its views cheaper.
+//! Nobody waits for background work: samples that the compositor takes up before a view asks for them. It is done in slices of
+//! [`SLICE_MS`] at most. A round gives it one slice, so a view that arrives waits for one slice at most, and under full load
+//! background work still ends. Strict priority would do one of the two only: with views first, a worker that is too busy
+//! would never hold the samples that make its views cheaper.
 //!
-//! A sample ahead of demand is rendered in slices, too. Between two of them the thread does one round without the slice of
-//! background work. It does none while an order for another scene waits: views behind that order are not this
-//! scene's.
+//! Two kinds of longer work pause between slices: a sample ahead of demand, and the first use of the compositor's programs, which
+//! an order to measure begins. In a pause the thread does one round without the slice of background work. It does none
+//! while an order for another scene waits: views behind that order are not this scene's.
 //!
 //! While a sampler is made in a thread of its own, what needs one waits, and views from samples go on.
 //!

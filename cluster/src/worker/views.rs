@@ -26,10 +26,10 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::{Instrument, Span, debug_span, field, warn};
 
+use super::frame_memory::{self, FramePermit};
 use super::histories::MAX_NAME;
 use super::node::{Active, Node};
 use super::queue::Rendered;
-use super::room::{self, Room};
 use super::{bound, fetch, trace};
 use crate::core::Source;
 use crate::core::quality::Observed;
@@ -210,7 +210,7 @@ impl ViewsService {
         arrived: Instant,
         span: Span,
         for_client: bool,
-    ) -> Result<(Vec<v1::FrameChunk>, (Active, Room)), Status> {
+    ) -> Result<(Vec<v1::FrameChunk>, (Active, FramePermit)), Status> {
         span.record("view", &request.view_id);
         let active = self.node.begin()?;
         let Some(order) = request.order else { return Err(ask_the_coordinator()) };
@@ -222,13 +222,13 @@ impl ViewsService {
         let deadline = (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into()));
         // What is left of it is for packing a frame whose holes could not be traced in time.
         let trace_until = deadline.map(|deadline| arrived + deadline.mul_f64(0.9));
-        let bytes = room::bytes_of(&ordered.job);
+        let bytes = frame_memory::bytes_of(&ordered.job);
         let answer = async {
-            let room = self.node.rooms.take(bytes, for_client).await?;
-            Ok::<_, Fault>((good_enough(&self.node, &ordered, trace_until).await?, room))
+            let permit = self.node.frame_memory.take(bytes, for_client).await?;
+            Ok::<_, Fault>((good_enough(&self.node, &ordered, trace_until).await?, permit))
         };
         let answer = answer.instrument(span.clone());
-        let (frame, mut room) = match deadline {
+        let (frame, mut permit) = match deadline {
             None => answer.await?,
             Some(deadline) => {
                 let late = |_| Fault::Deadline(deadline);
@@ -254,8 +254,8 @@ impl ViewsService {
             tokio::task::spawn_blocking(pack).await.map_err(|e| Status::internal(e.to_string()))??;
         drop((turn, span));
         // The frame as it was rendered is gone.
-        room.keep(chunks.iter().map(|chunk| chunk.encoded_len() as u64).sum());
-        Ok((chunks, (active, room)))
+        permit.keep(chunks.iter().map(|chunk| chunk.encoded_len() as u64).sum());
+        Ok((chunks, (active, permit)))
     }
 }
 

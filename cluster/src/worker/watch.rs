@@ -79,6 +79,6 @@ impl Watched for Watch {
         to.gauge("worker_samples_composed_from", "Samples that its compositor holds", composed_from)?;
         to.gauge("worker_requests", "Requests in work", self.0.requests() as f64)?;
         let frames = "Bytes of frames that are being made, packed or sent";
-        to.gauge("worker_frame_bytes", frames, self.0.rooms.taken() as f64)
+        to.gauge("worker_frame_bytes", frames, self.0.frame_memory.reserved() as f64)
     }
 }

@@ -85,6 +85,13 @@ impl Renderer {
                 if is_wanted && !self.take_up(&info, &sample) {
                     return self.queue.put_back(Background::TakeUp { info, sample, reply });
                 }
+                if !is_wanted
+                    && !self.held.contains_key(&sample.id)
+                    && let Some(compositor) = &mut self.compositor
+                {
+                    // What of it was taken up takes memory.
+                    compositor.release(&[sample.id]);
+                }
                 if let Some(reply) = reply {
                     // Whoever gave up waiting misses nothing.
                     let _ = reply.send(());
