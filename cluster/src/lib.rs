@@ -18,8 +18,6 @@
 pub mod coordinator;
 pub mod core;
 mod handed_in;
-#[cfg(test)]
-mod imports;
 mod incoming;
 pub mod leadership;
 mod net;

@@ -86,25 +86,51 @@ impl Array {
     }
 
     /// Copies all levels of a layer of another array into one of this.
-    fn copy_layer(&self, layer: u32, from: &Self, source: u32, encoder: &mut wgpu::CommandEncoder) {
-        for mip_level in 0..self.texture.mip_level_count() {
-            let extent = wgpu::Extent3d {
-                width: self.texture.width() >> mip_level,
-                height: self.texture.height() >> mip_level,
-                depth_or_array_layers: 1,
-            };
-            let level = |texture, z| wgpu::TexelCopyTextureInfo {
-                texture,
-                mip_level,
-                origin: wgpu::Origin3d { x: 0, y: 0, z },
-                aspect: wgpu::TextureAspect::All,
-            };
+    pub(crate) fn copy_layer(
+        &self,
+        layer: u32,
+        from: &Self,
+        source: u32,
+        encoder: &mut wgpu::CommandEncoder,
+    ) {
+        for level in 0..self.texture.mip_level_count() {
             encoder.copy_texture_to_texture(
-                level(&from.texture, source),
-                level(&self.texture, layer),
-                extent,
+                from.at(level, source),
+                self.at(level, layer),
+                self.extent(level),
             );
         }
+    }
+
+    /// Fills all levels of a layer with zeros, as wgpu would fill all layers when the first one is used.
+    pub(crate) fn clear_layer(&self, gpu: &Gpu, layer: u32, encoder: &mut wgpu::CommandEncoder) {
+        let texel_bytes = self.texture.format().block_copy_size(None).unwrap_or(4);
+        let pitch = (self.texture.width() * texel_bytes).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let bytes = u64::from(pitch) * u64::from(self.texture.height());
+        // A new buffer is zero.
+        let zeros = gpu.buffer("zeros", bytes, wgpu::BufferUsages::COPY_SRC);
+        let layout =
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(pitch), rows_per_image: None };
+        for level in 0..self.texture.mip_level_count() {
+            let source = wgpu::TexelCopyBufferInfo { buffer: &zeros, layout };
+            encoder.copy_buffer_to_texture(source, self.at(level, layer), self.extent(level));
+        }
+    }
+
+    fn at(&self, mip_level: u32, layer: u32) -> wgpu::TexelCopyTextureInfo<'_> {
+        let origin = wgpu::Origin3d { x: 0, y: 0, z: layer };
+        wgpu::TexelCopyTextureInfo {
+            texture: &self.texture,
+            mip_level,
+            origin,
+            aspect: wgpu::TextureAspect::All,
+        }
+    }
+
+    fn extent(&self, level: u32) -> wgpu::Extent3d {
+        let side = |texels: u32| (texels >> level).max(1);
+        let (width, height) = (side(self.texture.width()), side(self.texture.height()));
+        wgpu::Extent3d { width, height, depth_or_array_layers: 1 }
     }
 }
 
@@ -143,18 +169,14 @@ impl Arrays {
         }
     }
 
-    /// Copies a layer of other arrays of this class into one of these.
-    pub(crate) fn copy_layer(
-        &self,
-        layer: u32,
-        from: &Self,
-        source: u32,
-        encoder: &mut wgpu::CommandEncoder,
-    ) {
-        for ((_, new), (_, old)) in self.planes.iter().zip(&from.planes) {
-            new.copy_layer(layer, old, source, encoder);
-        }
-        self.display.copy_layer(layer, &from.display, source, encoder);
+    /// Number of arrays.
+    pub(crate) fn count(&self) -> usize {
+        self.planes.len() + 1
+    }
+
+    /// One of them, the display plane's last.
+    pub(crate) fn array(&self, index: usize) -> &Array {
+        self.planes.get(index).map_or(&self.display, |(_, array)| array)
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::wgpu::BufferUsages;
-use argus_gpu::{Gpu, Surroundings, wgpu};
+use argus_gpu::{Commands, Gpu, Surroundings, wgpu};
 use argus_scene::{
     Cancel, Compositor, Frame, Plan, PlaneKind, Provenance, RenderError, SampleId, SampleSet, Search, Stage,
     ViewJob, Warp,
@@ -17,6 +17,7 @@ use bytemuck::Zeroable as _;
 use crate::drawing::{CONFIDENCE, Canvas, Draw, Drawn, FINE, RANGE, SHOWN, Shared, Splatted, Variant};
 use crate::frames::{Assembly, Images};
 use crate::holdings::Holdings;
+use crate::intake::Tools;
 use crate::knobs::{CompositorKnobs, Twin};
 use crate::layout::{Chunk, Extent, Piece, chunks};
 use crate::lights::light_about;
@@ -78,7 +79,12 @@ enum Work {
     Views,
     /// One colour is fetched a pixel: what they are measured by.
     Floor,
+    /// Programs are made ready for such views, those that fetch from two levels of the samples or from one.
+    Ready { between_levels: bool },
 }
+
+/// Called between the passes of a chunk, where each is a submission of its own.
+type Pauses<'a> = Option<&'a mut dyn FnMut()>;
 
 /// Everything that the passes of a chunk read, and which of them run.
 struct ChunkData {
@@ -194,7 +200,7 @@ impl GpuCompositor {
             Plan::Direct { .. } => job.clone(),
         };
         let views: Vec<ViewJob> = views.iter().map(unsearched).collect();
-        self.compose_batch(&views, Work::Floor, cancel)
+        self.compose_batch(&views, Work::Floor, cancel, &mut None)
     }
 
     /// Number of samples that are held.
@@ -208,6 +214,7 @@ impl GpuCompositor {
         jobs: &[ViewJob],
         work: Work,
         cancel: &Cancel,
+        pauses: &mut Pauses<'_>,
     ) -> Vec<Result<Frame, RenderError>> {
         let began = Instant::now();
         let mut results: Vec<Option<RenderError>> = vec![None; jobs.len()];
@@ -215,7 +222,12 @@ impl GpuCompositor {
         for (index, job) in jobs.iter().enumerate() {
             let prepared = PreparedView::new(index, job, &self.holdings, &self.knobs);
             match prepared.and_then(|view| self.with_pyramids(view)) {
-                Ok(view) => views.push(view),
+                Ok(mut view) => {
+                    if let Work::Ready { between_levels } = work {
+                        view.between_levels = between_levels && view.search == Search::Splat;
+                    }
+                    views.push(view);
+                }
                 Err(error) => results[index] = Some(error),
             }
         }
@@ -234,7 +246,7 @@ impl GpuCompositor {
             let outcome = if cancel.is_cancelled() {
                 Err(RenderError::Cancelled)
             } else {
-                self.compose_chunk(&chunk, &views, jobs, work, &mut assemblies)
+                self.compose_chunk(&chunk, &views, jobs, work, &mut assemblies, pauses)
             };
             match outcome {
                 Ok(passes) => passes.into_iter().for_each(|stage| add_stage(&mut stages, stage)),
@@ -284,6 +296,7 @@ impl GpuCompositor {
         jobs: &[ViewJob],
         work: Work,
         assemblies: &mut [Assembly],
+        pauses: &mut Pauses<'_>,
     ) -> Result<Vec<Stage>, RenderError> {
         let began = Instant::now();
         let data = self.upload(chunk, views, jobs);
@@ -305,6 +318,13 @@ impl GpuCompositor {
         let fine_targets = fine.as_ref().map(|[color, range, confidence]| Drawn { color, range, confidence });
         let drawn = fine_targets.unwrap_or(final_targets);
 
+        let gpu = self.gpu.clone();
+        let mut pause = |commands: &mut Commands| -> Result<(), RenderError> {
+            let Some(between) = pauses else { return Ok(()) };
+            std::mem::replace(commands, gpu.commands("compose views")).submit().wait()?;
+            between();
+            Ok(())
+        };
         let mut commands = self.gpu.commands("compose views");
         let pool = self.holdings.pool(chunk.pieces.first().map_or(0, |piece| views[piece.view].pool))?;
         let around = chunk.pieces.first().and_then(|piece| views[piece.view].surroundings.as_ref());
@@ -322,12 +342,14 @@ impl GpuCompositor {
                 let inverse_range = pool.view(PlaneKind::InverseRange)?;
                 let cells = &data.splatted.cells;
                 self.splat.record(&mut commands, &data.splats, inverse_range, &data.blocks, cells);
+                pause(&mut commands)?;
             }
             if !data.recalls.is_empty() {
                 self.recall.record(&mut commands, &data.recalls, &data.words, &data.splatted.cells);
             }
             let fills: Vec<Fill> = data.fills.values().copied().collect();
             self.fill.record(&mut commands, &fills, &data.splatted.cells, &data.splatted.depths);
+            pause(&mut commands)?;
         }
         for (&(search, variant), pieces) in &data.draws {
             let draws: Vec<Draw<'_>> = pieces
@@ -345,8 +367,9 @@ impl GpuCompositor {
                     }
                 })
                 .collect();
-            if search == Search::Splat && work == Work::Views {
+            if search == Search::Splat && work != Work::Floor {
                 self.clear.record(&self.gpu, &mut commands, &draws, &shared, &data.splatted)?;
+                pause(&mut commands)?;
             }
             let twin = self.trials.entry(search).or_default().next(self.knobs.twin);
             let canvas = Canvas { variant, twin, shared: &shared, draws: &draws, targets: drawn };
@@ -354,7 +377,9 @@ impl GpuCompositor {
                 _ if work == Work::Floor => self.floor.record(&self.gpu, &mut commands, &canvas)?,
                 Search::Splat => {
                     self.warp.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
+                    pause(&mut commands)?;
                     self.mend.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
+                    pause(&mut commands)?;
                     if variant.glossy {
                         self.highlight.record(&self.gpu, &mut commands, &canvas, &data.splatted)?;
                     }
@@ -364,6 +389,7 @@ impl GpuCompositor {
                 Search::Seeded => self.seeded.record(&self.gpu, &mut commands, &canvas, &data.splatted)?,
                 Search::Pyramid => self.pyramid.record(&self.gpu, &mut commands, &canvas)?,
             }
+            pause(&mut commands)?;
         }
         if let Some(fine_targets) = fine_targets {
             let exposure =
@@ -480,7 +506,14 @@ impl Compositor for GpuCompositor {
     }
 
     fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError> {
-        self.holdings.hold(&self.gpu, &self.bounds, &self.mips, &self.knobs, set)
+        let Self { gpu, bounds, mips, knobs, holdings, .. } = self;
+        holdings.hold(&Tools { gpu, bounds, mips, knobs }, set, &|| false).map(drop)
+    }
+
+    fn hold_slice(&mut self, set: &SampleSet) -> Result<bool, RenderError> {
+        let Self { gpu, bounds, mips, knobs, holdings, .. } = self;
+        let began = Instant::now();
+        holdings.hold(&Tools { gpu, bounds, mips, knobs }, set, &|| milliseconds(began) >= knobs.slice_ms)
     }
 
     fn release(&mut self, ids: &[SampleId]) {
@@ -489,7 +522,24 @@ impl Compositor for GpuCompositor {
     }
 
     fn compose(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
-        self.compose_batch(views, Work::Views, cancel)
+        self.compose_batch(views, Work::Views, cancel, &mut None)
+    }
+
+    /// Composes the view with each of the programs that others like it may call for: both twins of its search until one is
+    /// chosen, with and without blending between levels.
+    fn ready(&mut self, view: &ViewJob, between: &mut dyn FnMut()) -> Result<(), RenderError> {
+        let chosen = self.knobs.twin;
+        let twins = if chosen == Twin::Auto { vec![Twin::Fragment, Twin::Compute] } else { vec![chosen] };
+        let mut done = Ok(());
+        for (twin, between_levels) in twins.into_iter().flat_map(|twin| [(twin, false), (twin, true)]) {
+            self.knobs.twin = twin;
+            let work = Work::Ready { between_levels };
+            let views = std::slice::from_ref(view);
+            let frames = self.compose_batch(views, work, &Cancel::default(), &mut Some(&mut *between));
+            done = done.and(frames.into_iter().try_for_each(|frame| frame.map(drop)));
+        }
+        self.knobs.twin = chosen;
+        done
     }
 }
 

@@ -1,23 +1,25 @@
 //! The samples that a compositor holds.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Weak};
 
 use argus_gpu::{Gpu, Surroundings};
 use argus_scene::camera::Face;
 use argus_scene::{InvalidField, RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo};
 
+use crate::arrays::PoolClass;
 use crate::cull::FaceTiles;
+use crate::intake::{Intake, Submission, Tools};
 use crate::knobs::CompositorKnobs;
-use crate::passes::bounds::BoundsPass;
 use crate::passes::halve::HalvePass;
-use crate::passes::mips::MipsPass;
 use crate::pool::Pool;
 use crate::validate::class_of;
 
 /// One sample as it is held.
 #[derive(Debug)]
 pub(crate) struct Held {
+    /// What it was taken in from.
+    sample: Weak<Sample>,
     pub(crate) info: Arc<SampleSetInfo>,
     pub(crate) camera: SampleCamera,
     pub(crate) faces: Vec<Face>,
@@ -37,15 +39,22 @@ fn within_memory(bytes: u64, knobs: &CompositorKnobs) -> Result<(), RenderError>
     Err(RenderError::OutOfMemory(reason))
 }
 
+/// Work after which a submission is waited for, in units of a copied texel: some 5 ms on the software driver.
+const WORTH_SUBMITTING: u64 = 1 << 21;
+
 /// Samples by id, and the texture arrays that they lie in.
 #[derive(Debug, Default)]
 pub(crate) struct Holdings {
     held: BTreeMap<SampleId, Arc<Held>>,
-    /// Maps that samples' surfaces look up.
-    surroundings: BTreeMap<SampleId, Arc<Surroundings>>,
+    /// Samples on their way in.
+    intakes: BTreeMap<SampleId, Intake>,
+    /// Maps that samples' surfaces look up, and what they were taken in from.
+    surroundings: BTreeMap<SampleId, (Weak<Sample>, Arc<Surroundings>)>,
     /// `None` where a pool was emptied and its memory given back, so that indices stay.
     pools: Vec<Option<Pool>>,
     bytes: u64,
+    /// Programs that samples have been taken in with.
+    used: BTreeSet<&'static str>,
 }
 
 impl Holdings {
@@ -54,7 +63,7 @@ impl Holdings {
     /// # Errors
     /// [`RenderError::MissingSample`] for others.
     pub(crate) fn surroundings(&self, id: SampleId) -> Result<Arc<Surroundings>, RenderError> {
-        self.surroundings.get(&id).cloned().ok_or(RenderError::MissingSample(id))
+        self.surroundings.get(&id).map(|(_, maps)| maps.clone()).ok_or(RenderError::MissingSample(id))
     }
 
     /// The samples of a plan, all of one set.
@@ -87,64 +96,153 @@ impl Holdings {
         pool.ok_or_else(|| RenderError::Internal("a held sample has no pool".to_owned()))
     }
 
-    /// Takes samples in; none of them if one cannot be.
+    /// Takes samples in, all of them unless `is_over` says so between two steps; returns whether all are held. What was done of
+    /// them is kept.
+    ///
+    /// # Errors
+    /// Those of [`argus_scene::Compositor::hold`]. None is held then but those that were, and surroundings.
     pub(crate) fn hold(
         &mut self,
-        gpu: &Arc<Gpu>,
-        bounds: &BoundsPass,
-        mips: &MipsPass,
-        knobs: &CompositorKnobs,
+        tools: &Tools<'_>,
         set: &SampleSet,
-    ) -> Result<(), RenderError> {
-        let (around, of_rig): (Vec<&Arc<Sample>>, Vec<_>) =
-            set.samples.iter().partition(|sample| sample.id.is_surroundings());
-        let classes = of_rig.iter().map(|s| class_of(s)).collect::<Result<Vec<_>, _>>()?;
-        let around = around
-            .into_iter()
-            .map(|sample| Ok((sample.id, Arc::new(Surroundings::new(gpu, sample)?))))
+        is_over: &dyn Fn() -> bool,
+    ) -> Result<bool, RenderError> {
+        let gone = self.intakes.iter().filter(|(_, intake)| intake.sample.strong_count() == 0);
+        let gone: Vec<SampleId> = gone.map(|(id, _)| *id).collect();
+        self.abandon(&gone);
+        // Of several with one id the last one counts.
+        let missing: BTreeMap<SampleId, &Arc<Sample>> =
+            set.samples.iter().filter(|sample| !self.is_held(&set.info, sample)).map(|s| (s.id, s)).collect();
+        let done = self.hold_missing(tools, &set.info, &missing, is_over);
+        if done.is_err() {
+            self.abandon(&missing.keys().copied().collect::<Vec<_>>());
+        }
+        done
+    }
+
+    fn hold_missing(
+        &mut self,
+        tools: &Tools<'_>,
+        info: &Arc<SampleSetInfo>,
+        missing: &BTreeMap<SampleId, &Arc<Sample>>,
+        is_over: &dyn Fn() -> bool,
+    ) -> Result<bool, RenderError> {
+        let (around, of_rig): (Vec<&Arc<Sample>>, Vec<&Arc<Sample>>) =
+            missing.values().partition(|sample| sample.id.is_surroundings());
+        let classes = of_rig.iter().map(|sample| class_of(sample)).collect::<Result<Vec<_>, _>>()?;
+        let maps = around
+            .iter()
+            .map(|sample| Ok(Arc::new(Surroundings::new(tools.gpu, sample)?)))
             .collect::<Result<Vec<_>, RenderError>>()?;
-        let replaced: u64 = set.samples.iter().map(|s| self.bytes_of(s.id)).sum();
-        let added: u64 = classes.iter().map(|class| class.layer_bytes()).sum::<u64>()
-            + around.iter().map(|(_, maps)| maps.bytes()).sum::<u64>();
+        let replaced: u64 = missing.keys().map(|id| self.bytes_of(*id)).sum();
+        let begun = |id: &SampleId| self.intakes.contains_key(id);
+        let added = of_rig.iter().zip(&classes).filter(|(sample, _)| !begun(&sample.id));
+        let added: u64 = added.map(|(_, class)| class.layer_bytes()).sum::<u64>()
+            + maps.iter().map(|maps| maps.bytes()).sum::<u64>();
+        let begun: u64 = self.intakes.values().map(|intake| self.layer_bytes(intake.pool)).sum();
         let pyramids: u64 = self.pools.iter().flatten().map(|pool| pool.pyramid_bytes(false)).sum();
-        within_memory((self.bytes + added + pyramids).saturating_sub(replaced), knobs)?;
-        let mut placed: Vec<(&Sample, usize, u32)> = Vec::with_capacity(of_rig.len());
-        for (sample, class) in of_rig.into_iter().zip(classes) {
-            let index = self.pools.iter().position(|p| p.as_ref().is_some_and(|p| p.class == class));
-            let index = index.unwrap_or_else(|| {
-                let vacant = self.pools.iter().position(Option::is_none);
-                vacant.unwrap_or_else(|| {
-                    self.pools.push(None);
-                    self.pools.len() - 1
-                })
-            });
-            self.pools[index].get_or_insert_with(|| Pool::new(class));
-            let layer = self.pools[index].as_mut().map(|pool| pool.take_layer(gpu));
-            match layer {
-                Some(Ok(layer)) => placed.push((sample, index, layer)),
-                failed => {
-                    self.free(placed.into_iter().map(|(_, pool, layer)| (pool, layer)));
-                    let bug = || RenderError::Internal("a pool vanished".to_owned());
-                    return Err(failed.and_then(Result::err).unwrap_or_else(bug));
+        within_memory((self.bytes + begun + added + pyramids).saturating_sub(replaced), tools.knobs)?;
+        for (sample, maps) in around.into_iter().zip(maps) {
+            self.release(&[sample.id]);
+            self.bytes += maps.bytes();
+            self.surroundings.insert(sample.id, (Arc::downgrade(sample), maps));
+        }
+        for (sample, class) in of_rig.iter().zip(classes) {
+            if self.intakes.get(&sample.id).is_some_and(|intake| intake.is_of(info, sample)) {
+                continue;
+            }
+            self.abandon(&[sample.id]);
+            let index = self.pool_of(class);
+            let Some(pool) = &mut self.pools[index] else { continue };
+            while !pool.prepare_layer(tools.gpu)? {
+                if is_over() {
+                    return Ok(false);
+                }
+            }
+            let layer = pool.take_layer()?;
+            let intake = Intake::new(info, sample, pool, index, layer)?;
+            self.intakes.insert(sample.id, intake);
+        }
+        self.take_steps(tools, &of_rig, is_over)
+    }
+
+    /// Does the steps of samples that are on their way in.
+    fn take_steps(
+        &mut self,
+        tools: &Tools<'_>,
+        samples: &[&Arc<Sample>],
+        is_over: &dyn Fn() -> bool,
+    ) -> Result<bool, RenderError> {
+        let mut submission = Submission::new(tools.gpu);
+        for sample in samples {
+            while let Some(intake) = self.intakes.get_mut(&sample.id).filter(|intake| !intake.is_recorded()) {
+                let Some(pool) = &mut self.pools[intake.pool] else { break };
+                let program = intake.record(tools, pool, sample, &mut submission)?;
+                // A driver makes machine code where a program is first used: not of several ones at once.
+                let is_new = program.is_some_and(|program| self.used.insert(program));
+                if is_new || submission.weight >= WORTH_SUBMITTING {
+                    self.settle(std::mem::replace(&mut submission, Submission::new(tools.gpu)))?;
+                    if is_over() && self.intakes.contains_key(&sample.id) {
+                        return Ok(false);
+                    }
                 }
             }
         }
-        match self.write(gpu, bounds, mips, &set.info, &placed) {
-            Ok(tiles) => {
-                for (id, maps) in around {
-                    self.release(&[id]);
-                    self.bytes += maps.bytes();
-                    self.surroundings.insert(id, maps);
-                }
-                for ((sample, pool, layer), tiles) in placed.into_iter().zip(tiles) {
-                    self.release(&[sample.id]);
-                    self.insert(Arc::clone(&set.info), sample, tiles, pool, layer);
-                }
-                Ok(())
+        self.settle(submission)?;
+        Ok(true)
+    }
+
+    /// Does what was recorded. Samples of which no step is left are held from then on.
+    fn settle(&mut self, submission: Submission) -> Result<(), RenderError> {
+        if submission.weight == 0 {
+            return Ok(());
+        }
+        for (id, face, bytes) in submission.finish()? {
+            if let Some(intake) = self.intakes.get_mut(&id) {
+                intake.bound(face, &bytes);
             }
-            Err(error) => {
-                self.free(placed.into_iter().map(|(_, pool, layer)| (pool, layer)));
-                Err(error)
+        }
+        let done = self.intakes.iter().filter(|(_, intake)| intake.is_recorded());
+        let done: Vec<SampleId> = done.map(|(id, _)| *id).collect();
+        for id in done {
+            let Some(Intake { info, sample, pool, layer, faces, tiles, .. }) = self.intakes.remove(&id)
+            else {
+                continue;
+            };
+            self.release(&[id]);
+            if let Some(camera) = sample.upgrade().map(|sample| sample.camera) {
+                self.held.insert(id, Arc::new(Held { sample, info, camera, faces, tiles, pool, layer }));
+                self.bytes += self.bytes_of(id);
+            } else {
+                self.free([(pool, layer)]);
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether that very sample is held, in that set.
+    fn is_held(&self, info: &Arc<SampleSetInfo>, sample: &Arc<Sample>) -> bool {
+        let is_it = |from: &Weak<Sample>| std::ptr::eq(from.as_ptr(), Arc::as_ptr(sample));
+        let held = self.held.get(&sample.id).is_some_and(|held| is_it(&held.sample) && held.info == *info);
+        held || self.surroundings.get(&sample.id).is_some_and(|(from, _)| is_it(from))
+    }
+
+    /// Index of the pool of a class.
+    fn pool_of(&mut self, class: PoolClass) -> usize {
+        let index = self.pools.iter().position(|p| p.as_ref().is_some_and(|p| p.class == class));
+        let index = index.or_else(|| self.pools.iter().position(Option::is_none)).unwrap_or(self.pools.len());
+        if index == self.pools.len() {
+            self.pools.push(None);
+        }
+        self.pools[index].get_or_insert_with(|| Pool::new(class));
+        index
+    }
+
+    /// Gives samples up that are on their way in.
+    fn abandon(&mut self, ids: &[SampleId]) {
+        for id in ids {
+            if let Some(intake) = self.intakes.remove(id) {
+                self.free([(intake.pool, intake.layer)]);
             }
         }
     }
@@ -173,8 +271,9 @@ impl Holdings {
         }
     }
 
-    /// Forgets samples.
+    /// Forgets samples, also those that are on their way in.
     pub(crate) fn release(&mut self, ids: &[SampleId]) {
+        self.abandon(ids);
         for id in ids {
             self.bytes -= self.bytes_of(*id);
             self.surroundings.remove(id);
@@ -184,51 +283,14 @@ impl Holdings {
         }
     }
 
-    /// Copies samples into their layers, makes what is derived from them and finds their tiles' ranges.
-    fn write(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        bounds: &BoundsPass,
-        mips: &MipsPass,
-        info: &SampleSetInfo,
-        placed: &[(&Sample, usize, u32)],
-    ) -> Result<Vec<Vec<FaceTiles>>, RenderError> {
-        let mut all = Vec::with_capacity(placed.len());
-        for &(sample, pool, layer) in placed {
-            if let Some(pool) = &mut self.pools[pool] {
-                pool.write(gpu, sample, layer)?;
-            }
-        }
-        for &(sample, pool, layer) in placed {
-            all.push((self.pool(pool)?, layer, sample.camera.faces()));
-        }
-        for index in 0..self.pools.len() {
-            let layers: Vec<u32> =
-                placed.iter().filter(|(_, pool, _)| *pool == index).map(|(_, _, layer)| *layer).collect();
-            if !layers.is_empty() {
-                mips.run(gpu, self.pool(index)?, &layers, info.lighting.exposure)?;
-            }
-        }
-        bounds.run(gpu, &all)
-    }
-
-    fn insert(
-        &mut self,
-        info: Arc<SampleSetInfo>,
-        sample: &Sample,
-        tiles: Vec<FaceTiles>,
-        pool: usize,
-        layer: u32,
-    ) {
-        let (camera, faces) = (sample.camera, sample.camera.faces());
-        self.held.insert(sample.id, Arc::new(Held { info, camera, faces, tiles, pool, layer }));
-        self.bytes += self.bytes_of(sample.id);
-    }
-
     fn bytes_of(&self, id: SampleId) -> u64 {
-        let around = self.surroundings.get(&id).map_or(0, |maps| maps.bytes());
-        let pool = self.held.get(&id).and_then(|held| self.pools[held.pool].as_ref());
-        pool.map_or(around, |pool| pool.class.layer_bytes())
+        let around = self.surroundings.get(&id).map_or(0, |(_, maps)| maps.bytes());
+        self.held.get(&id).map_or(around, |held| self.layer_bytes(held.pool))
+    }
+
+    /// Bytes of a sample of the pool of that index.
+    fn layer_bytes(&self, pool: usize) -> u64 {
+        self.pools[pool].as_ref().map_or(0, |pool| pool.class.layer_bytes())
     }
 
     fn free(&mut self, layers: impl IntoIterator<Item = (usize, u32)>) {

@@ -2,7 +2,7 @@
 //! a history, [`CompositorKnobs::longest_chain`].
 
 /// How a compositor works.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CompositorKnobs {
     /// The first this many samples of a plan leave their depth in the view; all of them are fetched from.
     pub splatting: usize,
@@ -17,6 +17,8 @@ pub struct CompositorKnobs {
     pub longest_chain: u32,
     /// Which of the two programs of a search draws.
     pub twin: Twin,
+    /// A slice of taking samples up ends at the first step that ends after so many milliseconds.
+    pub slice_ms: f64,
 }
 
 /// Which of the two programs of a search draws: they share the function that finds a pixel, and write equal bytes.
@@ -42,6 +44,8 @@ impl Default for CompositorKnobs {
             // more after 8 (0.082).
             longest_chain: 6,
             twin: Twin::Auto,
+            // With the step after which it ends, a slice is about as long as a direct view of 320×240.
+            slice_ms: 8.0,
         }
     }
 }

@@ -34,6 +34,7 @@ mod drawing;
 mod frames;
 mod geometry;
 mod holdings;
+mod intake;
 mod knobs;
 mod layout;
 mod lights;

@@ -6,8 +6,8 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use argus_gpu::{Gpu, plane, wgpu};
-use argus_scene::{PlaneKind, RenderError, Sample};
+use argus_gpu::{Gpu, wgpu};
+use argus_scene::{PlaneKind, RenderError};
 
 use crate::arrays::{Array, Arrays, PoolClass};
 use crate::passes::halve::HalvePass;
@@ -30,8 +30,10 @@ pub(crate) struct Pool {
 struct Growth {
     arrays: Arrays,
     capacity: u32,
-    /// Layers that are not yet as the pool's are.
-    left: BTreeSet<u32>,
+    /// Layers and planes that are not yet as the pool's are.
+    left: BTreeSet<(u32, usize)>,
+    /// How many of them are done before the next layer is given out; `None` until one is asked for.
+    due: Option<usize>,
 }
 
 /// Layers that a pool begins with: the samples of one tile or the nearest of one cell.
@@ -82,50 +84,73 @@ impl Pool {
         self.view(kind).or_else(|_| self.view(PlaneKind::Radiance))
     }
 
-    /// A layer for one more sample, on the way to arrays of twice the layers where few are free.
+    /// Does a step of what must be done before a layer can be taken, and returns whether all of it is done. Where few are
+    /// free, the pool is on the way to arrays of twice the layers.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] beyond the layers that the device can address.
-    pub(crate) fn take_layer(&mut self, gpu: &Gpu) -> Result<u32, RenderError> {
+    /// Whatever the device fails with.
+    pub(crate) fn prepare_layer(&mut self, gpu: &Arc<Gpu>) -> Result<bool, RenderError> {
         let most = gpu.device.limits().max_texture_array_layers;
         if self.growth.is_none() && self.capacity < most && self.free.len() as u32 <= self.capacity / FEW {
             let capacity = (2 * self.capacity).clamp(FIRST_LAYERS, most);
             let arrays = Arrays::new(gpu, &self.class, capacity);
-            self.growth = Some(Growth { arrays, capacity, left: (0..capacity).collect() });
+            let planes = 0..arrays.count();
+            let left = (0..capacity).flat_map(|layer| planes.clone().map(move |plane| (layer, plane)));
+            let left = left.collect();
+            self.growth = Some(Growth { arrays, capacity, left, due: None });
         }
-        self.grow(gpu);
-        self.free.pop().ok_or_else(|| {
-            let reason =
-                format!("{most} samples of one size are held, and a texture array has no more layers");
-            RenderError::OutOfMemory(reason)
-        })
+        let Some(growth) = &mut self.growth else { return Ok(true) };
+        // It ends no later than the free layers.
+        let due = growth.due.get_or_insert(growth.left.len().div_ceil(self.free.len() + 1));
+        if *due == 0 && !self.free.is_empty() {
+            growth.due = None;
+            return Ok(true);
+        }
+        if let Some((layer, plane)) = growth.left.pop_first() {
+            *due = due.saturating_sub(1);
+            let mut commands = gpu.commands("grow sample pool");
+            match &self.arrays {
+                // New ones are a copy of any: wgpu would set to zero, all at once, what nothing was ever written to.
+                Some(arrays) => {
+                    let from = arrays.array(plane);
+                    growth.arrays.array(plane).copy_layer(
+                        layer,
+                        from,
+                        layer % self.capacity,
+                        commands.encoder(),
+                    );
+                }
+                None => growth.arrays.array(plane).clear_layer(gpu, layer, commands.encoder()),
+            }
+            commands.submit().wait()?;
+        }
+        if growth.left.is_empty() {
+            self.end_growth();
+        }
+        Ok(false)
     }
 
-    /// Brings a growth so far on that it ends no later than the free layers.
-    fn grow(&mut self, gpu: &Gpu) {
-        let Some(growth) = &mut self.growth else { return };
-        if let Some(arrays) = &self.arrays {
-            let count = growth.left.len().div_ceil(self.free.len() + 1);
-            let label = wgpu::CommandEncoderDescriptor { label: Some("grow sample pool") };
-            let mut encoder = gpu.device.create_command_encoder(&label);
-            for layer in std::iter::from_fn(|| growth.left.pop_first()).take(count) {
-                // New ones are a copy of any: wgpu would set to zero, all at once, what nothing was ever written to.
-                growth.arrays.copy_layer(layer, arrays, layer % self.capacity, &mut encoder);
-            }
-            gpu.queue.submit([encoder.finish()]);
-        } else {
-            growth.left.clear();
-        }
-        if growth.left.is_empty()
-            && let Some(grown) = self.growth.take()
-        {
-            self.free.extend((self.capacity..grown.capacity).rev());
-            self.capacity = grown.capacity;
-            self.arrays = Some(grown.arrays);
-            // Made again, in a larger array, by the next search that asks.
-            self.pyramids = None;
-            tracing::debug!(layers = self.capacity, ?self.class, "sample pool grown");
-        }
+    fn end_growth(&mut self) {
+        let Some(grown) = self.growth.take() else { return };
+        self.free.extend((self.capacity..grown.capacity).rev());
+        self.capacity = grown.capacity;
+        self.arrays = Some(grown.arrays);
+        // Made again, in a larger array, by the next search that asks.
+        self.pyramids = None;
+        tracing::debug!(layers = self.capacity, ?self.class, "sample pool grown");
+    }
+
+    /// A layer for one more sample, after [`Self::prepare_layer`].
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] beyond the layers that the device can address.
+    pub(crate) fn take_layer(&mut self) -> Result<u32, RenderError> {
+        self.free.pop().ok_or_else(|| {
+            let held = self.capacity;
+            let reason =
+                format!("{held} samples of one size are held, and a texture array has no more layers");
+            RenderError::OutOfMemory(reason)
+        })
     }
 
     /// Gives a layer back.
@@ -175,19 +200,10 @@ impl Pool {
         self.free.len() as u32 == self.capacity
     }
 
-    /// Puts a sample's planes into a layer.
-    ///
-    /// # Errors
-    /// [`RenderError::Internal`] if they do not fit, which validation excludes.
-    pub(crate) fn write(&mut self, gpu: &Gpu, sample: &Sample, layer: u32) -> Result<(), RenderError> {
+    /// Says that something of a layer is about to change: a growth copies it once more.
+    pub(crate) fn changes(&mut self, layer: u32) {
         if let Some(growth) = &mut self.growth {
-            growth.left.insert(layer);
+            growth.left.extend((0..growth.arrays.count()).map(|plane| (layer, plane)));
         }
-        for (kind, array) in self.arrays.iter().flat_map(|arrays| &arrays.planes) {
-            if let Some(plane) = sample.plane(*kind) {
-                plane::copy_into_layer(gpu, plane, &array.texture, layer)?;
-            }
-        }
-        Ok(())
     }
 }

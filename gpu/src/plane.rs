@@ -1,5 +1,6 @@
 //! Sample planes as textures and as bytes.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use argus_scene::{Plane, PlaneData, PlaneFormat, RenderError};
@@ -58,17 +59,30 @@ pub fn copy_into_layer(
     array: &wgpu::Texture,
     layer: u32,
 ) -> Result<(), RenderError> {
+    copy_rows_into_layer(gpu, plane, 0..plane.size[1], array, layer)
+}
+
+/// Puts some rows of a plane where [`copy_into_layer`] puts all of them.
+///
+/// # Errors
+/// [`RenderError::Internal`] if sizes disagree, or the plane has no such rows.
+pub fn copy_rows_into_layer(
+    gpu: &Gpu,
+    plane: &Plane,
+    rows: Range<u32>,
+    array: &wgpu::Texture,
+    layer: u32,
+) -> Result<(), RenderError> {
     let [width, height] = plane.size;
-    let extent = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-    let target = wgpu::TexelCopyTextureInfo {
-        texture: array,
-        mip_level: 0,
-        origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
-        aspect: wgpu::TextureAspect::All,
-    };
-    if [array.width(), array.height()] != plane.size || array.format() != texture_format(plane.format) {
+    let fits =
+        [array.width(), array.height()] == plane.size && array.format() == texture_format(plane.format);
+    if !fits || rows.start > rows.end || rows.end > height {
         return Err(RenderError::Internal("a plane does not fit its texture array".to_owned()));
     }
+    let extent = wgpu::Extent3d { width, height: rows.end - rows.start, depth_or_array_layers: 1 };
+    let origin = wgpu::Origin3d { x: 0, y: rows.start, z: layer };
+    let target =
+        wgpu::TexelCopyTextureInfo { texture: array, mip_level: 0, origin, aspect: wgpu::TextureAspect::All };
     match &plane.data {
         PlaneData::Host(bytes) => {
             let row = width as usize * plane.format.texel_bytes();
@@ -76,7 +90,7 @@ pub fn copy_into_layer(
                 return Err(RenderError::Internal("a plane's bytes do not match its size".to_owned()));
             }
             let layout = wgpu::TexelCopyBufferLayout {
-                offset: 0,
+                offset: u64::from(rows.start) * row as u64,
                 bytes_per_row: Some(row as u32),
                 rows_per_image: None,
             };
@@ -86,7 +100,9 @@ pub fn copy_into_layer(
             let Some(texture) = device_texture(plane)? else { return Ok(()) };
             let label = wgpu::CommandEncoderDescriptor { label: Some("hold plane") };
             let mut encoder = gpu.device.create_command_encoder(&label);
-            encoder.copy_texture_to_texture(texture.as_image_copy(), target, extent);
+            let mut source = texture.as_image_copy();
+            source.origin.y = rows.start;
+            encoder.copy_texture_to_texture(source, target, extent);
             gpu.queue.submit([encoder.finish()]);
         }
     }

@@ -191,7 +191,29 @@ pub trait Compositor: Send {
     /// [`RenderError::OutOfMemory`] if they do not fit, [`RenderError::Invalid`] if a plane is malformed.
     fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError>;
 
-    /// Forgets samples; unknown ids are ignored.
+    /// Does the next slice of [`Self::hold`], of about 10 ms, and returns whether all of the samples are held. Views may be
+    /// composed and other samples held between slices. What a slice did is not done again, as long as the samples live. A
+    /// compositor that knows no slices, as here, holds all at once.
+    ///
+    /// # Errors
+    /// Those of [`Self::hold`]; the samples that are not held yet are then begun anew by the next call.
+    fn hold_slice(&mut self, set: &SampleSet) -> Result<bool, RenderError> {
+        self.hold(set).map(|()| true)
+    }
+
+    /// Makes the programs ready that such a view calls for, so that no view waits for a driver that compiles them. `between`
+    /// is called between slices of the work, as small as the driver makes them. The view is composed for it, and thrown
+    /// away.
+    ///
+    /// # Errors
+    /// Those of composing the view.
+    fn ready(&mut self, view: &ViewJob, between: &mut dyn FnMut()) -> Result<(), RenderError> {
+        let frames = self.compose(std::slice::from_ref(view), &Cancel::default());
+        between();
+        frames.into_iter().try_for_each(|frame| frame.map(drop))
+    }
+
+    /// Forgets samples, also those that are held in part; unknown ids are ignored.
     fn release(&mut self, ids: &[SampleId]);
 
     /// Reconstructs views whose plan is [`Plan::Warp`], one result each, in order. Views of different

@@ -24,6 +24,8 @@ struct Mips {
     exposure: f32,
     // The samples carry what specular needs.
     glossy: u32,
+    // Where a dispatch begins.
+    first_row: u32,
 }
 
 var<immediate> mips: Mips;
@@ -71,18 +73,20 @@ fn store_display(texel: vec2u, mean: vec3f) {
 // The finest level of the display plane.
 @compute @workgroup_size(8, 8)
 fn finest(@builtin(global_invocation_id) id: vec3u) {
-    if all(id.xy < mips.size) {
-        store_display(id.xy, textureLoad(radiance, id.xy, mips.layer, 0).rgb);
+    let texel = id.xy + vec2u(0u, mips.first_row);
+    if all(texel < mips.size) {
+        store_display(texel, textureLoad(radiance, texel, mips.layer, 0).rgb);
     }
 }
 
 @compute @workgroup_size(8, 8)
 fn coarsen(@builtin(global_invocation_id) id: vec3u) {
-    if any(id.xy >= mips.size) {
+    let texel = id.xy + vec2u(0u, mips.first_row);
+    if any(texel >= mips.size) {
         return;
     }
     // The four around this texel's centre: where a side is odd, levels do not nest.
-    let center = (vec2f(id.xy) + 0.5) * vec2f(mips.finer) / vec2f(mips.size);
+    let center = (vec2f(texel) + 0.5) * vec2f(mips.finer) / vec2f(mips.size);
     let first = min(vec2u(max(center - 0.5, vec2f(0.0)) + 1e-3), mips.finer - 1u);
     let last = min(first + 1u, mips.finer - 1u);
     let a = first;
@@ -108,13 +112,13 @@ fn coarsen(@builtin(global_invocation_id) id: vec3u) {
     sum += mask.z * textureLoad(radiance, c, mips.layer, 0).rgb;
     sum += mask.w * textureLoad(radiance, d, mips.layer, 0).rgb;
     let mean = sum / count;
-    ranges[mips.range + id.y * mips.size.x + id.x] = dot(mask, select(vec4f(0.0), four, mask > vec4f(0.0))) / count;
-    store_display(id.xy, mean);
+    ranges[mips.range + texel.y * mips.size.x + texel.x] = dot(mask, select(vec4f(0.0), four, mask > vec4f(0.0))) / count;
+    store_display(texel, mean);
     if wide {
-        let at = mips.word + id.y * mips.pitch + 2u * id.x;
+        let at = mips.word + texel.y * mips.pitch + 2u * texel.x;
         words[at] = pack2x16float(mean.rg);
         words[at + 1u] = pack2x16float(vec2f(mean.b, 1.0));
     } else {
-        words[mips.word + id.y * mips.pitch + id.x] = rgb9e5_from_radiance(mean);
+        words[mips.word + texel.y * mips.pitch + texel.x] = rgb9e5_from_radiance(mean);
     }
 }

@@ -1,44 +1,17 @@
 //! Samples that are at hand before a view asks for them: rendered when nothing else waits, or fetched.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Duration;
 
 use argus_proto::Fault;
 use argus_scene::{Sample, SampleId, SampleSetInfo};
-use parking_lot::Mutex;
-use tokio::sync::{Semaphore, watch};
-use tokio::task::AbortHandle;
+use tokio::sync::watch;
 use tracing::debug;
 
-use super::fetch::{self, For};
+use super::bringing::Bringing;
+use super::fetch;
+use super::fetches::For;
 use super::node::Node;
-
-/// Samples that are fetched at the same time: the others' views come first.
-const FETCHES: usize = 2;
-
-/// After a sample could not be had, it is asked for again after this long.
-const PAUSE: Duration = Duration::from_millis(500);
-
-/// A sample on its way here, or here.
-struct Bringing {
-    /// Tells the task where the sample is.
-    told: watch::Sender<Vec<String>>,
-    /// Ends the task, which may be over.
-    task: AbortHandle,
-}
-
-/// What the newest assignment wants at hand.
-pub(super) struct Ahead {
-    wanted: Mutex<BTreeMap<SampleId, Bringing>>,
-    turns: Semaphore,
-}
-
-impl Default for Ahead {
-    fn default() -> Self {
-        Self { wanted: Mutex::default(), turns: Semaphore::new(FETCHES) }
-    }
-}
+use super::policy::{self, Need, PAUSE, Seek};
 
 /// Has these samples at hand, each fetched from the first of its addresses that has it, or rendered here where
 /// it has none; forgets refinements that an earlier call wanted and this one does not. The rig's own samples stay: as long as
@@ -102,21 +75,28 @@ async fn at_hand(
     }
     // Others who are fed from here join it.
     let fetch = node.fetches.join((id, For::Later), || {
-        let (node, info, addresses) = (node.clone(), info.clone(), addresses.to_vec());
-        match addresses.is_empty() {
-            true => Box::pin(async move { node.render_sample_ahead(id, info, to_host).await }),
-            false => Box::pin(async move {
-                match fetched(&node, &info, id, &addresses).await {
-                    // Who has it has it on a device alone, or no longer, or hangs.
-                    Err(_) if to_host => node.render_sample_ahead(id, info, to_host).await,
-                    fetched => fetched,
-                }
-            }),
-        }
+        Box::pin(brought(node.clone(), info.clone(), id, addresses.to_vec(), to_host))
     });
     let sample = fetch.await?;
     node.take_up(info.clone(), sample).await;
     Ok(())
+}
+
+/// The sample from another worker or, as [`policy::seek`] says, rendered here.
+async fn brought(
+    node: Arc<Node>,
+    info: Arc<SampleSetInfo>,
+    id: SampleId,
+    addresses: Vec<String>,
+    to_host: bool,
+) -> Result<Arc<Sample>, Fault> {
+    let fetched = fetched(&node, &info, id, &addresses).await;
+    let need = Need::Later { feeds_others: to_host };
+    match (fetched, policy::seek(need, addresses.len(), addresses.len())) {
+        // Those who have it have it on a device alone, or no longer, or hang.
+        (Err(_), Seek::Render { .. }) => node.render_sample_ahead(id, info, to_host).await,
+        (fetched, _) => fetched,
+    }
 }
 
 /// The sample from the first of the others who has it, or is about to.
@@ -126,6 +106,10 @@ async fn fetched(
     id: SampleId,
     addresses: &[String],
 ) -> Result<Arc<Sample>, Fault> {
+    let mut last = Fault::NotFound("nobody is said to have it".to_owned());
+    if addresses.is_empty() {
+        return Err(last);
+    }
     let closed = |_| Fault::Unavailable("the worker is shutting down".to_owned());
     // Where the scene stands still, what is to be fetched is there. Samples of the next moment may have to be waited
     // for, by whoever feeds this worker as well: with turns, two could wait for each other.
@@ -133,7 +117,6 @@ async fn fetched(
         true => Some(node.ahead.turns.acquire().await.map_err(closed)?),
         false => None,
     };
-    let mut last = Fault::NotFound("nobody is said to have it".to_owned());
     for address in addresses {
         if let Some(sample) = node.store.get(id) {
             return Ok(sample);

@@ -9,6 +9,9 @@ use serde::Serialize;
 use crate::network::Network;
 use crate::security::Security;
 
+/// When a full worker may have room again: a few batches later.
+pub(super) const RETRY: Duration = Duration::from_millis(250);
+
 /// What a worker can be told; only [`Config::new`]'s argument has no default.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Config {

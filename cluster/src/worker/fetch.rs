@@ -9,7 +9,6 @@
 //! order, the host copy serves both; the other way round the sample is rendered once more, byte for byte the
 //! same, which costs less than reading back every sample of a cluster of one.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -19,73 +18,19 @@ use argus_proto::trace::{TARGET, within};
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
 use argus_scene::{Sample, SampleId, SampleSetInfo};
-use futures::FutureExt;
-use futures::future::{BoxFuture, Shared, WeakShared};
-use parking_lot::Mutex;
-use tokio::sync::Notify;
 use tokio::time::Instant;
 use tracing::{Instrument, Span, debug_span, warn};
 
+use super::fetches::For;
 use super::node::Node;
 use super::packed::Chunks;
+use super::policy::{self, ANNOUNCED, Need, Seek, Serve};
 use super::store::is_on_host;
 use crate::core::{Role, Source};
 use crate::seldom::Seldom;
 
-pub(super) type Fetch = BoxFuture<'static, Result<Arc<Sample>, Fault>>;
-
-/// What a sample is fetched for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum For {
-    /// A view of this process.
-    View,
-    /// Another process: its planes must be in host memory.
-    Other,
-    /// Views to come.
-    Later,
-}
-
-/// How long another worker's request waits for a sample that is said to be on its way here, until it begins to come:
-/// whoever sent the other one here has told this one, too, or is about to.
-const ANNOUNCED: Duration = Duration::from_secs(1);
-
-/// … and until it is there.
+/// How long another worker's request waits for a sample that has begun to come here.
 const COMING: Duration = Duration::from_secs(20);
-
-/// Fetches under way, by sample and purpose. A fetch whose last waiter gives up is dropped with it.
-#[derive(Default)]
-pub(super) struct Fetches {
-    under_way: Mutex<HashMap<(SampleId, For), WeakShared<Fetch>>>,
-    /// Rings when another one begins.
-    begun: Notify,
-}
-
-impl Fetches {
-    /// Joins the fetch of that sample, or starts it.
-    pub(super) fn join(&self, key: (SampleId, For), start: impl FnOnce() -> Fetch) -> Shared<Fetch> {
-        let mut under_way = self.under_way.lock();
-        if let Some(fetch) = under_way.get(&key).and_then(WeakShared::upgrade)
-            && fetch.peek().is_none()
-        {
-            return fetch;
-        }
-        under_way.retain(|_, fetch| fetch.upgrade().is_some_and(|fetch| fetch.peek().is_none()));
-        let fetch = start().shared();
-        under_way.extend(fetch.downgrade().map(|weak| (key, weak)));
-        drop(under_way);
-        self.begun.notify_waiters();
-        fetch
-    }
-
-    /// The fetch of that sample for one of these purposes, if there is one.
-    fn find(&self, id: SampleId, purposes: &[For]) -> Option<Shared<Fetch>> {
-        let under_way = self.under_way.lock();
-        purposes.iter().find_map(|purpose| {
-            let fetch = under_way.get(&(id, *purpose)).and_then(WeakShared::upgrade)?;
-            fetch.peek().is_none().then_some(fetch)
-        })
-    }
-}
 
 /// The sample for this process's own views.
 ///
@@ -122,29 +67,36 @@ async fn fetched_or_rendered(
     if let Some(sample) = node.store.get(id) {
         return Ok(sample);
     }
-    for address in addresses.iter().filter(|address| **address != node.hello.address) {
-        match from_other(&node, &info, id, address, false).await {
-            Ok(received) => return Ok(node.store.insert_received(received)),
-            Err(fault) => {
-                static MISSED: Seldom = Seldom::new();
-                if let Some(left_out) = MISSED.now() {
-                    warn!(%id, address, %fault, left_out, "sample not to be had there");
+    let others: Vec<&String> = addresses.iter().filter(|address| **address != node.hello.address).collect();
+    let mut asked = 0;
+    loop {
+        match policy::seek(Need::View { dispensable }, asked, others.len()) {
+            Seek::Ask(next) => {
+                let address = others[next];
+                match from_other(&node, &info, id, address, false).await {
+                    Ok(received) => return Ok(node.store.insert_received(received)),
+                    Err(fault) => {
+                        static MISSED: Seldom = Seldom::new();
+                        if let Some(left_out) = MISSED.now() {
+                            warn!(%id, address, %fault, left_out, "sample not to be had there");
+                        }
+                    }
                 }
+                asked += 1;
             }
-        }
-    }
-    match dispensable {
-        true => Err(Fault::NotFound(format!("sample {id} is with none of those who had it"))),
-        false => {
-            // Who only composes has lost one who renders it for all: others will ask here.
-            let to_host = node.acting().is_some_and(|role| !role.samples());
-            node.render_sample(id, info, to_host).await
+            Seek::Render { .. } => {
+                // A compositor that renders has lost the sampler that rendered for all: others will ask here.
+                let to_host = node.acting().is_some_and(|role| !role.samples());
+                return node.render_sample(id, info, to_host).await;
+            }
+            Seek::GiveUp | Seek::AskAgain => {
+                return Err(Fault::NotFound(format!("sample {id} is with none of those who had it")));
+            }
         }
     }
 }
 
-/// The sample for another process. Who samples renders it, at once unless it is wanted `ahead` of demand and is about to
-/// be rendered here anyway; who does not passes on what it is fetching itself.
+/// The sample for another process: rendered here, or passed on once it has come here, as [`policy::serve`] says.
 pub(super) async fn on_host(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
@@ -155,13 +107,13 @@ pub(super) async fn on_host(
         return Ok(sample);
     }
     let samples = node.acting().is_none_or(Role::samples);
-    if ahead || !samples {
-        match tokio::time::timeout(COMING, passed_on(&node, id)).await {
-            Ok(Some(sample)) => return Ok(sample),
-            Ok(None) if samples => {}
-            Ok(None) | Err(_) => {
-                return Err(Fault::NotFound(format!("sample {id} is neither here nor on its way here")));
-            }
+    if policy::serve(samples, ahead, false) == Serve::Await {
+        let coming = tokio::time::timeout(COMING, passed_on(&node, id)).await;
+        if let Ok(Some(sample)) = coming {
+            return Ok(sample);
+        }
+        if coming.is_err() || policy::serve(samples, ahead, true) == Serve::Refuse {
+            return Err(Fault::NotFound(format!("sample {id} is neither here nor on its way here")));
         }
     }
     let fetch = node.fetches.join((id, For::Other), || {
@@ -180,7 +132,7 @@ pub(super) async fn on_host(
 async fn passed_on(node: &Node, id: SampleId) -> Option<Arc<Sample>> {
     let announced = Instant::now() + ANNOUNCED;
     loop {
-        let begun = node.fetches.begun.notified();
+        let begun = node.fetches.begun();
         tokio::pin!(begun);
         // From here on no bell is missed.
         begun.as_mut().enable();

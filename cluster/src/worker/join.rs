@@ -16,8 +16,9 @@ use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
 use tracing::{debug, info, warn};
 
+use super::config::RunError;
 use super::node::Node;
-use super::{RunError, ahead, scene};
+use super::{ahead, policy, scene};
 use crate::core::Role;
 use crate::sealed::SealKey;
 use crate::seldom::Seldom;
@@ -289,15 +290,7 @@ async fn take_up(
         false => node.forget_ways(),
     }
     if let Some(before) = node.acting() {
-        loop {
-            let backlog = node.backlog();
-            let samples_due = before.samples()
-                && !duty.role.samples()
-                && backlog.direct + backlog.samples + backlog.pixels > 0;
-            let views_due = before.composites() && !duty.role.composites() && backlog.views > 0;
-            if !(samples_due || views_due) {
-                break;
-            }
+        while !policy::may_change_role(before, duty.role, &node.backlog()) {
             tokio::time::sleep(DRAIN_LOOK).await;
         }
     }

@@ -1,25 +1,30 @@
 //! The worker: joins a coordinator and renders what it is told to.
 //!
 //! `join` is its life with the coordinator, `views` and `samples` are the services it offers, `fetch` brings
-//! the samples together that a view needs, `trace` the pixels that none of them saw, and `render` is the one thread that touches the two roles, fed by
-//! `queue`. `store` holds the samples, `node` is what all of them share.
+//! the samples together that a view needs, `trace` the pixels that none of them saw, and `render` is the one thread that
+//! touches the two roles, fed by `queue` in the order that [`policy`] says. `store` holds the samples, `node` is what all of them share.
 
 mod ahead;
+mod bound;
+mod bringing;
 mod claim;
 mod config;
 mod fetch;
+mod fetches;
+mod frame_memory;
 mod health;
 mod histories;
 mod join;
 mod meter;
 mod node;
 mod packed;
+pub mod policy;
 mod probe;
 mod queue;
 mod render;
-mod room;
 mod samples;
 mod scene;
+mod slices;
 mod store;
 mod trace;
 mod views;

@@ -15,23 +15,21 @@ use parking_lot::Mutex;
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, oneshot, watch};
 use tracing::{Span, debug_span};
 
-use super::Config;
-use super::ahead::Ahead;
+use super::bringing::Ahead;
 use super::claim::claim;
-use super::fetch::Fetches;
+use super::config::{Config, RETRY};
+use super::fetches::Fetches;
+use super::frame_memory::FrameMemory;
 use super::health::Health;
 use super::histories::Histories;
 use super::meter::Meter;
+use super::policy::{self, Waiting};
 use super::probe::Probes;
-use super::queue::{Backlog, PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
-use super::room::Rooms;
+use super::queue::{Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
 use crate::sealed::{Kind, SealKey, Shown};
-
-/// When a full worker may have room again: a few batches later.
-pub(super) const RETRY: Duration = Duration::from_millis(250);
 
 /// Epochs whose sets are kept: those of views in work, and the next one.
 const EPOCHS_AT_HAND: usize = 8;
@@ -65,11 +63,10 @@ pub(super) struct Node {
     pub(super) ahead: Ahead,
     /// Rings when a report is due before its time.
     pub(super) news: Notify,
-    /// Turns of packing frames and samples: as many at a time as leave the render thread its core. A batch ends with
-    /// all of its frames at once, and as many threads would keep the next batch waiting.
+    /// Turns of packing frames and samples.
     pub(super) packing: Semaphore,
     /// Memory for frames.
-    pub(super) rooms: Rooms,
+    pub(super) frame_memory: FrameMemory,
     /// What the last frames of sessions left.
     pub(super) histories: Histories,
     /// How well errors were predicted.
@@ -116,9 +113,9 @@ impl Node {
         health: Arc<Health>,
     ) -> Arc<Self> {
         Arc::new(Self {
-            packing: Semaphore::new((hello.cores as usize).saturating_sub(1).max(1)),
+            packing: Semaphore::new(policy::threads_beside(hello.cores)),
             fetching: Arc::new(Semaphore::new((config.max_queued_views / 2).max(1))),
-            rooms: Rooms::new(config.frame_bytes),
+            frame_memory: FrameMemory::new(config.frame_bytes),
             histories: Histories::new(config.history_bytes),
             probes: Probes::default(),
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
@@ -334,7 +331,7 @@ impl Node {
         let mut report = Report {
             applied: told.applied,
             queued_samples: backlog.samples as u32,
-            queued_views: (backlog.views + backlog.direct + backlog.pixels) as u32,
+            queued_views: (backlog.warped + backlog.direct + backlog.pixels) as u32,
             held: self.store.ids(),
             leaving: told.leaving,
             piece_ms: self.queue.at_piece_for().as_secs_f64() * 1e3,
@@ -355,11 +352,11 @@ impl Node {
 
     /// Whether a view, or a part of one, waits for the render thread or is in work.
     pub(super) fn has_views(&self) -> bool {
-        let Backlog { views, direct, pixels, .. } = self.backlog();
-        views + direct + pixels > 0
+        let Waiting { warped, direct, pixels, .. } = self.backlog();
+        warped + direct + pixels > 0
     }
 
-    pub(super) fn backlog(&self) -> Backlog {
+    pub(super) fn backlog(&self) -> Waiting {
         self.queue.backlog()
     }
 
@@ -410,12 +407,11 @@ impl Node {
         Ok(())
     }
 
-    /// Has the compositor hold a sample before views ask for it, once nothing else is to be done, and only then says that
-    /// it is here.
+    /// Has the compositor hold a sample before views ask for it, and only then says that it is here.
     pub(super) async fn take_up(&self, info: Arc<SampleSetInfo>, sample: Arc<Sample>) {
         let id = sample.id;
         let (reply, done) = oneshot::channel();
-        self.queue.order_last(Work::TakeUp { info, sample, reply });
+        self.queue.push_background(Background::TakeUp { info, sample, reply: Some(reply) });
         // A thread that stops takes nothing up, and nobody asks any more.
         let _ = done.await;
         self.store.announce(id);
@@ -526,8 +522,8 @@ impl Node {
     }
 
     fn overloaded(&self, what: &str) -> Fault {
-        let Backlog { samples, views, direct, .. } = self.queue.backlog();
-        let what = format!("{samples} samples and {} views wait here, no more {what} fit", views + direct);
+        let Waiting { samples, warped, direct, .. } = self.queue.backlog();
+        let what = format!("{samples} samples and {} views wait here, no more {what} fit", warped + direct);
         Fault::Overloaded { what, retry_after: RETRY }
     }
 

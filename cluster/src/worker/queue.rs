@@ -1,9 +1,7 @@
-//! What waits for the render thread.
+//! What waits for the render thread, in one queue a kind of work. Which queue is next is in [`super::policy`].
 //!
-//! Samples go first, since views of this and of other processes wait for them; then pixels that no sample saw,
-//! since all else of their views is done; then batches of reconstructed and of direct views take turns, so that
-//! neither starves the other; last, samples ahead of demand. The queues are bounded: what does not
-//! fit is turned away at once. While a sampler is made, in a thread of its own, what needs one waits, and views go on.
+//! The queues are bounded: what does not fit is turned away at once. While a sampler is made, in a thread of its own, what
+//! needs one waits, and views from samples go on.
 
 use std::collections::VecDeque;
 use std::ops::Add;
@@ -17,7 +15,10 @@ use parking_lot::{Condvar, Mutex};
 use tokio::sync::oneshot;
 
 use super::claim::Claimed;
+use super::config::Config;
+use super::policy::{Kind, Limits, Policy, Turn, Waiting, take_batch};
 use crate::core::Role;
+use crate::core::quality::Cost;
 
 /// A view for the render thread.
 pub(super) struct ViewTask {
@@ -77,12 +78,8 @@ pub(super) enum Work {
         backends: bool,
         reply: oneshot::Sender<Result<Ways, RenderError>>,
     },
-    /// Have the compositor hold a sample before a view asks for it.
-    TakeUp {
-        info: Arc<SampleSetInfo>,
-        sample: Arc<Sample>,
-        reply: oneshot::Sender<()>,
-    },
+    /// A slice of what nobody waits for.
+    Background(Background),
     Samples(Vec<SampleTask>),
     Pixels(Vec<PixelTask>),
     Views(Vec<ViewTask>),
@@ -90,6 +87,18 @@ pub(super) enum Work {
     /// Nothing came for a while.
     Nothing,
     Stop,
+}
+
+/// Work that nobody waits for, done in slices.
+pub(super) enum Background {
+    /// Have the compositor hold a sample before a view asks for it. `reply` hears that it is done, or that it came to nothing.
+    TakeUp { info: Arc<SampleSetInfo>, sample: Arc<Sample>, reply: Option<oneshot::Sender<()>> },
+    /// Tell what was measured. It is queued behind samples that are to be taken up first.
+    Measured {
+        warp_cost: Option<Cost>,
+        ways: Result<Ways, RenderError>,
+        reply: oneshot::Sender<Result<Ways, RenderError>>,
+    },
 }
 
 impl Work {
@@ -101,40 +110,19 @@ impl Work {
             | Self::Samples(_)
             | Self::Pixels(_)
             | Self::Direct(_) => true,
-            Self::Scene(_) | Self::TakeUp { .. } | Self::Views(_) | Self::Nothing | Self::Stop => false,
+            Self::Scene(_) | Self::Background(_) | Self::Views(_) | Self::Nothing | Self::Stop => false,
         }
     }
 
-    fn backlog(&self) -> Backlog {
-        let none = Backlog::default();
+    /// What of it somebody waits for.
+    fn in_work(&self) -> Waiting {
+        let none = Waiting::default();
         match self {
-            Self::Samples(tasks) => Backlog { samples: tasks.len(), ..none },
-            Self::Pixels(tasks) => Backlog { pixels: tasks.len(), ..none },
-            Self::Views(tasks) => Backlog { views: tasks.len(), ..none },
-            Self::Direct(tasks) => Backlog { direct: tasks.len(), ..none },
+            Self::Samples(tasks) => Waiting { samples: tasks.len(), ..none },
+            Self::Pixels(tasks) => Waiting { pixels: tasks.len(), ..none },
+            Self::Views(tasks) => Waiting { warped: tasks.len(), ..none },
+            Self::Direct(tasks) => Waiting { direct: tasks.len(), ..none },
             _ => none,
-        }
-    }
-}
-
-/// How much waits or is in work.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) struct Backlog {
-    pub(super) samples: usize,
-    pub(super) views: usize,
-    pub(super) direct: usize,
-    pub(super) pixels: usize,
-}
-
-impl Add for Backlog {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self {
-            samples: self.samples + other.samples,
-            views: self.views + other.views,
-            direct: self.direct + other.direct,
-            pixels: self.pixels + other.pixels,
         }
     }
 }
@@ -147,17 +135,16 @@ struct State {
     views: VecDeque<ViewTask>,
     direct: VecDeque<ViewTask>,
     ahead: VecDeque<SampleTask>,
-    /// Samples that the compositor shall hold before views ask for them.
-    take_up: VecDeque<Work>,
+    background: VecDeque<Background>,
     /// Work that was taken before it turned out that there is no sampler yet.
     postponed: VecDeque<Work>,
     makes_sampler: bool,
-    in_work: Backlog,
+    in_work: Waiting,
     /// When what is in work was taken.
     taken: Option<Instant>,
-    /// It is not that yet that the render thread is at: it makes what it needs for it.
+    /// The render thread makes what it needs for the work that it took.
     gets_ready: bool,
-    direct_had_its_turn: bool,
+    policy: Policy,
     usual_visibility: Visibility,
     stopped: bool,
 }
@@ -166,8 +153,6 @@ struct State {
 pub(super) struct Queue {
     max_views: usize,
     max_samples: usize,
-    max_batch: usize,
-    max_direct_batch: usize,
     state: Mutex<State>,
     filled: Condvar,
 }
@@ -176,13 +161,12 @@ pub(super) struct Queue {
 pub(super) struct Full;
 
 impl Queue {
-    pub(super) fn new(config: &super::Config) -> Self {
+    pub(super) fn new(config: &Config) -> Self {
+        let limits = Limits { warped: config.max_batch, direct: config.max_direct_batch };
         Self {
             max_views: config.max_queued_views,
             max_samples: config.max_queued_samples,
-            max_batch: config.max_batch.max(1),
-            max_direct_batch: config.max_direct_batch.max(1),
-            state: Mutex::default(),
+            state: Mutex::new(State { policy: Policy::new(limits), ..State::default() }),
             filled: Condvar::new(),
         }
     }
@@ -195,14 +179,22 @@ impl Queue {
         self.filled.notify_one();
     }
 
-    /// Queues samples that the compositor shall hold.
-    pub(super) fn order_last(&self, work: Work) {
+    /// Queues work that nobody waits for.
+    pub(super) fn push_background(&self, work: Background) {
         let mut state = self.state.lock();
-        // Whoever waits for it hears that it came to nothing.
+        // After the end it is dropped, and its reply with it.
         if !state.stopped {
-            state.take_up.push_back(work);
+            state.background.push_back(work);
         }
         self.filled.notify_one();
+    }
+
+    /// Queues the rest of such work, of which a slice is done, before all other.
+    pub(super) fn put_back(&self, work: Background) {
+        let mut state = self.state.lock();
+        if !state.stopped {
+            state.background.push_front(work);
+        }
     }
 
     pub(super) fn push_view(&self, task: ViewTask) -> Result<(), Full> {
@@ -247,13 +239,13 @@ impl Queue {
     /// Waits for work, and no longer than that. What came before is done, whatever became of it.
     pub(super) fn next(&self, at_most: Duration) -> Work {
         let mut state = self.state.lock();
-        state.in_work = Backlog::default();
+        state.in_work = Waiting::default();
         state.taken = None;
         state.gets_ready = false;
         loop {
             state.forget_the_gone();
-            if let Some(work) = state.take(self.max_batch, self.max_direct_batch) {
-                state.in_work = work.backlog();
+            if let Some(work) = state.take() {
+                state.in_work = work.in_work();
                 state.taken = Some(Instant::now());
                 return work;
             }
@@ -294,18 +286,16 @@ impl Queue {
         None
     }
 
-    /// Between two parts of a sample that nobody waits for: answers what came meanwhile, a batch of each kind, unless an
-    /// order or a sample that somebody waits for came, which needs the sampler to itself.
-    pub(super) fn give_way(&self, mut answer: impl FnMut(Work)) {
-        for take in [State::take_pixels, State::take_direct, State::take_views] {
+    /// Between two slices of work that nobody waits for: answers what came meanwhile, by the rules of
+    /// [`Policy::between`]. `composes`: views from samples can be answered, too.
+    pub(super) fn give_way(&self, composes: bool, mut answer: impl FnMut(Work)) {
+        self.state.lock().policy.pause();
+        loop {
             let mut state = self.state.lock();
             state.taken = Some(Instant::now());
             state.forget_the_gone();
-            if !(state.orders.is_empty() && state.samples.is_empty()) {
-                return;
-            }
-            let Some(work) = take(&mut state, self.max_batch, self.max_direct_batch) else { continue };
-            let before = std::mem::replace(&mut state.in_work, work.backlog());
+            let Some(work) = state.take_between(composes) else { return };
+            let before = std::mem::replace(&mut state.in_work, work.in_work());
             drop(state);
             answer(work);
             let mut state = self.state.lock();
@@ -319,10 +309,10 @@ impl Queue {
         self.state.lock().taken.map_or(Duration::ZERO, |taken| taken.elapsed())
     }
 
-    /// … at samples, views or pixels, for which it has all that it needs.
+    /// How long it has been at samples, views or pixels for which it has all that it needs; zero while it is not.
     pub(super) fn at_piece_for(&self) -> Duration {
         let state = self.state.lock();
-        let at_one = state.in_work != Backlog::default() && !state.gets_ready;
+        let at_one = state.in_work != Waiting::default() && !state.gets_ready;
         state.taken.filter(|_| at_one).map_or(Duration::ZERO, |taken| taken.elapsed())
     }
 
@@ -336,30 +326,53 @@ impl Queue {
         made
     }
 
-    pub(super) fn backlog(&self) -> Backlog {
+    /// What waits or is in work.
+    pub(super) fn backlog(&self) -> Waiting {
         let state = self.state.lock();
-        let waits = Backlog {
-            samples: state.samples.len(),
-            views: state.views.len(),
-            direct: state.direct.len(),
-            pixels: state.pixels.len(),
-        };
-        state.postponed.iter().map(Work::backlog).fold(waits + state.in_work, Add::add)
+        state.postponed.iter().map(Work::in_work).fold(state.waiting() + state.in_work, Add::add)
     }
 }
 
 impl State {
-    fn take_pixels(&mut self, _: usize, most: usize) -> Option<Work> {
-        let count = self.pixels.len().min(most);
-        (count > 0).then(|| Work::Pixels(self.pixels.drain(..count).collect()))
+    fn waiting(&self) -> Waiting {
+        Waiting {
+            orders: self.orders.len(),
+            scene_changes: self.orders.iter().any(|order| matches!(order, Work::Scene(_) | Work::Stop)),
+            postponed: self.postponed.len(),
+            samples: self.samples.len(),
+            pixels: self.pixels.len(),
+            direct: self.direct.len(),
+            warped: self.views.len(),
+            background: self.background.len(),
+            ahead: self.ahead.len(),
+            sampler_is_coming: self.makes_sampler,
+        }
     }
 
-    fn take_direct(&mut self, _: usize, most: usize) -> Option<Work> {
-        (!self.direct.is_empty()).then(|| Work::Direct(take_batch(&mut self.direct, most)))
+    fn take(&mut self) -> Option<Work> {
+        let turn = self.policy.next(&self.waiting())?;
+        self.work_of(turn)
     }
 
-    fn take_views(&mut self, most: usize, _: usize) -> Option<Work> {
-        (!self.views.is_empty()).then(|| Work::Views(take_batch(&mut self.views, most)))
+    fn take_between(&mut self, composes: bool) -> Option<Work> {
+        let mut waiting = self.waiting();
+        waiting.warped = if composes { waiting.warped } else { 0 };
+        let turn = self.policy.between(&waiting)?;
+        self.work_of(turn)
+    }
+
+    /// Takes the batch of a turn from its queue.
+    fn work_of(&mut self, Turn { kind, most }: Turn) -> Option<Work> {
+        Some(match kind {
+            Kind::Order => self.orders.pop_front()?,
+            Kind::Postponed => self.postponed.pop_front()?,
+            Kind::Background => Work::Background(self.background.pop_front()?),
+            Kind::Sample => Work::Samples(take_samples(&mut self.samples, most)),
+            Kind::Ahead => Work::Samples(take_samples(&mut self.ahead, most)),
+            Kind::Pixels => Work::Pixels(take_batch(&mut self.pixels, most, |_, _| true).into()),
+            Kind::Direct => Work::Direct(take_batch(&mut self.direct, most, may_share_a_batch).into()),
+            Kind::Warped => Work::Views(take_batch(&mut self.views, most, may_share_a_batch).into()),
+        })
     }
 
     /// Views that nobody waits for any more make room for others.
@@ -370,74 +383,16 @@ impl State {
         self.direct.retain(|task| !task.claimed.is_gone());
         self.ahead.retain(|task| !task.claimed.is_gone());
     }
-
-    fn take(&mut self, max_batch: usize, max_direct_batch: usize) -> Option<Work> {
-        if let Some(work) = self.orders.pop_front() {
-            return Some(work);
-        }
-        // What views will be composed of is soon taken up, and makes them faster.
-        if let Some(work) = self.take_up.pop_front() {
-            return Some(work);
-        }
-        let samples_now = !self.makes_sampler;
-        if samples_now {
-            if let Some(work) = self.postponed.pop_front() {
-                return Some(work);
-            }
-            // One at a time where that costs no more: a compositor that waits for the first of many begins while the
-            // next is rendered.
-            if !self.samples.is_empty() {
-                return Some(Work::Samples(take_samples(&mut self.samples, usize::MAX)));
-            }
-            if !self.pixels.is_empty() {
-                let count = self.pixels.len().min(max_direct_batch);
-                return Some(Work::Pixels(self.pixels.drain(..count).collect()));
-            }
-            let direct_turn = self.views.is_empty() || !self.direct_had_its_turn;
-            if direct_turn && !self.direct.is_empty() {
-                self.direct_had_its_turn = true;
-                return Some(Work::Direct(take_batch(&mut self.direct, max_direct_batch)));
-            }
-        }
-        self.direct_had_its_turn = false;
-        if !self.views.is_empty() {
-            return Some(Work::Views(take_batch(&mut self.views, max_batch)));
-        }
-        // As few at a time: whoever comes next waits for no more than those.
-        let ahead = samples_now && !self.ahead.is_empty();
-        ahead.then(|| Work::Samples(take_samples(&mut self.ahead, 1)))
-    }
 }
 
 /// The oldest samples of one set, as many as it pays to render together.
 fn take_samples(queue: &mut VecDeque<SampleTask>, most: usize) -> Vec<SampleTask> {
-    let mut batch: Vec<SampleTask> = queue.pop_front().into_iter().collect();
-    let most = batch.first().map_or(0, |first| first.info.sampling.batch().min(most));
-    while batch.len() < most {
-        let fits = |next: &SampleTask| {
-            let first = &batch[0];
-            next.to_host == first.to_host && Arc::ptr_eq(&next.info, &first.info)
-        };
-        if !queue.front().is_some_and(fits) {
-            break;
-        }
-        batch.extend(queue.pop_front());
-    }
-    batch
+    let most = queue.front().map_or(0, |first| first.info.sampling.batch().min(most));
+    let together = |a: &SampleTask, b: &SampleTask| a.to_host == b.to_host && Arc::ptr_eq(&a.info, &b.info);
+    take_batch(queue, most, together).into()
 }
 
-/// The oldest tasks, up to `most`, of one set; one that must be alone is.
-fn take_batch(queue: &mut VecDeque<ViewTask>, most: usize) -> Vec<ViewTask> {
-    let mut batch: Vec<ViewTask> = Vec::new();
-    while batch.len() < most {
-        let Some(next) = queue.front() else { break };
-        let fits = batch
-            .first()
-            .is_none_or(|first| !first.alone && !next.alone && Arc::ptr_eq(&first.info, &next.info));
-        if !fits {
-            break;
-        }
-        batch.extend(queue.pop_front());
-    }
-    batch
+/// Whether views are of one set, and neither must be alone.
+fn may_share_a_batch(one: &ViewTask, other: &ViewTask) -> bool {
+    !one.alone && !other.alone && Arc::ptr_eq(&one.info, &other.info)
 }

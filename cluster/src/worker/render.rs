@@ -4,6 +4,8 @@
 //! latency of a single view. A panic in a role counts as a lost device: both roles are made anew, and whoever
 //! waits asks once more.
 
+mod holding;
+
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Weak};
@@ -11,15 +13,16 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use argus_scene::{
-    Compositor, Frame, PixelJob, Plan, RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo,
-    Sampler, Scene,
+    Compositor, Frame, PixelJob, Plan, RenderError, Sample, SampleId, SampleJob, SampleSetInfo, Sampler,
+    Scene,
 };
 use tracing::{debug, info, warn};
 
 use super::claim::Batch;
 use super::health::Health;
 use super::meter::{Kind, Meter};
-use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
+use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
+use super::slices::Slices;
 use super::store::Store;
 use super::warm;
 use crate::RoleFactory;
@@ -44,8 +47,12 @@ pub(super) struct Renderer {
     compositor: Option<Box<dyn Compositor>>,
     /// What the compositor holds; a sample that only this map knows of is released.
     held: HashMap<SampleId, Held>,
-    /// Whether the compositor has worked, or is about to.
+    /// Samples that came before the compositor had worked: it takes them up once it has.
+    unheld: Vec<(Arc<SampleSetInfo>, Weak<Sample>)>,
+    /// Whether the compositor has composed views: it takes up what views will ask for.
     is_warm: bool,
+    /// Whether it was measured what a view from samples costs, or that was given up.
+    is_measured: bool,
     /// Counts batches of views.
     batches: u64,
     /// Counts devices that were given up.
@@ -65,6 +72,13 @@ struct Held {
     sample: Weak<Sample>,
     /// The last batch that it was for.
     used: u64,
+}
+
+/// How much of a compositor's taking up is done at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Most {
+    All,
+    Slice,
 }
 
 /// A sampler in the making, and what views from triangles cost with it.
@@ -114,7 +128,9 @@ impl Renderer {
             retired: Vec::new(),
             compositor: Some(compositor),
             held: HashMap::new(),
+            unheld: Vec::new(),
             is_warm: false,
+            is_measured: false,
             batches: 0,
             rebuilt: 0,
             health,
@@ -147,14 +163,8 @@ impl Renderer {
                     // Nobody waits for it once the assignment is overtaken.
                     let _ = reply.send(self.prepare(role));
                 }
-                Work::Measure { info, backends, reply } => {
-                    let _ = reply.send(self.measure(&info, backends));
-                }
-                Work::TakeUp { info, sample, reply } => {
-                    self.take_up(&info, sample);
-                    // Whoever gave up waiting misses nothing.
-                    let _ = reply.send(());
-                }
+                Work::Measure { info, backends, reply } => self.measure(&info, backends, reply),
+                Work::Background(work) => self.background(work),
                 Work::Samples(tasks) => self.samples(tasks),
                 Work::Pixels(tasks) => self.pixels(tasks),
                 Work::Views(tasks) => self.views(tasks),
@@ -179,58 +189,10 @@ impl Renderer {
         self.queue.postpone(work).unwrap_or(Work::Nothing)
     }
 
-    /// Gives up samples that composing has not used for a while, where samples are this worker's work.
-    fn tidy(&mut self) {
-        if self.tidied.elapsed() < self.rest_after / 4 {
-            return;
-        }
-        self.tidied = Instant::now();
-        let none = !self.role.composites() && self.composed.elapsed() >= self.rest_after;
-        let gone = |held: &Held| none || held.sample.strong_count() == 0;
-        let gone: Vec<SampleId> =
-            self.held.iter().filter(|(_, held)| gone(held)).map(|(id, _)| *id).collect();
-        if let Some(compositor) = self.compositor.as_mut().filter(|_| !gone.is_empty()) {
-            compositor.release(&gone);
-            self.held.retain(|id, _| !gone.contains(id));
-            debug!(released = gone.len(), held = self.held.len(), "samples released");
-        }
-        self.health.holds(self.held.len());
-    }
-
     /// Makes what every role needs: a worker answers views from triangles whatever its role.
     fn prepare(&mut self, role: Role) -> Result<(), RenderError> {
         self.role = role;
         self.sampler().map(drop)
-    }
-
-    /// Measures what a view from samples costs, if the compositor has not been used yet, and the visibility backends.
-    /// Others answer views meanwhile, if there are any.
-    fn measure(&mut self, info: &Arc<SampleSetInfo>, backends: bool) -> Result<Ways, RenderError> {
-        if let Some(scene) = self.scene.clone().filter(|_| !std::mem::replace(&mut self.is_warm, true)) {
-            let (began, mut cost) = (Instant::now(), None);
-            let warmed = self.guarded(|own| {
-                cost = warm::compositor(own.compositor()?, &scene, info)?;
-                Ok(Vec::<Result<(), RenderError>>::new())
-            });
-            debug!(ms = ms_since(began), ?cost, ok = warmed.is_ok(), "compositor measured");
-            self.meter.set_cost(Kind::View, cost);
-        }
-        match backends {
-            true => self.sampler().and_then(|sampler| sampler.ways(info)),
-            false => Ok(Ways::new()),
-        }
-    }
-
-    /// Has the compositor hold a sample that views will ask for. Where it is full, or no view is composed here, they take
-    /// it up themselves.
-    fn take_up(&mut self, info: &Arc<SampleSetInfo>, sample: Arc<Sample>) {
-        if !self.is_warm {
-            return;
-        }
-        let began = Instant::now();
-        let held =
-            self.guarded(|own| own.hold(info, &[sample]).map(|()| Vec::<Result<(), RenderError>>::new()));
-        debug!(ms = ms_since(began), ok = held.is_ok(), "sample taken up ahead of views");
     }
 
     /// Begins to make a sampler beside the work, unless there is one.
@@ -292,7 +254,7 @@ impl Renderer {
         self.rebuilt += 1;
         self.sampler = None;
         self.retire_standby();
-        (self.compositor, self.is_warm) = (None, true);
+        (self.compositor, self.is_measured) = (None, true);
         self.held.clear();
         self.store.forget_device_planes();
     }
@@ -354,7 +316,7 @@ impl Renderer {
 
     /// Samples that nobody waits for: views are answered between their parts, which `began` is moved on by.
     fn samples_ahead(&mut self, job: &SampleJob, batch: &Batch, began: &mut Instant) -> Results<Sample> {
-        let mut parts = 0;
+        let mut slices = Slices::default();
         let results = self.guarded(|own| {
             own.sampler()?;
             let rebuilt = own.rebuilt;
@@ -362,15 +324,16 @@ impl Renderer {
             let mut sampler = own.sampler.take().ok_or_else(none)?;
             let queue = own.queue.clone();
             let results = sampler.render_samples_ahead(job, &batch.cancel, &mut |sampler| {
+                slices.end();
                 let gave_way = Instant::now();
-                queue.give_way(|work| match work {
+                queue.give_way(true, |work| match work {
                     Work::Pixels(tasks) => own.pixels_by(Some(sampler), tasks),
                     Work::Direct(tasks) => own.direct_by(Some(sampler), tasks),
                     Work::Views(tasks) => own.views(tasks),
                     _ => {}
                 });
                 *began += gave_way.elapsed();
-                parts += 1;
+                slices.begin();
                 // What is made for a device that was given up is of no use: it begins again with the next one.
                 if own.rebuilt != rebuilt {
                     batch.cancel.cancel();
@@ -384,7 +347,8 @@ impl Renderer {
             Ok(results)
         });
         if results.as_ref().is_ok_and(|results| results.iter().all(Result::is_ok)) {
-            self.meter.add_parts(parts.max(1), began.elapsed());
+            self.meter.add_parts(slices.count().max(1), began.elapsed());
+            debug!(%slices, "samples rendered ahead of views");
         }
         results
     }
@@ -449,6 +413,7 @@ impl Renderer {
         }
         let began = Instant::now();
         (self.composed, self.batches) = (began, self.batches + 1);
+        self.warms_up();
         let tasks: Vec<ViewTask> = tasks.into_iter().filter_map(|task| self.holding(task)).collect();
         if tasks.is_empty() {
             return;
@@ -465,7 +430,7 @@ impl Renderer {
     /// The view, now that the compositor holds its samples; a view whose samples it refuses fails alone.
     fn holding(&mut self, task: ViewTask) -> Option<ViewTask> {
         match self.guarded(|own| {
-            own.hold(&task.info, &task.samples).map(|()| Vec::<Result<(), RenderError>>::new())
+            own.hold(&task.info, &task.samples, Most::All).map(|_| Vec::<Result<(), RenderError>>::new())
         }) {
             Ok(_) => Some(task),
             Err(error) => {
@@ -473,47 +438,6 @@ impl Renderer {
                 None
             }
         }
-    }
-
-    /// Makes the compositor hold what views need, and no longer what the store has forgotten.
-    fn hold(&mut self, info: &Arc<SampleSetInfo>, needed: &[Arc<Sample>]) -> Result<(), RenderError> {
-        let gone: Vec<SampleId> =
-            self.held.iter().filter(|(_, held)| held.sample.strong_count() == 0).map(|(id, _)| *id).collect();
-        if !gone.is_empty() {
-            self.compositor()?.release(&gone);
-            self.held.retain(|id, _| !gone.contains(id));
-        }
-        let is_held = |sample: &Arc<Sample>| {
-            let held = self.held.get(&sample.id);
-            held.is_some_and(|held| std::ptr::eq(held.sample.as_ptr(), Arc::as_ptr(sample)))
-        };
-        let used = self.batches;
-        let samples: Vec<Arc<Sample>> = needed.iter().filter(|s| !is_held(s)).cloned().collect();
-        for sample in needed {
-            if let Some(held) = self.held.get_mut(&sample.id) {
-                held.used = used;
-            }
-        }
-        if samples.is_empty() {
-            return Ok(());
-        }
-        let set = SampleSet { info: info.clone(), samples };
-        while let Err(error) = self.compositor()?.hold(&set) {
-            let full = matches!(error, RenderError::OutOfMemory(_));
-            let Some(oldest) = self.least_recently_used().filter(|_| full) else { return Err(error) };
-            self.compositor()?.release(&[oldest]);
-            self.held.remove(&oldest);
-        }
-        self.held.extend(
-            set.samples.iter().map(|sample| (sample.id, Held { sample: Arc::downgrade(sample), used })),
-        );
-        Ok(())
-    }
-
-    /// The sample that the compositor can do without for longest, none of this batch's.
-    fn least_recently_used(&self) -> Option<SampleId> {
-        let unused = self.held.iter().filter(|(_, held)| held.used < self.batches);
-        unused.min_by_key(|(id, held)| (held.used, **id)).map(|(id, _)| *id)
     }
 
     /// Takes in what views took, each by itself.

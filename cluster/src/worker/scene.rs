@@ -12,7 +12,7 @@ use tokio::time::Instant;
 use tonic::transport::Channel;
 use tracing::info;
 
-use super::RunError;
+use super::config::RunError;
 use super::node::Node;
 use crate::{BundleFile, SceneOpener, SceneRef};
 

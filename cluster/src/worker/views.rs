@@ -14,8 +14,8 @@ use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Frame, History, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleId, SampleSetInfo, Search,
-    Stage, View, ViewJob, Visibility,
+    Frame, History, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleCamera, SampleId,
+    SampleSetInfo, Search, Stage, View, ViewJob, Visibility,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -26,11 +26,11 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 use tracing::{Instrument, Span, debug_span, field, warn};
 
+use super::frame_memory::{self, FramePermit};
 use super::histories::MAX_NAME;
 use super::node::{Active, Node};
 use super::queue::Rendered;
-use super::room::{self, Room};
-use super::{fetch, probe, trace};
+use super::{bound, fetch, probe, trace};
 use crate::core::Source;
 use crate::core::quality::Observed;
 use crate::sealed::Kind;
@@ -79,10 +79,6 @@ struct Ordered {
     /// The direct view that is rendered instead, where a sample is missing or the frame from samples is not good enough.
     fallback: Option<Plan>,
 }
-
-/// A frame of which samples miss more than this share is not good enough: tracing so many holes costs much of a view from
-/// triangles, and around holes samples are wrong as well.
-const MOST_UNRESOLVED: f64 = 0.05;
 
 /// Sub-pixels of a pixel, at most.
 const MOST_SUB_PIXELS: u32 = 256;
@@ -222,7 +218,7 @@ impl ViewsService {
         arrived: Instant,
         span: Span,
         for_client: bool,
-    ) -> Result<(Vec<v1::FrameChunk>, (Active, Room)), Status> {
+    ) -> Result<(Vec<v1::FrameChunk>, (Active, FramePermit)), Status> {
         span.record("view", &request.view_id);
         let active = self.node.begin()?;
         let Some(order) = request.order else { return Err(ask_the_coordinator()) };
@@ -234,13 +230,13 @@ impl ViewsService {
         let deadline = (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into()));
         // What is left of it is for packing a frame whose holes could not be traced in time.
         let trace_until = deadline.map(|deadline| arrived + deadline.mul_f64(0.9));
-        let bytes = room::bytes_of(&ordered.job);
+        let bytes = frame_memory::bytes_of(&ordered.job);
         let answer = async {
-            let room = self.node.rooms.take(bytes, for_client).await?;
-            Ok::<_, Fault>((good_enough(&self.node, &ordered, trace_until).await?, room))
+            let permit = self.node.frame_memory.take(bytes, for_client).await?;
+            Ok::<_, Fault>((good_enough(&self.node, &ordered, trace_until).await?, permit))
         };
         let answer = answer.instrument(span.clone());
-        let (frame, mut room) = match deadline {
+        let (frame, mut permit) = match deadline {
             None => answer.await?,
             Some(deadline) => {
                 let late = |_| Fault::Deadline(deadline);
@@ -267,8 +263,8 @@ impl ViewsService {
             tokio::task::spawn_blocking(pack).await.map_err(|e| Status::internal(e.to_string()))??;
         drop((turn, span));
         // The frame as it was rendered is gone.
-        room.keep(chunks.iter().map(|chunk| chunk.encoded_len() as u64).sum());
-        Ok((chunks, (active, room)))
+        permit.keep(chunks.iter().map(|chunk| chunk.encoded_len() as u64).sum());
+        Ok((chunks, (active, permit)))
     }
 }
 
@@ -359,17 +355,20 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
     let Plan::Warp(warp) = &ordered.job.plan else {
         return render(node, ordered, &ordered.samples, &ordered.job).await;
     };
-    if warp.holes != Holes::Trace {
-        return render(node, ordered, &ordered.samples, &ordered.job).await;
-    }
+    let traces = warp.holes == Holes::Trace;
     let mut job = ordered.job.clone();
-    job.outputs.mask = true;
-    let mut frame = render(node, ordered, &ordered.samples, &job).await?;
-    if ordered.fallback.is_some() && frame.unresolved_fraction > MOST_UNRESOLVED {
-        let percent = frame.unresolved_fraction * 100.0;
-        return Err(Fault::NotFound(format!("the samples miss {percent:.1}% of the view")));
+    job.outputs.mask |= traces;
+    if ordered.fallback.is_some() {
+        // What it is judged by.
+        (job.outputs.range, job.outputs.source) = (true, true);
     }
-    if let Err(fault) = trace::fill(node, &job, warp, &ordered.tracers, until, &mut frame).await {
+    let mut frame = render(node, ordered, &ordered.samples, &job).await?;
+    if ordered.fallback.is_some()
+        && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?)
+    {
+        return Err(Fault::NotFound(reason));
+    }
+    if traces && let Err(fault) = trace::fill(node, &job, warp, &ordered.tracers, until, &mut frame).await {
         if ordered.pinned {
             return Err(fault);
         }
@@ -385,6 +384,12 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
         frame.mask = None;
     }
     Ok(frame)
+}
+
+/// The cameras of a plan's samples, in the order in which a frame's source counts them.
+fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
+    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_surroundings());
+    of_rig.map(|source| Ok(ordered.info.camera(source.id.index)?)).collect()
 }
 
 /// The frame as composed or rendered, with the stages before the role's own. If the device is lost, or the

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use argus_scene::scene::Effect;
 use argus_scene::{
-    Camera, Cancel, Compositor, OmniLayout, Outputs, Plan, Plane, PlaneData, PlaneFormat, PlaneKind,
+    Camera, Cancel, Compositor, OmniLayout, Output, Outputs, Plan, Plane, PlaneData, PlaneFormat, PlaneKind,
     RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo, Sampler, Scene, ViewJob,
     Visibility, Warp,
 };
@@ -58,7 +58,7 @@ pub(super) fn sampler(
 /// Reconstructs views from samples of nothing in particular, and measures what they cost.
 ///
 /// Taking up samples as large as the scene's takes a second. So the samples are small, of two sizes, and what theirs and
-/// the views' texels add to the cost is carried on to the size of the scene's.
+/// the views' texels add to the cost is carried on to the size of the scene's. `between` is called between slices of the work.
 ///
 /// # Errors
 /// Those of rendering.
@@ -66,6 +66,7 @@ pub(super) fn compositor(
     compositor: &mut dyn Compositor,
     scene: &Scene,
     info: &Arc<SampleSetInfo>,
+    between: &mut dyn FnMut(),
 ) -> Result<Option<Cost>, RenderError> {
     let glossy = scene.effects().contains(&Effect::Specular);
     let index = info.rig.nearest(&scene.default_camera(), 1).first().copied().unwrap_or(0);
@@ -79,12 +80,22 @@ pub(super) fn compositor(
         let sample =
             |id| Arc::new(Sample { id, camera: sampled, planes: planes.clone(), stages: Vec::new() });
         let samples = ids.iter().copied().map(sample).collect();
-        compositor.hold(&SampleSet { info: info.clone(), samples })?;
+        let set = SampleSet { info: info.clone(), samples };
+        while !compositor.hold_slice(&set)? {
+            between();
+        }
+        between();
         let plan = Plan::Warp(Warp { samples: ids.clone(), ..Warp::default() });
-        let measured = measured(|size| {
-            let view = view(info, camera, size, plan.clone(), info.visibility);
-            compositor.compose(&[view], &Cancel::default()).into_iter().try_for_each(|frame| frame.map(drop))
-        });
+        // A view whose way the planner chose is judged by its ranges.
+        let outputs = Outputs::COLOR.with(Output::Range);
+        let view = |size| ViewJob { outputs, ..view(info, camera, size, plan.clone(), info.visibility) };
+        let ready = compositor.ready(&view(SIZES[0]), between);
+        let compose = |size| {
+            let frames = compositor.compose(&[view(size)], &Cancel::default());
+            between();
+            frames.into_iter().try_for_each(|frame| frame.map(drop))
+        };
+        let measured = ready.and_then(|()| measured(compose));
         compositor.release(&ids);
         let [width, height] = sampled.size();
         times.push((f64::from(width) * f64::from(height), measured?));

@@ -44,7 +44,7 @@ impl Watched for Watch {
         let done = [report.samples_rendered, report.views_composed, report.views_direct, report.rays_traced];
         let done = kinds.into_iter().zip(done.map(|count| count as f64));
         to.counters("worker_rendered", "What it rendered", done)?;
-        let waiting = [backlog.samples, backlog.views, backlog.direct, backlog.pixels];
+        let waiting = [backlog.samples, backlog.warped, backlog.direct, backlog.pixels];
         let waiting = kinds.into_iter().zip(waiting.map(|count| count as f64));
         to.gauges("worker_queued", "What waits for its render thread or is in work", waiting)?;
         let cost = [report.sample_ms, report.view_ms, report.direct_ms, report.ray_ms];
@@ -79,6 +79,6 @@ impl Watched for Watch {
         to.gauge("worker_samples_composed_from", "Samples that its compositor holds", composed_from)?;
         to.gauge("worker_requests", "Requests in work", self.0.requests() as f64)?;
         let frames = "Bytes of frames that are being made, packed or sent";
-        to.gauge("worker_frame_bytes", frames, self.0.rooms.taken() as f64)
+        to.gauge("worker_frame_bytes", frames, self.0.frame_memory.reserved() as f64)
     }
 }

@@ -5,12 +5,15 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use argus_proto::v1;
-use argus_scene::{Output, Outputs, Plan, View};
+use argus_proto::v1::views_client::ViewsClient;
+use argus_scene::frame::{Decision, Reason};
+use argus_scene::{Frame, Output, Outputs, Plan, View};
 use futures::future::join_all;
 use futures::stream::{FuturesUnordered, StreamExt};
 
 use crate::common;
-use crate::common::{Cluster, direct, pinned, render, view};
+use crate::common::roles::Done;
+use crate::common::{Cluster, answer_to, channel, direct, pinned, render, request, view};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn two_clients_views_are_answered_by_two_compositors_from_samples_rendered_once() {
@@ -90,6 +93,72 @@ async fn views_are_composed_between_the_parts_of_a_sample_that_nobody_waits_for(
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
     assert!(longest < Duration::from_secs(1), "a view waited {longest:?}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_waiting_view_runs_between_two_slices_of_a_take_up() {
+    let cluster = Cluster::start(1).await;
+    cluster.render(&view(0)).await.unwrap();
+    // Each refinement that views ask for takes a second and a half to take up.
+    cluster.knobs.hold_slices.store(30, Ordering::SeqCst);
+    cluster.knobs.hold_us.store(50_000, Ordering::SeqCst);
+    cluster.knobs.unresolved_percent.store(20, Ordering::SeqCst);
+    let began = Instant::now();
+    // Whether one of these was done between two slices of one sample.
+    let between = |kind: Done| {
+        let done = cluster.knobs.done.lock();
+        done.windows(3).any(|three| match three {
+            [Done::Slice(before, i), one, Done::Slice(after, j)] => {
+                before == after && i + 1 == *j && *one == kind
+            }
+            _ => false,
+        })
+    };
+    let mut longest = Duration::ZERO;
+    for i in 0.. {
+        if between(Done::Warped) && between(Done::Direct) {
+            break;
+        }
+        assert!(began.elapsed() < Duration::from_secs(60), "{:?}", cluster.knobs.done.lock());
+        for wanted in [view(i % 16), direct(i % 16)] {
+            let asked = Instant::now();
+            cluster.render(&wanted).await.unwrap();
+            longest = longest.max(asked.elapsed());
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    assert!(longest < Duration::from_secs(1), "a view waited {longest:?}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_whose_samples_are_too_coarse_or_miss_too_much_renders_the_view_from_triangles() {
+    let cluster = Cluster::start(1).await;
+    let (warped, _) = cluster.render(&view(1)).await.unwrap();
+    let (from_triangles, _) = cluster.render(&direct(1)).await.unwrap();
+    // As a coordinator orders a view whose way it chose.
+    let decision = Decision { reason: Reason::Soonest, wait_ms: 0.0, render_ms: 1.0, excess: 0.01 };
+    let order = v1::ViewOrder {
+        term: cluster.status().await.term,
+        plan: Some((&warped.provenance.plan).into()),
+        decision: Some(decision.into()),
+        fallback_samples_per_pixel: 1,
+        ..v1::ViewOrder::default()
+    };
+    let ordered = async || {
+        let request = v1::RenderRequest { order: Some(order.clone()), ..request(&view(1), 0) };
+        answer_to(ViewsClient::new(channel(&cluster.workers[0].url())), request).await.unwrap().0
+    };
+    let reason = |frame: &Frame| frame.decision.map(|decision| decision.reason);
+    let good = ordered().await;
+    assert_eq!((reason(&good), &good.color), (Some(Reason::Soonest), &warped.color));
+    assert!(good.range.is_none() && good.source.is_none(), "what it is judged by was not asked for");
+    cluster.knobs.coarse.store(true, Ordering::SeqCst);
+    let coarse = ordered().await;
+    assert_eq!((reason(&coarse), &coarse.color), (Some(Reason::FrameFellShort), &from_triangles.color));
+    cluster.knobs.coarse.store(false, Ordering::SeqCst);
+    cluster.knobs.unresolved_percent.store(6, Ordering::SeqCst);
+    let with_holes = ordered().await;
+    assert_eq!(with_holes.provenance.plan, Plan::Direct { samples_per_pixel: 1 });
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

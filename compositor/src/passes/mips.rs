@@ -1,16 +1,16 @@
 //! Program: `shaders/compositor/mips.wgsl`. Coarser levels of samples' radiance, for views that are coarser than they, and
 //! the display plane.
 
-use std::sync::Arc;
+use std::ops::Range;
 
-use argus_gpu::{ComputePipeline, Gpu, wgpu};
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_scene::{PlaneFormat, PlaneKind, RenderError};
 use argus_shaders::layout::compositor::Mips;
 use bytemuck::Zeroable as _;
 
 use crate::pool::Pool;
 
-/// The pass, run once a sample.
+/// The pass, run once a sample in a few steps.
 #[derive(Debug)]
 pub(crate) struct MipsPass {
     /// Shared exponents, and halves.
@@ -29,95 +29,139 @@ impl MipsPass {
         Self { pipelines: [pipeline(0.0), pipeline(1.0)], finest }
     }
 
-    /// Fills the coarser levels of layers whose first is there, and their display planes for an exposure (radiance to
-    /// display-linear).
-    pub(crate) fn run(
+    /// Makes rows of the finest level of a layer's display plane for an exposure (radiance to display-linear).
+    pub(crate) fn finest(
         &self,
-        gpu: &Arc<Gpu>,
+        commands: &mut Commands,
         pool: &Pool,
-        layers: &[u32],
+        layer: u32,
         exposure: f32,
+        rows: Range<u32>,
     ) -> Result<(), RenderError> {
         let array = pool.array(PlaneKind::Radiance)?;
-        let radiance = &array.texture;
-        let display = &pool.display()?.levels;
-        let wide = pool.class.radiance == PlaneFormat::Rgba16Float;
-        let texel_bytes = pool.class.radiance.texel_bytes() as u32;
-        let size = |level: u32| pool.class.size.map(|side| (side >> level).max(1));
-        let texels = |level: u32| size(level)[0] * size(level)[1];
-        let pitch = |level: u32| (size(level)[0] * texel_bytes).next_multiple_of(ROW);
-        let levels = radiance.mip_level_count();
-        let range_bytes = (1..levels).map(|level| u64::from(texels(level)) * 4).sum::<u64>().max(4);
-        let word_bytes =
-            (1..levels).map(|level| u64::from(pitch(level) * size(level)[1])).sum::<u64>().max(4);
-        let ranges = gpu.buffer("mip ranges", range_bytes, wgpu::BufferUsages::STORAGE);
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-        let words = gpu.buffer("mip texels", word_bytes, usage);
-        let inverse_range = pool.view(PlaneKind::InverseRange)?;
-        // Not the radiance where there is none, as in other passes: a level of it is written to here.
-        let specular = pool.view(PlaneKind::Specular).unwrap_or(inverse_range);
-        let mut commands = gpu.commands("coarsen samples");
-        for &layer in layers {
-            let (mut finer_range, mut range, mut offset) = (0, 0, 0);
-            let mips = Mips {
-                size: size(0),
-                layer,
-                exposure,
-                glossy: u32::from(pool.class.glossy),
-                ..Mips::zeroed()
-            };
-            commands
-                .compute("coarsen samples", &self.finest)
-                .read("radiance", &array.levels[0])
-                .read("specular", specular)
-                .write("display", &display[0])
-                .immediates(bytemuck::bytes_of(&mips))
-                .dispatch_threads([size(0)[0], size(0)[1], 1]);
-            for level in 1..levels {
-                let [width, height] = size(level);
-                let immediates = Mips {
-                    size: [width, height],
-                    finer: size(level - 1),
-                    from_sample: u32::from(level == 1),
-                    finer_range,
-                    range,
-                    word: offset / 4,
-                    pitch: pitch(level) / 4,
-                    ..mips
-                };
-                commands
-                    .compute("coarsen samples", &self.pipelines[usize::from(wide)])
-                    .read("inverse_range", inverse_range)
-                    .read("radiance", &array.levels[level as usize - 1])
-                    .write("ranges", &ranges)
-                    .write("words", &words)
-                    .read("specular", specular)
-                    .write("display", &display[level as usize])
-                    .immediates(bytemuck::bytes_of(&immediates))
-                    .dispatch_threads([width, height, 1]);
-                commands.encoder().copy_buffer_to_texture(
-                    wgpu::TexelCopyBufferInfo {
-                        buffer: &words,
-                        layout: wgpu::TexelCopyBufferLayout {
-                            offset: u64::from(offset),
-                            bytes_per_row: Some(pitch(level)),
-                            rows_per_image: None,
-                        },
-                    },
-                    wgpu::TexelCopyTextureInfo {
-                        texture: radiance,
-                        mip_level: level,
-                        origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
-                        aspect: wgpu::TextureAspect::All,
-                    },
-                    wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                );
-                finer_range = range;
-                range += texels(level);
-                offset += pitch(level) * height;
-            }
-        }
-        commands.submit().wait()?;
+        let mips = Mips { first_row: rows.start, ..of_layer(pool, layer, exposure) };
+        commands
+            .compute("coarsen samples", &self.finest)
+            .read("radiance", &array.levels[0])
+            .read("specular", specular(pool)?)
+            .write("display", &pool.display()?.levels[0])
+            .immediates(bytemuck::bytes_of(&mips))
+            .dispatch_threads([pool.class.size[0], rows.end - rows.start, 1]);
         Ok(())
+    }
+
+    /// Makes rows of a coarser level of a layer's radiance and of its display plane, of which the next finer one is there.
+    #[expect(clippy::too_many_arguments, reason = "a level's rows of a sample")]
+    pub(crate) fn coarser(
+        &self,
+        commands: &mut Commands,
+        pool: &Pool,
+        layer: u32,
+        exposure: f32,
+        level: u32,
+        rows: Range<u32>,
+        scratch: &MipScratch,
+    ) -> Result<(), RenderError> {
+        let array = pool.array(PlaneKind::Radiance)?;
+        let at = level as usize;
+        let (Some(finer), Some(own)) = (scratch.levels.get(at - 1), scratch.levels.get(at)) else {
+            return Err(RenderError::Internal(format!("samples have no level {level}")));
+        };
+        let mips = Mips {
+            size: own.size,
+            finer: finer.size,
+            from_sample: u32::from(level == 1),
+            finer_range: finer.first_range,
+            range: own.first_range,
+            word: own.first_byte / 4,
+            pitch: own.pitch / 4,
+            first_row: rows.start,
+            ..of_layer(pool, layer, exposure)
+        };
+        let (width, height) = (own.size[0], rows.end - rows.start);
+        let wide = pool.class.radiance == PlaneFormat::Rgba16Float;
+        commands
+            .compute("coarsen samples", &self.pipelines[usize::from(wide)])
+            .read("inverse_range", pool.view(PlaneKind::InverseRange)?)
+            .read("radiance", &array.levels[at - 1])
+            .write("ranges", &scratch.ranges)
+            .write("words", &scratch.words)
+            .read("specular", specular(pool)?)
+            .write("display", &pool.display()?.levels[at])
+            .immediates(bytemuck::bytes_of(&mips))
+            .dispatch_threads([width, height, 1]);
+        commands.encoder().copy_buffer_to_texture(
+            wgpu::TexelCopyBufferInfo {
+                buffer: &scratch.words,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: u64::from(own.first_byte + rows.start * own.pitch),
+                    bytes_per_row: Some(own.pitch),
+                    rows_per_image: None,
+                },
+            },
+            wgpu::TexelCopyTextureInfo {
+                texture: &array.texture,
+                mip_level: level,
+                origin: wgpu::Origin3d { x: 0, y: rows.start, z: layer },
+                aspect: wgpu::TextureAspect::All,
+            },
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        );
+        Ok(())
+    }
+}
+
+/// What all programs are told of a layer.
+fn of_layer(pool: &Pool, layer: u32, exposure: f32) -> Mips {
+    Mips { size: pool.class.size, layer, exposure, glossy: u32::from(pool.class.glossy), ..Mips::zeroed() }
+}
+
+/// The specular plane. Where there is none, not the radiance in its place as in other passes: a level of it is written to here.
+fn specular(pool: &Pool) -> Result<&wgpu::TextureView, RenderError> {
+    pool.view(PlaneKind::Specular).or_else(|_| pool.view(PlaneKind::InverseRange))
+}
+
+/// What coarser levels of one sample are made in.
+#[derive(Debug)]
+pub(crate) struct MipScratch {
+    ranges: wgpu::Buffer,
+    words: wgpu::Buffer,
+    levels: Vec<Level>,
+}
+
+/// Where a level lies in the scratch buffers; the finest lies nowhere.
+#[derive(Debug)]
+struct Level {
+    size: [u32; 2],
+    /// Of its inverse ranges.
+    first_range: u32,
+    first_byte: u32,
+    /// Bytes from row to row.
+    pitch: u32,
+}
+
+impl MipScratch {
+    /// For the samples of a pool.
+    pub(crate) fn new(gpu: &Gpu, pool: &Pool) -> Self {
+        let texel_bytes = pool.class.radiance.texel_bytes() as u32;
+        let (mut ranges, mut bytes) = (0, 0);
+        let count = pool.array(PlaneKind::Radiance).map_or(1, |array| array.texture.mip_level_count());
+        let level = |level: u32| {
+            let size = pool.class.size.map(|side| (side >> level).max(1));
+            let pitch = (size[0] * texel_bytes).next_multiple_of(ROW);
+            let made = Level { size, first_range: ranges, first_byte: bytes, pitch };
+            if level > 0 {
+                ranges += size[0] * size[1];
+                bytes += pitch * size[1];
+            }
+            made
+        };
+        let levels = (0..count).map(level).collect();
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+        Self {
+            levels,
+            ranges: gpu.buffer("mip ranges", u64::from(ranges.max(1)) * 4, wgpu::BufferUsages::STORAGE),
+            words: gpu.buffer("mip texels", u64::from(bytes.max(4)), usage),
+        }
     }
 }

@@ -222,6 +222,10 @@ mirror! {
         pub exposure: f32,
         /// Whether samples carry what specular needs.
         pub glossy: u32,
+        /// Row of this level at which a dispatch begins.
+        pub first_row: u32,
+        /// WGSL's padding to a multiple of 8 bytes.
+        pub _pad: u32,
     }
 }
 

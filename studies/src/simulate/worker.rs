@@ -1,19 +1,15 @@
 //! A simulated worker: what it was told, what it has, what waits for its render thread.
 //!
-//! It does what `argus_cluster::worker` does, in the same order: samples first, then batches of views and of direct
-//! views in turn, last samples ahead of demand.
+//! What it does next is in [`argus_cluster::worker::policy`], which the real worker asks, too.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 
 use argus_cluster::core::{Assignment, Report, Role, Ticket, WorkerId};
+use argus_cluster::worker::policy::{Kind, Policy, Waiting as Left, may_change_role, take_batch};
 use argus_scene::SampleId;
 
 use super::Nanos;
 use super::world::Task;
-
-/// Most views in one batch, and most direct ones: as a worker's configuration has it.
-const MOST_VIEWS: usize = 64;
-const MOST_DIRECT: usize = 4;
 
 /// One attempt at a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,12 +48,21 @@ pub(super) struct Waiting {
 /// A sample that is being fetched.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Fetch {
-    /// Slots of the workers to ask, the one that was asked first.
-    pub(super) sources: VecDeque<usize>,
-    /// … all of them.
-    pub(super) all: Vec<usize>,
+    /// Slots of the workers to ask.
+    pub(super) sources: Vec<usize>,
+    /// How many of them were asked in vain.
+    pub(super) asked: usize,
+    /// Slots of the workers to ask once all of these were asked.
+    pub(super) then: Vec<usize>,
     /// Whether a view waits for it.
     pub(super) urgent: bool,
+}
+
+impl Fetch {
+    /// The worker that is being asked.
+    pub(super) fn source(&self) -> Option<usize> {
+        self.sources.get(self.asked).copied()
+    }
 }
 
 #[derive(Debug, Default)]
@@ -90,7 +95,7 @@ pub(super) struct Worker {
     pub(super) waiting: BTreeMap<Ticket, Waiting>,
     pub(super) views: VecDeque<(Attempt, Vec<SampleId>)>,
     pub(super) direct: VecDeque<Attempt>,
-    pub(super) direct_had_its_turn: bool,
+    pub(super) policy: Policy,
     pub(super) busy: Option<Busy>,
     /// Frames that are being packed, or wait for it.
     pub(super) sending: usize,
@@ -113,36 +118,70 @@ impl Worker {
         now || self.renders.contains(&id) || (ahead && self.renders_ahead.contains(&id))
     }
 
+    /// Queues a sample to be rendered, unless it is in work or queued.
+    pub(super) fn render(&mut self, id: SampleId, ahead: bool) {
+        if self.renders(id, ahead) {
+            return;
+        }
+        match ahead {
+            true => self.renders_ahead.push_back(id),
+            false => {
+                self.renders_ahead.retain(|other| *other != id);
+                self.renders.push_back(id);
+            }
+        }
+    }
+
+    /// What waits for the render thread.
+    fn waiting(&self) -> Left {
+        Left {
+            samples: self.renders.len(),
+            direct: self.direct.len(),
+            warped: self.views.len(),
+            ahead: self.renders_ahead.len(),
+            ..Left::default()
+        }
+    }
+
+    /// What the render thread is at, as what waits is counted.
+    fn in_work(&self) -> Left {
+        let none = Left::default();
+        match self.busy.as_ref().map(|busy| &busy.rendering) {
+            Some(Rendering::Sample(_)) => Left { samples: 1, ..none },
+            Some(Rendering::Direct(views)) => Left { direct: views.len(), ..none },
+            Some(Rendering::Views(views)) => Left { warped: views.len(), ..none },
+            None => none,
+        }
+    }
+
     /// What the render thread does next, if there is anything, and how many samples the compositor has to take up
     /// for it.
     pub(super) fn next(&mut self) -> Option<(Rendering, usize)> {
         if self.busy.is_some() || !self.alive {
             return None;
         }
-        if let Some(id) = self.renders.pop_front() {
-            return Some((Rendering::Sample(id), 0));
+        let turn = self.policy.next(&self.waiting())?;
+        match turn.kind {
+            Kind::Sample => self.renders.pop_front().map(|id| (Rendering::Sample(id), 0)),
+            Kind::Ahead => self.renders_ahead.pop_front().map(|id| (Rendering::Sample(id), 0)),
+            Kind::Direct => {
+                let views = take_batch(&mut self.direct, turn.most, |_, _| true);
+                Some((Rendering::Direct(views.into()), 0))
+            }
+            Kind::Warped => {
+                let epoch = |(_, samples): &(Attempt, Vec<SampleId>)| samples.first().map(|id| id.epoch);
+                let batch = take_batch(&mut self.views, turn.most, |a, b| epoch(a) == epoch(b));
+                let mut fresh = 0;
+                let mut views = Vec::with_capacity(batch.len());
+                for (view, samples) in batch {
+                    fresh += samples.into_iter().filter(|id| self.taken_up.insert(*id)).count();
+                    views.push(view);
+                }
+                Some((Rendering::Views(views), fresh))
+            }
+            // Of these nothing waits here.
+            Kind::Order | Kind::Postponed | Kind::Pixels | Kind::Background => None,
         }
-        let direct_turn = self.views.is_empty() || !self.direct_had_its_turn;
-        if direct_turn && !self.direct.is_empty() {
-            self.direct_had_its_turn = true;
-            let count = self.direct.len().min(MOST_DIRECT);
-            return Some((Rendering::Direct(self.direct.drain(..count).collect()), 0));
-        }
-        self.direct_had_its_turn = false;
-        if self.views.is_empty() {
-            return self.renders_ahead.pop_front().map(|id| (Rendering::Sample(id), 0));
-        }
-        // Views of one epoch only.
-        let epoch = self.views[0].1.first().map(|id| id.epoch);
-        let same = |view: &&(Attempt, Vec<SampleId>)| view.1.first().map(|id| id.epoch) == epoch;
-        let count = self.views.iter().take_while(same).count().min(MOST_VIEWS);
-        let mut fresh = 0;
-        let mut batch = Vec::with_capacity(count);
-        for (view, samples) in self.views.drain(..count) {
-            fresh += samples.into_iter().filter(|id| self.taken_up.insert(*id)).count();
-            batch.push(view);
-        }
-        Some((Rendering::Views(batch), fresh))
     }
 
     /// Something was rendered that took `ms` of it, `own_ms` of which is its cost.
@@ -170,17 +209,7 @@ impl Worker {
     pub(super) fn report(&mut self) -> Report {
         if let Some(told) = &self.told {
             let before = self.acting.unwrap_or(told.role);
-            let sampling =
-                self.busy.as_ref().is_some_and(|busy| !matches!(busy.rendering, Rendering::Views(_)));
-            let samples_due = before.samples()
-                && !told.role.samples()
-                && (sampling || !self.renders.is_empty() || !self.direct.is_empty());
-            let composing =
-                self.busy.as_ref().is_some_and(|busy| matches!(busy.rendering, Rendering::Views(_)));
-            let views_due = before.composites()
-                && !told.role.composites()
-                && (composing || !self.views.is_empty() || !self.waiting.is_empty());
-            if !(samples_due || views_due) {
+            if may_change_role(before, told.role, &(self.waiting() + self.in_work())) {
                 self.acting = Some(told.role);
                 self.applied = told.sequence;
             }

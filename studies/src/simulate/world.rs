@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use argus_cluster::core::{
     Action, Assignment, Config, Core, Event, Failure, Hello, Order, Ticket, Uptime, WorkerId,
 };
+use argus_cluster::worker::policy::threads_beside;
 use argus_proto::Fault;
 use argus_scene::{Camera, Outputs, PlanRequest, SampleId, SampleSetInfo, View};
 use rand::rngs::SmallRng;
@@ -211,12 +212,12 @@ impl World {
         self.expect(host);
     }
 
-    /// Work beside a worker's render thread begins, or waits: as many at a time as leave that thread its core.
+    /// Work beside a worker's render thread begins, or waits for a thread.
     fn begin_beside(&mut self, slot: usize, ms: f64, task: Task) {
         let (Machines::Shared { cores } | Machines::Each { cores }) = self.parameters.machines;
         let ms = ms * self.workers[slot].slowness;
         let worker = &mut self.workers[slot];
-        if worker.beside >= (cores as usize).saturating_sub(1).max(1) {
+        if worker.beside >= threads_beside(cores) {
             return worker.beside_waits.push_back((ms, task));
         }
         worker.beside += 1;
@@ -340,7 +341,7 @@ impl World {
         }
         for child in 0..self.workers.len() {
             let fetches = self.workers[child].fetches.iter();
-            let broken = fetches.filter(|(_, fetch)| fetch.sources.front() == Some(&slot));
+            let broken = fetches.filter(|(_, fetch)| fetch.source() == Some(slot));
             for id in broken.map(|(id, _)| *id).collect::<Vec<_>>() {
                 self.tell(child, Message::NoSample { id, from: slot });
             }
@@ -414,7 +415,7 @@ impl World {
             }
             Happening::Announced { slot, life, id } => {
                 if self.workers[slot].life == life {
-                    self.unless_it_comes(slot, id);
+                    self.announced(slot, id);
                 }
             }
             Happening::AskAgain { slot, life, id } => {
@@ -422,8 +423,8 @@ impl World {
                 if worker.life == life
                     && let Some(fetch) = worker.fetches.get_mut(&id)
                 {
-                    fetch.sources = fetch.all.iter().copied().collect();
-                    self.subscribe(slot, id);
+                    (fetch.sources, fetch.asked) = (fetch.then.clone(), 0);
+                    self.seek(slot, id);
                 }
             }
             Happening::Rejoin { slot, life } => {

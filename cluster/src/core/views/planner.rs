@@ -21,10 +21,10 @@ const EXACT_EXCESS: f64 = 0.005;
 pub(super) const LEAST_COVERED: f64 = 0.99;
 
 /// A frame from samples is within bound only where texels are fine for this share of what the view shows at least.
-pub(super) const LEAST_FINE: f64 = 0.95;
+pub(crate) const LEAST_FINE: f64 = 0.95;
 
 /// A texel is fine where it covers at most this many pixels of the view to a side.
-pub(super) const MOST_TEXEL_PIXELS: f64 = 1.5;
+pub(crate) const MOST_TEXEL_PIXELS: f64 = 1.5;
 
 /// Predicted mean FLIP above that of a direct view, of a frame from samples that cover the view with fine texels: samples
 /// are rendered with several sub-samples, and lose a little in fetching.

@@ -334,12 +334,20 @@ pub fn request(view: &View, deadline_ms: u32) -> v1::RenderRequest {
 }
 
 pub async fn render(
-    mut client: ViewsClient<Channel>,
+    client: ViewsClient<Channel>,
     view: &View,
     deadline_ms: u32,
 ) -> Result<(Frame, FrameMeta), Status> {
+    answer_to(client, request(view, deadline_ms)).await
+}
+
+/// The frame that answers a request.
+pub async fn answer_to(
+    mut client: ViewsClient<Channel>,
+    request: v1::RenderRequest,
+) -> Result<(Frame, FrameMeta), Status> {
     let answer = async {
-        let mut chunks = client.render(request(view, deadline_ms)).await?.into_inner();
+        let mut chunks = client.render(request).await?.into_inner();
         let mut assembler = FrameAssembler::new(Limits::default());
         let mut frame = None;
         while let Some(chunk) = chunks.message().await? {

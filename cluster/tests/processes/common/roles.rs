@@ -48,6 +48,23 @@ pub struct Knobs {
     pub unresolved_percent: AtomicU64,
     /// Compositors refuse to be made.
     pub no_device: AtomicBool,
+    /// Slices in which a compositor takes a sample up that nobody waits for; 0: it knows none.
+    pub hold_slices: AtomicUsize,
+    /// Reconstructed views show surfaces at the viewer's eye, of which samples far away have coarse texels.
+    pub coarse: AtomicBool,
+    /// What a slice takes.
+    pub hold_us: AtomicU64,
+    /// Slices and views, in the order in which they were done.
+    pub done: parking_lot::Mutex<Vec<Done>>,
+}
+
+/// What a role did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Done {
+    /// A slice of a sample's taking up, counted from 0.
+    Slice(SampleId, usize),
+    Direct,
+    Warped,
 }
 
 impl Knobs {
@@ -109,7 +126,11 @@ impl RoleFactory for Factory {
             return Err(RenderError::Internal("there is no device".to_owned()));
         }
         self.knobs.compositors_made.fetch_add(1, Ordering::SeqCst);
-        Ok(Box::new(FakeCompositor { knobs: self.knobs.clone(), held: HashMap::new() }))
+        Ok(Box::new(FakeCompositor {
+            knobs: self.knobs.clone(),
+            held: HashMap::new(),
+            begun: HashMap::new(),
+        }))
     }
 }
 
@@ -139,7 +160,8 @@ fn frame(job: &ViewJob, scene: &Scene, generation: u64, seed: u64) -> Frame {
         color: job.outputs.color.then(|| noise(seed, pixels * 3)),
         range: job.outputs.range.then(|| noise(seed ^ 1, pixels * 4)),
         mask: job.outputs.mask.then(|| noise(seed ^ 2, pixels)),
-        source: job.outputs.source.then(|| noise(seed ^ 3, pixels)),
+        // No pixel says which sample it comes from.
+        source: job.outputs.source.then(|| vec![0; pixels].into()),
         confidence: job.outputs.confidence.then(|| noise(seed ^ 4, pixels)),
         unresolved_fraction: 0.0,
         served: Served::default(),
@@ -231,6 +253,7 @@ impl Sampler for FakeSampler {
             if self.knobs.work(&self.knobs.direct_us, cancel) {
                 return Err(RenderError::Cancelled);
             }
+            self.knobs.done.lock().push(Done::Direct);
             Ok(frame(job, &self.scene, 1, seed_of(job, &self.scene.hash.0)))
         };
         views.iter().map(one).collect()
@@ -240,6 +263,8 @@ impl Sampler for FakeSampler {
 struct FakeCompositor {
     knobs: Arc<Knobs>,
     held: HashMap<SampleId, (Arc<SampleSetInfo>, Vec<Bytes>)>,
+    /// Slices of samples that are not held yet.
+    begun: HashMap<SampleId, usize>,
 }
 
 impl Compositor for FakeCompositor {
@@ -255,6 +280,7 @@ impl Compositor for FakeCompositor {
         }
         self.knobs.most_held.fetch_max(self.held.len() + new, Ordering::SeqCst);
         for sample in &set.samples {
+            self.begun.remove(&sample.id);
             let bytes = |plane: &Plane| match &plane.data {
                 PlaneData::Host(bytes) => Ok(bytes.clone()),
                 PlaneData::Device(any) => {
@@ -268,8 +294,23 @@ impl Compositor for FakeCompositor {
         Ok(())
     }
 
+    fn hold_slice(&mut self, set: &SampleSet) -> Result<bool, RenderError> {
+        let slices = self.knobs.hold_slices.load(Ordering::SeqCst);
+        for sample in &set.samples {
+            let begun = self.begun.entry(sample.id).or_default();
+            if *begun + 1 < slices {
+                self.knobs.work(&self.knobs.hold_us, &Cancel::default());
+                self.knobs.done.lock().push(Done::Slice(sample.id, *begun));
+                *begun += 1;
+                return Ok(false);
+            }
+        }
+        self.hold(set).map(|()| true)
+    }
+
     fn release(&mut self, ids: &[SampleId]) {
         for id in ids {
+            self.begun.remove(id);
             self.held.remove(id);
         }
     }
@@ -285,6 +326,7 @@ impl Compositor for FakeCompositor {
             if self.knobs.work(&self.knobs.view_us, cancel) {
                 return Err(RenderError::Cancelled);
             }
+            self.knobs.done.lock().push(Done::Warped);
             let mut texels = Vec::new();
             let mut of = None;
             for id in samples {
@@ -297,6 +339,11 @@ impl Compositor for FakeCompositor {
             let info = of.ok_or_else(|| RenderError::Internal("no samples".to_owned()))?;
             let mut made = frame(job, &super::scene("test"), info.generation, seed_of(job, &texels));
             made.provenance.scene = info.scene;
+            if self.knobs.coarse.load(Ordering::SeqCst) {
+                let pixels = (job.width * job.height) as usize;
+                made.range = job.outputs.range.then(|| 1e-3_f32.to_le_bytes().repeat(pixels).into());
+                made.source = job.outputs.source.then(|| vec![1; pixels].into());
+            }
             made.unresolved_fraction = self.knobs.unresolved_percent.load(Ordering::SeqCst) as f64 * 1e-2;
             Ok(made)
         };

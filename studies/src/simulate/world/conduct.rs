@@ -3,12 +3,13 @@
 use std::collections::{BTreeSet, HashMap};
 
 use argus_cluster::core::{Assignment, Event, Order, Ticket};
+use argus_cluster::worker::policy::{self, ANNOUNCED, Need, PAUSE, Seek, Serve};
 use argus_scene::SampleId;
 
 use super::agenda::Happening;
 use super::{Message, Task, WORKERS, World};
-use crate::simulate::Parameters;
 use crate::simulate::worker::{Attempt, Busy, Fetch, Rendering, Waiting};
+use crate::simulate::{Parameters, nanos};
 
 impl World {
     pub(super) fn report(&mut self, slot: usize) {
@@ -62,15 +63,8 @@ impl World {
             if worker.fetches.get(&id).is_some_and(|fetch| fetch.urgent) {
                 continue;
             }
-            if source.addresses.is_empty() {
-                if !worker.renders(id, false) {
-                    worker.renders_ahead.retain(|other| *other != id);
-                    worker.renders.push_back(id);
-                }
-            } else {
-                // One that is on its way for views to come may wait for others: this asks besides.
-                self.fetch(slot, id, &source.addresses, true);
-            }
+            // One that is on its way for views to come may wait for others: this asks besides.
+            self.fetch(slot, id, &source.addresses, true);
         }
         let samples: Vec<SampleId> = order.sources.iter().map(|source| source.id).collect();
         self.tally.waited_for_samples += u64::from(!missing.is_empty());
@@ -104,8 +98,7 @@ impl World {
         for source in &assignment.ahead {
             let id = source.id;
             if let Some(fetch) = worker.fetches.get_mut(&id).filter(|fetch| !fetch.urgent) {
-                // Whom it asks next.
-                fetch.all = others(slot, &source.addresses);
+                fetch.then = others(slot, &source.addresses);
             }
             if worker.held.contains(&id) || worker.fetches.contains_key(&id) || worker.renders(id, true) {
                 continue;
@@ -116,7 +109,7 @@ impl World {
             }
         }
         let hangs = |source: &usize| assignment.suspected.contains(&format!("http://w{source}"));
-        let awaited = worker.fetches.iter().filter_map(|(id, fetch)| Some((*id, *fetch.sources.front()?)));
+        let awaited = worker.fetches.iter().filter_map(|(id, fetch)| Some((*id, fetch.source()?)));
         let in_vain: Vec<(SampleId, usize)> = awaited.filter(|(_, source)| hangs(source)).collect();
         worker.told = Some(assignment);
         for (id, source) in in_vain {
@@ -134,48 +127,44 @@ impl World {
     }
 
     fn fetch(&mut self, slot: usize, id: SampleId, addresses: &[String], urgent: bool) {
-        let all = others(slot, addresses);
-        let fetch = Fetch { sources: all.iter().copied().collect(), all, urgent };
+        let sources = others(slot, addresses);
+        let fetch = Fetch { then: sources.clone(), sources, asked: 0, urgent };
         self.workers[slot].fetches.insert(id, fetch);
-        self.subscribe(slot, id);
+        self.seek(slot, id);
     }
 
-    /// Asks the next source for a sample. With none left, it is rendered here if a view waits or others are fed from here,
-    /// or asked for again later.
-    pub(super) fn subscribe(&mut self, slot: usize, id: SampleId) {
-        let life = self.workers[slot].life;
-        let Some(fetch) = self.workers[slot].fetches.get(&id) else { return };
-        let urgent = fetch.urgent;
-        match fetch.sources.front().copied() {
-            Some(source) if self.workers[source].alive => {
-                self.tell(source, Message::Subscribe { id, from: slot, ahead: !urgent });
-            }
-            Some(source) => self.tell(slot, Message::NoSample { id, from: source }),
-            None if urgent => {
-                let worker = &mut self.workers[slot];
-                worker.fetches.remove(&id);
-                if !worker.renders(id, false) {
-                    worker.renders.push_back(id);
+    /// Seeks a sample where [`policy::seek`] says.
+    pub(super) fn seek(&mut self, slot: usize, id: SampleId) {
+        let worker = &mut self.workers[slot];
+        let (life, feeds_others) = (worker.life, worker.samples());
+        let Some(fetch) = worker.fetches.get(&id) else { return };
+        let need = match fetch.urgent {
+            true => Need::View { dispensable: false },
+            false => Need::Later { feeds_others },
+        };
+        match policy::seek(need, fetch.asked, fetch.sources.len()) {
+            Seek::Ask(next) => {
+                let (source, ahead) = (fetch.sources[next], !fetch.urgent);
+                match self.workers[source].alive {
+                    true => self.tell(source, Message::Subscribe { id, from: slot, ahead }),
+                    false => self.tell(slot, Message::NoSample { id, from: source }),
                 }
+            }
+            Seek::Render { ahead } => {
+                worker.fetches.remove(&id);
+                worker.render(id, ahead);
                 self.kick(slot);
             }
-            None if self.workers[slot].samples() => {
-                let worker = &mut self.workers[slot];
-                worker.fetches.remove(&id);
-                if !worker.renders(id, true) {
-                    worker.renders_ahead.push_back(id);
-                }
-                self.kick(slot);
-            }
-            None => self.after(500_000_000, Happening::AskAgain { slot, life, id }),
+            Seek::AskAgain => self.after(nanos(PAUSE), Happening::AskAgain { slot, life, id }),
+            Seek::GiveUp => {}
         }
     }
 
     fn not_there(&mut self, slot: usize, id: SampleId, from: usize) {
         let Some(fetch) = self.workers[slot].fetches.get_mut(&id) else { return };
-        if fetch.sources.front() == Some(&from) {
-            fetch.sources.pop_front();
-            self.subscribe(slot, id);
+        if fetch.source() == Some(from) {
+            fetch.asked += 1;
+            self.seek(slot, id);
         }
     }
 
@@ -185,18 +174,29 @@ impl World {
             return self.pack(slot, id, from);
         }
         worker.children.entry(id).or_default().push(from);
-        if worker.samples() && !ahead {
-            if !worker.renders(id, false) {
-                worker.renders_ahead.retain(|other| *other != id);
-                worker.renders.push_back(id);
-            }
+        if policy::serve(worker.samples(), ahead, false) == Serve::Render {
+            worker.render(id, false);
             return self.kick(slot);
         }
         if worker.fetches.contains_key(&id) || worker.renders(id, ahead) {
             return;
         }
         let life = worker.life;
-        self.after(1_000_000_000, Happening::Announced { slot, life, id });
+        self.after(nanos(ANNOUNCED), Happening::Announced { slot, life, id });
+    }
+
+    /// A sample that others wait for here was announced, and should have begun to come.
+    pub(super) fn announced(&mut self, slot: usize, id: SampleId) {
+        let worker = &mut self.workers[slot];
+        let comes = worker.held.contains(&id) || worker.fetches.contains_key(&id) || worker.renders(id, true);
+        if !comes
+            && worker.children.contains_key(&id)
+            && policy::serve(worker.samples(), true, true) == Serve::Render
+        {
+            worker.render(id, false);
+            return self.kick(slot);
+        }
+        self.unless_it_comes(slot, id);
     }
 
     /// Tells those who wait here for a sample if it is not on its way.

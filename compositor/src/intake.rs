@@ -1,0 +1,214 @@
+//! A sample on its way into the texture arrays, in steps of a few milliseconds each.
+//!
+//! Taking a sample of 6×512² texels in at once kept views waiting for 0.1 to 0.25 s on the software driver. So its work is
+//! listed as steps of at most [`STEP_TEXELS`]: rows of planes are copied, then rows of the display plane and its coarser levels
+//! are made, then the tiles of each face are bounded. Steps are recorded into one submission until it is worth its waiting.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::sync::{Arc, Weak};
+
+use argus_gpu::{Commands, Gpu, Ticket, plane};
+use argus_scene::camera::Face;
+use argus_scene::{PlaneKind, RenderError, Sample, SampleId, SampleSetInfo};
+
+use crate::cull::FaceTiles;
+use crate::knobs::CompositorKnobs;
+use crate::passes::bounds::BoundsPass;
+use crate::passes::mips::{MipScratch, MipsPass};
+use crate::pool::Pool;
+
+/// Texels of a step, at most; a face is not cut to bound its tiles.
+const STEP_TEXELS: u32 = 1 << 18;
+
+/// What samples are taken in with.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tools<'a> {
+    pub(crate) gpu: &'a Arc<Gpu>,
+    pub(crate) bounds: &'a BoundsPass,
+    pub(crate) mips: &'a MipsPass,
+    pub(crate) knobs: &'a CompositorKnobs,
+}
+
+/// A sample on its way in.
+#[derive(Debug)]
+pub(crate) struct Intake {
+    pub(crate) info: Arc<SampleSetInfo>,
+    /// It is given up once nobody else has the sample.
+    pub(crate) sample: Weak<Sample>,
+    /// Index of its pool.
+    pub(crate) pool: usize,
+    pub(crate) layer: u32,
+    pub(crate) faces: Vec<Face>,
+    /// One a face, as far as they are known.
+    pub(crate) tiles: Vec<FaceTiles>,
+    left: VecDeque<Step>,
+    scratch: Option<MipScratch>,
+}
+
+/// A part of the work.
+#[derive(Debug, Clone, PartialEq)]
+enum Step {
+    /// Rows of a plane are copied into the layer.
+    Copy(PlaneKind, Range<u32>),
+    /// Rows of the finest level of the display plane are made.
+    Finest(Range<u32>),
+    /// Rows of a coarser level of radiance, and of the display plane, are made.
+    Coarser(u32, Range<u32>),
+    /// The tiles of a face are bounded.
+    Bounds(usize),
+}
+
+/// Steps that are recorded and not submitted yet.
+#[derive(Debug)]
+pub(crate) struct Submission {
+    commands: Commands,
+    /// Work so far, in units of a copied texel.
+    pub(crate) weight: u64,
+    bounds: Vec<(SampleId, usize, Ticket)>,
+}
+
+impl Submission {
+    pub(crate) fn new(gpu: &Arc<Gpu>) -> Self {
+        Self { commands: gpu.commands("hold samples"), weight: 0, bounds: Vec::new() }
+    }
+
+    /// Does what was recorded; returns the bounds of tiles by sample and face, as [`BoundsPass`] writes them.
+    ///
+    /// # Errors
+    /// Whatever the device fails with.
+    pub(crate) fn finish(self) -> Result<Vec<(SampleId, usize, Vec<u8>)>, RenderError> {
+        let mut finished = self.commands.submit().wait()?;
+        let bounds = self.bounds.into_iter();
+        Ok(bounds.map(|(id, face, ticket)| (id, face, finished.take(ticket).to_vec())).collect())
+    }
+}
+
+/// Rows from 0 to `height`, in parts of at most [`STEP_TEXELS`].
+fn bands(width: u32, height: u32) -> impl Iterator<Item = Range<u32>> {
+    // Whole workgroups of 8 rows.
+    let rows = (STEP_TEXELS / width.max(1)).next_multiple_of(8).max(8);
+    (0..height.div_ceil(rows)).map(move |i| i * rows..((i + 1) * rows).min(height))
+}
+
+impl Intake {
+    /// Of a sample that has been validated, into a layer of the pool of that index.
+    pub(crate) fn new(
+        info: &Arc<SampleSetInfo>,
+        sample: &Arc<Sample>,
+        pool: &Pool,
+        index: usize,
+        layer: u32,
+    ) -> Result<Self, RenderError> {
+        let [width, height] = pool.class.size;
+        let levels = pool.array(PlaneKind::Radiance)?.texture.mip_level_count();
+        let faces = sample.camera.faces();
+        let kinds = sample.planes.iter().map(|plane| plane.kind);
+        let copies = kinds.flat_map(|kind| bands(width, height).map(move |rows| Step::Copy(kind, rows)));
+        let finest = bands(width, height).map(Step::Finest);
+        let coarser = (1..levels).flat_map(|level| {
+            bands((width >> level).max(1), (height >> level).max(1))
+                .map(move |rows| Step::Coarser(level, rows))
+        });
+        let left = copies.chain(finest).chain(coarser).chain((0..faces.len()).map(Step::Bounds));
+        Ok(Self {
+            info: info.clone(),
+            sample: Arc::downgrade(sample),
+            pool: index,
+            layer,
+            tiles: vec![FaceTiles::default(); faces.len()],
+            left: left.collect(),
+            faces,
+            scratch: None,
+        })
+    }
+
+    /// Whether it is of that sample in that set.
+    pub(crate) fn is_of(&self, info: &Arc<SampleSetInfo>, sample: &Arc<Sample>) -> bool {
+        std::ptr::eq(self.sample.as_ptr(), Arc::as_ptr(sample))
+            && (Arc::ptr_eq(&self.info, info) || self.info == *info)
+    }
+
+    /// Whether no step is left.
+    pub(crate) fn is_recorded(&self) -> bool {
+        self.left.is_empty()
+    }
+
+    /// Records the next step; returns the program that it runs, if any.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] where planes are not what validation made sure of.
+    pub(crate) fn record(
+        &mut self,
+        tools: &Tools<'_>,
+        pool: &mut Pool,
+        sample: &Sample,
+        to: &mut Submission,
+    ) -> Result<Option<&'static str>, RenderError> {
+        let Some(step) = self.left.pop_front() else { return Ok(None) };
+        let program = match step {
+            Step::Copy(..) => None,
+            Step::Finest(_) => Some("finest"),
+            Step::Coarser(..) => Some("coarsen"),
+            Step::Bounds(_) => Some("bound_tile"),
+        };
+        pool.changes(self.layer);
+        let width = u64::from(pool.class.size[0]);
+        let texels = |rows: &Range<u32>| width * u64::from(rows.end - rows.start);
+        let exposure = self.info.lighting.exposure;
+        to.weight += match step {
+            Step::Copy(kind, rows) => {
+                if let (Some(plane), Ok(array)) = (sample.plane(kind), pool.array(kind)) {
+                    plane::copy_rows_into_layer(tools.gpu, plane, rows.clone(), &array.texture, self.layer)?;
+                }
+                texels(&rows)
+            }
+            Step::Finest(rows) => {
+                let texels = texels(&rows);
+                tools.mips.finest(&mut to.commands, pool, self.layer, exposure, rows)?;
+                FINEST_WEIGHT * texels
+            }
+            Step::Coarser(level, rows) => {
+                let scratch = self.scratch.get_or_insert_with(|| MipScratch::new(tools.gpu, pool));
+                let texels = texels(&rows) >> level;
+                tools.mips.coarser(&mut to.commands, pool, self.layer, exposure, level, rows, scratch)?;
+                COARSER_WEIGHT * texels
+            }
+            Step::Bounds(face) => {
+                let of = &self.faces[face];
+                let ticket = tools.bounds.record(tools.gpu, &mut to.commands, pool, self.layer, of)?;
+                to.bounds.push((sample.id, face, ticket));
+                BOUNDS_WEIGHT * u64::from(of.size[0]) * u64::from(of.size[1])
+            }
+        };
+        Ok(program)
+    }
+
+    /// Takes in what the tiles of a face are bounded by.
+    pub(crate) fn bound(&mut self, face: usize, bytes: &[u8]) {
+        self.tiles[face] = BoundsPass::tiles(&self.faces[face], bytes);
+    }
+}
+
+/// What a texel of other steps takes, in units of a copied texel; of the order of what the software driver takes.
+const FINEST_WEIGHT: u64 = 8;
+const COARSER_WEIGHT: u64 = 16;
+const BOUNDS_WEIGHT: u64 = 4;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_cover_all_rows_once_and_no_band_is_longer_than_a_step() {
+        for (width, height) in [(1536, 1024), (1, 1), (100, 75), (1 << 14, 3), (512, 512)] {
+            let bands: Vec<_> = bands(width, height).collect();
+            assert_eq!((bands[0].start, bands[bands.len() - 1].end), (0, height));
+            assert!(bands.windows(2).all(|pair| pair[0].end == pair[1].start));
+            assert!(
+                bands.iter().all(|rows| rows.len() as u32 * width <= STEP_TEXELS.max(8 * width) + 8 * width)
+            );
+        }
+        assert_eq!(bands(512, 0).count(), 0);
+    }
+}
