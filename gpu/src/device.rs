@@ -38,7 +38,7 @@ pub struct Gpu {
 /// take the device away with it.
 ///
 /// What bounds passes: a sampler renders tiles of 2048² sub-samples and a compositor chunks of 4 million sub-pixels; a
-/// traversal's step is as long as its queue; maps by brute force are made for 1024 views at a time.
+/// traversal's step is as long as its queue; maps by brute force are made of 2²⁹ pairs of a triangle and a view at a time.
 pub const LONGEST_PASS_MS: f64 = 1000.0;
 
 /// Features without which Argus does not run.

@@ -25,7 +25,7 @@ pub(super) fn page(here: &Results, other: Option<&Results>) -> String {
     }
     targets(&mut page, here, other);
     steps(&mut page, here);
-    selftest(&mut page, here);
+    selftest(&mut page, here, other);
     for step in &STEPS {
         study(&mut page, step, here, other);
     }
@@ -125,15 +125,19 @@ fn told(outcome: &Outcome) -> String {
 }
 
 /// The device as it describes itself, and the checks that failed.
-fn selftest(page: &mut String, here: &Results) {
+fn selftest(page: &mut String, here: &Results, other: Option<&Results>) {
     let Some(printed) = here.printed.get(SELFTEST) else { return };
-    *page += "\n## Device\n\n| | |\n|---|---|\n";
+    *page += "\n## Device\n\n";
+    *page += if other.is_some() { "| | here | beside |\n|---|---|---|\n" } else { "| | |\n|---|---|\n" };
+    let beside =
+        other.and_then(|other| other.printed.get(SELFTEST)).and_then(|printed| printed.get("device"));
     for (key, value) in printed.get("device").and_then(Value::as_object).into_iter().flatten() {
-        let value = match value {
-            Value::Array(parts) => parts.iter().map(shown).collect::<Vec<_>>().join(", "),
-            value => shown(value),
-        };
-        let _ = writeln!(page, "| {key} | {} |", cell(&value));
+        let _ = write!(page, "| {key} | {} |", listed(value));
+        if other.is_some() {
+            let value = beside.and_then(|device| device.get(key)).map(listed).unwrap_or_default();
+            let _ = write!(page, " {value} |");
+        }
+        *page += "\n";
     }
     let checks: Rows = printed.get("checks").map(objects).unwrap_or_default();
     let of = |state: &str| checks.iter().filter(|check| check["result"] == state).collect::<Vec<_>>();
@@ -149,6 +153,15 @@ fn selftest(page: &mut String, here: &Results) {
         let text = |key: &str| check.get(key).map(shown).unwrap_or_default();
         let _ = writeln!(page, "- {}: {} {}: {}", text("result"), text("name"), text("figure"), text("note"));
     }
+}
+
+/// A value of the device's description.
+fn listed(value: &Value) -> String {
+    cell(&match value {
+        Value::Array(parts) if parts.is_empty() => "nothing".to_owned(),
+        Value::Array(parts) => parts.iter().map(shown).collect::<Vec<_>>().join(", "),
+        value => shown(value),
+    })
 }
 
 fn study(page: &mut String, step: &Step, here: &Results, other: Option<&Results>) {

@@ -20,7 +20,7 @@ pub struct Step {
 }
 
 /// Seconds that a step of a quick campaign may take.
-const QUICK_SECS: u64 = 90;
+const QUICK_SECS: u64 = 120;
 
 /// The self-test's name.
 pub(super) const SELFTEST: &str = "selftest";
