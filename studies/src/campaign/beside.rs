@@ -8,8 +8,8 @@ use serde_json::{Map, Value};
 use crate::report::shown;
 use crate::targets::text;
 
-/// Rows of a study.
-pub(super) type Rows = Vec<Map<String, Value>>;
+/// A row of a study.
+pub(super) type Row = Map<String, Value>;
 
 /// What a figure's size says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,11 +20,11 @@ enum Better {
 
 /// A table of what both have: a row's keys, then each figure as `here / beside (how many times better here)`. Rows that
 /// only one of them has stand alone.
-pub(super) fn table(keys: &[&str], here: &Rows, other: &Rows) -> String {
+pub(super) fn table(keys: &[&str], here: &[Row], other: &[Row]) -> String {
     let keys: Vec<&str> =
         keys.iter().copied().filter(|key| here.iter().any(|row| row.contains_key(*key))).collect();
     let figures = figures(here);
-    let mut others: BTreeMap<Vec<String>, Vec<&Map<String, Value>>> = BTreeMap::new();
+    let mut others: BTreeMap<Vec<String>, Vec<&Row>> = BTreeMap::new();
     for row in other.iter().rev() {
         others.entry(named(&keys, row)).or_default().push(row);
     }
@@ -49,14 +49,14 @@ pub(super) fn table(keys: &[&str], here: &Rows, other: &Rows) -> String {
 }
 
 /// What a row goes by.
-fn named(keys: &[&str], row: &Map<String, Value>) -> Vec<String> {
+fn named(keys: &[&str], row: &Row) -> Vec<String> {
     keys.iter()
         .map(|key| row.get(*key).filter(|value| !value.is_null()).map(text).unwrap_or_default())
         .collect()
 }
 
 /// Columns that are times, rates, errors or the figure of a row that says its unit, in their order.
-fn figures(rows: &Rows) -> Vec<String> {
+fn figures(rows: &[Row]) -> Vec<String> {
     let first = rows.first().into_iter().flat_map(|row| row.keys());
     first.filter(|key| better(key, "").is_some()).cloned().collect()
 }
@@ -73,14 +73,14 @@ fn better(column: &str, unit: &str) -> Option<Better> {
     }
 }
 
-fn of(row: &Map<String, Value>, column: &str) -> String {
+fn of(row: &Row, column: &str) -> String {
     row.get(column).map_or_else(|| "–".to_owned(), shown)
 }
 
-fn pair(column: &str, here: &Map<String, Value>, other: Option<&Map<String, Value>>) -> String {
+fn pair(column: &str, here: &Row, other: Option<&Row>) -> String {
     let Some(other) = other else { return format!("{} / –", of(here, column)) };
     let unit = here.get("unit").map(text).unwrap_or_default();
-    let number = |row: &Map<String, Value>| row.get(column)?.as_f64().filter(|value| *value > 0.0);
+    let number = |row: &Row| row.get(column)?.as_f64().filter(|value| *value > 0.0);
     let times = match (number(here), number(other), better(column, &unit)) {
         (Some(a), Some(b), Some(Better::Less)) => format!(" ({:.2}×)", b / a),
         (Some(a), Some(b), Some(Better::More)) => format!(" ({:.2}×)", a / b),
@@ -124,6 +124,6 @@ mod tests {
 
     #[test]
     fn a_study_without_rows_makes_an_empty_table() {
-        assert_eq!(table(&["a"], &Vec::new(), &Vec::new()).lines().count(), 2);
+        assert_eq!(table(&["a"], &[], &[]).lines().count(), 2);
     }
 }

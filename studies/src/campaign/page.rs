@@ -3,9 +3,9 @@
 
 use std::fmt::Write as _;
 
-use serde_json::{Map, Value};
+use serde_json::Value;
 
-use super::beside::{self, Rows};
+use super::beside::{self, Row};
 use super::record::{Outcome, Results, StepRecord};
 use super::steps::{SELFTEST, STEPS, Step};
 use crate::device::FRAGMENTS;
@@ -84,7 +84,8 @@ struct Cells {
 fn figure(target: &Target, results: &Results) -> Cells {
     let nothing = "–".to_owned();
     let printed = STEPS.iter().filter(|step| step.study == Some(target.study));
-    let rows: Rows = printed.filter_map(|step| results.printed.get(step.name)).flat_map(rows_of).collect();
+    let rows: Vec<Row> =
+        printed.filter_map(|step| results.printed.get(step.name)).flat_map(rows_of).collect();
     let Some((row, figure)) = target.best(&rows) else {
         // A row without a figure may still say why.
         let row = rows.iter().find(|row| target.is_about(row));
@@ -95,7 +96,7 @@ fn figure(target: &Target, results: &Results) -> Cells {
     Cells { figure: format!("{figure:.3}"), ratio, with: beside_figure(target, row) }
 }
 
-fn beside_figure(target: &Target, row: &Map<String, Value>) -> String {
+fn beside_figure(target: &Target, row: &Row) -> String {
     let of = |key: &&str| Some(format!("{key} {}", shown(row.get(*key)?)));
     let texts = target.beside.iter().filter_map(of);
     cell(&texts.map(|text| text.trim_start_matches("note ").to_owned()).collect::<Vec<_>>().join(", "))
@@ -139,7 +140,7 @@ fn selftest(page: &mut String, here: &Results, other: Option<&Results>) {
         }
         *page += "\n";
     }
-    let checks: Rows = printed.get("checks").map(objects).unwrap_or_default();
+    let checks: Vec<Row> = printed.get("checks").map(objects).unwrap_or_default();
     let of = |state: &str| checks.iter().filter(|check| check["result"] == state).collect::<Vec<_>>();
     let _ = writeln!(
         page,
@@ -189,11 +190,11 @@ fn fragments(page: &mut String) {
 }
 
 /// The rows of a report.
-fn rows_of(printed: &Value) -> Rows {
+fn rows_of(printed: &Value) -> Vec<Row> {
     printed.get("rows").map(objects).unwrap_or_default()
 }
 
-fn objects(value: &Value) -> Rows {
+fn objects(value: &Value) -> Vec<Row> {
     value.as_array().into_iter().flatten().filter_map(Value::as_object).cloned().collect()
 }
 

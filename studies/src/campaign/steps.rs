@@ -57,7 +57,7 @@ impl Step {
 /// All steps, the most worth first. A study that is added later is a line at the end.
 pub const STEPS: [Step; 12] = [
     Step { study: None, ..Step::study(SELFTEST, 180, &[]) },
-    Step::study("device", 240, &["measure", "variant"]),
+    Step::study("device", 240, &["measure", "variant", "unit"]),
     Step::study("baseline", 180, &["scene", "size", "method"]).with(&["--scene", "terrain:500000"]),
     Step::study("warp", 240, &["search", "steps", "samples", "supersampling", "texels", "cameras"])
         .with(&["--views", "6"]),
