@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use argus_scene::Stage;
 use parking_lot::Mutex;
 use wgpu::{Backends, DeviceType, Features, InstanceFlags};
 
@@ -29,8 +30,16 @@ pub struct Gpu {
     kind: String,
     adapter: wgpu::AdapterInfo,
     faults: Arc<Faults>,
+    longest_pass: Mutex<Option<Stage>>,
     pub(crate) readback: ReadbackPool,
 }
+
+/// Milliseconds that no pass may take: drivers that also serve a display end a submission after two seconds or more, and
+/// take the device away with it.
+///
+/// What bounds passes: a sampler renders tiles of 2048² sub-samples and a compositor chunks of 4 million sub-pixels; a
+/// traversal's step is as long as its queue; maps by brute force are made of 2²⁹ pairs of a triangle and a view at a time.
+pub const LONGEST_PASS_MS: f64 = 1000.0;
 
 /// Features without which Argus does not run.
 const REQUIRED: Features =
@@ -93,6 +102,7 @@ impl Gpu {
             kind: format!("{} / {} {}", info.name, info.driver, info.driver_info),
             adapter: info,
             faults,
+            longest_pass: Mutex::new(None),
             readback: ReadbackPool::default(),
         }))
     }
@@ -115,6 +125,19 @@ impl Gpu {
     /// Whether the device can time passes.
     pub fn has_timestamps(&self) -> bool {
         self.device.features().contains(Features::TIMESTAMP_QUERY)
+    }
+
+    /// The longest pass so far, in milliseconds by the device's clock; `None` where it has none or nothing ran. See
+    /// [`LONGEST_PASS_MS`].
+    pub fn longest_pass(&self) -> Option<Stage> {
+        self.longest_pass.lock().clone()
+    }
+
+    pub(crate) fn note_pass(&self, name: &str, ms: f64) {
+        let mut longest = self.longest_pass.lock();
+        if longest.as_ref().is_none_or(|stage| ms > stage.ms) {
+            *longest = Some(Stage::new(name.to_owned(), ms));
+        }
     }
 
     /// Why the device is gone, if it is.

@@ -6,7 +6,8 @@
 //! - [`Finished`]: what came back, through a pool of mapped buffers that are reused;
 //! - [`plane`]: sample planes as textures and as bytes;
 //! - [`hierarchy`]: prefix sums, sorting, and octrees;
-//! - [`many_views`]: maps of an octree from very many viewpoints at once.
+//! - [`many_views`]: maps of an octree from very many viewpoints at once;
+//! - [`ScatteredAtomics`]: a benchmark of what such maps are written by.
 //!
 //! This crate knows no scene beyond the vocabulary.
 
@@ -18,17 +19,19 @@ pub mod many_views;
 mod pipeline;
 pub mod plane;
 mod readback;
+mod scattered_atomics;
 mod surroundings;
 mod timing;
 
 pub use commands::{
     Bindable, ColorTarget, Commands, ComputeCall, DepthTarget, DrawCall, RenderPass, Submitted,
 };
-pub use device::{Gpu, GpuOptions};
+pub use device::{Gpu, GpuOptions, LONGEST_PASS_MS};
 pub use error::GpuError;
 pub use pipeline::{ComputePipeline, RenderPipeline, RenderPipelineDesc};
 pub use plane::DevicePlane;
 pub use readback::{Finished, Ticket};
+pub use scattered_atomics::{ScatteredAtomics, Word};
 pub use surroundings::Surroundings;
 /// The graphics library itself, so that a role depends on one version of it.
 pub use wgpu;

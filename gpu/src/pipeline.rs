@@ -81,7 +81,11 @@ impl Gpu {
             layout: None,
             module: &module,
             entry_point: Some(entry.name),
-            compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants,
+                // Every program writes what it reads of it: zeroing it first costs a barrier a workgroup.
+                zero_initialize_workgroup_memory: false,
+            },
             cache: None,
         });
         let layouts = groups(entry.bindings).into_iter().map(|g| (g, raw.get_bind_group_layout(g))).collect();

@@ -129,7 +129,9 @@ pub(crate) fn collect(
     let finished = {
         let view = buffer.slice(..).get_mapped_range().map_err(|e| GpuError::Lost(e.to_string()))?;
         let results = copies.iter().map(|copy| Some(copy.unpack(&view))).collect();
-        let stages = timestamps.map(|copy| timings.stages(&copy.unpack(&view))).unwrap_or_default();
+        let timestamps = timestamps.map(|copy| copy.unpack(&view)).unwrap_or_default();
+        timings.passes(&timestamps).for_each(|(name, ms)| gpu.note_pass(name, ms));
+        let stages = timings.stages(&timestamps);
         Finished { stages, results }
     };
     buffer.unmap();

@@ -54,16 +54,23 @@ impl Timings {
         Some(buffer)
     }
 
-    /// One row for each name, in order of first appearance; passes that share a name are summed.
-    pub(crate) fn stages(&self, timestamps: &[u8]) -> Vec<Stage> {
-        let mut stages: Vec<Stage> = Vec::new();
-        for (name, pair) in self.names.iter().zip(timestamps.chunks_exact(16)) {
+    /// A row for each pass, in the order they ran.
+    pub(crate) fn passes<'a>(&'a self, timestamps: &'a [u8]) -> impl Iterator<Item = (&'a str, f64)> {
+        self.names.iter().zip(timestamps.chunks_exact(16)).map(|(name, pair)| {
             let at = |i: usize| u64::from_le_bytes(pair[i..i + 8].try_into().unwrap_or_default());
             // A driver may reset its clock between the two; the row is then 0, not a century.
             let ms = at(8).saturating_sub(at(0)) as f64 * f64::from(self.period_ns) * 1e-6;
-            match stages.iter_mut().find(|s| s.name == *name) {
+            (name.as_str(), ms)
+        })
+    }
+
+    /// One row for each name, in order of first appearance; passes that share a name are summed.
+    pub(crate) fn stages(&self, timestamps: &[u8]) -> Vec<Stage> {
+        let mut stages: Vec<Stage> = Vec::new();
+        for (name, ms) in self.passes(timestamps) {
+            match stages.iter_mut().find(|s| s.name == name) {
                 Some(stage) => stage.ms += ms,
-                None => stages.push(Stage::new(name.clone(), ms)),
+                None => stages.push(Stage::new(name.to_owned(), ms)),
             }
         }
         stages

@@ -2,6 +2,7 @@
 
 mod mapped;
 mod mirrored;
+mod rays;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

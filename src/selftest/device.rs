@@ -136,7 +136,8 @@ fn missing(loader: bool, drivers: usize, chosen: Option<(&str, &str)>) -> String
     }
     if drivers == 0 {
         return "the loader is there and no driver's manifest (/usr/share/vulkan/icd.d, /etc/vulkan/icd.d); in a container \
-                with an NVIDIA GPU set NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility"
+                with an NVIDIA GPU set NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility, or name a manifest that is \
+                elsewhere by VK_DRIVER_FILES"
             .to_owned();
     }
     format!("the loader and {drivers} drivers' manifests are there, and none of the drivers opens a device")

@@ -10,10 +10,10 @@ mod stage;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use argus_gpu::{Gpu, GpuOptions};
+use argus_gpu::{Gpu, GpuOptions, LONGEST_PASS_MS};
 use serde::Serialize;
 
-use self::check::{Check, Checks};
+use self::check::{Check, Checks, Limit};
 use self::stage::Stage;
 use crate::output;
 
@@ -75,11 +75,25 @@ fn test() -> Report {
             images::samples(&mut stage, &mut checks);
             images::searches(&mut stage, &mut checks);
         }
+        longest_pass(&gpu, &mut checks);
         recovery::check(&mut checks);
     }
     let checks = checks.done();
     let passed = !checks.iter().any(Check::failed);
     Report { passed, seconds: begin.elapsed().as_secs_f64(), device: description, checks }
+}
+
+/// Drivers take the device away from programs that occupy it for long; no pass of these small images may come near that. The
+/// software driver never does, and its passes wait for other processes.
+fn longest_pass(gpu: &Gpu, checks: &mut Checks) {
+    let Some(pass) = gpu.longest_pass() else {
+        return checks.absent("the longest pass", "the device does not time passes".to_owned());
+    };
+    let name = format!("the longest pass, {}", pass.name);
+    if gpu.is_software() {
+        return checks.absent(&name, format!("no driver ends it; it took {:.1} ms", pass.ms));
+    }
+    checks.figure(&name, pass.ms, "ms", Limit::AtMost(LONGEST_PASS_MS), Instant::now());
 }
 
 fn table(report: &Report) -> String {

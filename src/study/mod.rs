@@ -5,10 +5,12 @@ mod baseline;
 mod bounds;
 mod break_even;
 mod burst;
+mod campaign;
 mod capacity;
 mod cells;
 mod change;
 mod cluster;
+mod device;
 mod hard_cases;
 mod history;
 mod manylods;
@@ -20,6 +22,7 @@ mod radiosity;
 mod reflections;
 mod service;
 mod soak;
+mod throughput;
 mod visibility;
 mod walk;
 mod warp;
@@ -45,7 +48,8 @@ Examples:
   argus study walk --scene sponza.glb --laps 8
   argus study cluster --simulate --out figures
   argus study service --scene sponza.glb --size 320x240
-  argus study soak --sessions 200 --minutes 2 --chaos")]
+  argus study soak --sessions 200 --minutes 2 --chaos
+  argus study campaign --quick                        the self-test and all studies that need a GPU")]
 pub(crate) struct Args {
     #[command(subcommand)]
     study: Study,
@@ -79,6 +83,9 @@ enum Study {
     Reflections(reflections::Mirrors),
     Overload(overload::Overload),
     Service(service::Service),
+    Device(device::Device),
+    Throughput(throughput::Throughput),
+    Campaign(campaign::Campaign),
 }
 
 /// How long a study may take, and what becomes of its figures.
@@ -122,7 +129,11 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Reflections(study) => ("reflections", study.run(form.quick, &progress).await?),
         Study::Overload(study) => ("overload", study.run(form.quick, &progress).await?),
         Study::Service(study) => ("service", study.run(form.quick, &progress).await?),
+        Study::Device(study) => ("device", study.run(form.quick, &progress).await?),
+        Study::Throughput(study) => ("throughput", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
+        // It writes a folder of its own.
+        Study::Campaign(campaign) => return campaign.run(&form, &progress).await,
     };
     progress.finish_and_clear();
     publish(name, &form, &report)?;

@@ -103,7 +103,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
             rows.extend(subject.rows(size, options, progress).with_context(|| spec.clone())?);
         }
     }
-    Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))
+    let mut report = Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows);
+    report.note_longest_pass(&gpu);
+    Ok(report)
 }
 
 /// One scene, sampled and held.

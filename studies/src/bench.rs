@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_compositor::GpuCompositor;
+use argus_compositor::{GpuCompositor, Twin};
 use argus_gpu::Gpu;
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::metrics::{self, Comparison};
@@ -19,7 +19,7 @@ use glam::{DVec2, DVec3};
 use image::RgbImage;
 use rayon::prelude::*;
 
-use crate::median::median;
+use crate::median::{mean, median};
 
 /// Both roles about one scene, in one process and on one device, so that no network hides in a figure.
 pub(crate) struct Bench {
@@ -54,6 +54,9 @@ pub(crate) struct Truth {
     /// Ranges through the places that frames of 1, 2, 3, … sub-pixels a side say theirs of.
     ranges: Vec<(u32, Vec<f64>)>,
 }
+
+/// Batches after which a compositor has tried both programs of a search as often as it does: four turns of each, and one.
+const BATCHES_TO_DECIDE: usize = 9;
 
 /// Relative difference of range from which a pixel counts as another surface.
 pub(crate) const WRONG_SURFACE: f64 = 0.05;
@@ -220,6 +223,24 @@ impl Bench {
         Ok((ms, frames.into_iter().collect::<Result<_, RenderError>>()?))
     }
 
+    /// Composes a batch until its search has decided which of its two programs it keeps, or is clear that it will not: its
+    /// name. All that a device compiles it has compiled then.
+    pub(crate) fn batches_to_decide(&mut self, jobs: &[ViewJob]) -> Result<&'static str, RenderError> {
+        let search = jobs.iter().find_map(|job| match &job.plan {
+            Plan::Warp(warp) => Some(warp.search),
+            Plan::Direct { .. } => None,
+        });
+        for _ in 0..BATCHES_TO_DECIDE {
+            self.time(jobs)?;
+            match search.and_then(|search| self.compositor.twin(search)) {
+                Some(Twin::Fragment) => return Ok("fragment"),
+                Some(_) => return Ok("compute"),
+                None => {}
+            }
+        }
+        Ok("undecided")
+    }
+
     /// The truth about a view, its colour averaged over `samples` rays a pixel; ranges for frames of the given
     /// numbers of sub-pixels a side. Images are kept between runs.
     pub(crate) fn truth(&self, camera: &Camera, size: [u32; 2], samples: u32, sides: &[u32]) -> Truth {
@@ -290,6 +311,17 @@ impl Bench {
         let free = self.tracer.trace(from, step).map_or(f64::INFINITY, |hit| hit.range * 0.75);
         from + step / length * length.min(free)
     }
+}
+
+/// Milliseconds of a frame's passes on the device, by its own clock: what compositors do on the host left away. Each frame
+/// of a batch has an even share of the batch. NaN where there is no frame or the device has no clock.
+pub(crate) fn device_ms(frames: &[Frame]) -> f64 {
+    const ON_HOST: [&str; 3] = ["prepare views", "record passes", "unpack frames"];
+    let passes = |frame: &Frame| {
+        let passes = frame.stages.iter().filter(|stage| !ON_HOST.contains(&stage.name.as_str()));
+        passes.map(|stage| stage.ms).reduce(|a, b| a + b).unwrap_or(f64::NAN)
+    };
+    mean(frames.iter().map(passes))
 }
 
 /// FLIP, PSNR and SSIM of a frame.

@@ -155,6 +155,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         scene.triangles(),
     ));
     report.plots = vec![plot(&scene.name, &report.rows)];
+    report.note_longest_pass(&gpu);
     Ok(report)
 }
 

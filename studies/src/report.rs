@@ -5,6 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use argus_gpu::{Gpu, LONGEST_PASS_MS};
+use argus_scene::Stage;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -63,18 +65,37 @@ impl Report {
         Self { scene: scene.into(), machine, rows, notes: Vec::new(), plots: Vec::new() }
     }
 
-    /// The rows as a Markdown table.
+    /// Says how long the longest pass was, where the device can tell: drivers end what takes too long.
+    pub(crate) fn note_longest_pass(&mut self, gpu: &Gpu) {
+        if let Some(Stage { name, ms }) = gpu.longest_pass() {
+            let verdict = if ms <= LONGEST_PASS_MS { "within" } else { "BEYOND" };
+            self.notes.push(format!(
+                "The longest pass, `{name}`, took {ms:.1} ms: {verdict} the {LONGEST_PASS_MS} ms that a driver surely allows."
+            ));
+        }
+    }
+
+    /// The rows as a Markdown table, and the notes.
     pub fn markdown(&self) -> String {
-        let Some(first) = self.rows.first() else { return String::new() };
+        let mut table = Self::table(&self.rows);
+        if self.rows.is_empty() {
+            return table;
+        }
+        for note in &self.notes {
+            let _ = write!(table, "\n{note}\n");
+        }
+        table
+    }
+
+    /// Rows as a Markdown table; nothing where there are none.
+    pub(crate) fn table(rows: &[Map<String, Value>]) -> String {
+        let Some(first) = rows.first() else { return String::new() };
         let mut table = String::new();
         let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
         table += &line(first.keys().cloned().collect());
         table += &line(first.keys().map(|_| "---".to_owned()).collect());
-        for row in &self.rows {
+        for row in rows {
             table += &line(row.values().map(shown).collect());
-        }
-        for note in &self.notes {
-            let _ = write!(table, "\n{note}\n");
         }
         table
     }
@@ -123,7 +144,7 @@ pub(crate) fn row(value: Value) -> Map<String, Value> {
 }
 
 /// A value with the digits that a reader needs.
-fn shown(value: &Value) -> String {
+pub(crate) fn shown(value: &Value) -> String {
     match value {
         Value::Number(n) if n.is_f64() => {
             let x = n.as_f64().unwrap_or(f64::NAN);

@@ -90,7 +90,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
             }
         }
     }
-    Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))
+    let mut report = Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows);
+    report.note_longest_pass(&gpu);
+    Ok(report)
 }
 
 /// One scene, and the ways that the device has.

@@ -440,6 +440,7 @@ impl<'a> Study<'a> {
         });
         let mut report = Report::new(&bench.scene.name, Machine::here(gpu.kind()), rows.collect());
         report.notes = self.notes(fetch_ms);
+        report.note_longest_pass(gpu);
         report.plots = vec![self.plot(bench, fetch_ms)];
         report
     }

@@ -25,8 +25,16 @@ pub struct RasterViews {
     raster: Option<(usize, ComputePipeline)>,
 }
 
-/// Views of one dispatch.
-const AT_ONCE: u32 = 1024;
+/// Views of one dispatch at most.
+const MOST_AT_ONCE: u32 = 1024;
+
+/// Pairs of a triangle and a view in one dispatch, which devices work off in a fraction of a second.
+const PAIRS_AT_ONCE: u32 = 1 << 29;
+
+/// Views of one dispatch, at least one.
+fn views_at_once(triangles: u32) -> u32 {
+    (PAIRS_AT_ONCE / triangles.max(1)).clamp(1, MOST_AT_ONCE)
+}
 
 impl RasterViews {
     /// Brings the triangles that have an area to the GPU; of the knobs, resolution and texels count.
@@ -77,7 +85,8 @@ impl RasterViews {
         self.maps.arrays.iter().for_each(|array| {
             commands.clear(array);
         });
-        for first_view in (0..views.count).step_by(AT_ONCE as usize) {
+        let at_once = views_at_once(self.count);
+        for first_view in (0..views.count).step_by(at_once as usize) {
             let step = RasterStep {
                 triangles: self.count,
                 first_view,
@@ -89,7 +98,7 @@ impl RasterViews {
             let call = call.read("views", &views.buffer);
             with_maps(call, &self.maps).immediates(bytemuck::bytes_of(&step)).dispatch([
                 self.count.div_ceil(64),
-                AT_ONCE.min(views.count - first_view),
+                at_once.min(views.count - first_view),
                 1,
             ]);
         }
@@ -109,5 +118,15 @@ impl RasterViews {
     /// The maps of the latest frame.
     pub fn maps(&self) -> &MapSet {
         &self.maps
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_dispatch_has_fewer_views_the_more_triangles_there_are_and_always_one() {
+        assert_eq!([1, 500_000, 5_000_000, u32::MAX].map(views_at_once), [1024, 1024, 107, 1]);
     }
 }

@@ -19,6 +19,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     CutStep::MIRROR,
     DrawStep::MIRROR,
     ImperfectStep::MIRROR,
+    Scatter::MIRROR,
 ];
 
 mirror! {
@@ -299,5 +300,15 @@ mirror! {
         pub to_begin: u32,
         /// Where the level that is read begins in the pyramid.
         pub from_begin: u32,
+    }
+}
+
+mirror! {
+    /// Atomics at pseudo-random places: `gpu/scattered_atomics.wgsl`.
+    pub struct Scatter {
+        /// Words of the buffer, of 32 or of 64 bits.
+        pub words: u32,
+        /// Tells dispatches apart.
+        pub seed: u32,
     }
 }

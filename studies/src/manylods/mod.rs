@@ -117,6 +117,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
          balls take time for; views that have no map of their own use the nearest one that was rendered."
             .to_owned(),
     ];
+    report.note_longest_pass(&gpu);
     Ok(report)
 }
 

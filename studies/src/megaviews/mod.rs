@@ -165,6 +165,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
          the texels of the views that are asked about shadow."
             .to_owned(),
     ];
+    report.note_longest_pass(&gpu);
     Ok(report)
 }
 

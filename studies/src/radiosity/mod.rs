@@ -270,6 +270,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     report
         .notes
         .push("view_ms: a view without indirect light; gather_ms: what it takes beyond that.".to_owned());
+    report.note_longest_pass(&gpu);
     report.plots.push(plot(options, &points));
     Ok(report)
 }

@@ -29,7 +29,7 @@ fn direct(render_ms: f64) -> Offer {
 /// From the sample of a camera.
 fn warp(index: u64, render_ms: f64, coverage: Coverage) -> Offer {
     let samples = vec![SampleId { epoch: 0, generation: 1, index }];
-    let (excess, is_sound) = predicted_excess(Some(coverage));
+    let (excess, is_sound) = predicted_excess(Some(coverage), 1.0);
     let plan = Plan::Warp(Warp { samples, ..Warp::default() });
     Offer { worker: WorkerId(2), plan, excess, is_sound, ..direct(render_ms) }
 }

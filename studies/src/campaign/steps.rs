@@ -1,0 +1,120 @@
+//! What a campaign does, in order of worth.
+
+use std::time::Duration;
+
+/// One step: a command of `argus` in a process of its own.
+#[derive(Debug, Clone, Copy)]
+pub struct Step {
+    /// Names the step's files.
+    pub name: &'static str,
+    /// The study; `None` for the self-test.
+    pub study: Option<&'static str>,
+    /// Further arguments.
+    pub arguments: &'static [&'static str],
+    /// Further arguments of a quick campaign, in place of those.
+    pub quick_arguments: &'static [&'static str],
+    /// Seconds that the step may take, unless the campaign is quick.
+    pub most_secs: u64,
+    /// Columns by which a row is found again in another campaign's results.
+    pub keys: &'static [&'static str],
+}
+
+/// Seconds that a step of a quick campaign may take.
+const QUICK_SECS: u64 = 120;
+
+/// The self-test's name.
+pub(super) const SELFTEST: &str = "selftest";
+
+impl Step {
+    /// A study with its default arguments.
+    const fn study(name: &'static str, most_secs: u64, keys: &'static [&'static str]) -> Self {
+        Self { name, study: Some(name), arguments: &[], quick_arguments: &[], most_secs, keys }
+    }
+
+    /// The same step with arguments where the campaign is not quick.
+    const fn with(self, arguments: &'static [&'static str]) -> Self {
+        Self { arguments, ..self }
+    }
+
+    /// Arguments of `argus`.
+    pub fn command(&self, quick: bool) -> Vec<String> {
+        let mut words = match self.study {
+            None => vec![self.name],
+            Some(study) => vec!["study", study],
+        };
+        words.extend(if quick { self.quick_arguments } else { self.arguments });
+        words.extend((quick && self.study.is_some()).then_some("--quick"));
+        words.push("--json");
+        words.into_iter().map(str::to_owned).collect()
+    }
+
+    /// How long the step may take at most.
+    pub fn most(&self, quick: bool) -> Duration {
+        Duration::from_secs(if quick { self.most_secs.min(QUICK_SECS) } else { self.most_secs })
+    }
+}
+
+/// All steps, the most worth first. A study that is added later is a line at the end.
+pub const STEPS: [Step; 12] = [
+    Step { study: None, ..Step::study(SELFTEST, 180, &[]) },
+    Step::study("device", 240, &["measure", "variant", "unit"]),
+    Step::study("baseline", 180, &["scene", "size", "method"]).with(&["--scene", "terrain:500000"]),
+    Step::study("warp", 240, &["search", "steps", "samples", "supersampling", "texels", "cameras"])
+        .with(&["--views", "6"]),
+    Step::study("visibility", 180, &["scene", "size", "sub_samples"]).with(&["--scene", "terrain:500000"]),
+    Step::study("burst", 180, &["scene", "method", "views", "size", "workers"]),
+    Step::study("throughput", 180, &["scene", "size", "batch"]),
+    // Ten levels below the root are eleven of them.
+    Step::study(
+        "megaviews",
+        300,
+        &["method", "placement", "views", "resolution", "levels", "texel", "occlusion"],
+    )
+    .with(&[
+        "--views",
+        "65536,262144,1048576",
+        "--levels",
+        "10",
+        "--method",
+        "megaviews,manylods",
+        "--patience",
+        "20",
+    ]),
+    Step::study("manylods", 240, &["part", "tree", "method", "path", "threshold", "views", "motion"]),
+    Step::study("radiosity", 240, &["differs", "way", "vpls", "resolution", "maps", "levels"]),
+    Step::study("reflections", 240, &["differs", "side", "levels"]),
+    Step::study("service", 300, &["mode", "phase"]),
+];
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::targets::TARGETS;
+
+    #[test]
+    fn steps_have_names_of_their_own_and_the_device_comes_first() {
+        let names: BTreeSet<&str> = STEPS.iter().map(|step| step.name).collect();
+        assert_eq!(names.len(), STEPS.len());
+        assert_eq!((STEPS[0].name, STEPS[0].study), (SELFTEST, None));
+        assert_eq!(STEPS[1].name, "device");
+    }
+
+    #[test]
+    fn every_target_is_a_figure_of_a_step() {
+        for target in TARGETS {
+            assert!(STEPS.iter().any(|step| step.study == Some(target.study)), "{}", target.claim);
+        }
+    }
+
+    #[test]
+    fn a_quick_step_is_short_and_a_whole_one_has_its_arguments() {
+        let megaviews = STEPS.iter().find(|step| step.name == "megaviews").unwrap();
+        assert_eq!(megaviews.command(true), ["study", "megaviews", "--quick", "--json"]);
+        assert_eq!(megaviews.most(true), Duration::from_secs(QUICK_SECS));
+        let whole = megaviews.command(false).join(" ");
+        assert!(whole.contains("--levels 10") && whole.contains("1048576") && !whole.contains("--quick"));
+        assert_eq!(STEPS[0].command(true), ["selftest", "--json"]);
+    }
+}

@@ -1,0 +1,125 @@
+//! Rays a second of each tracer: through the pixels of an image, and without anything in common.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::Result;
+use argus_gpu::Gpu;
+use argus_sampler::GpuSampler;
+use argus_scene::reference::Tracer;
+use argus_scene::{Bounds, RenderError, Visibility};
+use glam::DVec3;
+use rand::rngs::SmallRng;
+use rand::{Rng as _, SeedableRng as _};
+use rayon::prelude::*;
+
+use super::{Measure, Options};
+use crate::median::median;
+use crate::targets::SCATTERED_RAYS;
+
+pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
+    let scene = Arc::new(argus_scene::open(&options.scene)?);
+    let mut sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?;
+    let camera = scene.cameras.first().map_or_else(|| scene.default_camera(), |named| named.camera);
+    let mut rows = Vec::new();
+    let side = options.rays_side;
+    for way in Visibility::ALL {
+        let (name, variant) = ("coherent rays", format!("{}, {side}x{side}", backend(way)));
+        let mut rates = Vec::new();
+        let mut refused = None;
+        // The first round also makes machine code.
+        for round in 0..=options.rounds {
+            match sampler.identify(&camera, [side; 2], 1, way) {
+                Ok((ids, took)) if round > 0 => rates.push(ids.len() as f64 / took.as_secs_f64() * 1e-6),
+                Ok(_) => {}
+                Err(RenderError::Invalid(why)) => {
+                    refused = Some(why.to_string());
+                    break;
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        rows.push(match refused {
+            Some(why) => Measure::absent(name, variant, "M/s", why),
+            None => Measure::new(name, variant, median(&rates), "M/s").noting("submission included"),
+        });
+    }
+    let rays = scattered(&scene.bounds(), options.scattered_rays);
+    let tracer = Tracer::new(Arc::clone(&scene));
+    let [name, on_device] = SCATTERED_RAYS;
+    rows.push(Measure::absent(
+        name,
+        on_device,
+        "M/s",
+        "no program follows rays of its own there: light and reflections come from maps".to_owned(),
+    ));
+    rows.push(rate(name, "tracer of light paths, all cores", options, &rays, |rays| {
+        sampler.follow_rays(rays).iter().flatten().count()
+    }));
+    rows.push(rate(name, "reference tracer, all cores", options, &rays, |rays| {
+        rays.par_iter().filter(|[origin, direction]| tracer.trace(*origin, *direction).is_some()).count()
+    }));
+    Ok(rows)
+}
+
+fn backend(way: Visibility) -> &'static str {
+    match way {
+        Visibility::Raster => "raster (fragments)",
+        Visibility::Trace => "trace (compute)",
+        Visibility::Cpu => "cpu (packets, all cores)",
+    }
+}
+
+fn rate(
+    name: &str,
+    variant: &str,
+    options: &Options,
+    rays: &[[DVec3; 2]],
+    mut follow: impl FnMut(&[[DVec3; 2]]) -> usize,
+) -> Measure {
+    let mut met = follow(rays);
+    let rates: Vec<f64> = (0..options.rounds)
+        .map(|_| {
+            let begin = Instant::now();
+            met = follow(rays);
+            rays.len() as f64 / begin.elapsed().as_secs_f64() * 1e-6
+        })
+        .collect();
+    let share = 100.0 * met as f64 / rays.len().max(1) as f64;
+    Measure::new(name, variant, median(&rates), "M/s").noting(format!("{share:.0}% meet a surface"))
+}
+
+/// Rays from anywhere in the bounds in any direction, the same for the same number.
+fn scattered(bounds: &Bounds, count: usize) -> Vec<[DVec3; 2]> {
+    let mut random = SmallRng::seed_from_u64(1);
+    let ray = |_| {
+        let unit = |random: &mut SmallRng| DVec3::from_array(std::array::from_fn(|_| random.random::<f64>()));
+        let origin = bounds.center() + bounds.size() * (unit(&mut random) - 0.5);
+        // Even over the sphere: a cube's points within it.
+        loop {
+            let direction = unit(&mut random) * 2.0 - 1.0;
+            if (1e-6..=1.0).contains(&direction.length_squared()) {
+                return [origin, direction.normalize()];
+            }
+        }
+    };
+    (0..count).map(ray).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scattered_rays_begin_within_the_bounds_go_everywhere_and_repeat() {
+        let bounds = Bounds { min: DVec3::new(-1.0, 2.0, 3.0), max: DVec3::new(1.0, 2.0, 9.0) };
+        let rays = scattered(&bounds, 2000);
+        assert_eq!(rays, scattered(&bounds, 2000));
+        let mean = rays.iter().map(|[_, direction]| *direction).sum::<DVec3>() / 2000.0;
+        assert!(mean.length() < 0.1, "{mean}");
+        for [origin, direction] in rays {
+            assert!(origin.cmpge(bounds.min).all() && origin.cmple(bounds.max).all(), "{origin}");
+            assert!((direction.length() - 1.0).abs() < 1e-12);
+        }
+    }
+}

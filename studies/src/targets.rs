@@ -1,0 +1,191 @@
+//! What Argus is to reach on a data-centre GPU of the H100's class: every target, in one place, as data.
+
+use serde_json::{Map, Value};
+
+/// How a figure is held to its target.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Bound {
+    /// Times: the smaller the better.
+    AtMost(f64),
+    /// Rates: the greater the better.
+    AtLeast(f64),
+}
+
+impl Bound {
+    /// How many times over a figure meets its target: 1 and more does, less does not. `None` for a figure that is not
+    /// positive and finite.
+    pub fn ratio(self, figure: f64) -> Option<f64> {
+        if !(figure > 0.0 && figure.is_finite()) {
+            return None;
+        }
+        Some(match self {
+            Self::AtMost(most) => most / figure,
+            Self::AtLeast(least) => figure / least,
+        })
+    }
+
+    /// The target's number.
+    pub fn value(self) -> f64 {
+        match self {
+            Self::AtMost(value) | Self::AtLeast(value) => value,
+        }
+    }
+
+    /// `≤ 10` or `≥ 1000`.
+    pub fn text(self) -> String {
+        match self {
+            Self::AtMost(most) => format!("≤ {most}"),
+            Self::AtLeast(least) => format!("≥ {least}"),
+        }
+    }
+}
+
+/// One target and the row of a study that it holds for.
+#[derive(Debug, Clone, Copy)]
+pub struct Target {
+    /// What is to be reached, for people.
+    pub claim: &'static str,
+    /// The study whose rows have the figure.
+    pub study: &'static str,
+    /// Columns and values of the row, as text; of several such rows the best counts.
+    pub row: &'static [(&'static str, &'static str)],
+    /// The column of the figure.
+    pub figure: &'static str,
+    /// What the figure is held to.
+    pub bound: Bound,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Columns that are shown beside the figure, since it means little without them.
+    pub beside: &'static [&'static str],
+}
+
+/// Measure and variant of the rows of `study device` that have a target.
+pub(crate) const WARP: [&str; 2] = ["warp, splat", "best program, 200x150, 64 views"];
+/// See [`WARP`].
+pub(crate) const SEEN: [&str; 2] = ["triangles seen, 500000", "best backend, 200x150"];
+/// See [`WARP`].
+pub(crate) const SCATTERED_RAYS: [&str; 2] = ["scattered rays", "on the device"];
+
+/// The targets.
+pub const TARGETS: [Target; 5] = [
+    Target {
+        claim: "1M maps of 16² at 11 levels",
+        study: "megaviews",
+        row: &[
+            ("method", "megaviews"),
+            ("views", "1048576"),
+            ("resolution", "16"),
+            ("levels", "10"),
+            ("extrapolated", "false"),
+        ],
+        figure: "frame_ms",
+        bound: Bound::AtMost(10.0),
+        unit: "ms",
+        beside: &["maps", "wrong_shadow_fraction"],
+    },
+    Target {
+        claim: "views of 128² of one scene, on the device",
+        study: "throughput",
+        row: &[("size", "128x128")],
+        figure: "device_views_per_sec",
+        bound: Bound::AtLeast(200_000.0),
+        unit: "views/s",
+        beside: &["flip"],
+    },
+    Target {
+        claim: "a warp of 200×150 in a batch of 64",
+        study: "device",
+        row: &[("measure", WARP[0]), ("variant", WARP[1])],
+        figure: "figure",
+        bound: Bound::AtMost(15.0),
+        unit: "µs",
+        beside: &["note"],
+    },
+    Target {
+        claim: "500k triangles seen by the best backend",
+        study: "device",
+        row: &[("measure", SEEN[0]), ("variant", SEEN[1])],
+        figure: "figure",
+        bound: Bound::AtMost(100.0),
+        unit: "µs",
+        beside: &["note"],
+    },
+    Target {
+        claim: "incoherent rays",
+        study: "device",
+        row: &[("measure", SCATTERED_RAYS[0]), ("variant", SCATTERED_RAYS[1])],
+        figure: "figure",
+        bound: Bound::AtLeast(1000.0),
+        unit: "M/s",
+        beside: &["note"],
+    },
+];
+
+impl Target {
+    /// Whether the target is about a row of its study.
+    pub fn is_about(&self, row: &Map<String, Value>) -> bool {
+        self.row.iter().all(|(key, value)| row.get(*key).is_some_and(|found| text(found) == *value))
+    }
+
+    /// The row with the best figure among a study's rows, and that figure.
+    pub fn best<'a>(&self, rows: &'a [Map<String, Value>]) -> Option<(&'a Map<String, Value>, f64)> {
+        let rows = rows.iter().filter(|row| self.is_about(row));
+        let figures = rows.filter_map(|row| Some((row, row.get(self.figure)?.as_f64()?)));
+        figures.filter(|(_, figure)| self.bound.ratio(*figure).is_some()).max_by(|(_, a), (_, b)| {
+            let ratio = |figure| self.bound.ratio(figure).unwrap_or(0.0);
+            ratio(*a).total_cmp(&ratio(*b))
+        })
+    }
+}
+
+/// The target for a row of a study, if there is one.
+pub fn of(study: &str, row: &Map<String, Value>) -> Option<&'static Target> {
+    TARGETS.iter().find(|target| target.study == study && target.is_about(row))
+}
+
+/// A value as rows are compared by it: numbers and words without quotation marks.
+pub(crate) fn text(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::report::row;
+
+    #[test]
+    fn a_target_that_is_met_has_a_ratio_of_at_least_one() {
+        assert_eq!(Bound::AtMost(10.0).ratio(5.0), Some(2.0));
+        assert_eq!(Bound::AtMost(10.0).ratio(40.0), Some(0.25));
+        assert_eq!(Bound::AtLeast(1000.0).ratio(1000.0), Some(1.0));
+        assert_eq!(Bound::AtLeast(1000.0).ratio(100.0), Some(0.1));
+        for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(Bound::AtMost(1.0).ratio(nothing), None);
+            assert_eq!(Bound::AtLeast(1.0).ratio(nothing), None);
+        }
+    }
+
+    #[test]
+    fn the_best_of_the_rows_that_a_target_is_about_counts() {
+        let views = |views: u32, ms: f64, extrapolated: bool| {
+            row(
+                json!({"method": "megaviews", "views": views, "resolution": 16, "levels": 10, "frame_ms": ms, "extrapolated": extrapolated}),
+            )
+        };
+        let rows = [
+            views(65_536, 1.0, false),
+            views(1 << 20, 12.0, false),
+            views(1 << 20, 8.0, false),
+            views(1 << 20, 0.5, true),
+        ];
+        let target = &TARGETS[0];
+        assert_eq!(target.best(&rows).map(|(_, figure)| figure), Some(8.0));
+        assert_eq!(of("megaviews", &rows[1]).map(|found| found.claim), Some(target.claim));
+        assert!(of("megaviews", &rows[0]).is_none() && of("radiosity", &rows[1]).is_none());
+        assert!(target.best(&rows[..1]).is_none());
+        let without = row(json!({"method": "megaviews", "views": 1 << 20, "frame_ms": null}));
+        assert!(target.best(&[without]).is_none());
+    }
+}
