@@ -49,10 +49,11 @@ pub(super) fn sampler(
     let camera = scene.default_camera();
     let plan = Plan::Direct { samples_per_pixel: 1 };
     let visibility = sampler.usual_visibility();
-    measured(|size| {
+    let render = |size| {
         let view = view(info, camera, size, plan.clone(), visibility);
         sampler.render_views(&[view], &Cancel::default()).into_iter().try_for_each(|frame| frame.map(drop))
-    })
+    };
+    measured(render, &mut || {})
 }
 
 /// Reconstructs views from samples of nothing in particular, and measures what they cost.
@@ -92,10 +93,9 @@ pub(super) fn compositor(
         let ready = compositor.ready(&view(SIZES[0]), between);
         let compose = |size| {
             let frames = compositor.compose(&[view(size)], &Cancel::default());
-            between();
             frames.into_iter().try_for_each(|frame| frame.map(drop))
         };
-        let measured = ready.and_then(|()| measured(compose));
+        let measured = ready.and_then(|()| measured(compose, between));
         compositor.release(&ids);
         let [width, height] = sampled.size();
         times.push((f64::from(width) * f64::from(height), measured?));
@@ -121,11 +121,14 @@ fn small(camera: SampleCamera, side: u32) -> Option<(SampleCamera, Camera)> {
     }
 }
 
-/// What rendering a view costs, by size; the first time, which makes programs, does not count.
+/// What rendering a view costs, by size; the first time, which makes programs, does not count, and neither does what is done
+/// `between`.
 fn measured(
     mut render: impl FnMut([u32; 2]) -> Result<(), RenderError>,
+    between: &mut dyn FnMut(),
 ) -> Result<Option<Cost>, RenderError> {
     render(SIZES[0])?;
+    between();
     let mut times = Vec::new();
     for size in SIZES {
         let mut fastest = f64::INFINITY;
@@ -133,6 +136,7 @@ fn measured(
             let began = Instant::now();
             render(size)?;
             fastest = fastest.min(began.elapsed().as_secs_f64() * 1e3);
+            between();
             if fastest > SLOW_MS {
                 break;
             }
@@ -173,4 +177,29 @@ fn planes(camera: &SampleCamera, glossy: bool, range: f64) -> Vec<Plane> {
         planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm, [10, 10, 10, 128]));
     }
     planes
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn what_is_done_between_two_slices_is_no_part_of_the_cost() {
+        let mut pauses = 0;
+        let render = |_| {
+            std::thread::sleep(Duration::from_millis(2));
+            Ok(())
+        };
+        let mut between = || {
+            pauses += 1;
+            std::thread::sleep(Duration::from_millis(200));
+        };
+        let cost = measured(render, &mut between).unwrap().unwrap();
+        assert!(cost.ms(320 * 240) < 100.0, "{cost:?}");
+        assert_eq!(pauses, 1 + SIZES.len() * ROUNDS);
+        let failing = |_| Err(RenderError::Internal("as told".to_owned()));
+        assert!(measured(failing, &mut || {}).is_err());
+    }
 }
