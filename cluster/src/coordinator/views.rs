@@ -19,7 +19,7 @@ use super::hub::Hub;
 use super::relay::{Wanted, relay};
 use super::session;
 use crate::security::guard::Caller;
-use crate::taken::in_time;
+use crate::send_timeout::in_time;
 
 /// The longest `view_id` that is carried around.
 const MAX_VIEW_ID: usize = 128;
