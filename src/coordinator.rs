@@ -8,7 +8,7 @@ use anyhow::Context;
 use argus_cluster::SceneSource;
 use argus_cluster::coordinator::{Config, serve};
 use argus_cluster::core::quality::Model;
-use argus_cluster::leadership::{LateRegistry, LocalRegistry, NatsRegistry, Registry};
+use argus_cluster::leadership::{LazyRegistry, LocalRegistry, NatsRegistry, Registry};
 use argus_cluster::security::Security;
 use argus_scene::{Camera, Rig, Sampling, Scene};
 use argus_studies::calibration;
@@ -254,7 +254,7 @@ async fn registry(settings: &Settings) -> anyhow::Result<Arc<dyn Registry>> {
     let access = credentials::of_registry(url, coordinator, &settings.security)?;
     let lease = Duration::try_from_secs_f64(coordinator.registry_lease_secs)?;
     let Some(most) = coordinator.registry_wait_secs.map(settings::secs) else {
-        return Ok(Arc::new(LateRegistry::new(url, lease, access)));
+        return Ok(Arc::new(LazyRegistry::new(url, lease, access)));
     };
     let began = Instant::now();
     loop {

@@ -31,7 +31,7 @@ use tonic::transport::server::{Connected, TcpConnectInfo};
 use tracing::warn;
 
 use crate::network::{Accept, Duplex};
-use crate::seldom::Seldom;
+use crate::rate_limited_log::RateLimitedLog;
 
 /// Until what made a connection fail may have passed.
 const PAUSE: Duration = Duration::from_millis(100);
@@ -98,7 +98,7 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
                     match PeerSeat::take(&peers, address, most_of_one) {
                         Some(own) => yield Ok(Connection::new(stream, between, is_reserved, (seat, own))),
                         None => {
-                            static REFUSED: Seldom = Seldom::new();
+                            static REFUSED: RateLimitedLog = RateLimitedLog::new();
                             if let Some(left_out) = REFUSED.now() {
                                 warn!(%address, left_out, "a connection is refused: its address has too many");
                             }
@@ -106,7 +106,7 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
                     }
                 }
                 Err(error) => {
-                    static FAILED: Seldom = Seldom::new();
+                    static FAILED: RateLimitedLog = RateLimitedLog::new();
                     if let Some(left_out) = FAILED.now() {
                         warn!(%error, left_out, "no connection can be accepted");
                     }

@@ -17,20 +17,20 @@
 
 pub mod coordinator;
 pub mod core;
-mod handed_in;
 mod incoming;
+mod interfaces;
 pub mod leadership;
 mod net;
 pub mod network;
 mod observe;
+mod rate_limited_log;
 pub mod sealed;
 pub mod security;
-mod seldom;
-mod taken;
+mod send_timeout;
 #[doc(hidden)]
 pub mod untrusted;
 mod wire;
 pub mod worker;
 
-pub use handed_in::{BundleFile, RoleFactory, SceneOpener, SceneRef, SceneSource};
+pub use interfaces::{BundleFile, RoleFactory, SceneOpener, SceneRef, SceneSource};
 pub use observe::LIVE;

@@ -22,7 +22,7 @@ use super::hub::Hub;
 use super::session;
 use super::wanted::Wanted;
 use crate::security::guard::Caller;
-use crate::taken::in_time;
+use crate::send_timeout::in_time;
 
 /// The service.
 pub(super) struct ViewsService {

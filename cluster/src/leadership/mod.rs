@@ -5,13 +5,13 @@
 //! time as long as clocks *run* alike; what they show does not matter. Should one's clock stand still all the same (a
 //! stopped process that goes on), what it still says carries a lower term than its successor's, and workers refuse it.
 
-mod late;
+mod lazy_registry;
 mod local;
 mod nats;
 
 use std::time::Duration;
 
-pub use late::LateRegistry;
+pub use lazy_registry::LazyRegistry;
 pub use local::LocalRegistry;
 pub use nats::{NatsAccess, NatsRegistry, NatsSecret, NatsTls, nats_host};
 

@@ -20,7 +20,7 @@ use webpki::EndEntityCert;
 
 use super::{CLUSTER_NAME, Security};
 use crate::incoming::Between;
-use crate::seldom::Seldom;
+use crate::rate_limited_log::RateLimitedLog;
 
 /// When connections that were refused their place may find one.
 const COME_AGAIN: Duration = Duration::from_secs(1);
@@ -219,7 +219,7 @@ where
                 Either::Right(self.inner.call(request))
             }
             Err(status) => {
-                static REFUSED: Seldom = Seldom::new();
+                static REFUSED: RateLimitedLog = RateLimitedLog::new();
                 if let Some(left_out) = REFUSED.now() {
                     warn!(peer = %peer.address, path, reason = status.message(), left_out, "refused");
                 }

@@ -27,7 +27,7 @@ use super::packed::Chunks;
 use super::policy::{self, ANNOUNCED, Need, Seek, Serve};
 use super::store::is_on_host;
 use crate::core::{Role, Source};
-use crate::seldom::Seldom;
+use crate::rate_limited_log::RateLimitedLog;
 
 /// How long another worker's request waits for a sample that has begun to come here.
 const COMING: Duration = Duration::from_secs(20);
@@ -76,7 +76,7 @@ async fn fetched_or_rendered(
                 match from_other(&node, &info, id, address, false).await {
                     Ok(received) => return Ok(node.store.insert_received(received)),
                     Err(fault) => {
-                        static MISSED: Seldom = Seldom::new();
+                        static MISSED: RateLimitedLog = RateLimitedLog::new();
                         if let Some(left_out) = MISSED.now() {
                             warn!(%id, address, %fault, left_out, "sample not to be had there");
                         }

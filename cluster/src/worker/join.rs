@@ -20,8 +20,8 @@ use super::config::RunError;
 use super::node::Node;
 use super::{ahead, policy, scene};
 use crate::core::Role;
+use crate::rate_limited_log::RateLimitedLog;
 use crate::sealed::SealKey;
-use crate::seldom::Seldom;
 use crate::{SceneOpener, SceneRef, net, wire};
 
 /// Pause before the first attempt to join again; it doubles up to [`super::Config::rejoin_pause`].
@@ -103,7 +103,7 @@ pub(super) async fn stay(
             (true, true) => info!(url, "coordinator gone, joining again"),
             (true, false) => warn!(url, reason, "coordinator lost, joining again"),
             (false, _) => {
-                static ABSENT: Seldom = Seldom::new();
+                static ABSENT: RateLimitedLog = RateLimitedLog::new();
                 if let Some(left_out) = ABSENT.now() {
                     warn!(url, reason, left_out, "no coordinator answers yet, trying on");
                 }

@@ -28,7 +28,7 @@ use super::warm;
 use crate::RoleFactory;
 use crate::core::Role;
 use crate::core::quality::Cost;
-use crate::seldom::Seldom;
+use crate::rate_limited_log::RateLimitedLog;
 
 /// What the render thread owns.
 pub(super) struct Renderer {
@@ -247,7 +247,7 @@ impl Renderer {
 
     /// Gives the device up; the next work makes both roles anew.
     fn rebuild(&mut self, reason: &str) {
-        static LOST: Seldom = Seldom::new();
+        static LOST: RateLimitedLog = RateLimitedLog::new();
         if let Some(left_out) = LOST.now() {
             warn!(reason, left_out, "device lost, the roles are made anew");
         }

@@ -16,7 +16,7 @@ use tokio::time::Instant;
 use tracing::{Span, warn};
 
 use super::node::Node;
-use crate::seldom::Seldom;
+use crate::rate_limited_log::RateLimitedLog;
 
 /// In the mask: no sample saw the pixel, and it is a guess.
 const GUESSED: u8 = 255;
@@ -75,7 +75,7 @@ pub(super) async fn fill(
                 return Ok(());
             }
             Err(fault) => {
-                static UNTRACED: Seldom = Seldom::new();
+                static UNTRACED: RateLimitedLog = RateLimitedLog::new();
                 if let Some(left_out) = UNTRACED.now() {
                     warn!(address, %fault, left_out, "pixels that no sample saw are not traced there");
                 }

@@ -33,9 +33,9 @@ use super::queue::Rendered;
 use super::{bound, fetch, probe, trace};
 use crate::core::Source;
 use crate::core::quality::Observed;
+use crate::rate_limited_log::RateLimitedLog;
 use crate::sealed::Kind;
-use crate::seldom::Seldom;
-use crate::taken::in_time;
+use crate::send_timeout::in_time;
 use crate::wire;
 
 /// The service.
@@ -372,7 +372,7 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
         if ordered.pinned {
             return Err(fault);
         }
-        static MARKED: Seldom = Seldom::new();
+        static MARKED: RateLimitedLog = RateLimitedLog::new();
         if let Some(left_out) = MARKED.now() {
             warn!(%fault, left_out, "a frame is delivered with its holes marked instead of traced");
         }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use argus_client::{Client, Session, SessionEvent, SessionOptions};
 use argus_cluster::leadership::{
-    Held, LateRegistry, LocalRegistry, NatsAccess, NatsRegistry, NatsSecret, NatsTls, Registry, RegistryError,
+    Held, LazyRegistry, LocalRegistry, NatsAccess, NatsRegistry, NatsSecret, NatsTls, Registry, RegistryError,
 };
 use argus_cluster::worker::Public;
 use argus_proto::v1;
@@ -387,7 +387,7 @@ async fn a_registry_by_tls_takes_members_of_the_cluster_that_know_its_secret_alo
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_coordinator_stands_by_until_its_registry_is_there() {
     let registry =
-        Arc::new(LateRegistry::new("nats://127.0.0.1:9", Duration::from_secs(1), NatsAccess::default()));
+        Arc::new(LazyRegistry::new("nats://127.0.0.1:9", Duration::from_secs(1), NatsAccess::default()));
     let source = Source { scene: scene("test"), files: Vec::new() };
     let coordinator = start_coordinator_of(quick(), None, source, registry);
     assert_eq!(page(coordinator.address, "/livez").await.0, 200);
@@ -395,7 +395,7 @@ async fn a_coordinator_stands_by_until_its_registry_is_there() {
     assert_eq!(code, 503);
     assert!(reason.contains("stands by"), "{reason}");
     let Some(nats) = Nats::start() else { return };
-    let late = LateRegistry::new(&nats.url, Duration::from_secs(30), NatsAccess::default());
+    let late = LazyRegistry::new(&nats.url, Duration::from_secs(30), NatsAccess::default());
     let held = late.acquire("a").await.unwrap().unwrap();
     assert!(late.renew(held, "a").await.unwrap().is_some());
     assert_eq!(late.leader().await.as_deref(), Some("a"));

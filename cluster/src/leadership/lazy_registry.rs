@@ -6,19 +6,19 @@ use tokio::sync::OnceCell;
 use tracing::warn;
 
 use super::{Held, NatsAccess, NatsRegistry, Registry, RegistryError};
-use crate::seldom::Seldom;
+use crate::rate_limited_log::RateLimitedLog;
 
 /// A registry at a NATS server that is connected to when it is first asked, and again each time until it answers. So
 /// processes may be started in any order: a coordinator stands by meanwhile, and says so to whoever asks.
 #[derive(Debug)]
-pub struct LateRegistry {
+pub struct LazyRegistry {
     url: String,
     lease: Duration,
     access: NatsAccess,
     there: OnceCell<NatsRegistry>,
 }
 
-impl LateRegistry {
+impl LazyRegistry {
     /// As [`NatsRegistry::connect_as`], which is not waited for.
     pub fn new(url: &str, lease: Duration, access: NatsAccess) -> Self {
         Self { url: url.to_owned(), lease, access, there: OnceCell::new() }
@@ -30,7 +30,7 @@ impl LateRegistry {
             .get_or_try_init(|| NatsRegistry::connect_as(&self.url, self.lease, self.access.clone()))
             .await;
         connected.inspect_err(|error| {
-            static ABSENT: Seldom = Seldom::new();
+            static ABSENT: RateLimitedLog = RateLimitedLog::new();
             if let Some(left_out) = ABSENT.now() {
                 warn!(%error, left_out, "the registry does not answer yet, trying on");
             }
@@ -39,7 +39,7 @@ impl LateRegistry {
 }
 
 #[tonic::async_trait]
-impl Registry for LateRegistry {
+impl Registry for LazyRegistry {
     fn lease(&self) -> Option<Duration> {
         self.there.get().map_or(Some(self.lease), Registry::lease)
     }

@@ -1,4 +1,4 @@
-//! What the binary hands in, so that the cluster depends neither on scene loaders nor on a GPU.
+//! Interfaces that the binary implements, so that the cluster depends neither on scene loaders nor on a GPU.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -11,7 +11,7 @@ const PAUSE: Duration = Duration::from_secs(10);
 
 /// One kind of line, wherever it comes from in this process.
 #[derive(Debug)]
-pub(crate) struct Seldom(Mutex<State>);
+pub(crate) struct RateLimitedLog(Mutex<State>);
 
 #[derive(Debug)]
 struct State {
@@ -19,7 +19,7 @@ struct State {
     left_out: u64,
 }
 
-impl Seldom {
+impl RateLimitedLog {
     pub(crate) const fn new() -> Self {
         Self(Mutex::new(State { said: None, left_out: 0 }))
     }
@@ -43,7 +43,7 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn the_first_line_comes_at_once_and_the_next_says_how_many_were_left_out() {
-        let line = Seldom::new();
+        let line = RateLimitedLog::new();
         assert_eq!(line.now(), Some(0));
         assert!((0..1000).all(|_| line.now().is_none()));
         tokio::time::advance(PAUSE).await;

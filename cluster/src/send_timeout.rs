@@ -1,7 +1,7 @@
-//! Streams to readers whom nothing makes read.
+//! Ends response streams whose client stopped reading (send timeout).
 //!
-//! A stream is asked for its next item when its connection has room for it. While it is not asked, nothing of what it
-//! holds is looked at: a place, a worker's stream, a packed frame. So somebody else looks at the time.
+//! A stream is asked for its next item when its connection has room for it. A client that does not read keeps what the stream
+//! holds: a place, a worker's stream, a packed frame. The stream itself is not asked meanwhile, so a task watches the time.
 
 use std::pin::Pin;
 use std::sync::Arc;
