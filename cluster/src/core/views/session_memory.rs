@@ -80,8 +80,8 @@ pub(super) fn choose_after(
     aim: &Aim,
     memory: Option<&Memory>,
 ) -> Option<(Offer, Decision)> {
+    let Some(memory) = memory else { return choose(offers, aim) };
     let best = choose(offers.clone(), aim)?;
-    let Some(memory) = memory else { return Some(best) };
     let (repeats, others): (Vec<Offer>, Vec<Offer>) = offers.into_iter().partition(|offer| offer.repeats);
     if let Some(again) = choose(repeats, aim) {
         return Some(repeat(again, best, aim, memory));
