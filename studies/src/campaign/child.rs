@@ -77,6 +77,8 @@ pub(super) fn reason(status: ExitStatus, log: &Path) -> String {
 
 #[cfg(all(test, unix))]
 mod tests {
+    #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+
     use std::time::Instant;
 
     use super::*;

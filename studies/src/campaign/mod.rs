@@ -124,6 +124,8 @@ fn reason_to_skip(results: &Results, stop: &CancellationToken) -> Option<String>
 
 #[cfg(all(test, unix))]
 mod tests {
+    #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+
     use std::fs;
     use std::os::unix::fs::PermissionsExt as _;
 
