@@ -167,6 +167,8 @@ fn how_long_a_survey_of_eight_cameras_takes() {
         let anew = surveyed(&named, &packets, false, false);
         let [all, reference] =
             [&packets as &dyn Sight, &single].map(|sight| surveyed(&named, sight, true, false));
-        println!("{spec}, turn {turn}: walking {walking:?}; anew {anew:?}; all rays {all:?}, single {reference:?}");
+        println!(
+            "{spec}, turn {turn}: walking {walking:?}; anew {anew:?}; all rays {all:?}, single {reference:?}"
+        );
     }
 }
