@@ -177,7 +177,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
 /// user's cache, whether this machine has run Argus before or not: compiling them takes seconds.
 async fn fill_caches(argus: &Path, options: &Options) -> Result<()> {
     let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
-    let client = Client::connect(cluster.url()).await?;
+    let client = connect(&cluster, options).await?;
     let ([width, height], description) = (options.size, client.description());
     for mode in Mode::ALL {
         let (camera, plan) = (options.walk.camera(description, 0, 0.0), mode.plan());
@@ -236,10 +236,18 @@ async fn of_mode(
     Ok((device, [cold, warm]))
 }
 
+/// A client with as many connections as the load takes.
 async fn connect(cluster: &LocalCluster, options: &Options) -> Result<Client> {
     let connections = options.clients.clamp(1, CONNECTIONS) as usize;
     let connect = ConnectOptions { connections, ..ConnectOptions::default() };
-    Ok(Client::connect_with(cluster.url(), &connect).await?)
+    let until = Instant::now() + FIRST_DEADLINE;
+    loop {
+        // On a busy machine a service may not say in time that it is there, and is asked again.
+        match Client::connect_with(cluster.url(), &connect).await {
+            Err(_) if Instant::now() < until => tokio::time::sleep(Duration::from_millis(20)).await,
+            connected => return Ok(connected?),
+        }
+    }
 }
 
 /// Microseconds that planning a view took, of those that were planned between two looks at the status.

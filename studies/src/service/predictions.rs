@@ -2,9 +2,9 @@
 
 use argus_scene::Frame;
 
-/// A prediction is good where the measured time is this close to it, as a share of it…
+/// A prediction is good where the measured time differs from it by no more than this share of it.
 const SHARE: f64 = 0.3;
-/// … or this close, milliseconds.
+/// A prediction is good, too, where the measured time differs from it by no more milliseconds.
 const MS: f64 = 3.0;
 
 /// Frames whose time the planner predicted.
