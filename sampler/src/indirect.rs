@@ -47,6 +47,8 @@ pub(crate) struct ToLight<'a> {
 pub(crate) enum Spreading {
     /// Those around it in an image.
     Image,
+    /// Those around it in a sample, whose texels have `side` sub-samples along each side.
+    Texels { side: u32 },
     /// Those of the same pixel, since neighbours in a list are none in the view.
     Pixels,
     /// Those that follow one another in a list of leaves, which are neighbours in space.
@@ -56,11 +58,13 @@ pub(crate) enum Spreading {
 }
 
 impl Spreading {
-    /// Sub-samples of the blocks that share receivers, and how many blocks away one may lie; for blocks of `block`
+    /// What blocks that share receivers hold of a tile, and how many blocks away a receiver may lie; for blocks of `block`
     /// sub-samples of an image, and `side` of them on each side of a pixel.
     pub(crate) fn blocks(self, block: u32, side: u32) -> ([u32; 2], u32) {
         match self {
             Self::Image => ([block, block], 1),
+            // Receivers as far apart as if sub-samples were lit.
+            Self::Texels { side } => ([(block / side).max(1); 2], 1),
             Self::Pixels => ([side, side], 0),
             Self::Leaves => ([16, 1], 1),
             Self::Each => ([1, 1], 0),

@@ -18,7 +18,8 @@ pub enum RadianceFormat {
 /// Quality of samples; each knob trades it for time or bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerKnobs {
-    /// Sub-samples of a texel, on a regular grid: 1, 4 or 16.
+    /// Sub-samples of a texel, on a regular grid: 1, 4 or 16. Visibility is found for each; shading is paid once a triangle
+    /// that the texel shows.
     pub sub_samples: u32,
     /// Mantissa bits that a stored inverse range keeps, 8 to 23: it is off by at most 2^-(bits + 1) of itself.
     pub range_bits: u32,

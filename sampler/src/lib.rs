@@ -1,11 +1,12 @@
 //! Scene to sample sets: visibility, then shading.
 //!
 //! [`GpuSampler`] holds a scene on the device and renders it from triangles, for others as samples and as
-//! direct views. Each image is cut into tiles that bound its memory; a tile is rasterised into a visibility
-//! buffer (which triangle of which instance each sub-sample sees), shaded in one compute pass that recomputes
-//! what the rasteriser found, and resolved: to the surface that covers most of a texel (samples), or to the mean of
-//! a pixel (direct views). What the two kinds of image have in common is the same code, so a
-//! sample holds what a direct view from its camera shows.
+//! direct views. Each image is cut into tiles that bound its memory. Of a tile, a visibility buffer says which triangle
+//! of which instance each sub-sample sees.
+//!
+//! A direct view shades every sub-sample and averages those of a pixel. A texel of a sample shows one surface, of those that
+//! its sub-samples see the one that covers most. Each triangle of it is shaded once, in the middle of the sub-samples that
+//! see it: a texel within a triangle costs one shading, however many sub-samples it has. Both are shaded by the same code.
 
 mod bvh;
 mod draws;

@@ -33,7 +33,7 @@ use glam::DVec3;
 use crate::SamplerKnobs;
 use crate::eye::Eye;
 use crate::lit_octree::{LitOctree, pictures, refused};
-use crate::passes::{AroundPlanes, LookAround, NodeMaps, OwnNodes, ResolveSample, Shade};
+use crate::passes::{AroundPlanes, LookAround, NodeMaps, OwnNodes, ResolveSample, Shade, ShadeSample};
 use crate::resident::{Resident, upload};
 
 /// Bytes of maps in the making: a few thousand small ones, or sixteen of the largest.
@@ -50,6 +50,7 @@ pub(crate) struct Mirrors {
     /// Their programs outlast the octree that they were made for.
     views: Option<ManyViews>,
     pub(crate) shade: Shade,
+    pub(crate) shade_sample: ShadeSample,
     pub(crate) resolve: ResolveSample,
     made: Option<Made>,
 }
@@ -105,7 +106,8 @@ impl Mirrors {
             look: LookAround::new(gpu, 1),
             views: None,
             shade: Shade::new(gpu, resident.features, keeps_guides, true),
-            resolve: ResolveSample::new(gpu, resident.features.specular, sampler.side(), true),
+            shade_sample: ShadeSample::new(gpu, resident.features, keeps_guides, true, sampler.side()),
+            resolve: ResolveSample::new(gpu, resident.features.specular, 1, true),
             made: None,
         })
     }

@@ -39,14 +39,17 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
         row("test alpha", cutouts > 0, format!("{cutouts} of them have alpha-tested materials")),
         row("shade view", true, "direct views, with what their eyes see reflected".to_owned()),
         row(
-            "shade sample",
-            !features.specular,
-            said(features.specular, "glossy samples are shaded instead", "nothing is glossy"),
+            "shade whole texels",
+            true,
+            "samples: texels in which one triangle is seen are shaded once".to_owned(),
         ),
         row(
-            "shade glossy sample",
-            features.specular,
-            said(features.specular, "a material is glossy", "nothing is glossy"),
+            "shade split texels",
+            true,
+            format!(
+                "of {} sub-samples those of the surface that covers most, once a triangle",
+                knobs.sub_samples
+            ),
         ),
         row(
             "look textures up",
@@ -62,7 +65,7 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
         row("light", lights > 0, format!("{lights} directional, point and spot lights")),
         mirrors(scene, features.specular),
         indirect(knobs.indirect, lights > 0 || has(Effect::Emission)),
-        row("choose surface", true, format!("{} sub-samples in a texel of a sample", knobs.sub_samples)),
+        row("store texels", true, "samples, as they are kept and sent".to_owned()),
         row(
             "normal and specular planes",
             features.specular,

@@ -22,7 +22,7 @@ use self::mirrored::{Look, Looks};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, Spreading, ToLight};
 use crate::omni_maps::OmniMaps;
-use crate::passes::{PlaneBuffers, ResolveView, Shading, TileContext};
+use crate::passes::{PlaneBuffers, ResolveView, TileContext};
 use crate::pixels::{Listing, listings};
 use crate::plan::{PassPlan, plan};
 use crate::point_based::PointReport;
@@ -134,7 +134,7 @@ impl GpuSampler {
         job.ids.iter().map(next).map(|sample| sample.unwrap_or_else(missing)).collect()
     }
 
-    /// One sample: per tile, find what is visible, shade it, choose a surface for each texel. Where nobody waits for it,
+    /// One sample: per tile, find what is visible, shade the dominant surface of each texel, store it. Where nobody waits for it,
     /// each tile is done before the next one begins, and others get a turn in between.
     fn render_sample(
         &mut self,
@@ -163,15 +163,17 @@ impl GpuSampler {
         let mut under_way: Vec<Submitted> = Vec::new();
         for tile in &tiles {
             check_wanted(cancel)?;
-            let Look { shade, resolve, mirrored } = self.looks.of(job.info.reflections);
+            let Look { shade_sample, resolve, mirrored, .. } = self.looks.of(job.info.reflections);
             let mut commands = self.gpu.commands("render sample");
             let reflectors = job.info.reflections.is_some();
+            let texels = tile.of_texels();
             let extras = Extras { gloss: self.glossy, reflectors, guides: self.indirect.is_some() };
             let context = TileContext::new(&self.gpu, &self.resident, &eye, tile, &mut self.scratch, extras);
             self.seeing.see(&mut commands, &context, way, &mut stages)?;
-            shade.record(&mut commands, &context, mirrored, Shading::Sample);
-            let mut commands =
-                add_light(&mut self.indirect, commands, &context, Spreading::Image, &mut stages)?;
+            let context = context.of_texels(&texels);
+            shade_sample.record(&mut commands, &context, mirrored);
+            let spreading = Spreading::Texels { side: tile.side };
+            let mut commands = add_light(&mut self.indirect, commands, &context, spreading, &mut stages)?;
             resolve.record(&mut commands, &context, &self.knobs, &planes);
             under_way.push(commands.submit());
             if let Some(give_way) = give_way {
@@ -257,7 +259,7 @@ impl GpuSampler {
                 let context =
                     TileContext::new(&self.gpu, &self.resident, &eye, &tile, &mut self.scratch, extras);
                 self.seeing.see(&mut commands, &context, way, &mut stages)?;
-                shade.record(&mut commands, &context, mirrored, Shading::View);
+                shade.record(&mut commands, &context, mirrored);
                 let mut commands =
                     add_light(&mut self.indirect, commands, &context, Spreading::Image, &mut stages)?;
                 let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
@@ -464,7 +466,7 @@ impl GpuSampler {
                     list_context(&self.gpu, &self.resident, &eye, listing, &mut self.scratch, extras);
                 self.seeing.see_list(&context, listing, &mut stages)?;
                 let (ticket, out, bytes) = if images {
-                    shade.record(&mut commands, &context, mirrored, Shading::View);
+                    shade.record(&mut commands, &context, mirrored);
                     commands =
                         add_light(&mut self.indirect, commands, &context, Spreading::Pixels, &mut stages)?;
                     let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);

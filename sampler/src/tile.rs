@@ -49,6 +49,11 @@ impl Tile {
         })
     }
 
+    /// The same texels, with one sub-sample each.
+    pub(crate) fn of_texels(self) -> Self {
+        Self { side: 1, ..self }
+    }
+
     /// Sub-samples: columns, rows.
     pub(crate) fn sub_samples(&self) -> [u32; 2] {
         self.size.map(|texels| texels * self.side)

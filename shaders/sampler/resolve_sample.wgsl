@@ -1,5 +1,7 @@
-// Program of `sampler/src/passes/resolve_sample.rs`: of each texel's sub-samples, the surface that covers most.
+// Program of `sampler/src/passes/resolve_sample.rs`: texels as they are stored. Where sub-samples were shaded, those of the
+// dominant surface are averaged.
 
+import package::shared::dominant::{MOST_SUB_SAMPLES, dominant, same_surface};
 import package::shared::encode::{octahedral_from_unit, rgb9e5_from_radiance, unit_from_octahedral};
 
 struct ResolveSample {
@@ -17,7 +19,8 @@ struct ResolveSample {
     shaded_stride: u32,
 }
 
-// Sub-samples along each side of a texel, at most four: constant, so that they can be kept in registers.
+// What was shaded along each side of a texel, at most four: constant, so that it can be kept in registers. 1 where the texel's
+// surface was chosen first.
 override side: u32 = 2u;
 // Surfaces look up what is around them: which map, a plane says.
 override reflects: bool = false;
@@ -32,40 +35,22 @@ override reflects: bool = false;
 @group(0) @binding(7) var<storage, read> reflectors: array<u32>;
 @group(0) @binding(8) var<storage, read_write> reflector_plane: array<u32>;
 
-// Two sub-samples show one surface if their inverse ranges on the texel's central ray differ by less than this
-// share: then a warp that moves the texel by a hundred pixels misplaces neither by more than about one.
-const SAME_SURFACE: f32 = 1.0 / 64.0;
-
-fn same_surface(a: f32, b: f32) -> bool {
-    // Sky, which is 0, is one surface.
-    return abs(a - b) <= SAME_SURFACE * max(a, b);
-}
-
 // Where a texel's sub-sample lies in `shaded`.
 fn address(texel: vec2u, i: u32) -> u32 {
     let at = texel * side + vec2u(i % side, i / side);
     return at.y * resolve.shaded_stride + at.x;
 }
 
-// The sub-sample whose surface most others share; of equals the nearest one's.
+// Inverse range of the surface that the texel shows.
 fn winner(texel: vec2u) -> f32 {
-    let count = side * side;
-    var inverse: array<f32, 16>;
-    for (var i = 0u; i < count; i++) {
+    if side == 1u {
+        return shaded[address(texel, 0u)].w;
+    }
+    var inverse: array<f32, MOST_SUB_SAMPLES>;
+    for (var i = 0u; i < side * side; i++) {
         inverse[i] = shaded[address(texel, i)].w;
     }
-    var best = 0.0;
-    var best_share = 0u;
-    for (var i = 0u; i < count; i++) {
-        var share = 0u;
-        for (var j = 0u; j < count; j++) {
-            share += select(0u, 1u, same_surface(inverse[i], inverse[j]));
-        }
-        let better = share > best_share || (share == best_share && inverse[i] > best);
-        best = select(best, inverse[i], better);
-        best_share = select(best_share, share, better);
-    }
-    return best;
+    return dominant(&inverse, side * side);
 }
 
 // Lobes are averaged if their roughness differs by no more: one between a lake's and its shore's shines where neither does. Of

@@ -14,6 +14,7 @@ mod resolve_sample;
 mod resolve_view;
 mod shade;
 mod shade_leaves;
+mod shade_sample;
 mod spread;
 mod surfels;
 mod trace;
@@ -42,8 +43,9 @@ pub(crate) use own_nodes::{Belongings, OwnNodes};
 pub(crate) use receive::{Batch, Receive};
 pub(crate) use resolve_sample::{PlaneBuffers, ResolveSample};
 pub(crate) use resolve_view::ResolveView;
-pub(crate) use shade::{Shade, Shading};
+pub(crate) use shade::Shade;
 pub(crate) use shade_leaves::{Leaves, ShadeLeaves};
+pub(crate) use shade_sample::ShadeSample;
 pub(crate) use spread::{Spread, SpreadFrom};
 pub(crate) use surfels::Surfels;
 pub(crate) use trace::Trace;
@@ -87,6 +89,12 @@ impl<'a> TileContext<'a> {
         let rays = gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
         let targets = scratch.targets(gpu, tile.sub_samples(), extras);
         Self { gpu, resident, eye, tile, rays, places: None, targets }
+    }
+
+    /// A context of a tile with one ray a texel, for what the tile's sub-samples saw.
+    pub(crate) fn of_texels(self, texels: &'a Tile) -> Self {
+        let rays = self.gpu.upload("rays", &[texels.rays()], wgpu::BufferUsages::UNIFORM);
+        Self { tile: texels, rays, ..self }
     }
 
     /// Binds what a program reads to know a surface of the scene and shade it.

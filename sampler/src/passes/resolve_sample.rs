@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/resolve_sample.wgsl`. Of each texel's sub-samples, the surface that covers most.
+//! Program: `shaders/sampler/resolve_sample.wgsl`. Texels as a sample stores them.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, Ticket, plane, wgpu};
 use argus_scene::{Plane, PlaneFormat, PlaneKind};
@@ -11,7 +11,8 @@ use crate::{RadianceFormat, SamplerKnobs};
 /// Texels that rows of a device plane are padded to in a buffer: 256 bytes of the smallest texel.
 const ROW_TEXELS: u32 = 64;
 
-/// Reduces sub-samples to texels and quantises them: the one place where a sample loses precision.
+/// Quantises texels, and first reduces sub-samples to them where those were shaded: the one place where a sample loses
+/// precision.
 pub(crate) struct ResolveSample {
     pipeline: ComputePipeline,
     glossy: bool,
@@ -29,8 +30,8 @@ pub(crate) struct PlaneBuffers {
 }
 
 impl ResolveSample {
-    /// For a scene with or without glossy materials that may look up what is around them, and `side` sub-samples along each
-    /// side of a texel.
+    /// For a scene with or without glossy materials that may look up what is around them. `side`: how many were shaded along
+    /// each side of a texel, 1 where its surface was chosen first.
     pub(crate) fn new(gpu: &Gpu, glossy: bool, side: u32, reflects: bool) -> Self {
         let entry = if glossy { "resolve_glossy" } else { "resolve_matt" };
         let reflects = glossy && reflects;
@@ -93,7 +94,7 @@ impl ResolveSample {
         };
         let parameters = gpu.upload("resolve sample", &[parameters], wgpu::BufferUsages::UNIFORM);
         let mut call = commands
-            .compute("choose surface", &self.pipeline)
+            .compute("store texels", &self.pipeline)
             .read("resolve", &parameters)
             .read("shaded", &targets.shaded);
         if let (true, Some(gloss)) = (self.glossy, &targets.gloss) {

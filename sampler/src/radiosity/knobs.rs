@@ -57,9 +57,10 @@ pub struct VplKnobs {
     pub points: u32,
     /// Levels of the scene's octree, 1 to 10, where maps are made from one.
     pub levels: u32,
-    /// VPLs that a sub-sample gathers from, each standing for as many as were left out.
+    /// VPLs that a sub-sample of a direct view, or a texel of a sample, gathers from, each standing for as many as were left
+    /// out.
     pub samples: u32,
-    /// Sub-samples on each side that the cross-bilateral filter reaches; 0 for no filter.
+    /// Sub-samples, or texels, on each side that the cross-bilateral filter reaches; 0 for no filter.
     pub filter: u32,
     /// Whether groups of VPLs that cannot light a block of the image are left out before samples are drawn.
     pub cull: bool,

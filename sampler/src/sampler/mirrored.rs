@@ -5,13 +5,14 @@ use argus_scene::{Cancel, Lighting, RenderError, Sample, SampleId, SampleJob, St
 
 use super::{GpuSampler, check_wanted};
 use crate::mirrors::{Mirrored, Mirrors};
-use crate::passes::{ResolveSample, Shade};
+use crate::passes::{ResolveSample, Shade, ShadeSample};
 use crate::resident::Resident;
 use crate::{Indirect, SamplerKnobs, timing};
 
 /// How surfaces are shaded, and what they look up.
 pub(super) struct Looks {
     shade: Shade,
+    shade_sample: ShadeSample,
     resolve: ResolveSample,
     /// What is looked up where nothing is.
     nothing: Mirrored,
@@ -22,6 +23,7 @@ pub(super) struct Looks {
 /// One of the ways.
 pub(super) struct Look<'a> {
     pub(super) shade: &'a Shade,
+    pub(super) shade_sample: &'a ShadeSample,
     pub(super) resolve: &'a ResolveSample,
     pub(super) mirrored: &'a Mirrored,
 }
@@ -29,9 +31,11 @@ pub(super) struct Look<'a> {
 impl Looks {
     /// Without maps.
     pub(super) fn new(gpu: &Gpu, resident: &Resident, knobs: &SamplerKnobs) -> Self {
+        let (features, keeps_guides) = (resident.features, knobs.indirect != Indirect::Off);
         Self {
-            shade: Shade::new(gpu, resident.features, knobs.indirect != Indirect::Off, false),
-            resolve: ResolveSample::new(gpu, resident.features.specular, knobs.side(), false),
+            shade: Shade::new(gpu, features, keeps_guides, false),
+            shade_sample: ShadeSample::new(gpu, features, keeps_guides, false, knobs.side()),
+            resolve: ResolveSample::new(gpu, features.specular, 1, false),
             nothing: Mirrored::none(gpu),
             mirrors: None,
         }
@@ -41,8 +45,15 @@ impl Looks {
     pub(super) fn of(&self, reflections: Option<Surroundings>) -> Look<'_> {
         let mirrors = self.mirrors.as_deref().filter(|_| reflections.is_some());
         match mirrors.and_then(|mirrors| Some((mirrors, mirrors.mirrored()?))) {
-            Some((Mirrors { shade, resolve, .. }, mirrored)) => Look { shade, resolve, mirrored },
-            None => Look { shade: &self.shade, resolve: &self.resolve, mirrored: &self.nothing },
+            Some((Mirrors { shade, shade_sample, resolve, .. }, mirrored)) => {
+                Look { shade, shade_sample, resolve, mirrored }
+            }
+            None => Look {
+                shade: &self.shade,
+                shade_sample: &self.shade_sample,
+                resolve: &self.resolve,
+                mirrored: &self.nothing,
+            },
         }
     }
 }

@@ -11,4 +11,5 @@ mod motion;
 mod points;
 mod rooms;
 mod small_scene;
+mod texels;
 mod visibility;

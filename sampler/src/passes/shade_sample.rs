@@ -1,0 +1,74 @@
+//! Program: `shaders/sampler/shade_sample.wgsl`. What each texel of a sample shows: one surface, shaded once a triangle of it.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::sampler::SHADE_SAMPLE;
+
+use super::TileContext;
+use crate::mirrors::Mirrored;
+use crate::resident::Features;
+use crate::scratch::Guides;
+
+/// Texels that an invocation looks for split ones in, as the program has it.
+const RUN: u32 = 64;
+
+/// Shades samples.
+pub(crate) struct ShadeSample {
+    /// Texels of one triangle.
+    whole: ComputePipeline,
+    /// And then those of several.
+    split: ComputePipeline,
+    glossy: bool,
+    reflects: bool,
+    /// Bound where nothing is kept for indirect light or reflections.
+    unused: wgpu::Buffer,
+}
+
+impl ShadeSample {
+    /// For a scene with those features, and `side` sub-samples along each side of a texel; `keeps_guides` for passes that add
+    /// indirect light, `reflects` where surfaces look up what is around them.
+    pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool, reflects: bool, side: u32) -> Self {
+        let glossy = features.specular;
+        let mut constants = features.constants(keeps_guides).to_vec();
+        constants.push(("reflects", f64::from(u8::from(reflects && glossy))));
+        constants.push(("glossy", f64::from(u8::from(glossy))));
+        constants.push(("side", f64::from(side)));
+        let pipeline = |entry| gpu.compute_pipeline_with(&SHADE_SAMPLE, entry, &constants);
+        Self {
+            whole: pipeline("shade_whole"),
+            split: pipeline("shade_split"),
+            glossy,
+            reflects,
+            unused: gpu.buffer("unused", 16, wgpu::BufferUsages::STORAGE),
+        }
+    }
+
+    /// Shades what a tile's sub-samples see; the context is one of texels.
+    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, mirrored: &Mirrored) {
+        let TileContext { targets, tile, rays, .. } = context;
+        let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
+        if targets.guides.is_some() {
+            // The sky keeps none.
+            commands.clear(guides);
+        }
+        let gloss = targets.gloss.as_ref().filter(|_| self.glossy).unwrap_or(&self.unused);
+        let reflectors = targets.reflectors.as_ref().filter(|_| self.reflects).unwrap_or(&self.unused);
+        let [width, height] = tile.size;
+        let runs = (width * height).div_ceil(RUN);
+        for (pipeline, name, threads) in [
+            (&self.whole, "shade whole texels", [width, height, 1]),
+            (&self.split, "shade split texels", [runs, 1, 1]),
+        ] {
+            context
+                .with_surfaces(commands.compute(name, pipeline))
+                .read("rays", rays)
+                .read("visibility", &targets.visibility)
+                .read("map_of_instance", &mirrored.map_of_instance)
+                .write("guides", guides)
+                .write("guide_albedos", albedos)
+                .write("shaded", &targets.shaded)
+                .write("gloss", gloss)
+                .write("reflectors", reflectors)
+                .dispatch_threads(threads);
+        }
+    }
+}
