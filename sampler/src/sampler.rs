@@ -521,7 +521,7 @@ impl Sampler for GpuSampler {
         self.render_set(job, cancel, None)
     }
 
-    fn render_samples_ahead(
+    fn render_samples_in_slices(
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,

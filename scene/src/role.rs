@@ -124,10 +124,9 @@ pub trait Sampler: Send {
     /// Renders the samples of `job`, one result each, in order.
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>>;
 
-    /// Renders samples that nobody waits for, byte for byte as [`Self::render_samples`] does. `give_way` is called between
-    /// parts of the work, of about 20 ms, and may render views with the sampler that it is handed. A sampler that knows no
-    /// parts, as here, never calls it.
-    fn render_samples_ahead(
+    /// Renders samples in slices, byte for byte as [`Self::render_samples`] does. `give_way` is called between slices of about
+    /// 20 ms, and may render views with the sampler that it is handed. The default renders everything in one slice.
+    fn render_samples_in_slices(
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,

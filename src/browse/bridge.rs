@@ -38,6 +38,9 @@ const PING: Duration = Duration::from_secs(20);
 /// A page that says nothing for this long, not even in answer to pings, is gone.
 const SILENCE: Duration = Duration::from_secs(60);
 
+/// Longest time that the end of a WebSocket may take, for a page that does not answer.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
+
 /// An image that is being encoded.
 type Encoding = JoinHandle<anyhow::Result<Image>>;
 
@@ -50,8 +53,15 @@ pub(super) async fn run(mut socket: WebSocket, site: Arc<Site>) {
 /// Tells a page why its WebSocket ends; at most 123 bytes of the reason fit.
 pub(super) async fn close(socket: &mut WebSocket, code: u16, reason: &str) {
     let frame = CloseFrame { code, reason: reason.into() };
+    let told = async {
+        // A connection that is closed with unread bytes is reset, and the page may not hear the reason. So all is read, until the
+        // page closes, too.
+        if socket.send(Message::Close(Some(frame))).await.is_ok() {
+            while let Some(Ok(_)) = socket.recv().await {}
+        }
+    };
     // A page that is gone needs no reason.
-    let _ = timeout(SEND_TIMEOUT, socket.send(Message::Close(Some(frame)))).await;
+    let _ = timeout(CLOSE_TIMEOUT, told).await;
 }
 
 /// Why a bridge ends: a code of RFC 6455, section 7.4.1, and words for the page.

@@ -112,6 +112,7 @@ async fn a_views_trace_runs_from_the_client_through_coordinator_compositor_and_s
 /// The spans of a view's trace once their names are as wanted; all of them hang together.
 async fn trace_with(collector: &Collector, wanted: impl Fn(&BTreeSet<&str>) -> bool) -> Vec<Received> {
     let begin = Instant::now();
+    let mut lacking = String::new();
     loop {
         let spans = collector.0.lock().await.clone();
         if let Some((_, root)) = spans.iter().find(|(_, span)| span.name == "view") {
@@ -127,12 +128,11 @@ async fn trace_with(collector: &Collector, wanted: impl Fn(&BTreeSet<&str>) -> b
                 }
                 return of_it;
             }
+            let orphans = of_it.iter().filter(|(_, span)| !has_parent(span));
+            let orphans: Vec<&str> = orphans.map(|(_, span)| span.name.as_str()).collect();
+            lacking = format!("its trace has {names:?}, of which without a parent: {orphans:?}");
         }
-        let names: BTreeSet<String> = spans.into_iter().map(|(_, span)| span.name).collect();
-        assert!(
-            begin.elapsed() < PATIENCE,
-            "not all that is wanted came, or hangs in the air: only {names:?}"
-        );
+        assert!(begin.elapsed() < PATIENCE, "not all spans of the view came: {lacking}");
         tokio::time::sleep(Duration::from_millis(100)).await;
     }
 }

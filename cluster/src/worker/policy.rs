@@ -20,7 +20,7 @@
 //! background work still ends. Strict priority would do one of the two only: with views first, a worker that is too busy
 //! would never hold the samples that make its views cheaper.
 //!
-//! Two kinds of longer work pause between slices: a sample ahead of demand, and the first use of the compositor's programs, which
+//! Two kinds of longer work pause between slices: a sample, whether or not a request waits for it, and the first use of the compositor's programs, which
 //! an order to measure begins. In a pause the thread does one round without the slice of background work. It does none
 //! while an order for another scene waits: views behind that order are not this scene's.
 //!
@@ -190,7 +190,7 @@ impl Policy {
         turn.map(|kind| self.turn(kind))
     }
 
-    /// Begins a pause between two slices of a sample that nobody waits for.
+    /// Begins a pause between two slices of a sample.
     pub fn pause(&mut self) {
         self.had.clear();
     }

@@ -306,16 +306,14 @@ impl Renderer {
         }
         let job = SampleJob { info, ids: tasks.iter().map(|task| task.id).collect(), to_host };
         let mut began = Instant::now();
-        let results = match tasks.iter().all(|task| task.ahead) {
-            false => self.guarded(|own| Ok(own.sampler()?.render_samples(&job, &batch.cancel))),
-            true => self.samples_ahead(&job, &batch, &mut began),
-        };
+        let results = self.samples_in_slices(&job, &batch, &mut began);
         self.record(Kind::Sample, &results, began, began);
         deliver(tasks.into_iter().map(|task| task.reply), results);
     }
 
-    /// Samples that nobody waits for: views are answered between their parts, which `began` is moved on by.
-    fn samples_ahead(&mut self, job: &SampleJob, batch: &Batch, began: &mut Instant) -> Results<Sample> {
+    /// Renders samples in slices, whether or not a request waits for them: views are answered in between, and `began` is moved on
+    /// by the time that they take.
+    fn samples_in_slices(&mut self, job: &SampleJob, batch: &Batch, began: &mut Instant) -> Results<Sample> {
         let mut slices = Slices::default();
         let results = self.guarded(|own| {
             own.sampler()?;
@@ -323,7 +321,7 @@ impl Renderer {
             let none = || RenderError::Internal("no sampler".to_owned());
             let mut sampler = own.sampler.take().ok_or_else(none)?;
             let queue = own.queue.clone();
-            let results = sampler.render_samples_ahead(job, &batch.cancel, &mut |sampler| {
+            let results = sampler.render_samples_in_slices(job, &batch.cancel, &mut |sampler| {
                 slices.end();
                 let gave_way = Instant::now();
                 queue.give_way(true, |work| match work {
@@ -348,7 +346,7 @@ impl Renderer {
         });
         if results.as_ref().is_ok_and(|results| results.iter().all(Result::is_ok)) {
             self.meter.add_parts(slices.count().max(1), began.elapsed());
-            debug!(%slices, "samples rendered ahead of views");
+            debug!(%slices, "samples rendered");
         }
         results
     }

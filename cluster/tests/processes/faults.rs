@@ -86,7 +86,9 @@ async fn a_lost_device_and_a_panic_are_made_good_within_the_worker() {
         misfortune.store(1, Ordering::SeqCst);
         let (frame, _) = cluster.render(&view(1)).await.unwrap();
         assert_eq!(frame.color, expected.color);
-        assert_eq!(cluster.knobs.compositors_made.load(Ordering::SeqCst), made + 1);
+        // A direct view that lost the device took the compositor with it: that one is made anew too, before this view or by it.
+        let made_anew = cluster.knobs.compositors_made.load(Ordering::SeqCst) - made;
+        assert!((1..=2).contains(&made_anew), "{made_anew} compositors were made");
         misfortune.store(1, Ordering::SeqCst);
         cluster.render(&direct(1)).await.unwrap();
     }

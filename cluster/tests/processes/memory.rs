@@ -47,7 +47,8 @@ async fn a_standing_cameras_frames_stay_the_same_where_another_way_becomes_faste
         }
         for _ in 0..3 {
             let again = next(&mut session, &open(1)).await;
-            assert_eq!(again.decision.unwrap().reason, Reason::Kept, "redirected: {redirect}");
+            let decision = again.decision.unwrap();
+            assert_eq!(decision.reason, Reason::Kept, "redirected: {redirect}, {decision:?}");
             assert_eq!((&again.provenance, &again.color), (&first.provenance, &first.color));
         }
         // One that moves is answered the faster way.

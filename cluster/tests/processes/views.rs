@@ -36,8 +36,9 @@ async fn two_clients_views_are_answered_by_two_compositors_from_samples_rendered
     assert!(cluster.knobs.largest_batch.load(Ordering::SeqCst) > 4, "what waits is one batch");
     assert_eq!(cluster.knobs.samples_rendered.load(Ordering::SeqCst), 4, "one tile, four corners, once");
     assert_eq!(cluster.knobs.samples_read_back.load(Ordering::SeqCst), 4, "others need them");
-    let status = cluster.wait_for(|s| s.workers.iter().any(|w| w.views_composed > 0)).await;
-    assert_eq!((status.samplers, status.compositors), (1, 2));
+    // On a busy machine the costs that are measured first may ask for two samplers; with no sample left to render, one is enough.
+    let roles = |s: &v1::StatusResponse| (s.samplers, s.compositors) == (1, 2);
+    let status = cluster.wait_for(|s| roles(s) && s.workers.iter().any(|w| w.views_composed > 0)).await;
     assert_eq!(status.counters.unwrap().views_answered, 60);
 }
 

@@ -64,7 +64,7 @@ fn a_sample_that_gives_way_between_its_parts_is_the_same_bytes() {
         let at_once = common::sample(&mut sampler, &whole);
         let mut gave_way = 0;
         // Whoever gets the turn uses the same device.
-        let ahead = sampler.render_samples_ahead(&whole, &Cancel::new(), &mut |_| {
+        let ahead = sampler.render_samples_in_slices(&whole, &Cancel::new(), &mut |_| {
             gave_way += 1;
             common::sample(&mut other, &common::sample_job(&scene, rig, 2, false));
         });

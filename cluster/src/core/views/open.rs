@@ -9,7 +9,7 @@ use super::cluster::Cluster;
 use super::effect::Effect;
 use super::open_view::OpenView;
 use super::pending::Pending;
-use super::planner::{Offer, predicted_excess};
+use super::planner::{MOST_SAMPLES, Offer, predicted_excess};
 use super::session_memory::Memory;
 use super::survey::SurveyWanted;
 use crate::core::event::{LastView, WorkerId};
@@ -18,9 +18,6 @@ use crate::core::workers::Worker;
 
 /// Workers with the shortest queues that are asked for an offer, and holders of samples beside them.
 const MOST_ASKED: usize = 64;
-
-/// Samples of a plan at most: further ones cost more than they show.
-pub(super) const MOST_SAMPLES: usize = 4;
 
 /// Cameras around a viewer that are looked at for samples that somebody holds, nearest first.
 const AROUND: usize = 24;

@@ -17,6 +17,9 @@ const BALANCED_EXCESS: f64 = 0.03;
 /// Mean FLIP above that of a direct view that a frame may have with [`Preset::Exact`].
 const EXACT_EXCESS: f64 = 0.005;
 
+/// Samples of a plan at most: further ones cost more than they show.
+pub(super) const MOST_SAMPLES: usize = 4;
+
 /// A frame from samples is within bound only where they see this share of what the view shows at least.
 pub(super) const LEAST_COVERED: f64 = 0.99;
 

@@ -3,8 +3,7 @@
 use argus_scene::rig::{Sight, Survey};
 use argus_scene::{Rig, SampleSetInfo, View};
 
-use super::open::MOST_SAMPLES;
-use super::planner::MOST_TEXEL_PIXELS;
+use super::planner::{MOST_SAMPLES, MOST_TEXEL_PIXELS};
 
 /// What is to be found out about a view before it is asked for. The rays are sent outside of the core.
 #[derive(Debug, Clone, PartialEq)]

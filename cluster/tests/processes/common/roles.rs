@@ -175,8 +175,13 @@ fn frame(job: &ViewJob, scene: &Scene, generation: u64, seed: u64) -> Frame {
             device: DEVICE.to_owned(),
             history: job.history.is_some(),
         },
-        stages: vec![Stage::new("render", 1.0)],
+        stages: Vec::new(),
     }
+}
+
+/// What a frame says that it took: as long as a role works at it, and a millisecond at least.
+fn stages(us: &AtomicU64) -> Vec<Stage> {
+    vec![Stage::new("render", (us.load(Ordering::SeqCst) as f64 * 1e-3).max(1.0))]
 }
 
 fn seed_of(job: &ViewJob, more: &[u8]) -> u64 {
@@ -232,7 +237,7 @@ impl Sampler for FakeSampler {
         job.ids.iter().map(one).collect()
     }
 
-    fn render_samples_ahead(
+    fn render_samples_in_slices(
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,
@@ -254,7 +259,9 @@ impl Sampler for FakeSampler {
                 return Err(RenderError::Cancelled);
             }
             self.knobs.done.lock().push(Done::Direct);
-            Ok(frame(job, &self.scene, 1, seed_of(job, &self.scene.hash.0)))
+            let mut made = frame(job, &self.scene, 1, seed_of(job, &self.scene.hash.0));
+            made.stages = stages(&self.knobs.direct_us);
+            Ok(made)
         };
         views.iter().map(one).collect()
     }
@@ -339,6 +346,7 @@ impl Compositor for FakeCompositor {
             let info = of.ok_or_else(|| RenderError::Internal("no samples".to_owned()))?;
             let mut made = frame(job, &super::scene("test"), info.generation, seed_of(job, &texels));
             made.provenance.scene = info.scene;
+            made.stages = stages(&self.knobs.view_us);
             if self.knobs.coarse.load(Ordering::SeqCst) {
                 let pixels = (job.width * job.height) as usize;
                 made.range = job.outputs.range.then(|| 1e-3_f32.to_le_bytes().repeat(pixels).into());
