@@ -56,14 +56,18 @@ async fn a_views_trace_runs_from_the_client_through_coordinator_compositor_and_s
     let server = tonic::transport::Server::builder().add_service(service);
     tokio::spawn(server.serve_with_incoming(TcpListenerStream::new(listener)));
 
-    let coordinator = Coordinator::start_with(SMALL, &["--samplers-composite=false"], |c| exporting(c, &url));
+    // While visibility backends are measured, the view's samples are fetched ahead of it, in no view's trace.
+    let flags = ["--samplers-composite=false", "--visibility=cpu"];
+    let coordinator = Coordinator::start_with(SMALL, &flags, |c| exporting(c, &url));
     let mut workers = Vec::new();
     for _ in 0..2 {
         let mut command = argus(&["worker", "--coordinator", &coordinator.url, "--listen", "127.0.0.1:0"]);
         exporting(&mut command, &url);
         workers.push(Process::start(command));
     }
-    coordinator.wait_for_workers(2);
+    // A worker that plays both roles fetches no sample.
+    let roles = |status: &serde_json::Value| status["samplers"] == 1 && status["compositors"] == 1;
+    coordinator.wait_until("a sampler and a compositor", roles);
     let mut view = argus(&["view", "--server", &coordinator.url, "--eye", "0,200,300", "--target", "0,0,0"]);
     let folder = tempfile::tempdir().unwrap();
     view.args(["--size", "96x72", "--search", "splat", "--out"]).arg(folder.path().join("view.png"));

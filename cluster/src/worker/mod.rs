@@ -20,6 +20,7 @@ mod node;
 mod packed;
 pub mod policy;
 mod probe;
+mod probes;
 mod queue;
 mod render;
 mod samples;

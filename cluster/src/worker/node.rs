@@ -24,7 +24,7 @@ use super::health::Health;
 use super::histories::Histories;
 use super::meter::Meter;
 use super::policy::{self, Waiting};
-use super::probe::Probes;
+use super::probes::Probes;
 use super::queue::{Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
 use super::store::Store;
 use crate::core::{Hello, Report, Role};

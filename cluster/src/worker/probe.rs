@@ -14,14 +14,10 @@ use std::time::{Duration, Instant};
 
 use argus_scene::frame::Reason;
 use argus_scene::{Frame, PixelJob, Plan, ViewJob};
-use parking_lot::Mutex;
 use tracing::debug;
 
 use super::node::Node;
 use crate::core::Probed;
-
-/// Between two probes of a worker.
-const EVERY: Duration = Duration::from_secs(2);
 
 /// A probe waits so long for spare time, and is given up then.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -37,39 +33,6 @@ const BLOCK: u32 = 4;
 
 /// Samples a pixel, of what a block should show.
 const REFERENCE_SAMPLES: u32 = 16;
-
-/// The probes of a worker.
-#[derive(Debug, Default)]
-pub(super) struct Probes(Mutex<State>);
-
-#[derive(Debug, Default)]
-struct State {
-    is_at_work: bool,
-    last: Option<Instant>,
-    probed: Probed,
-}
-
-impl Probes {
-    /// What they have found since the worker started.
-    pub(super) fn found(&self) -> Probed {
-        self.0.lock().probed
-    }
-
-    /// Begins a probe, with its number, unless one is under way or the last one was a moment ago.
-    fn begin(&self, now: Instant) -> Option<u64> {
-        let mut state = self.0.lock();
-        let rests = state.last.is_some_and(|last| now < last + EVERY);
-        (!rests && !std::mem::replace(&mut state.is_at_work, true)).then_some(state.probed.count)
-    }
-
-    fn end(&self, found: Option<Probed>) {
-        let mut state = self.0.lock();
-        (state.is_at_work, state.last) = (false, Some(Instant::now()));
-        if let Some(found) = found {
-            state.probed = state.probed + found;
-        }
-    }
-}
 
 /// Probes a frame, beside everything else, if it is time for that and the planner predicted the frame's error.
 pub(super) fn consider(node: &Arc<Node>, job: &ViewJob, frame: &Frame) {
@@ -274,17 +237,5 @@ mod tests {
         assert!(excess(&blocks, &other, &shown, &shown).unwrap() > 0.1);
         assert_eq!(excess(&blocks, &shown, &shown[1..], &shown), None);
         assert_eq!(excess(&BTreeMap::new(), &[], &[], &[]), None);
-    }
-
-    #[test]
-    fn one_probe_is_under_way_at_a_time_and_the_next_one_comes_later() {
-        let (probes, now) = (Probes::default(), Instant::now());
-        assert_eq!(probes.begin(now), Some(0));
-        assert_eq!(probes.begin(now), None);
-        probes.end(Some(Probed { count: 1, error: 0.5, predicted: 0.25 }));
-        assert_eq!(probes.begin(now + EVERY / 2), None);
-        assert_eq!(probes.begin(now + 2 * EVERY), Some(1));
-        probes.end(None);
-        assert_eq!(probes.found(), Probed { count: 1, error: 0.5, predicted: 0.25 });
     }
 }
