@@ -183,6 +183,10 @@ pub enum Failure {
 
 /// What happened.
 #[derive(Debug, Clone)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "one event exists at a time, and most are reports, the largest kind"
+)]
 pub enum Event {
     /// A worker joined.
     Joined {

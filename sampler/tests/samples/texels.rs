@@ -57,7 +57,7 @@ fn patterned(texels: u32, tiles: f32) -> Arc<Scene> {
         base_color_texture: Some(TextureRef::new(0)),
         ..Material::default()
     }]);
-    let texel = |i: u32| if (i % texels + i / texels) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] };
+    let texel = |i: u32| if (i % texels + i / texels).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] };
     scene.textures.push(Texture {
         name: "checks".to_owned(),
         width: texels,

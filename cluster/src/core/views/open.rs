@@ -130,7 +130,7 @@ impl Cluster<'_> {
             let (id, excess, is_sound) = (worker.id(), 0.0, true);
             let base = Offer { worker: id, turn, plan, wait_ms, render_ms, excess, is_sound, repeats };
             let warp_ms = worker.report().warp_cost.map(|cost| cost.ms(work));
-            for from_samples in self.from_samples(worker, view, open, &mut known) {
+            for from_samples in self.ways_from_samples(worker, view, open, &mut known) {
                 let FromSamples { plan, uncovered, excess, is_sound } = from_samples;
                 let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
                 let render_ms = warp_ms.map(|ms| ms + rays_ms);
@@ -209,7 +209,7 @@ impl Cluster<'_> {
 
     /// What a view could be from the samples that a worker holds: from the best of them, and from those of the frame that is to be
     /// repeated. Empty for a worker that has not measured what views from samples cost.
-    fn from_samples(
+    fn ways_from_samples(
         &self,
         worker: &Worker,
         view: &Pending,

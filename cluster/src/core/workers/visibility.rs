@@ -12,8 +12,11 @@ use crate::core::event::{Action, Role};
 /// Share of a process that views from triangles must take before views from samples are worth measuring.
 const WORTH_MEASURING: f64 = 0.05;
 
-/// Ticks for which they must do so: measuring takes a second, in which a worker answers nothing.
+/// Ticks for which they must do so before an idle worker measures: that takes seconds, in slices of which some are long.
 const STEADY_TICKS: f64 = 8.0;
+
+/// Ticks after which a busy worker measures, too, if none was idle meanwhile: views in its queue then wait.
+const MOST_STEADY_TICKS: f64 = 16.0;
 
 impl Workers {
     /// Whether it is settled how triangles are seen: until then no samples are rendered.
@@ -33,7 +36,9 @@ impl Workers {
             let unmeasured = worker.report().direct_cost.is_some() && worker.report().warp_cost.is_none();
             worker.answers() && (must_settle || (may_pay && unmeasured && !worker.has_been_told_to_measure()))
         };
-        // Whoever is idle keeps fewest waiting.
+        let may_wait = !must_settle && self.steady_ticks < MOST_STEADY_TICKS;
+        // An idle worker keeps no view waiting: further ones go to others.
+        let is_wanted = |worker: &&mut Worker| is_wanted(worker) && !(may_wait && worker.queued() > 0);
         let candidates = self.workers.values_mut().filter(is_wanted);
         if let Some(worker) = candidates.min_by_key(|w| (w.queued(), w.id())) {
             actions.push(Action::Assign { worker: worker.id(), assignment: worker.measure() });
