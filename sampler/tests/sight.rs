@@ -1,4 +1,5 @@
 //! Which cameras see what a view shows: by packets of rays, against the reference's single ones.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -110,7 +110,9 @@ mod tests {
             let gain = |worths: &[f64]| worths.iter().zip(&shown).map(|(w, s)| added(*w, *s)).sum::<f64>();
             let gains: Vec<f64> = left.iter().map(|(_, worths)| gain(worths)).collect();
             let most = gains.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            let (index, worths) = left.remove(gains.iter().position(|gain| *gain == most).unwrap());
+            let (index, worths) = left.remove(
+                gains.iter().position(|gain| *gain == most).expect("the greatest gain is one of them"),
+            );
             shown.iter_mut().zip(&worths).for_each(|(shown, worth)| *shown = worth.max(*shown));
             best.push(index);
         }
