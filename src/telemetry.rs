@@ -31,7 +31,7 @@ pub(crate) enum LogFormat {
 /// Where traces go, as every program that speaks OpenTelemetry is told.
 const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT"];
 
-/// … and by which authority they know that it is the right place, for `https://`.
+/// Environment variables with the certificate authority of the trace collector, for `https://`.
 const AUTHORITIES: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_CERTIFICATE", "OTEL_EXPORTER_OTLP_CERTIFICATE"];
 
 /// Ends with what was traced being sent.

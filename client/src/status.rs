@@ -48,7 +48,7 @@ pub struct ClusterStatus {
     pub tick_measured_ms: f64,
     /// One a process.
     pub workers: Vec<WorkerStatus>,
-    /// Views for which the planner chose how they are answered, and by whom, since the coordinator started.
+    /// Views that the planner assigned to a way and a worker since the coordinator started.
     pub views_planned: u64,
     /// What these choices took in all, with the rays that were sent for them, microseconds.
     pub planning_us: f64,

@@ -134,7 +134,7 @@ impl Channels {
         Self { connect_timeout, security, network, relays: None, by_address: Mutex::default() }
     }
 
-    /// The same, for answers that are passed on, up to `most` of one address at the same time: those that nobody reads never
+    /// Channels for answers that are passed on, up to `most` of one address at the same time: answers that are not read never
     /// stop the others.
     pub(crate) fn for_relays(self, most: usize) -> Self {
         Self { relays: Some(most), ..self }

@@ -108,7 +108,7 @@ impl<'a> Shared<'a> {
         Ok(bindings)
     }
 
-    /// The same, and for programs that look at it a level of the display plane, with the next coarser one.
+    /// The bindings, with a level of the display plane and the next coarser one, for programs that read levels.
     pub(crate) fn bindings_of_level(&self, level: u32) -> Result<Vec<Extra<'a>>, RenderError> {
         let mut bindings = self.bindings()?;
         let display = self.pool.display()?;

@@ -28,9 +28,9 @@ pub(crate) struct Recalled {
     sources: u32,
 }
 
-/// Pixels on a side that are looked at to see what an earlier frame shows of a view …
+/// Pixels on a side that are looked at to see what an earlier frame shows of a view.
 const LOOKED_AT: u32 = 32;
-/// … and parts on a side of the view, each of which it shows where one of those lands in it.
+/// Parts on a side of the view. A part is shown if one of those pixels lands in it.
 const PARTS: u32 = 8;
 /// Parts that it must show. What it does not show is searched from the far end of the scene, where other surfaces
 /// are found: after a turn by 10° of 58° views of terrain err more than from samples (`argus study history`: FLIP

@@ -14,7 +14,7 @@ use prost::Message;
 
 /// No input of a megabyte needs a block of this size.
 const LARGEST_BLOCK: usize = 64 << 20;
-/// … nor so long, on a machine that has other things to do.
+/// No input takes longer than this, on a machine that has other things to do.
 const LONGEST: Duration = Duration::from_secs(10);
 /// Inputs of a target in a test run, unless BOLERO_RANDOM_ITERATIONS or BOLERO_RANDOM_TEST_TIME_MS says otherwise.
 const ITERATIONS: usize = 10_000;

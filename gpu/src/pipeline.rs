@@ -62,7 +62,7 @@ impl Gpu {
         self.compute_pipeline_with(program, entry, &[])
     }
 
-    /// The same, with values for the program's `override`s: what is constant there is folded away, where a
+    /// Makes a compute pipeline with values for the program's `override`s: what is constant there is folded away, where a
     /// branch on a uniform may still cost both of its sides (the software driver masks, and never skips).
     ///
     /// # Panics

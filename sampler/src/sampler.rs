@@ -76,7 +76,7 @@ impl GpuSampler {
         Self::with_knobs(gpu, scene, SamplerKnobs::default())
     }
 
-    /// The same, with other than the default knobs.
+    /// Makes a sampler with these knobs.
     ///
     /// # Errors
     /// As [`Self::new`], and [`RenderError::Invalid`] for a knob that is out of range.

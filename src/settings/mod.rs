@@ -37,9 +37,9 @@ pub(crate) struct Client {
     pub(crate) ca: Option<PathBuf>,
     /// File that holds this client's token and nothing else.
     pub(crate) token_file: Option<PathBuf>,
-    /// PEM file of a certificate of this client's own, for services that want one, …
+    /// PEM file of a certificate of this client's own, for services that want one.
     pub(crate) certificate: Option<PathBuf>,
-    /// … and that of its key.
+    /// PEM file of that certificate's private key.
     pub(crate) key: Option<PathBuf>,
 }
 
@@ -212,9 +212,9 @@ impl Default for Worker {
 pub(crate) struct Limits {
     /// Views waiting or in work: sixteen full batches of two workers.
     pub(crate) views: usize,
-    /// … of one client: three quarters, so that nobody fills the cluster alone.
+    /// Views of one client waiting or in work: three quarters of all, so that one client cannot fill the cluster.
     pub(crate) views_per_client: usize,
-    /// … at one worker: two full batches, so that one is ready when the other is done.
+    /// Views at one worker: two full batches, so that one is ready when the other is done.
     pub(crate) views_per_worker: usize,
     /// A view is given up after this long, whatever its deadline: one whose client takes nothing would keep its place.
     pub(crate) view_secs: f64,
@@ -225,11 +225,11 @@ pub(crate) struct Limits {
     pub(crate) wait_secs: f64,
     /// Pixels a second; unset: what the workers manage.
     pub(crate) pixels_per_sec: Option<f64>,
-    /// … of one client.
+    /// Pixels a second of one client; unset: no limit of its own.
     pub(crate) pixels_per_sec_per_client: Option<f64>,
     /// Open sessions. Each is a task and two frames on their way.
     pub(crate) sessions: usize,
-    /// … of one client: three quarters.
+    /// Open sessions of one client: three quarters of all.
     pub(crate) sessions_per_client: usize,
     /// Open connections, of which a quarter is for the cluster's own processes: a machine's file descriptors are many times
     /// as many.

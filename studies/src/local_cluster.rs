@@ -60,7 +60,7 @@ impl LocalCluster {
         })
     }
 
-    /// … whose workers' software driver has one thread each, unless the environment says how many: else a worker that is alone
+    /// Starts a cluster whose workers' software driver has one thread each, unless the environment says how many: else a worker that is alone
     /// has those that others would have, and is no measure for them.
     ///
     /// # Errors
@@ -79,7 +79,7 @@ impl LocalCluster {
         })
     }
 
-    /// … a coordinator alone, without workers.
+    /// Starts a coordinator without workers.
     ///
     /// # Errors
     /// As [`Self::start`].

@@ -75,7 +75,7 @@ const DEADLINE: Duration = Duration::from_secs(30);
 const SATURATION: f64 = 4.0;
 /// At this load and more, throughput must stay at [`LEAST_OF_PEAK`]; just at what it can carry, chance decides.
 const OVERLOAD: f64 = 1.5;
-/// … of the best that any load saw.
+/// Least throughput under overload, as a share of the best that any load saw.
 const LEAST_OF_PEAK: f64 = 0.9;
 /// Accepted views may take this many times as long as views may wait: costs are guessed, and a batch is not divided.
 const MOST_WAITS: f64 = 3.0;

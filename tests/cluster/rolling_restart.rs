@@ -25,7 +25,7 @@ enum Kind {
     View,
     /// A session whose frames pass the coordinator.
     Relayed,
-    /// … and one that fetches them from the workers.
+    /// A session that fetches its frames from the workers.
     Redirected,
 }
 

@@ -71,7 +71,7 @@ impl Asked {
         }
     }
 
-    /// Nobody waits for it any more.
+    /// Ends the view: its client has its frame, or gave up.
     pub(super) fn cancelled(&self) {
         self.hub.end_view(self.ticket, Event::Cancelled { ticket: self.ticket });
     }

@@ -350,7 +350,7 @@ impl Hub {
         (ticket, verdicts)
     }
 
-    /// Nobody waits for verdicts about a view any more, for the reason that the event tells.
+    /// Ends the verdicts about a view. `event` tells the core why.
     pub(super) fn end_view(&self, ticket: Ticket, event: Event) {
         let mut state = self.state.lock();
         state.views.remove(&ticket);

@@ -47,9 +47,9 @@ pub struct NatsAccess {
 pub struct NatsTls {
     /// The authority that signed the server's certificate; no other one is trusted.
     pub ca: PathBuf,
-    /// By which the server knows this process, …
+    /// PEM file of the certificate by which the server knows this process.
     pub certificate: PathBuf,
-    /// … and its key.
+    /// PEM file of that certificate's private key.
     pub key: PathBuf,
 }
 

@@ -22,7 +22,7 @@ pub use tokens::Tokens;
 /// Longest handshake: whoever connects and says nothing holds no connection for longer.
 const HANDSHAKE: std::time::Duration = std::time::Duration::from_secs(10);
 
-/// … where this process asks: another one may answer.
+/// Longest handshake of a connection that this process opens: another server may answer.
 const CONNECTION_HANDSHAKE: std::time::Duration = std::time::Duration::from_secs(2);
 
 /// What makes a process a member, and whom it takes for one. Everything in it is PEM.

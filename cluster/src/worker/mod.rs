@@ -273,7 +273,7 @@ async fn outgoing(coordinator: &str) -> Result<IpAddr, RunError> {
     }
 }
 
-/// … on the way to the first of several, with commas between them, to which there is one.
+/// This machine's address on the way to the first reachable coordinator of a list that is separated by commas.
 async fn outgoing_to_any(coordinators: &str) -> Result<IpAddr, RunError> {
     let mut found = None;
     for url in coordinators.split(',') {

@@ -18,7 +18,7 @@ pub(super) type Chunks = Arc<[v1::SampleChunk]>;
 /// The part of what is kept of samples that they may take packed besides; they are asked for within seconds, or never again.
 const SHARE: u64 = 16;
 
-/// … and the most bytes of it.
+/// Greatest number of bytes of packed samples.
 const MOST: u64 = 64 << 20;
 
 /// Roughly what one takes, bytes: only the size of a table follows from it.

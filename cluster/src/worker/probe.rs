@@ -13,6 +13,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_scene::frame::Reason;
+use argus_scene::tone::linear_from_srgb;
 use argus_scene::{Frame, PixelJob, Plan, ViewJob};
 use tracing::debug;
 
@@ -127,16 +128,12 @@ fn block_means(blocks: &BTreeMap<u32, usize>, image: &[u8]) -> Vec<[f64; 3]> {
     let mut sums: BTreeMap<usize, ([f64; 3], f64)> = BTreeMap::new();
     for (block, pixel) in blocks.values().zip(image.as_chunks::<3>().0) {
         let (sum, count) = sums.entry(*block).or_default();
-        sum.iter_mut().zip(pixel).for_each(|(sum, byte)| *sum += linear(*byte));
+        sum.iter_mut()
+            .zip(pixel)
+            .for_each(|(sum, byte)| *sum += f64::from(linear_from_srgb(f32::from(*byte) / 255.0)));
         *count += 1.0;
     }
     sums.into_values().map(|(sum, count)| sum.map(|x| x / count)).collect()
-}
-
-/// IEC 61966-2-1.
-fn linear(byte: u8) -> f64 {
-    let x = f64::from(byte) / 255.0;
-    if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
 /// FLIP's difference of two colours, linear RGB: 0 to 1.

@@ -82,7 +82,7 @@ fn cluster<'a>(seed: u64, change: impl FnOnce(&mut Builder)) -> Sim<'a> {
     cluster_of(quick(), seed, change)
 }
 
-/// … with another configuration.
+/// A simulated cluster with another configuration.
 fn cluster_of<'a>(config: coordinator::Config, seed: u64, change: impl FnOnce(&mut Builder)) -> Sim<'a> {
     let mut builder = Builder::new();
     builder

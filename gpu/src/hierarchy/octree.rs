@@ -119,7 +119,7 @@ impl OctreeBuilder {
         self.build_with(root, depth, triangles, false)
     }
 
-    /// The same, with the triangles that each leaf shows to either side ([`Octree::facing`]).
+    /// Builds the octree with the triangles that each leaf shows to either side ([`Octree::facing`]).
     ///
     /// # Errors
     /// As [`Self::build`].

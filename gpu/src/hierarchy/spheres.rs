@@ -156,7 +156,7 @@ impl SphereBuilder {
         Ok(())
     }
 
-    /// The same, and puts the points in order anew, which makes tighter balls of what has moved apart.
+    /// Fits the balls, and sorts the points anew, which makes tighter balls of what has moved apart.
     ///
     /// # Errors
     /// As [`Self::update`].

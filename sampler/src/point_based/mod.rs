@@ -208,7 +208,7 @@ impl PointBased {
         self.add_with(commands, context, spreading, None, stages)
     }
 
-    /// The same, with light that receivers receive from elsewhere.
+    /// Adds the light, with light that receivers receive from elsewhere.
     fn add_with(
         &mut self,
         mut commands: Commands,

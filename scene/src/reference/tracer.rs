@@ -123,7 +123,7 @@ impl Tracer {
         self
     }
 
-    /// The same, but triangles without a back: seen from either side.
+    /// A tracer of the same scene in which every triangle is seen from both sides.
     pub(super) fn without_backs(&self) -> Self {
         let mut both = self.at(0.0);
         for (placed, same) in both.placed.iter_mut().zip(&self.placed) {

@@ -116,7 +116,7 @@ mirror! {
         pub map_shift: u32,
         /// Pairs whose centers are nearer, edges of the root, are not rendered.
         pub near: f32,
-        /// Nor those whose centers are as far.
+        /// Pairs whose centers are at least this far, edges of the root, are not rendered.
         pub far: f32,
         /// 1: the view nodes of the pairs tested are leaves.
         pub leaf_views: u32,

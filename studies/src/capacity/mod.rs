@@ -71,7 +71,7 @@ const SCENE: &str = "terrain:2000";
 /// client's end of that of tickets.
 const FILES_A_WORKER: usize = 4;
 
-/// … and that are open besides.
+/// Other open files of the process.
 const OTHER_FILES: usize = 256;
 
 /// How long a lost view may take to be given to another worker before the study gives up.

@@ -33,7 +33,7 @@ pub enum Way {
     Naive,
     /// K sample anew each tick, the others compose.
     Proposed,
-    /// … and samplers compose in their spare time.
+    /// As proposed, and samplers compose in their spare time.
     Helping,
     /// Samples are rendered once.
     Still,
@@ -65,7 +65,7 @@ pub struct Options {
     pub size: [u32; 2],
     /// Ticks that are measured, at least.
     pub ticks: usize,
-    /// … and views, where ticks have few.
+    /// Views that are measured at least, where ticks have few.
     pub measured_views: usize,
     /// How long roles must not have changed before that.
     pub settle: Duration,

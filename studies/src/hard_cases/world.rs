@@ -239,7 +239,7 @@ pub(super) fn sky() -> World {
 }
 
 impl World {
-    /// The same, scaled about zero and then moved.
+    /// This world, scaled about zero and then moved.
     pub(super) fn placed(mut self, scale: f64, offset: DVec3) -> Self {
         let moved = DAffine3::from_translation(offset) * DAffine3::from_scale(DVec3::splat(scale));
         for instance in &mut self.scene.instances {

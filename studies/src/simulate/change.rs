@@ -25,9 +25,9 @@ pub struct Outcome {
     pub seeds: u64,
     /// Views that were asked for, those turned away included.
     pub asked: u64,
-    /// … turned away at once because of overload.
+    /// Views that were turned away at once because of overload.
     pub rejected: u64,
-    /// … that failed, or had no answer when all was quiet again.
+    /// Views that failed, or had no answer when all was quiet again.
     pub lost: u64,
     /// Views that went to another worker after the first one failed.
     pub retried: u64,
@@ -39,7 +39,7 @@ pub struct Outcome {
     pub worst_ms: f64,
     /// Changes of role in all.
     pub roles_changed: u64,
-    /// … a minute, while load and workers were steady, the mean of all runs; absent where they never are.
+    /// Changes of role a minute while load and workers were steady, the mean of all runs; absent where they never are.
     pub steady_changes_per_min: Option<f64>,
     /// Seconds until the split was the one wanted, after the load changed; absent where it does not.
     pub settled_secs: Option<f64>,
@@ -199,7 +199,7 @@ fn noise(parameters: &Parameters) -> Outcome {
     noisy("steady and noisy", 0.45, &config(), SEEDS, parameters)
 }
 
-/// … and K_fd lies on the boundary between one and two samplers.
+/// Noisy costs, where K_fd lies on the boundary between one and two samplers.
 fn boundary(parameters: &Parameters) -> Outcome {
     noisy("steady and noisy, at a boundary of K_fd", 0.6, &config(), SEEDS, parameters)
 }

@@ -55,7 +55,7 @@ pub struct Outcome {
 
 /// Longest simulated time until the split has settled.
 const SETTLING_SECS: f64 = 240.0;
-/// … which it has when it did not change for so long: longer than a change is remembered, and then small gains are waited for.
+/// The split has settled when it did not change for this long: longer than a change is remembered, after which small gains are waited for.
 const SETTLED_SECS: f64 = 85.0;
 /// From so many processes on, the split settles under a part of the load: the same ratio of stages, fewer events. Workers that
 /// have little to do stay what they are, though, so that it settles once more under all of it;

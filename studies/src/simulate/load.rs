@@ -164,12 +164,12 @@ impl Clients {
         (load, heard)
     }
 
-    /// … so many of the views are direct ones.
+    /// The load, with this share of direct views.
     pub(super) fn some_direct(self, share: f64) -> Self {
         self.some_direct_at(move |_| share)
     }
 
-    /// … as many as is said for each time.
+    /// The load, with a share of direct views that depends on the time, seconds.
     pub(super) fn some_direct_at(self, share: impl Fn(f64) -> f64 + 'static) -> Self {
         Self { direct: Box::new(share), ..self }
     }

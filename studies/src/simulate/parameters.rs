@@ -17,7 +17,7 @@ pub struct Parameters {
     /// The share of g that is done on all cores of a machine at a time, as packets of rays on the processor are; the rest, and
     /// all of c, is one thread's.
     pub sample_pooled: f64,
-    /// … and of g_direct.
+    /// The share of g_direct that is done on all cores of a machine at a time.
     pub direct_pooled: f64,
     /// For a compositor to take one sample up, on the thread that renders.
     pub hold_ms: f64,

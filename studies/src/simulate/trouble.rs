@@ -63,11 +63,11 @@ pub struct Outcome {
     pub samplers: u32,
     /// Views that were asked for.
     pub asked: u64,
-    /// … turned away because of overload.
+    /// Views that were turned away because of overload.
     pub rejected: u64,
-    /// … that failed, or had no answer when all was quiet again.
+    /// Views that failed, or had no answer when all was quiet again.
     pub lost: u64,
-    /// … that went to another worker after the first one failed.
+    /// Views that went to another worker after the first one failed.
     pub retried: u64,
     /// Processes that were killed.
     pub processes_lost: u64,

@@ -224,7 +224,7 @@ impl World {
         self.begin(WORKERS + slot, ms, task);
     }
 
-    /// … and one is done.
+    /// A task beside the render thread ends.
     fn ended_beside(&mut self, slot: usize) {
         let worker = &mut self.workers[slot];
         match worker.beside_waits.pop_front() {
@@ -353,7 +353,7 @@ impl World {
         self.workers[slot].paused = true;
     }
 
-    /// … and goes on.
+    /// A paused worker goes on.
     pub(super) fn resume(&mut self, slot: usize) {
         self.workers[slot].paused = false;
         let (messages, tasks) = self.held_up.remove(&slot).unwrap_or_default();

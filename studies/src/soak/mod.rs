@@ -87,7 +87,7 @@ impl Effort for Options {
 /// The share of what a machine was measured to carry that it is loaded with: beyond, any hiccup queues.
 pub const LOAD: f64 = 0.6;
 
-/// … while workers are killed and paused: one is away most of the time, and starting it again takes from the others.
+/// The share of that capacity while workers are killed and paused: one is away most of the time, and its restart takes time from the rest.
 pub const CHAOS_LOAD: f64 = 0.2;
 
 /// Views of the burst that measures what the machine carries, and how many are in flight.

@@ -29,7 +29,7 @@ fn trials(count: usize) -> Vec<Trial> {
     trials_of(&TABLE, count, 0.05)
 }
 
-/// … of errors whose logarithms are by up to `noise` off what shows.
+/// Trials of errors whose logarithms differ by up to `noise` from what the frames show.
 fn trials_of(table: &[(Setting, f64, f64)], count: usize, noise: f64) -> Vec<Trial> {
     let set = set_info();
     let random = |i: usize, k: u64| {

@@ -14,7 +14,7 @@ const STEP: f64 = 0.2;
 /// Predictions are never taken for smaller than by this factor: a scene may have places worse than those that were probed.
 const LEAST: f64 = 0.5;
 
-/// Nor for larger than by this one: with it no frame from samples is within any bound.
+/// Greatest factor: with it no frame from samples is within any bound.
 const MOST: f64 = 8.0;
 
 /// What probes taught is forgotten by half in this time, seconds. Where predictions leave no frame from samples within bound,

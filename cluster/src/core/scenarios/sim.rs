@@ -61,7 +61,7 @@ impl Sim {
         }
     }
 
-    /// … and a model of what is served.
+    /// A simulation with models of the scene that is served.
     pub(super) fn with_models(models: Vec<quality::Model>) -> Self {
         let sim = Self::new(Config::default());
         Self { core: sim.core.with_models(models), ..sim }

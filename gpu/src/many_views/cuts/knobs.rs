@@ -10,7 +10,7 @@ pub enum CutMethod {
     Basic,
     /// From the last frame's cuts, whose nodes are divided and merged until the cuts are those of the basic method.
     Incremental,
-    /// The same, but that a node is followed down by at most `edges` edges a frame, and that cuts may lag behind by
+    /// Incremental, but a node is followed down by at most `edges` edges a frame, and cuts may lag behind by
     /// [`CutKnobs::lag`] while views move; once they stand still, cuts come to be those of the basic method. Merges are
     /// followed to their end: nodes that rise part of the way would leave some of a view's scene in its cut twice.
     Lazy {

@@ -22,7 +22,7 @@ pub(super) enum Happening {
     Wake { tag: u64 },
 }
 
-/// … and when; first what is earliest, then what was noted first.
+/// An event and its time. The earliest comes first; of equal times, the one that was noted first.
 pub(super) struct Due {
     pub(super) at: Nanos,
     pub(super) number: u64,
