@@ -241,14 +241,19 @@ async fn watch(
     sums: &Mutex<Sums>,
 ) -> Result<Measured> {
     let pause = || tokio::time::sleep(Duration::from_millis(50));
-    // Programs are compiled with the first views; roles follow costs.
+    // Programs are compiled with the first views; roles follow costs. In a still scene the last samples are rendered, and
+    // reported, some time after the first views are answered.
     let begin = Instant::now();
-    let mut settled = (client.status().await?.counters.roles_changed, Instant::now());
+    let state = |status: &ClusterStatus| {
+        let rendered = status.workers.iter().map(|worker| worker.samples_rendered).sum::<u64>();
+        (status.counters.roles_changed, if run.way == Way::Still { rendered } else { 0 })
+    };
+    let mut settled = (state(&client.status().await?), Instant::now());
     loop {
         pause().await;
-        let changed = client.status().await?.counters.roles_changed;
-        if changed != settled.0 {
-            settled = (changed, Instant::now());
+        let now = state(&client.status().await?);
+        if now != settled.0 {
+            settled = (now, Instant::now());
         }
         if whole(sums, run.views)? >= 2 && settled.1.elapsed() >= run.settle {
             break;
