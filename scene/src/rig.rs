@@ -253,6 +253,18 @@ impl Rig {
         self.level(index).map(|level| spacing / f64::from(1_u32 << level))
     }
 
+    /// The same cameras with `side` texels along the longer edge of an image.
+    pub fn with_side(self, side: u32) -> Self {
+        match self {
+            Self::TileCorners { bounds, tiles, height, size } => {
+                let longer = u64::from(size[0].max(size[1]).max(1));
+                let scaled = |edge: u32| (u64::from(edge) * u64::from(side)).div_ceil(longer) as u32;
+                Self::TileCorners { bounds, tiles, height, size: size.map(scaled) }
+            }
+            Self::Cell { origin, spacing, .. } => Self::Cell { origin, spacing, face: side },
+        }
+    }
+
     /// Texels of one sample.
     pub fn sample_texels(&self) -> u64 {
         match *self {
@@ -347,6 +359,17 @@ mod tests {
 
     fn cell() -> Rig {
         Rig::Cell { origin: DVec3::new(1.0, 2.0, 3.0), spacing: 2.0, face: 64 }
+    }
+
+    #[test]
+    fn a_rig_of_fewer_texels_has_the_same_cameras() {
+        let Rig::TileCorners { size, .. } = tile().with_side(100) else { panic!() };
+        assert_eq!(size, [100, 75]);
+        for (rig, index) in [(tile(), 2), (cell(), cell().nearest(&Camera::look_at(DVec3::ZERO, DVec3::X), 1)[0])] {
+            let (fine, coarse) = (rig.camera(index).unwrap(), rig.with_side(64).camera(index).unwrap());
+            assert_eq!(fine.center(), coarse.center());
+            assert_eq!(coarse.size()[0] % 64, 0);
+        }
     }
 
     #[test]

@@ -16,13 +16,14 @@
 //! 5. *Samples ahead of demand*, one at a time, if nothing else waits.
 //!
 //! Nobody waits for background work: samples that the compositor takes up before a view asks for them. It is done in slices of
-//! [`SLICE_MS`] at most. A round gives it one slice, so a view that arrives waits for one slice at most, and under full load
-//! background work still ends. Strict priority would do one of the two only: with views first, a worker that is too busy
-//! would never hold the samples that make its views cheaper.
+//! [`SLICE_MS`] at most, so a view that arrives waits for one slice at most. After a slice, views that wait have
+//! as long, so that a busy worker gives background work half of its time at most, and that work still ends. With views strictly
+//! first, a worker that is too busy would never hold the samples that make its views cheaper.
 //!
-//! Two kinds of longer work pause between slices: a sample, whether or not a request waits for it, and the first use of the compositor's programs, which
-//! an order to measure begins. In a pause the thread does one round without the slice of background work. It does none
-//! while an order for another scene waits: views behind that order are not this scene's.
+//! Two kinds of longer work pause between slices: a sample, whether or not a request waits for it, and the first use of the
+//! compositor's programs, which an order to measure begins. In a pause the thread does one round without the slice of
+//! background work, and further ones while views are owed time for the slice before. It does none while an order for another
+//! scene waits: views behind that order are not this scene's.
 //!
 //! While a sampler is made in a thread of its own, what needs one waits, and views from samples go on.
 //!
@@ -70,8 +71,15 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// Kinds of views and of their parts, in the order of a round.
+    const VIEWS: [Self; 3] = [Self::Pixels, Self::Direct, Self::Warped];
     /// Kinds of a round, in their order.
     const ROUND: [Self; 4] = [Self::Pixels, Self::Direct, Self::Warped, Self::Background];
+
+    /// Whether it is views, or parts of views.
+    pub fn is_views(self) -> bool {
+        Self::VIEWS.contains(&self)
+    }
 
     /// Whether a sampler does it. Postponed work waits for nothing else.
     fn needs_sampler(self) -> bool {
@@ -173,35 +181,54 @@ pub struct Policy {
     limits: Limits,
     /// Kinds that had their turn in this round.
     had: Vec<Kind>,
+    /// Time that views have before the next slice of work that nobody waits for.
+    owed: Duration,
 }
 
 impl Policy {
     /// At the beginning of a round. A limit of 0 counts as 1.
     pub fn new(limits: Limits) -> Self {
         let limits = Limits { warped: limits.warped.max(1), direct: limits.direct.max(1) };
-        Self { limits, had: Vec::new() }
+        Self { limits, ..Self::default() }
     }
 
     /// What is done next; `None` if nothing can be.
     pub fn next(&mut self, waiting: &Waiting) -> Option<Turn> {
         let first = [Kind::Order, Kind::Postponed, Kind::Sample].into_iter().find(|kind| waiting.has(*kind));
-        let turn = first.or_else(|| self.in_round(waiting, &Kind::ROUND));
+        let views_wait = Kind::VIEWS.into_iter().any(|kind| waiting.has(kind));
+        let kinds = if views_wait && !self.owed.is_zero() { &Kind::VIEWS[..] } else { &Kind::ROUND[..] };
+        let turn = first.or_else(|| self.in_round(waiting, kinds));
         let turn = turn.or_else(|| Some(Kind::Ahead).filter(|kind| waiting.has(*kind)));
         turn.map(|kind| self.turn(kind))
     }
 
-    /// Begins a pause between two slices of a sample.
+    /// A slice of work that nobody waits for took so long: views that wait are owed time.
+    pub fn had_slice(&mut self, took: Duration) {
+        self.owed = took;
+    }
+
+    /// A batch of views took so long.
+    pub fn had_views(&mut self, took: Duration) {
+        self.owed = self.owed.saturating_sub(took);
+    }
+
+    /// Begins a pause between two slices of longer work.
     pub fn pause(&mut self) {
         self.had.clear();
     }
 
-    /// What is done next in a pause; `None` ends it. Each kind of view gets one batch in a pause.
+    /// What is done next in a pause; `None` ends it. Each kind of view gets one batch, and further ones while views are owed time.
     pub fn between(&mut self, waiting: &Waiting) -> Option<Turn> {
         if waiting.scene_changes {
             return None;
         }
-        let views = [Kind::Pixels, Kind::Direct, Kind::Warped];
-        let kind = views.into_iter().find(|kind| waiting.has(*kind) && !self.had.contains(kind))?;
+        let is_left = |had: &[Kind], kind: &Kind| waiting.has(*kind) && !had.contains(kind);
+        let mut kind = Kind::VIEWS.into_iter().find(|kind| is_left(&self.had, kind));
+        if kind.is_none() && !self.owed.is_zero() {
+            self.had.clear();
+            kind = Kind::VIEWS.into_iter().find(|kind| is_left(&self.had, kind));
+        }
+        let kind = kind?;
         self.had.push(kind);
         Some(self.turn(kind))
     }
@@ -412,6 +439,39 @@ mod tests {
         assert!(policy.between(&waiting).is_some());
         policy.pause();
         assert_eq!(policy.between(&Waiting { scene_changes: true, orders: 1, ..waiting }), None);
+    }
+
+    #[test]
+    fn after_a_slice_that_nobody_waits_for_busy_workers_render_views_for_as_long() {
+        let ms = Duration::from_millis;
+        let mut policy = Policy::default();
+        let busy = Waiting { direct: 9, background: 9, ..Waiting::default() };
+        let mut spent = (ms(0), ms(0));
+        for _ in 0..60 {
+            match policy.next(&busy).unwrap().kind {
+                Kind::Background => {
+                    policy.had_slice(ms(20));
+                    spent.0 += ms(20);
+                }
+                _ => {
+                    policy.had_views(ms(5));
+                    spent.1 += ms(5);
+                }
+            }
+        }
+        assert_eq!(spent.0, spent.1);
+        // What is owed holds nothing up where no view waits.
+        policy.had_slice(ms(20));
+        assert_eq!(policy.next(&Waiting { direct: 0, ..busy }).unwrap().kind, Kind::Background);
+        // The same in the pauses of a sample.
+        policy.had_slice(ms(20));
+        policy.pause();
+        let mut batches = 0;
+        while policy.between(&busy).is_some() {
+            policy.had_views(ms(10));
+            batches += 1;
+        }
+        assert_eq!(batches, 2);
     }
 
     #[test]

@@ -142,6 +142,8 @@ struct State {
     in_work: Waiting,
     /// When what is in work was taken.
     taken: Option<Instant>,
+    /// Its kind.
+    kind: Option<Kind>,
     /// The render thread makes what it needs for the work that it took.
     gets_ready: bool,
     policy: Policy,
@@ -239,6 +241,7 @@ impl Queue {
     /// Waits for work, and no longer than that. What came before is done, whatever became of it.
     pub(super) fn next(&self, at_most: Duration) -> Work {
         let mut state = self.state.lock();
+        state.account();
         state.in_work = Waiting::default();
         state.taken = None;
         state.gets_ready = false;
@@ -286,19 +289,28 @@ impl Queue {
         None
     }
 
-    /// Between two slices of work that nobody waits for: answers what came meanwhile, by the rules of
+    /// Between two slices of longer work, of which the last took `slice`: answers what came meanwhile, by the rules of
     /// [`Policy::between`]. `composes`: views from samples can be answered, too.
-    pub(super) fn give_way(&self, composes: bool, mut answer: impl FnMut(Work)) {
-        self.state.lock().policy.pause();
+    pub(super) fn give_way(&self, slice: Duration, composes: bool, mut answer: impl FnMut(Work)) {
+        let kind = {
+            let mut state = self.state.lock();
+            // A sample that somebody waits for has every second turn.
+            if state.in_work.samples == 0 || state.kind == Some(Kind::Ahead) {
+                state.policy.had_slice(slice);
+            }
+            state.policy.pause();
+            state.kind
+        };
         loop {
             let mut state = self.state.lock();
-            state.taken = Some(Instant::now());
+            (state.taken, state.kind) = (Some(Instant::now()), kind);
             state.forget_the_gone();
             let Some(work) = state.take_between(composes) else { return };
             let before = std::mem::replace(&mut state.in_work, work.in_work());
             drop(state);
             answer(work);
             let mut state = self.state.lock();
+            state.account();
             state.in_work = before;
             state.taken = Some(Instant::now());
         }
@@ -349,6 +361,16 @@ impl State {
         }
     }
 
+    /// Tells the policy how long the work that is over took.
+    fn account(&mut self) {
+        let (Some(taken), Some(kind)) = (self.taken, self.kind.take()) else { return };
+        match kind {
+            Kind::Background => self.policy.had_slice(taken.elapsed()),
+            kind if kind.is_views() => self.policy.had_views(taken.elapsed()),
+            _ => {}
+        }
+    }
+
     fn take(&mut self) -> Option<Work> {
         let turn = self.policy.next(&self.waiting())?;
         self.work_of(turn)
@@ -363,6 +385,7 @@ impl State {
 
     /// Takes the batch of a turn from its queue.
     fn work_of(&mut self, Turn { kind, most }: Turn) -> Option<Work> {
+        self.kind = Some(kind);
         Some(match kind {
             Kind::Order => self.orders.pop_front()?,
             Kind::Postponed => self.postponed.pop_front()?,

@@ -324,7 +324,7 @@ impl Renderer {
             let results = sampler.render_samples_in_slices(job, &batch.cancel, &mut |sampler| {
                 slices.end();
                 let gave_way = Instant::now();
-                queue.give_way(true, |work| match work {
+                queue.give_way(slices.last(), true, |work| match work {
                     Work::Pixels(tasks) => own.pixels_by(Some(sampler), tasks),
                     Work::Direct(tasks) => own.direct_by(Some(sampler), tasks),
                     Work::Views(tasks) => own.views(tasks),

@@ -10,6 +10,7 @@ use super::policy::SLICE_MS;
 pub(super) struct Slices {
     began: Instant,
     count: usize,
+    last: Duration,
     longest: Duration,
     /// Those that took longer than [`SLICE_MS`].
     too_long: usize,
@@ -17,7 +18,7 @@ pub(super) struct Slices {
 
 impl Default for Slices {
     fn default() -> Self {
-        Self { began: Instant::now(), count: 0, longest: Duration::ZERO, too_long: 0 }
+        Self { began: Instant::now(), count: 0, last: Duration::ZERO, longest: Duration::ZERO, too_long: 0 }
     }
 }
 
@@ -25,7 +26,7 @@ impl Slices {
     /// A slice is over.
     pub(super) fn end(&mut self) {
         let took = self.began.elapsed();
-        self.count += 1;
+        (self.count, self.last) = (self.count + 1, took);
         self.longest = self.longest.max(took);
         self.too_long += usize::from(took.as_secs_f64() * 1e3 > SLICE_MS);
     }
@@ -33,6 +34,11 @@ impl Slices {
     /// The next one begins.
     pub(super) fn begin(&mut self) {
         self.began = Instant::now();
+    }
+
+    /// How long the last slice took.
+    pub(super) fn last(&self) -> Duration {
+        self.last
     }
 
     /// Slices that are over.

@@ -7,14 +7,10 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_scene::scene::Effect;
 use argus_scene::{
-    Camera, Cancel, Compositor, OmniLayout, Output, Outputs, Plan, Plane, PlaneData, PlaneFormat, PlaneKind,
-    RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo, Sampler, Scene, ViewJob,
-    Visibility, Warp,
+    Camera, Cancel, Compositor, Output, Outputs, Plan, RenderError, SampleId, SampleJob, SampleSet,
+    SampleSetInfo, Sampler, Scene, ViewJob, Visibility, Warp,
 };
-use bytes::Bytes;
-use glam::DVec3;
 
 use crate::core::quality::Cost;
 
@@ -28,11 +24,11 @@ const ROUNDS: usize = 3;
 /// A view that takes longer than this, milliseconds, is measured once: others wait meanwhile.
 const SLOW_MS: f64 = 200.0;
 
-/// Texels on a side of the samples' faces by which the cost of reconstructing is measured.
-const SIDES: [u32; 2] = [96, 192];
+/// Texels on a side of the samples by which the cost of reconstructing is measured.
+pub(super) const SIDES: [u32; 2] = [96, 192];
 
 /// Samples that views are reconstructed from, to see what that costs: as many as a view usually has.
-const SAMPLES: u64 = 4;
+const SAMPLES: usize = 4;
 
 /// No rig is placed so often.
 const GENERATION: u64 = u64::MAX;
@@ -56,10 +52,27 @@ pub(super) fn sampler(
     measured(render, &mut || {})
 }
 
-/// Reconstructs views from samples of nothing in particular, and measures what they cost.
+/// The small samples of the scene that views are reconstructed from, to see what that costs.
 ///
-/// Taking up samples as large as the scene's takes a second. So the samples are small, of two sizes, and what theirs and
-/// the views' texels add to the cost is carried on to the size of the scene's. `between` is called between slices of the work.
+/// Rendering and taking up samples of the usual size takes seconds. So these are small, of two sizes, and what their texels add
+/// to the cost is carried on to the usual size. They are of the scene itself: silhouettes, glossy surfaces and what hides
+/// behind others decide what a view from samples costs.
+pub(super) fn small_samples(
+    scene: &Scene,
+    info: &Arc<SampleSetInfo>,
+    visibility: Visibility,
+    side: u32,
+) -> SampleJob {
+    let rig = info.rig.with_side(side);
+    let nearest = rig.nearest(&scene.default_camera(), SAMPLES);
+    let id = |index| SampleId { epoch: info.epoch, generation: GENERATION, index };
+    let ids = nearest.into_iter().map(id).collect();
+    let small = SampleSetInfo { rig, visibility, generation: GENERATION, ..info.as_ref().clone() };
+    SampleJob { info: Arc::new(small), ids, to_host: false }
+}
+
+/// Reconstructs views from such samples, one set a size, and measures what views cost from samples of the usual size.
+/// `between` is called between slices of the work.
 ///
 /// # Errors
 /// Those of rendering.
@@ -67,21 +80,13 @@ pub(super) fn compositor(
     compositor: &mut dyn Compositor,
     scene: &Scene,
     info: &Arc<SampleSetInfo>,
+    sets: [SampleSet; 2],
     between: &mut dyn FnMut(),
 ) -> Result<Option<Cost>, RenderError> {
-    let glossy = scene.effects().contains(&Effect::Specular);
-    let index = info.rig.nearest(&scene.default_camera(), 1).first().copied().unwrap_or(0);
-    let range = info.bounds.size().max_element();
+    let camera = scene.default_camera();
     let mut times = Vec::new();
-    for side in SIDES {
-        let Some((sampled, camera)) = small(info.rig.camera(index)?, side) else { return Ok(None) };
-        let planes = planes(&sampled, glossy, range);
-        let id = |slot| SampleId { epoch: info.epoch, generation: GENERATION - slot, index };
-        let ids: Vec<SampleId> = (0..SAMPLES).map(id).collect();
-        let sample =
-            |id| Arc::new(Sample { id, camera: sampled, planes: planes.clone(), stages: Vec::new() });
-        let samples = ids.iter().copied().map(sample).collect();
-        let set = SampleSet { info: info.clone(), samples };
+    for set in sets {
+        let ids: Vec<SampleId> = set.samples.iter().map(|sample| sample.id).collect();
         while !compositor.hold_slice(&set)? {
             between();
         }
@@ -97,28 +102,12 @@ pub(super) fn compositor(
         };
         let measured = ready.and_then(|()| measured(compose, between));
         compositor.release(&ids);
-        let [width, height] = sampled.size();
-        times.push((f64::from(width) * f64::from(height), measured?));
+        times.push((set.info.rig.sample_texels() as f64, measured?));
     }
     let [(few, Some(small)), (many, Some(large))] = times[..] else { return Ok(None) };
     let texels = info.rig.sample_texels() as f64;
     let a_texel = ((large.fixed_ms - small.fixed_ms) / (many - few)).max(0.0);
     Ok(Some(Cost { fixed_ms: large.fixed_ms + a_texel * (texels - many).max(0.0), ..large }))
-}
-
-/// A sample camera like that one, with so many texels on a side, and a view from where it stands; `None` for one that
-/// nothing is reconstructed from.
-fn small(camera: SampleCamera, side: u32) -> Option<(SampleCamera, Camera)> {
-    match camera {
-        SampleCamera::Perspective { camera, .. } => {
-            Some((SampleCamera::Perspective { camera, width: side, height: side }, camera))
-        }
-        SampleCamera::Omni { center, layout: OmniLayout::CubeFaces { .. } } => {
-            let layout = OmniLayout::CubeFaces { face: side };
-            Some((SampleCamera::Omni { center, layout }, Camera::look_at(center, center + DVec3::X)))
-        }
-        SampleCamera::Omni { .. } => None,
-    }
 }
 
 /// What rendering a view costs, by size; the first time, which makes programs, does not count, and neither does what is done
@@ -157,26 +146,6 @@ fn view(
     // Reflection maps are made when somebody looks: they take what samples take.
     let (outputs, reflections, history) = (Outputs::COLOR, None, None);
     ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }
-}
-
-/// Grey surfaces `range` metres away in all directions; glossy ones, if the scene has any.
-fn planes(camera: &SampleCamera, glossy: bool, range: f64) -> Vec<Plane> {
-    let [width, height] = camera.size();
-    let inverse_range = (1.0 / range.max(1e-3)) as f32;
-    let plane = |kind, format, texel: [u8; 4]| {
-        let data = PlaneData::Host(Bytes::from(texel.repeat((width * height) as usize)));
-        Plane { kind, format, size: [width, height], data }
-    };
-    let mut planes = vec![
-        plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat, [0; 4]),
-        plane(PlaneKind::InverseRange, PlaneFormat::R32Float, inverse_range.to_le_bytes()),
-    ];
-    if glossy {
-        planes.push(plane(PlaneKind::Normal, PlaneFormat::Rg16Snorm, [0; 4]));
-        // F0 of a dielectric, half rough.
-        planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm, [10, 10, 10, 128]));
-    }
-    planes
 }
 
 #[cfg(test)]

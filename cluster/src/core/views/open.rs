@@ -31,6 +31,10 @@ const FINEST_LEVEL: u32 = 2;
 /// Longest time that a view waits for work that nobody waits for, milliseconds: half of a slice, on the mean.
 const HALF_SLICE_MS: f64 = 10.0;
 
+/// Time that a view waits for a worker that measures, milliseconds: most of what it measures is done in slices, but drivers compile
+/// a program in one piece.
+const MEASURING_MS: f64 = 200.0;
+
 /// A view from some samples.
 #[derive(Debug, Clone)]
 struct FromSamples {
@@ -163,10 +167,7 @@ impl Cluster<'_> {
                 .filter(has_room)
                 .collect()
         };
-        let mut asked = able(&ids);
-        if asked.iter().any(|worker| !worker.is_measuring()) {
-            asked.retain(|worker| !worker.is_measuring());
-        }
+        let asked = able(&ids);
         let fresh: Vec<&Worker> = asked.iter().copied().filter(untried).collect();
         if !fresh.is_empty() {
             return fresh;
@@ -191,7 +192,8 @@ impl Cluster<'_> {
     fn wait_before(&self, worker: &Worker) -> f64 {
         let samples = f64::from(worker.report().queued_samples) * worker.report().sample_ms.unwrap_or(0.0);
         let slices = if self.samples.is_refining(worker) { HALF_SLICE_MS } else { 0.0 };
-        worker.queued_ms() + samples + slices
+        let measuring = if worker.is_measuring() { MEASURING_MS } else { 0.0 };
+        worker.queued_ms() + samples + slices + measuring
     }
 
     /// The cameras that were surveyed whose samples a worker holds; without a survey, the nearest ones if it has all.

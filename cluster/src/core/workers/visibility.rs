@@ -18,6 +18,10 @@ const STEADY_TICKS: f64 = 8.0;
 /// Ticks after which a busy worker measures, too, if none was idle meanwhile: views in its queue then wait.
 const MOST_STEADY_TICKS: f64 = 16.0;
 
+/// Share of all processes beyond which views from triangles leave no worker idle: one measures at once, since views from
+/// samples may be all that keeps the rate.
+const BUSY: f64 = 0.75;
+
 impl Workers {
     /// Whether it is settled how triangles are seen: until then no samples are rendered.
     pub(in crate::core) fn visibility_is_settled(&self) -> bool {
@@ -31,12 +35,13 @@ impl Workers {
             return;
         }
         let must_settle = !self.visibility_is_settled && samples_are_wanted;
-        let may_pay = self.steady_ticks >= STEADY_TICKS;
+        let is_busy = self.direct_processes() > BUSY * self.members().count() as f64;
+        let may_pay = is_busy || self.steady_ticks >= STEADY_TICKS;
         let is_wanted = |worker: &&mut Worker| {
             let unmeasured = worker.report().direct_cost.is_some() && worker.report().warp_cost.is_none();
             worker.answers() && (must_settle || (may_pay && unmeasured && !worker.has_been_told_to_measure()))
         };
-        let may_wait = !must_settle && self.steady_ticks < MOST_STEADY_TICKS;
+        let may_wait = !(must_settle || is_busy) && self.steady_ticks < MOST_STEADY_TICKS;
         // An idle worker keeps no view waiting: further ones go to others.
         let is_wanted = |worker: &&mut Worker| is_wanted(worker) && !(may_wait && worker.queued() > 0);
         let candidates = self.workers.values_mut().filter(is_wanted);
@@ -47,10 +52,14 @@ impl Workers {
 
     /// Ticks have passed: counts those for which views from triangles have taken a good part of a process.
     pub(super) fn count_steady_ticks(&mut self, ticks: f64) {
-        let direct_secs = self.costs.direct_secs().unwrap_or(0.0);
-        let demand_secs = self.demand().direct_anywhere * direct_secs;
-        let is_much = demand_secs > WORTH_MEASURING * self.config.tick.as_secs_f64();
+        let is_much = self.direct_processes() > WORTH_MEASURING;
         self.steady_ticks = if is_much { self.steady_ticks + ticks } else { 0.0 };
+    }
+
+    /// How many processes views from triangles whose way was open keep busy.
+    fn direct_processes(&self) -> f64 {
+        let direct_secs = self.costs.direct_secs().unwrap_or(0.0);
+        self.demand().direct_anywhere * direct_secs / self.config.tick.as_secs_f64()
     }
 
     /// Whether those who render samples have yet to hear of which set: until then compositors would render them.

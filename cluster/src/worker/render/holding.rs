@@ -3,11 +3,12 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_scene::{RenderError, Sample, SampleId, SampleSet, SampleSetInfo};
-use tracing::debug;
+use argus_scene::{RenderError, Sample, SampleId, SampleSet, SampleSetInfo, Scene};
+use tracing::{debug, warn};
 
 use super::{Held, Most, Renderer, ms_since};
 use crate::core::quality::Cost;
+use crate::worker::claim::Batch;
 use crate::worker::meter::Kind;
 use crate::worker::queue::{Background, Ways, Work};
 use crate::worker::slices::Slices;
@@ -45,6 +46,7 @@ impl Renderer {
     /// Has the compositor's programs made, and measures views from samples. Views from triangles are answered meanwhile.
     fn warm_compositor(&mut self, info: &Arc<SampleSetInfo>) -> Option<Cost> {
         let scene = self.scene.clone()?;
+        let sets = self.small_sets(&scene, info)?;
         let (began, mut slices, mut cost) = (Instant::now(), Slices::default(), None);
         let warmed = self.guarded(|own| {
             own.compositor()?;
@@ -52,9 +54,9 @@ impl Renderer {
             let none = || RenderError::Internal("no compositor".to_owned());
             let mut compositor = own.compositor.take().ok_or_else(none)?;
             let queue = own.queue.clone();
-            let measured = warm::compositor(compositor.as_mut(), &scene, info, &mut || {
+            let measured = warm::compositor(compositor.as_mut(), &scene, info, sets, &mut || {
                 slices.end();
-                queue.give_way(false, |work| match work {
+                queue.give_way(slices.last(), false, |work| match work {
                     Work::Pixels(tasks) => own.pixels(tasks),
                     Work::Direct(tasks) => own.direct(tasks),
                     _ => {}
@@ -70,6 +72,21 @@ impl Renderer {
         });
         debug!(ms = ms_since(began), %slices, ?cost, ok = warmed.is_ok(), "compositor measured");
         cost
+    }
+
+    /// Renders the small samples by which views from samples are measured.
+    fn small_sets(&mut self, scene: &Scene, info: &Arc<SampleSetInfo>) -> Option<[SampleSet; 2]> {
+        let visibility = self.queue.usual_visibility();
+        let set = |side| {
+            let job = warm::small_samples(scene, info, visibility, side);
+            let mut began = Instant::now();
+            let samples = self.samples_in_slices(&job, &Batch::default(), &mut began);
+            let samples = samples.and_then(|samples| samples.into_iter().collect::<Result<Vec<Sample>, _>>());
+            let samples = samples.inspect_err(|error| warn!(%error, "views from samples are not measured"));
+            Some(SampleSet { info: job.info, samples: samples.ok()?.into_iter().map(Arc::new).collect() })
+        };
+        let [small, large] = warm::SIDES.map(set);
+        Some([small?, large?])
     }
 
     /// Does a slice of work that nobody waits for, and puts the rest back.
