@@ -365,7 +365,9 @@ mod tests {
     fn a_rig_of_fewer_texels_has_the_same_cameras() {
         let Rig::TileCorners { size, .. } = tile().with_side(100) else { panic!() };
         assert_eq!(size, [100, 75]);
-        for (rig, index) in [(tile(), 2), (cell(), cell().nearest(&Camera::look_at(DVec3::ZERO, DVec3::X), 1)[0])] {
+        for (rig, index) in
+            [(tile(), 2), (cell(), cell().nearest(&Camera::look_at(DVec3::ZERO, DVec3::X), 1)[0])]
+        {
             let (fine, coarse) = (rig.camera(index).unwrap(), rig.with_side(64).camera(index).unwrap());
             assert_eq!(fine.center(), coarse.center());
             assert_eq!(coarse.size()[0] % 64, 0);

@@ -1,13 +1,13 @@
 //! The page in Chromium: `apt-get install chromium` on Debian. `ARGUS_REQUIRE_CHROMIUM=1` makes a failure of there
 //! being none.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
 use super::Page;
 use super::devtools::{Browser, Tab};
-use crate::support::{Coordinator, SMALL, say, there};
+use crate::support::{Coordinator, SMALL, real_scene, say, there};
 
 const WALK: Duration = Duration::from_secs(5);
 
@@ -98,4 +98,27 @@ fn a_page_without_websockets_asks_for_one_image_after_another() {
     assert_eq!(browser.value(&tab, "byRequests"), true);
     let images = walk(&mut browser, &tab);
     assert!(images >= 10, "{images} images in {WALK:?}");
+}
+
+/// The figures of the page, in a release build: `cargo test --release --test cluster the_page_walks_through_sponza -- --nocapture`,
+/// with Chromium and `ARGUS_SCENES`.
+#[test]
+fn the_page_walks_through_sponza_by_default_without_a_pause() {
+    let Some(scene) = real_scene("sponza/sponza.glb").filter(|_| chromium()) else { return };
+    let coordinator = Coordinator::start(scene.to_str().unwrap(), &[]);
+    let _workers = coordinator.workers(2);
+    coordinator.wait_for_workers(2);
+    let page = Page::open(&coordinator.url, &[]);
+    let mut browser = Browser::start();
+    let began = Instant::now();
+    let tab = browser.open(&format!("http://{}/", page.address), "");
+    browser.wait_until(&tab, HAS_IMAGES);
+    let first_secs = began.elapsed().as_secs_f64();
+    // The second walk is that of a service whose programs and samples are there.
+    let [cold, warm] = [(), ()].map(|()| walk(&mut browser, &tab) as f64 / WALK.as_secs_f64());
+    say(&format!(
+        "Sponza in Chromium: {first_secs:.2} s to the first image, then {cold:.1} and {warm:.1} images a second"
+    ));
+    // How many there are depends on the build and on how busy this machine is; none was the failure.
+    assert!(cold >= 1.0 && warm >= 1.0, "{cold} and {warm} images a second");
 }
