@@ -7,7 +7,7 @@ use crate::layout::{Chunk, Piece};
 
 /// A frame whose pieces come in one after another.
 #[derive(Debug)]
-pub(crate) struct Assembly {
+pub(crate) struct FrameAssembly {
     width: u32,
     height: u32,
     color: Option<Vec<u8>>,
@@ -18,15 +18,15 @@ pub(crate) struct Assembly {
     served: Served,
 }
 
-/// A chunk's targets as they came back, those that nobody asked for empty.
+/// The images of a chunk after readback. Images that no view asked for are empty.
 #[derive(Debug)]
-pub(crate) struct Images<'a> {
-    /// sRGB and the source.
-    pub(crate) shown: &'a [u8],
-    /// Metres.
-    pub(crate) range: &'a [u8],
-    /// Four bytes a pixel, the first of them the confidence.
-    pub(crate) confidence: &'a [u8],
+pub(crate) struct ChunkImages {
+    /// Four bytes a pixel: sRGB and the source.
+    pub(crate) srgb: Bytes,
+    /// Metres, an f32 a pixel.
+    pub(crate) range: Bytes,
+    /// Four bytes a pixel, the first is the confidence.
+    pub(crate) confidence: Bytes,
 }
 
 /// What the programs write for a pixel that no sample saw, in place of a source.
@@ -35,7 +35,7 @@ const UNRESOLVED: u8 = 255;
 /// What they add to the source of a pixel that another sample serves than gave it its depth; `shared/pixel.wgsl`.
 const OTHER: u8 = 64;
 
-impl Assembly {
+impl FrameAssembly {
     pub(crate) fn new(width: u32, height: u32, outputs: Outputs) -> Self {
         let plane = |on: bool, bytes: usize| on.then(|| vec![0; width as usize * height as usize * bytes]);
         Self {
@@ -51,13 +51,13 @@ impl Assembly {
     }
 
     /// Takes a piece out of a chunk's targets.
-    pub(crate) fn add(&mut self, chunk: &Chunk, piece: &Piece, images: &Images<'_>) {
-        let Images { shown, range, confidence } = *images;
+    pub(crate) fn add(&mut self, chunk: &Chunk, piece: &Piece, images: &ChunkImages) {
+        let ChunkImages { srgb, range, confidence } = images;
         let (columns, row_pixels) = (piece.part.width as usize, chunk.size[0] as usize);
         for row in 0..piece.part.height as usize {
             let from = (piece.target[1] as usize + row) * row_pixels + piece.target[0] as usize;
             let to = (piece.part.y as usize + row) * self.width as usize + piece.part.x as usize;
-            let pixels = shown[4 * from..4 * (from + columns)].as_chunks::<4>().0;
+            let pixels = srgb[4 * from..4 * (from + columns)].as_chunks::<4>().0;
             let unresolved = pixels.iter().filter(|p| p[3] == UNRESOLVED).count() as u64;
             let guided = pixels.iter().filter(|p| p[3] & OTHER != 0).count() as u64;
             self.served.unresolved += unresolved;

@@ -28,9 +28,12 @@
 //! `shaders/compositor/` under the same name.
 
 mod arrays;
+mod bare_fetch;
+mod batch;
+mod chunk;
 pub mod compositor;
 mod cull;
-mod drawing;
+mod draw_batch;
 mod frames;
 mod geometry;
 mod holdings;
@@ -44,10 +47,12 @@ mod pool;
 mod prepare;
 mod pyramid;
 mod recall;
+mod search_pipelines;
 mod targets;
 mod trial;
 mod validate;
 
+pub use bare_fetch::BareFetch;
 pub use compositor::GpuCompositor;
 pub use knobs::{CompositorKnobs, Twin};
 pub use plan::PassPlan;

@@ -144,6 +144,11 @@ impl PreparedView {
         self.between_levels = self.search == Search::Splat && level(dense) > f64::from(self.level);
     }
 
+    /// Factor from linear radiance to display-linear.
+    pub(crate) fn exposure(&self) -> f32 {
+        self.samples.first().map_or(1.0, |sample| sample.info.lighting.exposure)
+    }
+
     /// Whether its search begins with a splat.
     pub(crate) fn splats_first(&self) -> bool {
         matches!(self.search, Search::Splat | Search::Seeded)

@@ -1,27 +1,137 @@
-//! Render targets and working buffers, kept from batch to batch.
+//! Render targets and working buffers, reused from batch to batch.
 
-use argus_gpu::{Gpu, wgpu};
+use argus_gpu::{Commands, Finished, Gpu, Ticket, wgpu};
 
-/// A render target that is also read.
+use crate::frames::ChunkImages;
+
+/// sRGB and the source of a pixel.
+pub(crate) const SRGB_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Uint;
+/// Linear radiance and the source of a sub-pixel. Half floats have 11 bits, and a frame shows 8.
+pub(crate) const LINEAR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+/// Metres; 0 where there is no surface.
+pub(crate) const RANGE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
+/// Confidence in the low byte. 32 bits, because every device lets compute programs write this format.
+pub(crate) const CONFIDENCE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
+
+/// A render target that passes also sample and write.
 #[derive(Debug)]
 pub(crate) struct Target {
     pub(crate) texture: wgpu::Texture,
     pub(crate) view: wgpu::TextureView,
 }
 
-/// Targets of the sizes that came up last, and the largest buffers that were needed.
+/// The images that a search writes. An image that no piece of the chunk needs has one texel: what is written outside it is
+/// dropped.
+#[derive(Debug)]
+pub(crate) struct TargetSet {
+    pub(crate) srgb: Target,
+    pub(crate) linear: Target,
+    pub(crate) range: Target,
+    pub(crate) confidence: Target,
+}
+
+/// Which optional images the views of a chunk ask for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct ChunkOutputs {
+    pub(crate) range: bool,
+    pub(crate) confidence: bool,
+}
+
+/// The images of one chunk.
+#[derive(Debug)]
+pub(crate) struct ChunkTargets {
+    /// One texel a pixel; read back.
+    pub(crate) pixels: TargetSet,
+    /// One texel a sub-pixel, where views are supersampled.
+    pub(crate) sub_pixels: Option<TargetSet>,
+    pub(crate) outputs: ChunkOutputs,
+}
+
+impl ChunkTargets {
+    /// Images of `size` pixels with `side` sub-pixels along the edge of a pixel.
+    pub(crate) fn take(
+        pool: &mut TargetPool,
+        gpu: &Gpu,
+        size: [u32; 2],
+        side: u32,
+        outputs: ChunkOutputs,
+    ) -> Self {
+        let mut take =
+            |wanted: bool, size, format| pool.take(gpu, if wanted { size } else { [1, 1] }, format);
+        let supersampled = side > 1;
+        let has_range = outputs.range || outputs.confidence || supersampled;
+        let pixels = TargetSet {
+            srgb: take(true, size, SRGB_FORMAT),
+            linear: take(false, size, LINEAR_FORMAT),
+            range: take(has_range, size, RANGE_FORMAT),
+            confidence: take(outputs.confidence, size, CONFIDENCE_FORMAT),
+        };
+        let fine = size.map(|pixels| pixels * side);
+        let sub_pixels = supersampled.then(|| TargetSet {
+            srgb: take(false, fine, SRGB_FORMAT),
+            linear: take(true, fine, LINEAR_FORMAT),
+            range: take(true, fine, RANGE_FORMAT),
+            confidence: take(outputs.confidence, fine, CONFIDENCE_FORMAT),
+        });
+        Self { pixels, sub_pixels, outputs }
+    }
+
+    /// The images that searches write.
+    pub(crate) fn drawn(&self) -> &TargetSet {
+        self.sub_pixels.as_ref().unwrap_or(&self.pixels)
+    }
+
+    /// Reads the images back that the chunk's views ask for.
+    pub(crate) fn read_back(&self, commands: &mut Commands) -> ChunkReadback {
+        let Self { pixels, outputs, .. } = self;
+        ChunkReadback {
+            srgb: commands.read_texture(&pixels.srgb.texture),
+            range: outputs.range.then(|| commands.read_texture(&pixels.range.texture)),
+            confidence: outputs.confidence.then(|| commands.read_texture(&pixels.confidence.texture)),
+        }
+    }
+
+    /// Gives all images back to the pool.
+    pub(crate) fn give_back(self, pool: &mut TargetPool) {
+        for TargetSet { srgb, linear, range, confidence } in
+            [Some(self.pixels), self.sub_pixels].into_iter().flatten()
+        {
+            [srgb, linear, range, confidence].into_iter().for_each(|target| pool.give_back(target));
+        }
+    }
+}
+
+/// Pending readbacks of a chunk's images.
+#[derive(Debug)]
+pub(crate) struct ChunkReadback {
+    srgb: Ticket,
+    range: Option<Ticket>,
+    confidence: Option<Ticket>,
+}
+
+impl ChunkReadback {
+    /// The images; those that were not read back are empty.
+    pub(crate) fn take(self, finished: &mut Finished) -> ChunkImages {
+        let mut optional =
+            |ticket: Option<Ticket>| ticket.map(|ticket| finished.take(ticket)).unwrap_or_default();
+        let (range, confidence) = (optional(self.range), optional(self.confidence));
+        ChunkImages { srgb: finished.take(self.srgb), range, confidence }
+    }
+}
+
+/// The targets of the sizes that were used last, and the largest buffer of each name.
 #[derive(Debug, Default)]
-pub(crate) struct Targets {
+pub(crate) struct TargetPool {
     kept: Vec<Target>,
     buffers: Vec<(&'static str, wgpu::Buffer)>,
 }
 
-/// Targets that are kept: the six kinds of two sizes, a batch's chunks and its last.
-const KEPT: usize = 12;
+/// Targets that are kept: the eight images of two chunk sizes, a batch's usual one and its last.
+const KEPT: usize = 16;
 
-impl Targets {
-    /// A target whose content is whatever was there; [`Targets::give_back`] it.
-    pub(crate) fn take(&mut self, gpu: &Gpu, size: [u32; 2], format: wgpu::TextureFormat) -> Target {
+impl TargetPool {
+    /// A target of undefined content. [`TargetPool::give_back`] returns it.
+    fn take(&mut self, gpu: &Gpu, size: [u32; 2], format: wgpu::TextureFormat) -> Target {
         let fits =
             |t: &Target| [t.texture.width(), t.texture.height()] == size && t.texture.format() == format;
         if let Some(index) = self.kept.iter().position(fits) {
@@ -36,15 +146,15 @@ impl Targets {
         Target { texture, view }
     }
 
-    /// Keeps a target for the next batch, in place of the one that was not needed for longest.
-    pub(crate) fn give_back(&mut self, target: Target) {
+    /// Keeps a target for the next batch. The least recently used one is dropped if there are too many.
+    fn give_back(&mut self, target: Target) {
         if self.kept.len() == KEPT {
             self.kept.remove(0);
         }
         self.kept.push(target);
     }
 
-    /// A buffer of at least `size` bytes under that name; its content is whatever was there.
+    /// A buffer of at least `size` bytes under that name; its content is undefined.
     pub(crate) fn buffer(
         &mut self,
         gpu: &Gpu,

@@ -2,7 +2,7 @@
 
 mod common;
 
-use argus_compositor::{CompositorKnobs, GpuCompositor};
+use argus_compositor::{BareFetch, CompositorKnobs, GpuCompositor};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Outputs, Plan, PlaneData, PlaneKind, RenderError, Sample,
     SampleCamera, SampleSet, Search, ViewJob, Warp,
@@ -92,11 +92,12 @@ fn a_large_view_in_pieces_is_the_same_as_in_one() {
 }
 
 #[test]
-fn the_floor_answers_every_view_with_one_fetch_a_pixel() {
+fn a_bare_fetch_answers_every_view_with_an_image() {
     let set = garden_set(false);
     let mut compositor = compositor(&set);
+    let mut bare_fetch = BareFetch::default();
     let jobs = motley(&set);
-    let frames = compositor.compose_floor(&jobs, &Cancel::new());
+    let frames = bare_fetch.compose(&mut compositor, &jobs, &Cancel::new());
     for (job, frame) in jobs.iter().zip(&frames) {
         let frame = frame.as_ref().unwrap();
         assert_eq!((frame.width, frame.height), (job.width, job.height));
@@ -106,7 +107,7 @@ fn the_floor_answers_every_view_with_one_fetch_a_pixel() {
         }
     }
     let refused = ViewJob { plan: Plan::Direct { samples_per_pixel: 1 }, ..jobs[0].clone() };
-    assert!(compositor.compose_floor(&[refused], &Cancel::new())[0].is_err());
+    assert!(bare_fetch.compose(&mut compositor, &[refused], &Cancel::new())[0].is_err());
 }
 
 #[test]

@@ -2,19 +2,19 @@
 
 import package::shared::fetch::view;
 import package::shared::left_over::{packed_place, stretch_of};
-import package::shared::pixel::{HIGHLIGHT, LEFT_OVER};
+import package::shared::pixel::{HIGHLIGHT, LEFT_OVER, linear};
 
 @group(0) @binding(10) var<storage, read_write> unsettled: array<u32>;
-// What the warp wrote: one of the two.
-@group(0) @binding(17) var shown_image: texture_2d<u32>;
+// What the warp wrote: sRGB pixels, or linear sub-pixels where `linear` is set. The other image has one texel.
+@group(0) @binding(17) var srgb_image: texture_2d<u32>;
 @group(0) @binding(18) var linear_image: texture_2d<f32>;
 
-fn mark_in_shown(place: vec2u) -> u32 {
-    return textureLoad(shown_image, place, 0).a;
-}
-
-fn mark_in_linear(place: vec2u) -> u32 {
-    return u32(textureLoad(linear_image, place, 0).a);
+// The mark of a pixel, in place of a source.
+fn mark_at(place: vec2u) -> u32 {
+    if linear {
+        return u32(textureLoad(linear_image, place, 0).a);
+    }
+    return textureLoad(srgb_image, place, 0).a;
 }
 
 // The place of the invocation's pixel number k.
@@ -33,30 +33,14 @@ fn add(place: vec2u, mark: u32, first: u32, length: u32, have: vec2u) -> vec2u {
 }
 
 @compute @workgroup_size(64)
-fn show(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+fn collect_pixels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let stretch = stretch_of(id.x, groups.x * 64u);
     // Not the bare uniform, see `not_baked` in shared/fetch.wgsl.
     let pixels = min(view.piece_size.x * view.piece_size.y, arrayLength(&unsettled));
     var have = vec2u(0u);
     for (var k = id.x; k < pixels; k += groups.x * 64u) {
         let place = place_in_target(k);
-        let mark = mark_in_shown(place);
-        for (var i = 0u; i < min(1u, pixels) && mark >= HIGHLIGHT && mark <= LEFT_OVER; i++) {
-            have = add(place, mark, stretch.first, stretch.length, have);
-        }
-    }
-    unsettled[stretch.counts] = have.x;
-    unsettled[stretch.counts + 1u] = have.y;
-}
-
-@compute @workgroup_size(64)
-fn keep(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let stretch = stretch_of(id.x, groups.x * 64u);
-    let pixels = min(view.piece_size.x * view.piece_size.y, arrayLength(&unsettled));
-    var have = vec2u(0u);
-    for (var k = id.x; k < pixels; k += groups.x * 64u) {
-        let place = place_in_target(k);
-        let mark = mark_in_linear(place);
+        let mark = mark_at(place);
         for (var i = 0u; i < min(1u, pixels) && mark >= HIGHLIGHT && mark <= LEFT_OVER; i++) {
             have = add(place, mark, stretch.first, stretch.length, have);
         }

@@ -5,7 +5,7 @@ import package::shared::fetch::{bilinear, direction_of, fetch_from, position_of,
 import package::shared::finite::finite_or_zero;
 import package::shared::left_over::{place_of, stretch_of};
 import package::shared::pixel::{Pixel, confidence_of, confident, within_face};
-import package::shared::targets::{store_linear, store_shown};
+import package::shared::targets::store_pixel;
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 @group(0) @binding(10) var<storage, read> unsettled: array<u32>;
@@ -30,19 +30,10 @@ fn highlight(place: vec2u) -> Pixel {
 }
 
 @compute @workgroup_size(64)
-fn show(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+fn add_highlights(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let stretch = stretch_of(id.x, groups.x * 64u);
     for (var i = 0u; i < unsettled[stretch.counts + 1u]; i++) {
         let place = place_of(unsettled[stretch.first + stretch.length - 1u - i]);
-        store_shown(place, highlight(place));
-    }
-}
-
-@compute @workgroup_size(64)
-fn keep(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let stretch = stretch_of(id.x, groups.x * 64u);
-    for (var i = 0u; i < unsettled[stretch.counts + 1u]; i++) {
-        let place = place_of(unsettled[stretch.first + stretch.length - 1u - i]);
-        store_linear(place, highlight(place));
+        store_pixel(place, highlight(place));
     }
 }

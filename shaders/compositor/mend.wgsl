@@ -13,7 +13,7 @@ import package::shared::fetch::{
 import package::shared::left_over::{Stretch, place_of, stretch_of};
 import package::shared::march::march;
 import package::shared::pixel::{CERTAIN, OTHER, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
-import package::shared::targets::{store_linear, store_shown};
+import package::shared::targets::store_pixel;
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 @group(0) @binding(10) var<storage, read_write> unsettled: array<u32>;
@@ -121,7 +121,7 @@ fn or_left(stretch: Stretch, left: u32, packed: u32, settled: bool) -> u32 {
 }
 
 @compute @workgroup_size(64)
-fn show(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+fn mend_pixels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let stretch = stretch_of(id.x, groups.x * 64u);
     let count = unsettled[stretch.counts];
     var left = 0u;
@@ -130,7 +130,7 @@ fn show(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         let found = near_cell(place_of(packed));
         left = or_left(stretch, left, packed, found.settled);
         for (var k = 0u; k < not_baked(1u) && found.settled; k++) {
-            store_shown(place_of(packed), pixel_of(found, place_of(packed)));
+            store_pixel(place_of(packed), pixel_of(found, place_of(packed)));
         }
     }
     var open = 0u;
@@ -139,39 +139,11 @@ fn show(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         let clear = is_clear(direction_at(place_of(packed)));
         open = or_left(stretch, open, packed, clear);
         for (var k = 0u; k < not_baked(1u) && clear; k++) {
-            store_shown(place_of(packed), clear_pixel(place_of(packed)));
+            store_pixel(place_of(packed), clear_pixel(place_of(packed)));
         }
     }
     for (var i = 0u; i < open; i++) {
         let place = place_of(unsettled[stretch.first + i]);
-        store_shown(place, along_ray(place));
-    }
-}
-
-@compute @workgroup_size(64)
-fn keep(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let stretch = stretch_of(id.x, groups.x * 64u);
-    let count = unsettled[stretch.counts];
-    var left = 0u;
-    for (var i = 0u; i < count; i++) {
-        let packed = unsettled[stretch.first + i];
-        let found = near_cell(place_of(packed));
-        left = or_left(stretch, left, packed, found.settled);
-        for (var k = 0u; k < not_baked(1u) && found.settled; k++) {
-            store_linear(place_of(packed), pixel_of(found, place_of(packed)));
-        }
-    }
-    var open = 0u;
-    for (var i = 0u; i < left; i++) {
-        let packed = unsettled[stretch.first + i];
-        let clear = is_clear(direction_at(place_of(packed)));
-        open = or_left(stretch, open, packed, clear);
-        for (var k = 0u; k < not_baked(1u) && clear; k++) {
-            store_linear(place_of(packed), clear_pixel(place_of(packed)));
-        }
-    }
-    for (var i = 0u; i < open; i++) {
-        let place = place_of(unsettled[stretch.first + i]);
-        store_linear(place, along_ray(place));
+        store_pixel(place, along_ray(place));
     }
 }

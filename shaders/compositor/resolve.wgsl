@@ -1,7 +1,7 @@
 // Program of compositor/src/passes/resolve.rs: pixels of a supersampled view are averaged in linear radiance, then
 // shown. What cannot be averaged (range, source, confidence) is the middle one's.
 
-import package::shared::pixel::{Shown, corner_of_target, encoded};
+import package::shared::pixel::{SrgbOutput, corner_of_target, encoded};
 
 struct Resolve {
     // Where the piece lies in the supersampled target and in the final one.
@@ -24,7 +24,7 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
 }
 
 @fragment
-fn average(@builtin(position) at: vec4f) -> Shown {
+fn average(@builtin(position) at: vec4f) -> SrgbOutput {
     let first = (vec2u(at.xy) - resolve.target_origin) * resolve.side + resolve.source_origin;
     // Not the bare immediate, see `with_specular` in shared/pixel.wgsl; there is no pixel left of the first.
     let side = resolve.side + u32(at.x < 0.0);
@@ -39,5 +39,5 @@ fn average(@builtin(position) at: vec4f) -> Shown {
     let source = textureLoad(radiance_target, middle, 0).a;
     let color = floor(encoded(mean * resolve.exposure) * 255.0 + 0.5);
     let confidence = textureLoad(confidence_target, middle, 0).x;
-    return Shown(vec4u(vec3u(color), u32(source)), textureLoad(range_target, middle, 0).x, confidence);
+    return SrgbOutput(vec4u(vec3u(color), u32(source)), textureLoad(range_target, middle, 0).x, confidence);
 }

@@ -2,8 +2,8 @@
 // entry points of its own, which is `package::program` here.
 
 import package::program::pixel;
-import package::shared::pixel::{Linear, Shown, corner_of_target, linear_of, shown};
-import package::shared::targets::{place_of_twin, store_linear, store_shown};
+import package::shared::pixel::{LinearOutput, SrgbOutput, corner_of_target, linear_output, srgb_output};
+import package::shared::targets::{place_of_invocation, store_pixel};
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
@@ -11,27 +11,19 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
 }
 
 @fragment
-fn show(@builtin(position) at: vec4f) -> Shown {
-    return shown(pixel(at.xy));
+fn write_srgb(@builtin(position) at: vec4f) -> SrgbOutput {
+    return srgb_output(pixel(at.xy));
 }
 
 @fragment
-fn keep(@builtin(position) at: vec4f) -> Linear {
-    return linear_of(pixel(at.xy));
+fn write_linear(@builtin(position) at: vec4f) -> LinearOutput {
+    return linear_output(pixel(at.xy));
 }
 
 @compute @workgroup_size(8, 8)
-fn show_twin(@builtin(global_invocation_id) id: vec3u) {
-    let place = place_of_twin(id.xy);
+fn write_compute(@builtin(global_invocation_id) id: vec3u) {
+    let place = place_of_invocation(id.xy);
     if place.inside {
-        store_shown(place.texel, pixel(place.at));
-    }
-}
-
-@compute @workgroup_size(8, 8)
-fn keep_twin(@builtin(global_invocation_id) id: vec3u) {
-    let place = place_of_twin(id.xy);
-    if place.inside {
-        store_linear(place.texel, pixel(place.at));
+        store_pixel(place.texel, pixel(place.at));
     }
 }

@@ -169,28 +169,28 @@ fn lit(pixel: Pixel) -> Pixel {
 }
 
 // A pixel as it is shown: sRGB and the source, each a byte.
-struct Shown {
+struct SrgbOutput {
     @location(0) color: vec4u,
     @location(1) range: f32,
     @location(2) confidence: u32,
 }
 
-fn shown(found: Pixel) -> Shown {
+fn srgb_output(found: Pixel) -> SrgbOutput {
     let pixel = lit(found);
     let is_shown = pixel.drawn && !linear;
     let color = select(encoded(pixel.radiance * view.lighting.exposure), pixel.radiance, is_shown) * 255.0;
-    return Shown(vec4u(vec3u(floor(color + 0.5)), pixel.source), pixel.range, pixel.confidence);
+    return SrgbOutput(vec4u(vec3u(floor(color + 0.5)), pixel.source), pixel.range, pixel.confidence);
 }
 
 // A pixel that is still to be averaged with others: linear radiance and the source.
-struct Linear {
+struct LinearOutput {
     @location(0) radiance: vec4f,
     @location(1) range: f32,
     @location(2) confidence: u32,
 }
 
-fn linear_of(found: Pixel) -> Linear {
+fn linear_output(found: Pixel) -> LinearOutput {
     let pixel = lit(found);
     // The target holds halves: beyond their largest a highlight would turn into an infinity.
-    return Linear(vec4f(min(pixel.radiance, vec3f(65504.0)), f32(pixel.source)), pixel.range, pixel.confidence);
+    return LinearOutput(vec4f(min(pixel.radiance, vec3f(65504.0)), f32(pixel.source)), pixel.range, pixel.confidence);
 }

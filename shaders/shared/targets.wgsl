@@ -1,9 +1,9 @@
 // The images of a chunk as compute programs write them: what a fragment program returns, a compute program stores.
 
 import package::shared::fetch::view;
-import package::shared::pixel::{Pixel, linear_of, shown};
+import package::shared::pixel::{Pixel, linear, linear_output, srgb_output};
 
-@group(0) @binding(12) var shown_target: texture_storage_2d<rgba8uint, write>;
+@group(0) @binding(12) var srgb_target: texture_storage_2d<rgba8uint, write>;
 @group(0) @binding(13) var linear_target: texture_storage_2d<rgba16float, write>;
 // What is written to a range or a confidence that nobody asked for lies outside of its one texel, and is dropped.
 @group(0) @binding(14) var range_target: texture_storage_2d<r32float, write>;
@@ -17,21 +17,30 @@ struct Place {
     inside: bool,
 }
 
-fn place_of_twin(id: vec2u) -> Place {
+fn place_of_invocation(id: vec2u) -> Place {
     let texel = vec2u(view.target_origin) + id;
     return Place(texel, vec2f(texel) + 0.5, all(id < view.piece_size));
 }
 
-fn store_shown(texel: vec2u, pixel: Pixel) {
-    let result = shown(pixel);
-    textureStore(shown_target, texel, result.color);
+fn store_srgb(texel: vec2u, pixel: Pixel) {
+    let result = srgb_output(pixel);
+    textureStore(srgb_target, texel, result.color);
     textureStore(range_target, texel, vec4f(result.range, 0.0, 0.0, 0.0));
     textureStore(confidence_target, texel, vec4u(result.confidence, 0u, 0u, 0u));
 }
 
 fn store_linear(texel: vec2u, pixel: Pixel) {
-    let result = linear_of(pixel);
+    let result = linear_output(pixel);
     textureStore(linear_target, texel, result.radiance);
     textureStore(range_target, texel, vec4f(result.range, 0.0, 0.0, 0.0));
     textureStore(confidence_target, texel, vec4u(result.confidence, 0u, 0u, 0u));
+}
+
+// Writes a pixel to the target of this pipeline: linear radiance where `linear` is set, else sRGB.
+fn store_pixel(texel: vec2u, pixel: Pixel) {
+    if linear {
+        store_linear(texel, pixel);
+    } else {
+        store_srgb(texel, pixel);
+    }
 }

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use argus_compositor::BareFetch;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::SamplerKnobs;
 use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, Search, ViewJob, Warp};
@@ -339,10 +340,11 @@ impl<'a> Study<'a> {
                 Err(error) => self.leave_out(way, error)?,
             }
         }
-        self.one_fetch(bench)?;
+        let mut bare_fetch = BareFetch::default();
+        self.one_fetch(bench, &mut bare_fetch)?;
         let mut fetch_ms = Vec::new();
         for _ in 0..self.options.rounds {
-            fetch_ms.push(self.one_fetch(bench)?);
+            fetch_ms.push(self.one_fetch(bench, &mut bare_fetch)?);
             for at in first..self.measured.len() {
                 let Measured { way, timed, .. } = self.measured[at];
                 progress.inc(1);
@@ -403,11 +405,11 @@ impl<'a> Study<'a> {
     }
 
     /// Milliseconds a view of the pass that makes one colour fetch a pixel.
-    fn one_fetch(&self, bench: &mut Bench) -> Result<f64> {
+    fn one_fetch(&self, bench: &mut Bench, bare_fetch: &mut BareFetch) -> Result<f64> {
         let way = Way::Warp { search: Search::default(), steps: None, samples: 1, side: 1 };
         let jobs = self.jobs(bench, way, Outputs::COLOR);
         let begin = Instant::now();
-        let frames = bench.compositor.compose_floor(&jobs, &Cancel::new());
+        let frames = bare_fetch.compose(&mut bench.compositor, &jobs, &Cancel::new());
         let ms = begin.elapsed().as_secs_f64() * 1e3;
         frames.into_iter().collect::<Result<Vec<_>, _>>()?;
         Ok(ms / jobs.len().max(1) as f64)

@@ -6,7 +6,7 @@ use argus_gpu::{Commands, ComputePipeline, Gpu};
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::layout::compositor::Clear;
 
-use crate::drawing::{Draw, Shared, Splatted};
+use crate::draw_batch::DrawBatch;
 
 /// The pass: one dispatch a piece. Its pipelines are by whether samples are cubes.
 #[derive(Debug, Default)]
@@ -21,10 +21,9 @@ impl ClearPass {
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        draws: &[Draw<'_>],
-        shared: &Shared<'_>,
-        splatted: &Splatted,
+        batch: &DrawBatch<'_>,
     ) -> Result<(), RenderError> {
+        let shared = batch.shared;
         let omni = shared.pool.class.omni;
         let pipeline = self.0.entry(omni).or_insert_with(|| {
             let constants = [("omni", f64::from(u8::from(omni)))];
@@ -32,14 +31,14 @@ impl ClearPass {
         });
         let inverse_range = shared.pool.view(PlaneKind::InverseRange)?;
         let mut pass = commands.compute_pass("clear cells");
-        for (draw, fill) in draws.iter().filter_map(|draw| Some((draw, draw.fill?))) {
+        for (draw, fill) in batch.pieces.iter().filter_map(|draw| Some((draw, draw.fill?))) {
             let side = (BLOCK / draw.cell).max(1);
             let immediates = Clear { columns: fill.columns as u32, rows: fill.rows as u32, side };
             pass.call(pipeline)
                 .read("view", &draw.view)
                 .read("inverse_range", inverse_range)
-                .read("nearest", shared.nearest)
-                .write("depths", &splatted.depths)
+                .read("nearest", &shared.fixed.nearest)
+                .write("depths", &batch.splat.depths)
                 .immediates(bytemuck::bytes_of(&immediates))
                 .dispatch_threads([immediates.columns.div_ceil(side), immediates.rows.div_ceil(side), 1]);
         }

@@ -1,7 +1,8 @@
 //! Program: `shaders/compositor/fill.wgsl`. Closes the gaps between cells of one surface.
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
-use argus_shaders::layout::compositor::Fill;
+use argus_gpu::{Commands, ComputePipeline, Gpu};
+
+use crate::chunk::ChunkInputs;
 
 /// The pass: one dispatch a piece.
 #[derive(Debug)]
@@ -14,25 +15,18 @@ impl FillPass {
         Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::FILL, "fill_cell") }
     }
 
-    pub(crate) fn record(
-        &self,
-        commands: &mut Commands,
-        calls: &[Fill],
-        cells: &wgpu::Buffer,
-        depths: &wgpu::Buffer,
-    ) {
+    pub(crate) fn record(&self, commands: &mut Commands, inputs: &ChunkInputs) {
         let [x, y, _] = self.pipeline.workgroup_size();
-        commands.compute("fill cells", &self.pipeline).read("cells", cells).write("depths", depths).each(
-            |pass| {
-                for call in calls {
-                    pass.set_immediates(0, bytemuck::bytes_of(call));
-                    pass.dispatch_workgroups(
-                        (call.columns as u32).div_ceil(x),
-                        (call.rows as u32).div_ceil(y),
-                        1,
-                    );
+        commands
+            .compute("fill cells", &self.pipeline)
+            .read("cells", &inputs.splat.cells)
+            .write("depths", &inputs.splat.depths)
+            .each(|pass| {
+                for call in inputs.fills() {
+                    let groups = [(call.columns as u32).div_ceil(x), (call.rows as u32).div_ceil(y)];
+                    pass.set_immediates(0, bytemuck::bytes_of(&call));
+                    pass.dispatch_workgroups(groups[0], groups[1], 1);
                 }
-            },
-        );
+            });
     }
 }

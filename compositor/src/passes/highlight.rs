@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use argus_gpu::{Commands, ComputePipeline, Gpu};
 use argus_scene::RenderError;
 
-use crate::drawing::{Canvas, Extra, Splatted, Variant};
+use crate::draw_batch::{DrawBatch, NamedBinding, Variant};
 use crate::passes::mend::groups;
 
 /// The pass: one dispatch a piece, after its left-over pixels are listed.
@@ -13,27 +13,29 @@ use crate::passes::mend::groups;
 pub(crate) struct HighlightPass(BTreeMap<Variant, ComputePipeline>);
 
 impl HighlightPass {
+    /// Records nothing if the samples are not glossy.
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        canvas: &Canvas<'_>,
-        splatted: &Splatted,
+        batch: &DrawBatch<'_>,
     ) -> Result<(), RenderError> {
-        // What is written to a range that is not there is dropped: one pipeline does.
-        let variant = Variant { range: true, between_levels: false, ..canvas.variant };
+        if !batch.variant.glossy {
+            return Ok(());
+        }
+        let variant = Variant { between_levels: false, ..batch.variant.of_compute() };
         let pipeline = self.0.entry(variant).or_insert_with(|| {
             let program = &argus_shaders::compositor::HIGHLIGHT;
-            gpu.compute_pipeline_with(program, variant.entry_point(), &variant.constants())
+            gpu.compute_pipeline_with(program, "add_highlights", &variant.constants())
         });
-        let storage = canvas.targets.storage(variant);
+        let (storage, splat) = (batch.storage(), batch.splat);
         let mut pass = commands.compute_pass("add highlights");
-        for draw in canvas.draws {
+        for draw in batch.pieces {
             let call = pass.call(pipeline).read("view", &draw.view);
-            let mut bindings = canvas.shared.bindings()?;
-            bindings.push(Extra::read("depths", &splatted.depths));
-            bindings.push(Extra::read("unsettled", &splatted.unsettled));
-            let call = bindings.iter().chain(&storage).fold(call, |call, extra| extra.bind(call));
+            let mut bindings = batch.shared.bindings()?;
+            bindings.push(NamedBinding::read("depths", &splat.depths));
+            bindings.push(NamedBinding::read("unsettled", &splat.unsettled));
+            let call = bindings.iter().chain(&storage).fold(call, |call, binding| binding.bind(call));
             call.dispatch([groups(gpu), 1, 1]);
         }
         Ok(())

@@ -3,26 +3,27 @@
 use argus_gpu::{Commands, Gpu};
 use argus_scene::RenderError;
 
-use crate::drawing::{Canvas, Drawing};
+use crate::draw_batch::DrawBatch;
+use crate::search_pipelines::SearchPipelines;
 
 /// The pass: one draw a piece.
 #[derive(Debug)]
-pub(crate) struct LinearPass(Drawing);
+pub(crate) struct LinearPass(SearchPipelines);
 
 impl LinearPass {
     /// Its row in the timing table.
     pub(crate) const NAME: &str = "search views";
 
     pub(crate) fn new() -> Self {
-        Self(Drawing::new(&argus_shaders::compositor::LINEAR, Self::NAME))
+        Self(SearchPipelines::new(&argus_shaders::compositor::LINEAR, Self::NAME))
     }
 
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        canvas: &Canvas<'_>,
+        batch: &DrawBatch<'_>,
     ) -> Result<(), RenderError> {
-        self.0.record(gpu, commands, canvas, &[])
+        self.0.record(gpu, commands, batch, &[])
     }
 }

@@ -6,12 +6,13 @@ use std::collections::BTreeMap;
 use argus_gpu::{Commands, ComputePipeline, Gpu};
 use argus_scene::RenderError;
 
-use crate::drawing::{Canvas, Extra, Splatted, Variant};
+use crate::draw_batch::{DrawBatch, NamedBinding, Variant};
 
 /// The pass: two dispatches a piece, the list and what is done with it.
 #[derive(Debug, Default)]
 pub(crate) struct MendPass {
-    collect: BTreeMap<&'static str, ComputePipeline>,
+    /// By whether sub-pixels are linear.
+    collect: BTreeMap<bool, ComputePipeline>,
     mend: BTreeMap<Variant, ComputePipeline>,
 }
 
@@ -35,41 +36,39 @@ impl MendPass {
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        canvas: &Canvas<'_>,
-        splatted: &Splatted,
+        batch: &DrawBatch<'_>,
     ) -> Result<(), RenderError> {
-        // What is written to a range that is not there is dropped: one pipeline does.
-        let variant = Variant { range: true, between_levels: false, ..canvas.variant };
-        let entry = variant.entry_point();
-        let collect = self
-            .collect
-            .entry(entry)
-            .or_insert_with(|| gpu.compute_pipeline(&argus_shaders::compositor::COLLECT, entry));
-        let mend = self.mend.entry(variant).or_insert_with(|| {
-            gpu.compute_pipeline_with(&argus_shaders::compositor::MEND, entry, &variant.constants())
+        let variant = Variant { between_levels: false, ..batch.variant.of_compute() };
+        let collect = self.collect.entry(variant.linear).or_insert_with(|| {
+            let constants = [("linear", f64::from(u8::from(variant.linear)))];
+            gpu.compute_pipeline_with(&argus_shaders::compositor::COLLECT, "collect_pixels", &constants)
         });
+        let mend = self.mend.entry(variant).or_insert_with(|| {
+            gpu.compute_pipeline_with(&argus_shaders::compositor::MEND, "mend_pixels", &variant.constants())
+        });
+        let (targets, splat) = (batch.targets.drawn(), batch.splat);
         let groups = groups(gpu);
-        let image = if variant.fine { "linear_image" } else { "shown_image" };
         let mut pass = commands.compute_pass("collect pixels");
-        for draw in canvas.draws {
+        for draw in batch.pieces {
             pass.call(collect)
                 .read("view", &draw.view)
-                .read(image, &canvas.targets.color.view)
-                .write("unsettled", &splatted.unsettled)
+                .read("srgb_image", &targets.srgb.view)
+                .read("linear_image", &targets.linear.view)
+                .write("unsettled", &splat.unsettled)
                 .dispatch([groups, 1, 1]);
         }
         drop(pass);
-        let storage = canvas.targets.storage(variant);
+        let storage = batch.storage();
         let mut pass = commands.compute_pass("mend pixels");
-        for draw in canvas.draws {
+        for draw in batch.pieces {
             let call = pass.call(mend).read("view", &draw.view);
-            let mut bindings = canvas.shared.bindings()?;
+            let mut bindings = batch.shared.bindings()?;
             bindings.extend([
-                Extra::read("depths", &splatted.depths),
-                Extra::write("unsettled", &splatted.unsettled),
-                Extra::read("cells", &splatted.cells),
+                NamedBinding::read("depths", &splat.depths),
+                NamedBinding::write("unsettled", &splat.unsettled),
+                NamedBinding::read("cells", &splat.cells),
             ]);
-            let call = bindings.iter().chain(&storage).fold(call, |call, extra| extra.bind(call));
+            let call = bindings.iter().chain(&storage).fold(call, |call, binding| binding.bind(call));
             call.dispatch([groups, 1, 1]);
         }
         Ok(())

@@ -4,7 +4,6 @@ pub(crate) mod bounds;
 pub(crate) mod clear;
 pub(crate) mod fill;
 pub(crate) mod fixed_point;
-pub(crate) mod floor;
 pub(crate) mod halve;
 pub(crate) mod highlight;
 pub(crate) mod linear;

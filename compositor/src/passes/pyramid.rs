@@ -4,27 +4,28 @@
 use argus_gpu::{Commands, Gpu};
 use argus_scene::RenderError;
 
-use crate::drawing::{Canvas, Drawing, Extra};
+use crate::draw_batch::{DrawBatch, NamedBinding};
+use crate::search_pipelines::SearchPipelines;
 
 /// The pass: one draw a piece.
 #[derive(Debug)]
-pub(crate) struct PyramidPass(Drawing);
+pub(crate) struct PyramidPass(SearchPipelines);
 
 impl PyramidPass {
     /// Its row in the timing table.
     pub(crate) const NAME: &str = "follow rays";
 
     pub(crate) fn new() -> Self {
-        Self(Drawing::new(&argus_shaders::compositor::PYRAMID, Self::NAME))
+        Self(SearchPipelines::new(&argus_shaders::compositor::PYRAMID, Self::NAME))
     }
 
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        canvas: &Canvas<'_>,
+        batch: &DrawBatch<'_>,
     ) -> Result<(), RenderError> {
-        let extras = [Extra::read("nearest_surfaces", canvas.shared.pool.pyramids()?)];
-        self.0.record(gpu, commands, canvas, &extras)
+        let extras = [NamedBinding::read("nearest_surfaces", batch.shared.pool.pyramids()?)];
+        self.0.record(gpu, commands, batch, &extras)
     }
 }

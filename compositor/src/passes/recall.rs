@@ -1,7 +1,8 @@
 //! Program: `shaders/compositor/recall.wgsl`. Leaves the depth of an earlier frame's pixels in the cells of views.
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
-use argus_shaders::layout::compositor::Recall;
+use argus_gpu::{Commands, ComputePipeline, Gpu};
+
+use crate::chunk::ChunkInputs;
 
 /// The pass: one dispatch a piece.
 #[derive(Debug)]
@@ -17,21 +18,21 @@ impl RecallPass {
         Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::RECALL, "recall_pixel") }
     }
 
-    pub(crate) fn record(
-        &self,
-        commands: &mut Commands,
-        calls: &[Recall],
-        words: &wgpu::Buffer,
-        cells: &wgpu::Buffer,
-    ) {
+    /// Records nothing if no piece starts from an earlier frame.
+    pub(crate) fn record(&self, commands: &mut Commands, inputs: &ChunkInputs) {
+        if inputs.recalls.is_empty() {
+            return;
+        }
         let [x, y, _] = self.pipeline.workgroup_size();
-        commands.compute(Self::NAME, &self.pipeline).read("words", words).write("cells", cells).each(
-            |pass| {
-                for call in calls {
+        commands
+            .compute(Self::NAME, &self.pipeline)
+            .read("words", &inputs.words)
+            .write("cells", &inputs.splat.cells)
+            .each(|pass| {
+                for call in &inputs.recalls {
                     pass.set_immediates(0, bytemuck::bytes_of(call));
                     pass.dispatch_workgroups(call.columns.div_ceil(x), call.rows.div_ceil(y), 1);
                 }
-            },
-        );
+            });
     }
 }

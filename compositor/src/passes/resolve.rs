@@ -3,8 +3,9 @@
 use argus_gpu::{ColorTarget, Commands, Gpu, RenderPipeline, RenderPipelineDesc, wgpu};
 use argus_shaders::layout::compositor::Resolve;
 
-use crate::drawing::{CONFIDENCE, Drawn, RANGE, SHOWN};
-use crate::layout::Piece;
+use crate::batch::Batch;
+use crate::layout::Chunk;
+use crate::targets::{CONFIDENCE_FORMAT, ChunkTargets, RANGE_FORMAT, SRGB_FORMAT};
 
 /// The pass: one draw a piece.
 #[derive(Debug)]
@@ -27,36 +28,38 @@ impl ResolvePass {
                 constants: &[],
             })
         };
-        Self { pipelines: [pipeline(&[SHOWN, RANGE][..]), pipeline(&[SHOWN, RANGE, CONFIDENCE])] }
+        let formats = [SRGB_FORMAT, RANGE_FORMAT, CONFIDENCE_FORMAT];
+        Self { pipelines: [pipeline(&formats[..2]), pipeline(&formats)] }
     }
 
-    /// Averages pieces of the fine targets into the final ones; each comes with its exposure.
+    /// Averages sub-pixels into pixels. Records nothing if the chunk is not supersampled.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
-        pieces: &[(Piece, f32)],
-        confident: bool,
-        fine: Drawn<'_>,
-        shown: Drawn<'_>,
+        chunk: &Chunk,
+        batch: &Batch<'_>,
+        targets: &ChunkTargets,
     ) {
-        let pipeline = &self.pipelines[usize::from(confident)];
-        let colors =
-            [shown.color, shown.range, shown.confidence].map(|t| ColorTarget { view: &t.view, clear: None });
-        let colors = if confident { &colors[..] } else { &colors[..2] };
+        let ChunkTargets { pixels, sub_pixels: Some(sub_pixels), outputs } = targets else { return };
+        let pipeline = &self.pipelines[usize::from(outputs.confidence)];
+        let colors = [&pixels.srgb, &pixels.range, &pixels.confidence]
+            .map(|target| ColorTarget { view: &target.view, clear: None });
+        let colors = if outputs.confidence { &colors[..] } else { &colors[..2] };
         let mut pass = commands.render("average sub-pixels", colors, None);
-        for (piece, exposure) in pieces {
+        for piece in &chunk.pieces {
+            let exposure = batch.view(piece).exposure();
             let resolve = Resolve {
                 source_origin: piece.fine_target(),
                 target_origin: piece.target,
                 side: piece.side,
-                exposure: *exposure,
+                exposure,
             };
             pass.viewport(piece.target[0], piece.target[1], piece.part.width, piece.part.height);
             let raw = pass
                 .draw(pipeline)
-                .read("radiance_target", &fine.color.view)
-                .read("range_target", &fine.range.view)
-                .read("confidence_target", &fine.confidence.view)
+                .read("radiance_target", &sub_pixels.linear.view)
+                .read("range_target", &sub_pixels.range.view)
+                .read("confidence_target", &sub_pixels.confidence.view)
                 .begin();
             raw.set_immediates(0, bytemuck::bytes_of(&resolve));
             raw.draw(0..3, 0..1);

@@ -3,27 +3,27 @@
 use argus_gpu::{Commands, Gpu};
 use argus_scene::RenderError;
 
-use crate::drawing::{Canvas, Drawing, Extra, Splatted};
+use crate::draw_batch::{DrawBatch, NamedBinding};
+use crate::search_pipelines::SearchPipelines;
 
 /// The pass: one draw a piece.
 #[derive(Debug)]
-pub(crate) struct SeededPass(Drawing);
+pub(crate) struct SeededPass(SearchPipelines);
 
 impl SeededPass {
     /// Its row in the timing table.
     pub(crate) const NAME: &str = "refine views";
 
     pub(crate) fn new() -> Self {
-        Self(Drawing::new(&argus_shaders::compositor::SEEDED, Self::NAME))
+        Self(SearchPipelines::new(&argus_shaders::compositor::SEEDED, Self::NAME))
     }
 
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        canvas: &Canvas<'_>,
-        splatted: &Splatted,
+        batch: &DrawBatch<'_>,
     ) -> Result<(), RenderError> {
-        self.0.record(gpu, commands, canvas, &[Extra::read("depths", &splatted.depths)])
+        self.0.record(gpu, commands, batch, &[NamedBinding::read("depths", &batch.splat.depths)])
     }
 }

@@ -1,7 +1,11 @@
 //! Program: `shaders/compositor/splat.wgsl`. Leaves the depth of samples' texels in the cells of views.
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_gpu::{Commands, ComputePipeline, Gpu};
+use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::layout::compositor::Splat;
+
+use crate::chunk::ChunkInputs;
+use crate::pool::Pool;
 
 /// The pass: one dispatch a view, sample and face.
 #[derive(Debug)]
@@ -31,11 +35,10 @@ impl SplatPass {
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
-        calls: &[SplatCall],
-        inverse_range: &wgpu::TextureView,
-        blocks: &wgpu::Buffer,
-        cells: &wgpu::Buffer,
-    ) {
+        inputs: &ChunkInputs,
+        pool: &Pool,
+    ) -> Result<(), RenderError> {
+        let calls = &inputs.splats;
         for (name, pipeline, sparse) in
             [("splat samples", &self.points, false), ("splat squares", &self.squares, true)]
         {
@@ -44,9 +47,9 @@ impl SplatPass {
             }
             commands
                 .compute(name, pipeline)
-                .read("inverse_range", inverse_range)
-                .read("blocks", blocks)
-                .write("cells", cells)
+                .read("inverse_range", pool.view(PlaneKind::InverseRange)?)
+                .read("blocks", &inputs.blocks)
+                .write("cells", &inputs.splat.cells)
                 .each(|pass| {
                     for call in calls.iter().filter(|call| call.sparse == sparse) {
                         for begin in (0..call.block_count).step_by(MAX_GROUPS as usize) {
@@ -57,5 +60,6 @@ impl SplatPass {
                     }
                 });
         }
+        Ok(())
     }
 }

@@ -3,27 +3,27 @@
 use argus_gpu::{Commands, Gpu};
 use argus_scene::RenderError;
 
-use crate::drawing::{Canvas, Drawing, Extra, Splatted};
+use crate::draw_batch::{DrawBatch, NamedBinding};
+use crate::search_pipelines::SearchPipelines;
 
 /// The pass: one draw a piece.
 #[derive(Debug)]
-pub(crate) struct WarpPass(Drawing);
+pub(crate) struct WarpPass(SearchPipelines);
 
 impl WarpPass {
     /// Its row in the timing table.
     pub(crate) const NAME: &str = "warp views";
 
     pub(crate) fn new() -> Self {
-        Self(Drawing::of_display(&argus_shaders::compositor::WARP, Self::NAME))
+        Self(SearchPipelines::with_display(&argus_shaders::compositor::WARP, Self::NAME))
     }
 
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
-        canvas: &Canvas<'_>,
-        splatted: &Splatted,
+        batch: &DrawBatch<'_>,
     ) -> Result<(), RenderError> {
-        self.0.record(gpu, commands, canvas, &[Extra::read("depths", &splatted.depths)])
+        self.0.record(gpu, commands, batch, &[NamedBinding::read("depths", &batch.splat.depths)])
     }
 }

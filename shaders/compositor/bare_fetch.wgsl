@@ -1,8 +1,8 @@
-// Program of compositor/src/passes/floor.rs: one nearest colour fetch a pixel, shown as the searches show theirs, of
+// Program of compositor/src/bare_fetch.rs: one nearest colour fetch a pixel, shown as the searches show theirs, of
 // the texel that lies where the pixel does. No reconstruction can be cheaper.
 
 import package::shared::fetch::{nearest, radiance, view};
-import package::shared::pixel::{Linear, Shown, corner_of_target, encoded};
+import package::shared::pixel::{LinearOutput, SrgbOutput, corner_of_target, encoded};
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
@@ -15,12 +15,12 @@ fn texel(at: vec2f) -> vec3f {
 }
 
 @fragment
-fn show(@builtin(position) at: vec4f) -> Shown {
+fn write_srgb(@builtin(position) at: vec4f) -> SrgbOutput {
     let color = floor(encoded(texel(at.xy) * view.lighting.exposure) * 255.0 + 0.5);
-    return Shown(vec4u(vec3u(color), 1u), 0.0, 0u);
+    return SrgbOutput(vec4u(vec3u(color), 1u), 0.0, 0u);
 }
 
 @fragment
-fn keep(@builtin(position) at: vec4f) -> Linear {
-    return Linear(vec4f(texel(at.xy), 1.0), 0.0, 0u);
+fn write_linear(@builtin(position) at: vec4f) -> LinearOutput {
+    return LinearOutput(vec4f(texel(at.xy), 1.0), 0.0, 0u);
 }

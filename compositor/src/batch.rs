@@ -1,0 +1,133 @@
+//! One batch: its prepared views, and the frames that their pieces are assembled into.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use argus_scene::{Frame, Provenance, RenderError, Stage, ViewJob};
+
+use crate::frames::{ChunkImages, FrameAssembly};
+use crate::knobs::CompositorKnobs;
+use crate::layout::{Chunk, Extent, Piece, chunks};
+use crate::prepare::PreparedView;
+
+/// The views of a batch that can be composed, and the errors of the others.
+#[derive(Debug)]
+pub(crate) struct Batch<'a> {
+    pub(crate) jobs: &'a [ViewJob],
+    pub(crate) views: Vec<PreparedView>,
+    /// One a view.
+    assemblies: Vec<FrameAssembly>,
+    /// One a job; `None` for a job whose view is composed.
+    errors: Vec<Option<RenderError>>,
+    /// Milliseconds of the whole batch.
+    stages: Vec<Stage>,
+}
+
+impl<'a> Batch<'a> {
+    /// Prepares each job with `prepare`, which takes the job's index.
+    pub(crate) fn new(
+        jobs: &'a [ViewJob],
+        mut prepare: impl FnMut(usize, &ViewJob) -> Result<PreparedView, RenderError>,
+    ) -> Self {
+        let began = Instant::now();
+        let mut errors = vec![None; jobs.len()];
+        let mut views = Vec::with_capacity(jobs.len());
+        for (index, job) in jobs.iter().enumerate() {
+            match prepare(index, job) {
+                Ok(view) => views.push(view),
+                Err(error) => errors[index] = Some(error),
+            }
+        }
+        let assembly = |view: &PreparedView| {
+            let ViewJob { width, height, outputs, .. } = jobs[view.job];
+            FrameAssembly::new(width, height, outputs)
+        };
+        let assemblies = views.iter().map(assembly).collect();
+        Self {
+            jobs,
+            views,
+            assemblies,
+            errors,
+            stages: vec![Stage::new("prepare views", milliseconds(began))],
+        }
+    }
+
+    /// The view of a piece.
+    pub(crate) fn view(&self, piece: &Piece) -> &PreparedView {
+        &self.views[piece.view]
+    }
+
+    /// The job of a piece.
+    pub(crate) fn job(&self, piece: &Piece) -> &ViewJob {
+        &self.jobs[self.view(piece).job]
+    }
+
+    /// The views cut into chunks.
+    pub(crate) fn chunks(&self, knobs: &CompositorKnobs) -> Vec<Chunk> {
+        let extent = |view: &PreparedView| {
+            let ViewJob { width, height, .. } = self.jobs[view.job];
+            let surroundings = view.surroundings.as_ref().map(|(id, _)| *id);
+            Extent { width, height, side: view.side, pool: view.pool, surroundings }
+        };
+        let extents: Vec<Extent> = self.views.iter().map(extent).collect();
+        chunks(&extents, knobs)
+    }
+
+    /// Adds the pieces of a chunk to their frames.
+    pub(crate) fn add_pieces(&mut self, chunk: &Chunk, images: &ChunkImages) {
+        for piece in &chunk.pieces {
+            self.assemblies[piece.view].add(chunk, piece, images);
+        }
+    }
+
+    /// Records how a chunk ended: the times of its stages, or the error of all its views.
+    pub(crate) fn end_chunk(&mut self, chunk: &Chunk, outcome: Result<Vec<Stage>, RenderError>) {
+        match outcome {
+            Ok(stages) => stages.into_iter().for_each(|stage| self.add_stage(stage)),
+            Err(error) => {
+                for piece in &chunk.pieces {
+                    self.errors[self.views[piece.view].job] = Some(error.clone());
+                }
+            }
+        }
+    }
+
+    /// Adds a stage to the row of its name.
+    fn add_stage(&mut self, stage: Stage) {
+        match self.stages.iter_mut().find(|row| row.name == stage.name) {
+            Some(row) => row.ms += stage.ms,
+            None => self.stages.push(stage),
+        }
+    }
+
+    /// One result a job. The batch's time is divided evenly among its views.
+    pub(crate) fn finish(mut self, device: &str) -> Vec<Result<Frame, RenderError>> {
+        let share = 1.0 / self.views.len().max(1) as f64;
+        self.stages.iter_mut().for_each(|stage| stage.ms *= share);
+        let mut frames: BTreeMap<usize, Frame> = BTreeMap::new();
+        for (view, assembly) in self.views.iter().zip(self.assemblies) {
+            if let Some(first) = view.samples.first() {
+                let provenance = Provenance {
+                    scene: first.info.scene,
+                    epoch: first.info.epoch,
+                    generation: first.info.generation,
+                    plan: self.jobs[view.job].plan.clone(),
+                    device: first.info.device(device),
+                    history: view.recalled.is_ok(),
+                };
+                frames.insert(view.job, assembly.finish(provenance, self.stages.clone()));
+            }
+        }
+        let missing = || RenderError::Internal("a view was neither composed nor refused".to_owned());
+        let result = |(job, error): (usize, Option<RenderError>)| match error {
+            Some(error) => Err(error),
+            None => frames.remove(&job).ok_or_else(missing),
+        };
+        self.errors.into_iter().enumerate().map(result).collect()
+    }
+}
+
+/// Milliseconds since a moment.
+pub(crate) fn milliseconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}

@@ -1,0 +1,129 @@
+//! The pipelines of one search: a fragment and a compute program, by variant.
+
+use std::collections::BTreeMap;
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, RenderPipeline, RenderPipelineDesc, wgpu};
+use argus_scene::RenderError;
+use argus_shaders::Program;
+
+use crate::draw_batch::{DrawBatch, NamedBinding, PieceDraw, Variant};
+use crate::knobs::Twin;
+
+/// Pipelines of one search, made when a batch first needs them. A scene needs one or two variants.
+#[derive(Debug)]
+pub(crate) struct SearchPipelines {
+    program: &'static Program,
+    /// Row in the timing table.
+    name: &'static str,
+    reads_display: bool,
+    fragment: BTreeMap<Variant, RenderPipeline>,
+    compute: BTreeMap<Variant, ComputePipeline>,
+}
+
+impl SearchPipelines {
+    pub(crate) fn new(program: &'static Program, name: &'static str) -> Self {
+        Self { program, name, reads_display: false, fragment: BTreeMap::new(), compute: BTreeMap::new() }
+    }
+
+    /// Pipelines of a program that reads the display plane.
+    pub(crate) fn with_display(program: &'static Program, name: &'static str) -> Self {
+        Self { reads_display: true, ..Self::new(program, name) }
+    }
+
+    /// Draws pieces. `extras` are the bindings of this search beside the shared ones.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] if the pool lacks a plane.
+    pub(crate) fn record(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        batch: &DrawBatch<'_>,
+        extras: &[NamedBinding<'_>],
+    ) -> Result<(), RenderError> {
+        let bindings = |draw: &PieceDraw<'_>| {
+            let mut bindings = match self.reads_display {
+                true => batch.shared.bindings_of_level(draw.level)?,
+                false => batch.shared.bindings()?,
+            };
+            bindings.extend_from_slice(extras);
+            Ok(bindings)
+        };
+        let bindings = batch.pieces.iter().map(bindings).collect::<Result<Vec<_>, RenderError>>()?;
+        match batch.twin {
+            Twin::Compute => self.record_compute(gpu, commands, batch, &bindings),
+            _ => self.record_fragment(gpu, commands, batch, &bindings),
+        }
+        Ok(())
+    }
+
+    /// Values of the program's `override`s.
+    fn constants(&self, variant: Variant) -> Vec<(&'static str, f64)> {
+        let mut constants = variant.constants().to_vec();
+        if self.reads_display {
+            constants.push(("between_levels", f64::from(u8::from(variant.between_levels))));
+        }
+        constants
+    }
+
+    fn record_fragment(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        batch: &DrawBatch<'_>,
+        bindings: &[Vec<NamedBinding<'_>>],
+    ) {
+        let variant = batch.variant;
+        let (program, constants) = (self.program, self.constants(variant));
+        let pipeline = self.fragment.entry(variant).or_insert_with(|| {
+            gpu.render_pipeline(&RenderPipelineDesc {
+                program,
+                vertex: "vertex",
+                fragment: Some(variant.fragment_entry_point()),
+                buffers: &[],
+                targets: &variant.formats(),
+                depth: None,
+                primitive: wgpu::PrimitiveState::default(),
+                constants: &constants,
+            })
+        });
+        let attachments = batch.attachments(variant);
+        let mut pass = commands.render(self.name, &attachments, None);
+        for (draw, bindings) in batch.pieces.iter().zip(bindings) {
+            let [x, y] = draw.piece.fine_target();
+            let [width, height] = draw.piece.fine_size();
+            pass.viewport(x, y, width, height);
+            let mut call = pass.draw(pipeline).read("view", &draw.view);
+            for binding in bindings {
+                call = match binding.writes {
+                    true => call.write(binding.name, binding.resource),
+                    false => call.read(binding.name, binding.resource),
+                };
+            }
+            call.vertices(0..3, 0..1);
+        }
+    }
+
+    fn record_compute(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        batch: &DrawBatch<'_>,
+        bindings: &[Vec<NamedBinding<'_>>],
+    ) {
+        let variant = batch.variant.of_compute();
+        let (program, constants) = (self.program, self.constants(variant));
+        let pipeline = self
+            .compute
+            .entry(variant)
+            .or_insert_with(|| gpu.compute_pipeline_with(program, "write_compute", &constants));
+        let storage = batch.storage();
+        let mut pass = commands.compute_pass(self.name);
+        for (draw, bindings) in batch.pieces.iter().zip(bindings) {
+            let call = pass.call(pipeline).read("view", &draw.view);
+            let call = bindings.iter().chain(&storage).fold(call, |call, binding| binding.bind(call));
+            let [width, height] = draw.piece.fine_size();
+            call.dispatch_threads([width, height, 1]);
+        }
+    }
+}
