@@ -3,27 +3,30 @@
 mod mapped;
 mod mirrored;
 mod rays;
+mod tile_loop;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
+use argus_gpu::{Gpu, GpuError, wgpu};
+use argus_scene::camera::Face;
 use argus_scene::frame::INDIRECT_BY;
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
     Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, Stage, ViewJob,
     Visibility,
 };
-use argus_shaders::layout::sampler::Rays;
+use bytes::Bytes;
 use glam::DVec3;
 use tracing::warn;
 
-use self::mirrored::{Look, Looks};
+use self::mirrored::Looks;
+use self::tile_loop::{JobScene, Output, Part, add_light, check_wanted, wait};
 use crate::eye::Eye;
-use crate::indirect::{IndirectLight, Spreading, ToLight};
+use crate::indirect::{IndirectLight, ToLight};
 use crate::omni_maps::OmniMaps;
 use crate::passes::{PlaneBuffers, ResolveView, TileContext};
-use crate::pixels::{Listing, listings};
+use crate::pixels::listings;
 use crate::plan::{PassPlan, plan};
 use crate::point_based::PointReport;
 use crate::radiosity::IndirectReport;
@@ -32,7 +35,7 @@ use crate::scratch::{Extras, Scratch};
 use crate::seeing::Seeing;
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
-use crate::{Indirect, SamplerKnobs, timing};
+use crate::{Indirect, SamplerKnobs};
 
 /// Sub-samples of a part of a sample whose rays the CPU follows: some 20 ms of a core, with their shading by a software
 /// driver.
@@ -134,8 +137,7 @@ impl GpuSampler {
         job.ids.iter().map(next).map(|sample| sample.unwrap_or_else(missing)).collect()
     }
 
-    /// One sample: per tile, find what is visible, shade the dominant surface of each texel, store it. Where nobody waits for it,
-    /// each tile is done before the next one begins, and others get a turn in between.
+    /// Renders one sample. With `give_way`, other work runs between its tiles.
     fn render_sample(
         &mut self,
         job: &SampleJob,
@@ -143,56 +145,39 @@ impl GpuSampler {
         cancel: &Cancel,
         give_way: &mut Option<GiveWay<'_>>,
     ) -> Result<Sample, RenderError> {
-        let mut begin = Instant::now();
         self.check_job(job)?;
+        let SampleSetInfo { ref lighting, reflections, visibility, .. } = *job.info;
         let camera = job.info.camera(id.index)?;
         let mut tiles = sample_tiles(&camera, self.knobs.side())?;
-        let mut stages = self.pose(job.info.time_secs());
-        stages.extend(self.light(&job.info.lighting, job.info.time_secs())?);
-        stages.extend(self.mirror(job.info.reflections, &job.info.lighting, job.info.time_secs(), cancel)?);
-        let mut eye = self.eye(camera.center(), &job.info.lighting)?;
-        let way = self.ready(job.info.visibility);
-        // Rays cost the same in parts, which a rasteriser has all triangles to look at for. Indirect light at points is
-        // spread within a tile. All samples are rendered so, whether or not anybody waits: their bytes are the same.
-        if way == Visibility::Cpu && self.indirect.is_none() {
+        let job_scene = JobScene {
+            position: camera.center(),
+            time_secs: job.info.time_secs(),
+            lighting: Some(lighting),
+            reflections,
+            visibility,
+            is_shaded: true,
+        };
+        let mut scene = self.make_ready(job_scene, cancel)?;
+        // Rays cost the same in bands; the rasteriser would process all triangles for each band. Point-based light is shared
+        // within a tile. All samples are cut alike, with and without `give_way`, so that their bytes are equal.
+        if scene.way == Visibility::Cpu && self.indirect.is_none() {
             tiles = tiles.into_iter().flat_map(|tile| tile.bands(PART)).collect();
         }
-        let resolve = self.looks.of(job.info.reflections).resolve;
-        let planes = resolve.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
-
-        let mut under_way: Vec<Submitted> = Vec::new();
-        for tile in &tiles {
-            check_wanted(cancel)?;
-            let Look { shade_sample, resolve, mirrored, .. } = self.looks.of(job.info.reflections);
-            let mut commands = self.gpu.commands("render sample");
-            let reflectors = job.info.reflections.is_some();
-            let texels = tile.of_texels();
-            let extras = Extras { gloss: self.glossy, reflectors, guides: self.indirect.is_some() };
-            let context = TileContext::new(&self.gpu, &self.resident, &eye, tile, &mut self.scratch, extras);
-            self.seeing.see(&mut commands, &context, way, &mut stages)?;
-            let context = context.of_texels(&texels);
-            shade_sample.record(&mut commands, &context, mirrored);
-            let spreading = Spreading::Texels { side: tile.side };
-            let mut commands = add_light(&mut self.indirect, commands, &context, spreading, &mut stages)?;
-            resolve.record(&mut commands, &context, &self.knobs, &planes);
-            under_way.push(commands.submit());
+        let planes =
+            self.looks.of(reflections).resolve.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
+        let mut submitted = Vec::new();
+        let (parts, output) = (Part::of_tiles(tiles), Output::Texels(&planes));
+        self.render_parts(&mut scene, &parts, output, cancel, |sampler, scene, part| {
+            submitted.push(part.submitted);
             if let Some(give_way) = give_way {
-                wait(&mut under_way, &mut stages)?;
-                let began = Instant::now();
-                give_way(self);
-                if self.animated {
-                    // Others may have looked at another time.
-                    self.pose(job.info.time_secs());
-                    eye = self.eye(camera.center(), &job.info.lighting)?;
-                }
-                begin += began.elapsed();
+                wait(&mut submitted, &mut scene.stages)?;
+                sampler.run_between(scene, give_way)?;
             }
-        }
-        wait(&mut under_way, &mut stages)?;
-
+            Ok(())
+        })?;
+        wait(&mut submitted, &mut scene.stages)?;
         let planes = self.hand_over(&planes, camera.size(), job.to_host)?;
-        timing::add_rest(&mut stages, begin);
-        Ok(Sample { id, camera, planes, stages })
+        Ok(Sample { id, camera, planes, stages: scene.into_stages() })
     }
 
     /// Whether samples of a set can be rendered here.
@@ -227,71 +212,71 @@ impl GpuSampler {
         Ok(tickets.into_iter().map(host).collect())
     }
 
-    /// One direct view: per tile, find what is visible, shade it, average each pixel; and once more with one
-    /// ray a pixel where ranges are asked for.
+    /// Renders one direct view. Range has one ray a pixel, through the pixel's centre.
     fn render_view(&mut self, view: &ViewJob, cancel: &Cancel) -> Result<Frame, RenderError> {
-        let begin = Instant::now();
-        self.check_alive()?;
         let side = grid_side(&view.plan)?;
-        if view.width == 0 || view.height == 0 {
-            return Err(InvalidField::new("width", "width and height must be at least 1").into());
-        }
-        let (width, height) = (view.width, view.height);
-        let faces = SampleCamera::Perspective { camera: view.camera, width, height }.faces();
-        let mut stages = self.pose(view.time_secs);
-        let lighting = self.lighting.clone();
-        if view.outputs.color {
-            stages.extend(self.light(&lighting, view.time_secs)?);
-            stages.extend(self.mirror(view.reflections, &lighting, view.time_secs, cancel)?);
-        }
-        let eye = self.eye(view.camera.eye, &lighting)?;
-
-        let color_tiles = tiles(&faces, side);
-        let way = self.ready(view.visibility);
-        let Look { shade, mirrored, .. } = self.looks.of(view.reflections);
-        let mut parts = ViewParts::default();
-        if view.outputs.color {
-            let mut image = Image::new([width, height], 3);
-            for tile in color_tiles {
-                check_wanted(cancel)?;
-                let mut commands = self.gpu.commands("render view");
-                let extras = Extras { guides: self.indirect.is_some(), ..Extras::default() };
-                let context =
-                    TileContext::new(&self.gpu, &self.resident, &eye, &tile, &mut self.scratch, extras);
-                self.seeing.see(&mut commands, &context, way, &mut stages)?;
-                shade.record(&mut commands, &context, mirrored);
-                let mut commands =
-                    add_light(&mut self.indirect, commands, &context, Spreading::Image, &mut stages)?;
-                let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
-                image.finish(&tile, commands, ticket, &mut stages)?;
+        let size = checked_size(view.width, view.height)?;
+        let faces = faces_of(view.camera, size);
+        let job_scene = JobScene {
+            position: view.camera.eye,
+            time_secs: view.time_secs,
+            lighting: None,
+            reflections: view.reflections,
+            visibility: view.visibility,
+            is_shaded: view.outputs.color,
+        };
+        let mut scene = self.make_ready(job_scene, cancel)?;
+        let mut image = |wanted: bool, side, output, pixel_bytes| -> Result<_, RenderError> {
+            if !wanted {
+                return Ok(None);
             }
-            parts.color = Some(image.into_bytes());
-        }
-        if view.outputs.range {
-            let mut image = Image::new([width, height], 4);
-            for tile in tiles(&faces, 1) {
-                check_wanted(cancel)?;
-                let mut commands = self.gpu.commands("render range");
-                let context = TileContext::new(
-                    &self.gpu,
-                    &self.resident,
-                    &eye,
-                    &tile,
-                    &mut self.scratch,
-                    Extras::default(),
-                );
-                self.seeing.see(&mut commands, &context, way, &mut stages)?;
-                let ticket = self.resolve_view.record_range(&mut commands, &context);
-                image.finish(&tile, commands, ticket, &mut stages)?;
-            }
-            parts.range = Some(image.into_bytes());
-        }
-        timing::add_rest(&mut stages, begin);
-        let mut device = self.device_seeing_by(way);
+            let mut image = Image::new(size, pixel_bytes);
+            let parts = Part::of_tiles(tiles(&faces, side));
+            self.render_image(&mut scene, &parts, output, cancel, |part, pixels| {
+                image.place(part.tile(), pixels);
+            })?;
+            Ok(Some(image.into_bytes()))
+        };
+        let color = image(view.outputs.color, side, Output::Color, 3)?;
+        let range = image(view.outputs.range, 1, Output::Range, 4)?;
+        let mut device = self.device_seeing_by(scene.way);
         if let Some(maps) = view.reflections {
             device = maps.knobs.on_device(&device);
         }
-        Ok(frame(view, &self.scene, &device, parts, stages))
+        Ok(frame(view, &self.scene, &device, ViewParts { color, range }, scene.into_stages()))
+    }
+
+    /// Renders some pixels of a direct view. They are traced and shaded as a list, so that the cost is that of the list.
+    fn render_list(&mut self, job: &PixelJob, cancel: &Cancel) -> Result<Pixels, RenderError> {
+        let side = grid_side(&Plan::Direct { samples_per_pixel: job.samples_per_pixel })?;
+        let faces = faces_of(job.camera, checked_size(job.width, job.height)?);
+        let job_scene = JobScene {
+            position: job.camera.eye,
+            time_secs: job.time_secs,
+            lighting: None,
+            reflections: job.reflections,
+            // Lists are traced on the CPU.
+            visibility: Visibility::Cpu,
+            is_shaded: true,
+        };
+        let mut scene = self.make_ready(job_scene, cancel)?;
+        let mut image = |side, output, pixel_bytes| -> Result<Bytes, RenderError> {
+            let mut image = vec![0; job.pixels.len() * pixel_bytes];
+            for face in &faces {
+                let parts: Vec<Part> =
+                    listings(face, side, &job.pixels)?.into_iter().map(Part::Pixels).collect();
+                self.render_image(&mut scene, &parts, output, cancel, |part, pixels| {
+                    let Part::Pixels(listing) = part else { return };
+                    for (&asked, pixel) in listing.asked.iter().zip(pixels.chunks_exact(pixel_bytes)) {
+                        let at = asked as usize * pixel_bytes;
+                        image[at..at + pixel_bytes].copy_from_slice(pixel);
+                    }
+                })?;
+            }
+            Ok(image.into())
+        };
+        let (color, range) = (image(side, Output::Color, 3)?, image(1, Output::Range, 4)?);
+        Ok(Pixels { color, range, stages: scene.into_stages() })
     }
 
     /// Puts everything where it is at a time; what that cost, if it was elsewhere. A scene that stands still is never
@@ -432,61 +417,6 @@ impl GpuSampler {
         Ok((ids, took))
     }
 
-    /// Some pixels of a direct view: traced, and shaded as a list, so that they cost as many as they are.
-    fn render_list(&mut self, job: &PixelJob, cancel: &Cancel) -> Result<Pixels, RenderError> {
-        let begin = Instant::now();
-        self.check_alive()?;
-        let side = grid_side(&Plan::Direct { samples_per_pixel: job.samples_per_pixel })?;
-        let (width, height) = (job.width, job.height);
-        if width == 0 || height == 0 {
-            return Err(InvalidField::new("width", "width and height must be at least 1").into());
-        }
-        let mut stages = self.pose(job.time_secs);
-        self.seeing.ready_packets(&self.resident);
-        let faces = SampleCamera::Perspective { camera: job.camera, width, height }.faces();
-        let lighting = self.lighting.clone();
-        stages.extend(self.light(&lighting, job.time_secs)?);
-        stages.extend(self.mirror(job.reflections, &lighting, job.time_secs, cancel)?);
-        let eye = self.eye(job.camera.eye, &lighting)?;
-        let Look { shade, mirrored, .. } = self.looks.of(job.reflections);
-        let mut color = vec![0; job.pixels.len() * 3];
-        let mut range = vec![0; job.pixels.len() * 4];
-        for (side, images) in [(side, true), (1, false)] {
-            for listing in faces
-                .iter()
-                .map(|face| listings(face, side, &job.pixels))
-                .collect::<Result<Vec<_>, _>>()?
-                .iter()
-                .flatten()
-            {
-                check_wanted(cancel)?;
-                let mut commands = self.gpu.commands("render pixels");
-                let extras = Extras { guides: images && self.indirect.is_some(), ..Extras::default() };
-                let context =
-                    list_context(&self.gpu, &self.resident, &eye, listing, &mut self.scratch, extras);
-                self.seeing.see_list(&context, listing, &mut stages)?;
-                let (ticket, out, bytes) = if images {
-                    shade.record(&mut commands, &context, mirrored);
-                    commands =
-                        add_light(&mut self.indirect, commands, &context, Spreading::Pixels, &mut stages)?;
-                    let ticket = self.resolve_view.record_color(&mut commands, &context, lighting.exposure);
-                    (ticket, &mut color, 3)
-                } else {
-                    (self.resolve_view.record_range(&mut commands, &context), &mut range, 4)
-                };
-                let mut finished = commands.submit().wait()?;
-                timing::add(&mut stages, std::mem::take(&mut finished.stages));
-                let found = finished.take(ticket);
-                for (&asked, texel) in listing.asked.iter().zip(found.chunks_exact(bytes)) {
-                    let at = asked as usize * bytes;
-                    out[at..at + bytes].copy_from_slice(texel);
-                }
-            }
-        }
-        timing::add_rest(&mut stages, begin);
-        Ok(Pixels { color: color.into(), range: range.into(), stages })
-    }
-
     fn eye(&self, position: DVec3, lighting: &Lighting) -> Result<Eye, RenderError> {
         Eye::new(&self.gpu, &self.resident, position, lighting)
     }
@@ -539,47 +469,20 @@ impl Sampler for GpuSampler {
     }
 }
 
-/// A list of a tile's pixels as an image of its own: the tile's rays, for an image of the list's size.
-fn list_context<'a>(
-    gpu: &'a Arc<Gpu>,
-    resident: &'a Resident,
-    eye: &'a Eye,
-    listing: &'a Listing,
-    scratch: &mut Scratch,
-    extras: Extras,
-) -> TileContext<'a> {
-    let [width, height] = listing.compact.sub_samples();
-    let rays = Rays { width, height, ..listing.tile.rays() };
-    let rays = gpu.upload("rays", &[rays], wgpu::BufferUsages::UNIFORM);
-    let places = gpu.upload("places", &listing.words(), wgpu::BufferUsages::STORAGE);
-    let context = TileContext::new(gpu, resident, eye, &listing.compact, scratch, extras);
-    TileContext { rays, places: Some(places), ..context }
-}
-
-/// Adds a tile's indirect light, if there is any.
-fn add_light(
-    indirect: &mut Option<IndirectLight>,
-    commands: Commands,
-    context: &TileContext<'_>,
-    spreading: Spreading,
-    stages: &mut Vec<Stage>,
-) -> Result<Commands, RenderError> {
-    match indirect {
-        Some(light) => light.add(commands, context, spreading, stages),
-        None => Ok(commands),
+/// The size of an image, columns and rows.
+///
+/// # Errors
+/// A size without pixels.
+fn checked_size(width: u32, height: u32) -> Result<[u32; 2], InvalidField> {
+    match width == 0 || height == 0 {
+        true => Err(InvalidField::new("width", "width and height must be at least 1")),
+        false => Ok([width, height]),
     }
 }
 
-/// Waits for what is under way; how long its stages took.
-fn wait(under_way: &mut Vec<Submitted>, stages: &mut Vec<Stage>) -> Result<(), RenderError> {
-    for submitted in under_way.drain(..) {
-        timing::add(stages, submitted.wait()?.stages);
-    }
-    Ok(())
-}
-
-fn check_wanted(cancel: &Cancel) -> Result<(), RenderError> {
-    if cancel.is_cancelled() { Err(RenderError::Cancelled) } else { Ok(()) }
+/// A view's camera as the faces of a sample camera.
+fn faces_of(camera: Camera, [width, height]: [u32; 2]) -> Vec<Face> {
+    SampleCamera::Perspective { camera, width, height }.faces()
 }
 
 /// The tiles of a sample camera.

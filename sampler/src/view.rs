@@ -1,11 +1,9 @@
 //! Frames of direct views, put together from tiles.
 
-use argus_gpu::{Commands, GpuError, Ticket};
 use argus_scene::{Frame, InvalidField, Outputs, Plan, Provenance, Scene, Served, Stage, ViewJob};
 use bytes::Bytes;
 
 use crate::tile::Tile;
-use crate::timing;
 
 /// Most sub-samples along a side of a pixel.
 const MAX_SIDE: u32 = 8;
@@ -41,22 +39,8 @@ impl Image {
         Self { size, pixel_bytes, bytes: Bytes::new(), joined: Vec::new() }
     }
 
-    /// Submits the commands that render a tile, waits for them and takes the pixels.
-    pub(crate) fn finish(
-        &mut self,
-        tile: &Tile,
-        commands: Commands,
-        pixels: Ticket,
-        stages: &mut Vec<Stage>,
-    ) -> Result<(), GpuError> {
-        let mut finished = commands.submit().wait()?;
-        timing::add(stages, std::mem::take(&mut finished.stages));
-        self.place(tile, finished.take(pixels));
-        Ok(())
-    }
-
-    /// Takes a tile's pixels, rows tightly packed; bytes beyond the last are ignored.
-    fn place(&mut self, tile: &Tile, mut pixels: Bytes) {
+    /// Takes the pixels of a tile, rows tightly packed. Bytes beyond the last pixel are ignored.
+    pub(crate) fn place(&mut self, tile: &Tile, mut pixels: Bytes) {
         let row = tile.size[0] as usize * self.pixel_bytes;
         if tile.size == self.size {
             pixels.truncate(row * tile.size[1] as usize);

@@ -1,0 +1,283 @@
+//! What the three render functions share: a scene made ready for a job, and the loop over the job's tiles.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use argus_gpu::{Commands, Gpu, Submitted, Ticket, wgpu};
+use argus_scene::{Cancel, Lighting, RenderError, Stage, Surroundings, Visibility};
+use argus_shaders::layout::sampler::Rays;
+use bytes::Bytes;
+use glam::DVec3;
+
+use super::mirrored::Look;
+use super::{GiveWay, GpuSampler};
+use crate::eye::Eye;
+use crate::indirect::{IndirectLight, Spreading};
+use crate::passes::{PlaneBuffers, TileContext};
+use crate::pixels::Listing;
+use crate::resident::Resident;
+use crate::scratch::{Extras, Scratch};
+use crate::tile::Tile;
+use crate::timing;
+
+/// What a job needs of the scene.
+pub(super) struct JobScene<'a> {
+    /// Centre of the camera, metres, world space.
+    pub(super) position: DVec3,
+    pub(super) time_secs: f64,
+    /// `None` for the scene's own lighting at that time.
+    pub(super) lighting: Option<&'a Lighting>,
+    pub(super) reflections: Option<Surroundings>,
+    pub(super) visibility: Visibility,
+    /// Whether surfaces are shaded; otherwise neither indirect light nor reflection probes are made.
+    pub(super) is_shaded: bool,
+}
+
+/// A scene that is ready for a job: posed, lit and uploaded about the job's camera.
+pub(super) struct ReadyScene {
+    begin: Instant,
+    pub(super) time_secs: f64,
+    pub(super) lighting: Lighting,
+    pub(super) reflections: Option<Surroundings>,
+    pub(super) eye: Eye,
+    pub(super) way: Visibility,
+    /// Times of the job's stages so far.
+    pub(super) stages: Vec<Stage>,
+}
+
+impl ReadyScene {
+    /// Times of all stages. The time that no stage accounts for is a stage of its own.
+    pub(super) fn into_stages(mut self) -> Vec<Stage> {
+        timing::add_rest(&mut self.stages, self.begin);
+        self.stages
+    }
+}
+
+/// What is rendered in one submission.
+pub(super) enum Part {
+    /// All pixels of a tile.
+    Tile(Tile),
+    /// Some pixels of a tile.
+    Pixels(Listing),
+}
+
+impl Part {
+    /// Each tile as a part.
+    pub(super) fn of_tiles(tiles: Vec<Tile>) -> Vec<Self> {
+        tiles.into_iter().map(Self::Tile).collect()
+    }
+
+    /// The tile, or the tile that the pixels lie in.
+    pub(super) fn tile(&self) -> &Tile {
+        match self {
+            Self::Tile(tile) => tile,
+            Self::Pixels(listing) => &listing.tile,
+        }
+    }
+
+    fn context<'a>(
+        &'a self,
+        gpu: &'a Arc<Gpu>,
+        resident: &'a Resident,
+        eye: &'a Eye,
+        scratch: &mut Scratch,
+        extras: Extras,
+    ) -> TileContext<'a> {
+        match self {
+            Self::Tile(tile) => TileContext::new(gpu, resident, eye, tile, scratch, extras),
+            // The listed pixels are an image of their own, with the rays of the tile.
+            Self::Pixels(listing) => {
+                let [width, height] = listing.compact.sub_samples();
+                let rays = Rays { width, height, ..listing.tile.rays() };
+                let rays = gpu.upload("rays", &[rays], wgpu::BufferUsages::UNIFORM);
+                let places = gpu.upload("places", &listing.words(), wgpu::BufferUsages::STORAGE);
+                let context = TileContext::new(gpu, resident, eye, &listing.compact, scratch, extras);
+                TileContext { rays, places: Some(places), ..context }
+            }
+        }
+    }
+}
+
+/// What the passes of a tile end in.
+#[derive(Clone, Copy)]
+pub(super) enum Output<'a> {
+    /// Texels of a sample, stored in its planes.
+    Texels(&'a PlaneBuffers),
+    /// Three sRGB bytes a pixel.
+    Color,
+    /// Metres, an f32 a pixel.
+    Range,
+}
+
+/// A part that was submitted.
+pub(super) struct RenderedPart {
+    pub(super) submitted: Submitted,
+    pixels: Option<Ticket>,
+}
+
+impl GpuSampler {
+    /// Makes the scene ready for a job: pose, indirect light, reflection probes, visibility backend, uploads.
+    ///
+    /// # Errors
+    /// [`RenderError::Cancelled`], or the errors of the device.
+    pub(super) fn make_ready(
+        &mut self,
+        job: JobScene<'_>,
+        cancel: &Cancel,
+    ) -> Result<ReadyScene, RenderError> {
+        let begin = Instant::now();
+        self.check_alive()?;
+        let JobScene { position, time_secs, lighting, reflections, visibility, is_shaded } = job;
+        let mut stages = self.pose(time_secs);
+        let lighting = lighting.unwrap_or(&self.lighting).clone();
+        if is_shaded {
+            stages.extend(self.light(&lighting, time_secs)?);
+            stages.extend(self.mirror(reflections, &lighting, time_secs, cancel)?);
+        }
+        let eye = self.eye(position, &lighting)?;
+        let way = self.ready(visibility);
+        Ok(ReadyScene { begin, time_secs, lighting, reflections, eye, way, stages })
+    }
+
+    /// Renders parts one after another. `take` gets each part once it is submitted.
+    ///
+    /// # Errors
+    /// [`RenderError::Cancelled`], the errors of the device, and those of `take`.
+    pub(super) fn render_parts(
+        &mut self,
+        scene: &mut ReadyScene,
+        parts: &[Part],
+        output: Output<'_>,
+        cancel: &Cancel,
+        mut take: impl FnMut(&mut Self, &mut ReadyScene, RenderedPart) -> Result<(), RenderError>,
+    ) -> Result<(), RenderError> {
+        for part in parts {
+            check_wanted(cancel)?;
+            let rendered = self.render_part(scene, part, output)?;
+            take(self, scene, rendered)?;
+        }
+        Ok(())
+    }
+
+    /// Renders parts of an image one after another. `place` gets the pixels of each, rows tightly packed.
+    ///
+    /// # Errors
+    /// The errors of [`GpuSampler::render_parts`].
+    pub(super) fn render_image(
+        &mut self,
+        scene: &mut ReadyScene,
+        parts: &[Part],
+        output: Output<'_>,
+        cancel: &Cancel,
+        mut place: impl FnMut(&Part, Bytes),
+    ) -> Result<(), RenderError> {
+        let mut done = parts.iter();
+        self.render_parts(scene, parts, output, cancel, |_, scene, rendered| {
+            let mut finished = rendered.submitted.wait()?;
+            timing::add(&mut scene.stages, std::mem::take(&mut finished.stages));
+            if let (Some(part), Some(pixels)) = (done.next(), rendered.pixels) {
+                place(part, finished.take(pixels));
+            }
+            Ok(())
+        })
+    }
+
+    /// Renders one part: what it sees, the shading of that, the resolve.
+    fn render_part(
+        &mut self,
+        scene: &mut ReadyScene,
+        part: &Part,
+        output: Output<'_>,
+    ) -> Result<RenderedPart, RenderError> {
+        let ReadyScene { eye, way, stages, lighting, reflections, .. } = scene;
+        let Look { shade, shade_sample, resolve, mirrored } = self.looks.of(*reflections);
+        let (label, extras) = match output {
+            Output::Texels(_) => {
+                let (gloss, reflectors) = (self.glossy, reflections.is_some());
+                ("render sample", Extras { gloss, reflectors, guides: self.indirect.is_some() })
+            }
+            Output::Color => {
+                ("render colour", Extras { guides: self.indirect.is_some(), ..Extras::default() })
+            }
+            Output::Range => ("render range", Extras::default()),
+        };
+        let mut commands = self.gpu.commands(label);
+        let texels;
+        let context = part.context(&self.gpu, &self.resident, eye, &mut self.scratch, extras);
+        let spreading = match part {
+            Part::Tile(_) => {
+                self.seeing.see(&mut commands, &context, *way, stages)?;
+                Spreading::Image
+            }
+            Part::Pixels(listing) => {
+                self.seeing.see_list(&context, listing, stages)?;
+                Spreading::Pixels
+            }
+        };
+        let mut pixels = None;
+        match output {
+            Output::Texels(planes) => {
+                let spreading = Spreading::Texels { side: context.tile.side };
+                texels = context.tile.of_texels();
+                let context = context.of_texels(&texels);
+                shade_sample.record(&mut commands, &context, mirrored);
+                commands = add_light(&mut self.indirect, commands, &context, spreading, stages)?;
+                resolve.record(&mut commands, &context, &self.knobs, planes);
+            }
+            Output::Color => {
+                shade.record(&mut commands, &context, mirrored);
+                commands = add_light(&mut self.indirect, commands, &context, spreading, stages)?;
+                pixels = Some(self.resolve_view.record_color(&mut commands, &context, lighting.exposure));
+            }
+            Output::Range => pixels = Some(self.resolve_view.record_range(&mut commands, &context)),
+        }
+        Ok(RenderedPart { submitted: commands.submit(), pixels })
+    }
+
+    /// Runs other work between two parts of a job. Its time is none of the job's.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub(super) fn run_between(
+        &mut self,
+        scene: &mut ReadyScene,
+        give_way: GiveWay<'_>,
+    ) -> Result<(), RenderError> {
+        let began = Instant::now();
+        give_way(self);
+        if self.animated {
+            // The other work may have posed the scene at another time.
+            self.pose(scene.time_secs);
+            scene.eye = self.eye(scene.eye.position, &scene.lighting)?;
+        }
+        scene.begin += began.elapsed();
+        Ok(())
+    }
+}
+
+/// Adds a tile's indirect light, if there is any. Returns the commands that later passes are recorded into.
+pub(super) fn add_light(
+    indirect: &mut Option<IndirectLight>,
+    commands: Commands,
+    context: &TileContext<'_>,
+    spreading: Spreading,
+    stages: &mut Vec<Stage>,
+) -> Result<Commands, RenderError> {
+    match indirect {
+        Some(light) => light.add(commands, context, spreading, stages),
+        None => Ok(commands),
+    }
+}
+
+/// Waits for submissions and adds the times of their stages.
+pub(super) fn wait(submitted: &mut Vec<Submitted>, stages: &mut Vec<Stage>) -> Result<(), RenderError> {
+    for submitted in submitted.drain(..) {
+        timing::add(stages, submitted.wait()?.stages);
+    }
+    Ok(())
+}
+
+/// Fails once a job is cancelled.
+pub(super) fn check_wanted(cancel: &Cancel) -> Result<(), RenderError> {
+    if cancel.is_cancelled() { Err(RenderError::Cancelled) } else { Ok(()) }
+}
