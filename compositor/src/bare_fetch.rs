@@ -9,7 +9,7 @@ use crate::GpuCompositor;
 use crate::batch::Batch;
 use crate::compositor::ChunkWork;
 use crate::draw_batch::{DrawBatch, SharedBindings, Variant};
-use crate::knobs::Twin;
+use crate::knobs::SearchBackend;
 use crate::layout::Chunk;
 
 /// Composes batches without any reconstruction, for studies. The frames are meaningless.
@@ -51,13 +51,13 @@ impl BareFetch {
     ) -> Result<Vec<Stage>, RenderError> {
         let work = compositor.begin_chunk(chunk, batch);
         let ChunkWork { inputs, targets, .. } = &work;
-        let GpuCompositor { gpu, holdings, fixed, resolve, .. } = compositor;
-        let shared = &SharedBindings::new(holdings, fixed, inputs, chunk, batch)?;
+        let GpuCompositor { gpu, sample_store, fixed, resolve, .. } = compositor;
+        let shared = &SharedBindings::new(sample_store, fixed, inputs, chunk, batch)?;
         let mut commands = gpu.commands("fetch colours");
         for (&(_, variant), pieces) in &inputs.draws {
             let pieces = &inputs.pieces(pieces, chunk, batch);
-            let twin = Twin::Fragment;
-            let draws = &DrawBatch { variant, twin, shared, splat: &inputs.splat, pieces, targets };
+            let search_backend = SearchBackend::Fragment;
+            let draws = &DrawBatch { variant, search_backend, shared, splat: &inputs.splat, pieces, targets };
             self.record(gpu, &mut commands, draws)?;
         }
         resolve.record(&mut commands, chunk, batch, targets);

@@ -7,7 +7,7 @@ use argus_scene::{Frame, Provenance, RenderError, Stage, ViewJob};
 
 use crate::frames::{ChunkImages, FrameAssembly};
 use crate::knobs::CompositorKnobs;
-use crate::layout::{Chunk, Extent, Piece, chunks};
+use crate::layout::{Chunk, Piece, ViewExtent, chunks};
 use crate::prepare::PreparedView;
 
 /// The views of a batch that can be composed, and the errors of the others.
@@ -67,9 +67,9 @@ impl<'a> Batch<'a> {
         let extent = |view: &PreparedView| {
             let ViewJob { width, height, .. } = self.jobs[view.job];
             let surroundings = view.surroundings.as_ref().map(|(id, _)| *id);
-            Extent { width, height, side: view.side, pool: view.pool, surroundings }
+            ViewExtent { width, height, side: view.side, pool: view.pool, surroundings }
         };
-        let extents: Vec<Extent> = self.views.iter().map(extent).collect();
+        let extents: Vec<ViewExtent> = self.views.iter().map(extent).collect();
         chunks(&extents, knobs)
     }
 
@@ -113,7 +113,7 @@ impl<'a> Batch<'a> {
                     generation: first.info.generation,
                     plan: self.jobs[view.job].plan.clone(),
                     device: first.info.device(device),
-                    history: view.recalled.is_ok(),
+                    history: view.reprojection.is_ok(),
                 };
                 frames.insert(view.job, assembly.finish(provenance, self.stages.clone()));
             }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use argus_gpu::wgpu::BufferUsages;
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::{RenderError, Search, ViewJob};
-use argus_shaders::layout::compositor::{Fill, Recall, ViewUniform};
+use argus_shaders::layout::compositor::{Fill, Reproject, ViewUniform};
 use argus_shaders::layout::shared::Light;
 use bytemuck::Zeroable as _;
 
@@ -14,9 +14,9 @@ use crate::batch::Batch;
 use crate::draw_batch::{PieceDraw, SplatBuffers, Variant};
 use crate::layout::{Chunk, Piece};
 use crate::lights::light_about;
-use crate::passes::mend::COUNTS;
+use crate::passes::mend::COUNTER_WORDS;
 use crate::passes::splat::SplatCall;
-use crate::prepare::{First, PreparedView};
+use crate::prepare::{ChunkOffsets, PreparedView};
 use crate::targets::{ChunkOutputs, TargetPool};
 
 /// Everything that the passes of a chunk read.
@@ -30,7 +30,7 @@ pub(crate) struct ChunkInputs {
     cell_bytes: u64,
     pub(crate) splats: Vec<SplatCall>,
     /// Pieces that start from an earlier frame.
-    pub(crate) recalls: Vec<Recall>,
+    pub(crate) reprojects: Vec<Reproject>,
     /// Pixels of those frames.
     pub(crate) words: wgpu::Buffer,
     /// By index of the piece, for searches that splat.
@@ -50,10 +50,10 @@ impl ChunkInputs {
     pub(crate) fn upload(gpu: &Gpu, pool: &mut TargetPool, chunk: &Chunk, batch: &Batch<'_>) -> Self {
         let mut uniforms: Vec<ViewUniform> = Vec::with_capacity(chunk.pieces.len());
         let (mut lights, mut blocks, mut words) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut splats, mut recalls, mut fills) = (Vec::new(), Vec::new(), BTreeMap::new());
+        let (mut splats, mut reprojects, mut fills) = (Vec::new(), Vec::new(), BTreeMap::new());
         let mut draws: BTreeMap<(Search, Variant), Vec<usize>> = BTreeMap::new();
         let mut outputs = ChunkOutputs::default();
-        let mut first = First::default();
+        let mut first = ChunkOffsets::default();
         for (i, piece) in chunk.pieces.iter().enumerate() {
             let (view, job) = (batch.view(piece), batch.job(piece));
             (first.piece, first.light) = (i as u32, lights.len() as u32);
@@ -64,10 +64,11 @@ impl ChunkInputs {
             }
             if view.splats_first() {
                 splats.append(&mut view.splats(piece, first.cell, &mut blocks));
-                recalls.extend(view.recall(piece, first.cell, &mut words));
+                reprojects.extend(view.reproject(piece, first.cell, &mut words));
                 fills.insert(i, view.fill(piece, first.cell));
                 first.cell += view.cell_count(piece);
-                first.unsettled += piece.part.width * piece.part.height * piece.side * piece.side + COUNTS;
+                first.unsettled +=
+                    piece.part.width * piece.part.height * piece.side * piece.side + COUNTER_WORDS;
             }
             outputs.range |= job.outputs.range;
             outputs.confidence |= job.outputs.confidence;
@@ -93,7 +94,7 @@ impl ChunkInputs {
             depths: scratch("depths", cell_bytes),
             unsettled: scratch("unsettled", u64::from(first.unsettled) * 4),
         };
-        Self { views, lights, blocks, splat, cell_bytes, splats, recalls, words, fills, draws, outputs }
+        Self { views, lights, blocks, splat, cell_bytes, splats, reprojects, words, fills, draws, outputs }
     }
 
     /// Whether a search of the chunk starts from splatted depths.

@@ -7,57 +7,57 @@ use std::time::Instant;
 use argus_gpu::{Commands, Gpu, Surroundings, wgpu};
 use argus_scene::{Cancel, Compositor, Frame, RenderError, SampleId, SampleSet, Search, Stage, ViewJob};
 
+use crate::autotune::Autotune;
 use crate::batch::{Batch, milliseconds};
 use crate::chunk::{ChunkInputs, Pauses};
 use crate::draw_batch::{DrawBatch, FixedBindings, SharedBindings};
-use crate::holdings::Holdings;
-use crate::intake::Tools;
-use crate::knobs::{CompositorKnobs, Twin};
+use crate::knobs::{CompositorKnobs, SearchBackend};
 use crate::layout::Chunk;
+use crate::pass_plan::{PassPlan, pass_plan};
 use crate::passes::bounds::BoundsPass;
-use crate::passes::clear::ClearPass;
+use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::passes::fill::FillPass;
 use crate::passes::fixed_point::FixedPointPass;
-use crate::passes::halve::HalvePass;
 use crate::passes::highlight::HighlightPass;
 use crate::passes::linear::LinearPass;
 use crate::passes::mend::MendPass;
 use crate::passes::mips::MipsPass;
 use crate::passes::pyramid::PyramidPass;
-use crate::passes::recall::RecallPass;
+use crate::passes::reproject::ReprojectPass;
 use crate::passes::resolve::ResolvePass;
 use crate::passes::seeded::SeededPass;
+use crate::passes::sky_mask::SkyMaskPass;
 use crate::passes::splat::SplatPass;
 use crate::passes::warp::WarpPass;
-use crate::plan::{PassPlan, plan};
 use crate::prepare::PreparedView;
+use crate::sample_store::SampleStore;
+use crate::sample_upload::UploadContext;
 use crate::targets::{ChunkTargets, TargetPool};
-use crate::trial::Trial;
 
 /// Reconstructs views from samples on a GPU.
 #[derive(Debug)]
 pub struct GpuCompositor {
     pub(crate) gpu: Arc<Gpu>,
     knobs: CompositorKnobs,
-    pub(crate) holdings: Holdings,
+    pub(crate) sample_store: SampleStore,
     targets: TargetPool,
     pub(crate) fixed: FixedBindings,
     bounds: BoundsPass,
     mips: MipsPass,
     splat: SplatPass,
-    recall: RecallPass,
+    reproject: ReprojectPass,
     fill: FillPass,
-    clear: ClearPass,
+    sky_mask: SkyMaskPass,
     warp: WarpPass,
     mend: MendPass,
     highlight: HighlightPass,
     linear: LinearPass,
     fixed_point: FixedPointPass,
     seeded: SeededPass,
-    halve: HalvePass,
+    build_pyramid: BuildPyramidPass,
     pyramid: PyramidPass,
     pub(crate) resolve: ResolvePass,
-    trials: BTreeMap<Search, Trial>,
+    autotune: BTreeMap<Search, Autotune>,
 }
 
 /// Composes one chunk of a batch and returns the times of its stages.
@@ -100,7 +100,7 @@ impl GpuCompositor {
         };
         Ok(Self {
             knobs,
-            holdings: Holdings::default(),
+            sample_store: SampleStore::default(),
             targets: TargetPool::default(),
             fixed: FixedBindings {
                 nearest: sampler(wgpu::FilterMode::Nearest),
@@ -110,19 +110,19 @@ impl GpuCompositor {
             bounds: BoundsPass::new(&gpu),
             mips: MipsPass::new(&gpu),
             splat: SplatPass::new(&gpu),
-            recall: RecallPass::new(&gpu),
+            reproject: ReprojectPass::new(&gpu),
             fill: FillPass::new(&gpu),
-            clear: ClearPass::default(),
+            sky_mask: SkyMaskPass::default(),
             warp: WarpPass::new(),
             mend: MendPass::default(),
             highlight: HighlightPass::default(),
             linear: LinearPass::new(),
             fixed_point: FixedPointPass::new(),
             seeded: SeededPass::new(),
-            halve: HalvePass::new(&gpu),
+            build_pyramid: BuildPyramidPass::new(&gpu),
             pyramid: PyramidPass::new(),
             resolve: ResolvePass::new(&gpu),
-            trials: BTreeMap::new(),
+            autotune: BTreeMap::new(),
             gpu,
         })
     }
@@ -132,33 +132,33 @@ impl GpuCompositor {
     /// # Errors
     /// As the view itself would fail: a sample that is not held, a plan that cannot be followed.
     pub fn plan(&self, job: &ViewJob) -> Result<Vec<PassPlan>, RenderError> {
-        let view = PreparedView::new(0, job, &self.holdings, &self.knobs)?;
-        let looks = [view.glossy, view.surroundings.is_some()];
-        let recalled = view.recalled.as_ref().err().copied();
-        Ok(plan(&job.plan, job.outputs, looks, recalled, self.knobs.splatting))
+        let view = PreparedView::new(0, job, &self.sample_store, &self.knobs)?;
+        let planes = [view.glossy, view.surroundings.is_some()];
+        let reprojection = view.reprojection.as_ref().err().copied();
+        Ok(pass_plan(&job.plan, job.outputs, planes, reprojection, self.knobs.splat_samples))
     }
 
     /// Which of a search's two programs draws: what the knob says, or what was found to be the faster on this device;
     /// `None` while that is being tried.
-    pub fn twin(&self, search: Search) -> Option<Twin> {
-        match self.knobs.twin {
-            Twin::Auto => self.trials.get(&search).and_then(Trial::decided),
+    pub fn search_backend(&self, search: Search) -> Option<SearchBackend> {
+        match self.knobs.search_backend {
+            SearchBackend::Auto => self.autotune.get(&search).and_then(Autotune::decided),
             fixed => Some(fixed),
         }
     }
 
     /// Number of samples that are held.
     pub fn held(&self) -> usize {
-        self.holdings.len()
+        self.sample_store.len()
     }
 
     /// Prepares the views of a batch.
     pub(crate) fn prepare<'a>(&mut self, jobs: &'a [ViewJob]) -> Batch<'a> {
-        let Self { gpu, halve, holdings, knobs, .. } = self;
+        let Self { gpu, build_pyramid, sample_store, knobs, .. } = self;
         Batch::new(jobs, |index, job| {
-            let view = PreparedView::new(index, job, holdings, knobs)?;
+            let view = PreparedView::new(index, job, sample_store, knobs)?;
             if view.search == Search::Pyramid {
-                holdings.make_pyramids(gpu, halve, knobs, &view.samples)?;
+                sample_store.make_pyramids(gpu, build_pyramid, knobs, &view.samples)?;
             }
             Ok(view)
         })
@@ -191,23 +191,23 @@ impl GpuCompositor {
         let gpu = &Arc::clone(&self.gpu);
         let work = self.begin_chunk(chunk, batch);
         let ChunkWork { inputs, targets, .. } = &work;
-        let shared = &SharedBindings::new(&self.holdings, &self.fixed, inputs, chunk, batch)?;
+        let shared = &SharedBindings::new(&self.sample_store, &self.fixed, inputs, chunk, batch)?;
         let mut commands = gpu.commands("compose views");
         if inputs.has_cells() {
             inputs.clear_cells(&mut commands);
             self.splat.record(&mut commands, inputs, shared.pool)?;
             pauses.pause(&mut commands)?;
-            self.recall.record(&mut commands, inputs);
+            self.reproject.record(&mut commands, inputs);
             self.fill.record(&mut commands, inputs);
             pauses.pause(&mut commands)?;
         }
         for (&(search, variant), pieces) in &inputs.draws {
-            let twin = self.trials.entry(search).or_default().next(self.knobs.twin);
+            let search_backend = self.autotune.entry(search).or_default().next(self.knobs.search_backend);
             let pieces = &inputs.pieces(pieces, chunk, batch);
-            let draws = &DrawBatch { variant, twin, shared, splat: &inputs.splat, pieces, targets };
+            let draws = &DrawBatch { variant, search_backend, shared, splat: &inputs.splat, pieces, targets };
             match search {
                 Search::Splat => {
-                    self.clear.record(gpu, &mut commands, draws)?;
+                    self.sky_mask.record(gpu, &mut commands, draws)?;
                     pauses.pause(&mut commands)?;
                     self.warp.record(gpu, &mut commands, draws)?;
                     pauses.pause(&mut commands)?;
@@ -269,10 +269,12 @@ impl GpuCompositor {
                 Search::Pyramid => PyramidPass::NAME,
             };
             let Some(stage) = stages.iter().find(|stage| stage.name == name) else { continue };
-            let trial = self.trials.entry(search).or_default();
-            let twin = trial.next(self.knobs.twin);
-            if let Some(twin) = trial.note(twin, stage.ms, inputs.sub_pixels(search, chunk)) {
-                tracing::info!(search = search.name(), ?twin, "the faster program on this device");
+            let tuning = self.autotune.entry(search).or_default();
+            let search_backend = tuning.next(self.knobs.search_backend);
+            if let Some(search_backend) =
+                tuning.note(search_backend, stage.ms, inputs.sub_pixels(search, chunk))
+            {
+                tracing::info!(search = search.name(), ?search_backend, "the faster program on this device");
             }
         }
     }
@@ -284,19 +286,20 @@ impl Compositor for GpuCompositor {
     }
 
     fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError> {
-        let Self { gpu, bounds, mips, knobs, holdings, .. } = self;
-        holdings.hold(&Tools { gpu, bounds, mips, knobs }, set, &|| false).map(drop)
+        let Self { gpu, bounds, mips, knobs, sample_store, .. } = self;
+        sample_store.hold(&UploadContext { gpu, bounds, mips, knobs }, set, &|| false).map(drop)
     }
 
     fn hold_slice(&mut self, set: &SampleSet) -> Result<bool, RenderError> {
-        let Self { gpu, bounds, mips, knobs, holdings, .. } = self;
+        let Self { gpu, bounds, mips, knobs, sample_store, .. } = self;
         let began = Instant::now();
-        holdings.hold(&Tools { gpu, bounds, mips, knobs }, set, &|| milliseconds(began) >= knobs.slice_ms)
+        sample_store
+            .hold(&UploadContext { gpu, bounds, mips, knobs }, set, &|| milliseconds(began) >= knobs.slice_ms)
     }
 
     fn release(&mut self, ids: &[SampleId]) {
-        self.holdings.release(ids);
-        self.holdings.trim();
+        self.sample_store.release(ids);
+        self.sample_store.trim();
     }
 
     fn compose(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
@@ -309,11 +312,17 @@ impl Compositor for GpuCompositor {
     /// Composes the view with each of the programs that others like it may call for: both twins of its search until one is
     /// chosen, with and without blending between levels.
     fn ready(&mut self, view: &ViewJob, between: &mut dyn FnMut()) -> Result<(), RenderError> {
-        let chosen = self.knobs.twin;
-        let twins = if chosen == Twin::Auto { vec![Twin::Fragment, Twin::Compute] } else { vec![chosen] };
+        let chosen = self.knobs.search_backend;
+        let backends = if chosen == SearchBackend::Auto {
+            vec![SearchBackend::Fragment, SearchBackend::Compute]
+        } else {
+            vec![chosen]
+        };
         let mut done = Ok(());
-        for (twin, between_levels) in twins.into_iter().flat_map(|twin| [(twin, false), (twin, true)]) {
-            self.knobs.twin = twin;
+        for (search_backend, between_levels) in
+            backends.into_iter().flat_map(|search_backend| [(search_backend, false), (search_backend, true)])
+        {
+            self.knobs.search_backend = search_backend;
             let mut batch = self.prepare(std::slice::from_ref(view));
             for view in &mut batch.views {
                 view.between_levels = between_levels && view.search == Search::Splat;
@@ -324,7 +333,7 @@ impl Compositor for GpuCompositor {
             });
             done = done.and(frames.into_iter().try_for_each(|frame| frame.map(drop)));
         }
-        self.knobs.twin = chosen;
+        self.knobs.search_backend = chosen;
         done
     }
 }

@@ -178,7 +178,7 @@ pub(crate) fn cell_size(spacing: f64, size: DVec2) -> u32 {
 pub(crate) const DENSITY: f64 = 1.2;
 
 /// Cells on the distance of texels from which on they are splatted as squares: gaps of one are closed without.
-const APART: f64 = 2.0;
+const MAX_SPREAD: f64 = 2.0;
 
 /// Appends the blocks of 8×8 texels that reach into a part of the image (in pixels) to `blocks`, those of tiles whose texels
 /// lie farther apart than cells or those of all others, and returns how many.
@@ -192,7 +192,7 @@ pub(crate) fn push_blocks(
 ) -> u32 {
     let before = blocks.len();
     let side = tile_side(face);
-    for tile in tiles.iter().filter(|tile| (tile.spread > APART * f64::from(cell)) == sparse) {
+    for tile in tiles.iter().filter(|tile| (tile.spread > MAX_SPREAD * f64::from(cell)) == sparse) {
         if tile.max.cmplt(part[0]).any() || tile.min.cmpgt(part[1]).any() {
             continue;
         }

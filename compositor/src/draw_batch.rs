@@ -6,10 +6,10 @@ use argus_shaders::layout::compositor::Fill;
 
 use crate::batch::Batch;
 use crate::chunk::ChunkInputs;
-use crate::holdings::Holdings;
-use crate::knobs::Twin;
+use crate::knobs::SearchBackend;
 use crate::layout::{Chunk, Piece};
 use crate::pool::Pool;
+use crate::sample_store::SampleStore;
 use crate::targets::{CONFIDENCE_FORMAT, ChunkTargets, LINEAR_FORMAT, RANGE_FORMAT, SRGB_FORMAT};
 
 /// What decides which pipeline draws a piece.
@@ -92,14 +92,14 @@ impl<'a> SharedBindings<'a> {
     /// # Errors
     /// [`RenderError::Internal`] if the samples of its views are not held.
     pub(crate) fn new(
-        holdings: &'a Holdings,
+        sample_store: &'a SampleStore,
         fixed: &'a FixedBindings,
         inputs: &'a ChunkInputs,
         chunk: &Chunk,
         batch: &'a Batch<'_>,
     ) -> Result<Self, RenderError> {
         let view = chunk.pieces.first().map(|piece| batch.view(piece));
-        let pool = holdings.pool(view.map_or(0, |view| view.pool))?;
+        let pool = sample_store.pool(view.map_or(0, |view| view.pool))?;
         let surroundings = view.and_then(|view| view.surroundings.as_ref()).map(|(_, maps)| &**maps);
         Ok(Self { pool, fixed, lights: &inputs.lights, surroundings })
     }
@@ -165,7 +165,7 @@ pub(crate) struct SplatBuffers {
     pub(crate) cells: wgpu::Buffer,
     /// Depth of each cell after gaps are filled.
     pub(crate) depths: wgpu::Buffer,
-    /// Pixels that the warp did not settle: `shaders/shared/left_over.wgsl`.
+    /// Pixels that the warp did not settle: `shaders/shared/unsettled.wgsl`.
     pub(crate) unsettled: wgpu::Buffer,
 }
 
@@ -186,7 +186,7 @@ pub(crate) struct PieceDraw<'a> {
 #[derive(Debug)]
 pub(crate) struct DrawBatch<'a> {
     pub(crate) variant: Variant,
-    pub(crate) twin: Twin,
+    pub(crate) search_backend: SearchBackend,
     pub(crate) shared: &'a SharedBindings<'a>,
     pub(crate) splat: &'a SplatBuffers,
     pub(crate) pieces: &'a [PieceDraw<'a>],

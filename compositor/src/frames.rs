@@ -33,7 +33,7 @@ pub(crate) struct ChunkImages {
 const UNRESOLVED: u8 = 255;
 
 /// What they add to the source of a pixel that another sample serves than gave it its depth; `shared/pixel.wgsl`.
-const OTHER: u8 = 64;
+const OTHER_SAMPLE: u8 = 64;
 
 impl FrameAssembly {
     pub(crate) fn new(width: u32, height: u32, outputs: Outputs) -> Self {
@@ -59,7 +59,7 @@ impl FrameAssembly {
             let to = (piece.part.y as usize + row) * self.width as usize + piece.part.x as usize;
             let pixels = srgb[4 * from..4 * (from + columns)].as_chunks::<4>().0;
             let unresolved = pixels.iter().filter(|p| p[3] == UNRESOLVED).count() as u64;
-            let guided = pixels.iter().filter(|p| p[3] & OTHER != 0).count() as u64;
+            let guided = pixels.iter().filter(|p| p[3] & OTHER_SAMPLE != 0).count() as u64;
             self.served.unresolved += unresolved;
             // Unresolved has that bit too.
             self.served.other_sample += guided - unresolved;
@@ -78,7 +78,7 @@ impl FrameAssembly {
                 let out = &mut source[to..to + columns];
                 out.iter_mut()
                     .zip(pixels)
-                    .for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 0 } else { p[3] & !OTHER });
+                    .for_each(|(out, p)| *out = if p[3] == UNRESOLVED { 0 } else { p[3] & !OTHER_SAMPLE });
             }
             if let Some(out) = &mut self.confidence {
                 let bytes = confidence[4 * from..4 * (from + columns)].as_chunks::<4>().0;

@@ -3,7 +3,7 @@
 
 use argus_scene::camera::Face;
 use argus_scene::{Bounds, Camera, SampleCamera};
-use argus_shaders::layout::compositor::{Landing, ViewSample};
+use argus_shaders::layout::compositor::{CellProjection, ViewSample};
 use glam::{DMat3, DVec2, DVec3, DVec4};
 
 /// A view's camera, ready to be combined with samples'.
@@ -75,9 +75,15 @@ impl ViewGeometry {
 impl PixelFromFace {
     /// The same for cells of `cell` sub-pixels, and an image whose texels have directions by this factor and summand; the
     /// rest of it is taken from `about`.
-    pub(crate) fn landing(&self, about: Landing, cell: u32, scale: DVec2, bias: DVec2) -> Landing {
+    pub(crate) fn projection(
+        &self,
+        about: CellProjection,
+        cell: u32,
+        scale: DVec2,
+        bias: DVec2,
+    ) -> CellProjection {
         let cell = f64::from(cell);
-        Landing {
+        CellProjection {
             column: (self.x / cell).as_vec4().to_array(),
             row: (self.y / cell).as_vec4().to_array(),
             depth: self.w.as_vec4().to_array(),
@@ -106,13 +112,13 @@ pub(crate) fn view_sample(eye: DVec3, camera: &SampleCamera, face: &Face, layer:
 
 /// Share of the bounds' longest edge by which rays are followed beyond them: surfaces that lie in a face of the
 /// bounds, such as level ground, are passed through rather than touched. A step of the default linear search.
-const BEYOND: f64 = 1.0 / 64.0;
+const BOUNDS_MARGIN: f64 = 1.0 / 64.0;
 
 /// The scene's bounds about an eye, somewhat widened; the eye itself where the scene is empty.
 pub(crate) fn bounds_about(bounds: &Bounds, eye: DVec3) -> [[f32; 3]; 2] {
     if bounds.is_empty() {
         return [[0.0; 3]; 2];
     }
-    let margin = BEYOND * bounds.size().max_element();
+    let margin = BOUNDS_MARGIN * bounds.size().max_element();
     [(bounds.min - eye - margin).as_vec3().to_array(), (bounds.max - eye + margin).as_vec3().to_array()]
 }

@@ -43,7 +43,7 @@ impl Piece {
 
 /// What cutting a batch up needs to know of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Extent {
+pub(crate) struct ViewExtent {
     pub(crate) width: u32,
     pub(crate) height: u32,
     /// Sub-pixels on an edge of a pixel.
@@ -65,15 +65,15 @@ pub(crate) struct Chunk {
 const MAX_ROWS: u32 = 8192;
 
 /// Cuts views into chunks. The pieces of a chunk have one pool, one set of surroundings, and one scale of their fine target.
-pub(crate) fn chunks(views: &[Extent], knobs: &CompositorKnobs) -> Vec<Chunk> {
+pub(crate) fn chunks(views: &[ViewExtent], knobs: &CompositorKnobs) -> Vec<Chunk> {
     let mut order: Vec<usize> = (0..views.len()).collect();
-    let alike = |view: &Extent| (view.pool, view.surroundings, view.side);
+    let alike = |view: &ViewExtent| (view.pool, view.surroundings, view.side);
     order.sort_by_key(|&i| alike(&views[i]));
     let mut chunks = Vec::new();
     let mut open: Vec<Piece> = Vec::new();
     let mut pixels = 0;
     for view in order {
-        let Extent { width, height, side, .. } = views[view];
+        let ViewExtent { width, height, side, .. } = views[view];
         let step = (knobs.piece_side / side).max(1);
         for y in (0..height).step_by(step as usize) {
             for x in (0..width).step_by(step as usize) {
@@ -137,9 +137,9 @@ mod tests {
             piece_side in 1u32..400,
         ) {
             let piece_side = piece_side.max(40);
-            let views: Vec<Extent> = views
+            let views: Vec<ViewExtent> = views
                 .into_iter()
-                .map(|(width, height, side, pool)| Extent { width, height, side, pool, surroundings: None })
+                .map(|(width, height, side, pool)| ViewExtent { width, height, side, pool, surroundings: None })
                 .collect();
             let knobs = CompositorKnobs { piece_side, chunk_pixels: 200_000, ..Default::default() };
             let chunks = chunks(&views, &knobs);

@@ -28,6 +28,7 @@
 //! `shaders/compositor/` under the same name.
 
 mod arrays;
+mod autotune;
 mod bare_fetch;
 mod batch;
 mod chunk;
@@ -36,23 +37,22 @@ mod cull;
 mod draw_batch;
 mod frames;
 mod geometry;
-mod holdings;
-mod intake;
 mod knobs;
 mod layout;
 mod lights;
+mod pass_plan;
 mod passes;
-mod plan;
 mod pool;
 mod prepare;
 mod pyramid;
-mod recall;
+mod reprojection;
+mod sample_store;
+mod sample_upload;
 mod search_pipelines;
 mod targets;
-mod trial;
 mod validate;
 
 pub use bare_fetch::BareFetch;
 pub use compositor::GpuCompositor;
-pub use knobs::{CompositorKnobs, Twin};
-pub use plan::PassPlan;
+pub use knobs::{CompositorKnobs, SearchBackend};
+pub use pass_plan::PassPlan;

@@ -10,7 +10,7 @@ use argus_gpu::{Gpu, wgpu};
 use argus_scene::{PlaneKind, RenderError};
 
 use crate::arrays::{Array, Arrays, PoolClass};
-use crate::passes::halve::HalvePass;
+use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::pyramid::{self, Pyramids};
 
 /// Samples of one class.
@@ -40,7 +40,7 @@ struct Growth {
 const FIRST_LAYERS: u32 = 4;
 
 /// A pool grows from when no more than one of so many of its layers is free.
-const FEW: u32 = 4;
+const FREE_SHARE: u32 = 4;
 
 impl Pool {
     /// An empty pool; memory is taken with the first sample.
@@ -91,7 +91,10 @@ impl Pool {
     /// Whatever the device fails with.
     pub(crate) fn prepare_layer(&mut self, gpu: &Arc<Gpu>) -> Result<bool, RenderError> {
         let most = gpu.device.limits().max_texture_array_layers;
-        if self.growth.is_none() && self.capacity < most && self.free.len() as u32 <= self.capacity / FEW {
+        if self.growth.is_none()
+            && self.capacity < most
+            && self.free.len() as u32 <= self.capacity / FREE_SHARE
+        {
             let capacity = (2 * self.capacity).clamp(FIRST_LAYERS, most);
             let arrays = Arrays::new(gpu, &self.class, capacity);
             let planes = 0..arrays.count();
@@ -168,7 +171,7 @@ impl Pool {
     pub(crate) fn make_pyramids(
         &mut self,
         gpu: &Arc<Gpu>,
-        pass: &HalvePass,
+        pass: &BuildPyramidPass,
         layers: impl Iterator<Item = u32>,
     ) -> Result<(), RenderError> {
         let mut pyramids = match self.pyramids.take() {
@@ -201,7 +204,7 @@ impl Pool {
     }
 
     /// Says that something of a layer is about to change: a growth copies it once more.
-    pub(crate) fn changes(&mut self, layer: u32) {
+    pub(crate) fn mark_dirty(&mut self, layer: u32) {
         if let Some(growth) = &mut self.growth {
             growth.left.extend((0..growth.arrays.count()).map(|plane| (layer, plane)));
         }

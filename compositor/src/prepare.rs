@@ -5,18 +5,20 @@ use std::sync::Arc;
 use argus_gpu::Surroundings;
 use argus_scene::camera::Face;
 use argus_scene::{InvalidField, Plan, RenderError, SampleId, Search, ViewJob, Warp};
-use argus_shaders::layout::compositor::{Fill, Landing, MAX_SAMPLES, Recall, Splat, ViewSample, ViewUniform};
+use argus_shaders::layout::compositor::{
+    CellProjection, Fill, MAX_SAMPLES, Reproject, Splat, ViewSample, ViewUniform,
+};
 use bytemuck::Zeroable;
 use glam::DVec2;
 
 use crate::cull::{VisibleTile, cell_size, push_blocks, spacings, visible_tiles};
 use crate::geometry::{PixelFromFace, ViewGeometry, bounds_about, view_sample};
-use crate::holdings::{Held, Holdings};
 use crate::knobs::CompositorKnobs;
 use crate::layout::{Piece, Rect};
 use crate::lights::lighting_uniform;
 use crate::passes::splat::SplatCall;
-use crate::recall::Recalled;
+use crate::reprojection::Reprojection;
+use crate::sample_store::{HeldSample, SampleStore};
 
 /// One view of a batch.
 #[derive(Debug)]
@@ -25,7 +27,7 @@ pub(crate) struct PreparedView {
     pub(crate) job: usize,
     pub(crate) search: Search,
     pub(crate) side: u32,
-    pub(crate) samples: Vec<Arc<Held>>,
+    pub(crate) samples: Vec<Arc<HeldSample>>,
     pub(crate) pool: usize,
     pub(crate) omni: bool,
     pub(crate) glossy: bool,
@@ -41,14 +43,14 @@ pub(crate) struct PreparedView {
     pub(crate) cell: u32,
     sources: Vec<SplatSource>,
     /// What its search begins from in place of a splat, or why not.
-    pub(crate) recalled: Result<Recalled, &'static str>,
+    pub(crate) reprojection: Result<Reprojection, &'static str>,
 }
 
 /// Texels of a level on the edge of a pixel, up to which it serves it alone: `fetch_from` in `shaders/shared/fetch.wgsl`.
 const LEVEL_TEXELS: f64 = 0.707;
 
 /// Cells of a splat that is only a search's beginning: so many times as large as those of one that is the search.
-const SEED: u32 = 4;
+const SEED_CELL_FACTOR: u32 = 4;
 
 /// A face that a view is splatted from.
 #[derive(Debug)]
@@ -67,7 +69,7 @@ impl PreparedView {
     pub(crate) fn new(
         index: usize,
         job: &ViewJob,
-        holdings: &Holdings,
+        sample_store: &SampleStore,
         knobs: &CompositorKnobs,
     ) -> Result<Self, RenderError> {
         let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) = &job.plan else {
@@ -87,13 +89,13 @@ impl PreparedView {
         job.camera.validate()?;
         within("width", job.width as usize, 1 << 16)?;
         within("height", job.height as usize, 1 << 16)?;
-        let samples = holdings.of_plan(&of_rig)?;
+        let samples = sample_store.of_plan(&of_rig)?;
         let pool = samples.first().map_or(0, |held| held.pool);
-        let class = holdings.pool(pool)?.class;
+        let class = sample_store.pool(pool)?.class;
         // What looks nothing up needs no maps, whatever the set has.
         let around = around.first().filter(|_| class.reflects);
         let surroundings =
-            around.map(|&id| Ok::<_, RenderError>((id, holdings.surroundings(id)?))).transpose()?;
+            around.map(|&id| Ok::<_, RenderError>((id, sample_store.surroundings(id)?))).transpose()?;
         let geometry = ViewGeometry::new(&job.camera, job.width, job.height, *supersampling);
         let mut view = Self {
             job: index,
@@ -110,23 +112,24 @@ impl PreparedView {
             steps: *steps,
             cell: 1,
             sources: Vec::new(),
-            recalled: Err("the search begins nowhere"),
+            reprojection: Err("the search begins nowhere"),
         };
         if view.search == Search::Seeded {
             let history = job.history.as_ref().ok_or("no earlier frame is at hand");
-            let recalled = |history| Recalled::new(history, &view.geometry, &of_rig, knobs.longest_chain);
-            view.recalled = history.and_then(recalled);
+            let reprojection =
+                |history| Reprojection::new(history, &view.geometry, &of_rig, knobs.max_reprojections);
+            view.reprojection = history.and_then(reprojection);
         }
-        match &view.recalled {
-            Ok(recalled) => view.cell = cell_size(recalled.spacing(), view.geometry.size),
-            Err(_) if view.splats_first() => view.find_sources(knobs.splatting),
+        match &view.reprojection {
+            Ok(reprojection) => view.cell = cell_size(reprojection.spacing(), view.geometry.size),
+            Err(_) if view.splats_first() => view.find_sources(knobs.splat_samples),
             Err(_) => {}
         }
         Ok(view)
     }
 
-    fn find_sources(&mut self, splatting: usize) {
-        for (sample, held) in self.samples.iter().enumerate().take(splatting.max(1)) {
+    fn find_sources(&mut self, splat_samples: usize) {
+        for (sample, held) in self.samples.iter().enumerate().take(splat_samples.max(1)) {
             for (face, (pinhole, tiles)) in held.faces.iter().zip(&held.tiles).enumerate() {
                 let pixel_from_face = self.geometry.pixel_from_face(held.camera.center(), pinhole);
                 let tiles = visible_tiles(&self.geometry, pinhole, &pixel_from_face, tiles);
@@ -137,7 +140,7 @@ impl PreparedView {
         }
         let tiles = self.sources.iter().flat_map(|source| &source.tiles);
         let [dense, spacing] = spacings(tiles, self.geometry.size);
-        let coarser = if self.search == Search::Seeded { SEED } else { 1 };
+        let coarser = if self.search == Search::Seeded { SEED_CELL_FACTOR } else { 1 };
         self.cell = cell_size(spacing, self.geometry.size).saturating_mul(coarser);
         let level = |spacing: f64| (LEVEL_TEXELS / spacing.max(1e-6)).log2().max(0.0);
         self.level = level(spacing) as u32;
@@ -156,7 +159,7 @@ impl PreparedView {
 
     /// Columns and rows of the view's cells that a part of it needs, as first and number: those its sub-pixels
     /// are in and, since gaps are closed from their neighbours, one more on every side.
-    fn cells_of(&self, part: Rect) -> Cells {
+    fn cells_of(&self, part: Rect) -> CellRect {
         let (side, cell) = (self.side, self.cell);
         let span = |at: u32, length: u32| {
             let first = (at * side / cell) as i32 - 1;
@@ -165,11 +168,11 @@ impl PreparedView {
         };
         let (first_column, columns) = span(part.x, part.width);
         let (first_row, rows) = span(part.y, part.height);
-        Cells { first_column, first_row, columns, rows }
+        CellRect { first_column, first_row, columns, rows }
     }
 
     /// What the searches are told of a piece.
-    pub(crate) fn uniform(&self, piece: &Piece, first: &First) -> ViewUniform {
+    pub(crate) fn uniform(&self, piece: &Piece, first: &ChunkOffsets) -> ViewUniform {
         let [corner, right, down] = self.geometry.directions().map(|d| d.as_vec3().to_array());
         let held = self.samples.first();
         let bounds = held.map(|held| bounds_about(&held.info.bounds, self.geometry.eye)).unwrap_or_default();
@@ -249,9 +252,14 @@ impl PreparedView {
     }
 
     /// What a piece takes of an earlier frame; the words of its pixels are appended to `words`.
-    pub(crate) fn recall(&self, piece: &Piece, first_cell: u32, words: &mut Vec<u32>) -> Option<Recall> {
-        let recalled = self.recalled.as_ref().ok()?;
-        Some(recalled.call(self.cells_of(piece.part).landing(first_cell), self.cell, words))
+    pub(crate) fn reproject(
+        &self,
+        piece: &Piece,
+        first_cell: u32,
+        words: &mut Vec<u32>,
+    ) -> Option<Reproject> {
+        let reprojection = self.reprojection.as_ref().ok()?;
+        Some(reprojection.call(self.cells_of(piece.part).projection(first_cell), self.cell, words))
     }
 
     /// The splats of a piece; their blocks are appended to `blocks`.
@@ -266,7 +274,8 @@ impl PreparedView {
             let face = &held.faces[source.face];
             let size = DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
             let (scale, bias) = (2.0 * face.tan_half_fov / size, -face.tan_half_fov);
-            let landing = source.pixel_from_face.landing(cells.landing(first_cell), self.cell, scale, bias);
+            let projection =
+                source.pixel_from_face.projection(cells.projection(first_cell), self.cell, scale, bias);
             for sparse in [false, true] {
                 let first_block = blocks.len() as u32;
                 let block_count = push_blocks(&source.tiles, sparse, [from, to], self.cell, face, blocks);
@@ -274,7 +283,7 @@ impl PreparedView {
                     continue;
                 }
                 let splat = Splat {
-                    landing,
+                    projection,
                     face_offset: face.offset,
                     face_size: face.size,
                     layer: held.layer,
@@ -291,7 +300,7 @@ impl PreparedView {
 
 /// Where a piece's part of a chunk's buffers begins.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct First {
+pub(crate) struct ChunkOffsets {
     /// Its own index.
     pub(crate) piece: u32,
     pub(crate) cell: u32,
@@ -301,23 +310,23 @@ pub(crate) struct First {
 
 /// A rectangle of a view's cells.
 #[derive(Debug, Clone, Copy)]
-struct Cells {
+struct CellRect {
     first_column: i32,
     first_row: i32,
     columns: i32,
     rows: i32,
 }
 
-impl Cells {
+impl CellRect {
     /// What lands in them, whose numbers begin at `first_cell`; all but the image is known.
-    fn landing(&self, first_cell: u32) -> Landing {
-        Landing {
+    fn projection(&self, first_cell: u32) -> CellProjection {
+        CellProjection {
             first_cell,
             cell_columns: self.columns,
             cell_rows: self.rows,
             origin_column: self.first_column,
             origin_row: self.first_row,
-            ..Landing::zeroed()
+            ..CellProjection::zeroed()
         }
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{InvalidField, RenderError};
 
-use crate::passes::halve::{HalvePass, TILE};
+use crate::passes::build_pyramid::{BuildPyramidPass, TILE};
 
 /// The pyramids of the samples of one pool, one a layer.
 #[derive(Debug)]
@@ -67,7 +67,7 @@ impl Pyramids {
     pub(crate) fn make(
         &mut self,
         gpu: &Arc<Gpu>,
-        pass: &HalvePass,
+        pass: &BuildPyramidPass,
         inverse_range: &wgpu::TextureView,
         layers: impl Iterator<Item = u32>,
     ) -> Result<(), RenderError> {

@@ -7,7 +7,7 @@ use argus_scene::RenderError;
 use argus_shaders::Program;
 
 use crate::draw_batch::{DrawBatch, NamedBinding, PieceDraw, Variant};
-use crate::knobs::Twin;
+use crate::knobs::SearchBackend;
 
 /// Pipelines of one search, made when a batch first needs them. A scene needs one or two variants.
 #[derive(Debug)]
@@ -50,8 +50,8 @@ impl SearchPipelines {
             Ok(bindings)
         };
         let bindings = batch.pieces.iter().map(bindings).collect::<Result<Vec<_>, RenderError>>()?;
-        match batch.twin {
-            Twin::Compute => self.record_compute(gpu, commands, batch, &bindings),
+        match batch.search_backend {
+            SearchBackend::Compute => self.record_compute(gpu, commands, batch, &bindings),
             _ => self.record_fragment(gpu, commands, batch, &bindings),
         }
         Ok(())

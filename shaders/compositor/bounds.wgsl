@@ -26,7 +26,7 @@ fn bound_tile(@builtin(global_invocation_id) id: vec3u) {
     var least = 0.0;
     var most = 0.0;
     let side = face.tile_side;
-    // Not the bare immediate, see `not_baked` in shared/fetch.wgsl.
+    // Not the bare immediate, see `runtime_bound` in shared/fetch.wgsl.
     for (var i = 0u; i < min(side * side, arrayLength(&tiles) * 0x1000u); i++) {
         let texel = id.xy * side + vec2u(i % side, i / side);
         let inside = all(texel < face.face_size);

@@ -1,8 +1,8 @@
 // Program of compositor/src/passes/mend.rs: lists the pixels of a piece that the warp marked, for `mend.wgsl`.
 
 import package::shared::fetch::view;
-import package::shared::left_over::{packed_place, stretch_of};
-import package::shared::pixel::{HIGHLIGHT, LEFT_OVER, linear};
+import package::shared::unsettled::{packed_place, segment_of};
+import package::shared::pixel::{HIGHLIGHT, UNSETTLED, linear};
 
 @group(0) @binding(10) var<storage, read_write> unsettled: array<u32>;
 // What the warp wrote: sRGB pixels, or linear sub-pixels where `linear` is set. The other image has one texel.
@@ -26,7 +26,7 @@ fn place_in_target(k: u32) -> vec2u {
 
 // Adds a pixel to the invocation's stretch, where it has so many at its front and at its back.
 fn add(place: vec2u, mark: u32, first: u32, length: u32, have: vec2u) -> vec2u {
-    let is_front = mark == LEFT_OVER;
+    let is_front = mark == UNSETTLED;
     let slot = select(first + length - 1u - have.y, first + have.x, is_front);
     unsettled[slot] = packed_place(place);
     return have + select(vec2u(0u, 1u), vec2u(1u, 0u), is_front);
@@ -34,17 +34,17 @@ fn add(place: vec2u, mark: u32, first: u32, length: u32, have: vec2u) -> vec2u {
 
 @compute @workgroup_size(64)
 fn collect_pixels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let stretch = stretch_of(id.x, groups.x * 64u);
-    // Not the bare uniform, see `not_baked` in shared/fetch.wgsl.
+    let segment = segment_of(id.x, groups.x * 64u);
+    // Not the bare uniform, see `runtime_bound` in shared/fetch.wgsl.
     let pixels = min(view.piece_size.x * view.piece_size.y, arrayLength(&unsettled));
     var have = vec2u(0u);
     for (var k = id.x; k < pixels; k += groups.x * 64u) {
         let place = place_in_target(k);
         let mark = mark_at(place);
-        for (var i = 0u; i < min(1u, pixels) && mark >= HIGHLIGHT && mark <= LEFT_OVER; i++) {
-            have = add(place, mark, stretch.first, stretch.length, have);
+        for (var i = 0u; i < min(1u, pixels) && mark >= HIGHLIGHT && mark <= UNSETTLED; i++) {
+            have = add(place, mark, segment.first, segment.length, have);
         }
     }
-    unsettled[stretch.counts] = have.x;
-    unsettled[stretch.counts + 1u] = have.y;
+    unsettled[segment.counts] = have.x;
+    unsettled[segment.counts + 1u] = have.y;
 }

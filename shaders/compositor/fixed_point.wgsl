@@ -2,7 +2,7 @@
 // sample that is nearest; where it does not settle, a linear search.
 
 import package::shared::fetch::{
-    SETTLED, crossing_of_bounds, direction_of, fetch_from, not_baked, position_of, view,
+    SETTLED, crossing_of_bounds, direction_of, fetch_from, runtime_bound, position_of, view,
 };
 import package::shared::fixed_point::{limits_of, settle};
 import package::shared::march::march;
@@ -10,7 +10,7 @@ import package::shared::pixel::{Pixel, surface_pixel};
 import package::shared::ray_end::pixel_at_end;
 
 // Steps of the linear search, where the iteration does not settle.
-const TAIL: u32 = 32u;
+const FALLBACK_STEPS: u32 = 32u;
 
 fn pixel(at: vec2f) -> Pixel {
     let d = direction_of(position_of(at));
@@ -20,8 +20,8 @@ fn pixel(at: vec2f) -> Pixel {
     let settled = span.x < span.y && fetched.agreement >= SETTLED;
     var result = surface_pixel(fetched, 0u, d);
     // A loop that runs once or not at all: a branch's two sides are both run by the software driver.
-    for (var k = 0u; k < not_baked(1u) && !settled; k++) {
-        result = pixel_at_end(d, span, march(d, span, TAIL));
+    for (var k = 0u; k < runtime_bound(1u) && !settled; k++) {
+        result = pixel_at_end(d, span, march(d, span, FALLBACK_STEPS));
     }
     return result;
 }

@@ -3,7 +3,7 @@
 import package::shared::cells::depth_of;
 import package::shared::fetch::{bilinear, direction_of, fetch_from, position_of, radiance, view};
 import package::shared::finite::finite_or_zero;
-import package::shared::left_over::{place_of, stretch_of};
+import package::shared::unsettled::{place_of, segment_of};
 import package::shared::pixel::{Pixel, confidence_of, confident, within_face};
 import package::shared::targets::store_pixel;
 
@@ -31,9 +31,9 @@ fn highlight(place: vec2u) -> Pixel {
 
 @compute @workgroup_size(64)
 fn add_highlights(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let stretch = stretch_of(id.x, groups.x * 64u);
-    for (var i = 0u; i < unsettled[stretch.counts + 1u]; i++) {
-        let place = place_of(unsettled[stretch.first + stretch.length - 1u - i]);
+    let segment = segment_of(id.x, groups.x * 64u);
+    for (var i = 0u; i < unsettled[segment.counts + 1u]; i++) {
+        let place = place_of(unsettled[segment.first + segment.length - 1u - i]);
         store_pixel(place, highlight(place));
     }
 }

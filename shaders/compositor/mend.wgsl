@@ -7,12 +7,12 @@
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
 import package::shared::fetch::{
-    Fetch, SETTLED, crossing_of_bounds, direction_of, fetch_from, is_better, is_clear, not_baked, nothing_at, position_of,
+    Fetch, SETTLED, crossing_of_bounds, direction_of, fetch_from, is_better, ray_is_sky, runtime_bound, nothing_at, position_of,
     view,
 };
-import package::shared::left_over::{Stretch, place_of, stretch_of};
+import package::shared::unsettled::{Segment, place_of, segment_of};
 import package::shared::march::march;
-import package::shared::pixel::{CERTAIN, OTHER, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
+import package::shared::pixel::{CERTAIN, OTHER_SAMPLE, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
 import package::shared::targets::store_pixel;
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
@@ -37,7 +37,7 @@ fn look_up(d: vec3f, depth: Depth) -> Found {
     var best = nothing_at(depth.q);
     var source = 0u;
     var refuted = false;
-    for (var i = 0u; i < not_baked(view.sample_count) && !refuted; i++) {
+    for (var i = 0u; i < runtime_bound(view.sample_count) && !refuted; i++) {
         let next = fetch_from(view.samples[i], d, depth.q);
         refuted = next.past >= SETTLED;
         if is_better(next, best) {
@@ -68,7 +68,7 @@ fn cell_at(place: vec2u) -> i32 {
 
 fn pixel_of(found: Found, place: vec2u) -> Pixel {
     var pixel = surface_pixel(found.fetch, found.source, direction_at(place));
-    pixel.source += select(0u, OTHER, found.source != depth_of(depths[cell_at(place)]).source);
+    pixel.source += select(0u, OTHER_SAMPLE, found.source != depth_of(depths[cell_at(place)]).source);
     return pixel;
 }
 
@@ -89,7 +89,7 @@ fn near_cell(place: vec2u) -> Found {
     let trial = became.q < 0.0;
     var found = look_up(d, Depth(select(behind.q, -became.q, trial), select(behind.source, became.source, trial)));
     // Here and below, a loop that is left is skipped by the software driver if no pixel needs it; it would run a branch.
-    for (var k = 0u; k < not_baked(1u) && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
+    for (var k = 0u; k < runtime_bound(1u) && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
         found = look_up(d, was);
     }
     return found;
@@ -113,37 +113,37 @@ fn along_ray(place: vec2u) -> Pixel {
 }
 
 // Leaves a pixel that is not settled to the next loop, in the place of one that this has had.
-fn or_left(stretch: Stretch, left: u32, packed: u32, settled: bool) -> u32 {
+fn keep_unsettled(segment: Segment, left: u32, packed: u32, settled: bool) -> u32 {
     if !settled {
-        unsettled[stretch.first + left] = packed;
+        unsettled[segment.first + left] = packed;
     }
     return left + select(1u, 0u, settled);
 }
 
 @compute @workgroup_size(64)
 fn mend_pixels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let stretch = stretch_of(id.x, groups.x * 64u);
-    let count = unsettled[stretch.counts];
+    let segment = segment_of(id.x, groups.x * 64u);
+    let count = unsettled[segment.counts];
     var left = 0u;
     for (var i = 0u; i < count; i++) {
-        let packed = unsettled[stretch.first + i];
+        let packed = unsettled[segment.first + i];
         let found = near_cell(place_of(packed));
-        left = or_left(stretch, left, packed, found.settled);
-        for (var k = 0u; k < not_baked(1u) && found.settled; k++) {
+        left = keep_unsettled(segment, left, packed, found.settled);
+        for (var k = 0u; k < runtime_bound(1u) && found.settled; k++) {
             store_pixel(place_of(packed), pixel_of(found, place_of(packed)));
         }
     }
     var open = 0u;
     for (var i = 0u; i < left; i++) {
-        let packed = unsettled[stretch.first + i];
-        let clear = is_clear(direction_at(place_of(packed)));
-        open = or_left(stretch, open, packed, clear);
-        for (var k = 0u; k < not_baked(1u) && clear; k++) {
+        let packed = unsettled[segment.first + i];
+        let clear = ray_is_sky(direction_at(place_of(packed)));
+        open = keep_unsettled(segment, open, packed, clear);
+        for (var k = 0u; k < runtime_bound(1u) && clear; k++) {
             store_pixel(place_of(packed), clear_pixel(place_of(packed)));
         }
     }
     for (var i = 0u; i < open; i++) {
-        let place = place_of(unsettled[stretch.first + i]);
+        let place = place_of(unsettled[segment.first + i]);
         store_pixel(place, along_ray(place));
     }
 }

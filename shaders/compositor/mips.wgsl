@@ -72,7 +72,7 @@ fn store_display(texel: vec2u, mean: vec3f) {
 
 // The finest level of the display plane.
 @compute @workgroup_size(8, 8)
-fn finest(@builtin(global_invocation_id) id: vec3u) {
+fn display_rows(@builtin(global_invocation_id) id: vec3u) {
     let texel = id.xy + vec2u(0u, mips.first_row);
     if all(texel < mips.size) {
         store_display(texel, textureLoad(radiance, texel, mips.layer, 0).rgb);

@@ -2,7 +2,7 @@
 // to where none of the cameras that look there sees past it (the most conservative surface, as section 4.2 of the cluster
 // paper has it). A pyramid of nearest surfaces lets it pass over what is empty in large steps.
 
-import package::shared::fetch::{ViewSample, crossing_of_bounds, direction_of, not_baked, omni, position_of, view};
+import package::shared::fetch::{ViewSample, crossing_of_bounds, direction_of, runtime_bound, omni, position_of, view};
 import package::shared::levels::{LEVELS, place_of_level};
 import package::shared::image_line::{AHEAD, leaves_cell, line_in_image, texel_at};
 import package::shared::pixel::Pixel;
@@ -45,12 +45,12 @@ fn follow(s: ViewSample, d: vec3f, near: f32, far: f32) -> Stop {
     var blind = false;
     var begins = far * 2.0;
     // Lines that follow each other: at most the six faces of a cube, and one that rounding makes twice.
-    for (var face = 0u; face < not_baked(select(1u, 8u, omni)) && !behind && !blind && t < far; face++) {
+    for (var face = 0u; face < runtime_bound(select(1u, 8u, omni)) && !behind && !blind && t < far; face++) {
         let line = line_in_image(s, d, t, far);
         blind = !(line.begin <= t && t < line.end);
         begins = select(begins, line.begin, line.begin > t && line.begin < line.end);
         var level = LEVEL_AT_FIRST;
-        for (var k = 0u; k < not_baked(CELLS) && !blind && !behind && t < line.end; k++) {
+        for (var k = 0u; k < runtime_bound(CELLS) && !blind && !behind && t < line.end; k++) {
             let side = f32(1u << level);
             let cell = floor((texel_at(line, t) + line.sense * INSIDE) / side);
             let exit = leaves_cell(line, cell, side, t);
@@ -88,9 +88,9 @@ fn follow_in_all(d: vec3f, span: vec2f) -> RayEnd {
     var seen = false;
     var clear = true;
     var next = 2.0 * span.y;
-    let count = not_baked(view.sample_count);
+    let count = runtime_bound(view.sample_count);
     var i = 0u;
-    for (var turn = 0u; turn < not_baked(TURNS) && t < span.y && !(agreed == count && seen); turn++) {
+    for (var turn = 0u; turn < runtime_bound(TURNS) && t < span.y && !(agreed == count && seen); turn++) {
         let stop = follow(view.samples[i], d, t, span.y);
         // By more than rounding.
         let moved = stop.t > t * (1.0 + AHEAD);

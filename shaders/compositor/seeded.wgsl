@@ -3,17 +3,17 @@
 
 import package::shared::cells::{Depth, depth_of};
 import package::shared::fetch::{
-    SETTLED, crossing_of_bounds, direction_of, fetch_from, not_baked, position_of, view,
+    SETTLED, crossing_of_bounds, direction_of, fetch_from, runtime_bound, position_of, view,
 };
 import package::shared::fixed_point::{limits_of, settle, settle_in_any};
 import package::shared::march::march;
-import package::shared::pixel::{OTHER, Pixel, surface_pixel};
+import package::shared::pixel::{OTHER_SAMPLE, Pixel, surface_pixel};
 import package::shared::ray_end::{RayEnd, pixel_at_end};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 
 // Steps of the linear search.
-const TAIL: u32 = 8u;
+const FALLBACK_STEPS: u32 = 8u;
 
 // A pixel that the sample which gave the start has not: any other sample that the same start leads to a surface in; then
 // the linear search, and from where it ends every sample once more.
@@ -21,15 +21,15 @@ fn pixel_elsewhere(d: vec3f, span: vec2f, start: f32, source: u32) -> Pixel {
     let limits = limits_of(span);
     var other = settle_in_any(d, start, limits, view.steps);
     var end = RayEnd(span.y, false, true);
-    for (var k = 0u; k < not_baked(1u) && !other.found; k++) {
-        end = march(d, span, TAIL);
+    for (var k = 0u; k < runtime_bound(1u) && !other.found; k++) {
+        end = march(d, span, FALLBACK_STEPS);
         if end.found {
             other = settle_in_any(d, 1.0 / max(end.t, 1e-20), limits, view.steps);
         }
     }
     if other.found && span.x < span.y {
         var pixel = surface_pixel(other.fetch, other.source, d);
-        pixel.source += select(0u, OTHER, other.source != source);
+        pixel.source += select(0u, OTHER_SAMPLE, other.source != source);
         return pixel;
     }
     return pixel_at_end(d, span, end);
@@ -46,7 +46,7 @@ fn pixel(at: vec2f) -> Pixel {
     let settled = span.x < span.y && fetched.agreement >= SETTLED;
     var result = surface_pixel(fetched, seed.source, d);
     // A loop that runs once or not at all: a branch's two sides are both run by the software driver.
-    for (var k = 0u; k < not_baked(1u) && !settled; k++) {
+    for (var k = 0u; k < runtime_bound(1u) && !settled; k++) {
         result = pixel_elsewhere(d, span, abs(seed.q), seed.source);
     }
     return result;

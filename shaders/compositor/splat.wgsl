@@ -2,11 +2,11 @@
 // depth in the cells of the view that they fall into; the nearest stays.
 
 import package::shared::cells::{cell_of, continues};
-import package::shared::landing::{Landing, direction_of_texel, landed, placed, projected};
+import package::shared::cell_projection::{CellProjection, direction_of_texel, project_texel, cell_hit, projected};
 
 // One face of one sample, as one view sees it.
 struct Splat {
-    landing: Landing,
+    projection: CellProjection,
     face_offset: vec2u,
     face_size: vec2u,
     layer: u32,
@@ -40,7 +40,7 @@ fn texel_of(group: u32, local: vec2u) -> Texel {
 fn splat_block(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) local: vec3u) {
     let texel = texel_of(group.x, local.xy);
     let stored = textureLoad(inverse_range, splat.face_offset + texel.at, splat.layer, 0).x;
-    let place = landed(splat.landing, texel.at, stored);
+    let place = project_texel(splat.projection, texel.at, stored);
     if place.inside && texel.inside {
         atomicMax(&cells[place.cell], cell_of(place.q, splat.source));
     }
@@ -59,7 +59,7 @@ fn inverse_depth_at(at: vec2i) -> f32 {
     let inside = all(at >= vec2i(0)) && all(at < vec2i(splat.face_size));
     let texel = vec2u(select(vec2i(0), at, inside));
     let stored = textureLoad(inverse_range, splat.face_offset + texel, splat.layer, 0).x;
-    return select(0.0, stored * length(direction_of_texel(splat.landing, texel)), inside);
+    return select(0.0, stored * length(direction_of_texel(splat.projection, texel)), inside);
 }
 
 // A surface along one axis of the image, about a texel's centre.
@@ -97,8 +97,8 @@ fn offset_of(i: u32, count: f32, axis: Along) -> f32 {
 
 // One bit for each side of the piece, and the eye's plane, that something projected lies beyond.
 fn sides_beyond(h: vec3f) -> u32 {
-    let first = vec2f(f32(splat.landing.origin_column), f32(splat.landing.origin_row));
-    let last = first + vec2f(f32(splat.landing.cell_columns), f32(splat.landing.cell_rows));
+    let first = vec2f(f32(splat.projection.origin_column), f32(splat.projection.origin_row));
+    let last = first + vec2f(f32(splat.projection.cell_columns), f32(splat.projection.cell_rows));
     let before = select(vec2u(0u), vec2u(1u, 2u), h.xy < first * h.z);
     let behind = select(vec2u(0u), vec2u(4u, 8u), h.xy > last * h.z);
     return before.x | before.y | behind.x | behind.y | select(0u, 16u, h.z <= 0.0);
@@ -114,10 +114,10 @@ fn splat_squares(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
     let own = inverse_depth_at(at);
     let across = along(inverse_depth_at(at - vec2i(stride, 0)), own, inverse_depth_at(at + vec2i(stride, 0)));
     let down = along(inverse_depth_at(at - vec2i(0, stride)), own, inverse_depth_at(at + vec2i(0, stride)));
-    let step = splat.landing.scale * f32(stride);
-    let middle = projected(splat.landing, direction_of_texel(splat.landing, texel.at), own);
-    let right = projected(splat.landing, vec3f(step.x, 0.0, 0.0), across.slope);
-    let below = projected(splat.landing, vec3f(0.0, -step.y, 0.0), down.slope);
+    let step = splat.projection.scale * f32(stride);
+    let middle = projected(splat.projection, direction_of_texel(splat.projection, texel.at), own);
+    let right = projected(splat.projection, vec3f(step.x, 0.0, 0.0), across.slope);
+    let below = projected(splat.projection, vec3f(0.0, -step.y, 0.0), down.slope);
     let columns = places_between(middle + across.begin * right, middle + across.end * right);
     let rows = places_between(middle + down.begin * below, middle + down.end * below);
     let above = middle + down.begin * below;
@@ -128,7 +128,7 @@ fn splat_squares(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
     for (var i = 0u; i < count; i++) {
         let x = offset_of(i % u32(columns), columns, across);
         let y = offset_of(i / u32(columns), rows, down);
-        let place = placed(splat.landing, middle + right * x + below * y, own + across.slope * x + down.slope * y);
+        let place = cell_hit(splat.projection, middle + right * x + below * y, own + across.slope * x + down.slope * y);
         if place.inside {
             atomicMax(&cells[place.cell], cell_of(place.q, splat.source));
         }

@@ -5,13 +5,13 @@
 // a loop touches in memory and sets all of it to zero for every eight pixels, whether the loop is entered or not: a highlight
 // that no pixel had cost 0.95 ms a view of 200x150, a list of what is left over 0.3, of 1.9 in all.
 
-import package::shared::cells::{CLEAR, depth_of};
+import package::shared::cells::{SKY, depth_of};
 import package::shared::fetch::{
     SETTLED, bilinear, direction_of, fetch_from, inverse_range, position_of, radiance, view,
 };
 import package::shared::finite::finite_or_zero;
 import package::shared::pixel::{
-    CERTAIN, HIGHLIGHT, LEFT_OVER, Pixel, confidence_of, confident, encoded, glossy, linear, within_face,
+    CERTAIN, HIGHLIGHT, UNSETTLED, Pixel, confidence_of, confident, encoded, glossy, linear, within_face,
 };
 import package::shared::shading::sky_radiance;
 
@@ -42,7 +42,7 @@ fn pixel(at: vec2f) -> Pixel {
         shown = mix(shown, texel, clamp(fetched.level * COARSER - finer, 0.0, 1.0));
     }
     let sky = sky_radiance(view.lighting, normalize(d));
-    let clear = bits == CLEAR;
+    let clear = bits == SKY;
     var color = select(shown.rgb, encoded(sky * view.lighting.exposure), clear);
     if linear {
         let uv = within_face(fetched.uv, fetched.level);
@@ -56,7 +56,7 @@ fn pixel(at: vec2f) -> Pixel {
     confidence = select(confidence, CERTAIN >> 1u, clear);
     let settled = depth.q > 0.0 && fetched.agreement >= SETTLED;
     let lit = select(depth.source + 1u, HIGHLIGHT, glossy && shown.a > 0.0);
-    let source = select(select(LEFT_OVER, lit, settled), 0u, clear);
+    let source = select(select(UNSETTLED, lit, settled), 0u, clear);
     let surface = d / max(fetched.q, 1e-30);
     let range = select(length(surface), 0.0, clear);
     return Pixel(color, source, confidence, range, surface, fetched.uv, fetched.layer, true);

@@ -10,7 +10,7 @@
 const HANDICAP: u32 = 0x80000u;
 
 // A cell afterwards that no texel came near, and through which the samples see past everything: a zero with a sign.
-const CLEAR: u32 = 0x80000000u;
+const SKY: u32 = 0x80000000u;
 
 // A cell afterwards is 32 bits: the inverse depth, its last three bits replaced by the sample; 0 for none. With
 // the sign it is a neighbour's, and on trial.

@@ -83,7 +83,7 @@ fn direction_of(position: vec2f) -> vec3f {
 
 // A loop's bound, unchanged. Mesa's software driver bakes a uniform that bounds a loop into the machine code, and compiles
 // the shader again, tens of milliseconds, for each draw that comes with another; what depends on a texture, it does not.
-fn not_baked(bound: u32) -> u32 {
+fn runtime_bound(bound: u32) -> u32 {
     return min(bound, textureNumLayers(inverse_range) * 0x10000u);
 }
 
@@ -91,7 +91,7 @@ fn not_baked(bound: u32) -> u32 {
 const SETTLED: f32 = 0.5;
 
 // Less than this is rounding: a texel that the pixel does not touch.
-const TRACE: f32 = 0.02;
+const MIN_AGREEMENT: f32 = 0.02;
 
 // What one sample has at a point of a view ray.
 struct Fetch {
@@ -201,7 +201,7 @@ fn is_better(next: Fetch, so_far: Fetch) -> bool {
 }
 
 // What a sample says of points on a view ray: a bit for each.
-struct Opinions {
+struct PointTests {
     // It looks there.
     seen: u32,
     // It looks past it.
@@ -212,10 +212,10 @@ const POINTS: u32 = 8u;
 
 // A sample's opinions of the POINTS points at depths start + step, start + 2 step, ... in direction d. So many at once that
 // what depends on the sample alone is worked out once for them.
-fn opinions_of(s: ViewSample, d: vec3f, start: f32, step: f32) -> Opinions {
+fn test_points(s: ViewSample, d: vec3f, start: f32, step: f32) -> PointTests {
     let first = in_pinhole(pinhole_of(s), s.eye_from_center);
     let along = in_pinhole(pinhole_of(s), d);
-    var all = Opinions(0u, 0u);
+    var all = PointTests(0u, 0u);
     for (var k = 0u; k < POINTS; k++) {
         let t = start + step * f32(k + 1u);
         let ray = d * t + s.eye_from_center;
@@ -234,14 +234,14 @@ fn opinions_of(s: ViewSample, d: vec3f, start: f32, step: f32) -> Opinions {
 
 // Whether at every point that is checked, eight of them up to where the ray leaves the scene's bounds, some sample looks
 // past it.
-fn is_clear(d: vec3f) -> bool {
+fn ray_is_sky(d: vec3f) -> bool {
     let all = (1u << POINTS) - 1u;
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
     let step = (span.y - span.x) / f32(POINTS);
     // Nothing is outside of the bounds.
     var clear = select(0u, all, span.x >= span.y);
-    for (var i = 0u; i < not_baked(view.sample_count) && clear != all; i++) {
-        clear |= opinions_of(view.samples[i], d, span.x, step).clear;
+    for (var i = 0u; i < runtime_bound(view.sample_count) && clear != all; i++) {
+        clear |= test_points(view.samples[i], d, span.x, step).clear;
     }
     return clear == all;
 }

@@ -3,7 +3,7 @@
 // solutions, its start decides which it finds.
 
 import package::shared::fetch::{
-    Fetch, SETTLED, ViewSample, fetch_from, inverse_range, nearest, not_baked, nothing_at, seen_by_sample, view,
+    Fetch, SETTLED, ViewSample, fetch_from, inverse_range, nearest, runtime_bound, nothing_at, seen_by_sample, view,
 };
 
 // A depth that changes by no more than this share of itself has settled: a fetch brings it closer yet.
@@ -14,7 +14,7 @@ const AT_REST: f32 = 1e-3;
 fn settle(s: ViewSample, d: vec3f, q: f32, limits: vec2f, steps: u32) -> f32 {
     var at = clamp(q, limits.x, limits.y);
     var moves = true;
-    for (var k = 0u; k < not_baked(steps) && moves; k++) {
+    for (var k = 0u; k < runtime_bound(steps) && moves; k++) {
         let ray = d + s.eye_from_center * at;
         let seen = seen_by_sample(s, ray);
         let stored = textureSampleLevel(inverse_range, nearest, seen.uv, s.layer, 0.0).x;
@@ -47,11 +47,11 @@ struct Settled {
 // sample refutes by seeing past it.
 fn settle_in_any(d: vec3f, q: f32, limits: vec2f, steps: u32) -> Settled {
     var result = Settled(nothing_at(q), 0u, false);
-    for (var i = 0u; i < not_baked(view.sample_count) && !result.found; i++) {
+    for (var i = 0u; i < runtime_bound(view.sample_count) && !result.found; i++) {
         let at = settle(view.samples[i], d, q, limits, steps);
         let fetched = fetch_from(view.samples[i], d, at);
         var found = fetched.agreement >= SETTLED;
-        for (var k = 0u; k < not_baked(view.sample_count) && found; k++) {
+        for (var k = 0u; k < runtime_bound(view.sample_count) && found; k++) {
             found = k == i || fetch_from(view.samples[k], d, fetched.q).past < SETTLED;
         }
         if found {

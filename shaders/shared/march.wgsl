@@ -1,7 +1,7 @@
 // The cluster paper's search (section 4.2): a view ray is followed in equal steps through the scene's bounds until it is
 // behind the surface of every camera that looks there; the last step is then divided once more.
 
-import package::shared::fetch::{Opinions, POINTS, not_baked, opinions_of, view};
+import package::shared::fetch::{PointTests, POINTS, runtime_bound, test_points, view};
 import package::shared::ray_end::RayEnd;
 
 // Parts that the last step is divided into: 64 steps place a surface to within 1/512 of the bounds, and the fetch brings it
@@ -9,11 +9,11 @@ import package::shared::ray_end::RayEnd;
 const PARTS: f32 = 8.0;
 
 // Whether any sample looks at, or past, each of POINTS points.
-fn opinions_at(d: vec3f, start: f32, step: f32) -> Opinions {
-    var all = Opinions(0u, 0u);
-    for (var i = 0u; i < not_baked(view.sample_count); i++) {
-        let one = opinions_of(view.samples[i], d, start, step);
-        all = Opinions(all.seen | one.seen, all.clear | one.clear);
+fn test_points_in_all(d: vec3f, start: f32, step: f32) -> PointTests {
+    var all = PointTests(0u, 0u);
+    for (var i = 0u; i < runtime_bound(view.sample_count); i++) {
+        let one = test_points(view.samples[i], d, start, step);
+        all = PointTests(all.seen | one.seen, all.clear | one.clear);
     }
     return all;
 }
@@ -25,8 +25,8 @@ fn march(d: vec3f, span: vec2f, steps: u32) -> RayEnd {
     var found = false;
     // The sky is seen unless the ray passes a place that no sample looks at.
     var clear = true;
-    for (var k = 0u; k < not_baked(steps) && !found && span.x < span.y; k += POINTS) {
-        let all = opinions_at(d, span.x + step * f32(k), step);
+    for (var k = 0u; k < runtime_bound(steps) && !found && span.x < span.y; k += POINTS) {
+        let all = test_points_in_all(d, span.x + step * f32(k), step);
         // Steps beyond the last are not taken.
         let taken = (1u << min(POINTS, steps - k)) - 1u;
         let inside = all.seen & ~all.clear & taken;
@@ -37,7 +37,7 @@ fn march(d: vec3f, span: vec2f, steps: u32) -> RayEnd {
     }
     // The paper halves; eight points at once find the same eighth as three halvings, at the price of two.
     if found {
-        let all = opinions_at(d, outside, step / PARTS);
+        let all = test_points_in_all(d, outside, step / PARTS);
         outside += step / PARTS * f32(min(firstTrailingBit(all.seen & ~all.clear), POINTS - 1u));
     }
     // The side on which all cameras are: the most conservative surface.

@@ -1,7 +1,7 @@
 // What a view's pixel shows once its surface is found: shared by all searches.
 
 import package::shared::encode::unit_from_octahedral;
-import package::shared::fetch::{Fetch, SETTLED, bilinear, fetch_from, nearest, not_baked, omni, radiance, view};
+import package::shared::fetch::{Fetch, SETTLED, bilinear, fetch_from, nearest, runtime_bound, omni, radiance, view};
 import package::shared::finite::finite_or_zero;
 import package::shared::shading::{Light, Surface, sky_radiance, specular_light, specular_sky};
 import package::shared::surroundings::{map_in_word, sent_of_around, transmitted_in_word};
@@ -41,18 +41,18 @@ struct Pixel {
     uv: vec2f,
     layer: u32,
     // Its radiance is as the target has it: lit, and unless targets are linear exposed and in sRGB, 0..1.
-    drawn: bool,
+    is_final: bool,
 }
 
 const UNRESOLVED: u32 = 255u;
 
 // Marks of pixels that the warp leaves to others, in place of a source: one sample at the splatted depth did not settle it;
 // it is settled but for what its viewer alone sees.
-const LEFT_OVER: u32 = 254u;
+const UNSETTLED: u32 = 254u;
 const HIGHLIGHT: u32 = 253u;
 
 // Added to the source where another sample serves the pixel than the one whose texel gave it its depth.
-const OTHER: u32 = 64u;
+const OTHER_SAMPLE: u32 = 64u;
 
 // Of a pixel that is certain: no residual, and a second sample (or the bounds of the scene) says so too.
 const CERTAIN: u32 = 255u;
@@ -62,7 +62,7 @@ fn confidence_of(fetched: Fetch, index: u32, d: vec3f) -> u32 {
     // 0 is kept for what no sample saw.
     let match_of_depth = max(u32(127.0 * (1.0 - fetched.residual) + 0.5), 1u);
     var seconded = false;
-    for (var i = 0u; i < not_baked(view.sample_count) && !seconded; i++) {
+    for (var i = 0u; i < runtime_bound(view.sample_count) && !seconded; i++) {
         let other = fetch_from(view.samples[i], d, fetched.q);
         seconded = i != index && other.agreement >= SETTLED;
     }
@@ -161,8 +161,8 @@ fn encoded(linear: vec3f) -> vec3f {
 }
 
 // The pixel as its viewer sees it.
-fn lit(pixel: Pixel) -> Pixel {
-    if glossy && !pixel.drawn {
+fn with_highlight(pixel: Pixel) -> Pixel {
+    if glossy && !pixel.is_final {
         return with_specular(pixel);
     }
     return pixel;
@@ -176,8 +176,8 @@ struct SrgbOutput {
 }
 
 fn srgb_output(found: Pixel) -> SrgbOutput {
-    let pixel = lit(found);
-    let is_shown = pixel.drawn && !linear;
+    let pixel = with_highlight(found);
+    let is_shown = pixel.is_final && !linear;
     let color = select(encoded(pixel.radiance * view.lighting.exposure), pixel.radiance, is_shown) * 255.0;
     return SrgbOutput(vec4u(vec3u(floor(color + 0.5)), pixel.source), pixel.range, pixel.confidence);
 }
@@ -190,7 +190,7 @@ struct LinearOutput {
 }
 
 fn linear_output(found: Pixel) -> LinearOutput {
-    let pixel = lit(found);
+    let pixel = with_highlight(found);
     // The target holds halves: beyond their largest a highlight would turn into an infinity.
     return LinearOutput(vec4f(min(pixel.radiance, vec3f(65504.0)), f32(pixel.source)), pixel.range, pixel.confidence);
 }

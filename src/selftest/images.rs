@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_compositor::Twin;
+use argus_compositor::SearchBackend;
 use argus_scene::metrics::Comparison;
 use argus_scene::sample::{PlaneData, PlaneKind, Sample};
 use argus_scene::{Frame, RenderError, SampleCamera, Search, Visibility, Warp};
@@ -80,7 +80,8 @@ fn share_off(stage: &Stage, sample: &Sample) -> Result<f64> {
 
 /// Views from samples by each search, and its two programs against each other.
 pub(super) fn searches(stage: &mut Stage, checks: &mut Checks) {
-    let compositors = [Twin::Fragment, Twin::Compute].map(|twin| stage.compositor(twin));
+    let compositors = [SearchBackend::Fragment, SearchBackend::Compute]
+        .map(|search_backend| stage.compositor(search_backend));
     let [Ok(mut fragment), Ok(mut compute)] = compositors else {
         for error in compositors.into_iter().filter_map(Result::err) {
             checks.attempt::<()>("samples are held", || Err(error));

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
-use argus_compositor::{CompositorKnobs, GpuCompositor, Twin};
+use argus_compositor::{CompositorKnobs, GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
 use argus_sampler::GpuSampler;
 use argus_scene::metrics::{self, Comparison};
@@ -113,9 +113,9 @@ impl Stage {
     }
 
     /// A compositor that holds samples for all views and draws by one kind of program.
-    pub(super) fn compositor(&mut self, twin: Twin) -> Result<GpuCompositor> {
+    pub(super) fn compositor(&mut self, search_backend: SearchBackend) -> Result<GpuCompositor> {
         let samples = self.samples(false)?.into_iter().map(Arc::new).collect();
-        let knobs = CompositorKnobs { twin, ..CompositorKnobs::default() };
+        let knobs = CompositorKnobs { search_backend, ..CompositorKnobs::default() };
         let mut compositor = GpuCompositor::with_knobs(Arc::clone(&self.gpu), knobs)?;
         compositor.hold(&SampleSet { info: Arc::clone(&self.info), samples })?;
         Ok(compositor)

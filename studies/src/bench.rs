@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_compositor::{GpuCompositor, Twin};
+use argus_compositor::{GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::metrics::{self, Comparison};
@@ -232,8 +232,8 @@ impl Bench {
         });
         for _ in 0..BATCHES_TO_DECIDE {
             self.time(jobs)?;
-            match search.and_then(|search| self.compositor.twin(search)) {
-                Some(Twin::Fragment) => return Ok("fragment"),
+            match search.and_then(|search| self.compositor.search_backend(search)) {
+                Some(SearchBackend::Fragment) => return Ok("fragment"),
                 Some(_) => return Ok("compute"),
                 None => {}
             }

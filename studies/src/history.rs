@@ -138,7 +138,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_message(options.scene.clone());
     let mut bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
     // What chains lead to is what the knob is to be chosen by.
-    let knobs = CompositorKnobs { longest_chain: u32::MAX, ..CompositorKnobs::default() };
+    let knobs = CompositorKnobs { max_reprojections: u32::MAX, ..CompositorKnobs::default() };
     bench.compositor = GpuCompositor::with_knobs(Arc::clone(&gpu), knobs)?;
     let cameras = bench.walk(options.views);
     let (truths, ranges, held) = (Vec::new(), Vec::new(), BTreeSet::new());

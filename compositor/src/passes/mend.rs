@@ -23,7 +23,7 @@ const GROUP: u32 = 64;
 const GROUPS: u32 = 16;
 
 /// Places of a list beside one a pixel: two counts an invocation, and what is rounded up.
-pub(crate) const COUNTS: u32 = 3 * GROUP * GROUPS;
+pub(crate) const COUNTER_WORDS: u32 = 3 * GROUP * GROUPS;
 
 /// Workgroups that share a piece's list on this device.
 pub(crate) fn groups(gpu: &Gpu) -> u32 {

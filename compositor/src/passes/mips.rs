@@ -15,7 +15,7 @@ use crate::pool::Pool;
 pub(crate) struct MipsPass {
     /// Shared exponents, and halves.
     pipelines: [ComputePipeline; 2],
-    finest: ComputePipeline,
+    display_rows: ComputePipeline,
 }
 
 /// Bytes that rows of a copy between buffer and texture are aligned to.
@@ -25,12 +25,12 @@ impl MipsPass {
     pub(crate) fn new(gpu: &Gpu) -> Self {
         let program = &argus_shaders::compositor::MIPS;
         let pipeline = |wide| gpu.compute_pipeline_with(program, "coarsen", &[("wide", wide)]);
-        let finest = gpu.compute_pipeline(program, "finest");
-        Self { pipelines: [pipeline(0.0), pipeline(1.0)], finest }
+        let display_rows = gpu.compute_pipeline(program, "display_rows");
+        Self { pipelines: [pipeline(0.0), pipeline(1.0)], display_rows }
     }
 
     /// Makes rows of the finest level of a layer's display plane for an exposure (radiance to display-linear).
-    pub(crate) fn finest(
+    pub(crate) fn display_rows(
         &self,
         commands: &mut Commands,
         pool: &Pool,
@@ -41,7 +41,7 @@ impl MipsPass {
         let array = pool.array(PlaneKind::Radiance)?;
         let mips = Mips { first_row: rows.start, ..of_layer(pool, layer, exposure) };
         commands
-            .compute("coarsen samples", &self.finest)
+            .compute("coarsen samples", &self.display_rows)
             .read("radiance", &array.levels[0])
             .read("specular", specular(pool)?)
             .write("display", &pool.display()?.levels[0])

@@ -1,17 +1,17 @@
 //! One file a pass; the first line of each names its program.
 
 pub(crate) mod bounds;
-pub(crate) mod clear;
+pub(crate) mod build_pyramid;
 pub(crate) mod fill;
 pub(crate) mod fixed_point;
-pub(crate) mod halve;
 pub(crate) mod highlight;
 pub(crate) mod linear;
 pub(crate) mod mend;
 pub(crate) mod mips;
 pub(crate) mod pyramid;
-pub(crate) mod recall;
+pub(crate) mod reproject;
 pub(crate) mod resolve;
 pub(crate) mod seeded;
+pub(crate) mod sky_mask;
 pub(crate) mod splat;
 pub(crate) mod warp;

@@ -7,14 +7,14 @@ use super::shared::{Around, Lighting};
 pub(super) const MIRRORS: &[Mirror] = &[
     ViewSample::MIRROR,
     ViewUniform::MIRROR,
-    Landing::MIRROR,
+    CellProjection::MIRROR,
     Splat::MIRROR,
-    Recall::MIRROR,
+    Reproject::MIRROR,
     Fill::MIRROR,
-    Clear::MIRROR,
+    SkyMask::MIRROR,
     Resolve::MIRROR,
     TileBounds::MIRROR,
-    Halve::MIRROR,
+    BuildPyramid::MIRROR,
     Mips::MIRROR,
 ];
 
@@ -98,8 +98,8 @@ mirror! {
 }
 
 mirror! {
-    /// One pinhole image as one piece of one view sees it: `shared/landing.wgsl`.
-    pub struct Landing {
+    /// One pinhole image as one piece of one view sees it: `shared/cell_projection.wgsl`.
+    pub struct CellProjection {
         /// Position in the image's axes times its inverse depth, and that inverse depth, to column times w.
         pub column: [f32; 4],
         /// To row times w.
@@ -129,7 +129,7 @@ mirror! {
     /// One face of one sample as one view sees it: `compositor/splat.wgsl`.
     pub struct Splat {
         /// Where its texels land.
-        pub landing: Landing,
+        pub projection: CellProjection,
         /// Where the face lies in the sample, texels.
         pub face_offset: [u32; 2],
         /// Its size, texels.
@@ -146,10 +146,10 @@ mirror! {
 }
 
 mirror! {
-    /// Pixels of an earlier frame as one view sees them: `compositor/recall.wgsl`.
-    pub struct Recall {
+    /// Pixels of an earlier frame as one view sees them: `compositor/reproject.wgsl`.
+    pub struct Reproject {
         /// Where they land.
-        pub landing: Landing,
+        pub projection: CellProjection,
         /// Pixels in a row.
         pub columns: u32,
         /// Rows of pixels.
@@ -174,8 +174,8 @@ mirror! {
 }
 
 mirror! {
-    /// The cells of one piece: `compositor/clear.wgsl`.
-    pub struct Clear {
+    /// The cells of one piece: `compositor/sky_mask.wgsl`.
+    pub struct SkyMask {
         /// Columns.
         pub columns: u32,
         /// Rows.
@@ -252,8 +252,8 @@ mirror! {
 }
 
 mirror! {
-    /// One sample whose pyramid is made: `compositor/halve.wgsl`.
-    pub struct Halve {
+    /// One sample whose pyramid is made: `compositor/build_pyramid.wgsl`.
+    pub struct BuildPyramid {
         /// Layer of the texture arrays.
         pub layer: u32,
         /// Texels of the sample: columns.

@@ -1,7 +1,7 @@
 //! Which program has a backend in compute as well as in fragments.
 //!
 //! On a data-centre GPU few units draw, so that fragments can be many times slower than compute. Where both exist, which
-//! one runs is measured on the device: [`argus_compositor::Twin::Auto`], `--visibility auto`.
+//! one runs is measured on the device: [`argus_compositor::SearchBackend::Auto`], `--visibility auto`.
 
 /// A program with fragment entry points.
 #[derive(Debug, Clone, Copy)]

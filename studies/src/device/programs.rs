@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use argus_compositor::{CompositorKnobs, GpuCompositor, Twin};
+use argus_compositor::{CompositorKnobs, GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
 use argus_sampler::SamplerKnobs;
 use argus_scene::{Camera, Frame, Outputs, Plan, RenderError, RigKnobs, Search, ViewJob, Visibility, Warp};
@@ -44,21 +44,27 @@ fn warps(gpu: &Arc<Gpu>, bench: &mut Bench, options: &Options, search: Search) -
     let [_, best] = &names(options)[0];
     let variant = |program: &str| best.replace("best program", program);
     let mut rows: Vec<Measure> = Vec::new();
-    for (program, twin) in [("fragment", Twin::Fragment), ("compute", Twin::Compute)] {
-        replace_compositor(gpu, bench, twin)?;
+    for (program, search_backend) in
+        [("fragment", SearchBackend::Fragment), ("compute", SearchBackend::Compute)]
+    {
+        replace_compositor(gpu, bench, search_backend)?;
         bench.hold(&ids)?;
         let times = timed(options.rounds, || Ok(device_ms(&bench.time(&jobs)?.1)))?;
         rows.push(Measure::new(warp_name(search), variant(program), median(&times) * 1e3, "µs"));
     }
-    replace_compositor(gpu, bench, Twin::Auto)?;
+    replace_compositor(gpu, bench, SearchBackend::Auto)?;
     bench.hold(&ids)?;
     let kept = format!("kept by default: {}", bench.batches_to_decide(&jobs)?);
     rows.extend(best_of(&rows, &warp_name(search), &variant("best program"), &kept));
     Ok(rows)
 }
 
-fn replace_compositor(gpu: &Arc<Gpu>, bench: &mut Bench, twin: Twin) -> Result<(), RenderError> {
-    let knobs = CompositorKnobs { twin, ..CompositorKnobs::default() };
+fn replace_compositor(
+    gpu: &Arc<Gpu>,
+    bench: &mut Bench,
+    search_backend: SearchBackend,
+) -> Result<(), RenderError> {
+    let knobs = CompositorKnobs { search_backend, ..CompositorKnobs::default() };
     bench.compositor = GpuCompositor::with_knobs(Arc::clone(gpu), knobs)?;
     Ok(())
 }

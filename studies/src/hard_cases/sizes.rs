@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use argus_compositor::{CompositorKnobs, GpuCompositor, Twin};
+use argus_compositor::{CompositorKnobs, GpuCompositor, SearchBackend};
 use argus_scene::sample::SampleSet;
 use argus_scene::{Camera, Compositor as _, Search};
 use glam::DVec3;
@@ -45,7 +45,7 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     let knobs = CompositorKnobs {
         piece_side: 512,
         chunk_pixels: 4 * 512 * 8,
-        twin: Twin::Fragment,
+        search_backend: SearchBackend::Fragment,
         ..CompositorKnobs::default()
     };
     let mut tiled = GpuCompositor::with_knobs(Arc::clone(stages.gpu()), knobs)?;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_compositor::{CompositorKnobs, GpuCompositor, Twin};
+use argus_compositor::{CompositorKnobs, GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::reference::Tracer;
@@ -125,10 +125,13 @@ impl Stages {
     /// # Errors
     /// If the device lacks what the passes need.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self> {
-        let compositor = |twin| {
-            GpuCompositor::with_knobs(Arc::clone(gpu), CompositorKnobs { twin, ..CompositorKnobs::default() })
+        let compositor = |search_backend| {
+            GpuCompositor::with_knobs(
+                Arc::clone(gpu),
+                CompositorKnobs { search_backend, ..CompositorKnobs::default() },
+            )
         };
-        let compositors = [compositor(Twin::Fragment)?, compositor(Twin::Compute)?];
+        let compositors = [compositor(SearchBackend::Fragment)?, compositor(SearchBackend::Compute)?];
         Ok(Self { gpu: Arc::clone(gpu), compositors, generation: 0, refused: BTreeMap::new() })
     }
 
@@ -198,9 +201,9 @@ impl Stages {
                 Err(error) => return Err(error).with_context(|| format!("{}, {}", pose.name, search.name())),
             }
         }
-        let [(frame, a), (twin, b)]: [(Frame, f64); 2] =
+        let [(frame, a), (search_backend, b)]: [(Frame, f64); 2] =
             answers.try_into().map_err(|_| anyhow::anyhow!("two programs have two answers"))?;
-        Ok(Some(Answer { twin_bytes: differing(&frame, &twin), frame, ms: a.max(b) }))
+        Ok(Some(Answer { twin_bytes: differing(&frame, &search_backend), frame, ms: a.max(b) }))
     }
 
     /// Plays poses of a world: each search's answer is held against the oracle.

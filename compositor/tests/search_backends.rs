@@ -2,7 +2,7 @@
 
 mod common;
 
-use argus_compositor::{CompositorKnobs, Twin};
+use argus_compositor::{CompositorKnobs, SearchBackend};
 use argus_scene::{Camera, Cancel, Compositor as _, Output, Plan, SampleSet, Search, ViewJob, Warp};
 use common::*;
 use glam::DVec3;
@@ -41,9 +41,9 @@ fn views(set: &SampleSet, search: Search) -> Vec<ViewJob> {
 #[test]
 fn the_twins_of_every_search_write_equal_bytes() {
     for set in [pinholes(false), pinholes(true), cubes(false), cubes(true)] {
-        let knobs = |twin| CompositorKnobs { twin, ..CompositorKnobs::default() };
-        let mut fragment = compositor_with(&set, knobs(Twin::Fragment));
-        let mut compute = compositor_with(&set, knobs(Twin::Compute));
+        let knobs = |search_backend| CompositorKnobs { search_backend, ..CompositorKnobs::default() };
+        let mut fragment = compositor_with(&set, knobs(SearchBackend::Fragment));
+        let mut compute = compositor_with(&set, knobs(SearchBackend::Compute));
         for search in Search::ALL {
             let views = views(&set, search);
             let a = fragment.compose(&views, &Cancel::new());
@@ -70,10 +70,13 @@ fn which_twin_is_the_faster_is_found_on_real_batches_and_never_shows() {
     let view = job(&set, camera, [200, 150], Search::Splat);
     let mut colors = Vec::new();
     for _ in 0..8 {
-        assert_eq!(compositor.twin(Search::Splat), None);
+        assert_eq!(compositor.search_backend(Search::Splat), None);
         colors.push(compose_one(&mut compositor, &view).unwrap().color);
     }
     assert!(colors.iter().all(|color| *color == colors[0]));
-    assert!(matches!(compositor.twin(Search::Splat), Some(Twin::Fragment | Twin::Compute)));
-    assert_eq!(compositor.twin(Search::Linear), None, "each search is tried for itself");
+    assert!(matches!(
+        compositor.search_backend(Search::Splat),
+        Some(SearchBackend::Fragment | SearchBackend::Compute)
+    ));
+    assert_eq!(compositor.search_backend(Search::Linear), None, "each search is tried for itself");
 }

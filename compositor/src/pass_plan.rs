@@ -5,7 +5,7 @@ use argus_scene::{Outputs, Plan, Search, Warp};
 use crate::passes::fixed_point::FixedPointPass;
 use crate::passes::linear::LinearPass;
 use crate::passes::pyramid::PyramidPass;
-use crate::passes::recall::RecallPass;
+use crate::passes::reproject::ReprojectPass;
 use crate::passes::seeded::SeededPass;
 use crate::passes::warp::WarpPass;
 
@@ -20,13 +20,13 @@ pub struct PassPlan {
     pub why: String,
 }
 
-/// The passes for one view. `unrecalled` is why it does not begin from an earlier frame, if it does not.
-pub(crate) fn plan(
+/// The passes for one view. `no_reprojection` is why it does not begin from an earlier frame, if it does not.
+pub(crate) fn pass_plan(
     plan: &Plan,
     outputs: Outputs,
     [glossy, reflects]: [bool; 2],
-    unrecalled: Option<&'static str>,
-    splatting: usize,
+    no_reprojection: Option<&'static str>,
+    splat_samples: usize,
 ) -> Vec<PassPlan> {
     let Plan::Warp(Warp { search, supersampling, samples, steps, .. }) = plan else {
         let why =
@@ -36,24 +36,28 @@ pub(crate) fn plan(
     let row = |name, on, why: &str| PassPlan { name, on, why: why.to_owned() };
     let searched = format!("the plan's search is `{}`", search.name());
     let stepped = format!("{searched}; at most {steps} steps");
-    let count = splatting.min(samples.len());
+    let count = splat_samples.min(samples.len());
     let fills = matches!(search, Search::Splat | Search::Seeded);
-    let recalls = unrecalled.is_none();
-    let splat_why = match recalls {
+    let reprojects = no_reprojection.is_none();
+    let splat_why = match reprojects {
         true => "an earlier frame says where surfaces are".to_owned(),
         false => format!("{searched}; the first {count} samples leave their depth"),
     };
     let is = |one| *search == one;
     vec![
-        row("splat samples", fills && !recalls, &splat_why),
+        row("splat samples", fills && !reprojects, &splat_why),
         row(
             "splat squares",
-            fills && !recalls,
+            fills && !reprojects,
             "texels that may lie farther apart than cells leave their depth in all that are between",
         ),
-        row(RecallPass::NAME, recalls, unrecalled.unwrap_or("an earlier frame shows most of the view")),
+        row(
+            ReprojectPass::NAME,
+            reprojects,
+            no_reprojection.unwrap_or("an earlier frame shows most of the view"),
+        ),
         row("fill cells", fills, &searched),
-        row("clear cells", is(Search::Splat), "cells that no texel came near are sky if the samples say so"),
+        row("mask sky", is(Search::Splat), "cells that no texel came near are sky if the samples say so"),
         row(WarpPass::NAME, is(Search::Splat), &searched),
         row("collect pixels", is(Search::Splat), "pixels that the warp left over are listed"),
         row("mend pixels", is(Search::Splat), "pixels that one sample did not settle are tried in all"),

@@ -7,7 +7,7 @@
 
 import package::shared::fetch::view;
 
-struct Stretch {
+struct Segment {
     // Place of the invocation's two counts.
     counts: u32,
     // First place of the stretch, and its length.
@@ -16,11 +16,11 @@ struct Stretch {
 }
 
 // The stretch of one of so many invocations.
-fn stretch_of(invocation: u32, invocations: u32) -> Stretch {
+fn segment_of(invocation: u32, invocations: u32) -> Segment {
     let pixels = view.piece_size.x * view.piece_size.y;
     let length = (pixels + invocations - 1u) / invocations;
     let counts = view.first_unsettled + 2u * invocation;
-    return Stretch(counts, view.first_unsettled + 2u * invocations + invocation * length, length);
+    return Segment(counts, view.first_unsettled + 2u * invocations + invocation * length, length);
 }
 
 fn place_of(packed: u32) -> vec2u {

@@ -9,15 +9,15 @@ use argus_scene::{InvalidField, RenderError, Sample, SampleCamera, SampleId, Sam
 
 use crate::arrays::PoolClass;
 use crate::cull::FaceTiles;
-use crate::intake::{Intake, Submission, Tools};
 use crate::knobs::CompositorKnobs;
-use crate::passes::halve::HalvePass;
+use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::pool::Pool;
+use crate::sample_upload::{SampleUpload, Submission, UploadContext};
 use crate::validate::class_of;
 
 /// One sample as it is held.
 #[derive(Debug)]
-pub(crate) struct Held {
+pub(crate) struct HeldSample {
     /// What it was taken in from.
     sample: Weak<Sample>,
     pub(crate) info: Arc<SampleSetInfo>,
@@ -44,10 +44,10 @@ const WORTH_SUBMITTING: u64 = 1 << 21;
 
 /// Samples by id, and the texture arrays that they lie in.
 #[derive(Debug, Default)]
-pub(crate) struct Holdings {
-    held: BTreeMap<SampleId, Arc<Held>>,
+pub(crate) struct SampleStore {
+    held: BTreeMap<SampleId, Arc<HeldSample>>,
     /// Samples on their way in.
-    intakes: BTreeMap<SampleId, Intake>,
+    uploads: BTreeMap<SampleId, SampleUpload>,
     /// Maps that samples' surfaces look up, and what they were taken in from.
     surroundings: BTreeMap<SampleId, (Weak<Sample>, Arc<Surroundings>)>,
     /// `None` where a pool was emptied and its memory given back, so that indices stay.
@@ -57,7 +57,7 @@ pub(crate) struct Holdings {
     used: BTreeSet<&'static str>,
 }
 
-impl Holdings {
+impl SampleStore {
     /// Surroundings that are held.
     ///
     /// # Errors
@@ -71,11 +71,11 @@ impl Holdings {
     /// # Errors
     /// [`RenderError::MissingSample`] for the first that is not held; [`RenderError::Invalid`] if they were
     /// not taken together: of another scene, time or placement, or of another size or format.
-    pub(crate) fn of_plan(&self, ids: &[SampleId]) -> Result<Vec<Arc<Held>>, RenderError> {
+    pub(crate) fn of_plan(&self, ids: &[SampleId]) -> Result<Vec<Arc<HeldSample>>, RenderError> {
         let find = |id: &SampleId| self.held.get(id).cloned().ok_or(RenderError::MissingSample(*id));
         let samples = ids.iter().map(find).collect::<Result<Vec<_>, _>>()?;
         if let Some((first, rest)) = samples.split_first() {
-            let together = |other: &Arc<Held>| {
+            let together = |other: &Arc<HeldSample>| {
                 other.pool == first.pool
                     && (Arc::ptr_eq(&other.info, &first.info) || other.info == first.info)
             };
@@ -103,17 +103,17 @@ impl Holdings {
     /// Those of [`argus_scene::Compositor::hold`]. None is held then but those that were, and surroundings.
     pub(crate) fn hold(
         &mut self,
-        tools: &Tools<'_>,
+        context: &UploadContext<'_>,
         set: &SampleSet,
         is_over: &dyn Fn() -> bool,
     ) -> Result<bool, RenderError> {
-        let gone = self.intakes.iter().filter(|(_, intake)| intake.sample.strong_count() == 0);
+        let gone = self.uploads.iter().filter(|(_, upload)| upload.sample.strong_count() == 0);
         let gone: Vec<SampleId> = gone.map(|(id, _)| *id).collect();
         self.abandon(&gone);
         // Of several with one id the last one counts.
         let missing: BTreeMap<SampleId, &Arc<Sample>> =
             set.samples.iter().filter(|sample| !self.is_held(&set.info, sample)).map(|s| (s.id, s)).collect();
-        let done = self.hold_missing(tools, &set.info, &missing, is_over);
+        let done = self.hold_missing(context, &set.info, &missing, is_over);
         if done.is_err() {
             self.abandon(&missing.keys().copied().collect::<Vec<_>>());
         }
@@ -122,7 +122,7 @@ impl Holdings {
 
     fn hold_missing(
         &mut self,
-        tools: &Tools<'_>,
+        context: &UploadContext<'_>,
         info: &Arc<SampleSetInfo>,
         missing: &BTreeMap<SampleId, &Arc<Sample>>,
         is_over: &dyn Fn() -> bool,
@@ -132,57 +132,57 @@ impl Holdings {
         let classes = of_rig.iter().map(|sample| class_of(sample)).collect::<Result<Vec<_>, _>>()?;
         let maps = around
             .iter()
-            .map(|sample| Ok(Arc::new(Surroundings::new(tools.gpu, sample)?)))
+            .map(|sample| Ok(Arc::new(Surroundings::new(context.gpu, sample)?)))
             .collect::<Result<Vec<_>, RenderError>>()?;
         let replaced: u64 = missing.keys().map(|id| self.bytes_of(*id)).sum();
-        let begun = |id: &SampleId| self.intakes.contains_key(id);
+        let begun = |id: &SampleId| self.uploads.contains_key(id);
         let added = of_rig.iter().zip(&classes).filter(|(sample, _)| !begun(&sample.id));
         let added: u64 = added.map(|(_, class)| class.layer_bytes()).sum::<u64>()
             + maps.iter().map(|maps| maps.bytes()).sum::<u64>();
-        let begun: u64 = self.intakes.values().map(|intake| self.layer_bytes(intake.pool)).sum();
+        let begun: u64 = self.uploads.values().map(|upload| self.layer_bytes(upload.pool)).sum();
         let pyramids: u64 = self.pools.iter().flatten().map(|pool| pool.pyramid_bytes(false)).sum();
-        within_memory((self.bytes + begun + added + pyramids).saturating_sub(replaced), tools.knobs)?;
+        within_memory((self.bytes + begun + added + pyramids).saturating_sub(replaced), context.knobs)?;
         for (sample, maps) in around.into_iter().zip(maps) {
             self.release(&[sample.id]);
             self.bytes += maps.bytes();
             self.surroundings.insert(sample.id, (Arc::downgrade(sample), maps));
         }
         for (sample, class) in of_rig.iter().zip(classes) {
-            if self.intakes.get(&sample.id).is_some_and(|intake| intake.is_of(info, sample)) {
+            if self.uploads.get(&sample.id).is_some_and(|upload| upload.is_of(info, sample)) {
                 continue;
             }
             self.abandon(&[sample.id]);
             let index = self.pool_of(class);
             let Some(pool) = &mut self.pools[index] else { continue };
-            while !pool.prepare_layer(tools.gpu)? {
+            while !pool.prepare_layer(context.gpu)? {
                 if is_over() {
                     return Ok(false);
                 }
             }
             let layer = pool.take_layer()?;
-            let intake = Intake::new(info, sample, pool, index, layer)?;
-            self.intakes.insert(sample.id, intake);
+            let upload = SampleUpload::new(info, sample, pool, index, layer)?;
+            self.uploads.insert(sample.id, upload);
         }
-        self.take_steps(tools, &of_rig, is_over)
+        self.take_steps(context, &of_rig, is_over)
     }
 
     /// Does the steps of samples that are on their way in.
     fn take_steps(
         &mut self,
-        tools: &Tools<'_>,
+        context: &UploadContext<'_>,
         samples: &[&Arc<Sample>],
         is_over: &dyn Fn() -> bool,
     ) -> Result<bool, RenderError> {
-        let mut submission = Submission::new(tools.gpu);
+        let mut submission = Submission::new(context.gpu);
         for sample in samples {
-            while let Some(intake) = self.intakes.get_mut(&sample.id).filter(|intake| !intake.is_recorded()) {
-                let Some(pool) = &mut self.pools[intake.pool] else { break };
-                let program = intake.record(tools, pool, sample, &mut submission)?;
+            while let Some(upload) = self.uploads.get_mut(&sample.id).filter(|upload| !upload.is_recorded()) {
+                let Some(pool) = &mut self.pools[upload.pool] else { break };
+                let program = upload.record(context, pool, sample, &mut submission)?;
                 // A driver makes machine code where a program is first used: not of several ones at once.
                 let is_new = program.is_some_and(|program| self.used.insert(program));
                 if is_new || submission.weight >= WORTH_SUBMITTING {
-                    self.settle(std::mem::replace(&mut submission, Submission::new(tools.gpu)))?;
-                    if is_over() && self.intakes.contains_key(&sample.id) {
+                    self.settle(std::mem::replace(&mut submission, Submission::new(context.gpu)))?;
+                    if is_over() && self.uploads.contains_key(&sample.id) {
                         return Ok(false);
                     }
                 }
@@ -198,20 +198,21 @@ impl Holdings {
             return Ok(());
         }
         for (id, face, bytes) in submission.finish()? {
-            if let Some(intake) = self.intakes.get_mut(&id) {
-                intake.bound(face, &bytes);
+            if let Some(upload) = self.uploads.get_mut(&id) {
+                upload.bound(face, &bytes);
             }
         }
-        let done = self.intakes.iter().filter(|(_, intake)| intake.is_recorded());
+        let done = self.uploads.iter().filter(|(_, upload)| upload.is_recorded());
         let done: Vec<SampleId> = done.map(|(id, _)| *id).collect();
         for id in done {
-            let Some(Intake { info, sample, pool, layer, faces, tiles, .. }) = self.intakes.remove(&id)
+            let Some(SampleUpload { info, sample, pool, layer, faces, tiles, .. }) = self.uploads.remove(&id)
             else {
                 continue;
             };
             self.release(&[id]);
             if let Some(camera) = sample.upgrade().map(|sample| sample.camera) {
-                self.held.insert(id, Arc::new(Held { sample, info, camera, faces, tiles, pool, layer }));
+                self.held
+                    .insert(id, Arc::new(HeldSample { sample, info, camera, faces, tiles, pool, layer }));
                 self.bytes += self.bytes_of(id);
             } else {
                 self.free([(pool, layer)]);
@@ -241,8 +242,8 @@ impl Holdings {
     /// Gives samples up that are on their way in.
     fn abandon(&mut self, ids: &[SampleId]) {
         for id in ids {
-            if let Some(intake) = self.intakes.remove(id) {
-                self.free([(intake.pool, intake.layer)]);
+            if let Some(upload) = self.uploads.remove(id) {
+                self.free([(upload.pool, upload.layer)]);
             }
         }
     }
@@ -254,9 +255,9 @@ impl Holdings {
     pub(crate) fn make_pyramids(
         &mut self,
         gpu: &Arc<Gpu>,
-        pass: &HalvePass,
+        pass: &BuildPyramidPass,
         knobs: &CompositorKnobs,
-        samples: &[Arc<Held>],
+        samples: &[Arc<HeldSample>],
     ) -> Result<(), RenderError> {
         let Some(first) = samples.first() else { return Ok(()) };
         let pools = self.pools.iter().enumerate();

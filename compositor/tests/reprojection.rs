@@ -85,15 +85,15 @@ fn from_the_frame_before_a_view_shows_what_it_shows_from_samples() {
 #[test]
 fn frames_that_begin_one_from_the_other_begin_at_the_samples_now_and_then_and_do_not_drift() {
     let (garden, set) = (Analytic::garden(), garden_set());
-    let longest_chain = 5;
+    let max_reprojections = 5;
     let mut compositor =
-        compositor_with(&set, CompositorKnobs { longest_chain, ..CompositorKnobs::default() });
+        compositor_with(&set, CompositorKnobs { max_reprojections, ..CompositorKnobs::default() });
     let mut last: Option<Arc<History>> = None;
     for i in 0..30 {
         let fresh = seeded(&set, moved(here(), f64::from(i), 0.05 * f64::from(i)));
         let view = ViewJob { history: last.clone(), ..fresh.clone() };
         let frame = compose_one(&mut compositor, &view).unwrap();
-        assert_eq!(frame.provenance.history, i % (longest_chain + 1) > 0, "frame {i}");
+        assert_eq!(frame.provenance.history, i % (max_reprojections + 1) > 0, "frame {i}");
         let fresh = judge(&garden, &fresh, &compose_one(&mut compositor, &fresh).unwrap(), 0.03);
         let begun = judge(&garden, &view, &frame, 0.03);
         assert!(
@@ -266,15 +266,15 @@ fn the_plan_of_passes_says_what_the_search_begins_from() {
         rows.into_iter().find(|row| row.name == name).unwrap()
     };
     let plain = seeded(&set, here());
-    let recalled = from(&before, plain.clone());
+    let reprojection = from(&before, plain.clone());
     let elsewhere = from(&before, seeded(&set, moved(here(), 30.0, 0.0)));
-    assert!(row("recall frames", &recalled).on && !row("splat samples", &recalled).on);
+    assert!(row("reproject frames", &reprojection).on && !row("splat samples", &reprojection).on);
     for (job, why) in [
         (&plain, "no earlier frame is at hand"),
         (&elsewhere, "the earlier frame shows too little of what the view does"),
         (&job(&set, here(), SIZE, Search::Linear), "the search begins nowhere"),
     ] {
-        let found = row("recall frames", job);
+        let found = row("reproject frames", job);
         assert!(!found.on && found.why == why, "{found:?}");
     }
     assert!(row("splat samples", &elsewhere).on);

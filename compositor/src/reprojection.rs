@@ -1,7 +1,7 @@
 //! What a view begins from of an earlier frame: whether that shows enough of what the view does, and which of its pixels
 //! leave their depth where.
 //!
-//! The earlier frame's pixels land in cells of the view by the function that splatted texels use (`shaders/shared/landing.wgsl`). They are
+//! The earlier frame's pixels land in cells of the view by the function that splatted texels use (`shaders/shared/projection.wgsl`). They are
 //! used if they show fifteen sixteenths of the view, which a grid of its pixels tells on the CPU, and for at most six frames in a row,
 //! since what a search missed those after it miss as well. `argus study history` measures the gain: less error, and no time, since
 //! refining takes eighty times what the coarse splat takes.
@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use argus_scene::camera::Face;
 use argus_scene::{History, SampleCamera, SampleId};
-use argus_shaders::layout::compositor::{Landing, Recall};
+use argus_shaders::layout::compositor::{CellProjection, Reproject};
 use glam::{DVec2, DVec3};
 
 use crate::cull::DENSITY;
@@ -18,7 +18,7 @@ use crate::geometry::{PixelFromFace, ViewGeometry};
 
 /// An earlier frame that a view begins from.
 #[derive(Debug)]
-pub(crate) struct Recalled {
+pub(crate) struct Reprojection {
     history: Arc<History>,
     face: Face,
     pixel_from_face: PixelFromFace,
@@ -29,15 +29,15 @@ pub(crate) struct Recalled {
 }
 
 /// Pixels on a side that are looked at to see what an earlier frame shows of a view.
-const LOOKED_AT: u32 = 32;
+const GRID_SIDE: u32 = 32;
 /// Parts on a side of the view. A part is shown if one of those pixels lands in it.
 const PARTS: u32 = 8;
 /// Parts that it must show. What it does not show is searched from the far end of the scene, where other surfaces
 /// are found: after a turn by 10° of 58° views of terrain err more than from samples (`argus study history`: FLIP
 /// 0.082 and 0.081), after one by 5° less (0.078).
-const ENOUGH: u32 = PARTS * PARTS * 15 / 16;
+const MIN_COVERED_PARTS: u32 = PARTS * PARTS * 15 / 16;
 
-impl Recalled {
+impl Reprojection {
     /// Of a view with these samples, where no more than so many frames begin one from the other.
     ///
     /// # Errors
@@ -46,9 +46,9 @@ impl Recalled {
         history: &Arc<History>,
         geometry: &ViewGeometry,
         samples: &[SampleId],
-        longest_chain: u32,
+        max_reprojections: u32,
     ) -> Result<Self, &'static str> {
-        if history.links() >= longest_chain {
+        if history.links() >= max_reprojections {
             return Err("enough frames have begun one from the other");
         }
         let [width, height] = history.size();
@@ -56,15 +56,15 @@ impl Recalled {
         let faces = camera.faces();
         let face = faces.first().ok_or("the earlier frame has no image")?;
         let pixel_from_face = geometry.pixel_from_face(camera.center(), face);
-        let shown = shown(history, face, &pixel_from_face, geometry.size);
-        if !shown.surface {
+        let overlap = overlap(history, face, &pixel_from_face, geometry.size);
+        if !overlap.surface {
             return Err("the view shows no surface of the earlier frame");
         }
-        if shown.parts.count_ones() < ENOUGH {
+        if overlap.parts.count_ones() < MIN_COVERED_PARTS {
             return Err("the earlier frame shows too little of what the view does");
         }
         let position =
-            |id: &SampleId| samples.iter().position(|other| is_place_of(other, id)).unwrap_or(0) as u32;
+            |id: &SampleId| samples.iter().position(|other| same_camera(other, id)).unwrap_or(0) as u32;
         let sources =
             history.samples().iter().enumerate().fold(0, |bits, (i, id)| bits | (position(id) << (3 * i)));
         let spacing = (pixel_of(face) / geometry.pixel_at_unit_depth()).max_element();
@@ -76,9 +76,9 @@ impl Recalled {
         self.spacing
     }
 
-    /// The pixels of a history that one piece of the view looks at; their words are appended to `words`. `landing` has all
+    /// The pixels of a history that one piece of the view looks at; their words are appended to `words`. `projection` has all
     /// but the image in it.
-    pub(crate) fn call(&self, landing: Landing, cell: u32, words: &mut Vec<u32>) -> Recall {
+    pub(crate) fn call(&self, projection: CellProjection, cell: u32, words: &mut Vec<u32>) -> Reproject {
         let [width, height] = self.history.size();
         // As dense as the texels of samples are splatted.
         let stride = (DENSITY * f64::from(cell) / self.spacing) as u32;
@@ -94,13 +94,19 @@ impl Recalled {
         let pixel = pixel_of(&self.face);
         // The middle of every stride-th pixel is the middle of a texel that is as many pixels wide.
         let shift = f64::from(first) + 0.5 - 0.5 * f64::from(stride);
-        let landing = self.pixel_from_face.landing(
-            landing,
+        let projection = self.pixel_from_face.projection(
+            projection,
             cell,
             pixel * f64::from(stride),
             pixel * shift - self.face.tan_half_fov,
         );
-        Recall { landing, columns: along(width), rows: along(height), first_word, sources: self.sources }
+        Reproject {
+            projection,
+            columns: along(width),
+            rows: along(height),
+            first_word,
+            sources: self.sources,
+        }
     }
 }
 
@@ -110,26 +116,26 @@ fn pixel_of(face: &Face) -> DVec2 {
 }
 
 /// Whether two samples were taken from one place, at whichever moment.
-fn is_place_of(one: &SampleId, other: &SampleId) -> bool {
+fn same_camera(one: &SampleId, other: &SampleId) -> bool {
     (one.generation, one.index) == (other.generation, other.index)
 }
 
 /// What a view sees of an earlier frame.
 #[derive(Debug, Default)]
-struct Shown {
+struct Overlap {
     /// A bit for each part of the view that a pixel lands in. Sky lands where it lies, infinitely far.
     parts: u64,
     /// One of them is a surface's.
     surface: bool,
 }
 
-fn shown(history: &History, face: &Face, to: &PixelFromFace, size: DVec2) -> Shown {
+fn overlap(history: &History, face: &Face, to: &PixelFromFace, size: DVec2) -> Overlap {
     let [width, height] = history.size();
     let pixel = pixel_of(face);
-    let at = |i: u32, side: u32| (u64::from(2 * i + 1) * u64::from(side) / u64::from(2 * LOOKED_AT)) as u32;
-    let mut shown = Shown::default();
+    let at = |i: u32, side: u32| (u64::from(2 * i + 1) * u64::from(side) / u64::from(2 * GRID_SIDE)) as u32;
+    let mut overlap = Overlap::default();
     for (column, row) in
-        (0..LOOKED_AT * LOOKED_AT).map(|i| (at(i % LOOKED_AT, width), at(i / LOOKED_AT, height)))
+        (0..GRID_SIDE * GRID_SIDE).map(|i| (at(i % GRID_SIDE, width), at(i / GRID_SIDE, height)))
     {
         let word = history.words()[row as usize * width as usize + column as usize];
         let position = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5) * pixel - face.tan_half_fov;
@@ -141,9 +147,9 @@ fn shown(history: &History, face: &Face, to: &PixelFromFace, size: DVec2) -> Sho
         let inside =
             w > 0.0 && part.cmpge(DVec2::ZERO).all() && part.cmplt(DVec2::splat(f64::from(PARTS))).all();
         if inside {
-            shown.parts |= 1 << (part.y as u32 * PARTS + part.x as u32);
-            shown.surface |= word != 0;
+            overlap.parts |= 1 << (part.y as u32 * PARTS + part.x as u32);
+            overlap.surface |= word != 0;
         }
     }
-    shown
+    overlap
 }

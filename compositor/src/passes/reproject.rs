@@ -1,4 +1,4 @@
-//! Program: `shaders/compositor/recall.wgsl`. Leaves the depth of an earlier frame's pixels in the cells of views.
+//! Program: `shaders/compositor/reproject.wgsl`. Leaves the depth of an earlier frame's pixels in the cells of views.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu};
 
@@ -6,21 +6,21 @@ use crate::chunk::ChunkInputs;
 
 /// The pass: one dispatch a piece.
 #[derive(Debug)]
-pub(crate) struct RecallPass {
+pub(crate) struct ReprojectPass {
     pipeline: ComputePipeline,
 }
 
-impl RecallPass {
+impl ReprojectPass {
     /// Its row in the timing table.
-    pub(crate) const NAME: &str = "recall frames";
+    pub(crate) const NAME: &str = "reproject frames";
 
     pub(crate) fn new(gpu: &Gpu) -> Self {
-        Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::RECALL, "recall_pixel") }
+        Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::REPROJECT, "reproject_pixel") }
     }
 
     /// Records nothing if no piece starts from an earlier frame.
     pub(crate) fn record(&self, commands: &mut Commands, inputs: &ChunkInputs) {
-        if inputs.recalls.is_empty() {
+        if inputs.reprojects.is_empty() {
             return;
         }
         let [x, y, _] = self.pipeline.workgroup_size();
@@ -29,7 +29,7 @@ impl RecallPass {
             .read("words", &inputs.words)
             .write("cells", &inputs.splat.cells)
             .each(|pass| {
-                for call in &inputs.recalls {
+                for call in &inputs.reprojects {
                     pass.set_immediates(0, bytemuck::bytes_of(call));
                     pass.dispatch_workgroups(call.columns.div_ceil(x), call.rows.div_ceil(y), 1);
                 }

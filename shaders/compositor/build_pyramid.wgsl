@@ -1,16 +1,16 @@
-// Program of compositor/src/passes/halve.rs: the pyramid of a sample's nearest surfaces, all levels in one pass. Cells of the
+// Program of compositor/src/passes/build_pyramid.rs: the pyramid of a sample's nearest surfaces, all levels in one pass. Cells of the
 // first level are the sample's texels, those of each further one have the greatest inverse range of four of the one below.
 
 import package::shared::levels::{LEVELS, place_of_level};
 
-struct Halve {
+struct BuildPyramid {
     layer: u32,
     // Texels of the sample.
     width: u32,
     height: u32,
 }
 
-var<immediate> halve: Halve;
+var<immediate> pyramid: BuildPyramid;
 
 @group(0) @binding(0) var inverse_range: texture_2d_array<f32>;
 // All levels of a sample side by side: levels.wgsl.
@@ -25,18 +25,18 @@ var<workgroup> shared_cells: array<f32, 64>;
 
 // Inverse range of a surface; 0, no surface, for whatever is not positive and finite, by its bits.
 fn surface_at(at: vec2u) -> f32 {
-    let last = vec2u(halve.width, halve.height) - 1u;
-    let stored = textureLoad(inverse_range, min(at, last), halve.layer, 0).x;
+    let last = vec2u(pyramid.width, pyramid.height) - 1u;
+    let stored = textureLoad(inverse_range, min(at, last), pyramid.layer, 0).x;
     return select(0.0, stored, all(at <= last) && (bitcast<u32>(stored) - 1u) < 0x7f7fffffu);
 }
 
 fn store(level: u32, cell: vec2u, surface: f32) {
     let place = place_of_level(textureDimensions(levels), level) + cell;
-    textureStore(levels, place, halve.layer, vec4f(surface, 0.0, 0.0, 0.0));
+    textureStore(levels, place, pyramid.layer, vec4f(surface, 0.0, 0.0, 0.0));
 }
 
 @compute @workgroup_size(8, 8)
-fn halve_tile(@builtin(global_invocation_id) id: vec3u, @builtin(local_invocation_id) local: vec3u) {
+fn build_tile(@builtin(global_invocation_id) id: vec3u, @builtin(local_invocation_id) local: vec3u) {
     for (var i = 0u; i < BLOCK * BLOCK; i++) {
         let cell = id.xy * BLOCK + vec2u(i % BLOCK, i / BLOCK);
         block[i] = surface_at(cell);

@@ -23,7 +23,7 @@ const STEP_TEXELS: u32 = 1 << 18;
 
 /// What samples are taken in with.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Tools<'a> {
+pub(crate) struct UploadContext<'a> {
     pub(crate) gpu: &'a Arc<Gpu>,
     pub(crate) bounds: &'a BoundsPass,
     pub(crate) mips: &'a MipsPass,
@@ -32,7 +32,7 @@ pub(crate) struct Tools<'a> {
 
 /// A sample on its way in.
 #[derive(Debug)]
-pub(crate) struct Intake {
+pub(crate) struct SampleUpload {
     pub(crate) info: Arc<SampleSetInfo>,
     /// It is given up once nobody else has the sample.
     pub(crate) sample: Weak<Sample>,
@@ -52,7 +52,7 @@ enum Step {
     /// Rows of a plane are copied into the layer.
     Copy(PlaneKind, Range<u32>),
     /// Rows of the finest level of the display plane are made.
-    Finest(Range<u32>),
+    DisplayRows(Range<u32>),
     /// Rows of a coarser level of radiance, and of the display plane, are made.
     Coarser(u32, Range<u32>),
     /// The tiles of a face are bounded.
@@ -91,7 +91,7 @@ fn bands(width: u32, height: u32) -> impl Iterator<Item = Range<u32>> {
     (0..height.div_ceil(rows)).map(move |i| i * rows..((i + 1) * rows).min(height))
 }
 
-impl Intake {
+impl SampleUpload {
     /// Of a sample that has been validated, into a layer of the pool of that index.
     pub(crate) fn new(
         info: &Arc<SampleSetInfo>,
@@ -105,12 +105,12 @@ impl Intake {
         let faces = sample.camera.faces();
         let kinds = sample.planes.iter().map(|plane| plane.kind);
         let copies = kinds.flat_map(|kind| bands(width, height).map(move |rows| Step::Copy(kind, rows)));
-        let finest = bands(width, height).map(Step::Finest);
+        let display_rows = bands(width, height).map(Step::DisplayRows);
         let coarser = (1..levels).flat_map(|level| {
             bands((width >> level).max(1), (height >> level).max(1))
                 .map(move |rows| Step::Coarser(level, rows))
         });
-        let left = copies.chain(finest).chain(coarser).chain((0..faces.len()).map(Step::Bounds));
+        let left = copies.chain(display_rows).chain(coarser).chain((0..faces.len()).map(Step::Bounds));
         Ok(Self {
             info: info.clone(),
             sample: Arc::downgrade(sample),
@@ -140,7 +140,7 @@ impl Intake {
     /// [`RenderError::Internal`] where planes are not what validation made sure of.
     pub(crate) fn record(
         &mut self,
-        tools: &Tools<'_>,
+        context: &UploadContext<'_>,
         pool: &mut Pool,
         sample: &Sample,
         to: &mut Submission,
@@ -148,35 +148,41 @@ impl Intake {
         let Some(step) = self.left.pop_front() else { return Ok(None) };
         let program = match step {
             Step::Copy(..) => None,
-            Step::Finest(_) => Some("finest"),
+            Step::DisplayRows(_) => Some("display_rows"),
             Step::Coarser(..) => Some("coarsen"),
             Step::Bounds(_) => Some("bound_tile"),
         };
-        pool.changes(self.layer);
+        pool.mark_dirty(self.layer);
         let width = u64::from(pool.class.size[0]);
         let texels = |rows: &Range<u32>| width * u64::from(rows.end - rows.start);
         let exposure = self.info.lighting.exposure;
         to.weight += match step {
             Step::Copy(kind, rows) => {
                 if let (Some(plane), Ok(array)) = (sample.plane(kind), pool.array(kind)) {
-                    plane::copy_rows_into_layer(tools.gpu, plane, rows.clone(), &array.texture, self.layer)?;
+                    plane::copy_rows_into_layer(
+                        context.gpu,
+                        plane,
+                        rows.clone(),
+                        &array.texture,
+                        self.layer,
+                    )?;
                 }
                 texels(&rows)
             }
-            Step::Finest(rows) => {
+            Step::DisplayRows(rows) => {
                 let texels = texels(&rows);
-                tools.mips.finest(&mut to.commands, pool, self.layer, exposure, rows)?;
-                FINEST_WEIGHT * texels
+                context.mips.display_rows(&mut to.commands, pool, self.layer, exposure, rows)?;
+                DISPLAY_WEIGHT * texels
             }
             Step::Coarser(level, rows) => {
-                let scratch = self.scratch.get_or_insert_with(|| MipScratch::new(tools.gpu, pool));
+                let scratch = self.scratch.get_or_insert_with(|| MipScratch::new(context.gpu, pool));
                 let texels = texels(&rows) >> level;
-                tools.mips.coarser(&mut to.commands, pool, self.layer, exposure, level, rows, scratch)?;
+                context.mips.coarser(&mut to.commands, pool, self.layer, exposure, level, rows, scratch)?;
                 COARSER_WEIGHT * texels
             }
             Step::Bounds(face) => {
                 let of = &self.faces[face];
-                let ticket = tools.bounds.record(tools.gpu, &mut to.commands, pool, self.layer, of)?;
+                let ticket = context.bounds.record(context.gpu, &mut to.commands, pool, self.layer, of)?;
                 to.bounds.push((sample.id, face, ticket));
                 BOUNDS_WEIGHT * u64::from(of.size[0]) * u64::from(of.size[1])
             }
@@ -191,7 +197,7 @@ impl Intake {
 }
 
 /// What a texel of other steps takes, in units of a copied texel; of the order of what the software driver takes.
-const FINEST_WEIGHT: u64 = 8;
+const DISPLAY_WEIGHT: u64 = 8;
 const COARSER_WEIGHT: u64 = 16;
 const BOUNDS_WEIGHT: u64 = 4;
 

@@ -1,20 +1,20 @@
-//! Program: `shaders/compositor/halve.wgsl`. Makes the pyramid of a sample's nearest surfaces.
+//! Program: `shaders/compositor/build_pyramid.wgsl`. Makes the pyramid of a sample's nearest surfaces.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
-use argus_shaders::layout::compositor::Halve;
+use argus_shaders::layout::compositor::BuildPyramid;
 
 /// The pass: a dispatch a sample, once.
 #[derive(Debug)]
-pub(crate) struct HalvePass {
+pub(crate) struct BuildPyramidPass {
     pipeline: ComputePipeline,
 }
 
 /// Texels on a side of what a workgroup halves again and again, to a single cell.
 pub(crate) const TILE: u32 = 64;
 
-impl HalvePass {
+impl BuildPyramidPass {
     pub(crate) fn new(gpu: &Gpu) -> Self {
-        Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::HALVE, "halve_tile") }
+        Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::BUILD_PYRAMID, "build_tile") }
     }
 
     /// Makes the levels of the sample of `size` texels that is in this layer.
@@ -31,7 +31,7 @@ impl HalvePass {
             .compute("make pyramid", &self.pipeline)
             .read("inverse_range", inverse_range)
             .write("levels", levels)
-            .immediates(bytemuck::bytes_of(&Halve { layer, width, height }))
+            .immediates(bytemuck::bytes_of(&BuildPyramid { layer, width, height }))
             .dispatch([width.div_ceil(TILE), height.div_ceil(TILE), 1]);
     }
 }

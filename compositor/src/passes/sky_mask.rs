@@ -1,21 +1,21 @@
-//! Program: `shaders/compositor/clear.wgsl`. Finds the cells that show the sky.
+//! Program: `shaders/compositor/sky_mask.wgsl`. Finds the cells that show the sky.
 
 use std::collections::BTreeMap;
 
 use argus_gpu::{Commands, ComputePipeline, Gpu};
 use argus_scene::{PlaneKind, RenderError};
-use argus_shaders::layout::compositor::Clear;
+use argus_shaders::layout::compositor::SkyMask;
 
 use crate::draw_batch::DrawBatch;
 
 /// The pass: one dispatch a piece. Its pipelines are by whether samples are cubes.
 #[derive(Debug, Default)]
-pub(crate) struct ClearPass(BTreeMap<bool, ComputePipeline>);
+pub(crate) struct SkyMaskPass(BTreeMap<bool, ComputePipeline>);
 
 /// Sub-pixels on the edge of a block that one ray is followed for.
 const BLOCK: u32 = 4;
 
-impl ClearPass {
+impl SkyMaskPass {
     /// Looks at the cells of pieces.
     pub(crate) fn record(
         &mut self,
@@ -27,13 +27,13 @@ impl ClearPass {
         let omni = shared.pool.class.omni;
         let pipeline = self.0.entry(omni).or_insert_with(|| {
             let constants = [("omni", f64::from(u8::from(omni)))];
-            gpu.compute_pipeline_with(&argus_shaders::compositor::CLEAR, "clear_block", &constants)
+            gpu.compute_pipeline_with(&argus_shaders::compositor::SKY_MASK, "mask_block", &constants)
         });
         let inverse_range = shared.pool.view(PlaneKind::InverseRange)?;
-        let mut pass = commands.compute_pass("clear cells");
+        let mut pass = commands.compute_pass("mask sky");
         for (draw, fill) in batch.pieces.iter().filter_map(|draw| Some((draw, draw.fill?))) {
             let side = (BLOCK / draw.cell).max(1);
-            let immediates = Clear { columns: fill.columns as u32, rows: fill.rows as u32, side };
+            let immediates = SkyMask { columns: fill.columns as u32, rows: fill.rows as u32, side };
             pass.call(pipeline)
                 .read("view", &draw.view)
                 .read("inverse_range", inverse_range)

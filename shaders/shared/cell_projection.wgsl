@@ -4,7 +4,7 @@ import package::shared::camera::direction_in_face;
 
 // One pinhole image, as one piece of one view sees it. Rows take a position in the image's axes times its inverse depth, and
 // that inverse depth, to cell coordinates times w, and to w, the depth along the view's axis times the same.
-struct Landing {
+struct CellProjection {
     column: vec4f,
     row: vec4f,
     depth: vec4f,
@@ -20,7 +20,7 @@ struct Landing {
     origin_row: i32,
 }
 
-struct Landed {
+struct ProjectedTexel {
     // Inverse depth along the view's axis, 1/metres.
     q: f32,
     // Index of the cell.
@@ -31,34 +31,34 @@ struct Landed {
 
 // What lies in a direction (in the image's axes, at depth 1) at an inverse depth: cell coordinates times w, and w. Linear in
 // both.
-fn projected(landing: Landing, direction: vec3f, inverse_depth: f32) -> vec3f {
+fn projected(projection: CellProjection, direction: vec3f, inverse_depth: f32) -> vec3f {
     let p = vec4f(direction, inverse_depth);
-    return vec3f(dot(landing.column, p), dot(landing.row, p), dot(landing.depth, p));
+    return vec3f(dot(projection.column, p), dot(projection.row, p), dot(projection.depth, p));
 }
 
 // The cell that something falls into which was projected.
-fn placed(landing: Landing, h: vec3f, inverse_depth: f32) -> Landed {
+fn cell_hit(projection: CellProjection, h: vec3f, inverse_depth: f32) -> ProjectedTexel {
     let w = h.z;
     let q = inverse_depth / max(w, 1e-30);
     let at = floor(h.xy / max(w, 1e-30));
     // Written so that whatever is not finite, behind the eye or of another piece fails; sky has range 0.
-    let size = vec2f(f32(landing.cell_columns), f32(landing.cell_rows));
-    let cell = at - vec2f(f32(landing.origin_column), f32(landing.origin_row));
+    let size = vec2f(f32(projection.cell_columns), f32(projection.cell_rows));
+    let cell = at - vec2f(f32(projection.origin_column), f32(projection.origin_row));
     let usable = (bitcast<u32>(q) - 1u) < 0x7f7fffffu && w > 0.0;
     let inside = usable && all(cell >= vec2f(0.0)) && all(cell < size);
     // What is not inside may have any index.
-    let index = landing.first_cell + u32(cell.y) * u32(landing.cell_columns) + u32(cell.x);
-    return Landed(q, index, inside);
+    let index = projection.first_cell + u32(cell.y) * u32(projection.cell_columns) + u32(cell.x);
+    return ProjectedTexel(q, index, inside);
 }
 
 // The direction of a texel's centre, in the image's axes at depth 1.
-fn direction_of_texel(landing: Landing, texel: vec2u) -> vec3f {
-    return direction_in_face(landing.scale, landing.bias, vec2f(texel) + 0.5);
+fn direction_of_texel(projection: CellProjection, texel: vec2u) -> vec3f {
+    return direction_in_face(projection.scale, projection.bias, vec2f(texel) + 0.5);
 }
 
 // Where a texel lands whose surface has that inverse range.
-fn landed(landing: Landing, texel: vec2u, inverse_range: f32) -> Landed {
-    let direction = direction_of_texel(landing, texel);
+fn project_texel(projection: CellProjection, texel: vec2u, inverse_range: f32) -> ProjectedTexel {
+    let direction = direction_of_texel(projection, texel);
     let inverse_depth = inverse_range * length(direction);
-    return placed(landing, projected(landing, direction, inverse_depth), inverse_depth);
+    return cell_hit(projection, projected(projection, direction, inverse_depth), inverse_depth);
 }

@@ -1,0 +1,104 @@
+//! Which of a search's two programs is the faster on the device at hand: tried on real batches, then decided.
+//!
+//! Both write equal bytes, so that a trial never shows.
+
+use crate::knobs::SearchBackend;
+
+/// One search's trial.
+#[derive(Debug, Default)]
+pub(crate) struct Autotune {
+    /// Nanoseconds a sub-pixel, of the fragment program and of the compute program.
+    times: [Vec<f64>; 2],
+    decided: Option<SearchBackend>,
+}
+
+/// Turns of each program. The first is not counted: drivers make machine code in it.
+const ROUNDS: usize = 4;
+
+/// Sub-pixels of a batch that is worth timing.
+const MIN_SUB_PIXELS: u64 = 1 << 14;
+
+impl Autotune {
+    /// The program that draws the next batch: never [`SearchBackend::Auto`].
+    pub(crate) fn next(&self, knob: SearchBackend) -> SearchBackend {
+        match (knob, self.decided) {
+            (SearchBackend::Auto, Some(search_backend)) => search_backend,
+            (SearchBackend::Auto, None) if self.times[1].len() < self.times[0].len() => {
+                SearchBackend::Compute
+            }
+            (SearchBackend::Auto, None) => SearchBackend::Fragment,
+            (fixed, _) => fixed,
+        }
+    }
+
+    /// Which was faster, once that is known.
+    pub(crate) fn decided(&self) -> Option<SearchBackend> {
+        self.decided
+    }
+
+    /// Takes note of what a batch took. Returns the decision if this made it.
+    pub(crate) fn note(
+        &mut self,
+        search_backend: SearchBackend,
+        ms: f64,
+        sub_pixels: u64,
+    ) -> Option<SearchBackend> {
+        if self.decided.is_some() || sub_pixels < MIN_SUB_PIXELS || !(ms > 0.0) {
+            return None;
+        }
+        self.times[usize::from(search_backend == SearchBackend::Compute)].push(ms * 1e6 / sub_pixels as f64);
+        if self.times.iter().any(|times| times.len() < ROUNDS) {
+            return None;
+        }
+        let [fragment, compute] = self.times.each_ref().map(|times| median(&times[1..]));
+        let search_backend =
+            if compute < fragment { SearchBackend::Compute } else { SearchBackend::Fragment };
+        self.decided = Some(search_backend);
+        self.decided
+    }
+}
+
+fn median(times: &[f64]) -> f64 {
+    let mut sorted = times.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn decide(fragment: f64, compute: f64) -> SearchBackend {
+        let mut tuning = Autotune::default();
+        for turn in 0.. {
+            let search_backend = tuning.next(SearchBackend::Auto);
+            let first = if turn < 2 { 100.0 } else { 0.0 };
+            let ms = first + if search_backend == SearchBackend::Compute { compute } else { fragment };
+            assert!(turn < 2 * ROUNDS, "must be decided by now");
+            // Too small to tell anything, and a clock that stood still.
+            assert_eq!(
+                tuning.note(search_backend, 1e9, 10).or(tuning.note(search_backend, 0.0, 1 << 20)),
+                None
+            );
+            if let Some(decided) = tuning.note(search_backend, ms, 1 << 20) {
+                assert_eq!((tuning.decided(), tuning.next(SearchBackend::Auto)), (Some(decided), decided));
+                return decided;
+            }
+        }
+        unreachable!()
+    }
+
+    #[test]
+    fn the_faster_program_is_kept_and_the_first_turns_do_not_count() {
+        assert_eq!(decide(2.0, 1.0), SearchBackend::Compute);
+        assert_eq!(decide(1.0, 2.0), SearchBackend::Fragment);
+        assert_eq!(decide(1.0, 1.0), SearchBackend::Fragment);
+    }
+
+    #[test]
+    fn a_knob_goes_before_any_trial() {
+        let tuning = Autotune { decided: Some(SearchBackend::Compute), ..Autotune::default() };
+        assert_eq!(tuning.next(SearchBackend::Fragment), SearchBackend::Fragment);
+        assert_eq!(tuning.next(SearchBackend::Compute), SearchBackend::Compute);
+    }
+}
