@@ -1,22 +1,22 @@
-//! The texture arrays of samples of one class, a layer a sample, and what classes there are.
+//! Texture arrays for samples of one class, with one layer a sample.
 
 use argus_gpu::Gpu;
 use argus_gpu::plane::{self, texture_format};
 use argus_gpu::wgpu;
 use argus_scene::{PlaneFormat, PlaneKind};
 
-/// What samples must have in common to share texture arrays.
+/// Properties that samples must share to be layers of the same texture arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PoolClass {
     pub(crate) size: [u32; 2],
     pub(crate) radiance: PlaneFormat,
     pub(crate) glossy: bool,
-    /// They say which map of surroundings each surface looks up.
+    /// Samples have a Reflector plane, which names the reflection probe of each surface.
     pub(crate) reflects: bool,
     pub(crate) omni: bool,
 }
 
-/// The texture format of the display plane: sRGB, and whether it is glossy.
+/// Texture format of the display plane: sRGB, and in alpha whether the surface is glossy.
 pub(crate) const DISPLAY: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
 impl PoolClass {
@@ -33,15 +33,15 @@ impl PoolClass {
         planes
     }
 
-    /// Levels of a plane, each half as fine as the one before: radiance is looked up with a footprint that fits the view.
+    /// Number of mip levels of a plane. Only radiance has more than one, because views sample it at their own resolution.
     fn levels(&self, kind: PlaneKind) -> u32 {
         let shortest = self.size[0].min(self.size[1]);
         let most = if kind == PlaneKind::Radiance { MAX_LEVELS } else { 1 };
-        // A level of a few texels is of no use, least for the faces of a cube.
+        // Levels of a few texels are useless, above all for the faces of a cube.
         (1..most).take_while(|&level| (shortest >> level) >= LEAST_SIDE).count() as u32 + 1
     }
 
-    /// Bytes of one sample.
+    /// Bytes of one sample on the device.
     pub(crate) fn layer_bytes(&self) -> u64 {
         let texels = u64::from(self.size[0]) * u64::from(self.size[1]);
         let plane = |&(kind, format): &(PlaneKind, PlaneFormat)| {
@@ -54,13 +54,13 @@ impl PoolClass {
     }
 }
 
-/// One plane's array, and the views that passes bind.
+/// The texture array of one plane, and the texture views that passes bind.
 #[derive(Debug)]
 pub(crate) struct Array {
     pub(crate) texture: wgpu::Texture,
     /// All levels.
     pub(crate) view: wgpu::TextureView,
-    /// Each level alone.
+    /// One level each.
     pub(crate) levels: Vec<wgpu::TextureView>,
 }
 
@@ -69,7 +69,7 @@ impl Array {
         let texture = gpu.device.create_texture(desc);
         let view = |base_mip_level, mip_level_count| {
             texture.create_view(&wgpu::TextureViewDescriptor {
-                // Said outright, since a pool of one layer would be seen as no array.
+                // Explicit, because the default for one layer is a plain 2D view.
                 dimension: Some(wgpu::TextureViewDimension::D2Array),
                 base_mip_level,
                 mip_level_count,
@@ -80,12 +80,12 @@ impl Array {
         Self { view: view(0, None), levels, texture }
     }
 
-    /// A level alone, or the coarsest if there is none so coarse.
+    /// The view of one level, or of the coarsest level if `level` is beyond it.
     pub(crate) fn level(&self, level: u32) -> &wgpu::TextureView {
         &self.levels[(level as usize).min(self.levels.len() - 1)]
     }
 
-    /// Copies all levels of a layer of another array into one of this.
+    /// Copies all levels of a layer of another array into a layer of this array.
     pub(crate) fn copy_layer(
         &self,
         layer: u32,
@@ -102,7 +102,7 @@ impl Array {
         }
     }
 
-    /// Fills all levels of a layer with zeros, as wgpu would fill all layers when the first one is used.
+    /// Fills all levels of a layer with zeros. Without this, wgpu clears all layers at the first use of one.
     pub(crate) fn clear_layer(&self, gpu: &Gpu, layer: u32, encoder: &mut wgpu::CommandEncoder) {
         let texel_bytes = self.texture.format().block_copy_size(None).unwrap_or(4);
         let pitch = (self.texture.width() * texel_bytes).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
@@ -134,16 +134,16 @@ impl Array {
     }
 }
 
-/// The arrays of a class.
+/// The texture arrays of one class.
 #[derive(Debug)]
 pub(crate) struct Arrays {
     pub(crate) planes: Vec<(PlaneKind, Array)>,
-    /// What most views show of the samples, derived from the planes: `shaders/compositor/mips.wgsl`.
+    /// Display plane: exposed sRGB colours, derived from the planes by `shaders/compositor/mips.wgsl`.
     pub(crate) display: Array,
 }
 
 impl Arrays {
-    /// Arrays of so many layers, with no memory touched yet.
+    /// Arrays of `layers` layers. Their content is undefined.
     pub(crate) fn new(gpu: &Gpu, class: &PoolClass, layers: u32) -> Self {
         let [width, height] = class.size;
         let array = |levels, format, usage| {
@@ -174,14 +174,14 @@ impl Arrays {
         self.planes.len() + 1
     }
 
-    /// One of them, the display plane's last.
+    /// The array of an index. The display plane is the last one.
     pub(crate) fn array(&self, index: usize) -> &Array {
         self.planes.get(index).map_or(&self.display, |(_, array)| array)
     }
 }
 
-/// Levels of radiance: a view may be up to eight times as coarse as its samples before it aliases.
+/// Most mip levels of radiance. A view up to eight times coarser than its samples does not alias.
 const MAX_LEVELS: u32 = 4;
 
-/// Texels on a side of the coarsest level.
+/// Fewest texels on the shorter side of the coarsest level.
 const LEAST_SIDE: u32 = 16;

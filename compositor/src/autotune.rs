@@ -1,25 +1,25 @@
-//! Which of a search's two programs is the faster on the device at hand: tried on real batches, then decided.
+//! Chooses the faster of a search's two programs on this device, by timing real batches.
 //!
-//! Both write equal bytes, so that a trial never shows.
+//! Both programs write equal bytes, so timing them changes no frame.
 
 use crate::knobs::SearchBackend;
 
-/// One search's trial.
+/// The autotuning of one search.
 #[derive(Debug, Default)]
 pub(crate) struct Autotune {
-    /// Nanoseconds a sub-pixel, of the fragment program and of the compute program.
+    /// Nanoseconds a sub-pixel, by round: fragment program, compute program.
     times: [Vec<f64>; 2],
     decided: Option<SearchBackend>,
 }
 
-/// Turns of each program. The first is not counted: drivers make machine code in it.
+/// Rounds of each program. The first is not counted, because drivers compile in it.
 const ROUNDS: usize = 4;
 
-/// Sub-pixels of a batch that is worth timing.
+/// Fewest sub-pixels of a batch that is timed.
 const MIN_SUB_PIXELS: u64 = 1 << 14;
 
 impl Autotune {
-    /// The program that draws the next batch: never [`SearchBackend::Auto`].
+    /// The program that draws the next batch. Never returns [`SearchBackend::Auto`].
     pub(crate) fn next(&self, knob: SearchBackend) -> SearchBackend {
         match (knob, self.decided) {
             (SearchBackend::Auto, Some(search_backend)) => search_backend,
@@ -31,12 +31,12 @@ impl Autotune {
         }
     }
 
-    /// Which was faster, once that is known.
+    /// The faster program, once it is known.
     pub(crate) fn decided(&self) -> Option<SearchBackend> {
         self.decided
     }
 
-    /// Takes note of what a batch took. Returns the decision if this made it.
+    /// Records the time of a batch. Returns the faster program if this batch decided it.
     pub(crate) fn note(
         &mut self,
         search_backend: SearchBackend,
@@ -75,7 +75,7 @@ mod tests {
             let first = if turn < 2 { 100.0 } else { 0.0 };
             let ms = first + if search_backend == SearchBackend::Compute { compute } else { fragment };
             assert!(turn < 2 * ROUNDS, "must be decided by now");
-            // Too small to tell anything, and a clock that stood still.
+            // Too few sub-pixels, and a time of zero: both are ignored.
             assert_eq!(
                 tuning.note(search_backend, 1e9, 10).or(tuning.note(search_backend, 0.0, 1 << 20)),
                 None

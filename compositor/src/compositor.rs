@@ -1,4 +1,4 @@
-//! A batch of views, from top to bottom.
+//! Composes batches of views.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -72,7 +72,7 @@ pub(crate) struct ChunkWork {
 }
 
 impl GpuCompositor {
-    /// A compositor with default knobs that holds nothing yet.
+    /// Makes a compositor with default knobs. It holds no samples.
     ///
     /// # Errors
     /// [`RenderError::Internal`] if the device lacks what the passes need.
@@ -80,10 +80,10 @@ impl GpuCompositor {
         Self::with_knobs(gpu, CompositorKnobs::default())
     }
 
-    /// A compositor that holds nothing yet.
+    /// Makes a compositor with these knobs. It holds no samples.
     ///
     /// # Errors
-    /// As [`GpuCompositor::new`].
+    /// [`RenderError::Internal`] if the device lacks what the passes need.
     pub fn with_knobs(gpu: Arc<Gpu>, knobs: CompositorKnobs) -> Result<Self, RenderError> {
         if !gpu.device.features().contains(wgpu::Features::IMMEDIATES) {
             let reason = format!("the device `{}` has no immediates (push constants)", gpu.kind());
@@ -93,7 +93,7 @@ impl GpuCompositor {
             gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: filter,
                 min_filter: filter,
-                // Between levels too: a change of level would show.
+                // Interpolates between levels, so that a change of level is invisible.
                 mipmap_filter: wgpu::MipmapFilterMode::Linear,
                 ..Default::default()
             })
@@ -127,10 +127,10 @@ impl GpuCompositor {
         })
     }
 
-    /// Which passes a view calls for, and why each is on or off.
+    /// The passes of a view, and why each is on or off.
     ///
     /// # Errors
-    /// As the view itself would fail: a sample that is not held, a plan that cannot be followed.
+    /// A sample that is not held, or a plan that no compositor can follow.
     pub fn plan(&self, job: &ViewJob) -> Result<Vec<PassPlan>, RenderError> {
         let view = PreparedView::new(0, job, &self.sample_store, &self.knobs)?;
         let planes = [view.glossy, view.surroundings.is_some()];
@@ -138,8 +138,7 @@ impl GpuCompositor {
         Ok(pass_plan(&job.plan, job.outputs, planes, reprojection, self.knobs.splat_samples))
     }
 
-    /// Which of a search's two programs draws: what the knob says, or what was found to be the faster on this device;
-    /// `None` while that is being tried.
+    /// The program that a search runs as: the knob's, or the faster one on this device. `None` while autotuning.
     pub fn search_backend(&self, search: Search) -> Option<SearchBackend> {
         match self.knobs.search_backend {
             SearchBackend::Auto => self.autotune.get(&search).and_then(Autotune::decided),
@@ -147,7 +146,7 @@ impl GpuCompositor {
         }
     }
 
-    /// Number of samples that are held.
+    /// Number of samples that are held, reflection probes included.
     pub fn held(&self) -> usize {
         self.sample_store.len()
     }
@@ -257,7 +256,7 @@ impl GpuCompositor {
         Ok(stages)
     }
 
-    /// Tells the trials of the chunk's searches what drawing took.
+    /// Records the times of the chunk's searches for autotuning.
     fn note_times(&mut self, chunk: &Chunk, inputs: &ChunkInputs, stages: &[Stage]) {
         let searches: BTreeSet<Search> = inputs.draws.keys().map(|(search, _)| *search).collect();
         for search in searches {
@@ -309,8 +308,8 @@ impl Compositor for GpuCompositor {
         })
     }
 
-    /// Composes the view with each of the programs that others like it may call for: both twins of its search until one is
-    /// chosen, with and without blending between levels.
+    /// Composes the view with every pipeline that similar views may need: both programs of its search unless one is
+    /// fixed, with and without interpolation between mip levels.
     fn ready(&mut self, view: &ViewJob, between: &mut dyn FnMut()) -> Result<(), RenderError> {
         let chosen = self.knobs.search_backend;
         let backends = if chosen == SearchBackend::Auto {

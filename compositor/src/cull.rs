@@ -1,7 +1,8 @@
-//! Which texels of a sample a view is splatted from: tiles inside of its frustum, every texel or every second, fourth or eighth.
+//! Selects the texels of a sample that a view is splatted from: tiles inside its frustum, at a stride of 1, 2, 4 or 8
+//! texels.
 //!
-//! The tiles' ranges are known from when the sample was taken in, so this is done on the host, in f64, some
-//! thousand multiplications a view; the density of what is visible also says how large the view's cells must be.
+//! Culling runs on the host in f64, because the range of each tile was measured when the sample was uploaded. It costs a
+//! few thousand multiplications a view. The density of visible texels also decides the size of the view's cells.
 
 use glam::{DVec2, DVec3, DVec4, Vec4Swizzles as _};
 
@@ -9,19 +10,19 @@ use argus_scene::camera::Face;
 
 use crate::geometry::{PixelFromFace, ViewGeometry};
 
-/// Edge of a face's tiles in texels: some thirty tiles a side, whatever the face's size, so that the host's work for a view
-/// does not grow with its samples.
+/// Side of a face's tiles in texels. A face has about thirty tiles a side whatever its size, so the host's work does not
+/// grow with the samples.
 pub(crate) fn tile_side(face: &Face) -> u32 {
     (face.size[0].max(face.size[1]) / TILES).next_power_of_two().clamp(2 * BLOCK, 8 * BLOCK)
 }
 
-/// Tiles on a face's longer side, about.
+/// Approximate number of tiles on a face's longer side.
 const TILES: u32 = 32;
 
-/// Texels on a side that a workgroup splats.
+/// Texels on a side of the block that a workgroup splats.
 const BLOCK: u32 = 8;
 
-/// Range of what one face's tiles show.
+/// Bounds of inverse range of one face's tiles.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct FaceTiles {
     pub(crate) columns: u32,
@@ -30,22 +31,22 @@ pub(crate) struct FaceTiles {
     pub(crate) inverse_range: Vec<[f32; 2]>,
 }
 
-/// A tile that the view may see.
+/// A tile that the view may show.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct VisibleTile {
     column: u32,
     row: u32,
-    /// Pixels of the view on the edge of a texel, as if both were seen frontally.
+    /// Pixels of the view along the edge of a texel, both facing the surface.
     pixels_per_texel: f64,
-    /// Box that holds all of its texels in the view, in pixels; unbounded where it reaches behind the eye.
+    /// Bounding box of its texels in the view, pixels. Infinite if the tile reaches behind the eye.
     min: DVec2,
     max: DVec2,
-    /// Pixels on the longer edge of that box for each of the tile's texels: none are farther apart, but where its surface
-    /// grazes the view.
+    /// Pixels of the box's longer edge for each texel of the tile's side. Neighbouring texels are farther apart only
+    /// where the surface is seen at a grazing angle.
     spread: f64,
 }
 
-/// The tiles of a face that the view may see.
+/// The tiles of a face that the view may show.
 pub(crate) fn visible_tiles(
     view: &ViewGeometry,
     face: &Face,
@@ -59,7 +60,7 @@ pub(crate) fn visible_tiles(
         let y = f64::from((row * side).min(face.size[1])) * texel.y - face.tan_half_fov.y;
         DVec3::new(x, -y, -1.0)
     };
-    // Each corner is four tiles': projected once.
+    // Four tiles share a corner, so it is projected once.
     let edge = (tiles.columns + 1) as usize;
     let corners: Vec<Corner> = (0..(tiles.columns + 1) * (tiles.rows + 1))
         .map(|i| Corner::new(corner(i % (tiles.columns + 1), i / (tiles.columns + 1)), pixel_from_face))
@@ -75,7 +76,7 @@ pub(crate) fn visible_tiles(
         let at = row as usize * edge + column as usize;
         let four = [&corners[at], &corners[at + 1], &corners[at + edge], &corners[at + edge + 1]];
         let longest = four.iter().fold(0.0, |l: f64, c| l.max(c.length));
-        // The shortest direction of the tile is at least as long as at its corners, less its own extent.
+        // Lower bound for the length of the tile's directions: the shortest corner less the tile's extent.
         let extent = texel.max_element() * f64::from(side);
         let shortest = (four.iter().fold(f64::MAX, |l: f64, c| l.min(c.length)) - extent).max(1.0);
         let depths = [1.0 / (f64::from(most) * longest), 1.0 / (f64::from(least) * shortest)];
@@ -88,7 +89,7 @@ pub(crate) fn visible_tiles(
     visible
 }
 
-/// A corner of a tile at depth 1, in pixel coordinates times w, without the face's own place.
+/// A corner of a tile at depth 1, in homogeneous pixel coordinates, without the translation of the face.
 struct Corner {
     projected: DVec3,
     length: f64,
@@ -101,8 +102,8 @@ impl Corner {
     }
 }
 
-/// Box in pixels, and depth in the view, of the hull of four directions between two depths; `None` if it lies
-/// outside of the image.
+/// Bounding box in pixels, and depth in the view, of the hull of four directions between two depths. `None` if the hull
+/// lies outside the image.
 fn footprint(
     four: &[&Corner; 4],
     depths: [f64; 2],
@@ -111,7 +112,7 @@ fn footprint(
 ) -> Option<(DVec2, DVec2, f64)> {
     let (mut min, mut max) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     let (mut nearest, mut farthest) = (f64::MAX, f64::MIN);
-    // One bit for each side of the frustum that all points so far are outside of.
+    // One bit for each plane of the frustum that all points so far lie outside.
     let mut outside = 0b1_1111;
     for depth in depths {
         for corner in four {
@@ -134,14 +135,14 @@ fn footprint(
     Some((min, max, 0.5 * (nearest + farthest)))
 }
 
-/// Share of the image that may have sparser texels than its cells hold.
+/// Share of the image whose texels may be sparser than the cells.
 const SPARSE: f64 = 0.5;
 
-/// Share of the image that has texels not much denser.
+/// Share of the image whose texels are at most as dense as the finer mip level.
 const DENSE: f64 = 0.9;
 
-/// Pixels of the view on the edge of a texel: nearly all of the image has none that are denser than the first, most of it
-/// has a texel of some sample as near as the second.
+/// Two distances between texels, in pixels of the view: [`DENSE`] and [`SPARSE`] of the image have at least that
+/// distance.
 pub(crate) fn spacings<'a>(tiles: impl Iterator<Item = &'a VisibleTile>, size: DVec2) -> [f64; 2] {
     let mut spacing: Vec<(f64, f64)> = tiles
         .map(|tile| {
@@ -151,7 +152,7 @@ pub(crate) fn spacings<'a>(tiles: impl Iterator<Item = &'a VisibleTile>, size: D
         .collect();
     spacing.sort_by(|a, b| b.0.total_cmp(&a.0));
     let area: f64 = spacing.iter().map(|&(_, area)| area).sum();
-    // The spacing that this share of the image has at least.
+    // The distance that this share of the image has at least.
     let at = |share: f64| {
         let mut left = share * area;
         let found = spacing.iter().find(|&&(_, area)| {
@@ -163,25 +164,25 @@ pub(crate) fn spacings<'a>(tiles: impl Iterator<Item = &'a VisibleTile>, size: D
     [at(DENSE), at(SPARSE)]
 }
 
-/// Pixels on an edge of the view's cells: so many that most of the image has a texel of some sample in each.
+/// Pixels along the edge of the view's cells. Most of the image then has a texel in each cell.
 ///
-/// A sample that is denser than the view gives cells of one pixel; of one that is sparser, one-pixel cells would
-/// stay empty between its texels.
+/// Samples denser than the view give cells of one pixel. For sparser samples, one-pixel cells would stay empty between
+/// texels.
 pub(crate) fn cell_size(spacing: f64, size: DVec2) -> u32 {
     let pixels = spacing.ceil();
-    // Cells beyond the image's size would all be one.
+    // A cell larger than the image is a single cell.
     pixels.clamp(1.0, size.max_element().max(1.0)) as u32
 }
 
-/// Cells on the distance of texels that are splatted. Denser ones would cost more and show less: of several texels in a cell
-/// the nearest stays, so that what is in front grows (terrain, 800x600 texels: FLIP 0.0371 at 0.8, 0.0366 at 1.2).
+/// Distance of splatted texels, in cells. Denser texels cost more and add error: a cell keeps the nearest of several
+/// texels, which enlarges the foreground (terrain, 800×600 texels: FLIP 0.0371 at 0.8, 0.0366 at 1.2).
 pub(crate) const DENSITY: f64 = 1.2;
 
-/// Cells on the distance of texels from which on they are splatted as squares: gaps of one are closed without.
+/// Distance of texels, in cells, beyond which they are splatted as squares. Smaller gaps are filled by the fill pass.
 const MAX_SPREAD: f64 = 2.0;
 
-/// Appends the blocks of 8×8 texels that reach into a part of the image (in pixels) to `blocks`, those of tiles whose texels
-/// lie farther apart than cells or those of all others, and returns how many.
+/// Appends the blocks of 8×8 texels that overlap a part of the image (pixels) to `blocks`, and returns their number.
+/// `sparse` selects tiles whose texels are farther apart than cells; otherwise all other tiles.
 pub(crate) fn push_blocks(
     tiles: &[VisibleTile],
     sparse: bool,
@@ -196,7 +197,7 @@ pub(crate) fn push_blocks(
         if tile.max.cmplt(part[0]).any() || tile.min.cmpgt(part[1]).any() {
             continue;
         }
-        // Every second texel, fourth or eighth where even those are dense enough.
+        // The largest stride whose texels are dense enough.
         let dense_enough =
             |stride: &u32| f64::from(*stride) * tile.pixels_per_texel <= DENSITY * f64::from(cell);
         let stride = [8, 4, 2].into_iter().filter(|s| s * BLOCK <= side).find(dense_enough).unwrap_or(1);

@@ -1,11 +1,11 @@
-//! Frames in the making: pieces come back from the device and are put together.
+//! Assembles frames from pieces that were read back from the device.
 
 use argus_scene::{Frame, Outputs, Provenance, Served, Stage};
 use bytes::Bytes;
 
 use crate::layout::{Chunk, Piece};
 
-/// A frame whose pieces come in one after another.
+/// A frame that is assembled piece by piece.
 #[derive(Debug)]
 pub(crate) struct FrameAssembly {
     width: u32,
@@ -29,10 +29,10 @@ pub(crate) struct ChunkImages {
     pub(crate) confidence: Bytes,
 }
 
-/// What the programs write for a pixel that no sample saw, in place of a source.
+/// Source that programs write for a pixel that no sample saw.
 const UNRESOLVED: u8 = 255;
 
-/// What they add to the source of a pixel that another sample serves than gave it its depth; `shared/pixel.wgsl`.
+/// Added to the source of a pixel whose colour and depth come from different samples: `shaders/shared/pixel.wgsl`.
 const OTHER_SAMPLE: u8 = 64;
 
 impl FrameAssembly {
@@ -50,7 +50,7 @@ impl FrameAssembly {
         }
     }
 
-    /// Takes a piece out of a chunk's targets.
+    /// Copies a piece from a chunk's images.
     pub(crate) fn add(&mut self, chunk: &Chunk, piece: &Piece, images: &ChunkImages) {
         let ChunkImages { srgb, range, confidence } = images;
         let (columns, row_pixels) = (piece.part.width as usize, chunk.size[0] as usize);
@@ -61,7 +61,7 @@ impl FrameAssembly {
             let unresolved = pixels.iter().filter(|p| p[3] == UNRESOLVED).count() as u64;
             let guided = pixels.iter().filter(|p| p[3] & OTHER_SAMPLE != 0).count() as u64;
             self.served.unresolved += unresolved;
-            // Unresolved has that bit too.
+            // `UNRESOLVED` contains that bit.
             self.served.other_sample += guided - unresolved;
             self.served.warped += pixels.len() as u64 - guided;
             if let Some(color) = &mut self.color {
@@ -87,7 +87,7 @@ impl FrameAssembly {
             if let Some(out) = &mut self.range {
                 let out = out[4 * to..4 * (to + columns)].as_chunks_mut::<4>().0;
                 let metres = range[4 * from..4 * (from + columns)].as_chunks::<4>().0;
-                // On the device nothing is 0: no infinity travels there.
+                // The device stores 0 for no surface; frames store infinity.
                 out.iter_mut().zip(metres).for_each(|(out, &m)| {
                     *out = if f32::from_le_bytes(m) > 0.0 { m } else { f32::INFINITY.to_le_bytes() };
                 });
@@ -95,7 +95,7 @@ impl FrameAssembly {
         }
     }
 
-    /// The frame, all of its pieces added.
+    /// The finished frame, once all pieces are added.
     pub(crate) fn finish(self, provenance: Provenance, stages: Vec<Stage>) -> Frame {
         let pixels = u64::from(self.width) * u64::from(self.height);
         Frame {

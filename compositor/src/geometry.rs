@@ -1,24 +1,24 @@
-//! Views and samples in each other's coordinates: combined in f64, handed to the GPU as f32 relative to the
-//! view's eye, so that a scene at 10⁶ m loses nothing.
+//! Transforms between views and samples. They are combined in f64 and uploaded as f32 relative to the view's eye, so that
+//! a scene at 10⁶ m loses no precision.
 
 use argus_scene::camera::Face;
 use argus_scene::{Bounds, Camera, SampleCamera};
 use argus_shaders::layout::compositor::{CellProjection, ViewSample};
 use glam::{DMat3, DVec2, DVec3, DVec4};
 
-/// A view's camera, ready to be combined with samples'.
+/// A view's camera.
 #[derive(Debug, Clone)]
 pub(crate) struct ViewGeometry {
-    /// Centre of projection.
+    /// Centre of projection, metres, world space.
     pub(crate) eye: DVec3,
     view_from_world: DMat3,
     half: DVec2,
-    /// Image in sub-pixels: width, height.
+    /// Width and height of the image, sub-pixels.
     pub(crate) size: DVec2,
 }
 
-/// Rows that take a position in a face's axes times its inverse depth, and that inverse depth, to pixel
-/// coordinates times w, and to w, the depth in the view times the same inverse depth.
+/// Rows of the transform from a face to homogeneous pixel coordinates. It takes (position × inverse depth, inverse depth)
+/// in the face's axes; w is the depth in the view times that inverse depth.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PixelFromFace {
     pub(crate) x: DVec4,
@@ -27,7 +27,7 @@ pub(crate) struct PixelFromFace {
 }
 
 impl ViewGeometry {
-    /// `side` sub-pixels to a pixel's edge.
+    /// The geometry of a view with `side` sub-pixels along the edge of a pixel.
     pub(crate) fn new(camera: &Camera, width: u32, height: u32, side: u32) -> Self {
         Self {
             eye: camera.eye,
@@ -37,8 +37,8 @@ impl ViewGeometry {
         }
     }
 
-    /// Directions, world axes at depth 1: of the image's top left corner, and their change per sub-pixel to the
-    /// right and down.
+    /// Directions in world axes at depth 1: the image's top left corner, the step to the next sub-pixel right, and the
+    /// step down.
     pub(crate) fn directions(&self) -> [DVec3; 3] {
         let world_from_view = self.view_from_world.transpose();
         [
@@ -48,7 +48,7 @@ impl ViewGeometry {
         ]
     }
 
-    /// The axis that the view looks along, unit, world axes.
+    /// Unit direction of view, world axes.
     pub(crate) fn forward(&self) -> DVec3 {
         -self.view_from_world.row(2)
     }
@@ -58,7 +58,7 @@ impl ViewGeometry {
         2.0 * self.half / self.size
     }
 
-    /// Where the view has what a face of a sample with this centre sees.
+    /// The transform from a face of a sample with this centre to pixels of the view.
     pub(crate) fn pixel_from_face(&self, center: DVec3, face: &Face) -> PixelFromFace {
         let view_from_face = self.view_from_world * face.view_from_world.transpose();
         let center_in_view = self.view_from_world * (center - self.eye);
@@ -73,8 +73,8 @@ impl ViewGeometry {
 }
 
 impl PixelFromFace {
-    /// The same for cells of `cell` sub-pixels, and an image whose texels have directions by this factor and summand; the
-    /// rest of it is taken from `about`.
+    /// The transform to cells of `cell` sub-pixels, from an image whose texels have direction `scale` × texel + `bias`.
+    /// The other fields are those of `about`.
     pub(crate) fn projection(
         &self,
         about: CellProjection,
@@ -94,7 +94,7 @@ impl PixelFromFace {
     }
 }
 
-/// A sample as the pixels of a view with this eye look it up.
+/// A sample as the shaders look it up for a view with this eye.
 pub(crate) fn view_sample(eye: DVec3, camera: &SampleCamera, face: &Face, layer: u32) -> ViewSample {
     let [right, up, back] = [0, 1, 2].map(|i| face.view_from_world.row(i));
     let half = face.tan_half_fov;
@@ -110,11 +110,11 @@ pub(crate) fn view_sample(eye: DVec3, camera: &SampleCamera, face: &Face, layer:
     }
 }
 
-/// Share of the bounds' longest edge by which rays are followed beyond them: surfaces that lie in a face of the
-/// bounds, such as level ground, are passed through rather than touched. A step of the default linear search.
+/// Margin of the bounds, as a share of their longest edge: one step of the default linear search. Without it, rays would
+/// end on surfaces that lie in a face of the bounds, such as level ground.
 const BOUNDS_MARGIN: f64 = 1.0 / 64.0;
 
-/// The scene's bounds about an eye, somewhat widened; the eye itself where the scene is empty.
+/// The scene's bounds relative to an eye, widened by [`BOUNDS_MARGIN`]. Zero for an empty scene.
 pub(crate) fn bounds_about(bounds: &Bounds, eye: DVec3) -> [[f32; 3]; 2] {
     if bounds.is_empty() {
         return [[0.0; 3]; 2];

@@ -1,35 +1,35 @@
-//! What a user may turn; none of it shows in a frame's bytes but [`CompositorKnobs::splat_samples`] and, of views that come with
-//! a history, [`CompositorKnobs::max_reprojections`].
+//! Settings of the compositor. Only [`CompositorKnobs::splat_samples`] and, for views with a history,
+//! [`CompositorKnobs::max_reprojections`] change the bytes of frames.
 
-/// How a compositor works.
+/// Settings of a compositor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CompositorKnobs {
-    /// The first this many samples of a plan leave their depth in the view; all of them are fetched from.
+    /// Number of samples that are splatted, from the start of the plan's list. Colours are fetched from all samples.
     pub splat_samples: usize,
-    /// Sub-pixels on a side of the pieces that a large view is worked off in.
+    /// Sub-pixels on a side of the pieces that large views are cut into.
     pub piece_side: u32,
-    /// Sub-pixels that are worked on at once, in one submission.
+    /// Most sub-pixels of one submission.
     pub chunk_pixels: u64,
-    /// Bytes of device memory that samples may fill.
+    /// Most bytes of device memory for samples.
     pub max_sample_bytes: u64,
-    /// Frames that begin one from the other before one begins at the samples again: what a search missed, those after it
-    /// miss, too.
+    /// Frames in a row that may start from the previous frame. Errors of a search persist in reprojected frames, so the
+    /// next frame starts from samples again.
     pub max_reprojections: u32,
-    /// Which of the two programs of a search draws.
+    /// The program that searches run as.
     pub search_backend: SearchBackend,
-    /// A slice of taking samples up ends at the first step that ends after so many milliseconds.
+    /// Milliseconds after which a slice of uploading samples ends, at the end of its current step.
     pub slice_ms: f64,
 }
 
-/// Which of the two programs of a search draws: they share the function that finds a pixel, and write equal bytes.
+/// The program that a search runs as. Both share the function that computes a pixel, and write equal bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SearchBackend {
-    /// Both in turn until it is known which is the faster on this device, then that one.
+    /// Times both programs on real batches, then uses the faster one.
     #[default]
     Auto,
     /// The fragment program.
     Fragment,
-    /// The compute program: on data-centre GPUs only a few multiprocessors run graphics work.
+    /// The compute program. On data-centre GPUs only a few multiprocessors run graphics work.
     Compute,
 }
 
@@ -40,11 +40,10 @@ impl Default for CompositorKnobs {
             piece_side: 2048,
             chunk_pixels: 4 << 20,
             max_sample_bytes: 4 << 30,
-            // `argus study history`: views of terrain err less than from samples after 5 (FLIP 0.079 and 0.081), and
-            // more after 8 (0.082).
+            // `argus study history`, terrain: FLIP is 0.081 from samples, 0.079 after 5 reprojections, 0.082 after 8.
             max_reprojections: 6,
             search_backend: SearchBackend::Auto,
-            // With the step after which it ends, a slice is about as long as a direct view of 320×240.
+            // With its last step a slice takes about as long as a direct view of 320×240 pixels.
             slice_ms: 8.0,
         }
     }

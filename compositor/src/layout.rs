@@ -1,7 +1,7 @@
-//! How a batch is cut up: large views into pieces, pieces into chunks that are worked on in one submission, the
-//! pieces of a chunk side by side in one target.
+//! Cuts a batch into pieces and chunks. Large views become several pieces. A chunk is the pieces of one submission, side
+//! by side in one target.
 //!
-//! None of it shows: a piece's pixels are computed from their position in the whole view.
+//! The cut changes no bytes: pixels are computed from their position in the whole view.
 
 use argus_scene::SampleId;
 
@@ -16,21 +16,21 @@ pub(crate) struct Rect {
     pub(crate) height: u32,
 }
 
-/// A part of a view.
+/// A part of a view that is drawn at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Piece {
-    /// Index of the view among those that are composed.
+    /// Index of the view in the batch.
     pub(crate) view: usize,
-    /// Final pixels of the view.
+    /// Pixels of the view that it covers.
     pub(crate) part: Rect,
-    /// Where they lie in the chunk's target.
+    /// Its first pixel in the chunk's target.
     pub(crate) target: [u32; 2],
-    /// Sub-pixels on an edge of a pixel.
+    /// Sub-pixels along the edge of a pixel.
     pub(crate) side: u32,
 }
 
 impl Piece {
-    /// Where its sub-pixels lie in the chunk's supersampled target, which is only made where there are any.
+    /// Its first sub-pixel in the chunk's target of sub-pixels.
     pub(crate) fn fine_target(&self) -> [u32; 2] {
         self.target.map(|at| at * self.side)
     }
@@ -41,30 +41,30 @@ impl Piece {
     }
 }
 
-/// What cutting a batch up needs to know of a view.
+/// Properties of a view that decide how a batch is cut into chunks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct ViewExtent {
     pub(crate) width: u32,
     pub(crate) height: u32,
-    /// Sub-pixels on an edge of a pixel.
+    /// Sub-pixels along the edge of a pixel.
     pub(crate) side: u32,
-    /// Pool that its samples are in.
+    /// Index of the pool of its samples.
     pub(crate) pool: usize,
-    /// The maps that their surfaces look up.
+    /// The reflection probes that its samples look up.
     pub(crate) surroundings: Option<SampleId>,
 }
 
-/// Pieces of one submission and the extent of their target.
+/// Pieces of one submission, and the size of their target in pixels.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(crate) struct Chunk {
     pub(crate) pieces: Vec<Piece>,
     pub(crate) size: [u32; 2],
 }
 
-/// Rows that a chunk's target has at most.
+/// Most rows of a chunk's target.
 const MAX_ROWS: u32 = 8192;
 
-/// Cuts views into chunks. The pieces of a chunk have one pool, one set of surroundings, and one scale of their fine target.
+/// Cuts views into chunks. All pieces of a chunk have the same pool, reflection probes and supersampling.
 pub(crate) fn chunks(views: &[ViewExtent], knobs: &CompositorKnobs) -> Vec<Chunk> {
     let mut order: Vec<usize> = (0..views.len()).collect();
     let alike = |view: &ViewExtent| (view.pool, view.surroundings, view.side);
@@ -95,8 +95,8 @@ pub(crate) fn chunks(views: &[ViewExtent], knobs: &CompositorKnobs) -> Vec<Chunk
     chunks
 }
 
-/// Places pieces on shelves, left to right and top to bottom, as narrow as the greatest number of rows allows: a
-/// piece's rows then lie close together when they are read back.
+/// Places pieces on shelves, left to right and top to bottom. The target is as narrow as [`MAX_ROWS`] allows, so that the
+/// rows of a piece lie close together after readback.
 fn place(mut pieces: Vec<Piece>) -> Chunk {
     let widest = pieces.iter().map(|p| p.part.width).max().unwrap_or(0);
     let mut width = widest;

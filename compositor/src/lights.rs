@@ -1,10 +1,10 @@
-//! Lights as a view's highlights need them: relative to its eye.
+//! Lights of a view, relative to its eye.
 
 use argus_scene::{Light, Lighting};
 use argus_shaders::layout::shared;
 use glam::DVec3;
 
-/// Sky, exposure and the number of lights.
+/// The uniform of sky, exposure and number of lights.
 pub(crate) fn lighting_uniform(lighting: &Lighting) -> shared::Lighting {
     shared::Lighting {
         sky_zenith: lighting.sky.zenith.to_array(),
@@ -16,7 +16,7 @@ pub(crate) fn lighting_uniform(lighting: &Lighting) -> shared::Lighting {
     }
 }
 
-/// A light about an eye.
+/// A light relative to an eye.
 pub(crate) fn light_about(light: &Light, eye: DVec3) -> shared::Light {
     let mut data = shared::Light {
         position: [0.0; 3],
@@ -52,7 +52,7 @@ pub(crate) fn light_about(light: &Light, eye: DVec3) -> shared::Light {
     data
 }
 
-/// 0 says that a light reaches everywhere, so one that reaches nowhere is given the least reach there is.
+/// Cut-off distance in metres; 0 for none. A cut-off distance of 0 m becomes the smallest positive number.
 fn cut_off(range: Option<f64>) -> f32 {
     range.map_or(0.0, |range| (range as f32).max(f32::MIN_POSITIVE))
 }

@@ -1,4 +1,4 @@
-//! Which passes views call for, and why.
+//! The passes that a view needs, and why.
 
 use argus_scene::{Outputs, Plan, Search, Warp};
 
@@ -9,18 +9,19 @@ use crate::passes::reproject::ReprojectPass;
 use crate::passes::seeded::SeededPass;
 use crate::passes::warp::WarpPass;
 
-/// Whether one piece of work runs for a view.
+/// Whether a pass, or a part of one, runs for a view.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PassPlan {
-    /// What it does; a pass has the name of its timing row.
+    /// Name. A pass has the name of its row in the timing table.
     pub name: &'static str,
     /// Whether it runs.
     pub on: bool,
-    /// What of the view or of its samples calls for it, or makes it needless.
+    /// The property of the view or of its samples that switches it on or off.
     pub why: String,
 }
 
-/// The passes for one view. `no_reprojection` is why it does not begin from an earlier frame, if it does not.
+/// The passes of one view. `no_reprojection` is the reason why it does not start from an earlier frame; `None` if it
+/// does.
 pub(crate) fn pass_plan(
     plan: &Plan,
     outputs: Outputs,
