@@ -66,8 +66,8 @@ impl<'a> Batch<'a> {
     pub(crate) fn chunks(&self, knobs: &CompositorKnobs) -> Vec<Chunk> {
         let extent = |view: &PreparedView| {
             let ViewJob { width, height, .. } = self.jobs[view.job];
-            let surroundings = view.surroundings.as_ref().map(|(id, _)| *id);
-            ViewExtent { width, height, side: view.side, pool: view.pool, surroundings }
+            let probes = view.probes.as_ref().map(|(id, _)| *id);
+            ViewExtent { width, height, side: view.side, pool: view.pool, probes }
         };
         let extents: Vec<ViewExtent> = self.views.iter().map(extent).collect();
         chunks(&extents, knobs)

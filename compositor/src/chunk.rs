@@ -139,7 +139,7 @@ fn variant(view: &PreparedView, job: &ViewJob) -> Variant {
     Variant {
         omni: view.omni,
         glossy: view.glossy,
-        reflects: view.surroundings.is_some(),
+        reflects: view.probes.is_some(),
         linear,
         range: linear || confident || job.outputs.range,
         confident,

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_gpu::{Commands, Gpu, Surroundings, wgpu};
+use argus_gpu::{Commands, Gpu, ReflectionProbes, wgpu};
 use argus_scene::{Cancel, Compositor, Frame, RenderError, SampleId, SampleSet, Search, Stage, ViewJob};
 
 use crate::autotune::Autotune;
@@ -105,7 +105,7 @@ impl GpuCompositor {
             fixed: FixedBindings {
                 nearest: sampler(wgpu::FilterMode::Nearest),
                 bilinear: sampler(wgpu::FilterMode::Linear),
-                no_surroundings: Surroundings::none(&gpu),
+                no_probes: ReflectionProbes::none(&gpu),
             },
             bounds: BoundsPass::new(&gpu),
             mips: MipsPass::new(&gpu),
@@ -133,7 +133,7 @@ impl GpuCompositor {
     /// A sample that is not held, or a plan that no compositor can follow.
     pub fn plan(&self, job: &ViewJob) -> Result<Vec<PassPlan>, RenderError> {
         let view = PreparedView::new(0, job, &self.sample_store, &self.knobs)?;
-        let planes = [view.glossy, view.surroundings.is_some()];
+        let planes = [view.glossy, view.probes.is_some()];
         let reprojection = view.reprojection.as_ref().err().copied();
         Ok(pass_plan(&job.plan, job.outputs, planes, reprojection, self.knobs.splat_samples))
     }

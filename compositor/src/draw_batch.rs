@@ -1,6 +1,6 @@
 //! One draw of a search: its pipeline variant, its bindings and the pieces of views that it fills.
 
-use argus_gpu::{Bindable, ColorTarget, ComputeCall, Surroundings, wgpu};
+use argus_gpu::{Bindable, ColorTarget, ComputeCall, ReflectionProbes, wgpu};
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::layout::compositor::Fill;
 
@@ -72,7 +72,7 @@ pub(crate) struct FixedBindings {
     /// Trilinear.
     pub(crate) bilinear: wgpu::Sampler,
     /// Bound where no surface looks up a reflection probe.
-    pub(crate) no_surroundings: Surroundings,
+    pub(crate) no_probes: ReflectionProbes,
 }
 
 /// Resources that all draws of a chunk read.
@@ -83,7 +83,7 @@ pub(crate) struct SharedBindings<'a> {
     /// Lights of every view, relative to its eye.
     pub(crate) lights: &'a wgpu::Buffer,
     /// Reflection probes of the samples; `None` if they look up none.
-    pub(crate) surroundings: Option<&'a Surroundings>,
+    pub(crate) probes: Option<&'a ReflectionProbes>,
 }
 
 impl<'a> SharedBindings<'a> {
@@ -100,14 +100,14 @@ impl<'a> SharedBindings<'a> {
     ) -> Result<Self, RenderError> {
         let view = chunk.pieces.first().map(|piece| batch.view(piece));
         let pool = sample_store.pool(view.map_or(0, |view| view.pool))?;
-        let surroundings = view.and_then(|view| view.surroundings.as_ref()).map(|(_, maps)| &**maps);
-        Ok(Self { pool, fixed, lights: &inputs.lights, surroundings })
+        let probes = view.and_then(|view| view.probes.as_ref()).map(|(_, maps)| &**maps);
+        Ok(Self { pool, fixed, lights: &inputs.lights, probes })
     }
 
     /// All resources under their names in WGSL.
     pub(crate) fn bindings(&self) -> Result<Vec<NamedBinding<'a>>, RenderError> {
-        let surroundings = self.surroundings.unwrap_or(&self.fixed.no_surroundings);
-        let reflectors = self.pool.view(PlaneKind::Reflector).unwrap_or_else(|_| surroundings.no_words());
+        let probes = self.probes.unwrap_or(&self.fixed.no_probes);
+        let reflectors = self.pool.view(PlaneKind::Reflector).unwrap_or_else(|_| probes.no_reflectors());
         let mut bindings = vec![
             NamedBinding::read("inverse_range", self.pool.view(PlaneKind::InverseRange)?),
             NamedBinding::read("radiance", self.pool.view(PlaneKind::Radiance)?),
@@ -118,7 +118,7 @@ impl<'a> SharedBindings<'a> {
             NamedBinding::read("lights", self.lights),
             NamedBinding::read("reflector_plane", reflectors),
         ];
-        bindings.extend(surroundings.bindings().map(|(name, resource)| NamedBinding::read(name, resource)));
+        bindings.extend(probes.bindings().map(|(name, resource)| NamedBinding::read(name, resource)));
         Ok(bindings)
     }
 

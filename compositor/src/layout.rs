@@ -51,7 +51,7 @@ pub(crate) struct ViewExtent {
     /// Index of the pool of its samples.
     pub(crate) pool: usize,
     /// The reflection probes that its samples look up.
-    pub(crate) surroundings: Option<SampleId>,
+    pub(crate) probes: Option<SampleId>,
 }
 
 /// Pieces of one submission, and the size of their target in pixels.
@@ -67,7 +67,7 @@ const MAX_ROWS: u32 = 8192;
 /// Cuts views into chunks. All pieces of a chunk have the same pool, reflection probes and supersampling.
 pub(crate) fn chunks(views: &[ViewExtent], knobs: &CompositorKnobs) -> Vec<Chunk> {
     let mut order: Vec<usize> = (0..views.len()).collect();
-    let alike = |view: &ViewExtent| (view.pool, view.surroundings, view.side);
+    let alike = |view: &ViewExtent| (view.pool, view.probes, view.side);
     order.sort_by_key(|&i| alike(&views[i]));
     let mut chunks = Vec::new();
     let mut open: Vec<Piece> = Vec::new();
@@ -139,7 +139,7 @@ mod tests {
             let piece_side = piece_side.max(40);
             let views: Vec<ViewExtent> = views
                 .into_iter()
-                .map(|(width, height, side, pool)| ViewExtent { width, height, side, pool, surroundings: None })
+                .map(|(width, height, side, pool)| ViewExtent { width, height, side, pool, probes: None })
                 .collect();
             let knobs = CompositorKnobs { piece_side, chunk_pixels: 200_000, ..Default::default() };
             let chunks = chunks(&views, &knobs);

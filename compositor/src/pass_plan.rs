@@ -78,7 +78,7 @@ pub(crate) fn pass_plan(
             if glossy { "the samples carry normals and F0" } else { "nothing in the samples is glossy" },
         ),
         row(
-            "look surroundings up",
+            "reflection probes",
             reflects,
             if reflects {
                 "the samples say which map each surface looks up"

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_gpu::Surroundings;
+use argus_gpu::ReflectionProbes;
 use argus_scene::camera::Face;
 use argus_scene::{InvalidField, Plan, RenderError, SampleId, Search, ViewJob, Warp};
 use argus_shaders::layout::compositor::{
@@ -32,7 +32,7 @@ pub(crate) struct PreparedView {
     pub(crate) omni: bool,
     pub(crate) glossy: bool,
     /// Maps that the samples' surfaces look up.
-    pub(crate) surroundings: Option<(SampleId, Arc<Surroundings>)>,
+    pub(crate) probes: Option<(SampleId, Arc<ReflectionProbes>)>,
     /// Level of the samples whose texels are no larger than most sub-pixels.
     pub(crate) level: u32,
     /// Whether sub-pixels are of a size between its texels and the next coarser one's.
@@ -94,8 +94,7 @@ impl PreparedView {
         let class = sample_store.pool(pool)?.class;
         // What looks nothing up needs no maps, whatever the set has.
         let around = around.first().filter(|_| class.reflects);
-        let surroundings =
-            around.map(|&id| Ok::<_, RenderError>((id, sample_store.surroundings(id)?))).transpose()?;
+        let probes = around.map(|&id| Ok::<_, RenderError>((id, sample_store.probes(id)?))).transpose()?;
         let geometry = ViewGeometry::new(&job.camera, job.width, job.height, *supersampling);
         let mut view = Self {
             job: index,
@@ -105,7 +104,7 @@ impl PreparedView {
             pool,
             omni: class.omni,
             glossy: class.glossy,
-            surroundings,
+            probes,
             level: 0,
             between_levels: false,
             geometry,
@@ -204,10 +203,10 @@ impl PreparedView {
             footprint: self.footprint(),
             piece_size: piece.fine_size(),
             lighting: held.map_or(Zeroable::zeroed(), |held| lighting_uniform(&held.info.lighting)),
-            around: self
-                .surroundings
+            probes: self
+                .probes
                 .as_ref()
-                .map_or(Zeroable::zeroed(), |(_, maps)| maps.around(self.geometry.eye)),
+                .map_or(Zeroable::zeroed(), |(_, maps)| maps.uniform(self.geometry.eye)),
             samples,
             _pad: [0.0; 12],
         }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Weak};
 
-use argus_gpu::{Gpu, Surroundings};
+use argus_gpu::{Gpu, ReflectionProbes};
 use argus_scene::camera::Face;
 use argus_scene::{InvalidField, RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo};
 
@@ -49,7 +49,7 @@ pub(crate) struct SampleStore {
     /// Samples on their way in.
     uploads: BTreeMap<SampleId, SampleUpload>,
     /// Maps that samples' surfaces look up, and what they were taken in from.
-    surroundings: BTreeMap<SampleId, (Weak<Sample>, Arc<Surroundings>)>,
+    probes: BTreeMap<SampleId, (Weak<Sample>, Arc<ReflectionProbes>)>,
     /// `None` where a pool was emptied and its memory given back, so that indices stay.
     pools: Vec<Option<Pool>>,
     bytes: u64,
@@ -62,8 +62,8 @@ impl SampleStore {
     ///
     /// # Errors
     /// [`RenderError::MissingSample`] for others.
-    pub(crate) fn surroundings(&self, id: SampleId) -> Result<Arc<Surroundings>, RenderError> {
-        self.surroundings.get(&id).map(|(_, maps)| maps.clone()).ok_or(RenderError::MissingSample(id))
+    pub(crate) fn probes(&self, id: SampleId) -> Result<Arc<ReflectionProbes>, RenderError> {
+        self.probes.get(&id).map(|(_, maps)| maps.clone()).ok_or(RenderError::MissingSample(id))
     }
 
     /// The samples of a plan, all of one set.
@@ -132,7 +132,7 @@ impl SampleStore {
         let classes = of_rig.iter().map(|sample| class_of(sample)).collect::<Result<Vec<_>, _>>()?;
         let maps = around
             .iter()
-            .map(|sample| Ok(Arc::new(Surroundings::new(context.gpu, sample)?)))
+            .map(|sample| Ok(Arc::new(ReflectionProbes::new(context.gpu, sample)?)))
             .collect::<Result<Vec<_>, RenderError>>()?;
         let replaced: u64 = missing.keys().map(|id| self.bytes_of(*id)).sum();
         let begun = |id: &SampleId| self.uploads.contains_key(id);
@@ -145,7 +145,7 @@ impl SampleStore {
         for (sample, maps) in around.into_iter().zip(maps) {
             self.release(&[sample.id]);
             self.bytes += maps.bytes();
-            self.surroundings.insert(sample.id, (Arc::downgrade(sample), maps));
+            self.probes.insert(sample.id, (Arc::downgrade(sample), maps));
         }
         for (sample, class) in of_rig.iter().zip(classes) {
             if self.uploads.get(&sample.id).is_some_and(|upload| upload.is_of(info, sample)) {
@@ -225,7 +225,7 @@ impl SampleStore {
     fn is_held(&self, info: &Arc<SampleSetInfo>, sample: &Arc<Sample>) -> bool {
         let is_it = |from: &Weak<Sample>| std::ptr::eq(from.as_ptr(), Arc::as_ptr(sample));
         let held = self.held.get(&sample.id).is_some_and(|held| is_it(&held.sample) && held.info == *info);
-        held || self.surroundings.get(&sample.id).is_some_and(|(from, _)| is_it(from))
+        held || self.probes.get(&sample.id).is_some_and(|(from, _)| is_it(from))
     }
 
     /// Index of the pool of a class.
@@ -277,7 +277,7 @@ impl SampleStore {
         self.abandon(ids);
         for id in ids {
             self.bytes -= self.bytes_of(*id);
-            self.surroundings.remove(id);
+            self.probes.remove(id);
             if let Some(held) = self.held.remove(id) {
                 self.free([(held.pool, held.layer)]);
             }
@@ -285,7 +285,7 @@ impl SampleStore {
     }
 
     fn bytes_of(&self, id: SampleId) -> u64 {
-        let around = self.surroundings.get(&id).map_or(0, |(_, maps)| maps.bytes());
+        let around = self.probes.get(&id).map_or(0, |(_, maps)| maps.bytes());
         self.held.get(&id).map_or(around, |held| self.layer_bytes(held.pool))
     }
 
@@ -312,6 +312,6 @@ impl SampleStore {
 
     /// Number of samples.
     pub(crate) fn len(&self) -> usize {
-        self.held.len() + self.surroundings.len()
+        self.held.len() + self.probes.len()
     }
 }

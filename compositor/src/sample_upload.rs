@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Arc, Weak};
 
-use argus_gpu::{Commands, Gpu, Ticket, plane};
+use argus_gpu::{Commands, Gpu, PendingReadback, plane};
 use argus_scene::camera::Face;
 use argus_scene::{PlaneKind, RenderError, Sample, SampleId, SampleSetInfo};
 
@@ -65,7 +65,7 @@ pub(crate) struct Submission {
     commands: Commands,
     /// Work so far, in units of a copied texel.
     pub(crate) weight: u64,
-    bounds: Vec<(SampleId, usize, Ticket)>,
+    bounds: Vec<(SampleId, usize, PendingReadback)>,
 }
 
 impl Submission {
@@ -80,7 +80,7 @@ impl Submission {
     pub(crate) fn finish(self) -> Result<Vec<(SampleId, usize, Vec<u8>)>, RenderError> {
         let mut finished = self.commands.submit().wait()?;
         let bounds = self.bounds.into_iter();
-        Ok(bounds.map(|(id, face, ticket)| (id, face, finished.take(ticket).to_vec())).collect())
+        Ok(bounds.map(|(id, face, pending)| (id, face, finished.take(pending).to_vec())).collect())
     }
 }
 
@@ -182,8 +182,8 @@ impl SampleUpload {
             }
             Step::Bounds(face) => {
                 let of = &self.faces[face];
-                let ticket = context.bounds.record(context.gpu, &mut to.commands, pool, self.layer, of)?;
-                to.bounds.push((sample.id, face, ticket));
+                let pending = context.bounds.record(context.gpu, &mut to.commands, pool, self.layer, of)?;
+                to.bounds.push((sample.id, face, pending));
                 BOUNDS_WEIGHT * u64::from(of.size[0]) * u64::from(of.size[1])
             }
         };

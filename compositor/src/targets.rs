@@ -1,6 +1,6 @@
 //! Render targets and working buffers, reused from batch to batch.
 
-use argus_gpu::{Commands, Finished, Gpu, Ticket, wgpu};
+use argus_gpu::{Commands, Finished, Gpu, PendingReadback, wgpu};
 
 use crate::frames::ChunkImages;
 
@@ -104,16 +104,17 @@ impl ChunkTargets {
 /// Pending readbacks of a chunk's images.
 #[derive(Debug)]
 pub(crate) struct ChunkReadback {
-    srgb: Ticket,
-    range: Option<Ticket>,
-    confidence: Option<Ticket>,
+    srgb: PendingReadback,
+    range: Option<PendingReadback>,
+    confidence: Option<PendingReadback>,
 }
 
 impl ChunkReadback {
     /// The images; those that were not read back are empty.
     pub(crate) fn take(self, finished: &mut Finished) -> ChunkImages {
-        let mut optional =
-            |ticket: Option<Ticket>| ticket.map(|ticket| finished.take(ticket)).unwrap_or_default();
+        let mut optional = |pending: Option<PendingReadback>| {
+            pending.map(|pending| finished.take(pending)).unwrap_or_default()
+        };
         let (range, confidence) = (optional(self.range), optional(self.confidence));
         ChunkImages { srgb: finished.take(self.srgb), range, confidence }
     }

@@ -48,7 +48,7 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
     }
     let reflects = has(PlaneKind::Reflector);
     if reflects && !glossy {
-        return Err(invalid("what is not glossy looks no surroundings up".to_owned()));
+        return Err(invalid("what is not glossy has no reflections".to_owned()));
     }
     for (i, plane) in sample.planes.iter().enumerate() {
         let kind = plane.kind;

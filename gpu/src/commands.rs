@@ -7,7 +7,7 @@ use argus_shaders::{Access, Binding};
 
 use crate::readback::{self, Copy};
 use crate::timing::Timings;
-use crate::{ComputePipeline, Finished, Gpu, GpuError, RenderPipeline, Ticket};
+use crate::{ComputePipeline, Finished, Gpu, GpuError, PendingReadback, RenderPipeline};
 
 /// One submission in the making.
 ///
@@ -151,20 +151,20 @@ impl Commands {
     }
 
     /// Brings bytes of a buffer (usage `COPY_SRC`) back; offsets are multiples of 4, lengths are rounded up.
-    pub fn read_buffer(&mut self, buffer: &wgpu::Buffer, range: Range<u64>) -> Ticket {
+    pub fn read_buffer(&mut self, buffer: &wgpu::Buffer, range: Range<u64>) -> PendingReadback {
         self.sources.push(Source::Buffer { buffer: buffer.clone(), range });
-        Ticket(self.sources.len() - 1)
+        PendingReadback(self.sources.len() - 1)
     }
 
     /// Brings a texture's first mip level (usage `COPY_SRC`) back, rows tightly packed.
-    pub fn read_texture(&mut self, texture: &wgpu::Texture) -> Ticket {
+    pub fn read_texture(&mut self, texture: &wgpu::Texture) -> PendingReadback {
         self.read_layer(texture, 0)
     }
 
     /// Brings one layer of a texture array back, rows tightly packed.
-    pub fn read_layer(&mut self, texture: &wgpu::Texture, layer: u32) -> Ticket {
+    pub fn read_layer(&mut self, texture: &wgpu::Texture, layer: u32) -> PendingReadback {
         self.sources.push(Source::Texture { texture: texture.clone(), layer });
-        Ticket(self.sources.len() - 1)
+        PendingReadback(self.sources.len() - 1)
     }
 
     /// Hands the passes to the GPU; returns at once.

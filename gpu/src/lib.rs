@@ -19,8 +19,8 @@ pub mod many_views;
 mod pipeline;
 pub mod plane;
 mod readback;
+mod reflection_probes;
 mod scattered_atomics;
-mod surroundings;
 mod timing;
 
 pub use commands::{
@@ -30,8 +30,8 @@ pub use device::{Gpu, GpuOptions, LONGEST_PASS_MS};
 pub use error::GpuError;
 pub use pipeline::{ComputePipeline, RenderPipeline, RenderPipelineDesc};
 pub use plane::DevicePlane;
-pub use readback::{Finished, Ticket};
+pub use readback::{Finished, PendingReadback};
+pub use reflection_probes::ReflectionProbes;
 pub use scattered_atomics::{ScatteredAtomics, Word};
-pub use surroundings::Surroundings;
 /// The graphics library itself, so that a role depends on one version of it.
 pub use wgpu;

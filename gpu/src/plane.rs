@@ -116,8 +116,8 @@ pub fn copy_rows_into_layer(
 pub fn to_host(gpu: &Arc<Gpu>, plane: &Plane) -> Result<Plane, RenderError> {
     let Some(texture) = device_texture(plane)? else { return Ok(plane.clone()) };
     let mut commands = gpu.commands("read plane back");
-    let ticket = commands.read_texture(texture);
-    let bytes = commands.submit().wait().map_err(GpuError::into_render)?.take(ticket);
+    let pending = commands.read_texture(texture);
+    let bytes = commands.submit().wait().map_err(GpuError::into_render)?.take(pending);
     Ok(Plane { data: PlaneData::Host(bytes), ..plane.clone() })
 }
 

@@ -42,7 +42,7 @@ impl ReadbackPool {
 
 /// A claim on bytes that a submission will bring back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Ticket(pub(crate) usize);
+pub struct PendingReadback(pub(crate) usize);
 
 /// One pending copy within a readback buffer.
 #[derive(Debug)]
@@ -85,8 +85,8 @@ pub struct Finished {
 
 impl Finished {
     /// The bytes of a ticket: rows tightly packed. Empty if they were taken before.
-    pub fn take(&mut self, ticket: Ticket) -> Bytes {
-        self.results.get_mut(ticket.0).and_then(Option::take).unwrap_or_default()
+    pub fn take(&mut self, pending: PendingReadback) -> Bytes {
+        self.results.get_mut(pending.0).and_then(Option::take).unwrap_or_default()
     }
 }
 

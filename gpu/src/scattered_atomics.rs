@@ -123,8 +123,8 @@ mod tests {
             assert!(ms >= 0.0);
             assert_eq!(operations, 1 << 12);
             let mut commands = gpu.commands("read words");
-            let ticket = commands.read_buffer(&atomics.buffer, 0..bytes);
-            let found = commands.submit().wait().unwrap().take(ticket);
+            let pending = commands.read_buffer(&atomics.buffer, 0..bytes);
+            let found = commands.submit().wait().unwrap().take(pending);
             let size = word.bits() as usize / 8;
             let written: Vec<usize> = (0..found.len() / size)
                 .filter(|&i| found[i * size..(i + 1) * size].iter().any(|&byte| byte != 0))

@@ -23,7 +23,7 @@ fn buffers_come_back_whole_and_in_part_and_of_odd_length() {
         let mut finished = commands.submit().wait().unwrap();
         assert_eq!(finished.take(whole)[..101], data);
         assert_eq!(finished.take(part)[..], data[8..16]);
-        assert!(finished.take(part).is_empty(), "a ticket is good for one result");
+        assert!(finished.take(part).is_empty(), "a pending is good for one result");
     }
 }
 
@@ -31,7 +31,7 @@ fn buffers_come_back_whole_and_in_part_and_of_odd_length() {
 fn a_submission_without_work_is_answered() {
     let mut finished = gpu().commands("nothing").submit().wait().unwrap();
     assert!(finished.stages.is_empty());
-    assert!(finished.take(argus_gpu::Ticket::default()).is_empty());
+    assert!(finished.take(argus_gpu::PendingReadback::default()).is_empty());
 }
 
 #[test]
@@ -79,6 +79,6 @@ fn a_rejected_command_is_an_error_of_that_submission_alone() {
     commands.read_buffer(&small, 0..4096);
     assert!(commands.submit().wait().is_err());
     let mut commands = gpu.commands("within");
-    let ticket = commands.read_buffer(&small, 0..16);
-    assert_eq!(commands.submit().wait().unwrap().take(ticket).len(), 16);
+    let pending = commands.read_buffer(&small, 0..16);
+    assert_eq!(commands.submit().wait().unwrap().take(pending).len(), 16);
 }

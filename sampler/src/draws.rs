@@ -52,7 +52,7 @@ impl DrawList {
             if !frustum.may_show(run.whole.middle, run.whole.half) {
                 continue;
             }
-            let placed = Placed { placement, run, clip_from_mesh, near };
+            let placed = InstanceTransform { placement, run, clip_from_mesh, near };
             if let [_] = run.chunks[..] {
                 list.push(&placed, run.whole.first_triangle..run.whole.triangles);
                 continue;
@@ -64,7 +64,7 @@ impl DrawList {
         list
     }
 
-    fn push(&mut self, placed: &Placed<'_>, triangles: Range<u32>) {
+    fn push(&mut self, placed: &InstanceTransform<'_>, triangles: Range<u32>) {
         let [x, y, w] = placed.clip_from_mesh.map(|row| row.as_vec4().to_array());
         self.draws.push(Draw {
             clip_from_mesh_x: x,
@@ -88,7 +88,7 @@ impl DrawList {
 }
 
 /// An instance before a tile.
-struct Placed<'a> {
+struct InstanceTransform<'a> {
     placement: &'a Placement,
     run: &'a MeshRun,
     clip_from_mesh: [DVec4; 3],

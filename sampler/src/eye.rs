@@ -2,7 +2,7 @@
 
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{Light, Lighting, RenderError};
-use argus_shaders::layout::sampler::Placed;
+use argus_shaders::layout::sampler::InstanceTransform;
 use argus_shaders::layout::shared::{self, Lighting as LightingData};
 use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
@@ -29,7 +29,7 @@ impl Eye {
         position: DVec3,
         lighting: &Lighting,
     ) -> Result<Self, RenderError> {
-        let mut placed = vec![Placed::zeroed(); resident.instance_count];
+        let mut placed = vec![InstanceTransform::zeroed(); resident.instance_count];
         for placement in &resident.instances {
             placed[placement.instance as usize] = placed_about(placement, position);
         }
@@ -52,14 +52,14 @@ impl Eye {
     }
 }
 
-fn placed_about(placement: &Placement, eye: DVec3) -> Placed {
+fn placed_about(placement: &Placement, eye: DVec3) -> InstanceTransform {
     let m = placement.mesh_from_world;
     let eye_in_mesh = m * (eye - placement.origin);
     let row = |i: usize| {
         let row = m.row(i);
         [row.x as f32, row.y as f32, row.z as f32, eye_in_mesh[i] as f32]
     };
-    Placed {
+    InstanceTransform {
         mesh_from_eye_x: row(0),
         mesh_from_eye_y: row(1),
         mesh_from_eye_z: row(2),

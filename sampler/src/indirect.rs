@@ -33,7 +33,7 @@ pub(crate) enum IndirectLight {
 
 /// What is lit, and by what.
 #[derive(Clone, Copy)]
-pub(crate) struct ToLight<'a> {
+pub(crate) struct LightInputs<'a> {
     pub(crate) gpu: &'a Arc<Gpu>,
     pub(crate) scene: &'a Arc<Scene>,
     pub(crate) resident: &'a Resident,
@@ -44,7 +44,7 @@ pub(crate) struct ToLight<'a> {
 
 /// Which sub-samples of a tile may take light that others received.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Spreading {
+pub(crate) enum LightSharing {
     /// Those around it in an image.
     Image,
     /// Those around it in a sample, whose texels have `side` sub-samples along each side.
@@ -57,7 +57,7 @@ pub(crate) enum Spreading {
     Each,
 }
 
-impl Spreading {
+impl LightSharing {
     /// What blocks that share receivers hold of a tile, and how many blocks away a receiver may lie; for blocks of `block`
     /// sub-samples of an image, and `side` of them on each side of a pixel.
     pub(crate) fn blocks(self, block: u32, side: u32) -> ([u32; 2], u32) {
@@ -113,12 +113,12 @@ impl IndirectLight {
     /// [`RenderError::OutOfMemory`] for what is larger than the device can bind, or the device.
     pub(crate) fn ready(
         &mut self,
-        to_light: &ToLight<'_>,
+        inputs: &LightInputs<'_>,
         scratch: &mut Scratch,
     ) -> Result<Vec<Stage>, RenderError> {
         match self {
-            Self::Vpls(light) => light.ready(to_light),
-            Self::Points(light) => light.ready(to_light, scratch),
+            Self::Vpls(light) => light.ready(inputs),
+            Self::Points(light) => light.ready(inputs, scratch),
         }
     }
 
@@ -130,7 +130,7 @@ impl IndirectLight {
         &mut self,
         mut commands: Commands,
         context: &TileContext<'_>,
-        spreading: Spreading,
+        sharing: LightSharing,
         stages: &mut Vec<Stage>,
     ) -> Result<Commands, RenderError> {
         match self {
@@ -138,7 +138,7 @@ impl IndirectLight {
                 light.record(&mut commands, context);
                 Ok(commands)
             }
-            Self::Points(light) => light.add(commands, context, spreading, stages),
+            Self::Points(light) => light.add(commands, context, sharing, stages),
         }
     }
 }

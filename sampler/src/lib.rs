@@ -8,34 +8,34 @@
 //! its sub-samples see the one that covers most. Each triangle of it is shaded once, in the middle of the sub-samples that
 //! see it: a texel within a triangle costs one shading, however many sub-samples it has. Both are shaded by the same code.
 
+mod backend_timing;
 mod bvh;
 mod draws;
 mod eye;
 mod indirect;
 mod knobs;
 mod lit_octree;
-mod mirrors;
 mod omni_maps;
 mod packets;
+mod pass_plan;
 mod passes;
-mod pixels;
-mod plan;
+mod pixel_list;
 mod point_based;
+mod probe_renderer;
 mod radiosity;
 mod resident;
 mod sampler;
 mod scratch;
-mod seeing;
 mod sight;
 mod tile;
 mod timing;
 mod view;
-mod ways;
+mod visibility;
 mod wide;
 
 pub use indirect::Indirect;
 pub use knobs::{RadianceFormat, SamplerKnobs};
-pub use plan::PassPlan;
+pub use pass_plan::PassPlan;
 pub use point_based::{PointKnobs, PointReport};
 pub use radiosity::{IndirectReport, MapSource, VplKnobs};
 pub use sampler::GpuSampler;

@@ -17,7 +17,7 @@ use argus_shaders::layout::sampler::{LEAF_BLOCK, LeafChunk, SURFEL_BYTES};
 use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, Vec3};
 
-use crate::passes::{Belongings, Leaves, OwnNodes, ShadeLeaves, Surfels, TileContext};
+use crate::passes::{Leaves, NodeSurfaces, OwnNodes, ShadeLeaves, Surfels, TileContext};
 use crate::resident::{Cull, Placement, Resident, upload};
 use crate::tile::Tile;
 
@@ -139,7 +139,7 @@ impl LitOctree {
         let builder = self.builder.get_or_insert_with(|| OctreeBuilder::new(gpu));
         let octree = match builder.build_faced(root, self.levels, triangles) {
             Err(HierarchyError::Empty) => return Ok(None),
-            octree => octree.map_err(refused)?,
+            octree => octree.map_err(to_render_error)?,
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let ends: Vec<u32> = octree.levels.iter().rev().map(|[first, count]| first + count).collect();
@@ -159,10 +159,10 @@ impl LitOctree {
         gpu: &Gpu,
         commands: &mut Commands,
         pass: &OwnNodes,
-        map_of_instance: &wgpu::Buffer,
+        probe_of_instance: &wgpu::Buffer,
     ) -> Option<wgpu::Buffer> {
         let Faced { octree, triangle_ids, facing, .. } = self.faced.as_ref()?;
-        Some(pass.record(gpu, commands, &Belongings { octree, facing, triangle_ids, map_of_instance }))
+        Some(pass.record(gpu, commands, &NodeSurfaces { octree, facing, triangle_ids, probe_of_instance }))
     }
 
     /// The octree, once the scene was posed.
@@ -190,7 +190,7 @@ impl LitOctree {
         let chunk = |first: u32| {
             let texels = 2 * most.min(octree.leaf_count() - first);
             let size = [CHUNK_SIDE, texels.div_ceil(CHUNK_SIDE).next_multiple_of(LEAF_BLOCK)];
-            let told = LeafChunk {
+            let params = LeafChunk {
                 root_about_eye: [-0.5 * edge as f32; 3],
                 edge: edge as f32,
                 size,
@@ -199,7 +199,7 @@ impl LitOctree {
                 cell: (edge * (-f64::from(octree.depth)).exp2()) as f32,
                 ..LeafChunk::zeroed()
             };
-            let uniform = gpu.upload("leaves", &[told], wgpu::BufferUsages::UNIFORM);
+            let uniform = gpu.upload("leaves", &[params], wgpu::BufferUsages::UNIFORM);
             Chunk { tile: image_of(size), uniform }
         };
         (0..octree.leaf_count()).step_by(most as usize).map(chunk).collect()
@@ -220,7 +220,11 @@ impl LitOctree {
         let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         if nodes * SURFEL_BYTES > limit {
             let what = "what nodes of the octree show";
-            return Err(refused(HierarchyError::TooLarge { what, needed: nodes * SURFEL_BYTES, limit }));
+            return Err(to_render_error(HierarchyError::TooLarge {
+                what,
+                needed: nodes * SURFEL_BYTES,
+                limit,
+            }));
         }
         Ok(gpu.buffer("surfels", nodes.max(1) * SURFEL_BYTES, wgpu::BufferUsages::STORAGE))
     }
@@ -277,7 +281,7 @@ fn image_of(size: [u32; 2]) -> Tile {
 }
 
 /// How pictures of an octree are taken, each from a view of its own: a function of nothing that was rendered before.
-pub(crate) fn pictures(side: u32, octree: &Octree) -> Knobs {
+pub(crate) fn map_knobs(side: u32, octree: &Octree) -> Knobs {
     Knobs {
         side,
         texel: Texel::RangeAndNode,
@@ -297,7 +301,7 @@ pub(crate) fn pictures(side: u32, octree: &Octree) -> Knobs {
 }
 
 /// What a hierarchy refuses, in a sampler's words.
-pub(crate) fn refused(error: HierarchyError) -> RenderError {
+pub(crate) fn to_render_error(error: HierarchyError) -> RenderError {
     match error {
         HierarchyError::Gpu(error) => error.into(),
         HierarchyError::OutOfRange { .. } => InvalidField::new("sampling", error.to_string()).into(),

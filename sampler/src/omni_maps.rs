@@ -39,8 +39,8 @@ use argus_gpu::many_views::{Knobs, ManyViews, Texel, ViewList, ViewPoint};
 use argus_gpu::{Commands, Gpu};
 use argus_scene::{InvalidField, MegaViews, RenderError, Rig, SampleId, Stage};
 
-use crate::lit_octree::{LitOctree, pictures, refused};
-use crate::passes::{LookUp, NodeMaps, ResolveSample, TileContext};
+use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
+use crate::passes::{MapLookup, NodeMaps, ResolveSample, TileContext};
 use crate::resident::Resident;
 use crate::{Indirect, SamplerKnobs};
 
@@ -53,7 +53,7 @@ const MOST_VIEW_LEVELS: u32 = 10;
 pub(crate) struct OmniMaps {
     knobs: MegaViews,
     pub(crate) octree: LitOctree,
-    look_up: LookUp,
+    look_up: MapLookup,
     /// Such samples have no planes for reflections, whatever the scene has.
     pub(crate) resolve: ResolveSample,
     /// Programs outlast the octree that they were made for.
@@ -78,7 +78,7 @@ impl OmniMaps {
         Self {
             knobs,
             octree: LitOctree::new(gpu, resident, keeps_guides, knobs.levels),
-            look_up: LookUp::new(gpu, 1),
+            look_up: MapLookup::new(gpu, 1),
             resolve: ResolveSample::new(gpu, false, sampler.side(), false),
             views: None,
             traversed: None,
@@ -125,10 +125,11 @@ impl OmniMaps {
             .collect::<Result<Vec<_>, InvalidField>>()?;
         let list = ViewList::new(gpu, &octree.root, &points)?;
         let knobs = self.traversal(rig, octree, group, list.edge());
-        let mut views = ManyViews::kept_or_new(self.views.take(), gpu, octree, knobs).map_err(refused)?;
-        views.render(&list).map_err(refused)?;
+        let mut views =
+            ManyViews::reuse_or_new(self.views.take(), gpu, octree, knobs).map_err(to_render_error)?;
+        views.render(&list).map_err(to_render_error)?;
         if views.maps().arrays.len() != self.look_up.arrays() {
-            self.look_up = LookUp::new(gpu, views.maps().arrays.len());
+            self.look_up = MapLookup::new(gpu, views.maps().arrays.len());
         }
         self.views = Some(views);
         self.traversed = Some((*rig, group.cameras.clone()));
@@ -137,7 +138,7 @@ impl OmniMaps {
 
     /// How a group is traversed: by a function of its cameras alone.
     fn traversal(&self, rig: &Rig, octree: &Octree, group: &Group, edge: f64) -> Knobs {
-        let alone = pictures(self.knobs.map_side, octree);
+        let alone = map_knobs(self.knobs.map_side, octree);
         let spacing = group.cameras.first().and_then(|&index| rig.spacing_of(index));
         let (Some(spacing), true) = (spacing, self.knobs.block > 1 && group.cameras.len() > 1) else {
             return alone;

@@ -1,7 +1,7 @@
 //! The frame, top to bottom.
 
-mod mapped;
-mod mirrored;
+mod octree_samples;
+mod probes;
 mod rays;
 mod tile_loop;
 
@@ -20,29 +20,29 @@ use bytes::Bytes;
 use glam::DVec3;
 use tracing::warn;
 
-use self::mirrored::Looks;
+use self::probes::SurfacePrograms;
 use self::tile_loop::{JobScene, Output, Part, add_light, check_wanted, wait};
 use crate::eye::Eye;
-use crate::indirect::{IndirectLight, ToLight};
+use crate::indirect::{IndirectLight, LightInputs};
 use crate::omni_maps::OmniMaps;
+use crate::pass_plan::{PassPlan, pass_plan};
 use crate::passes::{PlaneBuffers, ResolveView, TileContext};
-use crate::pixels::listings;
-use crate::plan::{PassPlan, plan};
+use crate::pixel_list::pixel_lists;
 use crate::point_based::PointReport;
 use crate::radiosity::IndirectReport;
 use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
-use crate::seeing::Seeing;
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
+use crate::visibility::VisibilityBackends;
 use crate::{Indirect, SamplerKnobs};
 
 /// Sub-samples of a part of a sample whose rays the CPU follows: some 20 ms of a core, with their shading by a software
 /// driver.
-const PART: u32 = 1 << 16;
+const BAND_SUB_SAMPLES: u32 = 1 << 16;
 
 /// What others do with the sampler between two parts of a sample that nobody waits for.
-type GiveWay<'a> = &'a mut dyn FnMut(&mut dyn Sampler);
+type BetweenTiles<'a> = &'a mut dyn FnMut(&mut dyn Sampler);
 
 /// Renders a scene from its triangles, on one device.
 ///
@@ -59,8 +59,8 @@ pub struct GpuSampler {
     lighting: Lighting,
     posed_secs: f64,
     resident: Resident,
-    seeing: Seeing,
-    looks: Looks,
+    visibility: VisibilityBackends,
+    surface_programs: SurfacePrograms,
     resolve_view: ResolveView,
     scratch: Scratch,
     /// Light from surface to surface, made when it is first needed.
@@ -92,8 +92,8 @@ impl GpuSampler {
         let resident = Resident::new(&gpu, &scene)?;
         let glossy = resident.features.specular;
         Ok(Self {
-            seeing: Seeing::new(&gpu, &scene, &resident),
-            looks: Looks::new(&gpu, &resident, &knobs),
+            visibility: VisibilityBackends::new(&gpu, &scene, &resident),
+            surface_programs: SurfacePrograms::new(&gpu, &resident, &knobs),
             indirect: None,
             maps: None,
             resolve_view: ResolveView::new(&gpu),
@@ -111,39 +111,40 @@ impl GpuSampler {
 
     /// Which passes this scene calls for, and why.
     pub fn plan(&self) -> Vec<PassPlan> {
-        plan(&self.scene, &self.resident, &self.knobs)
+        pass_plan(&self.scene, &self.resident, &self.knobs)
     }
 
-    /// The samples of a job; with `give_way`, others get a turn between parts of them.
+    /// The samples of a job; with `between`, others get a turn between parts of them.
     fn render_set(
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,
-        mut give_way: Option<GiveWay<'_>>,
+        mut between: Option<BetweenTiles<'_>>,
     ) -> Vec<Result<Sample, RenderError>> {
         let (around, of_rig): (Vec<_>, Vec<_>) = job.ids.iter().copied().partition(SampleId::is_surroundings);
         let job_of_rig = SampleJob { ids: of_rig, ..job.clone() };
         let of_rig = match job.info.sampling {
             Sampling::Triangles => {
-                job_of_rig.ids.iter().map(|&id| self.render_sample(job, id, cancel, &mut give_way)).collect()
+                job_of_rig.ids.iter().map(|&id| self.render_sample(job, id, cancel, &mut between)).collect()
             }
-            Sampling::MegaViews(knobs) => self.render_mapped(&job_of_rig, knobs, cancel),
+            Sampling::MegaViews(knobs) => self.render_from_octree(&job_of_rig, knobs, cancel),
         };
-        let around: Vec<_> = around.into_iter().map(|id| self.render_surroundings(job, id, cancel)).collect();
+        let around: Vec<_> = around.into_iter().map(|id| self.render_probe_sample(job, id, cancel)).collect();
         // In the order that they were asked for.
         let (mut of_rig, mut around) = (of_rig.into_iter(), around.into_iter());
-        let missing = || Err(RenderError::Internal("a sample was neither rendered nor refused".to_owned()));
+        let missing =
+            || Err(RenderError::Internal("a sample was neither rendered nor to_render_error".to_owned()));
         let next = |id: &SampleId| if id.is_surroundings() { around.next() } else { of_rig.next() };
         job.ids.iter().map(next).map(|sample| sample.unwrap_or_else(missing)).collect()
     }
 
-    /// Renders one sample. With `give_way`, other work runs between its tiles.
+    /// Renders one sample. With `between`, other work runs between its tiles.
     fn render_sample(
         &mut self,
         job: &SampleJob,
         id: SampleId,
         cancel: &Cancel,
-        give_way: &mut Option<GiveWay<'_>>,
+        between: &mut Option<BetweenTiles<'_>>,
     ) -> Result<Sample, RenderError> {
         self.check_job(job)?;
         let SampleSetInfo { ref lighting, reflections, visibility, .. } = *job.info;
@@ -159,19 +160,23 @@ impl GpuSampler {
         };
         let mut scene = self.make_ready(job_scene, cancel)?;
         // Rays cost the same in bands; the rasteriser would process all triangles for each band. Point-based light is shared
-        // within a tile. All samples are cut alike, with and without `give_way`, so that their bytes are equal.
-        if scene.way == Visibility::Cpu && self.indirect.is_none() {
-            tiles = tiles.into_iter().flat_map(|tile| tile.bands(PART)).collect();
+        // within a tile. All samples are cut alike, with and without `between`, so that their bytes are equal.
+        if scene.backend == Visibility::Cpu && self.indirect.is_none() {
+            tiles = tiles.into_iter().flat_map(|tile| tile.bands(BAND_SUB_SAMPLES)).collect();
         }
-        let planes =
-            self.looks.of(reflections).resolve.planes(&self.gpu, &self.knobs, camera.size(), job.to_host);
+        let planes = self.surface_programs.of(reflections).resolve.planes(
+            &self.gpu,
+            &self.knobs,
+            camera.size(),
+            job.to_host,
+        );
         let mut submitted = Vec::new();
         let (parts, output) = (Part::of_tiles(tiles), Output::Texels(&planes));
         self.render_parts(&mut scene, &parts, output, cancel, |sampler, scene, part| {
             submitted.push(part.submitted);
-            if let Some(give_way) = give_way {
+            if let Some(between) = between {
                 wait(&mut submitted, &mut scene.stages)?;
-                sampler.run_between(scene, give_way)?;
+                sampler.run_between(scene, between)?;
             }
             Ok(())
         })?;
@@ -203,13 +208,13 @@ impl GpuSampler {
             commands.submit().wait()?;
             return Ok(planes);
         }
-        let tickets = planes.read(&mut commands);
+        let pending = planes.read(&mut commands);
         let mut finished = commands.submit().wait()?;
-        let host = |(kind, format, ticket)| {
-            let data = PlaneData::Host(finished.take(ticket));
+        let host = |(kind, format, pending)| {
+            let data = PlaneData::Host(finished.take(pending));
             Plane { kind, format, size, data }
         };
-        Ok(tickets.into_iter().map(host).collect())
+        Ok(pending.into_iter().map(host).collect())
     }
 
     /// Renders one direct view. Range has one ray a pixel, through the pixel's centre.
@@ -239,7 +244,7 @@ impl GpuSampler {
         };
         let color = image(view.outputs.color, side, Output::Color, 3)?;
         let range = image(view.outputs.range, 1, Output::Range, 4)?;
-        let mut device = self.device_seeing_by(scene.way);
+        let mut device = self.device_with_backend(scene.backend);
         if let Some(maps) = view.reflections {
             device = maps.knobs.on_device(&device);
         }
@@ -264,10 +269,10 @@ impl GpuSampler {
             let mut image = vec![0; job.pixels.len() * pixel_bytes];
             for face in &faces {
                 let parts: Vec<Part> =
-                    listings(face, side, &job.pixels)?.into_iter().map(Part::Pixels).collect();
+                    pixel_lists(face, side, &job.pixels)?.into_iter().map(Part::Pixels).collect();
                 self.render_image(&mut scene, &parts, output, cancel, |part, pixels| {
-                    let Part::Pixels(listing) = part else { return };
-                    for (&asked, pixel) in listing.asked.iter().zip(pixels.chunks_exact(pixel_bytes)) {
+                    let Part::Pixels(list) = part else { return };
+                    for (&asked, pixel) in list.asked.iter().zip(pixels.chunks_exact(pixel_bytes)) {
                         let at = asked as usize * pixel_bytes;
                         image[at..at + pixel_bytes].copy_from_slice(pixel);
                     }
@@ -288,15 +293,15 @@ impl GpuSampler {
         let begin = Instant::now();
         let pose = self.scene.at(time_secs);
         self.resident.place(&self.scene, &pose.instances);
-        self.seeing.pose(&self.resident);
+        self.visibility.pose(&self.resident);
         if let Some(indirect) = &mut self.indirect {
             indirect.place(&self.resident.instances);
         }
         if let Some(maps) = &mut self.maps {
             maps.forget_pose();
         }
-        if let Some(mirrors) = &mut self.looks.mirrors {
-            mirrors.forget_pose();
+        if let Some(probes) = &mut self.surface_programs.probes {
+            probes.forget_pose();
         }
         self.lighting = pose.lighting;
         self.posed_secs = time_secs;
@@ -304,11 +309,11 @@ impl GpuSampler {
     }
 
     /// Makes ready what a way needs; where the device does not have it, triangles are rasterised.
-    fn ready(&mut self, way: Visibility) -> Visibility {
-        match self.seeing.ready(&self.gpu, &self.resident, way) {
-            Ok(()) => way,
+    fn available_backend(&mut self, backend: Visibility) -> Visibility {
+        match self.visibility.prepare(&self.gpu, &self.resident, backend) {
+            Ok(()) => backend,
             Err(reason) => {
-                warn!(reason, "this device cannot see triangles by {}, they are rasterised", way.name());
+                warn!(reason, "this device cannot see triangles by {}, they are rasterised", backend.name());
                 Visibility::Raster
             }
         }
@@ -321,8 +326,8 @@ impl GpuSampler {
             self.indirect = IndirectLight::new(gpu, scene, resident, self.knobs.indirect);
         }
         let Some(indirect) = &mut self.indirect else { return Ok(Vec::new()) };
-        let tracer = self.seeing.ready_packets(resident);
-        indirect.ready(&ToLight { gpu, scene, resident, tracer, lighting, time_secs }, &mut self.scratch)
+        let tracer = self.visibility.prepare_packets(resident);
+        indirect.ready(&LightInputs { gpu, scene, resident, tracer, lighting, time_secs }, &mut self.scratch)
     }
 
     /// What is known of the indirect light by VPLs, and what was culled since the last call; none before it was needed.
@@ -363,16 +368,16 @@ impl GpuSampler {
         if let Some(maps) = &mut self.maps {
             maps.octree.forget_light();
         }
-        if let Some(mirrors) = &mut self.looks.mirrors {
-            mirrors.forget_light();
+        if let Some(probes) = &mut self.surface_programs.probes {
+            probes.forget_light();
         }
         Ok(())
     }
 
     /// Device as the provenance of direct views has it: with the way triangles were seen, and the knobs of indirect
     /// light, if there is any.
-    fn device_seeing_by(&self, way: Visibility) -> String {
-        let seen = way.on_device(self.gpu.kind());
+    fn device_with_backend(&self, backend: Visibility) -> String {
+        let seen = backend.on_device(self.gpu.kind());
         match &self.knobs.indirect {
             Indirect::Off => seen,
             Indirect::Vpl(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
@@ -399,20 +404,20 @@ impl GpuSampler {
         let [tile] = tiles(&faces, side)[..] else {
             return Err(InvalidField::new("width", "the view must fit a tile").into());
         };
-        self.seeing
-            .ready(&self.gpu, &self.resident, visibility)
+        self.visibility
+            .prepare(&self.gpu, &self.resident, visibility)
             .map_err(|reason| InvalidField::new("visibility", reason))?;
         let eye = self.eye(camera.eye, &self.lighting)?;
         let (gpu, resident) = (&self.gpu, &self.resident);
         let context = TileContext::new(gpu, resident, &eye, &tile, &mut self.scratch, Extras::default());
         let begin = Instant::now();
         let mut commands = self.gpu.commands("identify");
-        self.seeing.see(&mut commands, &context, visibility, &mut Vec::new())?;
+        self.visibility.record(&mut commands, &context, visibility, &mut Vec::new())?;
         commands.submit().wait()?;
         let took = begin.elapsed();
         let mut commands = self.gpu.commands("read ids");
-        let ticket = commands.read_texture(context.targets.visibility.texture());
-        let bytes = commands.submit().wait()?.take(ticket);
+        let pending = commands.read_texture(context.targets.visibility.texture());
+        let bytes = commands.submit().wait()?.take(pending);
         let ids = bytes.as_chunks::<8>().0.iter().map(|b| bytemuck::pod_read_unaligned(b)).collect();
         Ok((ids, took))
     }
@@ -444,7 +449,7 @@ impl Sampler for GpuSampler {
         let eye = self.eye(camera.center(), &info.lighting)?;
         let (gpu, resident) = (&self.gpu, &self.resident);
         let context = TileContext::new(gpu, resident, &eye, tile, &mut self.scratch, Extras::default());
-        self.seeing.measure(&context)
+        self.visibility.measure(&context)
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {
@@ -455,9 +460,9 @@ impl Sampler for GpuSampler {
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,
-        give_way: GiveWay<'_>,
+        between: BetweenTiles<'_>,
     ) -> Vec<Result<Sample, RenderError>> {
-        self.render_set(job, cancel, Some(give_way))
+        self.render_set(job, cancel, Some(between))
     }
 
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {

@@ -13,7 +13,7 @@ struct AdoptMaps {
 @group(0) @binding(0) var<uniform> adopt: AdoptMaps;
 @group(0) @binding(1) var<storage, read> map_of_view: array<u32>;
 // Positions in edges of the octree's root, f32 bits.
-@group(0) @binding(2) var<storage, read> middles: array<vec4u>;
+@group(0) @binding(2) var<storage, read> map_centers: array<vec4u>;
 @group(0) @binding(3) var<storage, read_write> eyes: array<vec4u>;
 
 @compute @workgroup_size(64)
@@ -23,6 +23,6 @@ fn adopt_maps(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups)
         return;
     }
     let map = map_of_view[at];
-    let middle = bitcast<vec3f>(middles[min(map, arrayLength(&middles) - 1u)].xyz);
+    let middle = bitcast<vec3f>(map_centers[min(map, arrayLength(&map_centers) - 1u)].xyz);
     eyes[at] = vec4u(bitcast<vec3u>(middle * adopt.edge + adopt.octree_from_root), map);
 }

@@ -15,13 +15,13 @@ var<immediate> level: OwnLevel;
 // Of each of the octree's triangles, its instance, and its number in the mesh.
 @group(0) @binding(1) var<storage, read> triangle_ids: array<vec2u>;
 // Of each instance, 1 + the number of its reflector; 0 for none.
-@group(0) @binding(2) var<storage, read> map_of_instance: array<u32>;
+@group(0) @binding(2) var<storage, read> probe_of_instance: array<u32>;
 // In w 256 times the first child plus a bit for each child.
 @group(0) @binding(3) var<storage, read> nodes: array<vec4u>;
 @group(0) @binding(4) var<storage, read_write> owners: array<u32>;
 
 fn owner_of(triangle: u32) -> u32 {
-    return map_of_instance[min(triangle_ids[triangle].x, arrayLength(&map_of_instance) - 1u)];
+    return probe_of_instance[min(triangle_ids[triangle].x, arrayLength(&probe_of_instance) - 1u)];
 }
 
 @compute @workgroup_size(64)

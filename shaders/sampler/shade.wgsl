@@ -5,13 +5,13 @@ import package::shared::finite::{finite_or_zero};
 import package::shared::guide::{keep_guide};
 import package::shared::rays::{list_index, listed_sub_sample};
 import package::shared::surface::{has_specular, lighting, radiance};
-import package::shared::surroundings::{Around, sent_of_around};
+import package::shared::reflection_probes::{ProbeUniform, reflected_radiance};
 import package::shared::visible::{hit_at, map_of, rays, sky_along, surface_of};
 
 @group(0) @binding(3) var visibility: texture_2d<u32>;
 // Radiance.
 @group(0) @binding(4) var<storage, read_write> shaded: array<vec4f>;
-@group(2) @binding(5) var<uniform> around: Around;
+@group(2) @binding(5) var<uniform> probes: ProbeUniform;
 // Of a list of pixels, where each lies in the tile.
 @group(0) @binding(6) var<storage, read> places: array<u32>;
 
@@ -27,7 +27,7 @@ fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
     keep_guide(at, surface);
     var seen = radiance(surface, true);
     if has_specular && any(surface.f0 != vec3f(0.0)) {
-        seen += sent_of_around(surface, -normalize(surface.position), lighting, around, map);
+        seen += reflected_radiance(surface, -normalize(surface.position), lighting, probes, map);
     }
     return vec4f(finite_or_zero(seen), 1.0 / hit.range);
 }

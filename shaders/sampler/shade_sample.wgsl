@@ -13,7 +13,7 @@ import package::shared::guide::{keep_guide};
 import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{ray_through};
 import package::shared::surface::{radiance, reflects};
-import package::shared::surroundings::{reflector_word};
+import package::shared::reflection_probes::{reflector_word};
 import package::shared::visible::{hit_at, map_of, rays, sky_along, surface_of};
 
 // Sub-samples along each side of a texel, at most four: constant, so that loops over them are unrolled.

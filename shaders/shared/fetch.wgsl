@@ -3,7 +3,7 @@
 
 import package::shared::camera::{Pinhole, Seen, in_pinhole, seen_by_cube, seen_by_pinhole};
 import package::shared::shading::Lighting;
-import package::shared::surroundings::Around;
+import package::shared::reflection_probes::ProbeUniform;
 
 // A sample as the pixels of one view look it up.
 struct ViewSample {
@@ -56,7 +56,7 @@ struct ViewUniform {
     piece_size: vec2u,
     lighting: Lighting,
     // Where maps of surroundings lie about the eye.
-    around: Around,
+    probes: ProbeUniform,
     // So much that an array's elements lie at multiples of 256 bytes, as uniforms must.
     @size(560) samples: array<ViewSample, 8>,
 }

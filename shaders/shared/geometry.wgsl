@@ -10,7 +10,7 @@ struct MeshLayout {
 }
 
 // An instance as one sample camera sees it.
-struct Placed {
+struct InstanceTransform {
     // Rows of the transform from world axes about the eye to the mesh's vertices.
     mesh_from_eye_x: vec4f,
     mesh_from_eye_y: vec4f,
@@ -39,7 +39,7 @@ struct MaterialData {
 @group(1) @binding(1) var<storage, read> attributes: array<vec4u>;
 @group(1) @binding(2) var<storage, read> indices: array<u32>;
 @group(1) @binding(3) var<storage, read> meshes: array<MeshLayout>;
-@group(1) @binding(4) var<storage, read> instances: array<Placed>;
+@group(1) @binding(4) var<storage, read> instances: array<InstanceTransform>;
 @group(1) @binding(5) var<storage, read> materials: array<MaterialData>;
 
 // A triangle in mesh space, about the eye.
@@ -52,12 +52,12 @@ struct Triangle {
     normals: vec3u,
 }
 
-fn eye_in_mesh(instance: Placed) -> vec3f {
+fn eye_in_mesh(instance: InstanceTransform) -> vec3f {
     return vec3f(instance.mesh_from_eye_x.w, instance.mesh_from_eye_y.w, instance.mesh_from_eye_z.w);
 }
 
 // A direction of the world in mesh space.
-fn mesh_from_world(instance: Placed, d: vec3f) -> vec3f {
+fn mesh_from_world(instance: InstanceTransform, d: vec3f) -> vec3f {
     return vec3f(
         dot(instance.mesh_from_eye_x.xyz, d), dot(instance.mesh_from_eye_y.xyz, d),
         dot(instance.mesh_from_eye_z.xyz, d),
@@ -65,13 +65,13 @@ fn mesh_from_world(instance: Placed, d: vec3f) -> vec3f {
 }
 
 // A normal of mesh space in the world, not a unit vector: by the inverse transpose.
-fn normal_from_mesh(instance: Placed, n: vec3f) -> vec3f {
+fn normal_from_mesh(instance: InstanceTransform, n: vec3f) -> vec3f {
     return instance.mesh_from_eye_x.xyz * n.x + instance.mesh_from_eye_y.xyz * n.y
         + instance.mesh_from_eye_z.xyz * n.z;
 }
 
 // The corners about the eye: differences of nearby numbers, exact even where the numbers are large.
-fn triangle_about_eye(instance: Placed, mesh: MeshLayout, primitive: u32) -> Triangle {
+fn triangle_about_eye(instance: InstanceTransform, mesh: MeshLayout, primitive: u32) -> Triangle {
     let first = mesh.first.x + 3u * primitive;
     let corners = vec3u(indices[first], indices[first + 1u], indices[first + 2u]);
     let a = vertices[mesh.first.y + corners.x];

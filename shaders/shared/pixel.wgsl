@@ -4,7 +4,7 @@ import package::shared::encode::unit_from_octahedral;
 import package::shared::fetch::{Fetch, SETTLED, bilinear, fetch_from, nearest, runtime_bound, omni, radiance, view};
 import package::shared::finite::finite_or_zero;
 import package::shared::shading::{Light, Surface, sky_radiance, specular_light, specular_sky};
-import package::shared::surroundings::{map_in_word, sent_of_around, transmitted_in_word};
+import package::shared::reflection_probes::{probe_in_word, reflected_radiance, transmitted_in_word};
 
 // The samples carry what specular needs. Where they do not, these two planes are any others, and not looked at.
 override glossy: bool = false;
@@ -134,7 +134,7 @@ fn with_specular(pixel: Pixel) -> Pixel {
         let surface = Surface(pixel.position, normal, vec3f(0.0), vec3f(0.0), stored.rgb, stored.a, through);
         var sum = vec3f(0.0);
         if reflects {
-            sum = sent_of_around(surface, to_eye, view.lighting, view.around, map_in_word(word));
+            sum = reflected_radiance(surface, to_eye, view.lighting, view.probes, probe_in_word(word));
         } else {
             sum = specular_sky(surface, to_eye, view.lighting);
         }

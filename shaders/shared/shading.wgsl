@@ -109,23 +109,23 @@ fn environment_brdf(f0: vec3f, roughness: f32, n_v: f32) -> vec3f {
 }
 
 // The unit direction that a surface mirrors towards the unit direction to_eye.
-fn mirrored(surface: Surface, to_eye: vec3f) -> vec3f {
+fn reflected_direction(surface: Surface, to_eye: vec3f) -> vec3f {
     return 2.0 * dot(surface.normal, to_eye) * surface.normal - to_eye;
 }
 
 // The share of what is around a glossy surface, as blurred as that is rough, that it reflects towards to_eye.
-fn specular_around(surface: Surface, to_eye: vec3f, around: vec3f) -> vec3f {
+fn specular_of(surface: Surface, to_eye: vec3f, incoming: vec3f) -> vec3f {
     let n_v = max(dot(surface.normal, to_eye), 1e-3);
-    return around * environment_brdf(surface.f0, surface.roughness, n_v);
+    return incoming * environment_brdf(surface.f0, surface.roughness, n_v);
 }
 
 // The sky's reflection on a glossy surface towards the unit direction to_eye.
 fn specular_sky(surface: Surface, to_eye: vec3f, lighting: Lighting) -> vec3f {
-    let reflected = mirrored(surface, to_eye);
+    let reflected = reflected_direction(surface, to_eye);
     let sky = mix(
         sky_radiance(lighting, reflected), sky_ambient(lighting, reflected), saturate(surface.roughness),
     );
-    return specular_around(surface, to_eye, sky);
+    return specular_of(surface, to_eye, sky);
 }
 
 // A light's reflection on a glossy surface towards the unit direction to_eye.

@@ -1,7 +1,7 @@
 // What a point of a triangle is as a surface, by its material's factors and textures, and what leaves it.
 
 import package::shared::geometry::{
-    MaterialData, MeshLayout, Placed, Triangle, attributes, blend2, blend3, blend4, color_of, materials,
+    MaterialData, MeshLayout, InstanceTransform, Triangle, attributes, blend2, blend3, blend4, color_of, materials,
     mesh_from_world, normal_from_mesh, normal_from_word, uv_of,
 };
 import package::shared::shading::{
@@ -27,7 +27,7 @@ override reflects: bool = false;
 
 // A triangle where a ray meets it.
 struct Hit {
-    instance: Placed,
+    instance: InstanceTransform,
     mesh: MeshLayout,
     triangle: Triangle,
     // Of the three corners, in the attributes, and their first records.

@@ -9,7 +9,7 @@ import package::shared::surface::{Hit, lighting, reflects, surface_at};
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 // Of each instance, 1 + the number of the map that it looks up; 0 for none.
-@group(2) @binding(4) var<storage, read> map_of_instance: array<u32>;
+@group(2) @binding(4) var<storage, read> probe_of_instance: array<u32>;
 
 // Where the ray through an image position meets the triangle that is seen there. Textures are filtered over `width` times
 // the distance of neighbouring rays.
@@ -51,5 +51,5 @@ fn map_of(instance: u32) -> u32 {
     if !reflects {
         return 0u;
     }
-    return map_of_instance[min(instance - 1u, arrayLength(&map_of_instance) - 1u)];
+    return probe_of_instance[min(instance - 1u, arrayLength(&probe_of_instance) - 1u)];
 }

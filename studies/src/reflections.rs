@@ -252,8 +252,9 @@ impl Subject {
             let all = begin.elapsed().as_secs_f64() * 1e3;
             let found = found.into_iter().collect::<Result<Vec<_>, RenderError>>()?;
             let stages = || found.iter().flat_map(|sample| &sample.stages);
-            let maps =
-                stages().filter(|stage: &&Stage| stage.name == "look around").fold(0.0, |sum, s| sum + s.ms);
+            let maps = stages()
+                .filter(|stage: &&Stage| stage.name == "reflection probes")
+                .fold(0.0, |sum, s| sum + s.ms);
             if epoch <= self.rounds as u64 {
                 times[0].push(maps);
                 times[1].push(all - maps);

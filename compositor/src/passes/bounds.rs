@@ -1,7 +1,7 @@
 //! Program: `shaders/compositor/bounds.wgsl`. Finds the nearest and the farthest surface of each tile of samples
 //! that are taken in.
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, Ticket, wgpu};
+use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, wgpu};
 use argus_scene::camera::Face;
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::layout::compositor::TileBounds;
@@ -28,7 +28,7 @@ impl BoundsPass {
         pool: &Pool,
         layer: u32,
         face: &Face,
-    ) -> Result<Ticket, RenderError> {
+    ) -> Result<PendingReadback, RenderError> {
         let [tile_columns, tile_rows] = tiles_of(face);
         let bytes = u64::from(tile_columns * tile_rows) * 8;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;

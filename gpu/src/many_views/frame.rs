@@ -10,7 +10,7 @@ use super::counters::{self, FrameStats, HEAD, entry};
 use super::fuse::Fuse;
 use super::maps::MAX_ARRAYS;
 use super::schedule::{Step, steps};
-use super::traverse::{Own, Part, Queues, Traverse, Work};
+use super::traverse::{NodeOwners, Part, Queues, TraversalInputs, Traverse};
 use super::view_octree::{ViewOctree, ViewOctreeBuilder};
 use super::{Knobs, MapSet, Occlusion, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, MAX_DEPTH, Octree, largest_array};
@@ -39,7 +39,7 @@ pub struct ManyViews {
     multipass_level: u32,
     /// Whether views are traversed each by itself though they might share.
     fell_back: bool,
-    own: Option<Own>,
+    owners: Option<NodeOwners>,
 }
 
 impl ManyViews {
@@ -64,7 +64,7 @@ impl ManyViews {
             parts: Vec::new(),
             multipass_level: 0,
             fell_back: false,
-            own: None,
+            owners: None,
             gpu: Arc::clone(gpu),
             octree,
             knobs,
@@ -76,7 +76,7 @@ impl ManyViews {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn kept_or_new(
+    pub fn reuse_or_new(
         kept: Option<Self>,
         gpu: &Arc<Gpu>,
         octree: &Arc<Octree>,
@@ -101,7 +101,7 @@ impl ManyViews {
         let code = TexelCode::new(self.knobs.texel, octree.node_count(), octree.root.edge)?;
         if code != self.maps.code {
             self.maps = MapSet::new(&self.gpu, self.knobs.side, code, 1)?;
-            self.traverse = Traverse::new(&self.gpu, &self.knobs, &self.maps, self.own.is_some());
+            self.traverse = Traverse::new(&self.gpu, &self.knobs, &self.maps, self.owners.is_some());
             self.fuse = Fuse::new(&self.gpu, &self.maps);
         }
         // Maps and parts are made for the next list of views, as at first.
@@ -123,15 +123,15 @@ impl ManyViews {
     ///
     /// # Errors
     /// [`HierarchyError::OutOfRange`] where views share maps: what is one's own is another's to see.
-    pub fn leave_out(&mut self, own: Own) -> Result<(), HierarchyError> {
+    pub fn cull_own_nodes(&mut self, owners: NodeOwners) -> Result<(), HierarchyError> {
         if self.knobs.sharing {
-            let range = "off where views leave out what is their own".to_owned();
+            let range = "off where views leave out what is their owners".to_owned();
             return Err(HierarchyError::OutOfRange { field: "sharing", range, value: "on".to_owned() });
         }
-        if self.own.is_none() {
+        if self.owners.is_none() {
             self.traverse = Traverse::new(&self.gpu, &self.knobs, &self.maps, true);
         }
-        self.own = Some(own);
+        self.owners = Some(owners);
         Ok(())
     }
 
@@ -237,8 +237,8 @@ impl ManyViews {
     pub fn map_of_views(&self, views: usize) -> Result<Vec<u32>, HierarchyError> {
         let size = views as u64 * 4;
         let mut commands = self.gpu.commands("maps of views");
-        let ticket = commands.read_buffer(&self.views.leaf_of_view, 0..size);
-        let bytes = commands.submit().wait()?.take(ticket);
+        let pending = commands.read_buffer(&self.views.leaf_of_view, 0..size);
+        let bytes = commands.submit().wait()?.take(pending);
         Ok(bytemuck::pod_collect_to_vec(&bytes[..size as usize]))
     }
 
@@ -246,18 +246,18 @@ impl ManyViews {
     ///
     /// # Errors
     /// A fault of the device.
-    pub fn middles_of_maps(&self) -> Result<Vec<DVec3>, HierarchyError> {
+    pub fn read_map_centers(&self) -> Result<Vec<DVec3>, HierarchyError> {
         let size = u64::from(self.maps.capacity) * 16;
-        let mut commands = self.gpu.commands("middles of maps");
-        let ticket = commands.read_buffer(&self.views.maps, 0..size.min(self.views.maps.size()));
-        let words: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&commands.submit().wait()?.take(ticket)[..]);
+        let mut commands = self.gpu.commands("map_centers of maps");
+        let pending = commands.read_buffer(&self.views.maps, 0..size.min(self.views.maps.size()));
+        let words: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&commands.submit().wait()?.take(pending)[..]);
         let world = |w: &[f32; 4]| self.octree.root.world_from_unit(Vec3::new(w[0], w[1], w[2]).as_dvec3());
         Ok(words.iter().map(world).collect())
     }
 
     /// Four words a map of the latest frame: the position that it is rendered from (f32, edges of the octree's root),
     /// and the map that it continues.
-    pub fn middles(&self) -> &Buffer {
+    pub fn map_centers(&self) -> &Buffer {
         &self.views.maps
     }
 
@@ -281,19 +281,19 @@ impl ManyViews {
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
         let answers = self.gpu.buffer("answers", queries.len() as u64 * 8, usage);
         let mut commands = self.gpu.commands("query");
-        self.fuse.query(&mut commands, &self.work(&[]), &asked, queries.len() as u32, &answers);
-        let ticket = commands.read_buffer(&answers, 0..queries.len() as u64 * 8);
-        let bytes = commands.submit().wait()?.take(ticket);
+        self.fuse.query(&mut commands, &self.inputs(&[]), &asked, queries.len() as u32, &answers);
+        let pending = commands.read_buffer(&answers, 0..queries.len() as u64 * 8);
+        let bytes = commands.submit().wait()?.take(pending);
         Ok(bytemuck::pod_collect_to_vec(&bytes[..queries.len() * 8]))
     }
 
-    fn work<'a>(&'a self, steps: &'a [Step]) -> Work<'a> {
+    fn inputs<'a>(&'a self, steps: &'a [Step]) -> TraversalInputs<'a> {
         let Self { octree, views, maps, queues, knobs, .. } = self;
-        Work { octree, views, maps, queues, knobs, steps, own: self.own.as_ref() }
+        TraversalInputs { octree, views, maps, queues, knobs, steps, owners: self.owners.as_ref() }
     }
 
     fn record(&self, commands: &mut Commands, views: &ViewList, steps: &[Step]) {
-        let work = self.work(steps);
+        let inputs = self.inputs(steps);
         commands.clear(&self.queues.counters);
         if self.knobs.occlusion != Occlusion::Known {
             for array in &self.maps.arrays {
@@ -307,10 +307,10 @@ impl ManyViews {
         }
         let shells = self.knobs.shells();
         for (pass, part) in (0..).zip(self.passes()) {
-            self.traverse.run(commands, &work, pass, part, shells[pass as usize % shells.len()]);
+            self.traverse.run(commands, &inputs, pass, part, shells[pass as usize % shells.len()]);
         }
         if self.shares() && self.knobs.fusion {
-            self.fuse.run(commands, &self.traverse, &work);
+            self.fuse.run(commands, &self.traverse, &inputs);
         }
     }
 
@@ -356,7 +356,7 @@ impl ManyViews {
         let maps = MapSet::new(&self.gpu, self.knobs.side, self.maps.code, maps)?;
         debug_assert!(maps.arrays.len() <= MAX_ARRAYS as usize);
         if maps.arrays.len() != self.maps.arrays.len() {
-            self.traverse = Traverse::new(&self.gpu, &self.knobs, &maps, self.own.is_some());
+            self.traverse = Traverse::new(&self.gpu, &self.knobs, &maps, self.owners.is_some());
             self.fuse = Fuse::new(&self.gpu, &maps);
         }
         self.maps = maps;

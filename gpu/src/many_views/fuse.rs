@@ -5,7 +5,7 @@ use argus_shaders::layout::gpu::Fusion;
 use wgpu::Buffer;
 
 use super::MapSet;
-use super::traverse::{Traverse, Work, with_maps};
+use super::traverse::{TraversalInputs, Traverse, with_maps};
 use crate::{Commands, ComputePipeline, Gpu};
 
 /// The pipelines.
@@ -24,16 +24,16 @@ impl Fuse {
     }
 
     /// From the root's map down to those of the leaves.
-    pub(super) fn run(&self, commands: &mut Commands, traverse: &Traverse, work: &Work<'_>) {
-        let arguments = traverse.prepare_fusion(commands, work);
-        for level in 0..=work.views.depth {
-            let step = Self::step(work, level);
+    pub(super) fn run(&self, commands: &mut Commands, traverse: &Traverse, inputs: &TraversalInputs<'_>) {
+        let arguments = traverse.prepare_fusion(commands, inputs);
+        for level in 0..=inputs.views.depth {
+            let step = Self::step(inputs, level);
             let call = commands
                 .compute("fuse", &self.fuse)
-                .read("nodes", &work.octree.nodes)
-                .read("maps", &work.views.maps)
-                .read("map_levels", &work.views.map_levels);
-            with_maps(call, work.maps)
+                .read("nodes", &inputs.octree.nodes)
+                .read("maps", &inputs.views.maps)
+                .read("map_levels", &inputs.views.map_levels);
+            with_maps(call, inputs.maps)
                 .immediates(bytemuck::bytes_of(&step))
                 .dispatch_indirect(arguments, 16 * u64::from(level));
         }
@@ -43,23 +43,23 @@ impl Fuse {
     pub(super) fn query(
         &self,
         commands: &mut Commands,
-        work: &Work<'_>,
+        inputs: &TraversalInputs<'_>,
         queries: &Buffer,
         count: u32,
         answers: &Buffer,
     ) {
-        let step = Self::step(work, count);
+        let step = Self::step(inputs, count);
         let call = commands
             .compute("query", &self.query)
-            .read("nodes", &work.octree.nodes)
-            .read("maps", &work.views.maps)
+            .read("nodes", &inputs.octree.nodes)
+            .read("maps", &inputs.views.maps)
             .read("queries", queries)
             .write("answers", answers);
-        with_maps(call, work.maps).immediates(bytemuck::bytes_of(&step)).dispatch_linear(u64::from(count));
+        with_maps(call, inputs.maps).immediates(bytemuck::bytes_of(&step)).dispatch_linear(u64::from(count));
     }
 
-    fn step(work: &Work<'_>, level: u32) -> Fusion {
-        let edge = work.octree.root.edge as f32;
-        Fusion { side: work.knobs.side, edge, map_shift: work.maps.shift, level }
+    fn step(inputs: &TraversalInputs<'_>, level: u32) -> Fusion {
+        let edge = inputs.octree.root.edge as f32;
+        Fusion { side: inputs.knobs.side, edge, map_shift: inputs.maps.shift, level }
     }
 }

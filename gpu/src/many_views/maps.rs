@@ -71,8 +71,8 @@ impl MapSet {
         let size = map_bytes(self.side, &self.code);
         let at = u64::from(map & ((1u32 << self.shift) - 1)) * size;
         let mut commands = gpu.commands("read map");
-        let ticket = commands.read_buffer(&self.arrays[(map >> self.shift) as usize], at..at + size);
-        let bytes = commands.submit().wait()?.take(ticket);
+        let pending = commands.read_buffer(&self.arrays[(map >> self.shift) as usize], at..at + size);
+        let bytes = commands.submit().wait()?.take(pending);
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[..size as usize]);
         Ok(self.code.unpack(&words))
     }

@@ -53,5 +53,5 @@ pub use knobs::{Bounding, Knobs, Occlusion};
 pub use maps::MapSet;
 pub use raster::RasterViews;
 pub use texels::{Texel, TexelCode};
-pub use traverse::Own;
+pub use traverse::NodeOwners;
 pub use view_list::{ViewList, ViewPoint};

@@ -33,22 +33,22 @@ pub(super) struct Queues {
 }
 
 /// What a pass works on.
-pub(super) struct Work<'a> {
+pub(super) struct TraversalInputs<'a> {
     pub(super) octree: &'a Octree,
     pub(super) views: &'a ViewOctree,
     pub(super) maps: &'a MapSet,
     pub(super) queues: &'a Queues,
     pub(super) knobs: &'a Knobs,
     pub(super) steps: &'a [Step],
-    pub(super) own: Option<&'a Own>,
+    pub(super) owners: Option<&'a NodeOwners>,
 }
 
 /// What views do not see though it is there: what is their own, as a thing is to the view from its middle.
 #[derive(Debug, Clone)]
-pub struct Own {
+pub struct NodeOwners {
     /// A word a node of the octree: 1 + the number of the view that it belongs to with all that is in it, 0 where that is
     /// several or none.
-    pub of_nodes: Buffer,
+    pub owners: Buffer,
     /// What number the first view of a list has.
     pub first: u32,
 }
@@ -122,7 +122,7 @@ impl Traverse {
     pub(super) fn new(gpu: &Gpu, knobs: &Knobs, maps: &MapSet, leaves_out: bool) -> Self {
         let of_maps = maps.constants();
         let divide = |views: bool, leaves: bool| {
-            let own = [
+            let owners = [
                 ("divides_views", f64::from(views)),
                 ("leaves", f64::from(leaves)),
                 ("culls", f64::from(knobs.culling)),
@@ -133,7 +133,7 @@ impl Traverse {
                 ("own_disc", f64::from(knobs.disc)),
                 ("shared_disc", f64::from(knobs.shared_disc)),
             ];
-            gpu.compute_pipeline_with(&TRAVERSE, "divide", &[&own[..], &of_maps].concat())
+            gpu.compute_pipeline_with(&TRAVERSE, "divide", &[&owners[..], &of_maps].concat())
         };
         Self {
             divide: [false, true].map(|views| [false, true].map(|leaves| divide(views, leaves))),
@@ -153,12 +153,12 @@ impl Traverse {
     pub(super) fn run(
         &self,
         commands: &mut Commands,
-        work: &Work<'_>,
+        inputs: &TraversalInputs<'_>,
         pass: u32,
         part: Part,
         shell: [f32; 2],
     ) {
-        let Work { octree, views, queues, steps, .. } = work;
+        let TraversalInputs { octree, views, queues, steps, .. } = inputs;
         let first = entry(pass, 0, steps.len());
         let mut seed = QueueStep {
             counters: first,
@@ -169,11 +169,11 @@ impl Traverse {
             first_view: 0,
             count: 1,
             level: 0,
-            maps: work.maps.capacity,
+            maps: inputs.maps.capacity,
         };
         match part {
             Part::Octants { .. } => {
-                if !work.knobs.scene_hierarchy {
+                if !inputs.knobs.scene_hierarchy {
                     [seed.scene_node, seed.count] = octree.leaves();
                 }
                 commands
@@ -197,11 +197,11 @@ impl Traverse {
         }
         for (index, step) in steps.iter().enumerate() {
             self.prepare(commands, queues, entry(pass, index, steps.len()), overflow(pass, steps.len()));
-            self.divide(commands, work, [pass, index as u32], step, part, shell);
+            self.divide(commands, inputs, [pass, index as u32], step, part, shell);
         }
         let last = entry(pass, steps.len(), steps.len());
         self.prepare(commands, queues, last, overflow(pass, steps.len()));
-        self.fill(commands, work, last);
+        self.fill(commands, inputs, last);
     }
 
     fn prepare(&self, commands: &mut Commands, queues: &Queues, counters: u32, overflow: u32) {
@@ -217,13 +217,13 @@ impl Traverse {
     fn divide(
         &self,
         commands: &mut Commands,
-        work: &Work<'_>,
+        inputs: &TraversalInputs<'_>,
         [pass, index]: [u32; 2],
         step: &Step,
         part: Part,
         [near, far]: [f32; 2],
     ) {
-        let Work { octree, views, maps, queues, knobs, steps, own } = work;
+        let TraversalInputs { octree, views, maps, queues, knobs, steps, owners } = inputs;
         let index = index as usize;
         let cells = (1u32 << step.scene_level) as f32;
         let mut pairs = PairStep {
@@ -242,7 +242,7 @@ impl Traverse {
             near,
             far,
             leaf_views: u32::from(step.view_level == views.depth),
-            first_owner: own.map_or(0, |own| own.first),
+            first_owner: owners.map_or(0, |owners| owners.first),
         };
         if let Part::Octants { level, .. } = part {
             if step.divides_views && step.view_level <= level {
@@ -262,12 +262,12 @@ impl Traverse {
             .write("next", &queues.pairs[(index + 1) % 2])
             .write("counters", &queues.counters)
             // Not looked at where views own nothing.
-            .read("owners", own.map_or(&octree.codes, |own| &own.of_nodes));
+            .read("owners", owners.map_or(&octree.codes, |owners| &owners.owners));
         with_maps(call, maps).immediates(bytemuck::bytes_of(&pairs)).dispatch_indirect(&queues.arguments, 0);
     }
 
-    fn fill(&self, commands: &mut Commands, work: &Work<'_>, counters: u32) {
-        let Work { octree, views, maps, queues, knobs, steps, .. } = work;
+    fn fill(&self, commands: &mut Commands, inputs: &TraversalInputs<'_>, counters: u32) {
+        let TraversalInputs { octree, views, maps, queues, knobs, steps, .. } = inputs;
         let cells = (1u32 << octree.depth) as f32;
         let step = FillStep {
             cells,
@@ -290,9 +290,13 @@ impl Traverse {
 
     /// Works out how many workgroups the fusion of each level takes; returns the buffer of their numbers, 16 bytes a
     /// level.
-    pub(super) fn prepare_fusion<'a>(&self, commands: &mut Commands, work: &'a Work<'_>) -> &'a Buffer {
-        let texels = 2 * work.knobs.side * work.knobs.side;
-        for level in 0..=work.views.depth {
+    pub(super) fn prepare_fusion<'a>(
+        &self,
+        commands: &mut Commands,
+        inputs: &'a TraversalInputs<'_>,
+    ) -> &'a Buffer {
+        let texels = 2 * inputs.knobs.side * inputs.knobs.side;
+        for level in 0..=inputs.views.depth {
             let step = QueueStep {
                 arguments: 4 * level,
                 group: texels.div_ceil(64),
@@ -301,12 +305,12 @@ impl Traverse {
             };
             commands
                 .compute("prepare", &self.prepare_fusion)
-                .write("counters", &work.queues.counters)
-                .write("arguments", &work.queues.arguments)
-                .read("map_levels", &work.views.map_levels)
+                .write("counters", &inputs.queues.counters)
+                .write("arguments", &inputs.queues.arguments)
+                .read("map_levels", &inputs.views.map_levels)
                 .immediates(bytemuck::bytes_of(&step))
                 .dispatch([1, 1, 1]);
         }
-        &work.queues.arguments
+        &inputs.queues.arguments
     }
 }

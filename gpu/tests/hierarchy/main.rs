@@ -24,8 +24,8 @@ fn gpu() -> Arc<Gpu> {
 /// What a buffer holds.
 fn read<T: bytemuck::Pod>(buffer: &Buffer, count: usize) -> Vec<T> {
     let mut commands = gpu().commands("read back");
-    let ticket = commands.read_buffer(buffer, 0..(count * size_of::<T>()) as u64);
-    let bytes = commands.submit().wait().unwrap().take(ticket);
+    let pending = commands.read_buffer(buffer, 0..(count * size_of::<T>()) as u64);
+    let bytes = commands.submit().wait().unwrap().take(pending);
     bytemuck::pod_collect_to_vec(&bytes[..count * size_of::<T>()])
 }
 

@@ -81,8 +81,8 @@ fn more_pairs_than_a_binding_or_a_dispatch_holds_are_all_met() {
     let last = count as u64 - 1;
     let (array, at) = (last >> set.shift, last & ((1 << set.shift) - 1));
     let mut commands = gpu().commands("last map");
-    let ticket = commands.read_buffer(&set.arrays[array as usize], at * 512..(at + 1) * 512);
-    let bytes = commands.submit().wait().unwrap().take(ticket);
+    let pending = commands.read_buffer(&set.arrays[array as usize], at * 512..(at + 1) * 512);
+    let bytes = commands.submit().wait().unwrap().take(pending);
     let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[..]);
     let expected: Vec<u32> = one.of(0).iter().map(|value| value[0]).collect();
     assert_eq!(words, expected);

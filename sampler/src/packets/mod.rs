@@ -26,7 +26,7 @@ use cutouts::Cutouts;
 use lanes::{LANES, Lanes, Plain};
 pub(crate) use lengths::Ray;
 use packet::{Directions, Entry, Leaves, Nearest, Packet};
-pub(crate) use single::Met;
+pub(crate) use single::Hit;
 
 /// Rays of a vector: columns, rows.
 const VECTOR: [usize; 2] = [4, 2];

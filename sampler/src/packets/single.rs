@@ -10,7 +10,7 @@ use crate::bvh::{Node, OF_OBJECT, Triangle, flags};
 
 /// The nearest surface along a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Met {
+pub(crate) struct Hit {
     /// Index into [`argus_scene::Scene::instances`].
     pub(crate) instance: u32,
     /// Which triangle of its mesh.
@@ -37,27 +37,27 @@ const SLACK: f64 = 1.0 + 1e-12;
 impl PacketTracer {
     /// The nearest surface at 0 < t < `most`; cut-outs are seen through, one-sided triangles from behind. A ray
     /// that is not finite or has no direction meets nothing.
-    pub(crate) fn nearest(&self, origin: DVec3, direction: DVec3, most: f64) -> Option<Met> {
+    pub(crate) fn nearest(&self, origin: DVec3, direction: DVec3, most: f64) -> Option<Hit> {
         if !(origin.is_finite() && direction.is_finite() && direction != DVec3::ZERO) {
             return None;
         }
         let mut nearest = None;
         let inverse = safe_inverse(direction);
         self.hierarchy.visit_top(origin, inverse, |placed| {
-            let limit = nearest.map_or(most, |met: Met| met.t);
+            let limit = nearest.map_or(most, |hit: Hit| hit.t);
             let m = placed.object_from_world;
             let (origin, direction) = (m * (origin - placed.origin), m * direction);
             let ray = Ray { origin, direction, inverse: safe_inverse(direction) };
             let root = self.hierarchy.objects[placed.object as usize].root;
-            if let Some(met) = self.nearest_in(&ray, root, placed.instance, limit) {
-                nearest = Some(met);
+            if let Some(hit) = self.nearest_in(&ray, root, placed.instance, limit) {
+                nearest = Some(hit);
             }
-            nearest.map_or(most, |met| met.t)
+            nearest.map_or(most, |hit| hit.t)
         });
         nearest
     }
 
-    fn nearest_in(&self, ray: &Ray, root: u32, instance: u32, most: f64) -> Option<Met> {
+    fn nearest_in(&self, ray: &Ray, root: u32, instance: u32, most: f64) -> Option<Hit> {
         let nodes = &self.hierarchy.nodes;
         let (mut nearest, mut limit) = (None, most);
         // As deep as a tree of four billion triangles that is thrice as deep as a balanced one.
@@ -70,9 +70,9 @@ impl PacketTracer {
             if node.count > 0 {
                 let range = node.first as usize..(node.first + node.count) as usize;
                 for triangle in &self.hierarchy.triangles[range] {
-                    if let Some(met) = self.meet(ray, triangle, instance, limit) {
-                        limit = met.t;
-                        nearest = Some(met);
+                    if let Some(hit) = self.meet(ray, triangle, instance, limit) {
+                        limit = hit.t;
+                        nearest = Some(hit);
                     }
                 }
             } else {
@@ -114,7 +114,7 @@ impl PacketTracer {
     }
 
     /// Möller and Trumbore's test ("Fast, Minimum Storage Ray/Triangle Intersection", 1997), in f64.
-    fn meet(&self, ray: &Ray, triangle: &Triangle, instance: u32, most: f64) -> Option<Met> {
+    fn meet(&self, ray: &Ray, triangle: &Triangle, instance: u32, most: f64) -> Option<Hit> {
         let [a, b, c] = [triangle.a, triangle.b, triangle.c].map(|p| Vec3::from_array(p).as_dvec3());
         let (e1, e2, from_a) = (b - a, c - a, ray.origin - a);
         let p = ray.direction.cross(e2);
@@ -132,8 +132,8 @@ impl PacketTracer {
         if !(beta >= 0.0 && gamma >= 0.0 && beta + gamma <= 1.0 && t > 0.0 && t < most) {
             return None;
         }
-        let mirrored = triangle.flags & flags::MIRRORED != 0;
-        let weights = if mirrored { [gamma, beta] } else { [beta, gamma] };
+        let probe_bindings = triangle.flags & flags::MIRRORED != 0;
+        let weights = if probe_bindings { [gamma, beta] } else { [beta, gamma] };
         let instance = if triangle.instance == OF_OBJECT { instance } else { triangle.instance };
         let ids = [instance, triangle.primitive];
         if triangle.flags & flags::CUTOUT != 0
@@ -142,7 +142,7 @@ impl PacketTracer {
             return None;
         }
         // Stored corners of a mirrored triangle are exchanged so that its front appears as the mesh's does.
-        Some(Met { instance, primitive: triangle.primitive, t, weights, front: determinant > 0.0 })
+        Some(Hit { instance, primitive: triangle.primitive, t, weights, front: determinant > 0.0 })
     }
 }
 

@@ -29,7 +29,7 @@ impl AdoptMaps {
             .compute("adopt maps", &self.pipeline)
             .read("adopt", &uniform)
             .read("map_of_view", views.map_of_view())
-            .read("middles", views.middles())
+            .read("map_centers", views.map_centers())
             .write("eyes", eyes)
             .dispatch_threads([parameters.count, 1, 1]);
     }

@@ -15,12 +15,12 @@ pub(crate) struct ChooseReceivers {
 }
 
 /// A tile's blocks, and the same as a uniform.
-pub(crate) struct Told {
+pub(crate) struct BlockUniform {
     pub(crate) blocks: Blocks,
     pub(crate) uniform: wgpu::Buffer,
 }
 
-impl Told {
+impl BlockUniform {
     /// Of a tile of `size` sub-samples in blocks of `block`, whose light reaches `reach` blocks far.
     pub(crate) fn new(gpu: &Gpu, size: [u32; 2], block: [u32; 2], reach: u32) -> Self {
         let count = [0, 1].map(|i| size[i].div_ceil(block[i]));
@@ -44,16 +44,16 @@ impl ChooseReceivers {
         &self,
         gpu: &Gpu,
         commands: &mut Commands,
-        told: &Told,
+        layout: &BlockUniform,
         guides: &Guides,
     ) -> wgpu::Buffer {
-        let bytes = (told.len() * OF_BLOCK * size_of::<Chosen>()) as u64;
+        let bytes = (layout.len() * OF_BLOCK * size_of::<Chosen>()) as u64;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let chosen = gpu.buffer("chosen receivers", bytes, usage);
-        let [columns, rows] = told.blocks.count;
+        let [columns, rows] = layout.blocks.count;
         commands
             .compute("choose receivers", &self.pipeline)
-            .read("blocks", &told.uniform)
+            .read("blocks", &layout.uniform)
             .read("guides", &guides.surfaces)
             .write("chosen", &chosen)
             .dispatch([columns, rows, 1]);

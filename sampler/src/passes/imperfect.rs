@@ -49,7 +49,7 @@ impl Imperfect {
             .collect();
         let words = levels[1..].iter().map(|&side| texels(side)).sum::<u64>().max(1);
         let pyramid = gpu.buffer("coarser levels of maps", words * 4, wgpu::BufferUsages::STORAGE);
-        let told = |to: usize, from: usize| {
+        let params = |to: usize, from: usize| {
             let parameters = Parameters {
                 to_side: levels[to],
                 from_side: levels[from],
@@ -60,7 +60,7 @@ impl Imperfect {
             gpu.upload("imperfect maps", &[parameters], wgpu::BufferUsages::UNIFORM)
         };
         commands.compute("reset maps", &self.reset).write("maps", maps).dispatch_threads(grid(texels(side)));
-        let own = told(0, 0);
+        let own = params(0, 0);
         commands
             .compute("splat points", &self.splat)
             .read("imperfect", &own)
@@ -69,7 +69,7 @@ impl Imperfect {
             .write("splats", maps)
             .dispatch_threads(grid(u64::from(count) * u64::from(parameters.points)));
         for (level, &level_side) in levels.iter().enumerate().skip(1) {
-            let uniform = told(level, level - 1);
+            let uniform = params(level, level - 1);
             commands
                 .compute("pull maps", &self.pull)
                 .read("imperfect", &uniform)
@@ -78,7 +78,7 @@ impl Imperfect {
                 .dispatch_threads(grid(texels(level_side)));
         }
         for level in (0..levels.len() - 1).rev() {
-            let uniform = told(level, level + 1);
+            let uniform = params(level, level + 1);
             commands
                 .compute("push maps", &self.push)
                 .read("imperfect", &uniform)

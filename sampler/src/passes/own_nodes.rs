@@ -12,14 +12,14 @@ pub(crate) struct OwnNodes {
 }
 
 /// Surfaces and whose they are.
-pub(crate) struct Belongings<'a> {
+pub(crate) struct NodeSurfaces<'a> {
     pub(crate) octree: &'a Octree,
     /// Triangles that each leaf shows to either side.
     pub(crate) facing: &'a wgpu::Buffer,
     /// Of each triangle, its instance and its number in the mesh.
     pub(crate) triangle_ids: &'a wgpu::Buffer,
     /// Of each instance, 1 + the number of its reflector; 0 for none.
-    pub(crate) map_of_instance: &'a wgpu::Buffer,
+    pub(crate) probe_of_instance: &'a wgpu::Buffer,
 }
 
 impl OwnNodes {
@@ -29,8 +29,8 @@ impl OwnNodes {
     }
 
     /// A word a node: 1 + the number of the reflector that it belongs to with all that is in it, or 0.
-    pub(crate) fn record(&self, gpu: &Gpu, commands: &mut Commands, of: &Belongings<'_>) -> wgpu::Buffer {
-        let Belongings { octree, facing, triangle_ids, map_of_instance } = *of;
+    pub(crate) fn record(&self, gpu: &Gpu, commands: &mut Commands, of: &NodeSurfaces<'_>) -> wgpu::Buffer {
+        let NodeSurfaces { octree, facing, triangle_ids, probe_of_instance } = *of;
         let owners =
             gpu.buffer("owners of nodes", u64::from(octree.node_count()) * 4, wgpu::BufferUsages::STORAGE);
         for (up, &[first, count]) in octree.levels.iter().rev().enumerate() {
@@ -40,7 +40,7 @@ impl OwnNodes {
                     .compute("own leaves", &self.leaves)
                     .read("facing", facing)
                     .read("triangle_ids", triangle_ids)
-                    .read("map_of_instance", map_of_instance),
+                    .read("probe_of_instance", probe_of_instance),
                 _ => commands.compute("own nodes", &self.nodes).read("nodes", &octree.nodes),
             };
             call.write("owners", &owners)

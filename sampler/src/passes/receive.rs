@@ -46,12 +46,12 @@ impl Receive {
         received: &wgpu::Buffer,
     ) {
         let set = batch.views.maps();
-        let told =
+        let params =
             Parameters { first: batch.first, count: batch.count, map_shift: set.shift, map_side: set.side };
-        let told = gpu.upload("receive", &[told], wgpu::BufferUsages::UNIFORM);
+        let params = gpu.upload("receive", &[params], wgpu::BufferUsages::UNIFORM);
         let across = batch.count.min(1 << 15);
         with_node_maps(commands.compute("receive light", &self.pipeline), batch.views)
-            .read("receive", &told)
+            .read("receive", &params)
             .read("receivers", batch.receivers)
             .read("surfels", batch.surfels)
             .write("received", received)

@@ -1,6 +1,6 @@
 //! Program: `shaders/sampler/resolve_sample.wgsl`. Texels as a sample stores them.
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, Ticket, plane, wgpu};
+use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, plane, wgpu};
 use argus_scene::{Plane, PlaneFormat, PlaneKind};
 use argus_shaders::layout::sampler::ResolveSample as Parameters;
 use argus_shaders::sampler::RESOLVE_SAMPLE;
@@ -124,12 +124,12 @@ fn name(kind: PlaneKind) -> &'static str {
 
 impl PlaneBuffers {
     /// Asks for the planes' bytes; call it on buffers without padding.
-    pub(crate) fn read(&self, commands: &mut Commands) -> Vec<(PlaneKind, PlaneFormat, Ticket)> {
-        let tickets = self.planes.iter().map(|(kind, format, buffer)| {
+    pub(crate) fn read(&self, commands: &mut Commands) -> Vec<(PlaneKind, PlaneFormat, PendingReadback)> {
+        let pending = self.planes.iter().map(|(kind, format, buffer)| {
             let texels = u64::from(self.stride) * u64::from(self.size[1]);
             (*kind, *format, commands.read_buffer(buffer, 0..texels * format.texel_bytes() as u64))
         });
-        tickets.collect()
+        pending.collect()
     }
 
     /// Copies the planes into textures of their own.

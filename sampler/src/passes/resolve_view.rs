@@ -1,6 +1,6 @@
 //! Program: `shaders/sampler/resolve_view.wgsl`. The pixels of a direct view.
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, Ticket, wgpu};
+use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, wgpu};
 use argus_shaders::layout::sampler::ResolveView as Parameters;
 use argus_shaders::sampler::RESOLVE_VIEW;
 
@@ -29,7 +29,7 @@ impl ResolveView {
         commands: &mut Commands,
         context: &TileContext<'_>,
         exposure: f32,
-    ) -> Ticket {
+    ) -> PendingReadback {
         let TileContext { gpu, targets, tile, .. } = context;
         let parameters = Parameters { size: tile.size, side: tile.side, exposure };
         let parameters = gpu.upload("resolve view", &[parameters], wgpu::BufferUsages::UNIFORM);
@@ -48,7 +48,7 @@ impl ResolveView {
 
     /// Intersects the central ray of each pixel with the triangle that a tile with one sub-sample a pixel sees
     /// there; what comes back is an f32 a pixel.
-    pub(crate) fn record_range(&self, commands: &mut Commands, context: &TileContext<'_>) -> Ticket {
+    pub(crate) fn record_range(&self, commands: &mut Commands, context: &TileContext<'_>) -> PendingReadback {
         let TileContext { gpu, resident, eye, tile, rays, places, targets, .. } = context;
         let bytes = u64::from(tile.size[0]) * u64::from(tile.size[1]) * 4;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;

@@ -4,7 +4,7 @@ use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE;
 
 use super::TileContext;
-use crate::mirrors::Mirrored;
+use crate::probe_renderer::ProbeBindings;
 use crate::resident::Features;
 use crate::scratch::Guides;
 
@@ -31,7 +31,12 @@ impl Shade {
     }
 
     /// Shades a tile's visibility buffer: everything that reaches the eye.
-    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, mirrored: &Mirrored) {
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        probe_bindings: &ProbeBindings,
+    ) {
         let TileContext { gpu, eye, targets, tile, rays, .. } = context;
         let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
         if targets.guides.is_some() {
@@ -42,7 +47,7 @@ impl Shade {
             Some(_) => ("shade pixels", &self.pixels),
             None => ("shade view", &self.view),
         };
-        let about_eye = mirrored.surroundings.around(eye.position);
+        let about_eye = probe_bindings.probes.uniform(eye.position);
         let around = gpu.upload("around", &[about_eye], wgpu::BufferUsages::UNIFORM);
         let mut call = context
             .with_surfaces(commands.compute(name, pipeline))
@@ -51,9 +56,9 @@ impl Shade {
             .write("guides", guides)
             .write("guide_albedos", albedos)
             .write("shaded", &targets.shaded)
-            .read("map_of_instance", &mirrored.map_of_instance)
-            .read("around", &around);
-        for (name, resource) in mirrored.surroundings.bindings() {
+            .read("probe_of_instance", &probe_bindings.probe_of_instance)
+            .read("probes", &around);
+        for (name, resource) in probe_bindings.probes.bindings() {
             call = call.read(name, resource);
         }
         if let Some(places) = &context.places {

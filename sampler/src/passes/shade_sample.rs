@@ -4,7 +4,7 @@ use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE_SAMPLE;
 
 use super::TileContext;
-use crate::mirrors::Mirrored;
+use crate::probe_renderer::ProbeBindings;
 use crate::resident::Features;
 use crate::scratch::Guides;
 
@@ -43,7 +43,12 @@ impl ShadeSample {
     }
 
     /// Shades what a tile's sub-samples see; the context is one of texels.
-    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, mirrored: &Mirrored) {
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        probe_bindings: &ProbeBindings,
+    ) {
         let TileContext { targets, tile, rays, .. } = context;
         let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
         if targets.guides.is_some() {
@@ -62,7 +67,7 @@ impl ShadeSample {
                 .with_surfaces(commands.compute(name, pipeline))
                 .read("rays", rays)
                 .read("visibility", &targets.visibility)
-                .read("map_of_instance", &mirrored.map_of_instance)
+                .read("probe_of_instance", &probe_bindings.probe_of_instance)
                 .write("guides", guides)
                 .write("guide_albedos", albedos)
                 .write("shaded", &targets.shaded)

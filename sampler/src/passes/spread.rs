@@ -3,7 +3,7 @@
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SPREAD;
 
-use super::{TileContext, Told};
+use super::{BlockUniform, TileContext};
 use crate::scratch::Guides;
 
 /// Spreads light.
@@ -13,7 +13,7 @@ pub(crate) struct Spread {
 
 /// What is spread.
 pub(crate) struct SpreadFrom<'a> {
-    pub(crate) told: &'a Told,
+    pub(crate) layout: &'a BlockUniform,
     pub(crate) guides: &'a Guides,
     /// Two words a block: its receivers.
     pub(crate) of_blocks: &'a wgpu::Buffer,
@@ -29,10 +29,10 @@ impl Spread {
 
     /// Adds what surfaces reflect of it to what was shaded.
     pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, from: &SpreadFrom<'_>) {
-        let [width, height] = from.told.blocks.size;
+        let [width, height] = from.layout.blocks.size;
         commands
             .compute("spread light", &self.pipeline)
-            .read("blocks", &from.told.uniform)
+            .read("blocks", &from.layout.uniform)
             .read("guides", &from.guides.surfaces)
             .read("guide_albedos", &from.guides.albedos)
             .read("of_blocks", from.of_blocks)

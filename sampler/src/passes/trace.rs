@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, Ticket, wgpu};
+use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, wgpu};
 use argus_scene::RenderError;
 use argus_shaders::layout::sampler::PlacedTree;
 use argus_shaders::sampler::TRACE;
@@ -115,7 +115,7 @@ impl Trace {
     }
 
     /// Brings back whether every packet that was recorded was followed to its end: see [`Self::is_whole`].
-    pub(crate) fn read_unfinished(&self, commands: &mut Commands) -> Ticket {
+    pub(crate) fn read_unfinished(&self, commands: &mut Commands) -> PendingReadback {
         commands.read_buffer(&self.unfinished, 0..4)
     }
 

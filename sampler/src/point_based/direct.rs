@@ -18,8 +18,8 @@ pub(super) fn direct_by_pi(
     let origin = position + normal.as_dvec3() * off;
     let mut sum = Vec3::ZERO;
     for light in &lighting.lights {
-        let (to_light, irradiance) = incident(light, position);
-        let cosine = normal.dot(to_light);
+        let (inputs, irradiance) = incident(light, position);
+        let cosine = normal.dot(inputs);
         // A NaN fails.
         if !(cosine > 0.0 && irradiance.max_element() > 0.0) {
             continue;

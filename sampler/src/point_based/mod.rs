@@ -33,9 +33,11 @@ use rayon::prelude::*;
 pub use knobs::PointKnobs;
 
 use crate::eye::Eye;
-use crate::indirect::{Spreading, ToLight};
-use crate::lit_octree::{LitOctree, refused};
-use crate::passes::{Batch, ChooseReceivers, OF_BLOCK, Receive, Spread, SpreadFrom, TileContext, Told};
+use crate::indirect::{LightInputs, LightSharing};
+use crate::lit_octree::{LitOctree, to_render_error};
+use crate::passes::{
+    Batch, BlockUniform, ChooseReceivers, OF_BLOCK, Receive, Spread, SpreadFrom, TileContext,
+};
 use crate::radiosity::paths::off_surface;
 use crate::resident::{Resident, upload};
 use crate::scratch::{Extras, Scratch};
@@ -125,10 +127,10 @@ impl PointBased {
     /// [`RenderError::OutOfMemory`] if the octree or its maps are larger than the device can bind.
     pub(crate) fn ready(
         &mut self,
-        to_light: &ToLight<'_>,
+        inputs: &LightInputs<'_>,
         scratch: &mut Scratch,
     ) -> Result<Vec<Stage>, RenderError> {
-        let ToLight { gpu, scene, resident, lighting, time_secs, .. } = *to_light;
+        let LightInputs { gpu, scene, resident, lighting, time_secs, .. } = *inputs;
         let Some(mut stages) = self.octree.pose(gpu, scene, &resident.instances)? else {
             return Ok(Vec::new());
         };
@@ -142,7 +144,7 @@ impl PointBased {
         let begin = Instant::now();
         self.report.leaves = octree.leaf_count();
         self.octree.forget_light();
-        if let Err(error) = self.light_leaves(to_light, scratch, &octree) {
+        if let Err(error) = self.light_leaves(inputs, scratch, &octree) {
             // Nobody is to go by a bounce that is not the last.
             self.octree.forget_light();
             return Err(error);
@@ -155,11 +157,11 @@ impl PointBased {
     /// Lights the leaves bounce by bounce, each by what nodes show of the one before.
     fn light_leaves(
         &mut self,
-        to_light: &ToLight<'_>,
+        inputs: &LightInputs<'_>,
         scratch: &mut Scratch,
         octree: &Octree,
     ) -> Result<(), RenderError> {
-        let ToLight { gpu, scene, resident, tracer, lighting, time_secs } = *to_light;
+        let LightInputs { gpu, scene, resident, tracer, lighting, time_secs } = *inputs;
         // What surfaces emit alone; the lights' light is added with its shadows, and the sky's is not reflected on.
         let dark = Lighting { lights: Vec::new(), sky: Sky::BLACK, exposure: lighting.exposure };
         let eye = Eye::new(gpu, resident, octree.root.world_from_unit(DVec3::splat(0.5)), &dark)?;
@@ -180,7 +182,7 @@ impl PointBased {
                 };
                 self.octree.shade(&mut commands, &context, chunk, &surfels);
                 let mut commands =
-                    self.add_with(commands, &context, Spreading::Each, lights, &mut Vec::new())?;
+                    self.add_with(commands, &context, LightSharing::Each, lights, &mut Vec::new())?;
                 self.octree.keep(&mut commands, &context, chunk, &surfels);
                 commands.submit().wait()?;
             }
@@ -199,13 +201,13 @@ impl PointBased {
         &mut self,
         commands: Commands,
         context: &TileContext<'_>,
-        spreading: Spreading,
+        sharing: LightSharing,
         stages: &mut Vec<Stage>,
     ) -> Result<Commands, RenderError> {
         if self.octree.nodes().is_none() {
             return Ok(commands);
         }
-        self.add_with(commands, context, spreading, None, stages)
+        self.add_with(commands, context, sharing, None, stages)
     }
 
     /// Adds the light, with light that receivers receive from elsewhere.
@@ -213,19 +215,19 @@ impl PointBased {
         &mut self,
         mut commands: Commands,
         context: &TileContext<'_>,
-        spreading: Spreading,
+        sharing: LightSharing,
         more: Option<LightAt<'_>>,
         stages: &mut Vec<Stage>,
     ) -> Result<Commands, RenderError> {
         let gpu = context.gpu;
         let Some(guides) = &context.targets.guides else { return Ok(commands) };
-        let (block, reach) = spreading.blocks(self.knobs.block, context.tile.side);
-        let told = Told::new(gpu, context.tile.sub_samples(), block, reach);
-        let chosen = self.choose.record(gpu, &mut commands, &told, guides);
-        let ticket = commands.read_buffer(&chosen, 0..chosen.size());
+        let (block, reach) = sharing.blocks(self.knobs.block, context.tile.side);
+        let layout = BlockUniform::new(gpu, context.tile.sub_samples(), block, reach);
+        let chosen = self.choose.record(gpu, &mut commands, &layout, guides);
+        let pending = commands.read_buffer(&chosen, 0..chosen.size());
         let mut finished = commands.submit().wait()?;
         timing::add(stages, std::mem::take(&mut finished.stages));
-        let all: Vec<Chosen> = bytemuck::pod_collect_to_vec(&finished.take(ticket)[..]);
+        let all: Vec<Chosen> = bytemuck::pod_collect_to_vec(&finished.take(pending)[..]);
         let receivers = Receivers::of(&all);
         self.report.receivers = receivers.chosen.len();
         if receivers.chosen.is_empty() {
@@ -254,9 +256,9 @@ impl PointBased {
                 let points: Vec<ViewPoint> = batch.iter().map(point).collect();
                 let list = ViewList::new(gpu, &nodes.octree.root, &points)?;
                 let kept = self.views.take();
-                let views = ManyViews::kept_or_new(kept, gpu, nodes.octree, self.knobs.traversal());
-                let views = self.views.insert(views.map_err(refused)?);
-                views.render(&list).map_err(refused)?;
+                let views = ManyViews::reuse_or_new(kept, gpu, nodes.octree, self.knobs.traversal());
+                let views = self.views.insert(views.map_err(to_render_error)?);
+                views.render(&list).map_err(to_render_error)?;
                 let arrays = views.maps().arrays.len();
                 if arrays != self.receive.arrays() {
                     self.receive = Receive::new(gpu, arrays);
@@ -275,7 +277,7 @@ impl PointBased {
         let mut commands = gpu.commands("spread light");
         let of_blocks = upload(gpu, "receivers of blocks", &receivers.of_blocks, storage)?;
         let from = SpreadFrom {
-            told: &told,
+            layout: &layout,
             guides,
             of_blocks: &of_blocks,
             receivers: &buffer,

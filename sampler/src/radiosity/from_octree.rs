@@ -11,7 +11,7 @@ use glam::Vec3;
 
 use super::surfaces::Surfaces;
 use super::{MapSource, Vpl, VplKnobs};
-use crate::lit_octree::refused;
+use crate::lit_octree::to_render_error;
 
 /// The octree of a scene's surfaces.
 pub(crate) fn octree(
@@ -22,7 +22,7 @@ pub(crate) fn octree(
 ) -> Result<Arc<Octree>, RenderError> {
     let triangles = surfaces.triangles().map(|corners| Triangle { corners, color: Vec3::ONE });
     let octree = OctreeBuilder::new(gpu).build(RootCube::around(&bounds), levels, triangles);
-    octree.map(Arc::new).map_err(refused)
+    octree.map(Arc::new).map_err(to_render_error)
 }
 
 /// The maps of VPLs, each a view of the half space before its surface, and of particles, which have none.
@@ -41,9 +41,9 @@ pub(crate) fn render(
         })
         .collect();
     let list = ViewList::new(gpu, &octree.root, &views)?;
-    let told =
+    let params =
         Knobs { side: knobs.map_side, sharing: knobs.maps == MapSource::MegaViews, ..Knobs::default() };
-    let mut many = ManyViews::new(gpu, Arc::clone(octree), told).map_err(refused)?;
-    many.render(&list).map_err(refused)?;
+    let mut many = ManyViews::new(gpu, Arc::clone(octree), params).map_err(to_render_error)?;
+    many.render(&list).map_err(to_render_error)?;
     Ok(many)
 }

@@ -21,8 +21,8 @@ pub(crate) fn exact(tracer: &PacketTracer, vpls: &[Vpl], side: u32) -> Vec<u32> 
         let normal = vpl.normal.as_dvec3();
         let shines = |direction: &DVec3| direction.dot(normal) > 0.0 || normal == DVec3::ZERO;
         for &(texel, direction) in rays.iter().filter(|(_, direction)| shines(direction)) {
-            if let Some(met) = tracer.nearest(vpl.position, direction, f64::from(f32::MAX)) {
-                map[texel as usize] = (met.t as f32).to_bits();
+            if let Some(hit) = tracer.nearest(vpl.position, direction, f64::from(f32::MAX)) {
+                map[texel as usize] = (hit.t as f32).to_bits();
             }
         }
     });

@@ -44,7 +44,7 @@ use glam::{DVec3, Vec3};
 
 pub use knobs::{MapSource, VplKnobs};
 
-use crate::indirect::ToLight;
+use crate::indirect::LightInputs;
 use crate::packets::PacketTracer;
 use crate::passes::{
     AdoptMaps, CullVpls, FilterIndirect, Gather, Gathered, Imperfect, IndirectScratch, Maps, TileContext,
@@ -157,8 +157,8 @@ impl Radiosity {
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if maps are larger than the device can bind.
-    pub(crate) fn ready(&mut self, to_light: &ToLight<'_>) -> Result<Vec<Stage>, RenderError> {
-        let ToLight { gpu, tracer, lighting, time_secs, .. } = *to_light;
+    pub(crate) fn ready(&mut self, inputs: &LightInputs<'_>) -> Result<Vec<Stage>, RenderError> {
+        let LightInputs { gpu, tracer, lighting, time_secs, .. } = *inputs;
         let drifts = self.knobs.particles > 0;
         let is_now = |lit: &Lit| lit.lighting == *lighting && (!drifts || lit.time_secs == time_secs);
         if self.lit.as_ref().is_some_and(is_now) {
@@ -349,8 +349,8 @@ impl Radiosity {
     pub(crate) fn report(&self, gpu: &Arc<Gpu>) -> Result<Option<IndirectReport>, RenderError> {
         let Some(lit) = &self.lit else { return Ok(None) };
         let mut commands = gpu.commands("read kept groups");
-        let ticket = commands.read_buffer(&lit.kept, 0..8);
-        let bytes = commands.submit().wait()?.take(ticket);
+        let pending = commands.read_buffer(&lit.kept, 0..8);
+        let bytes = commands.submit().wait()?.take(pending);
         let mut commands = gpu.commands("forget kept groups");
         commands.clear(&lit.kept);
         commands.submit().wait()?;

@@ -77,10 +77,10 @@ fn follow(
         vpls.push(Vpl { position: origin, normal: normal.as_vec3(), flux, bounces: 0 });
     }
     for bounce in 1..=knobs.bounces {
-        let Some(met) = tracer.nearest(origin, direction, f64::INFINITY) else { break };
-        let Some(point) = surfaces.met(&met, direction) else { break };
+        let Some(hit) = tracer.nearest(origin, direction, f64::INFINITY) else { break };
+        let Some(point) = surfaces.hit(&hit, direction) else { break };
         if bounce == 1 {
-            flux *= emission.left_at(met.t);
+            flux *= emission.left_at(hit.t);
         }
         let (by_shading, by_triangle) = (-direction.dot(point.normal), -direction.dot(point.side));
         // Light that grazes below either normal is not reflected; the ratio is what Veach ("Robust Monte Carlo
@@ -90,7 +90,7 @@ fn follow(
         if !(reflected.max_element() > 0.0 && reflected.is_finite()) {
             break;
         }
-        origin += direction * met.t + point.side * off;
+        origin += direction * hit.t + point.side * off;
         vpls.push(Vpl { position: origin, normal: point.side.as_vec3(), flux: reflected, bounces: bounce });
         // A path goes on as often as its surface reflects, so that those that do carry about as much as before.
         let survives = (f64::from(point.albedo.element_sum()) / 3.0).clamp(0.05, 1.0);

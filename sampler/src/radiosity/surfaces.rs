@@ -9,7 +9,7 @@ use argus_scene::texture::{MipChain, mip_chains, transform_uv};
 use argus_scene::{Mesh, Scene, TextureRef};
 use glam::{DMat3, DVec3, Vec2, Vec3, Vec4};
 
-use crate::packets::Met;
+use crate::packets::Hit;
 use crate::resident::Placement;
 
 /// Texels on the longer side of the level that is read.
@@ -69,12 +69,12 @@ impl Surfaces {
     }
 
     /// The surface that a ray along `direction` met; none where its triangle has no normal.
-    pub(crate) fn met(&self, met: &Met, direction: DVec3) -> Option<Point> {
-        let placement = self.placements.get(met.instance as usize)?.as_ref()?;
-        let side = self.normal(placement, met.primitive)?;
+    pub(crate) fn hit(&self, hit: &Hit, direction: DVec3) -> Option<Point> {
+        let placement = self.placements.get(hit.instance as usize)?.as_ref()?;
+        let side = self.normal(placement, hit.primitive)?;
         // Towards where the ray came from, whichever way the triangle is wound.
         let away = side.dot(direction) > 0.0;
-        self.point(placement, met.primitive, met.weights, if away { -side } else { side })
+        self.point(placement, hit.primitive, hit.weights, if away { -side } else { side })
     }
 
     /// Unit normal of a triangle's front.

@@ -214,7 +214,7 @@ fn number(index: u64, k: u64) -> f64 {
 fn single_rays_meet_what_the_reference_meets() {
     let world = furnished();
     let reference = Tracer::new(Arc::clone(&world.scene));
-    let mut met = 0;
+    let mut hit = 0;
     for i in 0..4000 {
         let origin = DVec3::new(number(i, 0), number(i, 1), number(i, 2)) * 1.2;
         let direction = DVec3::new(number(i, 3), number(i, 4), number(i, 5)).normalize();
@@ -227,13 +227,13 @@ fn single_rays_meet_what_the_reference_meets() {
             "ray {i}"
         );
         if let (Some(ours), Some(theirs)) = (ours, theirs) {
-            met += 1;
+            hit += 1;
             assert!((ours.t - theirs.range).abs() < 1e-6, "{} {}", ours.t, theirs.range);
             let off = ours.weights[0] - theirs.barycentric.x;
             assert!(off.abs() < 1e-5, "{off}");
         }
     }
-    assert!(met > 2000);
+    assert!(hit > 2000);
     for nonsense in [DVec3::ZERO, DVec3::NAN, DVec3::INFINITY] {
         assert_eq!(world.tracer.nearest(DVec3::ZERO, nonsense, f64::INFINITY), None);
         assert_eq!(world.tracer.nearest(nonsense * f64::NAN, DVec3::X, f64::INFINITY), None);

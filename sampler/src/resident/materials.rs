@@ -7,7 +7,7 @@ use argus_scene::{Material, Scene, TextureRef};
 use argus_shaders::layout::sampler::{MaterialData, TextureSlot, role};
 use glam::Vec2;
 
-use super::texels::Placed;
+use super::texels::InstanceTransform;
 
 /// What is uploaded.
 #[derive(Default)]
@@ -20,7 +20,7 @@ pub(super) struct Materials {
 
 impl Materials {
     /// Of a scene whose textures were placed.
-    pub(super) fn new(scene: &Scene, textures: &[Placed]) -> Self {
+    pub(super) fn new(scene: &Scene, textures: &[InstanceTransform]) -> Self {
         let mut materials = Self::default();
         for material in &scene.materials {
             materials.push(material, textures);
@@ -28,7 +28,7 @@ impl Materials {
         materials
     }
 
-    fn push(&mut self, material: &Material, textures: &[Placed]) {
+    fn push(&mut self, material: &Material, textures: &[InstanceTransform]) {
         let uses = [
             (role::BASE_COLOR, material.base_color_texture),
             (role::EMISSIVE, material.emissive_texture.filter(|_| material.emissive.max_element() > 0.0)),
@@ -68,7 +68,7 @@ impl Materials {
     }
 }
 
-fn slot(role: u32, reference: &TextureRef, placed: &Placed) -> TextureSlot {
+fn slot(role: u32, reference: &TextureRef, placed: &InstanceTransform) -> TextureSlot {
     let (u, v) = (transform_duv(reference, Vec2::X), transform_duv(reference, Vec2::Y));
     let wrap = |wrap: Wrap| match wrap {
         Wrap::Repeat => 0,

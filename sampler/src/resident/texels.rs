@@ -15,7 +15,7 @@ use argus_scene::{RenderError, Scene};
 const SIDE: u32 = 2048;
 
 /// Where a texture's levels are.
-pub(super) struct Placed {
+pub(super) struct InstanceTransform {
     pub(super) size: [u32; 2],
     /// First of its entries in [`Texels::levels`].
     pub(super) first_level: u32,
@@ -27,7 +27,7 @@ pub(super) struct Placed {
 /// What is uploaded.
 pub(super) struct Texels {
     /// One a texture of the scene.
-    pub(super) textures: Vec<Placed>,
+    pub(super) textures: Vec<InstanceTransform>,
     /// Address of each level's first texel.
     pub(super) levels: Vec<u32>,
     /// The array as it is stored.
@@ -45,7 +45,7 @@ impl Texels {
         let chains = mip_chains(scene);
         let (mut textures, mut levels, mut end) = (Vec::new(), Vec::new(), 0u64);
         for chain in &chains {
-            textures.push(Placed {
+            textures.push(InstanceTransform {
                 size: [chain.levels[0].width, chain.levels[0].height],
                 first_level: levels.len() as u32,
                 levels: chain.levels.len() as u32,

@@ -3,18 +3,18 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_gpu::{Commands, Gpu, Submitted, Ticket, wgpu};
+use argus_gpu::{Commands, Gpu, PendingReadback, Submitted, wgpu};
 use argus_scene::{Cancel, Lighting, RenderError, Stage, Surroundings, Visibility};
 use argus_shaders::layout::sampler::Rays;
 use bytes::Bytes;
 use glam::DVec3;
 
-use super::mirrored::Look;
-use super::{GiveWay, GpuSampler};
+use super::probes::SurfaceProgram;
+use super::{BetweenTiles, GpuSampler};
 use crate::eye::Eye;
-use crate::indirect::{IndirectLight, Spreading};
+use crate::indirect::{IndirectLight, LightSharing};
 use crate::passes::{PlaneBuffers, TileContext};
-use crate::pixels::Listing;
+use crate::pixel_list::PixelList;
 use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
@@ -40,7 +40,7 @@ pub(super) struct ReadyScene {
     pub(super) lighting: Lighting,
     pub(super) reflections: Option<Surroundings>,
     pub(super) eye: Eye,
-    pub(super) way: Visibility,
+    pub(super) backend: Visibility,
     /// Times of the job's stages so far.
     pub(super) stages: Vec<Stage>,
 }
@@ -58,7 +58,7 @@ pub(super) enum Part {
     /// All pixels of a tile.
     Tile(Tile),
     /// Some pixels of a tile.
-    Pixels(Listing),
+    Pixels(PixelList),
 }
 
 impl Part {
@@ -71,7 +71,7 @@ impl Part {
     pub(super) fn tile(&self) -> &Tile {
         match self {
             Self::Tile(tile) => tile,
-            Self::Pixels(listing) => &listing.tile,
+            Self::Pixels(list) => &list.tile,
         }
     }
 
@@ -86,12 +86,12 @@ impl Part {
         match self {
             Self::Tile(tile) => TileContext::new(gpu, resident, eye, tile, scratch, extras),
             // The listed pixels are an image of their own, with the rays of the tile.
-            Self::Pixels(listing) => {
-                let [width, height] = listing.compact.sub_samples();
-                let rays = Rays { width, height, ..listing.tile.rays() };
+            Self::Pixels(list) => {
+                let [width, height] = list.compact.sub_samples();
+                let rays = Rays { width, height, ..list.tile.rays() };
                 let rays = gpu.upload("rays", &[rays], wgpu::BufferUsages::UNIFORM);
-                let places = gpu.upload("places", &listing.words(), wgpu::BufferUsages::STORAGE);
-                let context = TileContext::new(gpu, resident, eye, &listing.compact, scratch, extras);
+                let places = gpu.upload("places", &list.words(), wgpu::BufferUsages::STORAGE);
+                let context = TileContext::new(gpu, resident, eye, &list.compact, scratch, extras);
                 TileContext { rays, places: Some(places), ..context }
             }
         }
@@ -112,7 +112,7 @@ pub(super) enum Output<'a> {
 /// A part that was submitted.
 pub(super) struct RenderedPart {
     pub(super) submitted: Submitted,
-    pixels: Option<Ticket>,
+    pixels: Option<PendingReadback>,
 }
 
 impl GpuSampler {
@@ -132,11 +132,11 @@ impl GpuSampler {
         let lighting = lighting.unwrap_or(&self.lighting).clone();
         if is_shaded {
             stages.extend(self.light(&lighting, time_secs)?);
-            stages.extend(self.mirror(reflections, &lighting, time_secs, cancel)?);
+            stages.extend(self.prepare_probes(reflections, &lighting, time_secs, cancel)?);
         }
         let eye = self.eye(position, &lighting)?;
-        let way = self.ready(visibility);
-        Ok(ReadyScene { begin, time_secs, lighting, reflections, eye, way, stages })
+        let backend = self.available_backend(visibility);
+        Ok(ReadyScene { begin, time_secs, lighting, reflections, eye, backend, stages })
     }
 
     /// Renders parts one after another. `take` gets each part once it is submitted.
@@ -189,8 +189,9 @@ impl GpuSampler {
         part: &Part,
         output: Output<'_>,
     ) -> Result<RenderedPart, RenderError> {
-        let ReadyScene { eye, way, stages, lighting, reflections, .. } = scene;
-        let Look { shade, shade_sample, resolve, mirrored } = self.looks.of(*reflections);
+        let ReadyScene { eye, backend, stages, lighting, reflections, .. } = scene;
+        let SurfaceProgram { shade, shade_sample, resolve, probe_bindings } =
+            self.surface_programs.of(*reflections);
         let (label, extras) = match output {
             Output::Texels(_) => {
                 let (gloss, reflectors) = (self.glossy, reflections.is_some());
@@ -204,29 +205,29 @@ impl GpuSampler {
         let mut commands = self.gpu.commands(label);
         let texels;
         let context = part.context(&self.gpu, &self.resident, eye, &mut self.scratch, extras);
-        let spreading = match part {
+        let sharing = match part {
             Part::Tile(_) => {
-                self.seeing.see(&mut commands, &context, *way, stages)?;
-                Spreading::Image
+                self.visibility.record(&mut commands, &context, *backend, stages)?;
+                LightSharing::Image
             }
-            Part::Pixels(listing) => {
-                self.seeing.see_list(&context, listing, stages)?;
-                Spreading::Pixels
+            Part::Pixels(list) => {
+                self.visibility.record_list(&context, list, stages)?;
+                LightSharing::Pixels
             }
         };
         let mut pixels = None;
         match output {
             Output::Texels(planes) => {
-                let spreading = Spreading::Texels { side: context.tile.side };
+                let sharing = LightSharing::Texels { side: context.tile.side };
                 texels = context.tile.of_texels();
                 let context = context.of_texels(&texels);
-                shade_sample.record(&mut commands, &context, mirrored);
-                commands = add_light(&mut self.indirect, commands, &context, spreading, stages)?;
+                shade_sample.record(&mut commands, &context, probe_bindings);
+                commands = add_light(&mut self.indirect, commands, &context, sharing, stages)?;
                 resolve.record(&mut commands, &context, &self.knobs, planes);
             }
             Output::Color => {
-                shade.record(&mut commands, &context, mirrored);
-                commands = add_light(&mut self.indirect, commands, &context, spreading, stages)?;
+                shade.record(&mut commands, &context, probe_bindings);
+                commands = add_light(&mut self.indirect, commands, &context, sharing, stages)?;
                 pixels = Some(self.resolve_view.record_color(&mut commands, &context, lighting.exposure));
             }
             Output::Range => pixels = Some(self.resolve_view.record_range(&mut commands, &context)),
@@ -241,10 +242,10 @@ impl GpuSampler {
     pub(super) fn run_between(
         &mut self,
         scene: &mut ReadyScene,
-        give_way: GiveWay<'_>,
+        between: BetweenTiles<'_>,
     ) -> Result<(), RenderError> {
         let began = Instant::now();
-        give_way(self);
+        between(self);
         if self.animated {
             // The other work may have posed the scene at another time.
             self.pose(scene.time_secs);
@@ -260,11 +261,11 @@ pub(super) fn add_light(
     indirect: &mut Option<IndirectLight>,
     commands: Commands,
     context: &TileContext<'_>,
-    spreading: Spreading,
+    sharing: LightSharing,
     stages: &mut Vec<Stage>,
 ) -> Result<Commands, RenderError> {
     match indirect {
-        Some(light) => light.add(commands, context, spreading, stages),
+        Some(light) => light.add(commands, context, sharing, stages),
         None => Ok(commands),
     }
 }

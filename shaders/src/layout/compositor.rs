@@ -1,7 +1,7 @@
 //! `shaders/compositor/*.wgsl` and what they share: the compositor's side of the GPU.
 
 use super::Mirror;
-use super::shared::{Around, Lighting};
+use super::shared::{Lighting, ProbeUniform};
 
 /// All of this file's.
 pub(super) const MIRRORS: &[Mirror] = &[
@@ -89,7 +89,7 @@ mirror! {
         /// Sky, exposure and number of lights.
         pub lighting: Lighting,
         /// Where maps of surroundings lie about the eye.
-        pub around: Around,
+        pub probes: ProbeUniform,
         /// The plan's samples, in its order.
         pub samples: [ViewSample; MAX_SAMPLES],
         /// As many as make 768 bytes, so that an array's elements lie where uniforms may.

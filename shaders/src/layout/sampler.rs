@@ -6,7 +6,7 @@ use super::Mirror;
 pub(super) const MIRRORS: &[Mirror] = &[
     TextureSlot::MIRROR,
     MeshLayout::MIRROR,
-    Placed::MIRROR,
+    InstanceTransform::MIRROR,
     MaterialData::MIRROR,
     Rays::MIRROR,
     Draw::MIRROR,
@@ -21,8 +21,8 @@ pub(super) const MIRRORS: &[Mirror] = &[
     Imperfect::MIRROR,
     LeafChunk::MIRROR,
     NodeLevel::MIRROR,
-    LookUp::MIRROR,
-    LookAround::MIRROR,
+    MapLookup::MIRROR,
+    ResampleProbes::MIRROR,
     OwnLevel::MIRROR,
     Blocks::MIRROR,
     Chosen::MIRROR,
@@ -67,7 +67,7 @@ mirror! {
 
 mirror! {
     /// An instance as one sample camera sees it: `shared/geometry.wgsl`.
-    pub struct Placed {
+    pub struct InstanceTransform {
         /// Row of the transform from world axes about the eye to the mesh's vertices.
         pub mesh_from_eye_x: [f32; 4],
         /// The second row.
@@ -367,7 +367,7 @@ mirror! {
 
 mirror! {
     /// What is told of maps of an octree: `shared/lit_maps.wgsl`.
-    pub struct LookUp {
+    pub struct MapLookup {
         /// Number of the camera, or of the first, among the views that maps were rendered for.
         pub view: u32,
         /// Maps of one array: 2 to the power of this.
@@ -382,8 +382,8 @@ mirror! {
 }
 
 mirror! {
-    /// A level of maps of surroundings: `sampler/look_around.wgsl`.
-    pub struct LookAround {
+    /// A level of maps of surroundings: `sampler/resample_probes.wgsl`.
+    pub struct ResampleProbes {
         /// Texels on a side of the finest level.
         pub side: u32,
         /// Columns of a map.

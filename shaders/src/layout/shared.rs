@@ -3,7 +3,7 @@
 use super::Mirror;
 
 /// All of this file's.
-pub(super) const MIRRORS: &[Mirror] = &[Light::MIRROR, Lighting::MIRROR, Around::MIRROR];
+pub(super) const MIRRORS: &[Mirror] = &[Light::MIRROR, Lighting::MIRROR, ProbeUniform::MIRROR];
 
 mirror! {
     /// A light, relative to the origin of the pass that shades: `shared/shading.wgsl`.
@@ -28,8 +28,8 @@ mirror! {
 }
 
 mirror! {
-    /// Where maps of surroundings lie about the eye: `shared/surroundings.wgsl`.
-    pub struct Around {
+    /// Where maps of surroundings lie about the eye: `shared/reflection_probes.wgsl`.
+    pub struct ProbeUniform {
         /// The middle of the scene's bounds, metres from the eye.
         pub middle: [f32; 3],
         /// Texels on a side of a map's finest level.

@@ -317,7 +317,7 @@ impl<'a> Bench<'a> {
         };
         let maps = many.map_of_views(views.len())?;
         let asked = shadows.asked();
-        let middles = many.middles_of_maps()?;
+        let middles = many.read_map_centers()?;
         let wrong = shadows.errors(|nth| {
             let map = maps[asked[nth]];
             Ok((many.maps().read(self.gpu, map)?, middles[map as usize]))

@@ -278,7 +278,7 @@ impl<'a> Stage<'a> {
             Ok(())
         })?;
         let stats = last.context("no frame was rendered")?;
-        let (map_of_view, middles) = (many.map_of_views(count as usize)?, many.middles_of_maps()?);
+        let (map_of_view, middles) = (many.map_of_views(count as usize)?, many.read_map_centers()?);
         let map = |&view: &usize| {
             let map = map_of_view[view];
             Ok(ParticleMap { texels: many.maps().read(self.gpu, map)?, middle: middles[map as usize] })

@@ -153,10 +153,10 @@ impl ManyLods {
     /// A fault of the device.
     pub fn cuts(&self) -> Result<Vec<[u32; 2]>, HierarchyError> {
         let mut commands = self.gpu.commands("read cuts");
-        let tickets = [&self.pool.entries, &self.pool.chunks, &self.pool.state, &self.eyes]
+        let pending = [&self.pool.entries, &self.pool.chunks, &self.pool.state, &self.eyes]
             .map(|buffer| commands.read_buffer(buffer, 0..buffer.size()));
         let mut finished = commands.submit().wait()?;
-        let [entries, chunks, state, eyes] = tickets.map(|ticket| finished.take(ticket));
+        let [entries, chunks, state, eyes] = pending.map(|pending| finished.take(pending));
         let entries: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&entries[..]);
         let chunks: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&chunks[..]);
         let state: Vec<u32> = bytemuck::pod_collect_to_vec(&state[..]);

@@ -17,7 +17,7 @@ pub struct PassPlan {
 }
 
 /// The plan for a scene as it lies on the device.
-pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> Vec<PassPlan> {
+pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> Vec<PassPlan> {
     let effects = scene.effects();
     let has = |effect| effects.contains(&effect);
     let count = |test: &dyn Fn(DrawClass) -> bool| -> usize {
@@ -31,7 +31,7 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
     let said = |present, yes: &str, no: &str| if present { yes.to_owned() } else { no.to_owned() };
     vec![
         row(
-            "see triangles",
+            "visibility",
             opaque + cutouts > 0,
             format!("{} instances can be seen; rasterised or traced, as the job says", opaque + cutouts),
         ),
@@ -51,11 +51,7 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
                 knobs.sub_samples
             ),
         ),
-        row(
-            "look textures up",
-            features.srgb_textures || features.linear_textures,
-            format!("{textures} textures"),
-        ),
+        row("textures", features.srgb_textures || features.linear_textures, format!("{textures} textures")),
         row(
             "perturb normals",
             features.normal_maps,
@@ -63,7 +59,7 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
         ),
         row("emit", has(Effect::Emission), said(has(Effect::Emission), "a material emits", "nothing emits")),
         row("light", lights > 0, format!("{lights} directional, point and spot lights")),
-        mirrors(scene, features.specular),
+        probes(scene, features.specular),
         indirect(knobs.indirect, lights > 0 || has(Effect::Emission)),
         row("store texels", true, "samples, as they are kept and sent".to_owned()),
         row(
@@ -86,13 +82,13 @@ pub(crate) fn plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> 
 }
 
 /// Maps around what mirrors the scene.
-fn mirrors(scene: &Scene, glossy: bool) -> PassPlan {
+fn probes(scene: &Scene, glossy: bool) -> PassPlan {
     let count = if glossy { scene.reflectors(u32::MAX).len() } else { 0 };
     let why = match count {
-        0 => "nothing mirrors what is around it".to_owned(),
+        0 => "nothing probes what is around it".to_owned(),
         count => format!("{count} things mirror what is around them, in sets with reflections"),
     };
-    PassPlan { name: "look around", on: count > 0, why }
+    PassPlan { name: "reflection probes", on: count > 0, why }
 }
 
 fn indirect(knob: Indirect, shines: bool) -> PassPlan {

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use argus_scene::Visibility;
 
 /// A measured way that is this much slower than the best so far is not measured again.
-const HOPELESS: u32 = 2;
+const TOO_SLOW: u32 = 2;
 /// Work longer than this is not repeated: what a first run compiles is little beside it.
 const LONG: Duration = Duration::from_millis(40);
 
@@ -14,22 +14,22 @@ const LONG: Duration = Duration::from_millis(40);
 /// # Errors
 /// Those of `work`.
 pub(crate) fn measure<E>(
-    ways: &[Visibility],
+    backends: &[Visibility],
     mut work: impl FnMut(Visibility) -> Result<(), E>,
 ) -> Result<Vec<(Visibility, f64)>, E> {
     let mut times: Vec<(Visibility, Duration)> = Vec::new();
-    for &way in ways {
+    for &backend in backends {
         let mut once = || {
             let begin = Instant::now();
-            work(way).map(|()| begin.elapsed())
+            work(backend).map(|()| begin.elapsed())
         };
         let best = times.iter().map(|(_, time)| *time).min();
         let first = once()?;
-        let hopeless = best.is_some_and(|best| first > best * HOPELESS);
+        let hopeless = best.is_some_and(|best| first > best * TOO_SLOW);
         let time = if first > LONG && hopeless { first } else { first.min(once()?) };
-        times.push((way, time));
+        times.push((backend, time));
     }
-    Ok(times.into_iter().map(|(way, time)| (way, time.as_secs_f64() * 1e3)).collect())
+    Ok(times.into_iter().map(|(backend, time)| (backend, time.as_secs_f64() * 1e3)).collect())
 }
 
 #[cfg(test)]
@@ -39,11 +39,11 @@ mod tests {
     #[test]
     fn the_slower_way_takes_longer_and_errors_pass() {
         for (slow, fast) in [(Visibility::Raster, Visibility::Cpu), (Visibility::Cpu, Visibility::Raster)] {
-            let times = measure::<()>(&[Visibility::Raster, Visibility::Cpu], |way| {
-                std::thread::sleep(Duration::from_millis(if way == slow { 30 } else { 1 }));
+            let times = measure::<()>(&[Visibility::Raster, Visibility::Cpu], |backend| {
+                std::thread::sleep(Duration::from_millis(if backend == slow { 30 } else { 1 }));
                 Ok(())
             });
-            let ms = |way| times.as_ref().unwrap().iter().find(|(w, _)| *w == way).unwrap().1;
+            let ms = |backend| times.as_ref().unwrap().iter().find(|(w, _)| *w == backend).unwrap().1;
             assert!(ms(slow) > ms(fast));
         }
         assert_eq!(measure(&[Visibility::Trace], |_| Err("broken")).unwrap_err(), "broken");

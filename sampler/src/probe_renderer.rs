@@ -12,7 +12,7 @@
 //!
 //! The maps of a moment are one more sample of the set (`SampleId::SURROUNDINGS`). They are rendered, sent, held, evicted and pinned
 //! like any other; plans name it last. A sample's *reflector* plane says which map each texel looks up, and what passes through it. Both
-//! roles look up with one function (`shaders/shared/surroundings.wgsl`): the reflected ray is followed to the range that the map stores,
+//! roles look up with one function (`shaders/shared/reflection_probes.wgsl`): the reflected ray is followed to the range that the map stores,
 //! in three steps, and looked up at the level of the surface's roughness. Glass adds the refracted ray.
 //!
 //! A scene without reflective objects, or a set without reflections, compiles no program for any of this. The reference follows rays
@@ -21,7 +21,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_gpu::many_views::{ManyViews, Own, ViewList, ViewPoint};
+use argus_gpu::many_views::{ManyViews, NodeOwners, ViewList, ViewPoint};
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{
     InvalidField, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind, Reflector, RenderError,
@@ -32,21 +32,21 @@ use glam::DVec3;
 
 use crate::SamplerKnobs;
 use crate::eye::Eye;
-use crate::lit_octree::{LitOctree, pictures, refused};
-use crate::passes::{AroundPlanes, LookAround, NodeMaps, OwnNodes, ResolveSample, Shade, ShadeSample};
+use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
+use crate::passes::{NodeMaps, OwnNodes, ProbePlanes, ResampleProbes, ResolveSample, Shade, ShadeSample};
 use crate::resident::{Resident, upload};
 
 /// Bytes of maps in the making: a few thousand small ones, or sixteen of the largest.
 const MOST_BYTES: u64 = 64 << 20;
 
 /// The maps of one scene on one device, and the programs of whoever looks them up.
-pub(crate) struct Mirrors {
+pub(crate) struct ProbeRenderer {
     pub(crate) of: Surroundings,
     /// Instances that have a map.
     reflectors: Vec<u32>,
     pub(crate) octree: LitOctree,
     own_nodes: OwnNodes,
-    look: LookAround,
+    resample: ResampleProbes,
     /// Their programs outlast the octree that they were made for.
     views: Option<ManyViews>,
     pub(crate) shade: Shade,
@@ -60,27 +60,27 @@ struct Made {
     lighting: Lighting,
     time_secs: f64,
     sample: Sample,
-    mirrored: Mirrored,
+    probe_bindings: ProbeBindings,
 }
 
 /// What shading looks up.
-pub(crate) struct Mirrored {
-    pub(crate) surroundings: argus_gpu::Surroundings,
+pub(crate) struct ProbeBindings {
+    pub(crate) probes: argus_gpu::ReflectionProbes,
     /// Of each instance, 1 + the number of its map; 0 for none.
-    pub(crate) map_of_instance: wgpu::Buffer,
+    pub(crate) probe_of_instance: wgpu::Buffer,
 }
 
-impl Mirrored {
+impl ProbeBindings {
     /// Nothing.
     pub(crate) fn none(gpu: &Gpu) -> Self {
         Self {
-            surroundings: argus_gpu::Surroundings::none(gpu),
-            map_of_instance: gpu.buffer("no maps of instances", 16, wgpu::BufferUsages::STORAGE),
+            probes: argus_gpu::ReflectionProbes::none(gpu),
+            probe_of_instance: gpu.buffer("no maps of instances", 16, wgpu::BufferUsages::STORAGE),
         }
     }
 }
 
-impl Mirrors {
+impl ProbeRenderer {
     /// For a scene that lies on a device.
     ///
     /// # Errors
@@ -103,7 +103,7 @@ impl Mirrors {
             reflectors,
             octree: LitOctree::new(gpu, resident, keeps_guides, of.knobs.levels),
             own_nodes: OwnNodes::new(gpu),
-            look: LookAround::new(gpu, 1),
+            resample: ResampleProbes::new(gpu, 1),
             views: None,
             shade: Shade::new(gpu, resident.features, keeps_guides, true),
             shade_sample: ShadeSample::new(gpu, resident.features, keeps_guides, true, sampler.side()),
@@ -131,8 +131,8 @@ impl Mirrors {
     }
 
     /// What shading looks up, once it was made.
-    pub(crate) fn mirrored(&self) -> Option<&Mirrored> {
-        self.made.as_ref().map(|made| &made.mirrored)
+    pub(crate) fn probe_bindings(&self) -> Option<&ProbeBindings> {
+        self.made.as_ref().map(|made| &made.probe_bindings)
     }
 
     /// The maps as a sample, once they were made.
@@ -168,17 +168,17 @@ impl Mirrors {
         let places: Vec<[f32; 4]> = reflectors
             .map(|reflector| (reflector.center - middle).as_vec3().extend(reflector.radius as f32).to_array())
             .collect();
-        let mut map_of_instance = vec![0u32; resident.instance_count.max(1)];
+        let mut probe_of_instance = vec![0u32; resident.instance_count.max(1)];
         for (number, &instance) in (1..).zip(&self.reflectors) {
-            map_of_instance[instance as usize] = number;
+            probe_of_instance[instance as usize] = number;
         }
-        let map_of_instance =
-            upload(gpu, "maps of instances", &map_of_instance, wgpu::BufferUsages::STORAGE)?;
+        let probe_of_instance =
+            upload(gpu, "maps of instances", &probe_of_instance, wgpu::BufferUsages::STORAGE)?;
 
         let [mut radiance, mut inverse_range] = [BytesMut::new(), BytesMut::new()];
         if let Some(octree) = self.octree.octree().cloned() {
             let mut commands = gpu.commands("own nodes");
-            let owners = self.octree.owners(gpu, &mut commands, &self.own_nodes, &map_of_instance);
+            let owners = self.octree.owners(gpu, &mut commands, &self.own_nodes, &probe_of_instance);
             commands.submit().wait()?;
             let owners = owners.ok_or_else(|| RenderError::Internal("nodes belong to nobody".to_owned()))?;
             // From the places as they are stored, so that whoever looks maps up knows where they are seen from.
@@ -188,29 +188,29 @@ impl Mirrors {
             };
             let points: Vec<ViewPoint> = places.iter().map(seen_from).collect();
             let eye = Eye::new(gpu, resident, middle, lighting)?;
-            let most = (MOST_BYTES / AroundPlanes::bytes_of_map(side)).max(1) as usize;
+            let most = (MOST_BYTES / ProbePlanes::bytes_of_map(side)).max(1) as usize;
             for (first, points) in (0..).step_by(most).zip(points.chunks(most)) {
                 let list = ViewList::new(gpu, &octree.root, points)?;
-                let own = Own { of_nodes: owners.clone(), first };
+                let own = NodeOwners { owners: owners.clone(), first };
                 let kept = self.views.take();
-                let traversed = ManyViews::kept_or_new(kept, gpu, &octree, pictures(side, &octree));
-                let mut traversed = traversed.map_err(refused)?;
-                traversed.leave_out(own).map_err(refused)?;
-                traversed.render(&list).map_err(refused)?;
-                if traversed.maps().arrays.len() != self.look.arrays() {
-                    self.look = LookAround::new(gpu, traversed.maps().arrays.len());
+                let traversed = ManyViews::reuse_or_new(kept, gpu, &octree, map_knobs(side, &octree));
+                let mut traversed = traversed.map_err(to_render_error)?;
+                traversed.cull_own_nodes(own).map_err(to_render_error)?;
+                traversed.render(&list).map_err(to_render_error)?;
+                if traversed.maps().arrays.len() != self.resample.arrays() {
+                    self.resample = ResampleProbes::new(gpu, traversed.maps().arrays.len());
                 }
-                let planes = AroundPlanes::new(gpu, side, points.len() as u32);
+                let planes = ProbePlanes::new(gpu, side, points.len() as u32);
                 let missing = || RenderError::Internal("the octree was not lit".to_owned());
                 let lit = self.octree.nodes().ok_or_else(missing)?;
                 let maps =
                     NodeMaps { octree: lit.octree, views: &traversed, surfels: lit.surfels, ends: lit.ends };
-                let mut commands = gpu.commands("look around");
-                self.look.record(gpu, &mut commands, &maps, &eye.lighting, &planes);
-                let tickets = [&planes.radiance, &planes.inverse_range]
+                let mut commands = gpu.commands("resample probes");
+                self.resample.record(gpu, &mut commands, &maps, &eye.lighting, &planes);
+                let pending = [&planes.radiance, &planes.inverse_range]
                     .map(|plane| commands.read_buffer(plane, 0..plane.size()));
                 let mut finished = commands.submit().wait()?;
-                let [one, other] = tickets.map(|ticket| finished.take(ticket));
+                let [one, other] = pending.map(|pending| finished.take(pending));
                 radiance.extend_from_slice(&one);
                 inverse_range.extend_from_slice(&other);
                 self.views = Some(traversed);
@@ -235,13 +235,13 @@ impl Mirrors {
             ],
             stages: Vec::new(),
         };
-        let surroundings = argus_gpu::Surroundings::new(gpu, &sample)?;
-        let stages = vec![Stage::new("look around", begin.elapsed().as_secs_f64() * 1e3)];
+        let probes = argus_gpu::ReflectionProbes::new(gpu, &sample)?;
+        let stages = vec![Stage::new("reflection probes", begin.elapsed().as_secs_f64() * 1e3)];
         self.made = Some(Made {
             lighting: lighting.clone(),
             time_secs,
             sample: Sample { stages: stages.clone(), ..sample },
-            mirrored: Mirrored { surroundings, map_of_instance },
+            probe_bindings: ProbeBindings { probes, probe_of_instance },
         });
         Ok(stages)
     }

@@ -1,10 +1,10 @@
-//! Maps of what is around reflectors, as both roles look them up: `shaders/shared/surroundings.wgsl`.
+//! Maps of what is around reflectors, as both roles look them up: `shaders/shared/reflection_probes.wgsl`.
 
 use argus_scene::reflection::map_size;
 use argus_scene::{
     InvalidField, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Sample, SampleCamera,
 };
-use argus_shaders::layout::shared::Around;
+use argus_shaders::layout::shared::ProbeUniform;
 use bytes::Bytes;
 use glam::DVec3;
 
@@ -13,20 +13,20 @@ use crate::{Bindable, Gpu};
 
 /// The maps of one moment of a scene, on a device.
 #[derive(Debug)]
-pub struct Surroundings {
+pub struct ReflectionProbes {
     radiance: wgpu::TextureView,
     inverse_range: wgpu::TextureView,
     sampler: wgpu::Sampler,
     places: wgpu::Buffer,
     /// What stands in for reflector planes where there are none.
-    no_words: wgpu::TextureView,
+    no_reflectors: wgpu::TextureView,
     /// The middle of the scene's bounds, metres, world space.
     middle: DVec3,
     side: u32,
     bytes: u64,
 }
 
-impl Surroundings {
+impl ReflectionProbes {
     /// Brings a set's surroundings to a device.
     ///
     /// # Errors
@@ -36,16 +36,17 @@ impl Surroundings {
         let invalid = |reason: String| RenderError::from(InvalidField::new("sample.planes", reason));
         let SampleCamera::Omni { center, layout: OmniLayout::Surroundings { side, count } } = sample.camera
         else {
-            return Err(InvalidField::new("sample.camera", "is none of surroundings").into());
+            return Err(InvalidField::new("sample.camera", "is none of reflection probes").into());
         };
         let most = gpu.device.limits().max_texture_array_layers;
         if count > most {
-            let reason = format!("{count} maps of surroundings, and this device has {most} layers");
+            let reason = format!("{count} maps of reflection probes, and this device has {most} layers");
             return Err(RenderError::OutOfMemory(reason));
         }
         let host = |kind: PlaneKind, format: PlaneFormat| -> Result<(&Plane, &Bytes), RenderError> {
-            let plane =
-                sample.plane(kind).ok_or_else(|| invalid(format!("surroundings have no {kind:?} plane")))?;
+            let plane = sample
+                .plane(kind)
+                .ok_or_else(|| invalid(format!("reflection probes have no {kind:?} plane")))?;
             let size = Plane::size_of(kind, &sample.camera);
             let expected = size[0] as usize * size[1] as usize * plane.format.texel_bytes();
             match &plane.data {
@@ -100,13 +101,13 @@ impl Surroundings {
             radiance: any(wgpu::TextureFormat::Rgb9e5Ufloat),
             inverse_range: any(wgpu::TextureFormat::R32Float),
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("surroundings"),
+                label: Some("reflection probes"),
                 mag_filter: wgpu::FilterMode::Linear,
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
             places: gpu.upload("no places", &[[0f32; 4]], wgpu::BufferUsages::STORAGE),
-            no_words: any(wgpu::TextureFormat::R32Uint),
+            no_reflectors: any(wgpu::TextureFormat::R32Uint),
             middle: DVec3::ZERO,
             side: 1,
             bytes: 0,
@@ -114,8 +115,8 @@ impl Surroundings {
     }
 
     /// Where the maps lie about an eye.
-    pub fn around(&self, eye: DVec3) -> Around {
-        Around { middle: (self.middle - eye).as_vec3().to_array(), side: self.side as f32 }
+    pub fn uniform(&self, eye: DVec3) -> ProbeUniform {
+        ProbeUniform { middle: (self.middle - eye).as_vec3().to_array(), side: self.side as f32 }
     }
 
     /// Device memory of the maps.
@@ -126,22 +127,22 @@ impl Surroundings {
     /// All of them under the names that programs have for them.
     pub fn bindings(&self) -> [(&'static str, &dyn Bindable); 4] {
         [
-            ("around_radiance", &self.radiance),
-            ("around_range", &self.inverse_range),
-            ("around_sampler", &self.sampler),
-            ("around_places", &self.places),
+            ("probe_radiance", &self.radiance),
+            ("probe_range", &self.inverse_range),
+            ("probe_sampler", &self.sampler),
+            ("probe_places", &self.places),
         ]
     }
 
     /// What stands in for the reflector plane of samples that have none.
-    pub fn no_words(&self) -> &wgpu::TextureView {
-        &self.no_words
+    pub fn no_reflectors(&self) -> &wgpu::TextureView {
+        &self.no_reflectors
     }
 }
 
 fn array(gpu: &Gpu, size: wgpu::Extent3d, format: wgpu::TextureFormat) -> wgpu::Texture {
     gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("surroundings"),
+        label: Some("reflection probes"),
         size,
         mip_level_count: 1,
         sample_count: 1,

@@ -1,7 +1,7 @@
-// Program of `sampler/src/passes/look_up.rs`: what each sub-sample of an omni sample sees, by its camera's map of an
+// Program of `sampler/src/passes/map_lookup.rs`: what each sub-sample of an omni sample sees, by its camera's map of an
 // octree's nodes.
 
-import package::shared::lit_maps::{seen_in_map, told};
+import package::shared::lit_maps::{seen_in_map, lookup};
 import package::shared::rays::{Rays, central_ray, ray_through};
 
 @group(0) @binding(0) var<uniform> rays: Rays;
@@ -14,5 +14,5 @@ fn look_up(@builtin(global_invocation_id) id: vec3u) {
     }
     // Its range is that on the texel's central ray.
     let ray = normalize(ray_through(rays, vec2f(id.xy) + 0.5));
-    shaded[id.y * rays.width + id.x] = seen_in_map(told.view, ray, normalize(central_ray(rays, id.xy)));
+    shaded[id.y * rays.width + id.x] = seen_in_map(lookup.view, ray, normalize(central_ray(rays, id.xy)));
 }

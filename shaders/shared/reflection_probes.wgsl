@@ -5,16 +5,16 @@
 // from 0 to 1, and each within a ring of one texel, so that a bilinear fetch never leaves it.
 
 import package::shared::encode::octahedral_from_unit;
-import package::shared::shading::{Lighting, Surface, mirrored, specular_around, specular_sky};
+import package::shared::shading::{Lighting, Surface, reflected_direction, specular_of, specular_sky};
 
-@group(2) @binding(0) var around_radiance: texture_2d_array<f32>;
-@group(2) @binding(1) var around_range: texture_2d_array<f32>;
-@group(2) @binding(2) var around_sampler: sampler;
+@group(2) @binding(0) var probe_radiance: texture_2d_array<f32>;
+@group(2) @binding(1) var probe_range: texture_2d_array<f32>;
+@group(2) @binding(2) var probe_sampler: sampler;
 // Where each map is seen from, metres from the middle of the scene, and how far from there its reflector reaches.
-@group(2) @binding(3) var<storage, read> around_places: array<vec4f>;
+@group(2) @binding(3) var<storage, read> probe_places: array<vec4f>;
 
 // The middle of the scene about the eye, metres; texels on a side of the finest level.
-struct Around {
+struct ProbeUniform {
     middle: vec3f,
     side: f32,
 }
@@ -35,26 +35,26 @@ fn place_in_level(direction: vec3f, side: f32, level: f32) -> vec2f {
     return vec2f(1.0, row + 1.0) + (octahedral_from_unit(direction) * 0.5 + 0.5) * level_side;
 }
 
-fn radiance_around(map: u32, direction: vec3f, roughness: f32, side: f32) -> vec3f {
-    let size = vec2f(textureDimensions(around_radiance));
+fn filtered_radiance(map: u32, direction: vec3f, roughness: f32, side: f32) -> vec3f {
+    let size = vec2f(textureDimensions(probe_radiance));
     let coarsest = log2(side / COARSEST);
     let at = saturate(roughness) * coarsest;
     let level = floor(at);
     let coarser = min(level + 1.0, coarsest);
-    let one = textureSampleLevel(around_radiance, around_sampler, place_in_level(direction, side, level) / size, map, 0.0);
+    let one = textureSampleLevel(probe_radiance, probe_sampler, place_in_level(direction, side, level) / size, map, 0.0);
     let other =
-        textureSampleLevel(around_radiance, around_sampler, place_in_level(direction, side, coarser) / size, map, 0.0);
+        textureSampleLevel(probe_radiance, probe_sampler, place_in_level(direction, side, coarser) / size, map, 0.0);
     return mix(one.rgb, other.rgb, at - level);
 }
 
 // The direction from a map's place to what the ray from `position`, about that place, meets in a unit direction.
-fn direction_met(map: u32, position: vec3f, direction: vec3f, side: f32) -> vec3f {
+fn parallax_corrected(map: u32, position: vec3f, direction: vec3f, side: f32) -> vec3f {
     let along = dot(position, direction);
     let squared = dot(position, position);
     var met = direction;
     for (var i = 0u; i < STEPS; i++) {
         let texel = vec2i(place_in_level(met, side, 0.0));
-        let inverse_range = textureLoad(around_range, texel, map, 0).x;
+        let inverse_range = textureLoad(probe_range, texel, map, 0).x;
         let range = 1.0 / max(inverse_range, 1e-18);
         let length_ = sqrt(max(along * along - squared + range * range, 0.0)) - along;
         let point = position + direction * max(length_, 0.0);
@@ -67,26 +67,26 @@ fn direction_met(map: u32, position: vec3f, direction: vec3f, side: f32) -> vec3
 }
 
 // Radiance that arrives at `position`, about the eye, from a unit direction.
-fn seen_around(around: Around, map: u32, position: vec3f, direction: vec3f, roughness: f32) -> vec3f {
-    let last = arrayLength(&around_places) - 1u;
-    let about_place = position - (around.middle + around_places[min(map, last)].xyz);
-    return radiance_around(map, direction_met(map, about_place, direction, around.side), roughness, around.side);
+fn look_up_probe(probes: ProbeUniform, map: u32, position: vec3f, direction: vec3f, roughness: f32) -> vec3f {
+    let last = arrayLength(&probe_places) - 1u;
+    let about_place = position - (probes.middle + probe_places[min(map, last)].xyz);
+    return filtered_radiance(map, parallax_corrected(map, about_place, direction, probes.side), roughness, probes.side);
 }
 
 // What a surface sends towards the eye of what is around it: the sky's reflection, or where it looks a map up (`map` is 1
 // + its number), the scene's, and what passes through it.
-fn sent_of_around(surface: Surface, to_eye: vec3f, lighting: Lighting, around: Around, map: u32) -> vec3f {
+fn reflected_radiance(surface: Surface, to_eye: vec3f, lighting: Lighting, probes: ProbeUniform, map: u32) -> vec3f {
     if map == 0u {
         return specular_sky(surface, to_eye, lighting);
     }
-    let reflected = seen_around(around, map - 1u, surface.position, mirrored(surface, to_eye), surface.roughness);
-    var sent = specular_around(surface, to_eye, reflected);
+    let reflected = look_up_probe(probes, map - 1u, surface.position, reflected_direction(surface, to_eye), surface.roughness);
+    var sent = specular_of(surface, to_eye, reflected);
     if any(surface.transmitted > vec3f(0.0)) {
         // Refracted once, where it enters: what lies behind the far side of the thing is seen as from within it.
         let root = sqrt(clamp(surface.f0.x, 0.0, 0.5));
         let inward = refract(-to_eye, surface.normal, (1.0 - root) / (1.0 + root));
-        let through = seen_around(around, map - 1u, surface.position, inward, surface.roughness);
-        sent += surface.transmitted * through * (1.0 - specular_around(surface, to_eye, vec3f(1.0)));
+        let through = look_up_probe(probes, map - 1u, surface.position, inward, surface.roughness);
+        sent += surface.transmitted * through * (1.0 - specular_of(surface, to_eye, vec3f(1.0)));
     }
     return sent;
 }
@@ -98,7 +98,7 @@ fn reflector_word(map: u32, transmitted: vec3f) -> u32 {
     return min(map, 2047u) | (shares.r << 11u) | (shares.g << 18u) | (shares.b << 25u);
 }
 
-fn map_in_word(word: u32) -> u32 {
+fn probe_in_word(word: u32) -> u32 {
     return word & 2047u;
 }
 

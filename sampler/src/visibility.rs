@@ -6,17 +6,17 @@ use std::time::Instant;
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::{RenderError, Scene, Stage, Visibility};
 
+use crate::backend_timing;
 use crate::draws::{self, DrawList};
 use crate::packets::PacketTracer;
 use crate::passes::{Rasteriser, TileContext, Trace};
-use crate::pixels::Listing;
+use crate::pixel_list::PixelList;
 use crate::resident::{Resident, upload};
 use crate::scratch::Targets;
 use crate::timing;
-use crate::ways;
 
 /// The rasteriser, and the tracers once something needs them.
-pub(crate) struct Seeing {
+pub(crate) struct VisibilityBackends {
     scene: Arc<Scene>,
     rasteriser: Rasteriser,
     packets: Option<PacketTracer>,
@@ -24,7 +24,7 @@ pub(crate) struct Seeing {
     trace: Option<Result<Trace, String>>,
 }
 
-impl Seeing {
+impl VisibilityBackends {
     /// For a scene that is on the device.
     pub(crate) fn new(gpu: &Gpu, scene: &Arc<Scene>, resident: &Resident) -> Self {
         let rasteriser = Rasteriser::new(gpu, resident);
@@ -44,31 +44,36 @@ impl Seeing {
         context: &TileContext<'_>,
     ) -> Result<Vec<(Visibility, f64)>, RenderError> {
         let TileContext { gpu, resident, .. } = context;
-        let mut ways = Visibility::ALL.to_vec();
+        let mut backends = Visibility::ALL.to_vec();
         // A software driver makes machine code of the compute tracer for seconds, and packets on the same cores are always
         // faster.
-        ways.retain(|&way| !(gpu.is_software() && way == Visibility::Trace));
-        ways.retain(|&way| self.ready(gpu, resident, way).is_ok());
-        ways::measure(&ways, |way| {
+        backends.retain(|&backend| !(gpu.is_software() && backend == Visibility::Trace));
+        backends.retain(|&backend| self.prepare(gpu, resident, backend).is_ok());
+        backend_timing::measure(&backends, |backend| {
             let mut commands = gpu.commands("measure");
-            self.see(&mut commands, context, way, &mut Vec::new())?;
+            self.record(&mut commands, context, backend, &mut Vec::new())?;
             commands.submit().wait()?;
             Ok(())
         })
     }
 
     /// Builds what a way needs, once, or says why the device does not have it.
-    pub(crate) fn ready(&mut self, gpu: &Gpu, resident: &Resident, way: Visibility) -> Result<(), String> {
-        match way {
+    pub(crate) fn prepare(
+        &mut self,
+        gpu: &Gpu,
+        resident: &Resident,
+        backend: Visibility,
+    ) -> Result<(), String> {
+        match backend {
             Visibility::Raster => Ok(()),
             Visibility::Cpu => {
-                self.ready_packets(resident);
+                self.prepare_packets(resident);
                 Ok(())
             }
             Visibility::Trace => {
                 if self.trace.is_none() {
                     let near = draws::near(&resident.bounds);
-                    let trace = Trace::new(gpu, self.ready_packets(resident).hierarchy(), near);
+                    let trace = Trace::new(gpu, self.prepare_packets(resident).hierarchy(), near);
                     self.trace = Some(trace);
                 }
                 match &self.trace {
@@ -80,7 +85,7 @@ impl Seeing {
     }
 
     /// The tracer of packets, built when it is first needed.
-    pub(crate) fn ready_packets(&mut self, resident: &Resident) -> &PacketTracer {
+    pub(crate) fn prepare_packets(&mut self, resident: &Resident) -> &PacketTracer {
         self.packets.get_or_insert_with(|| {
             let near = draws::near(&resident.bounds);
             let mut packets = PacketTracer::new(&self.scene, &resident.instances, near);
@@ -91,20 +96,20 @@ impl Seeing {
         })
     }
 
-    /// The tracer of packets; [`Self::ready_packets`] comes first.
+    /// The tracer of packets; [`Self::prepare_packets`] comes first.
     pub(crate) fn packets(&self) -> Result<&PacketTracer, RenderError> {
         self.packets.as_ref().ok_or_else(|| RenderError::Internal("the tracer was not built".to_owned()))
     }
 
     /// Finds what a tile sees.
-    pub(crate) fn see(
+    pub(crate) fn record(
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        way: Visibility,
+        backend: Visibility,
         stages: &mut Vec<Stage>,
     ) -> Result<(), RenderError> {
-        match way {
+        match backend {
             Visibility::Raster => self.rasterise(commands, context, stages),
             Visibility::Trace => self.trace(commands, context, stages),
             Visibility::Cpu => {
@@ -117,17 +122,17 @@ impl Seeing {
         }
     }
 
-    /// Finds what the pixels of a list see; [`Self::ready_packets`] comes first.
-    pub(crate) fn see_list(
+    /// Finds what the pixels of a list see; [`Self::prepare_packets`] comes first.
+    pub(crate) fn record_list(
         &self,
         context: &TileContext<'_>,
-        listing: &Listing,
+        list: &PixelList,
         stages: &mut Vec<Stage>,
     ) -> Result<(), RenderError> {
         let begin = Instant::now();
-        let rays = listing.tile.rays();
-        let found = self.packets()?.trace_some(context.eye.position, &rays, &listing.sub_samples());
-        write_ids(context.gpu, &context.targets, context.tile.sub_samples(), &listing.image(&found));
+        let rays = list.tile.rays();
+        let found = self.packets()?.trace_some(context.eye.position, &rays, &list.sub_samples());
+        write_ids(context.gpu, &context.targets, context.tile.sub_samples(), &list.image(&found));
         timing::add_since(stages, "trace rays", begin);
         Ok(())
     }
@@ -164,10 +169,10 @@ impl Seeing {
         }
         let mut own = context.gpu.commands("trace");
         trace.record(&mut own, context, hierarchy)?;
-        let ticket = trace.read_unfinished(&mut own);
+        let pending = trace.read_unfinished(&mut own);
         let mut finished = own.submit().wait()?;
         timing::add(stages, std::mem::take(&mut finished.stages));
-        if Trace::is_whole(&finished.take(ticket)) {
+        if Trace::is_whole(&finished.take(pending)) {
             return Ok(());
         }
         self.rasterise(commands, context, stages)

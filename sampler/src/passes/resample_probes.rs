@@ -1,21 +1,21 @@
-//! Program: `shaders/sampler/look_around.wgsl`. Maps of what is around reflectors, level by level.
+//! Program: `shaders/sampler/resample_probes.wgsl`. Maps of what is around reflectors, level by level.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_scene::reflection::{level_sides, map_size};
-use argus_shaders::layout::sampler::LookAround as Step;
-use argus_shaders::sampler::LOOK_AROUND;
+use argus_shaders::layout::sampler::ResampleProbes as Step;
+use argus_shaders::sampler::RESAMPLE_PROBES;
 
 use super::NodeMaps;
 
 /// Looks nodes up in maps that lie in so many arrays.
-pub(crate) struct LookAround {
-    look: ComputePipeline,
+pub(crate) struct ResampleProbes {
+    resample: ComputePipeline,
     blur: ComputePipeline,
     arrays: usize,
 }
 
 /// Maps in the making.
-pub(crate) struct AroundPlanes {
+pub(crate) struct ProbePlanes {
     /// Radiance and inverse range of the finest levels, before they are stored.
     finest: wgpu::Buffer,
     pub(crate) radiance: wgpu::Buffer,
@@ -24,7 +24,7 @@ pub(crate) struct AroundPlanes {
     count: u32,
 }
 
-impl AroundPlanes {
+impl ProbePlanes {
     /// Room for so many maps.
     pub(crate) fn new(gpu: &Gpu, side: u32, count: u32) -> Self {
         let (storage, read) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::COPY_SRC);
@@ -45,12 +45,12 @@ impl AroundPlanes {
     }
 }
 
-impl LookAround {
+impl ResampleProbes {
     pub(crate) fn new(gpu: &Gpu, arrays: usize) -> Self {
         let constants = [("arrays", arrays as f64)];
         Self {
-            look: gpu.compute_pipeline_with(&LOOK_AROUND, "look_around", &constants),
-            blur: gpu.compute_pipeline_with(&LOOK_AROUND, "blur", &constants),
+            resample: gpu.compute_pipeline_with(&RESAMPLE_PROBES, "resample", &constants),
+            blur: gpu.compute_pipeline_with(&RESAMPLE_PROBES, "blur", &constants),
             arrays,
         }
     }
@@ -67,9 +67,9 @@ impl LookAround {
         commands: &mut Commands,
         maps: &NodeMaps<'_>,
         lighting: &wgpu::Buffer,
-        planes: &AroundPlanes,
+        planes: &ProbePlanes,
     ) {
-        let told = maps.told(gpu, 0);
+        let lookup = maps.lookup(gpu, 0);
         let [columns, rows] = map_size(planes.side);
         let levels = level_sides(planes.side).count();
         let mut level_row = 0;
@@ -78,10 +78,10 @@ impl LookAround {
             let step = Step { side: planes.side, columns, rows, level_side, level_row, roughness };
             let call = match level {
                 0 => maps
-                    .bind(commands.compute("look around", &self.look))
-                    .read("told", &told)
+                    .bind(commands.compute("resample probes", &self.resample))
+                    .read("lookup", &lookup)
                     .read("lighting", lighting),
-                _ => commands.compute("blur surroundings", &self.blur),
+                _ => commands.compute("blur probes", &self.blur),
             };
             call.write("finest", &planes.finest)
                 .write("radiance_plane", &planes.radiance)

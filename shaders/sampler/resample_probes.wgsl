@@ -1,11 +1,11 @@
-// Program of `sampler/src/passes/look_around.rs`: maps of what is around reflectors, `shared/surroundings.wgsl`: the finest
+// Program of `sampler/src/passes/resample_probes.rs`: maps of what is around reflectors, `shared/reflection_probes.wgsl`: the finest
 // level from a map of an octree's nodes, the coarser ones from that.
 
 import package::shared::encode::{octahedral_from_unit, rgb9e5_from_radiance, unit_from_octahedral};
 import package::shared::finite::{finite_or_zero};
-import package::shared::lit_maps::{seen_in_map, told};
+import package::shared::lit_maps::{seen_in_map, lookup};
 
-struct LookAround {
+struct ResampleProbes {
     // Texels on a side of the finest level; columns and rows of a map.
     side: u32,
     columns: u32,
@@ -17,7 +17,7 @@ struct LookAround {
     roughness: f32,
 }
 
-var<immediate> step: LookAround;
+var<immediate> step: ResampleProbes;
 
 // Texels of the finest level, of all maps: (side + 2)² each. Radiance, and inverse range in w.
 @group(3) @binding(0) var<storage, read_write> finest: array<vec4f>;
@@ -56,7 +56,7 @@ fn keep(texel: vec2u, map: u32, radiance: vec3f, inverse_range: f32) {
 }
 
 @compute @workgroup_size(8, 8)
-fn look_around(@builtin(global_invocation_id) id: vec3u) {
+fn resample(@builtin(global_invocation_id) id: vec3u) {
     let width = step.side + 2u;
     if id.x >= width || id.y >= width {
         return;
@@ -66,9 +66,9 @@ fn look_around(@builtin(global_invocation_id) id: vec3u) {
     for (var i = 0u; i < SUB * SUB; i++) {
         let within = (vec2f(f32(i % SUB), f32(i / SUB)) + 0.5) / f32(SUB);
         let ray = direction_of_place(place_of(vec2f(id.xy) + within));
-        radiance += seen_in_map(told.view + id.z, ray, ray).rgb / f32(SUB * SUB);
+        radiance += seen_in_map(lookup.view + id.z, ray, ray).rgb / f32(SUB * SUB);
     }
-    let inverse_range = seen_in_map(told.view + id.z, central, central).w;
+    let inverse_range = seen_in_map(lookup.view + id.z, central, central).w;
     finest[(id.z * width + id.y) * width + id.x] = vec4f(radiance, inverse_range);
     keep(id.xy, id.z, radiance, inverse_range);
 }

@@ -7,7 +7,7 @@ use argus_scene::{Cancel, Lighting, MegaViews, RenderError, Sample, SampleId, Sa
 use super::{GpuSampler, add_light, check_wanted, sample_tiles};
 use crate::Indirect;
 use crate::eye::Eye;
-use crate::indirect::Spreading;
+use crate::indirect::LightSharing;
 use crate::lit_octree::LitOctree;
 use crate::omni_maps::{OmniMaps, groups};
 use crate::passes::TileContext;
@@ -17,7 +17,7 @@ use crate::timing;
 impl GpuSampler {
     /// Samples of one set: the scene as an octree, its leaves shaded, the maps of all cameras in as few traversals as
     /// can be, and each sample looked up in its own.
-    pub(super) fn render_mapped(
+    pub(super) fn render_from_octree(
         &mut self,
         job: &SampleJob,
         knobs: MegaViews,
@@ -32,8 +32,10 @@ impl GpuSampler {
             Err(error) => return vec![Err(error); job.ids.len()],
         };
         // What the rig does not have fails alone.
-        let refused = |id: &SampleId| job.info.rig.camera(id.index).err().map(|error| Err(error.into()));
-        let mut samples: Vec<Option<Result<Sample, RenderError>>> = job.ids.iter().map(refused).collect();
+        let to_render_error =
+            |id: &SampleId| job.info.rig.camera(id.index).err().map(|error| Err(error.into()));
+        let mut samples: Vec<Option<Result<Sample, RenderError>>> =
+            job.ids.iter().map(to_render_error).collect();
         for group in groups(&job.info.rig, &job.ids, &knobs) {
             let (gpu, rig) = (self.gpu.clone(), &job.info.rig);
             let traversed = check_wanted(cancel).and_then(|()| match &mut self.maps {
@@ -51,7 +53,7 @@ impl GpuSampler {
             });
             for &(order, view) in &group.wanted {
                 let sample = shared.clone().and_then(|costs| {
-                    let mut sample = self.look_sample_up(job, job.ids[order], view, cancel)?;
+                    let mut sample = self.resolve_from_maps(job, job.ids[order], view, cancel)?;
                     timing::add(&mut sample.stages, costs);
                     Ok(sample)
                 });
@@ -115,7 +117,7 @@ impl GpuSampler {
             };
             octree.shade(&mut commands, &context, chunk, &surfels);
             let mut commands =
-                add_light(&mut self.indirect, commands, &context, Spreading::Leaves, &mut stages)?;
+                add_light(&mut self.indirect, commands, &context, LightSharing::Leaves, &mut stages)?;
             octree.keep(&mut commands, &context, chunk, &surfels);
             commands.submit().wait()?;
         }
@@ -133,7 +135,7 @@ impl GpuSampler {
 
     /// One sample of the group that was traversed last: per tile, look up what each sub-sample sees, choose a surface
     /// for each texel.
-    fn look_sample_up(
+    fn resolve_from_maps(
         &mut self,
         job: &SampleJob,
         id: SampleId,
@@ -150,7 +152,7 @@ impl GpuSampler {
         let mut stages = Vec::new();
         for tile in &sample_tiles(&camera, self.knobs.side())? {
             check_wanted(cancel)?;
-            let mut commands = self.gpu.commands("look sample up");
+            let mut commands = self.gpu.commands("look up sample");
             let (gpu, resident) = (&self.gpu, &self.resident);
             let context = TileContext::new(gpu, resident, &eye, tile, &mut self.scratch, Extras::default());
             maps.look_up(&mut commands, &context, view);

@@ -12,7 +12,7 @@ const SQUARE: u32 = 16;
 
 /// The pixels of a list that lie in one tile of the view.
 #[derive(Debug)]
-pub(crate) struct Listing {
+pub(crate) struct PixelList {
     /// Of the view: its rays are those of the pixels.
     pub(crate) tile: Tile,
     /// The list as an image, row by row.
@@ -23,7 +23,7 @@ pub(crate) struct Listing {
     pub(crate) places: Vec<[u32; 2]>,
 }
 
-impl Listing {
+impl PixelList {
     /// Sub-samples of the tile, pixel by pixel.
     pub(crate) fn sub_samples(&self) -> Vec<[u32; 2]> {
         let side = self.tile.side;
@@ -56,12 +56,12 @@ impl Listing {
 ///
 /// # Errors
 /// A pixel that the view does not have.
-pub(crate) fn listings(face: &Face, side: u32, pixels: &[u32]) -> Result<Vec<Listing>, InvalidField> {
+pub(crate) fn pixel_lists(face: &Face, side: u32, pixels: &[u32]) -> Result<Vec<PixelList>, InvalidField> {
     let [width, height] = face.size;
     if let Some(pixel) = pixels.iter().find(|&&p| u64::from(p) >= u64::from(width) * u64::from(height)) {
         return Err(InvalidField::new("pixels", format!("the view has no pixel {pixel}")));
     }
-    let mut listings = Vec::new();
+    let mut pixel_lists = Vec::new();
     for tile in tiles(std::slice::from_ref(face), side) {
         let within = |pixel: u32| {
             let (x, y) = (pixel % width, pixel / width);
@@ -76,10 +76,10 @@ pub(crate) fn listings(face: &Face, side: u32, pixels: &[u32]) -> Result<Vec<Lis
             let (asked, places): (Vec<u32>, Vec<[u32; 2]>) = part.iter().copied().unzip();
             let columns = (places.len() as u32).min(ROW);
             let compact = Tile { size: [columns, (places.len() as u32).div_ceil(ROW)], ..tile };
-            listings.push(Listing { tile, compact, asked, places });
+            pixel_lists.push(PixelList { tile, compact, asked, places });
         }
     }
-    Ok(listings)
+    Ok(pixel_lists)
 }
 
 /// Rows of pixels of a compact image, at most.
@@ -100,20 +100,20 @@ mod tests {
         let face = SampleCamera::Perspective { camera, width: 1500, height: 40 }.faces()[0];
         let pixels: Vec<u32> = (0..60_000).step_by(7).rev().collect();
         let mut seen = vec![0u8; pixels.len()];
-        let listings = listings(&face, 2, &pixels).unwrap();
-        assert!(listings.len() > 1, "more than one tile");
-        for listing in &listings {
-            for (&asked, &[x, y]) in listing.asked.iter().zip(&listing.places) {
-                let [left, top] = listing.tile.begin;
+        let pixel_lists = pixel_lists(&face, 2, &pixels).unwrap();
+        assert!(pixel_lists.len() > 1, "more than one tile");
+        for list in &pixel_lists {
+            for (&asked, &[x, y]) in list.asked.iter().zip(&list.places) {
+                let [left, top] = list.tile.begin;
                 assert_eq!((top + y) * 1500 + left + x, pixels[asked as usize]);
                 seen[asked as usize] += 1;
             }
-            let found: Vec<[u32; 2]> = (1..=listing.places.len() as u32 * 4).map(|i| [i, 0]).collect();
-            let image = listing.image(&found);
+            let found: Vec<[u32; 2]> = (1..=list.places.len() as u32 * 4).map(|i| [i, 0]).collect();
+            let image = list.image(&found);
             assert_eq!(image.iter().filter(|ids| ids[0] != 0).count(), found.len());
         }
         assert!(seen.iter().all(|&n| n == 1));
-        assert_eq!(super::listings(&face, 1, &[60_000]).unwrap_err().field, "pixels");
-        assert!(super::listings(&face, 1, &[]).unwrap().is_empty());
+        assert_eq!(super::pixel_lists(&face, 1, &[60_000]).unwrap_err().field, "pixels");
+        assert!(super::pixel_lists(&face, 1, &[]).unwrap().is_empty());
     }
 }

@@ -4,31 +4,31 @@ use argus_gpu::Gpu;
 use argus_scene::{Cancel, Lighting, RenderError, Sample, SampleId, SampleJob, Stage, Surroundings};
 
 use super::{GpuSampler, check_wanted};
-use crate::mirrors::{Mirrored, Mirrors};
 use crate::passes::{ResolveSample, Shade, ShadeSample};
+use crate::probe_renderer::{ProbeBindings, ProbeRenderer};
 use crate::resident::Resident;
 use crate::{Indirect, SamplerKnobs, timing};
 
 /// How surfaces are shaded, and what they look up.
-pub(super) struct Looks {
+pub(super) struct SurfacePrograms {
     shade: Shade,
     shade_sample: ShadeSample,
     resolve: ResolveSample,
     /// What is looked up where nothing is.
-    nothing: Mirrored,
+    nothing: ProbeBindings,
     /// Maps around reflectors, made when something is first to look them up.
-    pub(super) mirrors: Option<Box<Mirrors>>,
+    pub(super) probes: Option<Box<ProbeRenderer>>,
 }
 
 /// One of the ways.
-pub(super) struct Look<'a> {
+pub(super) struct SurfaceProgram<'a> {
     pub(super) shade: &'a Shade,
     pub(super) shade_sample: &'a ShadeSample,
     pub(super) resolve: &'a ResolveSample,
-    pub(super) mirrored: &'a Mirrored,
+    pub(super) probe_bindings: &'a ProbeBindings,
 }
 
-impl Looks {
+impl SurfacePrograms {
     /// Without maps.
     pub(super) fn new(gpu: &Gpu, resident: &Resident, knobs: &SamplerKnobs) -> Self {
         let (features, keeps_guides) = (resident.features, knobs.indirect != Indirect::Off);
@@ -36,23 +36,23 @@ impl Looks {
             shade: Shade::new(gpu, features, keeps_guides, false),
             shade_sample: ShadeSample::new(gpu, features, keeps_guides, false, knobs.side()),
             resolve: ResolveSample::new(gpu, features.specular, 1, false),
-            nothing: Mirrored::none(gpu),
-            mirrors: None,
+            nothing: ProbeBindings::none(gpu),
+            probes: None,
         }
     }
 
     /// The way that has those reflections, once their maps are made.
-    pub(super) fn of(&self, reflections: Option<Surroundings>) -> Look<'_> {
-        let mirrors = self.mirrors.as_deref().filter(|_| reflections.is_some());
-        match mirrors.and_then(|mirrors| Some((mirrors, mirrors.mirrored()?))) {
-            Some((Mirrors { shade, shade_sample, resolve, .. }, mirrored)) => {
-                Look { shade, shade_sample, resolve, mirrored }
+    pub(super) fn of(&self, reflections: Option<Surroundings>) -> SurfaceProgram<'_> {
+        let probes = self.probes.as_deref().filter(|_| reflections.is_some());
+        match probes.and_then(|probes| Some((probes, probes.probe_bindings()?))) {
+            Some((ProbeRenderer { shade, shade_sample, resolve, .. }, probe_bindings)) => {
+                SurfaceProgram { shade, shade_sample, resolve, probe_bindings }
             }
-            None => Look {
+            None => SurfaceProgram {
                 shade: &self.shade,
                 shade_sample: &self.shade_sample,
                 resolve: &self.resolve,
-                mirrored: &self.nothing,
+                probe_bindings: &self.nothing,
             },
         }
     }
@@ -60,7 +60,7 @@ impl Looks {
 
 impl GpuSampler {
     /// Makes the maps of surroundings ready, if they are asked for; what that cost.
-    pub(super) fn mirror(
+    pub(super) fn prepare_probes(
         &mut self,
         reflections: Option<Surroundings>,
         lighting: &Lighting,
@@ -69,36 +69,36 @@ impl GpuSampler {
     ) -> Result<Vec<Stage>, RenderError> {
         let Some(of) = reflections else { return Ok(Vec::new()) };
         let drifts = self.drifts();
-        let mut mirrors = match self.looks.mirrors.take().filter(|mirrors| mirrors.of == of) {
-            Some(mirrors) => mirrors,
-            None => Box::new(Mirrors::new(&self.gpu, &self.scene, &self.resident, &self.knobs, of)?),
+        let mut probes = match self.surface_programs.probes.take().filter(|probes| probes.of == of) {
+            Some(probes) => probes,
+            None => Box::new(ProbeRenderer::new(&self.gpu, &self.scene, &self.resident, &self.knobs, of)?),
         };
         // Programs outlive an order that nobody waits for any more.
-        let stages = match mirrors.is_made(lighting, time_secs, drifts) {
+        let stages = match probes.is_made(lighting, time_secs, drifts) {
             true => Ok(Vec::new()),
-            false => self.make_mirrors(&mut mirrors, lighting, time_secs, cancel),
+            false => self.render_probes(&mut probes, lighting, time_secs, cancel),
         };
-        self.looks.mirrors = Some(mirrors);
+        self.surface_programs.probes = Some(probes);
         stages
     }
 
-    fn make_mirrors(
+    fn render_probes(
         &mut self,
-        mirrors: &mut Mirrors,
+        probes: &mut ProbeRenderer,
         lighting: &Lighting,
         time_secs: f64,
         cancel: &Cancel,
     ) -> Result<Vec<Stage>, RenderError> {
         check_wanted(cancel)?;
         let mut stages =
-            self.light_octree(&mut mirrors.octree, lighting, time_secs, cancel)?.unwrap_or_default();
-        let made = mirrors.make(&self.gpu, &self.scene, &self.resident, lighting, time_secs)?;
+            self.light_octree(&mut probes.octree, lighting, time_secs, cancel)?.unwrap_or_default();
+        let made = probes.make(&self.gpu, &self.scene, &self.resident, lighting, time_secs)?;
         timing::add(&mut stages, made);
         Ok(stages)
     }
 
     /// A set's surroundings.
-    pub(super) fn render_surroundings(
+    pub(super) fn render_probe_sample(
         &mut self,
         job: &SampleJob,
         id: SampleId,
@@ -110,8 +110,8 @@ impl GpuSampler {
         let (lighting, time_secs) = (&job.info.lighting, job.info.time_secs());
         let mut stages = self.pose(time_secs);
         stages.extend(self.light(lighting, time_secs)?);
-        stages.extend(self.mirror(job.info.reflections, lighting, time_secs, cancel)?);
-        let sample = self.looks.mirrors.as_ref().and_then(|mirrors| mirrors.sample(id));
+        stages.extend(self.prepare_probes(job.info.reflections, lighting, time_secs, cancel)?);
+        let sample = self.surface_programs.probes.as_ref().and_then(|probes| probes.sample(id));
         let sample = sample.ok_or_else(|| RenderError::Internal("there are no surroundings".to_owned()))?;
         Ok(Sample { stages, ..sample })
     }
