@@ -89,14 +89,14 @@ mod tests {
     }
 
     #[test]
-    fn the_faster_program_is_kept_and_the_first_turns_do_not_count() {
+    fn the_faster_program_is_chosen_and_first_rounds_do_not_count() {
         assert_eq!(decide(2.0, 1.0), SearchBackend::Compute);
         assert_eq!(decide(1.0, 2.0), SearchBackend::Fragment);
         assert_eq!(decide(1.0, 1.0), SearchBackend::Fragment);
     }
 
     #[test]
-    fn a_knob_goes_before_any_trial() {
+    fn a_fixed_backend_overrides_autotuning() {
         let tuning = Autotune { decided: Some(SearchBackend::Compute), ..Autotune::default() };
         assert_eq!(tuning.next(SearchBackend::Fragment), SearchBackend::Fragment);
         assert_eq!(tuning.next(SearchBackend::Compute), SearchBackend::Compute);

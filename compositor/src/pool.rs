@@ -1,7 +1,7 @@
-//! Layers for samples of one size and format, in texture arrays that grow as they are needed.
+//! Texture arrays for samples of one size and format. They grow with the number of samples.
 //!
-//! Binding arrays are not available everywhere, so all samples that a view may be made of must lie in one
-//! array per plane. Samples of a rig share a size, so in practice there is one pool.
+//! Binding arrays are not available on all devices, so all samples of a view must be layers of one array per plane.
+//! Samples of a rig share a size, so there is usually one pool.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::arrays::{Array, Arrays, PoolClass};
 use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::pyramid::{self, Pyramids};
 
-/// Samples of one class.
+/// The samples of one class.
 #[derive(Debug)]
 pub(crate) struct Pool {
     pub(crate) class: PoolClass,
@@ -24,68 +24,67 @@ pub(crate) struct Pool {
     pyramids: Option<Pyramids>,
 }
 
-/// Larger arrays that will take the place of a pool's. They are made ready a few layers at a time, with each sample that comes
-/// in, since all at once keeps the views of a batch waiting: 233 ms for the step from 64 to 128 layers (`argus study soak`).
+/// Larger arrays that will replace a pool's. A few layers are copied with each upload: copying all at once delays views
+/// by 233 ms when 64 layers become 128 (`argus study soak`).
 #[derive(Debug)]
 struct Growth {
     arrays: Arrays,
     capacity: u32,
-    /// Layers and planes that are not yet as the pool's are.
+    /// Layers and planes that are still to be copied.
     left: BTreeSet<(u32, usize)>,
-    /// How many of them are done before the next layer is given out; `None` until one is asked for.
+    /// Copies that must be done before the next layer is taken; `None` until a layer is requested.
     due: Option<usize>,
 }
 
-/// Layers that a pool begins with: the samples of one tile or the nearest of one cell.
+/// Initial layers of a pool: the samples of one tile, or the nearest of one cell.
 const FIRST_LAYERS: u32 = 4;
 
-/// A pool grows from when no more than one of so many of its layers is free.
+/// A pool starts to grow when at most one in this many layers is free.
 const FREE_SHARE: u32 = 4;
 
 impl Pool {
-    /// An empty pool; memory is taken with the first sample.
+    /// An empty pool. Memory is allocated with the first sample.
     pub(crate) fn new(class: PoolClass) -> Self {
         Self { class, arrays: None, capacity: 0, free: Vec::new(), growth: None, pyramids: None }
     }
 
-    /// The array of a plane that the class has.
+    /// The array of a plane.
     ///
     /// # Errors
-    /// [`RenderError::Internal`] for one that it has not.
+    /// [`RenderError::Internal`] if the class has no such plane.
     pub(crate) fn array(&self, kind: PlaneKind) -> Result<&Array, RenderError> {
         let planes = self.arrays.iter().flat_map(|arrays| &arrays.planes);
         let array = planes.into_iter().find(|(of, _)| *of == kind).map(|(_, array)| array);
         array.ok_or_else(|| RenderError::Internal(format!("no samples have a {kind:?} plane")))
     }
 
-    /// All levels of a plane that the class has.
+    /// The view of all levels of a plane.
     ///
     /// # Errors
-    /// As [`Pool::array`].
+    /// [`RenderError::Internal`] if the class has no such plane.
     pub(crate) fn view(&self, kind: PlaneKind) -> Result<&wgpu::TextureView, RenderError> {
         Ok(&self.array(kind)?.view)
     }
 
-    /// What views show of the samples.
+    /// The display plane.
     ///
     /// # Errors
-    /// [`RenderError::Internal`] where no sample was ever held.
+    /// [`RenderError::Internal`] if the pool never held a sample.
     pub(crate) fn display(&self) -> Result<&Array, RenderError> {
         let missing = || RenderError::Internal("a pool without samples has no display plane".to_owned());
         self.arrays.as_ref().map(|arrays| &arrays.display).ok_or_else(missing)
     }
 
-    /// The array of a plane, or that of radiance where the class has none: programs name what only glossy samples have, and
-    /// look at it only there.
+    /// The view of a plane, or of radiance if the class has no such plane. Programs declare planes of glossy samples and
+    /// read them only for glossy samples.
     ///
     /// # Errors
-    /// As [`Pool::view`].
+    /// [`RenderError::Internal`] if the class has neither plane.
     pub(crate) fn view_or_radiance(&self, kind: PlaneKind) -> Result<&wgpu::TextureView, RenderError> {
         self.view(kind).or_else(|_| self.view(PlaneKind::Radiance))
     }
 
-    /// Does a step of what must be done before a layer can be taken, and returns whether all of it is done. Where few are
-    /// free, the pool is on the way to arrays of twice the layers.
+    /// Runs one step of growth if few layers are free. Returns whether a layer can be taken. Arrays double in layers.
     ///
     /// # Errors
     /// Whatever the device fails with.
@@ -103,7 +102,7 @@ impl Pool {
             self.growth = Some(Growth { arrays, capacity, left, due: None });
         }
         let Some(growth) = &mut self.growth else { return Ok(true) };
-        // It ends no later than the free layers.
+        // Growth ends before the free layers are used up.
         let due = growth.due.get_or_insert(growth.left.len().div_ceil(self.free.len() + 1));
         if *due == 0 && !self.free.is_empty() {
             growth.due = None;
@@ -113,7 +112,7 @@ impl Pool {
             *due = due.saturating_sub(1);
             let mut commands = gpu.commands("grow sample pool");
             match &self.arrays {
-                // New ones are a copy of any: wgpu would set to zero, all at once, what nothing was ever written to.
+                // New layers copy any old layer. Otherwise wgpu would clear all unwritten layers at once.
                 Some(arrays) => {
                     let from = arrays.array(plane);
                     growth.arrays.array(plane).copy_layer(
@@ -138,15 +137,15 @@ impl Pool {
         self.free.extend((self.capacity..grown.capacity).rev());
         self.capacity = grown.capacity;
         self.arrays = Some(grown.arrays);
-        // Made again, in a larger array, by the next search that asks.
+        // The next pyramid search builds them again, in a larger array.
         self.pyramids = None;
         tracing::debug!(layers = self.capacity, ?self.class, "sample pool grown");
     }
 
-    /// A layer for one more sample, after [`Self::prepare_layer`].
+    /// Takes a free layer, after [`Self::prepare_layer`] returned true.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] beyond the layers that the device can address.
+    /// [`RenderError::OutOfMemory`] if the array has as many layers as the device allows.
     pub(crate) fn take_layer(&mut self) -> Result<u32, RenderError> {
         self.free.pop().ok_or_else(|| {
             let held = self.capacity;
@@ -156,7 +155,7 @@ impl Pool {
         })
     }
 
-    /// Gives a layer back.
+    /// Frees a layer.
     pub(crate) fn free_layer(&mut self, layer: u32) {
         self.free.push(layer);
         if let Some(pyramids) = &mut self.pyramids {
@@ -164,7 +163,7 @@ impl Pool {
         }
     }
 
-    /// Makes the pyramids of samples that have none yet.
+    /// Builds the missing pyramids of some layers.
     ///
     /// # Errors
     /// Whatever the device fails with.
@@ -184,26 +183,26 @@ impl Pool {
         made
     }
 
-    /// What a pyramid search reads, once [`Pool::make_pyramids`] made it.
+    /// The pyramids, once [`Pool::make_pyramids`] has built them.
     ///
     /// # Errors
-    /// [`RenderError::Internal`] before.
+    /// [`RenderError::Internal`] if they were never built.
     pub(crate) fn pyramids(&self) -> Result<&wgpu::TextureView, RenderError> {
         let missing = || RenderError::Internal("pyramids are searched that were never made".to_owned());
         self.pyramids.as_ref().map(|pyramids| &pyramids.view).ok_or_else(missing)
     }
 
-    /// Device memory that pyramids take, or would take if `wanted`.
+    /// Bytes of the pyramids. 0 if there are none and `wanted` is false.
     pub(crate) fn pyramid_bytes(&self, wanted: bool) -> u64 {
         if wanted || self.pyramids.is_some() { pyramid::bytes(self.class.size, self.capacity) } else { 0 }
     }
 
-    /// Whether no sample is in it.
+    /// Whether it holds no sample.
     pub(crate) fn is_empty(&self) -> bool {
         self.free.len() as u32 == self.capacity
     }
 
-    /// Says that something of a layer is about to change: a growth copies it once more.
+    /// Marks a layer as changed, so that growth copies it again.
     pub(crate) fn mark_dirty(&mut self, layer: u32) {
         if let Some(growth) = &mut self.growth {
             growth.left.extend((0..growth.arrays.count()).map(|plane| (layer, plane)));

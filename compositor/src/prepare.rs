@@ -1,4 +1,4 @@
-//! Views made ready to be drawn: everything the device is told about them, computed in f64.
+//! Prepares views: their samples, transforms and uniforms, computed in f64.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ use crate::sample_store::{HeldSample, SampleStore};
 /// One view of a batch.
 #[derive(Debug)]
 pub(crate) struct PreparedView {
-    /// Index of its job.
+    /// Index of its job in the batch.
     pub(crate) job: usize,
     pub(crate) search: Search,
     pub(crate) side: u32,
@@ -31,25 +31,26 @@ pub(crate) struct PreparedView {
     pub(crate) pool: usize,
     pub(crate) omni: bool,
     pub(crate) glossy: bool,
-    /// Maps that the samples' surfaces look up.
+    /// Reflection probes that the samples look up.
     pub(crate) probes: Option<(SampleId, Arc<ReflectionProbes>)>,
-    /// Level of the samples whose texels are no larger than most sub-pixels.
+    /// Coarsest mip level of the samples whose texels are no larger than most sub-pixels.
     pub(crate) level: u32,
-    /// Whether sub-pixels are of a size between its texels and the next coarser one's.
+    /// Whether the warp interpolates between that level and the next coarser one.
     pub(crate) between_levels: bool,
     geometry: ViewGeometry,
     steps: u32,
-    /// Sub-pixels on the edge of a cell.
+    /// Sub-pixels along the edge of a cell.
     pub(crate) cell: u32,
     sources: Vec<SplatSource>,
-    /// What its search begins from in place of a splat, or why not.
+    /// The earlier frame that its search starts from in place of a splat, or why there is none.
     pub(crate) reprojection: Result<Reprojection, &'static str>,
 }
 
-/// Texels of a level on the edge of a pixel, up to which it serves it alone: `fetch_from` in `shaders/shared/fetch.wgsl`.
+/// Most texels of a level along the edge of a pixel for which that level is used alone: `fetch_from` in
+/// `shaders/shared/fetch.wgsl`.
 const LEVEL_TEXELS: f64 = 0.707;
 
-/// Cells of a splat that is only a search's beginning: so many times as large as those of one that is the search.
+/// Cells of a splat that seeds a search are this many times larger than those of the splat search.
 const SEED_CELL_FACTOR: u32 = 4;
 
 /// A face that a view is splatted from.
@@ -62,7 +63,7 @@ struct SplatSource {
 }
 
 impl PreparedView {
-    /// Looks a job's samples up and finds out what of them the view sees.
+    /// Looks up a job's samples and culls their tiles.
     ///
     /// # Errors
     /// [`RenderError::MissingSample`], or [`RenderError::Invalid`] for a plan that no compositor can follow.
@@ -92,7 +93,7 @@ impl PreparedView {
         let samples = sample_store.of_plan(&of_rig)?;
         let pool = samples.first().map_or(0, |held| held.pool);
         let class = sample_store.pool(pool)?.class;
-        // What looks nothing up needs no maps, whatever the set has.
+        // Samples without a Reflector plane look up no probes.
         let around = around.first().filter(|_| class.reflects);
         let probes = around.map(|&id| Ok::<_, RenderError>((id, sample_store.probes(id)?))).transpose()?;
         let geometry = ViewGeometry::new(&job.camera, job.width, job.height, *supersampling);
@@ -151,13 +152,12 @@ impl PreparedView {
         self.samples.first().map_or(1.0, |sample| sample.info.lighting.exposure)
     }
 
-    /// Whether its search begins with a splat.
+    /// Whether its search starts from cells.
     pub(crate) fn splats_first(&self) -> bool {
         matches!(self.search, Search::Splat | Search::Seeded)
     }
 
-    /// Columns and rows of the view's cells that a part of it needs, as first and number: those its sub-pixels
-    /// are in and, since gaps are closed from their neighbours, one more on every side.
+    /// The cells that a part of the view needs: those of its sub-pixels, and one more on every side for the fill pass.
     fn cells_of(&self, part: Rect) -> CellRect {
         let (side, cell) = (self.side, self.cell);
         let span = |at: u32, length: u32| {
@@ -170,7 +170,7 @@ impl PreparedView {
         CellRect { first_column, first_row, columns, rows }
     }
 
-    /// What the searches are told of a piece.
+    /// The uniforms of a piece.
     pub(crate) fn uniform(&self, piece: &Piece, first: &ChunkOffsets) -> ViewUniform {
         let [corner, right, down] = self.geometry.directions().map(|d| d.as_vec3().to_array());
         let held = self.samples.first();
@@ -212,8 +212,8 @@ impl PreparedView {
         }
     }
 
-    /// Relative difference of range within which a texel is of the surface that is looked for: as much as a surface
-    /// at 45° to the ray changes over a cell of the view and a texel of the sample, and a per cent.
+    /// Relative difference of range within which a texel belongs to the surface at a depth. It is 1% plus the change of a
+    /// surface at 45° over one cell and one texel, at most 10%.
     fn tolerance(&self) -> f32 {
         let cell = f64::from(self.cell) * self.geometry.pixel_at_unit_depth().max_element();
         let texel = |face: &Face| {
@@ -224,18 +224,18 @@ impl PreparedView {
         (0.01 + cell + texel).min(0.1) as f32
     }
 
-    /// Texels of the nearest sample on the edge of a sub-pixel, at equal distance from both.
+    /// Texels of the nearest sample along the edge of a sub-pixel, at equal distance from both cameras.
     fn footprint(&self) -> f32 {
         let face = self.samples.first().and_then(|held| held.faces.first());
         let texel = |face: &Face| {
             let size = DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
             (2.0 * face.tan_half_fov / size).min_element()
         };
-        // The finer edges of both: a blur is worse than a trace of aliasing.
+        // The shorter edges of both, because blur is worse than slight aliasing.
         face.map_or(1.0, |face| (self.geometry.pixel_at_unit_depth().min_element() / texel(face)) as f32)
     }
 
-    /// Number of cells of a piece; none for a search that needs none.
+    /// Number of cells of a piece; 0 for a search without cells.
     pub(crate) fn cell_count(&self, piece: &Piece) -> u32 {
         if !self.splats_first() {
             return 0;
@@ -250,7 +250,7 @@ impl PreparedView {
         Fill { first_cell, columns: cells.columns, rows: cells.rows }
     }
 
-    /// What a piece takes of an earlier frame; the words of its pixels are appended to `words`.
+    /// The reprojection of an earlier frame into a piece, if there is one. Its pixels are appended to `words`.
     pub(crate) fn reproject(
         &self,
         piece: &Piece,
@@ -261,7 +261,7 @@ impl PreparedView {
         Some(reprojection.call(self.cells_of(piece.part).projection(first_cell), self.cell, words))
     }
 
-    /// The splats of a piece; their blocks are appended to `blocks`.
+    /// The splats of a piece. Their blocks are appended to `blocks`.
     pub(crate) fn splats(&self, piece: &Piece, first_cell: u32, blocks: &mut Vec<u32>) -> Vec<SplatCall> {
         let cells = self.cells_of(piece.part);
         let cell = f64::from(self.cell);
@@ -297,10 +297,10 @@ impl PreparedView {
     }
 }
 
-/// Where a piece's part of a chunk's buffers begins.
+/// Offsets of a piece in the chunk's buffers, in elements.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct ChunkOffsets {
-    /// Its own index.
+    /// Index of the piece in the chunk.
     pub(crate) piece: u32,
     pub(crate) cell: u32,
     pub(crate) light: u32,
@@ -317,7 +317,7 @@ struct CellRect {
 }
 
 impl CellRect {
-    /// What lands in them, whose numbers begin at `first_cell`; all but the image is known.
+    /// The projection into these cells, whose first index is `first_cell`. The fields of the image are zero.
     fn projection(&self, first_cell: u32) -> CellProjection {
         CellProjection {
             first_cell,

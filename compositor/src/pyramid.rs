@@ -1,4 +1,4 @@
-//! Pyramids of samples' nearest surfaces, made of those samples that a pyramid search asks for.
+//! Pyramids of samples' nearest surfaces. They are built when a pyramid search first reads a sample.
 
 use std::sync::Arc;
 
@@ -7,33 +7,33 @@ use argus_scene::{InvalidField, RenderError};
 
 use crate::passes::build_pyramid::{BuildPyramidPass, TILE};
 
-/// The pyramids of the samples of one pool, one a layer.
+/// The pyramids of one pool's samples, one a layer.
 #[derive(Debug)]
 pub(crate) struct Pyramids {
     size: [u32; 2],
     /// All levels of a sample side by side: `shaders/shared/levels.wgsl`.
     pub(crate) view: wgpu::TextureView,
-    /// Whether a layer's is made.
+    /// Whether a layer's pyramid is built.
     made: Vec<bool>,
 }
 
-/// Cells of all levels of a sample: the first has as many as the sample has texels, rounded up to whole tiles, and lies
-/// above the others.
+/// Columns and rows of the image that holds all levels of a sample. The first level has the sample's texels, rounded up
+/// to whole tiles; the others lie below it.
 fn cells(size: [u32; 2]) -> [u32; 2] {
     let [width, height] = size.map(|side| side.next_multiple_of(TILE));
     [width, height + height / 2]
 }
 
-/// Device memory for the pyramids of so many samples.
+/// Bytes of the pyramids of `layers` samples.
 pub(crate) fn bytes(size: [u32; 2], layers: u32) -> u64 {
     cells(size).iter().fold(4 * u64::from(layers), |bytes, &side| bytes * u64::from(side))
 }
 
 impl Pyramids {
-    /// Room for the pyramids of a pool's samples, none made yet.
+    /// Allocates the pyramids of a pool's samples. None is built yet.
     ///
     /// # Errors
-    /// [`RenderError::Invalid`] for samples whose levels are larger than an image of this device may be.
+    /// [`RenderError::Invalid`] if the levels of a sample exceed the device's texture size.
     pub(crate) fn new(gpu: &Gpu, size: [u32; 2], layers: u32) -> Result<Self, RenderError> {
         let [width, height] = cells(size);
         let most = gpu.device.limits().max_texture_dimension_2d;
@@ -52,7 +52,7 @@ impl Pyramids {
             usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
             view_formats: &[],
         });
-        // Said outright, since an array of one layer would be seen as no array.
+        // Explicit, because the default for one layer is a plain 2D view.
         let view = texture.create_view(&wgpu::TextureViewDescriptor {
             dimension: Some(wgpu::TextureViewDimension::D2Array),
             ..Default::default()
@@ -60,7 +60,7 @@ impl Pyramids {
         Ok(Self { size, view, made: vec![false; layers as usize] })
     }
 
-    /// Makes the pyramids of those of the layers that have none yet, from the samples' inverse range.
+    /// Builds the missing pyramids of some layers from the samples' inverse range.
     ///
     /// # Errors
     /// Whatever the device fails with.
@@ -84,7 +84,7 @@ impl Pyramids {
         Ok(())
     }
 
-    /// Says that a layer's sample is gone.
+    /// Marks a layer's pyramid as missing, because its sample was released.
     pub(crate) fn forget(&mut self, layer: u32) {
         self.made[layer as usize] = false;
     }

@@ -1,10 +1,10 @@
-//! What a view begins from of an earlier frame: whether that shows enough of what the view does, and which of its pixels
-//! leave their depth where.
+//! Reprojection: a seeded search starts from the depths of the session's previous frame, if that frame covers enough of
+//! the view.
 //!
-//! The earlier frame's pixels land in cells of the view by the function that splatted texels use (`shaders/shared/projection.wgsl`). They are
-//! used if they show fifteen sixteenths of the view, which a grid of its pixels tells on the CPU, and for at most six frames in a row,
-//! since what a search missed those after it miss as well. `argus study history` measures the gain: less error, and no time, since
-//! refining takes eighty times what the coarse splat takes.
+//! The frame's pixels are projected into cells by the function that splats use (`shaders/shared/cell_projection.wgsl`). A
+//! frame is used if it covers 15/16 of the view, measured on the CPU with a grid of its pixels. At most six frames in a
+//! row are reprojected, because errors of a search persist in them. `argus study history` measures less error and no gain
+//! in time: refinement takes eighty times as long as the coarse splat.
 
 use std::sync::Arc;
 
@@ -16,32 +16,33 @@ use glam::{DVec2, DVec3};
 use crate::cull::DENSITY;
 use crate::geometry::{PixelFromFace, ViewGeometry};
 
-/// An earlier frame that a view begins from.
+/// An earlier frame that a view starts from.
 #[derive(Debug)]
 pub(crate) struct Reprojection {
     history: Arc<History>,
     face: Face,
     pixel_from_face: PixelFromFace,
-    /// Sub-pixels of the view from pixel to pixel of the history, as if both looked from one place.
+    /// Distance of the history's pixels in sub-pixels of the view, as if both cameras had one centre.
     spacing: f64,
-    /// Position in the plan's list of each of the history's samples, three bits each.
+    /// For each of the history's samples its position in the plan's list, three bits each.
     sources: u32,
 }
 
-/// Pixels on a side that are looked at to see what an earlier frame shows of a view.
+/// Pixels on a side of the grid that measures how much of a view an earlier frame covers.
 const GRID_SIDE: u32 = 32;
-/// Parts on a side of the view. A part is shown if one of those pixels lands in it.
+/// Parts on a side of the view. A part is covered if a pixel of the grid is projected into it.
 const PARTS: u32 = 8;
-/// Parts that it must show. What it does not show is searched from the far end of the scene, where other surfaces
-/// are found: after a turn by 10° of 58° views of terrain err more than from samples (`argus study history`: FLIP
-/// 0.082 and 0.081), after one by 5° less (0.078).
+/// Fewest covered parts of a frame that is used. Uncovered parts are searched from the far end of the scene, which may
+/// find other surfaces. `argus study history`, terrain, field of view 58°: FLIP is 0.081 from samples, 0.078 after a turn
+/// by 5°, 0.082 after a turn by 10°.
 const MIN_COVERED_PARTS: u32 = PARTS * PARTS * 15 / 16;
 
 impl Reprojection {
-    /// Of a view with these samples, where no more than so many frames begin one from the other.
+    /// The reprojection of a history into a view with these samples. At most `max_reprojections` frames in a row are
+    /// reprojected.
     ///
     /// # Errors
-    /// Why the history is of no use to it: a function of both and of nothing else.
+    /// Why the history cannot be used. The reason depends only on history and view.
     pub(crate) fn new(
         history: &Arc<History>,
         geometry: &ViewGeometry,
@@ -71,16 +72,16 @@ impl Reprojection {
         Ok(Self { history: history.clone(), face: *face, pixel_from_face, spacing, sources })
     }
 
-    /// Sub-pixels of the view from pixel to pixel of the history.
+    /// Distance of the history's pixels, in sub-pixels of the view.
     pub(crate) fn spacing(&self) -> f64 {
         self.spacing
     }
 
-    /// The pixels of a history that one piece of the view looks at; their words are appended to `words`. `projection` has all
-    /// but the image in it.
+    /// The dispatch that reprojects the history into one piece. Its pixels are appended to `words`. `projection` has the
+    /// fields of the cells.
     pub(crate) fn call(&self, projection: CellProjection, cell: u32, words: &mut Vec<u32>) -> Reproject {
         let [width, height] = self.history.size();
-        // As dense as the texels of samples are splatted.
+        // The density of splatted texels.
         let stride = (DENSITY * f64::from(cell) / self.spacing) as u32;
         let stride = stride.clamp(1, width.min(height));
         let first_word = words.len() as u32;
@@ -92,7 +93,7 @@ impl Reprojection {
         }
         let along = |side: u32| (side - first).div_ceil(stride);
         let pixel = pixel_of(&self.face);
-        // The middle of every stride-th pixel is the middle of a texel that is as many pixels wide.
+        // Every stride-th pixel is the centre of a texel `stride` pixels wide.
         let shift = f64::from(first) + 0.5 - 0.5 * f64::from(stride);
         let projection = self.pixel_from_face.projection(
             projection,
@@ -110,22 +111,22 @@ impl Reprojection {
     }
 }
 
-/// Extent of a pixel at depth 1.
+/// Width and height of a pixel at depth 1.
 fn pixel_of(face: &Face) -> DVec2 {
     2.0 * face.tan_half_fov / DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]))
 }
 
-/// Whether two samples were taken from one place, at whichever moment.
+/// Whether two samples have the same camera, at any epoch.
 fn same_camera(one: &SampleId, other: &SampleId) -> bool {
     (one.generation, one.index) == (other.generation, other.index)
 }
 
-/// What a view sees of an earlier frame.
+/// The part of a view that an earlier frame covers.
 #[derive(Debug, Default)]
 struct Overlap {
-    /// A bit for each part of the view that a pixel lands in. Sky lands where it lies, infinitely far.
+    /// One bit for each covered part. Sky is projected as infinitely far.
     parts: u64,
-    /// One of them is a surface's.
+    /// Whether a projected pixel is of a surface.
     surface: bool,
 }
 
@@ -143,7 +144,7 @@ fn overlap(history: &History, face: &Face, to: &PixelFromFace, size: DVec2) -> O
         let p = direction.extend(f64::from(History::inverse_range(word)) * direction.length());
         let w = to.w.dot(p);
         let part = DVec2::new(to.x.dot(p), to.y.dot(p)) / w / size * f64::from(PARTS);
-        // Written so that what is not a number is nowhere.
+        // False for NaN.
         let inside =
             w > 0.0 && part.cmpge(DVec2::ZERO).all() && part.cmplt(DVec2::splat(f64::from(PARTS))).all();
         if inside {

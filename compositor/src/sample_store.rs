@@ -1,4 +1,4 @@
-//! The samples that a compositor holds.
+//! The samples that a compositor holds on its device.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Weak};
@@ -15,15 +15,15 @@ use crate::pool::Pool;
 use crate::sample_upload::{SampleUpload, Submission, UploadContext};
 use crate::validate::class_of;
 
-/// One sample as it is held.
+/// A sample on the device.
 #[derive(Debug)]
 pub(crate) struct HeldSample {
-    /// What it was taken in from.
+    /// The sample that it was uploaded from.
     sample: Weak<Sample>,
     pub(crate) info: Arc<SampleSetInfo>,
     pub(crate) camera: SampleCamera,
     pub(crate) faces: Vec<Face>,
-    /// One a face.
+    /// One entry a face.
     pub(crate) tiles: Vec<FaceTiles>,
     /// Index of its pool.
     pub(crate) pool: usize,
@@ -39,38 +39,38 @@ fn within_memory(bytes: u64, knobs: &CompositorKnobs) -> Result<(), RenderError>
     Err(RenderError::OutOfMemory(reason))
 }
 
-/// Work after which a submission is waited for, in units of a copied texel: some 5 ms on the software driver.
+/// Work after which a submission is completed, in units of one copied texel: about 5 ms on the software driver.
 const WORTH_SUBMITTING: u64 = 1 << 21;
 
-/// Samples by id, and the texture arrays that they lie in.
+/// Samples by id, and their texture arrays.
 #[derive(Debug, Default)]
 pub(crate) struct SampleStore {
     held: BTreeMap<SampleId, Arc<HeldSample>>,
-    /// Samples on their way in.
+    /// Samples that are being uploaded.
     uploads: BTreeMap<SampleId, SampleUpload>,
-    /// Maps that samples' surfaces look up, and what they were taken in from.
+    /// Reflection probes, with the sample that they were uploaded from.
     probes: BTreeMap<SampleId, (Weak<Sample>, Arc<ReflectionProbes>)>,
-    /// `None` where a pool was emptied and its memory given back, so that indices stay.
+    /// `None` for a pool whose memory was freed, so that indices stay valid.
     pools: Vec<Option<Pool>>,
     bytes: u64,
-    /// Programs that samples have been taken in with.
+    /// Upload programs that have run before.
     used: BTreeSet<&'static str>,
 }
 
 impl SampleStore {
-    /// Surroundings that are held.
+    /// The reflection probes of an id.
     ///
     /// # Errors
-    /// [`RenderError::MissingSample`] for others.
+    /// [`RenderError::MissingSample`] if they are not held.
     pub(crate) fn probes(&self, id: SampleId) -> Result<Arc<ReflectionProbes>, RenderError> {
         self.probes.get(&id).map(|(_, maps)| maps.clone()).ok_or(RenderError::MissingSample(id))
     }
 
-    /// The samples of a plan, all of one set.
+    /// The samples of a plan.
     ///
     /// # Errors
-    /// [`RenderError::MissingSample`] for the first that is not held; [`RenderError::Invalid`] if they were
-    /// not taken together: of another scene, time or placement, or of another size or format.
+    /// [`RenderError::MissingSample`] for the first that is not held. [`RenderError::Invalid`] if they differ in scene,
+    /// epoch, generation, size or format.
     pub(crate) fn of_plan(&self, ids: &[SampleId]) -> Result<Vec<Arc<HeldSample>>, RenderError> {
         let find = |id: &SampleId| self.held.get(id).cloned().ok_or(RenderError::MissingSample(*id));
         let samples = ids.iter().map(find).collect::<Result<Vec<_>, _>>()?;
@@ -96,11 +96,11 @@ impl SampleStore {
         pool.ok_or_else(|| RenderError::Internal("a held sample has no pool".to_owned()))
     }
 
-    /// Takes samples in, all of them unless `is_over` says so between two steps; returns whether all are held. What was done of
-    /// them is kept.
+    /// Uploads samples until all are held or `is_over` returns true between two steps. Returns whether all are held. A
+    /// later call continues.
     ///
     /// # Errors
-    /// Those of [`argus_scene::Compositor::hold`]. None is held then but those that were, and surroundings.
+    /// The errors of [`argus_scene::Compositor::hold`]. Samples that were not held before are abandoned.
     pub(crate) fn hold(
         &mut self,
         context: &UploadContext<'_>,
@@ -110,7 +110,7 @@ impl SampleStore {
         let gone = self.uploads.iter().filter(|(_, upload)| upload.sample.strong_count() == 0);
         let gone: Vec<SampleId> = gone.map(|(id, _)| *id).collect();
         self.abandon(&gone);
-        // Of several with one id the last one counts.
+        // Of several samples with one id the last one is uploaded.
         let missing: BTreeMap<SampleId, &Arc<Sample>> =
             set.samples.iter().filter(|sample| !self.is_held(&set.info, sample)).map(|s| (s.id, s)).collect();
         let done = self.hold_missing(context, &set.info, &missing, is_over);
@@ -166,7 +166,7 @@ impl SampleStore {
         self.take_steps(context, &of_rig, is_over)
     }
 
-    /// Does the steps of samples that are on their way in.
+    /// Runs upload steps.
     fn take_steps(
         &mut self,
         context: &UploadContext<'_>,
@@ -178,7 +178,7 @@ impl SampleStore {
             while let Some(upload) = self.uploads.get_mut(&sample.id).filter(|upload| !upload.is_recorded()) {
                 let Some(pool) = &mut self.pools[upload.pool] else { break };
                 let program = upload.record(context, pool, sample, &mut submission)?;
-                // A driver makes machine code where a program is first used: not of several ones at once.
+                // Drivers compile a program at its first use, so a step with a new program ends the submission.
                 let is_new = program.is_some_and(|program| self.used.insert(program));
                 if is_new || submission.weight >= WORTH_SUBMITTING {
                     self.settle(std::mem::replace(&mut submission, Submission::new(context.gpu)))?;
@@ -192,7 +192,7 @@ impl SampleStore {
         Ok(true)
     }
 
-    /// Does what was recorded. Samples of which no step is left are held from then on.
+    /// Completes a submission. Samples without remaining steps become held.
     fn settle(&mut self, submission: Submission) -> Result<(), RenderError> {
         if submission.weight == 0 {
             return Ok(());
@@ -221,7 +221,7 @@ impl SampleStore {
         Ok(())
     }
 
-    /// Whether that very sample is held, in that set.
+    /// Whether this sample is held as part of this set.
     fn is_held(&self, info: &Arc<SampleSetInfo>, sample: &Arc<Sample>) -> bool {
         let is_it = |from: &Weak<Sample>| std::ptr::eq(from.as_ptr(), Arc::as_ptr(sample));
         let held = self.held.get(&sample.id).is_some_and(|held| is_it(&held.sample) && held.info == *info);
@@ -239,7 +239,7 @@ impl SampleStore {
         index
     }
 
-    /// Gives samples up that are on their way in.
+    /// Abandons the upload of samples.
     fn abandon(&mut self, ids: &[SampleId]) {
         for id in ids {
             if let Some(upload) = self.uploads.remove(id) {
@@ -248,7 +248,7 @@ impl SampleStore {
         }
     }
 
-    /// Makes the pyramids of samples of one plan that have none yet.
+    /// Builds the missing pyramids of the samples of one plan.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if the pyramids of all samples of their pool would not fit.
@@ -272,7 +272,7 @@ impl SampleStore {
         }
     }
 
-    /// Forgets samples, also those that are on their way in.
+    /// Releases samples, also those that are being uploaded.
     pub(crate) fn release(&mut self, ids: &[SampleId]) {
         self.abandon(ids);
         for id in ids {
@@ -289,7 +289,7 @@ impl SampleStore {
         self.held.get(&id).map_or(around, |held| self.layer_bytes(held.pool))
     }
 
-    /// Bytes of a sample of the pool of that index.
+    /// Bytes of one sample of a pool.
     fn layer_bytes(&self, pool: usize) -> u64 {
         self.pools[pool].as_ref().map_or(0, |pool| pool.class.layer_bytes())
     }
@@ -301,7 +301,7 @@ impl SampleStore {
         }
     }
 
-    /// Gives the memory of pools back that hold nothing.
+    /// Frees the memory of empty pools.
     pub(crate) fn trim(&mut self) {
         for pool in &mut self.pools {
             if pool.as_ref().is_some_and(Pool::is_empty) {
@@ -310,7 +310,7 @@ impl SampleStore {
         }
     }
 
-    /// Number of samples.
+    /// Number of samples, reflection probes included.
     pub(crate) fn len(&self) -> usize {
         self.held.len() + self.probes.len()
     }

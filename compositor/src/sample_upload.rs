@@ -1,8 +1,8 @@
-//! A sample on its way into the texture arrays, in steps of a few milliseconds each.
+//! Uploads a sample into texture arrays, in steps of a few milliseconds.
 //!
-//! Taking a sample of 6×512² texels in at once kept views waiting for 0.1 to 0.25 s on the software driver. So its work is
-//! listed as steps of at most [`STEP_TEXELS`]: rows of planes are copied, then rows of the display plane and its coarser levels
-//! are made, then the tiles of each face are bounded. Steps are recorded into one submission until it is worth its waiting.
+//! Uploading a sample of 6×512² texels at once delayed views by 0.1 to 0.25 s on the software driver. So the work is a
+//! list of steps of at most [`STEP_TEXELS`]: copy rows of planes, make rows of the display plane and of the coarser
+//! levels, bound the tiles of each face. Several steps share a submission.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -18,10 +18,10 @@ use crate::passes::bounds::BoundsPass;
 use crate::passes::mips::{MipScratch, MipsPass};
 use crate::pool::Pool;
 
-/// Texels of a step, at most; a face is not cut to bound its tiles.
+/// Most texels of a step. Bounding the tiles of a face is one step.
 const STEP_TEXELS: u32 = 1 << 18;
 
-/// What samples are taken in with.
+/// Device, passes and knobs of an upload.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct UploadContext<'a> {
     pub(crate) gpu: &'a Arc<Gpu>,
@@ -30,40 +30,40 @@ pub(crate) struct UploadContext<'a> {
     pub(crate) knobs: &'a CompositorKnobs,
 }
 
-/// A sample on its way in.
+/// A sample that is being uploaded.
 #[derive(Debug)]
 pub(crate) struct SampleUpload {
     pub(crate) info: Arc<SampleSetInfo>,
-    /// It is given up once nobody else has the sample.
+    /// The upload is abandoned once the sample is dropped elsewhere.
     pub(crate) sample: Weak<Sample>,
     /// Index of its pool.
     pub(crate) pool: usize,
     pub(crate) layer: u32,
     pub(crate) faces: Vec<Face>,
-    /// One a face, as far as they are known.
+    /// One entry a face; empty until it is bounded.
     pub(crate) tiles: Vec<FaceTiles>,
     left: VecDeque<Step>,
     scratch: Option<MipScratch>,
 }
 
-/// A part of the work.
+/// One step of an upload.
 #[derive(Debug, Clone, PartialEq)]
 enum Step {
-    /// Rows of a plane are copied into the layer.
+    /// Copies rows of a plane into the layer.
     Copy(PlaneKind, Range<u32>),
-    /// Rows of the finest level of the display plane are made.
+    /// Makes rows of the finest level of the display plane.
     DisplayRows(Range<u32>),
-    /// Rows of a coarser level of radiance, and of the display plane, are made.
+    /// Makes rows of a coarser level of radiance and of the display plane.
     Coarser(u32, Range<u32>),
-    /// The tiles of a face are bounded.
+    /// Bounds the tiles of a face.
     Bounds(usize),
 }
 
-/// Steps that are recorded and not submitted yet.
+/// Steps that are recorded and not yet submitted.
 #[derive(Debug)]
 pub(crate) struct Submission {
     commands: Commands,
-    /// Work so far, in units of a copied texel.
+    /// Work recorded so far, in units of one copied texel.
     pub(crate) weight: u64,
     bounds: Vec<(SampleId, usize, PendingReadback)>,
 }
@@ -73,7 +73,7 @@ impl Submission {
         Self { commands: gpu.commands("hold samples"), weight: 0, bounds: Vec::new() }
     }
 
-    /// Does what was recorded; returns the bounds of tiles by sample and face, as [`BoundsPass`] writes them.
+    /// Completes the steps. Returns the tile bounds by sample and face, in the format of [`BoundsPass`].
     ///
     /// # Errors
     /// Whatever the device fails with.
@@ -84,15 +84,15 @@ impl Submission {
     }
 }
 
-/// Rows from 0 to `height`, in parts of at most [`STEP_TEXELS`].
+/// Rows from 0 to `height` in bands of at most [`STEP_TEXELS`] texels.
 fn bands(width: u32, height: u32) -> impl Iterator<Item = Range<u32>> {
-    // Whole workgroups of 8 rows.
+    // A multiple of a workgroup's 8 rows.
     let rows = (STEP_TEXELS / width.max(1)).next_multiple_of(8).max(8);
     (0..height.div_ceil(rows)).map(move |i| i * rows..((i + 1) * rows).min(height))
 }
 
 impl SampleUpload {
-    /// Of a sample that has been validated, into a layer of the pool of that index.
+    /// Begins the upload of a validated sample into a layer of the pool with that index.
     pub(crate) fn new(
         info: &Arc<SampleSetInfo>,
         sample: &Arc<Sample>,
@@ -123,21 +123,21 @@ impl SampleUpload {
         })
     }
 
-    /// Whether it is of that sample in that set.
+    /// Whether this uploads that sample as part of that set.
     pub(crate) fn is_of(&self, info: &Arc<SampleSetInfo>, sample: &Arc<Sample>) -> bool {
         std::ptr::eq(self.sample.as_ptr(), Arc::as_ptr(sample))
             && (Arc::ptr_eq(&self.info, info) || self.info == *info)
     }
 
-    /// Whether no step is left.
+    /// Whether all steps are recorded.
     pub(crate) fn is_recorded(&self) -> bool {
         self.left.is_empty()
     }
 
-    /// Records the next step; returns the program that it runs, if any.
+    /// Records the next step. Returns the program that it runs, if any.
     ///
     /// # Errors
-    /// [`RenderError::Internal`] where planes are not what validation made sure of.
+    /// [`RenderError::Internal`] if planes do not fit the pool; validation excludes this.
     pub(crate) fn record(
         &mut self,
         context: &UploadContext<'_>,
@@ -190,13 +190,13 @@ impl SampleUpload {
         Ok(program)
     }
 
-    /// Takes in what the tiles of a face are bounded by.
+    /// Stores the tile bounds of a face.
     pub(crate) fn bound(&mut self, face: usize, bytes: &[u8]) {
         self.tiles[face] = BoundsPass::tiles(&self.faces[face], bytes);
     }
 }
 
-/// What a texel of other steps takes, in units of a copied texel; of the order of what the software driver takes.
+/// Cost of a texel by step, in units of one copied texel. Measured roughly on the software driver.
 const DISPLAY_WEIGHT: u64 = 8;
 const COARSER_WEIGHT: u64 = 16;
 const BOUNDS_WEIGHT: u64 = 4;

@@ -1,17 +1,17 @@
-//! What a sample must be to be held.
+//! Validates samples before they are uploaded.
 
 use argus_gpu::plane::device_texture;
 use argus_scene::{InvalidField, PlaneData, PlaneFormat, PlaneKind, RenderError, Sample, SampleCamera};
 
 use crate::arrays::PoolClass;
 
-/// Texels on a side that a splat's blocks can address.
+/// Most texels on a side that a splat's blocks can address.
 const MAX_SIDE: u32 = (1 << 14) - 1;
 
-/// The pool that a sample belongs to.
+/// The class of a sample.
 ///
 /// # Errors
-/// [`RenderError::Invalid`] that says which plane is at fault and why.
+/// [`RenderError::Invalid`] that names the invalid plane and the reason.
 pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
     let invalid = |reason: String| RenderError::from(InvalidField::new("sample.planes", reason));
     let omni = match sample.camera {

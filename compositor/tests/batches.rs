@@ -298,7 +298,7 @@ fn views_are_the_same_while_a_pool_grows_a_few_layers_at_a_time() {
 }
 
 #[test]
-fn the_plan_of_passes_says_what_is_on_and_why() {
+fn the_pass_plan_says_which_passes_run_and_why() {
     let on = |glossy: bool, search| {
         let set = garden_set(glossy);
         let compositor = compositor(&set);

@@ -102,7 +102,7 @@ fn the_low_bits_fall_with_the_difference_between_the_depth_and_the_samples_own()
 }
 
 #[test]
-fn the_ways_in_which_pixels_were_served_add_up_to_all_of_them() {
+fn the_counts_of_served_pixels_add_up_to_all_pixels() {
     let garden = Analytic::garden();
     let set = sample_set(&garden, &corners(), false, 1);
     let mut compositor = compositor(&set);

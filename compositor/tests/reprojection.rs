@@ -64,7 +64,7 @@ fn assert_of_no_use(compositor: &mut GpuCompositor, history: &Arc<History>, job:
 }
 
 #[test]
-fn from_the_frame_before_a_view_shows_what_it_shows_from_samples() {
+fn a_view_reprojected_from_the_previous_frame_shows_what_samples_show() {
     let (garden, set) = (Analytic::garden(), garden_set());
     let mut compositor = compositor(&set);
     let before = history_of(&mut compositor, &seeded(&set, here()));
@@ -83,7 +83,7 @@ fn from_the_frame_before_a_view_shows_what_it_shows_from_samples() {
 }
 
 #[test]
-fn frames_that_begin_one_from_the_other_begin_at_the_samples_now_and_then_and_do_not_drift() {
+fn reprojected_frames_restart_from_samples_regularly_and_do_not_drift() {
     let (garden, set) = (Analytic::garden(), garden_set());
     let max_reprojections = 5;
     let mut compositor =
@@ -105,7 +105,7 @@ fn frames_that_begin_one_from_the_other_begin_at_the_samples_now_and_then_and_do
 }
 
 #[test]
-fn other_searches_do_not_look_at_a_history() {
+fn searches_other_than_the_seeded_one_ignore_the_history() {
     let set = garden_set();
     let mut compositor = compositor(&set);
     let before = history_of(&mut compositor, &seeded(&set, here()));
@@ -115,7 +115,7 @@ fn other_searches_do_not_look_at_a_history() {
 }
 
 #[test]
-fn a_frame_that_looked_elsewhere_is_of_no_use() {
+fn a_frame_that_looked_elsewhere_is_not_reprojected() {
     let set = garden_set();
     let mut compositor = compositor(&set);
     let before = history_of(&mut compositor, &seeded(&set, here()));
@@ -130,7 +130,7 @@ fn a_frame_that_looked_elsewhere_is_of_no_use() {
 }
 
 #[test]
-fn a_frame_of_nothing_but_sky_is_of_no_use() {
+fn a_frame_of_sky_alone_is_not_reprojected() {
     let set = garden_set();
     let mut compositor = compositor(&set);
     let up =
@@ -142,7 +142,7 @@ fn a_frame_of_nothing_but_sky_is_of_no_use() {
 }
 
 #[test]
-fn a_frame_of_a_pixel_is_of_no_use() {
+fn a_frame_of_one_pixel_is_not_reprojected() {
     let set = garden_set();
     let mut compositor = compositor(&set);
     for size in [[1, 1], [1, 60], [4, 4]] {
@@ -152,7 +152,7 @@ fn a_frame_of_a_pixel_is_of_no_use() {
 }
 
 #[test]
-fn ranges_that_nobody_measured_leave_numbers() {
+fn invalid_ranges_in_a_history_leave_finite_frames() {
     let set = garden_set();
     let mut compositor = compositor(&set);
     let view = seeded(&set, here());
@@ -169,7 +169,7 @@ fn ranges_that_nobody_measured_leave_numbers() {
 }
 
 #[test]
-fn fields_of_view_sizes_and_supersampling_may_differ() {
+fn a_history_of_another_size_field_of_view_or_supersampling_is_reprojected() {
     let (garden, set) = (Analytic::garden(), garden_set());
     let mut compositor = compositor(&set);
     let before = history_of(&mut compositor, &seeded(&set, here()));
@@ -192,7 +192,7 @@ fn fields_of_view_sizes_and_supersampling_may_differ() {
 }
 
 #[test]
-fn samples_that_are_gone_are_the_first_of_the_new_plan() {
+fn history_pixels_of_released_samples_count_for_the_first_sample_of_the_plan() {
     let (garden, set) = (Analytic::garden(), garden_set());
     let mut compositor = compositor(&set);
     let mut view = seeded(&set, here());
@@ -231,7 +231,7 @@ fn a_history_at_a_million_metres_is_as_good_as_one_at_zero() {
 }
 
 #[test]
-fn neither_batch_nor_pieces_show() {
+fn batches_and_pieces_do_not_change_a_reprojected_frame() {
     let set = garden_set();
     let mut whole = compositor(&set);
     let before = history_of(&mut whole, &seeded(&set, here()));
@@ -257,7 +257,7 @@ fn neither_batch_nor_pieces_show() {
 }
 
 #[test]
-fn the_plan_of_passes_says_what_the_search_begins_from() {
+fn the_pass_plan_says_whether_a_search_starts_from_samples_or_a_frame() {
     let set = garden_set();
     let mut compositor = compositor(&set);
     let before = history_of(&mut compositor, &seeded(&set, here()));

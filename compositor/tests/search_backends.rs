@@ -1,4 +1,4 @@
-//! The compute twin of each search writes the bytes that its fragment program does, and the faster is found.
+//! The fragment and compute programs of each search write equal bytes, and autotuning finds the faster.
 
 mod common;
 
@@ -39,7 +39,7 @@ fn views(set: &SampleSet, search: Search) -> Vec<ViewJob> {
 }
 
 #[test]
-fn the_twins_of_every_search_write_equal_bytes() {
+fn the_fragment_and_compute_programs_of_every_search_write_equal_bytes() {
     for set in [pinholes(false), pinholes(true), cubes(false), cubes(true)] {
         let knobs = |search_backend| CompositorKnobs { search_backend, ..CompositorKnobs::default() };
         let mut fragment = compositor_with(&set, knobs(SearchBackend::Fragment));
@@ -63,7 +63,7 @@ fn the_twins_of_every_search_write_equal_bytes() {
 }
 
 #[test]
-fn which_twin_is_the_faster_is_found_on_real_batches_and_never_shows() {
+fn the_faster_program_is_chosen_on_real_batches_and_frames_stay_equal() {
     let set = pinholes(false);
     let mut compositor = compositor(&set);
     let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO);

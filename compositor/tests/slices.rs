@@ -1,4 +1,4 @@
-//! Samples that are taken up in slices, with other work between.
+//! Samples that are uploaded in slices, with other work in between.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod common;
@@ -35,7 +35,7 @@ fn composed(compositor: &mut GpuCompositor, view: &ViewJob) -> Vec<u8> {
 }
 
 #[test]
-fn a_sample_taken_up_in_slices_shows_what_one_taken_up_at_once_shows() {
+fn a_sample_uploaded_in_slices_gives_the_frames_of_one_uploaded_at_once() {
     let (set, view) = garden();
     let expected = composed(&mut compositor(&set), &view);
     let mut compositor = impatient();
@@ -89,7 +89,7 @@ fn a_view_that_needs_a_sample_at_once_gets_the_rest_of_it_done() {
 }
 
 #[test]
-fn a_sample_that_is_given_up_half_way_leaves_nothing() {
+fn an_upload_that_is_abandoned_half_way_leaves_nothing() {
     let (set, view) = garden();
     let expected = composed(&mut compositor(&set), &view);
     let other = || Arc::new(Sample { id: id(50), ..(*set.samples[0]).clone() });
@@ -118,7 +118,7 @@ fn a_sample_that_is_given_up_half_way_leaves_nothing() {
 }
 
 #[test]
-fn making_programs_ready_changes_no_view() {
+fn preparing_pipelines_changes_no_frame() {
     let (set, view) = garden();
     let expected = composed(&mut compositor(&set), &view);
     let mut compositor = compositor(&set);

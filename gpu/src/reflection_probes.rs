@@ -36,11 +36,11 @@ impl ReflectionProbes {
         let invalid = |reason: String| RenderError::from(InvalidField::new("sample.planes", reason));
         let SampleCamera::Omni { center, layout: OmniLayout::Surroundings { side, count } } = sample.camera
         else {
-            return Err(InvalidField::new("sample.camera", "is none of reflection probes").into());
+            return Err(InvalidField::new("sample.camera", "must be of reflection probes").into());
         };
         let most = gpu.device.limits().max_texture_array_layers;
         if count > most {
-            let reason = format!("{count} maps of reflection probes, and this device has {most} layers");
+            let reason = format!("{count} reflection probes, and this device has {most} layers");
             return Err(RenderError::OutOfMemory(reason));
         }
         let host = |kind: PlaneKind, format: PlaneFormat| -> Result<(&Plane, &Bytes), RenderError> {

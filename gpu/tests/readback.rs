@@ -23,7 +23,7 @@ fn buffers_come_back_whole_and_in_part_and_of_odd_length() {
         let mut finished = commands.submit().wait().unwrap();
         assert_eq!(finished.take(whole)[..101], data);
         assert_eq!(finished.take(part)[..], data[8..16]);
-        assert!(finished.take(part).is_empty(), "a pending is good for one result");
+        assert!(finished.take(part).is_empty(), "a readback has one result");
     }
 }
 

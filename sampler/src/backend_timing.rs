@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_slower_way_takes_longer_and_errors_pass() {
+    fn a_slower_backend_is_measured_as_slower_and_errors_propagate() {
         for (slow, fast) in [(Visibility::Raster, Visibility::Cpu), (Visibility::Cpu, Visibility::Raster)] {
             let times = measure::<()>(&[Visibility::Raster, Visibility::Cpu], |backend| {
                 std::thread::sleep(Duration::from_millis(if backend == slow { 30 } else { 1 }));

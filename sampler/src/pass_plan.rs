@@ -81,12 +81,12 @@ pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs
     ]
 }
 
-/// Maps around what mirrors the scene.
+/// Reflection probes.
 fn probes(scene: &Scene, glossy: bool) -> PassPlan {
     let count = if glossy { scene.reflectors(u32::MAX).len() } else { 0 };
     let why = match count {
-        0 => "nothing probes what is around it".to_owned(),
-        count => format!("{count} things mirror what is around them, in sets with reflections"),
+        0 => "no surface is reflective".to_owned(),
+        count => format!("{count} reflective objects, in sets with reflections"),
     };
     PassPlan { name: "reflection probes", on: count > 0, why }
 }

@@ -132,8 +132,7 @@ impl GpuSampler {
         let around: Vec<_> = around.into_iter().map(|id| self.render_probe_sample(job, id, cancel)).collect();
         // In the order that they were asked for.
         let (mut of_rig, mut around) = (of_rig.into_iter(), around.into_iter());
-        let missing =
-            || Err(RenderError::Internal("a sample was neither rendered nor to_render_error".to_owned()));
+        let missing = || Err(RenderError::Internal("a sample was neither rendered nor refused".to_owned()));
         let next = |id: &SampleId| if id.is_surroundings() { around.next() } else { of_rig.next() };
         job.ids.iter().map(next).map(|sample| sample.unwrap_or_else(missing)).collect()
     }

@@ -1,5 +1,4 @@
-//! Program: `shaders/compositor/bounds.wgsl`. Finds the nearest and the farthest surface of each tile of samples
-//! that are taken in.
+//! Program: `shaders/compositor/bounds.wgsl`. Computes the least and greatest inverse range of each tile of a sample.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, wgpu};
 use argus_scene::camera::Face;
@@ -9,7 +8,7 @@ use argus_shaders::layout::compositor::TileBounds;
 use crate::cull::{FaceTiles, tile_side};
 use crate::pool::Pool;
 
-/// The pass, run once a face of a sample.
+/// One dispatch a face of a sample, when the sample is uploaded.
 #[derive(Debug)]
 pub(crate) struct BoundsPass {
     pipeline: ComputePipeline,
@@ -20,7 +19,7 @@ impl BoundsPass {
         Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::BOUNDS, "bound_tile") }
     }
 
-    /// Bounds the tiles of a face of the sample in a layer; what the ticket brings back is for [`Self::tiles`].
+    /// Bounds the tiles of a face of the sample in a layer. [`Self::tiles`] decodes the bytes that are read back.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
@@ -52,7 +51,7 @@ impl BoundsPass {
         Ok(commands.read_buffer(&tiles, 0..bytes))
     }
 
-    /// The tiles of a face, from what was brought back.
+    /// Decodes the tiles of a face from the bytes that were read back.
     pub(crate) fn tiles(face: &Face, bytes: &[u8]) -> FaceTiles {
         let [columns, rows] = tiles_of(face);
         let float = |four: &[u8]| f32::from_le_bytes([four[0], four[1], four[2], four[3]]);
@@ -62,7 +61,7 @@ impl BoundsPass {
     }
 }
 
-/// Columns and rows of a face's tiles.
+/// Number of a face's tiles: columns, rows.
 fn tiles_of(face: &Face) -> [u32; 2] {
     face.size.map(|side| side.div_ceil(tile_side(face)))
 }

@@ -1,15 +1,15 @@
-//! Program: `shaders/compositor/build_pyramid.wgsl`. Makes the pyramid of a sample's nearest surfaces.
+//! Program: `shaders/compositor/build_pyramid.wgsl`. Builds the pyramid of a sample's nearest surfaces.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::compositor::BuildPyramid;
 
-/// The pass: a dispatch a sample, once.
+/// One dispatch a sample, when a pyramid search first reads it.
 #[derive(Debug)]
 pub(crate) struct BuildPyramidPass {
     pipeline: ComputePipeline,
 }
 
-/// Texels on a side of what a workgroup halves again and again, to a single cell.
+/// Texels on a side of the tile that a workgroup reduces to one cell.
 pub(crate) const TILE: u32 = 64;
 
 impl BuildPyramidPass {
@@ -17,7 +17,7 @@ impl BuildPyramidPass {
         Self { pipeline: gpu.compute_pipeline(&argus_shaders::compositor::BUILD_PYRAMID, "build_tile") }
     }
 
-    /// Makes the levels of the sample of `size` texels that is in this layer.
+    /// Builds all levels of the sample in a layer. `size` is in texels.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,

@@ -1,10 +1,10 @@
-//! Program: `shaders/compositor/fill.wgsl`. Closes the gaps between cells of one surface.
+//! Program: `shaders/compositor/fill.wgsl`. Fills gaps between cells of one surface.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu};
 
 use crate::chunk::ChunkInputs;
 
-/// The pass: one dispatch a piece.
+/// One dispatch a piece.
 #[derive(Debug)]
 pub(crate) struct FillPass {
     pipeline: ComputePipeline,

@@ -1,5 +1,5 @@
-//! Program: `shaders/compositor/fixed_point.wgsl`. Fixed-point iteration for each pixel, a linear search where it does
-//! not settle.
+//! Program: `shaders/compositor/fixed_point.wgsl`. Searches each pixel's depth by fixed-point iteration, or linearly
+//! where that does not converge.
 
 use argus_gpu::{Commands, Gpu};
 use argus_scene::RenderError;
@@ -7,12 +7,12 @@ use argus_scene::RenderError;
 use crate::draw_batch::DrawBatch;
 use crate::search_pipelines::SearchPipelines;
 
-/// The pass: one draw a piece.
+/// One draw a piece.
 #[derive(Debug)]
 pub(crate) struct FixedPointPass(SearchPipelines);
 
 impl FixedPointPass {
-    /// Its row in the timing table.
+    /// Row in the timing table.
     pub(crate) const NAME: &str = "iterate views";
 
     pub(crate) fn new() -> Self {

@@ -1,4 +1,4 @@
-//! Program: `shaders/compositor/highlight.wgsl`. Adds what a viewer alone sees of glossy surfaces.
+//! Program: `shaders/compositor/highlight.wgsl`. Adds view-dependent reflection to glossy pixels.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use argus_scene::RenderError;
 use crate::draw_batch::{DrawBatch, NamedBinding, Variant};
 use crate::passes::mend::groups;
 
-/// The pass: one dispatch a piece, after its left-over pixels are listed.
+/// One dispatch a piece, after the mend pass has listed its glossy pixels.
 #[derive(Debug, Default)]
 pub(crate) struct HighlightPass(BTreeMap<Variant, ComputePipeline>);
 

@@ -1,4 +1,4 @@
-//! Program: `shaders/compositor/linear.wgsl`. The cluster paper's search, and the fetch at what it found.
+//! Program: `shaders/compositor/linear.wgsl`. The linear search of the cluster paper (section 4.2).
 
 use argus_gpu::{Commands, Gpu};
 use argus_scene::RenderError;
@@ -6,12 +6,12 @@ use argus_scene::RenderError;
 use crate::draw_batch::DrawBatch;
 use crate::search_pipelines::SearchPipelines;
 
-/// The pass: one draw a piece.
+/// One draw a piece.
 #[derive(Debug)]
 pub(crate) struct LinearPass(SearchPipelines);
 
 impl LinearPass {
-    /// Its row in the timing table.
+    /// Row in the timing table.
     pub(crate) const NAME: &str = "search views";
 
     pub(crate) fn new() -> Self {

@@ -1,5 +1,5 @@
-//! Programs: `shaders/compositor/collect.wgsl` and `mend.wgsl`. Lists the pixels that the warp left over, and tries them in
-//! all samples.
+//! Programs: `shaders/compositor/collect.wgsl` and `mend.wgsl`. Lists the pixels that the warp did not settle, and looks
+//! them up in all samples.
 
 use std::collections::BTreeMap;
 
@@ -8,26 +8,26 @@ use argus_scene::RenderError;
 
 use crate::draw_batch::{DrawBatch, NamedBinding, Variant};
 
-/// The pass: two dispatches a piece, the list and what is done with it.
+/// Two dispatches a piece: list the pixels, then look them up.
 #[derive(Debug, Default)]
 pub(crate) struct MendPass {
-    /// By whether sub-pixels are linear.
+    /// By [`Variant::linear`].
     collect: BTreeMap<bool, ComputePipeline>,
     mend: BTreeMap<Variant, ComputePipeline>,
 }
 
-/// Invocations of a workgroup; the programs', held to them by test.
+/// Invocations of a workgroup, as the programs declare.
 const GROUP: u32 = 64;
 
-/// The most of them.
+/// Most workgroups of a dispatch.
 const GROUPS: u32 = 16;
 
-/// Places of a list beside one a pixel: two counts an invocation, and what is rounded up.
+/// Words of a piece's list beside one a pixel: two counters an invocation, and rounding.
 pub(crate) const COUNTER_WORDS: u32 = 3 * GROUP * GROUPS;
 
-/// Workgroups that share a piece's list on this device.
+/// Workgroups of a dispatch on this device.
 pub(crate) fn groups(gpu: &Gpu) -> u32 {
-    // The software driver runs them one after another, and even those that find nothing to do are not free.
+    // The software driver runs workgroups one after another, and an idle one still costs time.
     if gpu.is_software() { 1 } else { GROUPS }
 }
 

@@ -1,5 +1,4 @@
-//! Program: `shaders/compositor/mips.wgsl`. Coarser levels of samples' radiance, for views that are coarser than they, and
-//! the display plane.
+//! Program: `shaders/compositor/mips.wgsl`. Makes the mip levels of a sample's radiance and its display plane.
 
 use std::ops::Range;
 
@@ -10,15 +9,15 @@ use bytemuck::Zeroable as _;
 
 use crate::pool::Pool;
 
-/// The pass, run once a sample in a few steps.
+/// A few dispatches a sample, when the sample is uploaded.
 #[derive(Debug)]
 pub(crate) struct MipsPass {
-    /// Shared exponents, and halves.
+    /// By format of radiance: shared exponent, half floats.
     pipelines: [ComputePipeline; 2],
     display_rows: ComputePipeline,
 }
 
-/// Bytes that rows of a copy between buffer and texture are aligned to.
+/// Alignment of rows in copies between buffer and texture, bytes.
 const ROW: u32 = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT;
 
 impl MipsPass {
@@ -29,7 +28,8 @@ impl MipsPass {
         Self { pipelines: [pipeline(0.0), pipeline(1.0)], display_rows }
     }
 
-    /// Makes rows of the finest level of a layer's display plane for an exposure (radiance to display-linear).
+    /// Makes rows of the finest level of a layer's display plane. `exposure` is the factor from radiance to
+    /// display-linear.
     pub(crate) fn display_rows(
         &self,
         commands: &mut Commands,
@@ -50,7 +50,7 @@ impl MipsPass {
         Ok(())
     }
 
-    /// Makes rows of a coarser level of a layer's radiance and of its display plane, of which the next finer one is there.
+    /// Makes rows of a coarser level of a layer's radiance and display plane. The next finer level must exist.
     #[expect(clippy::too_many_arguments, reason = "a level's rows of a sample")]
     pub(crate) fn coarser(
         &self,
@@ -111,17 +111,18 @@ impl MipsPass {
     }
 }
 
-/// What all programs are told of a layer.
+/// The immediates that all programs share.
 fn of_layer(pool: &Pool, layer: u32, exposure: f32) -> Mips {
     Mips { size: pool.class.size, layer, exposure, glossy: u32::from(pool.class.glossy), ..Mips::zeroed() }
 }
 
-/// The specular plane. Where there is none, not the radiance in its place as in other passes: a level of it is written to here.
+/// The specular plane, or inverse range if there is none. Radiance cannot stand in, because this pass writes one of its
+/// levels.
 fn specular(pool: &Pool) -> Result<&wgpu::TextureView, RenderError> {
     pool.view(PlaneKind::Specular).or_else(|_| pool.view(PlaneKind::InverseRange))
 }
 
-/// What coarser levels of one sample are made in.
+/// Scratch buffers for the coarser levels of one sample.
 #[derive(Debug)]
 pub(crate) struct MipScratch {
     ranges: wgpu::Buffer,
@@ -129,19 +130,19 @@ pub(crate) struct MipScratch {
     levels: Vec<Level>,
 }
 
-/// Where a level lies in the scratch buffers; the finest lies nowhere.
+/// Position of a level in the scratch buffers. The finest level is not in them.
 #[derive(Debug)]
 struct Level {
     size: [u32; 2],
-    /// Of its inverse ranges.
+    /// Index of its first inverse range.
     first_range: u32,
     first_byte: u32,
-    /// Bytes from row to row.
+    /// Bytes from one row to the next.
     pitch: u32,
 }
 
 impl MipScratch {
-    /// For the samples of a pool.
+    /// Scratch buffers for the samples of a pool.
     pub(crate) fn new(gpu: &Gpu, pool: &Pool) -> Self {
         let texel_bytes = pool.class.radiance.texel_bytes() as u32;
         let (mut ranges, mut bytes) = (0, 0);

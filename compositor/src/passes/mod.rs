@@ -1,4 +1,4 @@
-//! One file a pass; the first line of each names its program.
+//! The passes, one file each. The first line of a file names its program.
 
 pub(crate) mod bounds;
 pub(crate) mod build_pyramid;

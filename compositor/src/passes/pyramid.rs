@@ -1,4 +1,4 @@
-//! Program: `shaders/compositor/pyramid.wgsl`. Follows each pixel's ray through pyramids of the samples' nearest
+//! Program: `shaders/compositor/pyramid.wgsl`. Marches each pixel's ray through pyramids of the samples' nearest
 //! surfaces.
 
 use argus_gpu::{Commands, Gpu};
@@ -7,12 +7,12 @@ use argus_scene::RenderError;
 use crate::draw_batch::{DrawBatch, NamedBinding};
 use crate::search_pipelines::SearchPipelines;
 
-/// The pass: one draw a piece.
+/// One draw a piece.
 #[derive(Debug)]
 pub(crate) struct PyramidPass(SearchPipelines);
 
 impl PyramidPass {
-    /// Its row in the timing table.
+    /// Row in the timing table.
     pub(crate) const NAME: &str = "follow rays";
 
     pub(crate) fn new() -> Self {

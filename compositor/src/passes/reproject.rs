@@ -1,17 +1,17 @@
-//! Program: `shaders/compositor/reproject.wgsl`. Leaves the depth of an earlier frame's pixels in the cells of views.
+//! Program: `shaders/compositor/reproject.wgsl`. Projects the pixels of an earlier frame into the cells of a view.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu};
 
 use crate::chunk::ChunkInputs;
 
-/// The pass: one dispatch a piece.
+/// One dispatch a piece.
 #[derive(Debug)]
 pub(crate) struct ReprojectPass {
     pipeline: ComputePipeline,
 }
 
 impl ReprojectPass {
-    /// Its row in the timing table.
+    /// Row in the timing table.
     pub(crate) const NAME: &str = "reproject frames";
 
     pub(crate) fn new(gpu: &Gpu) -> Self {

@@ -7,10 +7,10 @@ use crate::batch::Batch;
 use crate::layout::Chunk;
 use crate::targets::{CONFIDENCE_FORMAT, ChunkTargets, RANGE_FORMAT, SRGB_FORMAT};
 
-/// The pass: one draw a piece.
+/// One draw a piece.
 #[derive(Debug)]
 pub(crate) struct ResolvePass {
-    /// Without confidence, and with it.
+    /// Without and with confidence.
     pipelines: [RenderPipeline; 2],
 }
 

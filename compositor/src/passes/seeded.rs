@@ -1,4 +1,5 @@
-//! Program: `shaders/compositor/seeded.wgsl`. Fixed-point steps from what a coarse splat left.
+//! Program: `shaders/compositor/seeded.wgsl`. Fixed-point iteration from the depths of a coarse splat or of an earlier
+//! frame.
 
 use argus_gpu::{Commands, Gpu};
 use argus_scene::RenderError;
@@ -6,12 +7,12 @@ use argus_scene::RenderError;
 use crate::draw_batch::{DrawBatch, NamedBinding};
 use crate::search_pipelines::SearchPipelines;
 
-/// The pass: one draw a piece.
+/// One draw a piece.
 #[derive(Debug)]
 pub(crate) struct SeededPass(SearchPipelines);
 
 impl SeededPass {
-    /// Its row in the timing table.
+    /// Row in the timing table.
     pub(crate) const NAME: &str = "refine views";
 
     pub(crate) fn new() -> Self {

@@ -1,4 +1,4 @@
-//! Program: `shaders/compositor/sky_mask.wgsl`. Finds the cells that show the sky.
+//! Program: `shaders/compositor/sky_mask.wgsl`. Marks cells that show the sky.
 
 use std::collections::BTreeMap;
 
@@ -8,15 +8,15 @@ use argus_shaders::layout::compositor::SkyMask;
 
 use crate::draw_batch::DrawBatch;
 
-/// The pass: one dispatch a piece. Its pipelines are by whether samples are cubes.
+/// One dispatch a piece. Pipelines by whether samples are cubes.
 #[derive(Debug, Default)]
 pub(crate) struct SkyMaskPass(BTreeMap<bool, ComputePipeline>);
 
-/// Sub-pixels on the edge of a block that one ray is followed for.
+/// Sub-pixels along the edge of the block that one ray is tested for.
 const BLOCK: u32 = 4;
 
 impl SkyMaskPass {
-    /// Looks at the cells of pieces.
+    /// Tests the empty cells of all pieces.
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,

@@ -1,4 +1,4 @@
-//! Program: `shaders/compositor/splat.wgsl`. Leaves the depth of samples' texels in the cells of views.
+//! Program: `shaders/compositor/splat.wgsl`. Projects the texels of samples into the cells of a view.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu};
 use argus_scene::{PlaneKind, RenderError};
@@ -7,23 +7,23 @@ use argus_shaders::layout::compositor::Splat;
 use crate::chunk::ChunkInputs;
 use crate::pool::Pool;
 
-/// The pass: one dispatch a view, sample and face.
+/// One dispatch a view, sample and face.
 #[derive(Debug)]
 pub(crate) struct SplatPass {
     points: ComputePipeline,
     squares: ComputePipeline,
 }
 
-/// What one dispatch reads beside the samples.
+/// One dispatch.
 #[derive(Debug)]
 pub(crate) struct SplatCall {
     pub(crate) splat: Splat,
     pub(crate) block_count: u32,
-    /// Whether their texels lie farther apart than cells.
+    /// Whether texels are farther apart than cells, so that they are splatted as squares.
     pub(crate) sparse: bool,
 }
 
-/// Workgroups that a device takes in one dimension; a splat has one a block.
+/// Most workgroups of a dispatch in one dimension. A splat has one a block of texels.
 const MAX_GROUPS: u32 = 65_535;
 
 impl SplatPass {

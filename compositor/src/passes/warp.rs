@@ -1,4 +1,4 @@
-//! Program: `shaders/compositor/warp.wgsl`. Fetches each pixel's colour at the depth that was splatted for it.
+//! Program: `shaders/compositor/warp.wgsl`. Fetches each pixel's colour at its splatted depth.
 
 use argus_gpu::{Commands, Gpu};
 use argus_scene::RenderError;
@@ -6,12 +6,12 @@ use argus_scene::RenderError;
 use crate::draw_batch::{DrawBatch, NamedBinding};
 use crate::search_pipelines::SearchPipelines;
 
-/// The pass: one draw a piece.
+/// One draw a piece.
 #[derive(Debug)]
 pub(crate) struct WarpPass(SearchPipelines);
 
 impl WarpPass {
-    /// Its row in the timing table.
+    /// Row in the timing table.
     pub(crate) const NAME: &str = "warp views";
 
     pub(crate) fn new() -> Self {

@@ -125,7 +125,7 @@ impl ManyViews {
     /// [`HierarchyError::OutOfRange`] where views share maps: what is one's own is another's to see.
     pub fn cull_own_nodes(&mut self, owners: NodeOwners) -> Result<(), HierarchyError> {
         if self.knobs.sharing {
-            let range = "off where views leave out what is their owners".to_owned();
+            let range = "off where views cull their own nodes".to_owned();
             return Err(HierarchyError::OutOfRange { field: "sharing", range, value: "on".to_owned() });
         }
         if self.owners.is_none() {
@@ -248,7 +248,7 @@ impl ManyViews {
     /// A fault of the device.
     pub fn read_map_centers(&self) -> Result<Vec<DVec3>, HierarchyError> {
         let size = u64::from(self.maps.capacity) * 16;
-        let mut commands = self.gpu.commands("map_centers of maps");
+        let mut commands = self.gpu.commands("map centres");
         let pending = commands.read_buffer(&self.views.maps, 0..size.min(self.views.maps.size()));
         let words: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&commands.submit().wait()?.take(pending)[..]);
         let world = |w: &[f32; 4]| self.octree.root.world_from_unit(Vec3::new(w[0], w[1], w[2]).as_dvec3());

@@ -90,7 +90,7 @@ impl ViewOctree {
             links: gpu.buffer("links of view nodes", nodes * 16, usage),
             node_maps: gpu.buffer("maps of view nodes", nodes * 8, usage),
             leaf_of_view: gpu.buffer("leaves of views", u64::from(capacity) * 4, usage),
-            maps: gpu.buffer("map_centers of maps", maps * 16, usage),
+            maps: gpu.buffer("map centres", maps * 16, usage),
             map_levels: gpu.buffer("maps of levels", 11 * 8, usage),
             nodes: LevelBuffers::new(gpu, sorted, if depth == 0 { 1 } else { nodes }),
             heads: gpu.buffer("heads", heads * 4, usage),

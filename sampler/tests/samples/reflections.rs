@@ -39,7 +39,7 @@ fn judged(name: &str, scene: &Arc<Scene>, camera: Camera, time_secs: f64) -> (f6
 }
 
 #[test]
-fn things_show_the_room_and_each_other_wherever_they_have_moved() {
+fn reflectors_show_the_room_and_each_other_after_they_moved() {
     let scene = Arc::new(mirrors(7));
     let camera = scene.cameras[0].camera;
     for (name, time_secs) in [("mirrors", 0.0), ("mirrors-moved", 2.0)] {
@@ -84,7 +84,7 @@ fn smooth_rough_and_glass_balls_show_what_rays_show() {
 }
 
 #[test]
-fn a_million_metres_away_things_show_the_same() {
+fn reflections_are_the_same_a_million_metres_away() {
     let far = DVec3::new(1e6, -1e6, 1e6);
     let [near, moved] = [DVec3::ZERO, far].map(|center| {
         let scene = room_with_a_ball(center, chrome(0.0));
@@ -104,7 +104,7 @@ fn surroundings_of(scene: &Arc<Scene>, reflections: Option<Surroundings>) -> Sam
 }
 
 #[test]
-fn a_thing_is_left_out_of_its_own_map_and_the_walls_are_where_they_are() {
+fn a_reflector_is_culled_from_its_own_probe_and_walls_have_their_range() {
     let scene = room_with_a_ball(DVec3::new(5.0, 0.0, 0.0), chrome(0.0));
     let maps = maps(&scene).unwrap();
     assert_eq!(maps.count, 1);
@@ -129,7 +129,7 @@ fn a_thing_is_left_out_of_its_own_map_and_the_walls_are_where_they_are() {
 }
 
 #[test]
-fn levels_blur_and_keep_what_there_is_of_light() {
+fn levels_of_a_probe_blur_and_keep_its_light() {
     let scene = room_with_a_ball(DVec3::ZERO, chrome(0.0));
     let maps = maps(&scene).unwrap();
     let found = sample(&mut sampler(&scene), &surroundings_of(&scene, Some(maps)));
@@ -177,7 +177,7 @@ fn pixels_of_a_list_and_samples_asked_for_again_are_the_same() {
 }
 
 #[test]
-fn maps_of_a_moment_are_the_same_whichever_moments_came_before() {
+fn probes_of_a_time_do_not_depend_on_earlier_times() {
     let scene = Arc::new(mirrors(5));
     let at = |epoch| {
         let job = surroundings_of(&scene, maps(&scene));
@@ -195,7 +195,7 @@ fn maps_of_a_moment_are_the_same_whichever_moments_came_before() {
 }
 
 #[test]
-fn a_sample_says_which_map_its_surfaces_look_up() {
+fn a_reflector_plane_names_the_probe_of_each_surface() {
     let scene = Arc::new(mirrors(5));
     let eye = DVec3::new(0.0, 2.4, 3.5);
     let rig = omni_rig(eye, 64);
@@ -220,7 +220,7 @@ fn a_sample_says_which_map_its_surfaces_look_up() {
 }
 
 #[test]
-fn what_a_scene_does_not_have_is_refused_by_name() {
+fn probes_that_a_scene_does_not_have_are_refused_by_field() {
     let scene = Arc::new(mirrors(5));
     let refused = |reflections| {
         let found =

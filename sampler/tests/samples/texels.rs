@@ -140,7 +140,7 @@ fn a_texel_has_the_range_of_its_central_ray() {
 }
 
 #[test]
-fn samples_that_were_seen_in_two_ways_differ_along_edges_alone() {
+fn samples_of_two_visibility_backends_differ_only_along_edges() {
     let scene = Arc::new(argus_scene::procedural::terrain(20_000));
     let rig = corner_rig(scene.bounds(), [128, 96]);
     let [raster, cpu] = [Visibility::Raster, Visibility::Cpu].map(|visibility| {

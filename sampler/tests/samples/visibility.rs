@@ -52,7 +52,7 @@ fn cameras(scene: &Scene) -> Vec<Camera> {
 }
 
 #[test]
-fn a_sample_that_gives_way_between_its_parts_is_the_same_bytes() {
+fn a_sample_rendered_in_slices_has_the_same_bytes() {
     let scene = Arc::new(procedural::terrain(5000));
     let mut sampler = sampler_with(&scene, SamplerKnobs::default());
     let mut other = sampler_with(&scene, SamplerKnobs::default());
@@ -244,7 +244,7 @@ fn no_pixels_cost_nothing_and_a_pixel_beyond_the_view_is_refused() {
 }
 
 #[test]
-fn each_way_is_measured_and_a_frame_says_which_it_was_seen_by() {
+fn every_visibility_backend_is_measured_and_frames_name_theirs() {
     let scene = Arc::new(procedural::terrain(20_000));
     let mut sampler = sampler_with(&scene, SamplerKnobs::default());
     let rig = Rig::for_scene(&scene, &RigKnobs::default()).unwrap();
