@@ -1,5 +1,5 @@
-// Program of compositor/src/bare_fetch.rs: one nearest colour fetch a pixel, shown as the searches show theirs, of
-// the texel that lies where the pixel does. No reconstruction can be cheaper.
+// Program of compositor/src/bare_fetch.rs: one nearest colour fetch a pixel, at the pixel's own position in the first
+// sample. No reconstruction can be cheaper.
 
 import package::shared::fetch::{nearest, radiance, view};
 import package::shared::pixel::{LinearOutput, SrgbOutput, corner_of_target, encoded};

@@ -1,5 +1,5 @@
-// Program of compositor/src/passes/bounds.rs: the nearest and the farthest surface in each tile of a sample, so
-// that tiles outside of a view are never splatted.
+// Program of compositor/src/passes/bounds.rs: the least and greatest inverse range of each tile of a sample. With them
+// the host culls tiles outside a view.
 
 struct TileBounds {
     face_offset: vec2u,
@@ -8,14 +8,14 @@ struct TileBounds {
     first_tile: u32,
     tile_columns: u32,
     tile_rows: u32,
-    // Texels on the edge of a tile.
+    // Texels on a side of a tile.
     tile_side: u32,
 }
 
 var<immediate> face: TileBounds;
 
 @group(0) @binding(0) var inverse_range: texture_2d_array<f32>;
-// Least and greatest inverse range of a tile's surfaces; 0 and 0 where it shows none.
+// Least and greatest inverse range of each tile; 0 and 0 for a tile without surfaces.
 @group(0) @binding(1) var<storage, read_write> tiles: array<vec2f>;
 
 @compute @workgroup_size(8, 8)
@@ -26,7 +26,7 @@ fn bound_tile(@builtin(global_invocation_id) id: vec3u) {
     var least = 0.0;
     var most = 0.0;
     let side = face.tile_side;
-    // Not the bare immediate, see `runtime_bound` in shared/fetch.wgsl.
+    // The bound is no bare immediate: see `runtime_bound` in shared/fetch.wgsl.
     for (var i = 0u; i < min(side * side, arrayLength(&tiles) * 0x1000u); i++) {
         let texel = id.xy * side + vec2u(i % side, i / side);
         let inside = all(texel < face.face_size);

@@ -1,11 +1,11 @@
-// Program of compositor/src/passes/build_pyramid.rs: the pyramid of a sample's nearest surfaces, all levels in one pass. Cells of the
-// first level are the sample's texels, those of each further one have the greatest inverse range of four of the one below.
+// Program of compositor/src/passes/build_pyramid.rs: all levels of the pyramid of a sample's nearest surfaces. Level 0
+// has the sample's texels. A cell of each further level has the greatest inverse range of four cells.
 
 import package::shared::levels::{LEVELS, place_of_level};
 
 struct BuildPyramid {
     layer: u32,
-    // Texels of the sample.
+    // Size of the sample, texels.
     width: u32,
     height: u32,
 }
@@ -13,17 +13,17 @@ struct BuildPyramid {
 var<immediate> pyramid: BuildPyramid;
 
 @group(0) @binding(0) var inverse_range: texture_2d_array<f32>;
-// All levels of a sample side by side: levels.wgsl.
+// All levels of a sample side by side: shared/levels.wgsl.
 @group(0) @binding(1) var levels: texture_storage_2d_array<r32float, write>;
 
-// Cells on a side that an invocation begins with, and those that it leaves to its workgroup.
+// Cells on a side of an invocation's block, and the levels that an invocation reduces alone.
 const BLOCK: u32 = 8u;
 const BLOCK_LEVELS: u32 = 3u;
 
 var<private> block: array<f32, 64>;
 var<workgroup> shared_cells: array<f32, 64>;
 
-// Inverse range of a surface; 0, no surface, for whatever is not positive and finite, by its bits.
+// Inverse range at a texel. 0 (no surface) unless its bits are those of a positive finite number.
 fn surface_at(at: vec2u) -> f32 {
     let last = vec2u(pyramid.width, pyramid.height) - 1u;
     let stored = textureLoad(inverse_range, min(at, last), pyramid.layer, 0).x;
@@ -44,7 +44,7 @@ fn build_tile(@builtin(global_invocation_id) id: vec3u, @builtin(local_invocatio
     }
     for (var level = 1u; level <= BLOCK_LEVELS; level++) {
         let side = BLOCK >> level;
-        // In place: a cell's four lie at or behind it, in an order of rows that are as long as the block's.
+        // In place: the four source cells lie at or after the result in row order.
         for (var i = 0u; i < side * side; i++) {
             let cell = vec2u(i % side, i / side);
             let first = 2u * cell.y * BLOCK + 2u * cell.x;

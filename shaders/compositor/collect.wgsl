@@ -1,4 +1,5 @@
-// Program of compositor/src/passes/mend.rs: lists the pixels of a piece that the warp marked, for `mend.wgsl`.
+// Program of compositor/src/passes/mend.rs: lists the pixels of a piece that the warp marked, for `mend.wgsl` and
+// `highlight.wgsl`.
 
 import package::shared::fetch::view;
 import package::shared::unsettled::{packed_place, segment_of};
@@ -17,14 +18,14 @@ fn mark_at(place: vec2u) -> u32 {
     return textureLoad(srgb_image, place, 0).a;
 }
 
-// The place of the invocation's pixel number k.
+// Position in the target of pixel number k of the piece.
 fn place_in_target(k: u32) -> vec2u {
-    // Integers are divided one by one on the software driver; a piece has so few pixels that a float is exact enough.
+    // In floats, because the software driver divides integers one lane at a time. Exact for the pixels of a piece.
     let row = floor((f32(k) + 0.5) / f32(view.piece_size.x));
     return vec2u(view.target_origin) + vec2u(k - u32(row) * view.piece_size.x, u32(row));
 }
 
-// Adds a pixel to the invocation's stretch, where it has so many at its front and at its back.
+// Adds a pixel to the invocation's segment. `have` is the number of pixels at its front and at its back.
 fn add(place: vec2u, mark: u32, first: u32, length: u32, have: vec2u) -> vec2u {
     let is_front = mark == UNSETTLED;
     let slot = select(first + length - 1u - have.y, first + have.x, is_front);
@@ -35,7 +36,7 @@ fn add(place: vec2u, mark: u32, first: u32, length: u32, have: vec2u) -> vec2u {
 @compute @workgroup_size(64)
 fn collect_pixels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let segment = segment_of(id.x, groups.x * 64u);
-    // Not the bare uniform, see `runtime_bound` in shared/fetch.wgsl.
+    // The bound is no bare uniform: see `runtime_bound` in shared/fetch.wgsl.
     let pixels = min(view.piece_size.x * view.piece_size.y, arrayLength(&unsettled));
     var have = vec2u(0u);
     for (var k = id.x; k < pixels; k += groups.x * 64u) {

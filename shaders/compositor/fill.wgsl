@@ -1,5 +1,5 @@
-// Program of compositor/src/passes/fill.rs: cells become depths. A surface that goes on from one side of a cell
-// to the other fills it, over whatever lies farther; other empty cells take a neighbour's depth on trial.
+// Program of compositor/src/passes/fill.rs: depths from splatted cells. A surface that continues across a cell fills it
+// and replaces farther depths. Other empty cells take a neighbour's depth as a guess.
 
 import package::shared::cells::{CONTINUES, Depth, bits_of, continues, depth_of_cell};
 
@@ -20,8 +20,8 @@ fn cell_at(column: i32, row: i32) -> Depth {
     return depth_of_cell(select(0u, cells[fill.first_cell + index], inside));
 }
 
-// Between two opposite neighbours of one surface, inverse depth being affine over the image; none if they are not
-// of one.
+// Depth between two opposite neighbours of one surface: the mean inverse depth, which is affine over the image. None if
+// they are different surfaces.
 fn between(a: Depth, b: Depth) -> Depth {
     return Depth(select(0.0, 0.5 * (a.q + b.q), continues(a.q, b.q)), a.source);
 }
@@ -30,7 +30,7 @@ fn nearer(a: Depth, b: Depth) -> Depth {
     return Depth(max(a.q, b.q), select(a.source, b.source, b.q > a.q));
 }
 
-// The farther of two that are not none.
+// The farther of two depths; none is ignored.
 fn farther(a: Depth, b: Depth) -> Depth {
     let second = a.q == 0.0 || (b.q > 0.0 && b.q < a.q);
     return Depth(select(a.q, b.q, second), select(a.source, b.source, second));

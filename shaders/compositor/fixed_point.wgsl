@@ -1,5 +1,5 @@
-// Program of compositor/src/passes/fixed_point.rs: fixed-point iteration from the middle of the scene's bounds, in the
-// sample that is nearest; where it does not settle, a linear search.
+// Program of compositor/src/passes/fixed_point.rs: fixed-point iteration in the nearest sample, from the middle of the
+// scene's bounds. Where it does not converge, a linear search.
 
 import package::shared::fetch::{
     SETTLED, crossing_of_bounds, direction_of, fetch_from, runtime_bound, position_of, view,
@@ -9,7 +9,7 @@ import package::shared::march::march;
 import package::shared::pixel::{Pixel, surface_pixel};
 import package::shared::ray_end::pixel_at_end;
 
-// Steps of the linear search, where the iteration does not settle.
+// Steps of the linear search.
 const FALLBACK_STEPS: u32 = 32u;
 
 fn pixel(at: vec2f) -> Pixel {
@@ -19,7 +19,7 @@ fn pixel(at: vec2f) -> Pixel {
     let fetched = fetch_from(view.samples[0], d, q);
     let settled = span.x < span.y && fetched.agreement >= SETTLED;
     var result = surface_pixel(fetched, 0u, d);
-    // A loop that runs once or not at all: a branch's two sides are both run by the software driver.
+    // A loop in place of a branch: the software driver runs both sides of a branch.
     for (var k = 0u; k < runtime_bound(1u) && !settled; k++) {
         result = pixel_at_end(d, span, march(d, span, FALLBACK_STEPS));
     }

@@ -1,4 +1,4 @@
-// Program of compositor/src/passes/highlight.rs: pixels that the warp settled, with what their viewer alone sees.
+// Program of compositor/src/passes/highlight.rs: glossy pixels that the warp settled, with view-dependent reflection.
 
 import package::shared::cells::depth_of;
 import package::shared::fetch::{bilinear, direction_of, fetch_from, position_of, radiance, view};
@@ -10,7 +10,7 @@ import package::shared::targets::store_pixel;
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
 @group(0) @binding(10) var<storage, read> unsettled: array<u32>;
 
-// As the warp finds it.
+// The pixel as the warp finds it, with radiance in place of its display colour.
 fn highlight(place: vec2u) -> Pixel {
     let position = position_of(vec2f(place) + 0.5);
     let d = direction_of(position);

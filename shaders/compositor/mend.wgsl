@@ -1,9 +1,10 @@
-// Program of compositor/src/passes/mend.rs: pixels of a piece that the warp could not settle with the one sample that it
-// looks at are tried in all of them. What none has at a depth that was splatted about there is sky if they see past everything;
-// else it is searched for along its ray, in the paper's way: the others take a surface that is near for one that no sample saw.
+// Program of compositor/src/passes/mend.rs: pixels that the warp did not settle with its one sample are looked up in all
+// samples. First at the depths splatted nearby. Then a pixel is sky if the samples see past every point of its ray. The
+// others are searched linearly along the ray (cluster paper): other searches may return a nearby surface where no sample
+// saw the pixel's own.
 //
-// Each is a loop over what the one before left over, since eight pixels or more run together: a search along the ray looks up
-// a hundred texels and more, and all would wait for the one of eight that needs it (a quarter of this program's time).
+// Each step is a loop over the pixels that the previous one left, because eight or more pixels run together: all would
+// wait for the one that needs a search of a hundred fetches (a quarter of this program's time).
 
 import package::shared::cells::{Depth, depth_of, depth_of_cell};
 import package::shared::fetch::{
@@ -19,20 +20,19 @@ import package::shared::targets::store_pixel;
 @group(0) @binding(10) var<storage, read_write> unsettled: array<u32>;
 @group(0) @binding(11) var<storage, read> cells: array<u32>;
 
-// Steps along a ray.
+// Steps of the linear search.
 const STEPS_ALONG: u32 = 64u;
 
-// The best of all samples for one depth.
+// The best fetch of all samples for one depth.
 struct Found {
     fetch: Fetch,
     source: u32,
-    // A sample has it at its nearest texel, and none sees past it.
+    // Some sample has the surface at its nearest texel, and no sample sees past it.
     settled: bool,
 }
 
-// Looks a depth up in all samples. One that sees past the point refutes the others, however well they agree: near the
-// edge of a surface the point may be beside it, in empty space, and yet within tolerance of what another camera sees
-// behind.
+// Looks up a depth in all samples. A sample that sees past the point refutes all others: near a surface's edge the point
+// may lie in empty space and yet be within tolerance of what another camera sees behind it.
 fn look_up(d: vec3f, depth: Depth) -> Found {
     var best = nothing_at(depth.q);
     var source = 0u;
@@ -45,11 +45,11 @@ fn look_up(d: vec3f, depth: Depth) -> Found {
             source = i;
         }
     }
-    // At no depth at all, what agrees is sky.
+    // At depth 0 only sky agrees.
     return Found(best, source, depth.q > 0.0 && !refuted && best.agreement >= SETTLED);
 }
 
-// The farther surface of two cells, as they were before gaps were closed.
+// The farther of a depth and a cell before gaps were filled.
 fn farther(a: Depth, at: i32) -> Depth {
     let b = depth_of_cell(cells[at]);
     let second = b.q > 0.0 && (a.q == 0.0 || b.q < a.q);
@@ -60,7 +60,7 @@ fn direction_at(place: vec2u) -> vec3f {
     return direction_of(position_of(vec2f(place) + 0.5));
 }
 
-// Its cell's place.
+// Index of a pixel's cell.
 fn cell_at(place: vec2u) -> i32 {
     let cell = vec2i(floor(position_of(vec2f(place) + 0.5) / view.cell)) - view.cell_origin;
     return i32(view.first_cell) + cell.y * view.cell_columns + cell.x;
@@ -72,30 +72,31 @@ fn pixel_of(found: Found, place: vec2u) -> Pixel {
     return pixel;
 }
 
-// What is at a depth that was splatted about there.
+// The fetch at depths splatted nearby.
 fn near_cell(place: vec2u) -> Found {
     let d = direction_at(place);
     let at = cell_at(place);
     let columns = view.cell_columns;
-    // A piece has cells around all that its pixels are in.
+    // Pieces have a ring of cells around those of their pixels.
     let was = depth_of_cell(cells[at]);
     let across = farther(farther(farther(was, at - 1), at + 1), at - columns);
     let above = farther(farther(farther(across, at + columns), at - columns - 1), at - columns + 1);
     let behind = farther(farther(above, at + columns - 1), at + columns + 1);
-    // What the cell became, if that is on trial; the warp has tried it else. Then what lies behind, for a cell takes the
-    // nearest of its texels although the pixel may be beside that surface's edge. Last, what the cell was before its
-    // neighbours' surface was drawn over it.
+    // First the filled depth if it is a guess; otherwise the warp has tried it, and the farthest depth nearby is tried: a
+    // cell keeps its nearest texel, but the pixel may lie beside that surface's edge. Then the cell's depth before
+    // filling.
     let became = depth_of(depths[at]);
     let trial = became.q < 0.0;
     var found = look_up(d, Depth(select(behind.q, -became.q, trial), select(behind.source, became.source, trial)));
-    // Here and below, a loop that is left is skipped by the software driver if no pixel needs it; it would run a branch.
+    // Here and below, loops replace branches: the software driver skips a loop that no pixel needs, and runs every
+    // branch.
     for (var k = 0u; k < runtime_bound(1u) && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
         found = look_up(d, was);
     }
     return found;
 }
 
-// Each point of it is seen past by some sample, not by two.
+// A sky pixel. Some sample sees past each point of its ray; two may not.
 fn clear_pixel(place: vec2u) -> Pixel {
     var pixel = sky_pixel(direction_at(place));
     pixel.confidence = CERTAIN >> 1u;
@@ -112,7 +113,8 @@ fn along_ray(place: vec2u) -> Pixel {
     return unresolved_pixel(found.fetch, d);
 }
 
-// Leaves a pixel that is not settled to the next loop, in the place of one that this has had.
+// Keeps an unsettled pixel for the next loop, in the slot of a pixel that this loop has processed. Returns the number
+// kept.
 fn keep_unsettled(segment: Segment, left: u32, packed: u32, settled: bool) -> u32 {
     if !settled {
         unsettled[segment.first + left] = packed;

@@ -1,6 +1,6 @@
-// Program of compositor/src/passes/pyramid.rs: the view ray is followed exactly, from texel to texel of each sample in turn,
-// to where none of the cameras that look there sees past it (the most conservative surface, as section 4.2 of the cluster
-// paper has it). A pyramid of nearest surfaces lets it pass over what is empty in large steps.
+// Program of compositor/src/passes/pyramid.rs: exact ray marching, from texel to texel of each sample in turn. It ends
+// where no camera that looks there sees past the point (the most conservative surface, cluster paper, section 4.2). A
+// pyramid of nearest surfaces skips empty space in large steps.
 
 import package::shared::fetch::{ViewSample, crossing_of_bounds, direction_of, runtime_bound, omni, position_of, view};
 import package::shared::levels::{LEVELS, place_of_level};
@@ -8,31 +8,30 @@ import package::shared::image_line::{AHEAD, leaves_cell, line_in_image, texel_at
 import package::shared::pixel::Pixel;
 import package::shared::ray_end::{RayEnd, pixel_at_end};
 
-// Greatest inverse range of the surfaces in cells of 1, 2, 4, ... texels on a side, 0 where there are none; levels.wgsl says
-// where they lie.
+// Greatest inverse range in cells of 1, 2, 4, … texels on a side; 0 without surfaces. Layout: shared/levels.wgsl.
 @group(0) @binding(16) var nearest_surfaces: texture_2d_array<f32>;
 
-// Share of its range by which a camera must see past a point to overrule another one. What two cameras have of one surface
-// differs by up to half a texel's slope: without it a ray would slip between the two.
+// Share of its range by which a camera must see past a point to overrule another camera. Two cameras' texels of one
+// surface differ by up to half a texel's slope; without a margin a ray would pass between them.
 const MARGIN: f32 = 0.003;
 
-// A position on a cell's border is rounded to either side: it counts as this far inside, in texels.
+// A position on a cell's border may round to either side, so it counts as this many texels inside.
 const INSIDE: f32 = 0.015625;
 
-// Cells that one sample is asked about before the next one's turn, and turns. Together they bound the work of a pixel,
-// however it runs; what is not settled by then is left unresolved.
+// Most cells that a ray visits in one sample before the next sample's turn, and most turns. They bound the work of a
+// pixel; a ray that has not ended by then is unresolved.
 const CELLS: u32 = 192u;
 const TURNS: u32 = 96u;
 
 const LEVEL_AT_FIRST: u32 = 2u;
 
-// How far a sample lets a ray go.
+// How far a ray is free in one sample.
 struct Stop {
-    // Depth up to which the sample sees past the ray, from where it was asked.
+    // Depth up to which the sample sees past the ray.
     t: f32,
-    // It sees a surface there, or before it.
+    // A surface is at that depth or in front of it.
     behind: bool,
-    // It does not look there; then the depth from which on it does, or one beyond the end.
+    // The sample does not look there. `begins` is the depth from which it does, or a depth beyond the end.
     blind: bool,
     begins: f32,
 }
@@ -44,7 +43,7 @@ fn follow(s: ViewSample, d: vec3f, near: f32, far: f32) -> Stop {
     var behind = false;
     var blind = false;
     var begins = far * 2.0;
-    // Lines that follow each other: at most the six faces of a cube, and one that rounding makes twice.
+    // Lines in successive faces: at most six, and one that rounding repeats.
     for (var face = 0u; face < runtime_bound(select(1u, 8u, omni)) && !behind && !blind && t < far; face++) {
         let line = line_in_image(s, d, t, far);
         blind = !(line.begin <= t && t < line.end);
@@ -59,7 +58,7 @@ fn follow(s: ViewSample, d: vec3f, near: f32, far: f32) -> Stop {
             let surface = textureLoad(nearest_surfaces, place, s.layer, 0).x / (1.0 - MARGIN);
             let here = s.eye_from_center + d * t;
             let there = s.eye_from_center + d * exit;
-            // Range is convex along a ray: nowhere greater than at one of the ends.
+            // Range is convex along a ray, so its maximum is at one of the ends.
             let s2 = surface * surface;
             let hidden = s2 * max(dot(here, here), dot(there, there)) >= 1.0;
             if !hidden {
@@ -68,7 +67,7 @@ fn follow(s: ViewSample, d: vec3f, near: f32, far: f32) -> Stop {
             } else if level > 0u {
                 level -= 1u;
             } else {
-                // At once, or where the range becomes that of the surface: |here + d x| = 1 / surface.
+                // The ray ends here, or where its range equals the surface's: |here + d x| = 1 / surface.
                 behind = true;
                 let left = 1.0 / s2 - dot(here, here);
                 let b = dot(d, here);
@@ -82,7 +81,7 @@ fn follow(s: ViewSample, d: vec3f, near: f32, far: f32) -> Stop {
 }
 
 fn follow_in_all(d: vec3f, span: vec2f) -> RayEnd {
-    // A sample at the eye has no image of a ray's very beginning.
+    // A sample at the eye has no image of the ray's origin.
     var t = max(span.x, 1e-6 * span.y);
     var agreed = 0u;
     var seen = false;
@@ -92,13 +91,13 @@ fn follow_in_all(d: vec3f, span: vec2f) -> RayEnd {
     var i = 0u;
     for (var turn = 0u; turn < runtime_bound(TURNS) && t < span.y && !(agreed == count && seen); turn++) {
         let stop = follow(view.samples[i], d, t, span.y);
-        // By more than rounding.
+        // Moved by more than rounding.
         let moved = stop.t > t * (1.0 + AHEAD);
         agreed = select(agreed, 0u, moved) + select(0u, 1u, stop.behind || stop.blind);
         seen = (seen && !moved) || stop.behind;
         next = min(select(next, 2.0 * span.y, moved), stop.begins);
         t = stop.t;
-        // Nobody looks here: on to where someone does.
+        // No sample looks here: continue where one does.
         if agreed == count && !seen {
             clear = false;
             t = next;

@@ -1,24 +1,24 @@
-// Program of compositor/src/passes/reproject.rs: pixels of an earlier frame leave their depth in the cells of the view that they
-// fall into; the nearest stays. The coarse splat of a search that begins from that frame.
+// Program of compositor/src/passes/reproject.rs: pixels of an earlier frame are projected into cells of the view. A cell
+// keeps the nearest depth. A seeded search starts from it.
 
 import package::shared::cells::cell_of;
 import package::shared::cell_projection::{CellProjection, project_texel};
 
-// Some pixels of an earlier frame, as one view sees them.
+// Some pixels of an earlier frame, projected into one view.
 struct Reproject {
     projection: CellProjection,
-    // Of the pixels that are looked at.
+    // Number of the pixels.
     columns: u32,
     rows: u32,
-    // First of their words.
+    // Index of their first word.
     first_word: u32,
-    // Position in this plan's list of each sample of the earlier one, three bits each.
+    // For each sample of the earlier plan its position in this plan's list, three bits each.
     sources: u32,
 }
 
 var<immediate> reproject: Reproject;
 
-// Bits of the inverse range, the last three replaced by the sample that served the pixel: `History::words`.
+// Inverse range as f32 bits; the last three bits are the sample that served the pixel: `History::words`.
 @group(0) @binding(0) var<storage, read> words: array<u32>;
 @group(0) @binding(1) var<storage, read_write> cells: array<atomic<u32>>;
 

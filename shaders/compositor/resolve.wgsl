@@ -1,13 +1,13 @@
-// Program of compositor/src/passes/resolve.rs: pixels of a supersampled view are averaged in linear radiance, then
-// shown. What cannot be averaged (range, source, confidence) is the middle one's.
+// Program of compositor/src/passes/resolve.rs: averages sub-pixels in linear radiance, then exposes and encodes. Range,
+// source and confidence are those of the middle sub-pixel.
 
 import package::shared::pixel::{SrgbOutput, corner_of_target, encoded};
 
 struct Resolve {
-    // Where the piece lies in the supersampled target and in the final one.
+    // First texel of the piece in the target of sub-pixels and in that of pixels.
     source_origin: vec2u,
     target_origin: vec2u,
-    // Supersampled pixels on the edge of a final one.
+    // Sub-pixels along the edge of a pixel.
     side: u32,
     exposure: f32,
 }

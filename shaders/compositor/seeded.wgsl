@@ -1,5 +1,5 @@
-// Program of compositor/src/passes/seeded.rs: a coarse splat says where to begin, a few fixed-point steps lead to the surface;
-// where they do not, a short linear search.
+// Program of compositor/src/passes/seeded.rs: fixed-point iteration from the depth of the pixel's cell. Where it does not
+// converge, a short linear search.
 
 import package::shared::cells::{Depth, depth_of};
 import package::shared::fetch::{
@@ -15,8 +15,8 @@ import package::shared::ray_end::{RayEnd, pixel_at_end};
 // Steps of the linear search.
 const FALLBACK_STEPS: u32 = 8u;
 
-// A pixel that the sample which gave the start has not: any other sample that the same start leads to a surface in; then
-// the linear search, and from where it ends every sample once more.
+// A pixel whose first sample did not converge. It tries all samples from the same start, then searches linearly and tries
+// all samples from there.
 fn pixel_elsewhere(d: vec3f, span: vec2f, start: f32, source: u32) -> Pixel {
     let limits = limits_of(span);
     var other = settle_in_any(d, start, limits, view.steps);
@@ -45,7 +45,7 @@ fn pixel(at: vec2f) -> Pixel {
     let fetched = fetch_from(view.samples[seed.source], d, q);
     let settled = span.x < span.y && fetched.agreement >= SETTLED;
     var result = surface_pixel(fetched, seed.source, d);
-    // A loop that runs once or not at all: a branch's two sides are both run by the software driver.
+    // A loop in place of a branch: the software driver runs both sides of a branch.
     for (var k = 0u; k < runtime_bound(1u) && !settled; k++) {
         result = pixel_elsewhere(d, span, abs(seed.q), seed.source);
     }

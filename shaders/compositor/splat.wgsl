@@ -1,10 +1,10 @@
-// Program of compositor/src/passes/splat.rs: texels of a sample that lie in the view's frustum leave their
-// depth in the cells of the view that they fall into; the nearest stays.
+// Program of compositor/src/passes/splat.rs: projects texels of a sample into cells of the view. A cell keeps the nearest
+// depth.
 
 import package::shared::cells::{cell_of, continues};
 import package::shared::cell_projection::{CellProjection, direction_of_texel, project_texel, cell_hit, projected};
 
-// One face of one sample, as one view sees it.
+// One face of one sample, projected into one view.
 struct Splat {
     projection: CellProjection,
     face_offset: vec2u,
@@ -18,11 +18,11 @@ struct Splat {
 var<immediate> splat: Splat;
 
 @group(0) @binding(0) var inverse_range: texture_2d_array<f32>;
-// 8x8 texels each, every stride-th: column and row of the first in the face in 14 bits each, stride in 4.
+// Blocks of 8x8 texels at a stride: column and row of the first texel in 14 bits each, stride in 4 bits.
 @group(0) @binding(1) var<storage, read> blocks: array<u32>;
 @group(0) @binding(2) var<storage, read_write> cells: array<atomic<u32>>;
 
-// A texel that is looked at, and whether the face has it.
+// A texel of a block, and whether it lies in the face.
 struct Texel {
     at: vec2u,
     stride: u32,
@@ -35,7 +35,7 @@ fn texel_of(group: u32, local: vec2u) -> Texel {
     return Texel(at, block >> 28u, all(at < splat.face_size));
 }
 
-// Texels that lie as dense as cells: each leaves its depth in one.
+// Splats texels that are as dense as cells: each writes one cell.
 @compute @workgroup_size(8, 8)
 fn splat_block(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) local: vec3u) {
     let texel = texel_of(group.x, local.xy);
@@ -46,15 +46,15 @@ fn splat_block(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id
     }
 }
 
-// Cells between two places of a texel that it leaves its depth in, where they have to be several: `fill.wgsl` closes gaps of
-// one cell.
+// Distance of a texel's points, in cells, if it has several; and the extent up to which one point is enough, because
+// `fill.wgsl` fills gaps of one cell.
 const APART: f32 = 1.4;
 const CLOSED: f32 = 2.0;
 
-// Places on the edge of a texel, at most: an eye that much closer than the sample sees through the surface.
+// Most points along the edge of a texel. An eye closer by more than this factor sees through the surface.
 const MOST: f32 = 32.0;
 
-// Inverse depth of a texel; 0 for one that the face has not.
+// Inverse depth of a texel; 0 outside the face.
 fn inverse_depth_at(at: vec2i) -> f32 {
     let inside = all(at >= vec2i(0)) && all(at < vec2i(splat.face_size));
     let texel = vec2u(select(vec2i(0), at, inside));
@@ -62,16 +62,17 @@ fn inverse_depth_at(at: vec2i) -> f32 {
     return select(0.0, stored * length(direction_of_texel(splat.projection, texel)), inside);
 }
 
-// A surface along one axis of the image, about a texel's centre.
+// A surface along one axis of the image, relative to a texel's centre.
 struct Along {
     // Change of inverse depth from one texel to the next.
     slope: f32,
-    // How far it goes on, in texels: up to where the next one's begins, or to the centre alone.
+    // Its extent in texels: half way to each neighbour of the same surface, otherwise 0.
     begin: f32,
     end: f32,
 }
 
-// The surface goes on to neighbours of nearly its inverse depth; the smaller of two slopes is that of the plane, not of an edge.
+// A surface continues to neighbours of nearly its inverse depth. The smaller of two slopes is used, because the larger
+// may be an edge.
 fn along(before: f32, own: f32, behind: f32) -> Along {
     let goes_before = continues(before, own);
     let goes_behind = continues(own, behind);
@@ -82,20 +83,20 @@ fn along(before: f32, own: f32, behind: f32) -> Along {
     return Along(slope, select(0.0, -0.5, goes_before), select(0.0, 0.5, goes_behind));
 }
 
-// Places between two ends of a texel, in homogeneous cell coordinates.
+// Number of points between two ends of a texel, given in homogeneous cell coordinates.
 fn places_between(a: vec3f, b: vec3f) -> f32 {
     let apart = distance(a.xy / max(a.z, 1e-30), b.xy / max(b.z, 1e-30));
-    // Else one is behind the eye, or not finite.
+    // False if an end is behind the eye or not finite.
     let measured = a.z > 0.0 && b.z > 0.0 && apart < APART * MOST;
     return select(MOST, select(ceil(apart / APART), 1.0, apart <= CLOSED), measured);
 }
 
-// Where the i-th of so many places lies, in texels from the centre.
+// Position of point i of `count`, in texels from the centre.
 fn offset_of(i: u32, count: f32, axis: Along) -> f32 {
     return select(mix(axis.begin, axis.end, (f32(i) + 0.5) / count), 0.0, count == 1.0);
 }
 
-// One bit for each side of the piece, and the eye's plane, that something projected lies beyond.
+// One bit for each side of the piece, and one for the eye's plane, that a projected point lies beyond.
 fn sides_beyond(h: vec3f) -> u32 {
     let first = vec2f(f32(splat.projection.origin_column), f32(splat.projection.origin_row));
     let last = first + vec2f(f32(splat.projection.cell_columns), f32(splat.projection.cell_rows));
@@ -104,8 +105,8 @@ fn sides_beyond(h: vec3f) -> u32 {
     return before.x | before.y | behind.x | behind.y | select(0u, 16u, h.z <= 0.0);
 }
 
-// Texels that lie farther apart than cells, near the eye: each is a piece of its surface's plane, and leaves its depth in
-// all cells of it, or what lies behind would be seen between them. It does not grow beyond its surface's edge.
+// Splats texels that are farther apart than cells. Each is a rectangle of its surface's plane and writes all cells of it;
+// otherwise the background would show between texels. It ends at the surface's edge.
 @compute @workgroup_size(8, 8)
 fn splat_squares(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) local: vec3u) {
     let texel = texel_of(group.x, local.xy);

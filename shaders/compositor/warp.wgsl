@@ -1,9 +1,9 @@
-// Program of compositor/src/passes/warp.rs: each pixel takes the depth that was splatted for its cell, and the
-// colour that the sample which splatted it has there. What that does not settle is marked, and left to `mend.wgsl`.
+// Program of compositor/src/passes/warp.rs: a pixel has the depth of its cell, and the colour of the sample that splatted
+// it. Pixels that this does not settle are marked for `mend.wgsl`.
 //
-// There is no loop, no list and no rare case here on purpose. The software driver runs both sides of every branch, keeps what
-// a loop touches in memory and sets all of it to zero for every eight pixels, whether the loop is entered or not: a highlight
-// that no pixel had cost 0.95 ms a view of 200x150, a list of what is left over 0.3, of 1.9 in all.
+// This program has no loop, no list and no rare case. The software driver runs both sides of every branch, and zeroes the
+// memory of every loop for every eight pixels. An unused highlight cost 0.95 ms of 1.9 ms for a view of 200x150, a list
+// of unsettled pixels 0.3 ms.
 
 import package::shared::cells::{SKY, depth_of};
 import package::shared::fetch::{
@@ -15,14 +15,14 @@ import package::shared::pixel::{
 };
 import package::shared::shading::sky_radiance;
 
-// Share of its level by which what is averaged in sRGB is looked up coarser than what is averaged in linear radiance: a dark
-// texel beside a bright one weighs less there, so that stripes alias more.
+// Factor by which the level of the display plane is coarser than that of radiance. Averages in sRGB give dark texels less
+// weight, so stripes alias more.
 const COARSER: f32 = 1.08;
 
-// Pixels of the view are of a size between two levels' texels; else the finer of them serves all.
+// Interpolates between two mip levels; otherwise all pixels use the finer one.
 override between_levels: bool = false;
 
-// A level of the display plane whose texels are no larger than most of the view's pixels, and the next coarser one.
+// The level of the display plane whose texels are no larger than most of the view's pixels, and the next coarser level.
 @group(0) @binding(5) var display: texture_2d_array<f32>;
 @group(0) @binding(11) var coarser: texture_2d_array<f32>;
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
@@ -37,7 +37,7 @@ fn pixel(at: vec2f) -> Pixel {
     let finer = round(log2(f32(textureDimensions(inverse_range).x) / f32(textureDimensions(display).x)));
     var shown = textureSampleLevel(display, bilinear, within_face(fetched.uv, finer), fetched.layer, 0.0);
     if between_levels {
-        // A level of the texture would be a number a pixel, at three times the price.
+        // Two textures, because a level that varies by pixel costs three times as much.
         let texel = textureSampleLevel(coarser, bilinear, within_face(fetched.uv, finer + 1.0), fetched.layer, 0.0);
         shown = mix(shown, texel, clamp(fetched.level * COARSER - finer, 0.0, 1.0));
     }
@@ -52,7 +52,7 @@ fn pixel(at: vec2f) -> Pixel {
     if confident {
         confidence = confidence_of(fetched, depth.source, d);
     }
-    // Each point of the sky is seen past by some sample, not by two.
+    // Some sample sees past each point of the ray; two may not.
     confidence = select(confidence, CERTAIN >> 1u, clear);
     let settled = depth.q > 0.0 && fetched.agreement >= SETTLED;
     let lit = select(depth.source + 1u, HIGHLIGHT, glossy && shown.a > 0.0);

@@ -1,5 +1,5 @@
-// Entry points of every search: build.rs links them with each program that defines `fn pixel(at: vec2f) -> Pixel` and no
-// entry points of its own, which is `package::program` here.
+// Entry points of every search. build.rs links them with each program that defines `fn pixel(at: vec2f) -> Pixel`; that
+// program is `package::program` here.
 
 import package::program::pixel;
 import package::shared::pixel::{LinearOutput, SrgbOutput, corner_of_target, linear_output, srgb_output};

@@ -1,19 +1,19 @@
-// How a view's cells hold depth: what splat, fill, warp and mend agree on.
+// Encoding of depth in a view's cells, shared by splat, fill, warp and mend.
 
-// A cell before gaps are closed is 32 bits of which the greatest is kept: the bits of the inverse depth (1/metres, along
-// the view's axis), which order as it does, less a handicap; the last three replaced by the sample that it is from, since
-// 20 bits of mantissa are more than a sample stores. (64 bits, depth over sample, took half as long again to splat and fill.)
+// Before gaps are filled, a cell is a u32 that is updated by atomic maximum: the f32 bits of inverse depth (1/metres,
+// along the view's axis) less a handicap. The last three bits are the sample; 20 bits of mantissa are more than a sample
+// stores. (64-bit cells made splat and fill take half as long again.)
 //
-// The handicap is the sample's position in the plan's list times 2^19, 3 to 6 per cent of depth: where two
-// samples have the same surface, the first of the list, whose camera is nearest, serves it, rather than whichever
-// texel happened to lie nearer.
+// The handicap is the sample's position in the plan's list times 2^19, which is 3 to 6% of depth. Of two samples of one
+// surface, the first in the list (the nearest camera) then wins, rather than the one whose texel happens to be nearer.
 const HANDICAP: u32 = 0x80000u;
 
-// A cell afterwards that no texel came near, and through which the samples see past everything: a zero with a sign.
+// A filled cell that shows the sky: negative zero.
 const SKY: u32 = 0x80000000u;
 
-// A cell afterwards is 32 bits: the inverse depth, its last three bits replaced by the sample; 0 for none. With
-// the sign it is a neighbour's, and on trial.
+// After gaps are filled, a cell is the f32 bits of inverse depth, with the sample in the last three bits; Inverse depth,
+// 1/metres; 0 for none. A
+// negative depth is a guess: a neighbour's depth.
 struct Depth {
     // 0 for none.
     q: f32,
@@ -28,23 +28,23 @@ fn depth_of(bits: u32) -> Depth {
     return Depth(bitcast<f32>(bits & ~7u), bits & 7u);
 }
 
-// The cell for a positive inverse depth.
+// The unfilled cell of a positive inverse depth.
 fn cell_of(q: f32, source: u32) -> u32 {
-    // A surface at 10^-36 of its depth from the handicap is not one.
+    // Clamps instead of wrapping around.
     let high = max(bitcast<u32>(q), source * HANDICAP + 8u) - source * HANDICAP;
     return (high & ~7u) | source;
 }
 
-// The content of a cell before gaps are closed.
+// Decodes an unfilled cell.
 fn depth_of_cell(cell: u32) -> Depth {
     let source = cell & 7u;
     return Depth(bitcast<f32>(select(0u, (cell & ~7u) + source * HANDICAP, cell >= 8u)), source);
 }
 
-// Relative difference of inverse depth below which two neighbours are taken for one surface.
+// Relative difference of inverse depth up to which two neighbours belong to one surface.
 const CONTINUES: f32 = 0.1;
 
-// Whether two positive inverse depths are of one surface.
+// Whether two positive inverse depths belong to one surface.
 fn continues(a: f32, b: f32) -> bool {
     return abs(a - b) <= CONTINUES * min(a, b);
 }

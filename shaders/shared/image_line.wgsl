@@ -1,25 +1,24 @@
-// Where a view ray runs in the image of a sample: along a straight line, which meets texel borders at depths that have a
-// closed form.
+// A view ray in the image of a sample: a straight line that meets texel borders at depths with a closed form.
 
 import package::shared::camera::{cube_face_of, in_cube_face, in_pinhole, texel_of_cube_face};
 import package::shared::fetch::{ViewSample, inverse_range, omni, pinhole_of};
 
-// The part of a view ray that one pinhole image sees: a perspective sample, or one face of a cube.
+// The part of a view ray inside one pinhole image: a perspective sample, or one face of a cube.
 struct ImageLine {
-    // Texel coordinates times w, and w, at depth t along the ray: first + along * t.
+    // Homogeneous texel coordinates at depth t of the ray: first + along * t.
     first: vec3f,
     along: vec3f,
-    // Which way each coordinate goes with depth: 1, -1, or 0 where it stays. A line does not turn.
+    // Sign of the change of each coordinate with depth; constant along a line.
     sense: vec2f,
-    // Depths between which the image sees the ray; it does not where they are not in order.
+    // Depths between which the ray is inside the image. begin > end if it never is.
     begin: f32,
     end: f32,
 }
 
-// Share of a depth, by which a ray is looked ahead of it: about a hundred roundings.
+// Relative step ahead of a depth, about a hundred roundings.
 const AHEAD: f32 = 1e-5;
 
-// The part of the range in which a + b t is not negative.
+// The part of a range of depths in which a + b t >= 0.
 fn where_positive(range: vec2f, a: f32, b: f32) -> vec2f {
     let parallel = abs(b) < 1e-30;
     let root = -a / select(b, 1.0, parallel);
@@ -32,8 +31,8 @@ fn image_line(first: vec3f, along: vec3f, span: vec2f) -> ImageLine {
     return ImageLine(first, along, sign(along.xy * first.z - first.xy * along.z), span.x, span.y);
 }
 
-// The line of the ray in direction d between two depths, in a sample. In a cube it is that in the face which the ray is
-// about to be in at the first of them; where it ends, one asks again.
+// The line of the ray in direction d between two depths in a sample. In a cube it is the line in the face that the ray is
+// in just after the first depth; where it ends, call this again.
 fn line_in_image(s: ViewSample, d: vec3f, near: f32, far: f32) -> ImageLine {
     let size = vec2f(textureDimensions(inverse_range));
     var span = vec2f(near, far);
@@ -41,19 +40,19 @@ fn line_in_image(s: ViewSample, d: vec3f, near: f32, far: f32) -> ImageLine {
         let face = cube_face_of(s.eye_from_center + d * (near * (1.0 + AHEAD)));
         let a = in_cube_face(face, s.eye_from_center);
         let b = in_cube_face(face, d);
-        // A face has the directions of which no other component is greater.
+        // A face contains the directions whose component along its axis is greatest.
         span = where_positive(span, a.z + a.x, b.z + b.x);
         span = where_positive(span, a.z - a.x, b.z - b.x);
         span = where_positive(span, a.z + a.y, b.z + b.y);
         span = where_positive(span, a.z - a.y, b.z - b.y);
-        // Wherever the ray is, some face sees it; however it was rounded, it goes on.
+        // Some face always contains the ray, so rounding does not stop it.
         span = vec2f(near, min(max(span.y, near * (1.0 + AHEAD)), far));
         return image_line(texel_of_cube_face(0.5 * size.y, face, a), texel_of_cube_face(0.5 * size.y, face, b), span);
     }
     let scale = vec3f(size, 1.0);
     let a = in_pinhole(pinhole_of(s), s.eye_from_center) * scale;
     let b = in_pinhole(pinhole_of(s), d) * scale;
-    // Inside all four sides a point is also before the camera.
+    // A point inside all four sides is also in front of the camera.
     span = where_positive(span, a.x, b.x);
     span = where_positive(span, size.x * a.z - a.x, size.x * b.z - b.x);
     span = where_positive(span, a.y, b.y);
@@ -61,18 +60,18 @@ fn line_in_image(s: ViewSample, d: vec3f, near: f32, far: f32) -> ImageLine {
     return image_line(a, b, span);
 }
 
-// Where the line is at a depth that its image sees, in texels.
+// Position of the line at a depth, texels.
 fn texel_at(line: ImageLine, t: f32) -> vec2f {
     let h = line.first + line.along * t;
     return h.xy / max(h.z, 1e-30);
 }
 
-// The depth at which the line leaves the square cell of `side` texels that it is in, beyond t; at most its end.
+// Depth beyond t at which the line leaves its square cell of `side` texels; at most the line's end.
 fn leaves_cell(line: ImageLine, cell: vec2f, side: f32, t: f32) -> f32 {
     let border = (cell + max(line.sense, vec2f(0.0))) * side;
     let slope = line.along.xy - border * line.along.z;
     let at = (border * line.first.z - line.first.xy) / select(slope, vec2f(1e-30), abs(slope) < vec2f(1e-30));
-    // A border that a line approaches without ever reaching it is met behind the eye, if anywhere.
+    // A border that the line only approaches has a crossing behind the eye, if any.
     let met = (line.sense != vec2f(0.0)) & (at > vec2f(t));
     let first = select(vec2f(line.end), at, met);
     return min(min(first.x, first.y), line.end);

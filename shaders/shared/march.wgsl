@@ -1,14 +1,13 @@
-// The cluster paper's search (section 4.2): a view ray is followed in equal steps through the scene's bounds until it is
-// behind the surface of every camera that looks there; the last step is then divided once more.
+// The linear search of the cluster paper (section 4.2): a view ray is followed in equal steps through the scene's bounds
+// until it is behind the surface of every camera that looks there. The last step is then subdivided.
 
 import package::shared::fetch::{PointTests, POINTS, runtime_bound, test_points, view};
 import package::shared::ray_end::RayEnd;
 
-// Parts that the last step is divided into: 64 steps place a surface to within 1/512 of the bounds, and the fetch brings it
-// closer yet.
+// Parts of the last step. 64 steps then place a surface to within 1/512 of the bounds, and the fetch refines it.
 const PARTS: f32 = 8.0;
 
-// Whether any sample looks at, or past, each of POINTS points.
+// Tests POINTS points against all samples.
 fn test_points_in_all(d: vec3f, start: f32, step: f32) -> PointTests {
     var all = PointTests(0u, 0u);
     for (var i = 0u; i < runtime_bound(view.sample_count); i++) {
@@ -18,16 +17,16 @@ fn test_points_in_all(d: vec3f, start: f32, step: f32) -> PointTests {
     return all;
 }
 
-// Follows the ray in direction d between two depths, in so many steps.
+// Follows the ray in direction d between two depths, in `steps` steps.
 fn march(d: vec3f, span: vec2f, steps: u32) -> RayEnd {
     let step = (span.y - span.x) / f32(steps);
     var outside = span.x;
     var found = false;
-    // The sky is seen unless the ray passes a place that no sample looks at.
+    // False once the ray passes a point that no sample looks at.
     var clear = true;
     for (var k = 0u; k < runtime_bound(steps) && !found && span.x < span.y; k += POINTS) {
         let all = test_points_in_all(d, span.x + step * f32(k), step);
-        // Steps beyond the last are not taken.
+        // Masks points beyond the last step.
         let taken = (1u << min(POINTS, steps - k)) - 1u;
         let inside = all.seen & ~all.clear & taken;
         found = inside != 0u;
@@ -35,11 +34,11 @@ fn march(d: vec3f, span: vec2f, steps: u32) -> RayEnd {
         outside = span.x + step * f32(k + free);
         clear = clear && (~all.seen & ((1u << free) - 1u)) == 0u;
     }
-    // The paper halves; eight points at once find the same eighth as three halvings, at the price of two.
+    // The paper bisects. Eight points at once find the same eighth as three bisections, at the cost of two.
     if found {
         let all = test_points_in_all(d, outside, step / PARTS);
         outside += step / PARTS * f32(min(firstTrailingBit(all.seen & ~all.clear), POINTS - 1u));
     }
-    // The side on which all cameras are: the most conservative surface.
+    // The near side of the surface: the most conservative one.
     return RayEnd(outside, found, clear);
 }

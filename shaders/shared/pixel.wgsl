@@ -1,4 +1,4 @@
-// What a view's pixel shows once its surface is found: shared by all searches.
+// Colour of a pixel once its surface is found. Shared by all searches.
 
 import package::shared::encode::unit_from_octahedral;
 import package::shared::fetch::{Fetch, SETTLED, bilinear, fetch_from, nearest, runtime_bound, omni, radiance, view};
@@ -6,16 +6,16 @@ import package::shared::finite::finite_or_zero;
 import package::shared::shading::{Light, Surface, sky_radiance, specular_light, specular_sky};
 import package::shared::reflection_probes::{probe_in_word, reflected_radiance, transmitted_in_word};
 
-// The samples carry what specular needs. Where they do not, these two planes are any others, and not looked at.
+// Samples have Normal and Specular planes. Otherwise other textures are bound in their place and not read.
 override glossy: bool = false;
 
-// They say which map of surroundings their surfaces look up. Where they do not, the plane is any other.
+// Samples have a Reflector plane. Otherwise another texture is bound in its place and not read.
 override reflects: bool = false;
 
-// The view asks for how sure its pixels are. Else no sample is looked up for it.
+// The view asks for confidence. Otherwise no sample is looked up for it.
 override confident: bool = false;
 
-// Pixels are wanted as linear radiance: they are still to be averaged.
+// Pixels are written as linear radiance, which `resolve` averages.
 override linear: bool = false;
 
 @group(0) @binding(6) var normal_plane: texture_2d_array<f32>;
@@ -23,43 +23,43 @@ override linear: bool = false;
 @group(0) @binding(8) var<storage, read> lights: array<Light>;
 @group(2) @binding(4) var reflector_plane: texture_2d_array<u32>;
 
-// A corner-to-corner triangle over the viewport.
+// A vertex of the triangle that covers the viewport.
 fn corner_of_target(index: u32) -> vec4f {
     return vec4f(f32(index & 1u) * 4.0 - 1.0, f32(index >> 1u) * 4.0 - 1.0, 0.0, 1.0);
 }
 
 struct Pixel {
     radiance: vec3f,
-    // 1 + position of the sample in the plan's list, 0 for the sky, UNRESOLVED where no sample saw the pixel.
+    // 1 + position of the sample in the plan's list; 0 for sky; UNRESOLVED if no sample saw the surface.
     source: u32,
-    // As `Output::Confidence` defines it.
+    // Confidence as `Output::Confidence` defines it.
     confidence: u32,
-    // Metres from the eye; 0 where there is nothing.
+    // Metres from the eye; 0 without a surface.
     range: f32,
-    // Where the surface is, relative to the eye, and where its sample has it.
+    // Position of the surface relative to the eye, and its texture coordinates and layer in its sample.
     position: vec3f,
     uv: vec2f,
     layer: u32,
-    // Its radiance is as the target has it: lit, and unless targets are linear exposed and in sRGB, 0..1.
+    // `radiance` is the target's value: highlights are added and, unless targets are linear, it is exposed sRGB in 0..1.
     is_final: bool,
 }
 
 const UNRESOLVED: u32 = 255u;
 
-// Marks of pixels that the warp leaves to others, in place of a source: one sample at the splatted depth did not settle it;
-// it is settled but for what its viewer alone sees.
+// Marks that the warp writes in place of a source. UNSETTLED: the sample of the splatted depth did not settle the pixel.
+// HIGHLIGHT: the pixel is settled but lacks view-dependent reflection.
 const UNSETTLED: u32 = 254u;
 const HIGHLIGHT: u32 = 253u;
 
-// Added to the source where another sample serves the pixel than the one whose texel gave it its depth.
+// Added to the source of a pixel whose colour and depth come from different samples.
 const OTHER_SAMPLE: u32 = 64u;
 
-// Of a pixel that is certain: no residual, and a second sample (or the bounds of the scene) says so too.
+// Confidence without residual and with a second sample (or the scene's bounds) in agreement.
 const CERTAIN: u32 = 255u;
 
-// How sure it is that sample number `index` has the surface of the pixel in direction d.
+// Confidence that sample `index` has the surface of the pixel in direction d.
 fn confidence_of(fetched: Fetch, index: u32, d: vec3f) -> u32 {
-    // 0 is kept for what no sample saw.
+    // 0 is reserved for pixels that no sample saw.
     let match_of_depth = max(u32(127.0 * (1.0 - fetched.residual) + 0.5), 1u);
     var seconded = false;
     for (var i = 0u; i < runtime_bound(view.sample_count) && !seconded; i++) {
@@ -73,8 +73,8 @@ fn sky_pixel(d: vec3f) -> Pixel {
     return Pixel(sky_radiance(view.lighting, normalize(d)), 0u, CERTAIN, 0.0, vec3f(0.0), vec2f(0.0), 0u, false);
 }
 
-// Texture coordinates at which a fetch from a coarser level stays on the face of a cube that it is about: a face's ring is
-// one texel of the finest level.
+// Texture coordinates clamped so that a fetch from a coarser level stays on its face of a cube. The ring of a face is one
+// texel of the finest level.
 fn within_face(uv: vec2f, level: f32) -> vec2f {
     if !omni {
         return uv;
@@ -85,7 +85,7 @@ fn within_face(uv: vec2f, level: f32) -> vec2f {
     return (face + clamp(uv * faces - face, half_texel, 1.0 - half_texel)) / faces;
 }
 
-// The pixel in direction d (depth 1) whose surface was found in sample number `index`.
+// The pixel in direction d (depth 1) whose surface is in sample `index`.
 fn surface_pixel(fetched: Fetch, index: u32, d: vec3f) -> Pixel {
     let uv = within_face(fetched.uv, fetched.level);
     let texel = textureSampleLevel(radiance, bilinear, uv, fetched.layer, fetched.level).rgb;
@@ -98,8 +98,8 @@ fn surface_pixel(fetched: Fetch, index: u32, d: vec3f) -> Pixel {
     return Pixel(finite_or_zero(texel), index + 1u, confidence, range, position, fetched.uv, fetched.layer, false);
 }
 
-// A pixel that no sample saw shows what lies farthest where the first sample looks: background goes on behind
-// the edge that hid it, so the guess is seldom the wrong side's. It is marked, and has no range.
+// An unresolved pixel. Its colour is the farthest nearby texel of the first sample that looks there: background continues
+// behind a foreground edge, so the guess is rarely wrong. It has no range.
 fn unresolved_pixel(fetched: Fetch, d: vec3f) -> Pixel {
     var pixel = sky_pixel(d);
     pixel.source = UNRESOLVED;
@@ -111,17 +111,17 @@ fn unresolved_pixel(fetched: Fetch, d: vec3f) -> Pixel {
     return pixel;
 }
 
-// Roughness is interpolated where it differs by no more from the nearest texel's. One between a lake's and its shore's shines
-// where neither does.
+// Roughness is interpolated only if it differs by less than this from the nearest texel's. A roughness between those of a
+// lake and its shore would shine where neither does.
 const ALIKE: f32 = 0.1;
 
-// The pixel with the highlight that its viewer, and not the sample, sees.
+// The pixel with view-dependent reflection.
 fn with_specular(pixel: Pixel) -> Pixel {
     var stored = textureSampleLevel(specular_plane, bilinear, pixel.uv, pixel.layer, 0.0);
     let texel = textureSampleLevel(specular_plane, nearest, pixel.uv, pixel.layer, 0.0);
     stored.a = select(texel.a, stored.a, abs(stored.a - texel.a) < ALIKE);
     var result = pixel;
-    // A loop, since the software driver leaves one that none of its eight pixels needs, where it would run a branch.
+    // A loop in place of a branch: the software driver skips a loop that none of its eight pixels needs.
     for (var k = 0u; k < 1u && pixel.range > 0.0 && any(stored.rgb > vec3f(0.0)); k++) {
         let to_eye = -pixel.position / pixel.range;
         let normal = unit_from_octahedral(textureSampleLevel(normal_plane, nearest, pixel.uv, pixel.layer, 0.0).xy);
@@ -138,8 +138,7 @@ fn with_specular(pixel: Pixel) -> Pixel {
         } else {
             sum = specular_sky(surface, to_eye, view.lighting);
         }
-        // Not the bare uniform: Mesa's software driver bakes a uniform that bounds a loop into the machine code, and
-        // compiles the shader again (45 ms and more) for each draw that comes with another uniform buffer.
+        // The bound is no bare uniform: see `runtime_bound` in fetch.wgsl.
         let count = min(view.lighting.light_count, arrayLength(&lights));
         for (var i = 0u; i < count; i++) {
             sum += specular_light(surface, to_eye, lights[view.first_light + i]);
@@ -160,7 +159,7 @@ fn encoded(linear: vec3f) -> vec3f {
     return select(curve, 12.92 * x, x <= vec3f(0.0031308));
 }
 
-// The pixel as its viewer sees it.
+// The pixel with reflection, where it is still missing.
 fn with_highlight(pixel: Pixel) -> Pixel {
     if glossy && !pixel.is_final {
         return with_specular(pixel);
@@ -168,7 +167,7 @@ fn with_highlight(pixel: Pixel) -> Pixel {
     return pixel;
 }
 
-// A pixel as it is shown: sRGB and the source, each a byte.
+// A pixel of the sRGB target: colour and source, a byte each.
 struct SrgbOutput {
     @location(0) color: vec4u,
     @location(1) range: f32,
@@ -182,7 +181,7 @@ fn srgb_output(found: Pixel) -> SrgbOutput {
     return SrgbOutput(vec4u(vec3u(floor(color + 0.5)), pixel.source), pixel.range, pixel.confidence);
 }
 
-// A pixel that is still to be averaged with others: linear radiance and the source.
+// A sub-pixel of the linear target: radiance and source.
 struct LinearOutput {
     @location(0) radiance: vec4f,
     @location(1) range: f32,
@@ -191,6 +190,6 @@ struct LinearOutput {
 
 fn linear_output(found: Pixel) -> LinearOutput {
     let pixel = with_highlight(found);
-    // The target holds halves: beyond their largest a highlight would turn into an infinity.
+    // Clamped to the largest half float, because the target would store an infinity.
     return LinearOutput(vec4f(min(pixel.radiance, vec3f(65504.0)), f32(pixel.source)), pixel.range, pixel.confidence);
 }

@@ -1,19 +1,20 @@
-// What searches that follow a view ray end in: the colour of the surface that they found, from the sample that has it best.
+// The end of searches along a view ray: the colour of the surface, from the sample with the best fetch.
 
 import package::shared::fetch::{MIN_AGREEMENT, fetch_from, is_better, runtime_bound, nothing_at, view};
 import package::shared::pixel::{CERTAIN, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
 
-// Where following a ray ended.
+// The end of a ray.
 struct RayEnd {
     // Depth.
     t: f32,
-    // Every camera that looks there is at or behind a surface: the most conservative one, as the cluster paper has it.
+    // Every camera that looks there sees a surface at or before this depth: the most conservative surface (cluster
+    // paper).
     found: bool,
-    // Up to there, some camera sees past every point.
+    // Some camera sees past every point up to this depth.
     clear: bool,
 }
 
-// The pixel in direction d, whose ray was followed between two depths.
+// The pixel in direction d whose ray was followed between two depths.
 fn pixel_at_end(d: vec3f, span: vec2f, end: RayEnd) -> Pixel {
     let q = 1.0 / max(end.t, 1e-20);
     var best = nothing_at(0.0);
@@ -29,7 +30,7 @@ fn pixel_at_end(d: vec3f, span: vec2f, end: RayEnd) -> Pixel {
         return surface_pixel(best, source, d);
     }
     if end.clear && !end.found {
-        // Each point is seen past by some sample, not by two, unless there is none.
+        // Some sample sees past each point; two may not. A ray that misses the bounds is certain.
         var pixel = sky_pixel(d);
         pixel.confidence = select(CERTAIN, CERTAIN >> 1u, span.x < span.y);
         return pixel;

@@ -1,18 +1,18 @@
-// The images of a chunk as compute programs write them: what a fragment program returns, a compute program stores.
+// Writes pixels to the images of a chunk from compute programs.
 
 import package::shared::fetch::view;
 import package::shared::pixel::{Pixel, linear, linear_output, srgb_output};
 
 @group(0) @binding(12) var srgb_target: texture_storage_2d<rgba8uint, write>;
 @group(0) @binding(13) var linear_target: texture_storage_2d<rgba16float, write>;
-// What is written to a range or a confidence that nobody asked for lies outside of its one texel, and is dropped.
+// Range and confidence have one texel if no view asks for them; writes outside it are dropped.
 @group(0) @binding(14) var range_target: texture_storage_2d<r32float, write>;
 @group(0) @binding(15) var confidence_target: texture_storage_2d<r32uint, write>;
 
-// The pixel of the targets that an invocation of a twin computes, and whether it lies in the piece.
+// The pixel of an invocation, and whether it lies in the piece.
 struct Place {
     texel: vec2u,
-    // Its centre, as the fragment program's position has it.
+    // The pixel's centre, as in a fragment's position.
     at: vec2f,
     inside: bool,
 }

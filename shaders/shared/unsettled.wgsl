@@ -1,21 +1,20 @@
-// The list of a piece's pixels that the warp left over, as collect and mend agree on it: each of their invocations has a
-// number of its own, and a stretch of the list that takes all pixels which that number collects. No two share a counter: on
-// the software driver an atomic costs as much as a fetch.
+// Layout of the list of a piece's unsettled pixels, shared by collect, mend and highlight. Each invocation has its own
+// segment of the list and its own counters: on the software driver an atomic costs as much as a fetch.
 //
-// First come two counts an invocation, then the stretches. Pixels to be mended are at a stretch's front, those that are
-// settled but for a highlight at its back.
+// Two counters an invocation come first, then the segments. Pixels to mend are at the front of a segment, glossy pixels
+// at its back.
 
 import package::shared::fetch::view;
 
 struct Segment {
-    // Place of the invocation's two counts.
+    // Index of the invocation's two counters.
     counts: u32,
-    // First place of the stretch, and its length.
+    // First index of the segment, and its length.
     first: u32,
     length: u32,
 }
 
-// The stretch of one of so many invocations.
+// The segment of one of `invocations` invocations.
 fn segment_of(invocation: u32, invocations: u32) -> Segment {
     let pixels = view.piece_size.x * view.piece_size.y;
     let length = (pixels + invocations - 1u) / invocations;
