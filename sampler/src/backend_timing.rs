@@ -1,18 +1,18 @@
-//! What each way to see triangles costs, measured on real work.
+//! Measures the cost of each visibility backend on real work.
 
 use std::time::{Duration, Instant};
 
 use argus_scene::Visibility;
 
-/// A measured way that is this much slower than the best so far is not measured again.
+/// A backend slower than the best by this factor is measured only once.
 const TOO_SLOW: u32 = 2;
-/// Work longer than this is not repeated: what a first run compiles is little beside it.
+/// Only work longer than this is measured only once: compiling in the first run is negligible then.
 const LONG: Duration = Duration::from_millis(40);
 
-/// Does one piece of work in each of some ways; milliseconds of each. `work` returns once it is done.
+/// Runs `work` with each backend. Returns the milliseconds of each. `work` must return when the work is done.
 ///
 /// # Errors
-/// Those of `work`.
+/// The errors of `work`.
 pub(crate) fn measure<E>(
     backends: &[Visibility],
     mut work: impl FnMut(Visibility) -> Result<(), E>,

@@ -1,4 +1,4 @@
-//! What is drawn into a tile: culled by frustum, in runs that share a pipeline.
+//! The draw calls of a tile: culled by frustum, sorted by pipeline.
 
 use std::ops::Range;
 
@@ -9,11 +9,11 @@ use glam::{DVec3, DVec4};
 use crate::resident::{Chunk, DrawClass, MeshRun, Placement, Resident};
 use crate::tile::{Frustum, Tile};
 
-/// Distance of the near plane as a share of the scene's diagonal, and at most in metres. Depth is near / distance
-/// in f32, whose steps are relative, so a near plane this close costs no precision farther away.
+/// Distance of the near plane: as a share of the scene's diagonal, and at most in metres. Depth is near / distance in
+/// f32, whose steps are relative, so a close near plane costs no precision.
 const NEAR: (f64, f64) = (1.0 / 65536.0, 1e-3);
 
-/// Distance of the near plane, metres: nothing is seen before it, whichever way.
+/// Distance of the near plane, metres. All visibility backends use it.
 pub(crate) fn near(bounds: &Bounds) -> f32 {
     (bounds.size().length() * NEAR.0).clamp(f64::from(f32::MIN_POSITIVE), NEAR.1) as f32
 }
@@ -22,23 +22,23 @@ pub(crate) fn near(bounds: &Bounds) -> f32 {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Call {
     pub(crate) class: DrawClass,
-    /// Of the index buffer.
+    /// Range of the index buffer.
     pub(crate) indices: Range<u32>,
     pub(crate) base_vertex: i32,
-    /// Of [`DrawList::draws`], by which the device numbers instances.
+    /// Range of [`DrawList::draws`], as instance indices.
     pub(crate) draws: Range<u32>,
 }
 
-/// All that a tile may show.
+/// The draw calls of a tile.
 #[derive(Debug, Default)]
 pub(crate) struct DrawList {
     pub(crate) draws: Vec<Draw>,
-    /// Classes in ascending order.
+    /// Sorted by class.
     pub(crate) calls: Vec<Call>,
 }
 
 impl DrawList {
-    /// What `tile` may show of the scene from `eye`.
+    /// The instances that `tile` may show from `eye`.
     pub(crate) fn new(resident: &Resident, eye: DVec3, tile: &Tile) -> Self {
         let clip_from_eye = tile.clip_from_eye();
         let near = near(&resident.bounds);
@@ -79,7 +79,7 @@ impl DrawList {
         let first = placed.run.first_index;
         let indices = first + 3 * triangles.start..first + 3 * triangles.end;
         let (class, base_vertex) = (placed.placement.class, placed.run.first_vertex as i32);
-        // Instances of one mesh follow one another and share a call.
+        // Consecutive instances of one mesh share a call.
         match self.calls.last_mut() {
             Some(call) if call.class == class && call.indices == indices => call.draws.end = end,
             _ => self.calls.push(Call { class, indices, base_vertex, draws: end - 1..end }),
@@ -87,7 +87,7 @@ impl DrawList {
     }
 }
 
-/// An instance before a tile.
+/// An instance relative to a tile.
 struct InstanceTransform<'a> {
     placement: &'a Placement,
     run: &'a MeshRun,
@@ -95,7 +95,7 @@ struct InstanceTransform<'a> {
     near: f32,
 }
 
-/// Runs of triangles whose chunks may be seen; neighbours are joined.
+/// Ranges of triangles whose chunks may be seen; adjacent ranges are joined.
 fn visible_runs(chunks: &[Chunk], frustum: &Frustum) -> Vec<Range<u32>> {
     let mut runs: Vec<Range<u32>> = Vec::new();
     for chunk in chunks.iter().filter(|chunk| frustum.may_show(chunk.middle, chunk.half)) {

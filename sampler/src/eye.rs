@@ -1,4 +1,4 @@
-//! The scene about one eye: what is uploaded for every camera.
+//! The scene relative to one eye: uploaded for every camera.
 
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{Light, Lighting, RenderError};
@@ -9,8 +9,8 @@ use glam::{DVec3, Vec3};
 
 use crate::resident::{Placement, Resident, upload};
 
-/// Transforms and lights about an eye, combined in f64 and rounded last, so that coordinates of the world never
-/// meet an f32.
+/// Transforms and lights relative to an eye, combined in f64 and then rounded to f32, so that world coordinates are never
+/// f32.
 pub(crate) struct Eye {
     pub(crate) position: DVec3,
     pub(crate) instances: wgpu::Buffer,

@@ -1,4 +1,4 @@
-//! Light that surfaces reflect onto one another, whichever way it is found.
+//! Indirect diffuse light: by VPLs or point-based.
 
 use std::sync::Arc;
 
@@ -12,16 +12,16 @@ use crate::radiosity::{Radiosity, VplKnobs};
 use crate::resident::{Placement, Resident};
 use crate::scratch::Scratch;
 
-/// Light that surfaces reflect onto one another.
+/// Method of indirect light.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Indirect {
-    /// None: surfaces are lit by lights and sky alone.
+    /// No indirect light: surfaces are lit by lights and sky.
     #[default]
     Off,
-    /// Instant radiosity (Keller 1997): paths from the lights leave virtual point lights (VPLs) on the surfaces that
-    /// reflect, and every visible surface gathers from some of them.
+    /// Instant radiosity (Keller 1997): paths from the lights leave virtual point lights (VPLs) on surfaces, and every
+    /// visible surface gathers from some of them.
     Vpl(VplKnobs),
-    /// Point-based (Christensen 2008): some of the visible surfaces see small images of an octree of shaded points.
+    /// Point-based (Christensen 2008): some visible surfaces integrate small maps of an octree of shaded points.
     Points(PointKnobs),
 }
 
@@ -31,7 +31,7 @@ pub(crate) enum IndirectLight {
     Points(Box<PointBased>),
 }
 
-/// What is lit, and by what.
+/// Inputs of indirect light.
 #[derive(Clone, Copy)]
 pub(crate) struct LightInputs<'a> {
     pub(crate) gpu: &'a Arc<Gpu>,
@@ -42,28 +42,28 @@ pub(crate) struct LightInputs<'a> {
     pub(crate) time_secs: f64,
 }
 
-/// Which sub-samples of a tile may take light that others received.
+/// Which sub-samples of a tile share received light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum LightSharing {
-    /// Those around it in an image.
+    /// Neighbours in an image.
     Image,
-    /// Those around it in a sample, whose texels have `side` sub-samples along each side.
+    /// Neighbours in a sample. Its texels have `side` sub-samples along each side.
     Texels { side: u32 },
-    /// Those of the same pixel, since neighbours in a list are none in the view.
+    /// Sub-samples of one pixel, because neighbours in a list are not neighbours in the view.
     Pixels,
-    /// Those that follow one another in a list of leaves, which are neighbours in space.
+    /// Consecutive leaves of a list, which are neighbours in space.
     Leaves,
-    /// None.
+    /// Nothing is shared.
     Each,
 }
 
 impl LightSharing {
-    /// What blocks that share receivers hold of a tile, and how many blocks away a receiver may lie; for blocks of `block`
-    /// sub-samples of an image, and `side` of them on each side of a pixel.
+    /// Size of the blocks that share receivers, in sub-samples, and the reach of a receiver, in blocks. `block` is the
+    /// block side in an image; `side` is the number of sub-samples along a pixel's side.
     pub(crate) fn blocks(self, block: u32, side: u32) -> ([u32; 2], u32) {
         match self {
             Self::Image => ([block, block], 1),
-            // Receivers as far apart as if sub-samples were lit.
+            // Receivers are as far apart as if sub-samples were lit.
             Self::Texels { side } => ([(block / side).max(1); 2], 1),
             Self::Pixels => ([side, side], 0),
             Self::Leaves => ([16, 1], 1),
@@ -73,7 +73,7 @@ impl LightSharing {
 }
 
 impl IndirectLight {
-    /// By those knobs; none where there is to be none.
+    /// The indirect light of these knobs; `None` if it is off.
     pub(crate) fn new(
         gpu: &Arc<Gpu>,
         scene: &Arc<Scene>,
@@ -89,7 +89,7 @@ impl IndirectLight {
         }
     }
 
-    /// Takes other knobs of its kind; whether they are.
+    /// Changes the knobs. Returns false if they are of another method.
     pub(crate) fn set_knobs(&mut self, knobs: Indirect) -> bool {
         match (self, knobs) {
             (Self::Vpls(light), Indirect::Vpl(knobs)) => light.set_knobs(knobs),
@@ -99,7 +99,7 @@ impl IndirectLight {
         true
     }
 
-    /// Puts instances where they are now; what lit the scene before does not light it any more.
+    /// Moves instances. Marks the light as out of date.
     pub(crate) fn place(&mut self, placements: &[Placement]) {
         match self {
             Self::Vpls(light) => light.place(placements),
@@ -107,10 +107,10 @@ impl IndirectLight {
         }
     }
 
-    /// Makes ready what tiles are lit by, unless it is.
+    /// Prepares the light of tiles, unless it is up to date. Returns the cost.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] for what is larger than the device can bind, or the device.
+    /// [`RenderError::OutOfMemory`] if a buffer exceeds what the device can bind, or the errors of the device.
     pub(crate) fn ready(
         &mut self,
         inputs: &LightInputs<'_>,
@@ -122,10 +122,10 @@ impl IndirectLight {
         }
     }
 
-    /// Adds the indirect light of a tile that `commands` shade; hands back where what follows is to be recorded.
+    /// Adds the indirect light of a tile that `commands` shade. Returns the commands that later passes are recorded into.
     ///
     /// # Errors
-    /// As [`Self::ready`].
+    /// The errors of [`Self::ready`].
     pub(crate) fn add(
         &mut self,
         mut commands: Commands,

@@ -1,4 +1,4 @@
-//! What a user may say about samples, beside where they are taken from.
+//! Settings of samples, except their cameras.
 
 use argus_scene::{InvalidField, PlaneFormat};
 
@@ -7,25 +7,24 @@ use crate::Indirect;
 /// How a sample stores radiance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RadianceFormat {
-    /// 4 bytes a texel: three mantissas of 9 bits under one exponent, so a relative error of up to 2⁻⁹ of the
-    /// brightest channel.
+    /// 4 bytes a texel: three mantissas of 9 bits and a shared exponent. The error is up to 2⁻⁹ of the brightest channel.
     #[default]
     SharedExponent,
     /// 8 bytes a texel: a relative error of up to 2⁻¹¹ in each channel.
     HalfFloat,
 }
 
-/// Quality of samples; each knob trades it for time or bytes.
+/// Settings of samples. Each trades quality for time or bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerKnobs {
-    /// Sub-samples of a texel, on a regular grid: 1, 4 or 16. Visibility is found for each; shading is paid once a triangle
-    /// that the texel shows.
+    /// Sub-samples of a texel, on a regular grid: 1, 4 or 16. Visibility costs time for each; shading costs time for each
+    /// triangle that the texel shows.
     pub sub_samples: u32,
-    /// Mantissa bits that a stored inverse range keeps, 8 to 23: it is off by at most 2^-(bits + 1) of itself.
+    /// Mantissa bits of the stored inverse range, 8 to 23. The relative error is at most 2^-(bits + 1).
     pub range_bits: u32,
     /// How radiance is stored.
     pub radiance: RadianceFormat,
-    /// Whether surfaces light one another.
+    /// Indirect light.
     pub indirect: Indirect,
 }
 
@@ -41,10 +40,10 @@ impl Default for SamplerKnobs {
 }
 
 impl SamplerKnobs {
-    /// Rejects values outside the documented ones.
+    /// Checks all ranges.
     ///
     /// # Errors
-    /// The knob, by name.
+    /// The field that is out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
         if ![1, 4, 16].contains(&self.sub_samples) {
             let reason = format!("must be 1, 4 or 16, not {}", self.sub_samples);
@@ -68,7 +67,7 @@ impl SamplerKnobs {
 }
 
 impl RadianceFormat {
-    /// As planes name it.
+    /// The plane format.
     pub fn plane(self) -> PlaneFormat {
         match self {
             Self::SharedExponent => PlaneFormat::Rgb9e5Ufloat,

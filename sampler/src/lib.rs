@@ -1,12 +1,11 @@
 //! Scene to sample sets: visibility, then shading.
 //!
-//! [`GpuSampler`] holds a scene on the device and renders it from triangles, for others as samples and as
-//! direct views. Each image is cut into tiles that bound its memory. Of a tile, a visibility buffer says which triangle
-//! of which instance each sub-sample sees.
+//! [`GpuSampler`] holds a scene on the device and renders samples and direct views from its triangles. Each image is cut
+//! into tiles that bound its memory. A tile's visibility buffer has the instance and triangle of each sub-sample.
 //!
-//! A direct view shades every sub-sample and averages those of a pixel. A texel of a sample shows one surface, of those that
-//! its sub-samples see the one that covers most. Each triangle of it is shaded once, in the middle of the sub-samples that
-//! see it: a texel within a triangle costs one shading, however many sub-samples it has. Both are shaded by the same code.
+//! A direct view shades every sub-sample and averages those of a pixel. A texel of a sample shows one surface: the one
+//! that covers most of its sub-samples. Each triangle of that surface is shaded once, in the middle of the sub-samples
+//! that see it, so a texel inside one triangle costs one shading. The same code shades both.
 
 mod backend_timing;
 mod bvh;

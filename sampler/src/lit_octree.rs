@@ -1,9 +1,8 @@
-//! The scene as an octree of shaded surfaces: what cameras look up ([`crate::omni_maps`]) and what lights other surfaces
+//! The scene as an octree of shaded surfaces. Cameras look it up ([`crate::omni_maps`]), and it lights other surfaces
 //! ([`crate::point_based`]).
 //!
-//! Once a pose the scene's surfaces become an octree, whose leaves know which triangle they show to either side; once a
-//! lighting the leaves are shaded, in chunks and as a list, by whoever drives this; then nodes are averaged from their
-//! children.
+//! Once a pose, the octree is built; each leaf stores the triangle that it shows to either side. Once a lighting, the
+//! leaves are shaded in chunks, and inner nodes are averaged from their children.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -21,23 +20,23 @@ use crate::passes::{Leaves, NodeSurfaces, OwnNodes, ShadeLeaves, Surfels, TileCo
 use crate::resident::{Cull, Placement, Resident, upload};
 use crate::tile::Tile;
 
-/// Columns, and most rows, of the image that leaves are shaded in: half a million of them at a time.
+/// Columns and most rows of the image that leaves are shaded in: half a million leaves at a time.
 const CHUNK_SIDE: u32 = 1024;
-/// Set in the number of a triangle whose back is not seen, as `shaders/sampler/shade_leaves.wgsl` has it.
+/// Bit in the index of a single-sided triangle, as in `shaders/sampler/shade_leaves.wgsl`.
 const SINGLE_SIDED: u32 = 1 << 31;
 
-/// The octree of one scene on one device, and what its nodes show.
+/// The lit octree of one scene on one device.
 pub(crate) struct LitOctree {
     levels: u32,
     shade: ShadeLeaves,
     surfels: Surfels,
-    /// Its programs are made once.
+    /// Kept, because its pipelines are reused.
     builder: Option<OctreeBuilder>,
     faced: Option<Faced>,
     lit: Option<Lit>,
 }
 
-/// The scene's octree as its surfaces lie, and which triangles its leaves show.
+/// The octree of the posed scene, and the triangles that its leaves show.
 struct Faced {
     octree: Arc<Octree>,
     triangle_ids: wgpu::Buffer,
@@ -45,32 +44,32 @@ struct Faced {
     ends: wgpu::Buffer,
 }
 
-/// What the octree's nodes show under some lights.
+/// Radiance of the octree's nodes under some lights.
 struct Lit {
     lighting: Lighting,
-    /// Seconds; where no light drifts, any time is the same.
+    /// Seconds. Ignored where light does not change with time.
     time_secs: f64,
     surfels: wgpu::Buffer,
 }
 
-/// Leaves that are shaded at a time.
+/// Leaves that are shaded in one submission.
 pub(crate) struct Chunk {
-    /// The image that they are shaded in.
+    /// The image that they are shaded in, as a tile.
     pub(crate) tile: Tile,
     uniform: wgpu::Buffer,
 }
 
-/// Nodes and what they show.
+/// Nodes and their radiance.
 pub(crate) struct LitNodes<'a> {
     pub(crate) octree: &'a Arc<Octree>,
     /// Radiance of either side: [`argus_shaders::layout::sampler::SURFEL_BYTES`] a node.
     pub(crate) surfels: &'a wgpu::Buffer,
-    /// Of each level of the octree, the leaves' first, the number of the node after its last.
+    /// For each level, starting with the leaves, the index after its last node.
     pub(crate) ends: &'a wgpu::Buffer,
 }
 
 impl LitOctree {
-    /// For a scene that lies on a device; `keeps_guides` for whoever adds indirect light to leaves.
+    /// The lit octree of a scene on a device. `keeps_guides` if indirect light is added to leaves.
     pub(crate) fn new(gpu: &Gpu, resident: &Resident, keeps_guides: bool, levels: u32) -> Self {
         Self {
             levels,
@@ -82,7 +81,7 @@ impl LitOctree {
         }
     }
 
-    /// Takes another number of levels.
+    /// Changes the number of levels.
     pub(crate) fn set_levels(&mut self, levels: u32) {
         if levels != self.levels {
             self.forget_pose();
@@ -90,21 +89,21 @@ impl LitOctree {
         self.levels = levels;
     }
 
-    /// Surfaces lie elsewhere.
+    /// Marks the octree as out of date, because surfaces moved.
     pub(crate) fn forget_pose(&mut self) {
         self.faced = None;
         self.forget_light();
     }
 
-    /// Surfaces are lit by other lights.
+    /// Marks the lighting as out of date.
     pub(crate) fn forget_light(&mut self) {
         self.lit = None;
     }
 
-    /// Builds the octree unless surfaces lie where they did; `None` where there are none, so that all is sky.
+    /// Builds the octree unless it is up to date. Returns the cost, or `None` for a scene without surfaces.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] where an array is larger than the device can bind, or the device.
+    /// [`RenderError::OutOfMemory`] if an array exceeds what the device can bind, or the errors of the device.
     pub(crate) fn pose(
         &mut self,
         gpu: &Arc<Gpu>,
@@ -121,7 +120,7 @@ impl LitOctree {
                 (0u32..).zip(placement.triangles(&scene.meshes[placement.mesh as usize]))
             {
                 if placement.world_from_mesh.determinant() < 0.0 {
-                    // A mirror turns triangles around, and their fronts stay fronts.
+                    // A mirroring transform reverses winding; front faces stay front faces.
                     corners.swap(1, 2);
                 }
                 let triangle = Triangle { corners, color: Vec3::ONE };
@@ -153,7 +152,7 @@ impl LitOctree {
         Ok(Some(vec![Stage::new("build octree", begin.elapsed().as_secs_f64() * 1e3)]))
     }
 
-    /// Which of its nodes belong to whom, once the scene was posed: see [`OwnNodes::record`].
+    /// The owner of each node, once the scene is posed: see [`OwnNodes::record`].
     pub(crate) fn owners(
         &self,
         gpu: &Gpu,
@@ -165,24 +164,24 @@ impl LitOctree {
         Some(pass.record(gpu, commands, &NodeSurfaces { octree, facing, triangle_ids, probe_of_instance }))
     }
 
-    /// The octree, once the scene was posed.
+    /// The octree, once the scene is posed.
     pub(crate) fn octree(&self) -> Option<&Arc<Octree>> {
         self.faced.as_ref().map(|faced| &faced.octree)
     }
 
-    /// Nodes and what they show, once they were lit.
+    /// The nodes, once they are lit.
     pub(crate) fn nodes(&self) -> Option<LitNodes<'_>> {
         let (Faced { octree, ends, .. }, Lit { surfels, .. }) = (self.faced.as_ref()?, self.lit.as_ref()?);
         Some(LitNodes { octree, surfels, ends })
     }
 
-    /// Whether leaves are shaded as these lights light them at this time.
+    /// Whether the leaves are up to date for these lights at this time.
     pub(crate) fn is_lit(&self, lighting: &Lighting, time_secs: f64, drifts: bool) -> bool {
         let is_now = |lit: &Lit| lit.lighting == *lighting && (!drifts || lit.time_secs == time_secs);
         self.lit.as_ref().is_some_and(is_now)
     }
 
-    /// The leaves in chunks to be shaded about the middle of the root, once it was posed.
+    /// The leaves in chunks, to be shaded relative to the root's centre. Empty before the scene is posed.
     pub(crate) fn chunks(&self, gpu: &Gpu) -> Vec<Chunk> {
         let Some(Faced { octree, .. }) = &self.faced else { return Vec::new() };
         let most = CHUNK_SIDE * CHUNK_SIDE / 2;
@@ -205,15 +204,15 @@ impl LitOctree {
         (0..octree.leaf_count()).step_by(most as usize).map(chunk).collect()
     }
 
-    /// Where each leaf's surfaces lie: that the context's tile is a list.
+    /// Triangles of each leaf, as the list of the context's tile.
     pub(crate) fn places(&self) -> Option<wgpu::Buffer> {
         self.faced.as_ref().map(|faced| faced.facing.clone())
     }
 
-    /// Memory for what nodes show.
+    /// Allocates the surfels of all nodes.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] where that is more than the device can bind.
+    /// [`RenderError::OutOfMemory`] if they exceed what the device can bind.
     pub(crate) fn make_surfels(&self, gpu: &Gpu) -> Result<wgpu::Buffer, RenderError> {
         let nodes = self.faced.as_ref().map_or(0, |faced| u64::from(faced.octree.node_count()));
         let limits = gpu.device.limits();
@@ -229,7 +228,7 @@ impl LitOctree {
         Ok(gpu.buffer("surfels", nodes.max(1) * SURFEL_BYTES, wgpu::BufferUsages::STORAGE))
     }
 
-    /// Shades a chunk's leaves, and keeps what indirect light needs of them.
+    /// Shades a chunk's leaves, and stores the guides that indirect light needs.
     pub(crate) fn shade(
         &self,
         commands: &mut Commands,
@@ -242,7 +241,7 @@ impl LitOctree {
         }
     }
 
-    /// Takes over what a chunk's leaves were shaded with, and whatever was added to that.
+    /// Stores the radiance of a chunk's leaves as surfels.
     pub(crate) fn keep(
         &self,
         commands: &mut Commands,
@@ -260,7 +259,7 @@ impl LitOctree {
         Some(Leaves { octree, triangle_ids, facing, surfels, chunk: &chunk.uniform })
     }
 
-    /// Averages what leaves show into the nodes above them, and goes by it from now on.
+    /// Averages leaves into inner nodes, and uses the result from now on.
     pub(crate) fn light(
         &mut self,
         commands: &mut Commands,
@@ -274,13 +273,13 @@ impl LitOctree {
     }
 }
 
-/// The image that leaves are shaded in, as a tile: of a list, whose rays nobody follows.
+/// The image that leaves are shaded in, as a tile. Its rays are not used.
 fn image_of(size: [u32; 2]) -> Tile {
     let face = Face { view_from_world: DMat3::IDENTITY, tan_half_fov: DVec2::ONE, offset: [0, 0], size };
     Tile { face, begin: [0, 0], size, side: 1 }
 }
 
-/// How pictures of an octree are taken, each from a view of its own: a function of nothing that was rendered before.
+/// Knobs for maps of an octree, each view traversed alone. The bytes do not depend on earlier maps.
 pub(crate) fn map_knobs(side: u32, octree: &Octree) -> Knobs {
     Knobs {
         side,
@@ -288,19 +287,19 @@ pub(crate) fn map_knobs(side: u32, octree: &Octree) -> Knobs {
         disc: Knobs::COVERING,
         shared_disc: Knobs::COVERING,
         sharing: false,
-        // What was rendered before decides nothing.
+        // Would depend on earlier frames.
         falls_back: false,
-        // A picture of what surrounds a view, and not of the wall that it stands in.
+        // Culls the cell that the view stands in.
         own_cell: false,
-        // Each view's pairs are fewer than leaves; what does not fit is traversed in parts. As many at the next moment, when
-        // leaves are about as many.
+        // A view has fewer pairs than leaves; what does not fit is traversed in parts. Rounded, so that the next pose's
+        // octree needs the same size.
         queue_pairs: Some(octree.leaf_count().saturating_mul(8).clamp(1 << 16, 1 << 31).next_power_of_two()),
         view_depth: Some(octree.depth),
         ..Knobs::default()
     }
 }
 
-/// What a hierarchy refuses, in a sampler's words.
+/// Converts errors of hierarchies.
 pub(crate) fn to_render_error(error: HierarchyError) -> RenderError {
     match error {
         HierarchyError::Gpu(error) => error.into(),

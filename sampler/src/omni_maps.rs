@@ -1,35 +1,36 @@
-//! Omni samples from an octree of the scene rather than from its triangles ([`argus_scene::Sampling::MegaViews`]).
+//! Omni samples from an octree of the scene ([`argus_scene::Sampling::MegaViews`]).
 //!
-//! The octree's leaves are shaded on both sides, which does not depend on who looks ([`LitOctree`]); then one traversal
-//! renders the maps of all cameras of a batch, and each sub-sample of a sample looks up which node its ray meets.
+//! The octree's leaves are shaded on both sides, independent of the viewer ([`LitOctree`]). One traversal renders the
+//! maps of all cameras of a batch. Each sub-sample then looks up the node that its ray meets.
 //!
-//! Maps of cameras that are traversed together depend on one another: what looks alike from several is rendered once,
-//! from the middle of them. So that a sample's bytes stay a function of its id, either none is shared, or among a block
-//! of the rig's lattice that follows from the sample's index ([`argus_scene::Rig::block`]), whoever asked for which.
+//! Cameras that share a traversal depend on one another: nodes that look alike from several cameras are rendered once,
+//! from their centre. To keep a sample's bytes a function of its id, either no camera shares, or all cameras of a fixed
+//! block of the rig's lattice do ([`argus_scene::Rig::block`]).
 //!
 //! # Steps
 //!
-//! Once a pose: the octree, and the two triangles that each leaf shows, one to either side. Once a lighting: *shade leaves* shades a list
-//! of points with the functions that shade what rays meet (`shaders/shared/surface.wgsl`), with textures as wide as a cell; *surfels*
-//! averages them up the tree. Once a batch: one traversal for all waiting cameras (up to eight, the corners of a cell). Once a sample:
-//! *look up* replaces visibility and shading. A sub-sample's ray finds a node in its camera's map; its range is where the texel's central
-//! ray meets the node's plane, kept within the node's cell. The cell that a camera stands in is left out (`Knobs::own_cell`).
+//! Once a pose: the octree, and the triangle that each leaf shows to either side. Once a lighting: *shade leaves* shades
+//! the leaves with the functions of `shaders/shared/surface.wgsl`, with textures filtered to a cell; *surfels* averages
+//! them up the tree. Once a batch: one traversal for all waiting cameras (up to eight, the corners of a cell). Once a
+//! sample: *map lookup* replaces visibility and shading. A sub-sample's ray finds a node in its camera's map. Its range
+//! is where the texel's central ray meets the node's plane, clamped to the node's cell. The cell that a camera stands in
+//! is culled (`Knobs::own_cell`).
 //!
 //! # Format
 //!
-//! A sample is stored as cube faces, like any other. The warp searches along straight lines of pinhole images, which a paraboloid is not.
-//! A texel of a face asks the map four times and takes one surface, as it would of triangles.
+//! A sample is stored as cube faces, because the warp searches along straight lines of pinhole images. A texel of a face
+//! looks up the map four times and takes one surface, as with triangles.
 //!
 //! # Sharing
 //!
-//! By default cameras are traversed each by itself. With `--map-block 2|4` an aligned block of the lattice is traversed together. Blocks
-//! are off by default for a geometric reason: a shared node of the scene is at least as large as the cameras' distance, seen as a texel.
-//! At 16² texels that is a sixteenth of the scene; at 256² it never happens.
+//! By default each camera is traversed alone. With `--map-block 2|4` an aligned block of the lattice shares a traversal.
+//! Sharing is off by default, because a shared node appears at most a texel large and is at least as large as the
+//! distance between cameras. At 16² texels such nodes are a sixteenth of the scene; at 256² there are none.
 //!
 //! # Losses against triangles
 //!
-//! Mirrors and gloss (no planes for them), cut-outs (leaves hold whole triangles), detail below a cell, and the back of single-sided
-//! surfaces, which counts as sky. `argus study omni-maps` measures them.
+//! Reflection and gloss (no planes), cut-outs (leaves hold whole triangles), detail smaller than a cell, and the back of
+//! single-sided surfaces (rendered as sky). `argus study omni-maps` measures them.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -44,35 +45,35 @@ use crate::passes::{MapLookup, NodeMaps, ResolveSample, TileContext};
 use crate::resident::Resident;
 use crate::{Indirect, SamplerKnobs};
 
-/// Bytes of maps that are rendered in one traversal where none are shared: 32 of 1024² texels a hemisphere.
+/// Most bytes of maps in one traversal without sharing: 32 maps of 1024² texels a hemisphere.
 const MOST_MAP_BYTES: u64 = 512 << 20;
-/// Levels below the root that an octree over cameras may have.
+/// Most levels of the octree over cameras.
 const MOST_VIEW_LEVELS: u32 = 10;
 
-/// What samples are looked up in, of one scene on one device.
+/// The maps of one scene's sample cameras on one device.
 pub(crate) struct OmniMaps {
     knobs: MegaViews,
     pub(crate) octree: LitOctree,
     look_up: MapLookup,
-    /// Such samples have no planes for reflections, whatever the scene has.
+    /// Resolves samples without planes for reflections.
     pub(crate) resolve: ResolveSample,
-    /// Programs outlast the octree that they were made for.
+    /// Kept across octrees, because its programs are reused.
     views: Option<ManyViews>,
-    /// What cameras of which rig have maps in them.
+    /// The rig and cameras whose maps are rendered.
     traversed: Option<(Rig, Vec<u64>)>,
 }
 
-/// Samples whose maps are rendered in one traversal.
+/// Samples of one traversal.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Group {
-    /// The cameras that are traversed, ascending.
+    /// Indices of the cameras, ascending.
     cameras: Vec<u64>,
-    /// Of each sample that was asked for, its place in the order and the number of its camera in the traversal.
+    /// For each requested sample its position in the job and the index of its camera in the traversal.
     pub(crate) wanted: Vec<(usize, u32)>,
 }
 
 impl OmniMaps {
-    /// For a scene that lies on a device.
+    /// The maps of a scene on a device.
     pub(crate) fn new(gpu: &Gpu, resident: &Resident, sampler: &SamplerKnobs, knobs: MegaViews) -> Self {
         let keeps_guides = sampler.indirect != Indirect::Off;
         Self {
@@ -85,7 +86,7 @@ impl OmniMaps {
         }
     }
 
-    /// Takes other knobs.
+    /// Changes the knobs.
     pub(crate) fn set_knobs(&mut self, knobs: MegaViews) {
         self.octree.set_levels(knobs.levels);
         if knobs != self.knobs {
@@ -94,16 +95,16 @@ impl OmniMaps {
         self.knobs = knobs;
     }
 
-    /// Surfaces lie elsewhere.
+    /// Marks all as out of date, because surfaces moved.
     pub(crate) fn forget_pose(&mut self) {
         self.octree.forget_pose();
         self.traversed = None;
     }
 
-    /// Renders the maps of a group's cameras, unless they are there.
+    /// Renders the maps of a group's cameras, unless they are up to date.
     ///
     /// # Errors
-    /// A camera that the rig does not have; [`RenderError::OutOfMemory`] for more maps than the device can hold.
+    /// The rig lacks a camera; [`RenderError::OutOfMemory`] for more maps than the device can hold.
     pub(crate) fn traverse(
         &mut self,
         gpu: &Arc<Gpu>,
@@ -136,14 +137,14 @@ impl OmniMaps {
         Ok(vec![Stage::new("traverse octree", begin.elapsed().as_secs_f64() * 1e3)])
     }
 
-    /// How a group is traversed: by a function of its cameras alone.
+    /// Knobs of a group's traversal, a function of its cameras alone.
     fn traversal(&self, rig: &Rig, octree: &Octree, group: &Group, edge: f64) -> Knobs {
         let alone = map_knobs(self.knobs.map_side, octree);
         let spacing = group.cameras.first().and_then(|&index| rig.spacing_of(index));
         let (Some(spacing), true) = (spacing, self.knobs.block > 1 && group.cameras.len() > 1) else {
             return alone;
         };
-        // Cells of the octree over the cameras are narrower than the lattice, so that each camera has its own map.
+        // Cells of the octree over cameras are narrower than the lattice, so each camera has its own map.
         let cells = edge * octree.root.edge / spacing;
         let view_depth = (cells.log2().floor() as u32).saturating_add(1).max(1);
         if view_depth > MOST_VIEW_LEVELS {
@@ -153,7 +154,7 @@ impl OmniMaps {
         }
     }
 
-    /// Shades a tile of a sample of the group that was traversed last, from its camera's map.
+    /// Looks up a tile of a sample in its camera's map. The sample belongs to the group that was traversed last.
     pub(crate) fn look_up(&self, commands: &mut Commands, context: &TileContext<'_>, view: u32) {
         let (Some(lit), Some(views)) = (self.octree.nodes(), &self.views) else { return };
         let maps = NodeMaps { octree: lit.octree, views, surfels: lit.surfels, ends: lit.ends };
@@ -161,8 +162,8 @@ impl OmniMaps {
     }
 }
 
-/// Samples by the traversal that they come from. Cameras that share nothing go together as they come, as many as a
-/// device holds maps of; those of a block always go with all of it. What the rig does not have is of no group.
+/// Groups samples by traversal. Without sharing, cameras are grouped in order, as many as fit in memory. With sharing, a
+/// group has all cameras of a block. Indices that the rig does not have are in no group.
 pub(crate) fn groups(rig: &Rig, ids: &[SampleId], knobs: &MegaViews) -> Vec<Group> {
     let texel_bytes = u64::from(Texel::RangeAndNode.bits()) / 8;
     let map_bytes = 2 * u64::from(knobs.map_side) * u64::from(knobs.map_side) * texel_bytes;

@@ -1,22 +1,22 @@
-//! Which passes a scene calls for, and why.
+//! The passes that a scene needs, and why.
 
 use argus_scene::{Effect, Scene};
 
 use crate::resident::{DrawClass, Resident};
 use crate::{Indirect, SamplerKnobs};
 
-/// Whether one piece of work runs for this scene.
+/// Whether a pass, or a part of one, runs for this scene.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PassPlan {
-    /// What it does: a pass, by the name of its timing row, or a part of one.
+    /// Name. A pass has the name of its row in the timing table.
     pub name: &'static str,
     /// Whether it runs.
     pub on: bool,
-    /// What of the scene, or which knob, calls for it or makes it needless.
+    /// The property of the scene, or the knob, that switches it on or off.
     pub why: String,
 }
 
-/// The plan for a scene as it lies on the device.
+/// The plan for a scene on the device.
 pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> Vec<PassPlan> {
     let effects = scene.effects();
     let has = |effect| effects.contains(&effect);

@@ -1,30 +1,30 @@
-//! Lists of pixels: what of a view is traced and shaded where only some of it is wanted.
+//! Lists of pixels of a view that are traced and shaded alone.
 
 use argus_scene::InvalidField;
 use argus_scene::camera::Face;
 
 use crate::tile::{Tile, tiles};
 
-/// Pixels in a row of the image that a list is shaded in.
+/// Pixels in a row of the compact image that a list is shaded in.
 const ROW: u32 = 256;
-/// Pixels on a side of the squares by which a list is sorted, so that neighbours share packets of rays.
+/// Pixels on a side of the squares by which lists are sorted, so that neighbours share packets of rays.
 const SQUARE: u32 = 16;
 
 /// The pixels of a list that lie in one tile of the view.
 #[derive(Debug)]
 pub(crate) struct PixelList {
-    /// Of the view: its rays are those of the pixels.
+    /// The tile of the view, with the rays of the pixels.
     pub(crate) tile: Tile,
-    /// The list as an image, row by row.
+    /// The list as a compact image, row by row.
     pub(crate) compact: Tile,
-    /// Position in the list that was asked for.
+    /// For each pixel its position in the job's list.
     pub(crate) asked: Vec<u32>,
-    /// Column and row within the tile, in the same order.
+    /// For each pixel its column and row in the tile.
     pub(crate) places: Vec<[u32; 2]>,
 }
 
 impl PixelList {
-    /// Sub-samples of the tile, pixel by pixel.
+    /// Sub-samples of the pixels in the tile, pixel by pixel.
     pub(crate) fn sub_samples(&self) -> Vec<[u32; 2]> {
         let side = self.tile.side;
         let of_pixel =
@@ -32,7 +32,7 @@ impl PixelList {
         self.places.iter().copied().flat_map(of_pixel).collect()
     }
 
-    /// What was found for [`Self::sub_samples`], as the compact image has it; what no pixel needs is 0.
+    /// Ids of [`Self::sub_samples`], arranged as the compact image; 0 beyond the last pixel.
     pub(crate) fn image(&self, found: &[[u32; 2]]) -> Vec<[u32; 2]> {
         let side = self.tile.side as usize;
         let [width, height] = self.compact.sub_samples().map(|n| n as usize);
@@ -46,16 +46,16 @@ impl PixelList {
         image
     }
 
-    /// The places as the device reads them.
+    /// The positions, packed for the device.
     pub(crate) fn words(&self) -> Vec<u32> {
         self.places.iter().map(|[x, y]| x | y << 16).collect()
     }
 }
 
-/// Sorts the pixels of a view (row × width + column) into its tiles.
+/// Sorts pixels of a view (row × width + column) by tile.
 ///
 /// # Errors
-/// A pixel that the view does not have.
+/// A pixel lies outside the view.
 pub(crate) fn pixel_lists(face: &Face, side: u32, pixels: &[u32]) -> Result<Vec<PixelList>, InvalidField> {
     let [width, height] = face.size;
     if let Some(pixel) = pixels.iter().find(|&&p| u64::from(p) >= u64::from(width) * u64::from(height)) {
@@ -71,7 +71,7 @@ pub(crate) fn pixel_lists(face: &Face, side: u32, pixels: &[u32]) -> Result<Vec<
         let mut inside: Vec<(u32, [u32; 2])> =
             (0u32..).zip(pixels).filter_map(|(at, &pixel)| Some((at, within(pixel)?))).collect();
         inside.sort_by_key(|&(_, [x, y])| (y / SQUARE, x / SQUARE, y, x));
-        // As large a part at a time as a tile may be.
+        // A list has at most the pixels of a tile.
         for part in inside.chunks((tiles_most(side) * ROW) as usize) {
             let (asked, places): (Vec<u32>, Vec<[u32; 2]>) = part.iter().copied().unzip();
             let columns = (places.len() as u32).min(ROW);
@@ -82,7 +82,7 @@ pub(crate) fn pixel_lists(face: &Face, side: u32, pixels: &[u32]) -> Result<Vec<
     Ok(pixel_lists)
 }
 
-/// Rows of pixels of a compact image, at most.
+/// Most rows of a compact image.
 fn tiles_most(side: u32) -> u32 {
     (crate::tile::MAX_SIDE / side).max(1)
 }

@@ -1,22 +1,22 @@
-//! What glossy and transparent things mirror of the scene: maps of an octree of it around each of them (ManyLoDs,
-//! Holländer et al. 2011, section 5), made once a pose and lighting, for samples, direct views and compositors alike.
+//! Renders reflection probes: maps of radiance and range around each reflective object, from an octree of the scene
+//! (ManyLoDs, Holländer et al. 2011, section 5). Samples, direct views and compositors share them.
 //!
-//! All maps come from one traversal, a cut through the octree for each; a thing is left out of its own map, by what of
-//! the octree belongs to it alone. The octree's leaves are shaded as samples are: what is seen in a reflection is diffuse.
+//! One traversal renders all maps, with a cut through the octree for each. Nodes that belong to one object alone are
+//! culled from its own probe. The octree's leaves are shaded as samples are, so reflections show only diffuse light.
 //!
-//! # Life of the maps
+//! # Lifetime
 //!
-//! Once for each pose and lighting: a lit octree is built; one traversal with a cut for each object's view renders it; *look around*
-//! turns each dual paraboloid into an octahedral map of radiance and range; *blur surroundings* adds coarser levels, each blurred as a
-//! surface of its roughness would. Octree nodes that belong to one object alone (*own nodes*) are culled for that object's view.
+//! Once for each pose and lighting: the lit octree is built, and one traversal renders it for all objects. *Resample
+//! probes* turns each dual paraboloid into an octahedral map of radiance and range. *Blur probes* adds coarser levels,
+//! each blurred for its roughness.
 //!
-//! The maps of a moment are one more sample of the set (`SampleId::SURROUNDINGS`). They are rendered, sent, held, evicted and pinned
-//! like any other; plans name it last. A sample's *reflector* plane says which map each texel looks up, and what passes through it. Both
-//! roles look up with one function (`shaders/shared/reflection_probes.wgsl`): the reflected ray is followed to the range that the map stores,
-//! in three steps, and looked up at the level of the surface's roughness. Glass adds the refracted ray.
+//! The probes of one time are one more sample of the set (`SampleId::SURROUNDINGS`), which plans name last. A sample's
+//! *reflector* plane names the probe of each texel, and the light that passes through it. Both roles look up probes with
+//! one function (`shaders/shared/reflection_probes.wgsl`): the reflected ray is followed to the probe's stored range in
+//! three steps, and looked up at the level of the surface's roughness. Glass adds the refracted ray.
 //!
-//! A scene without reflective objects, or a set without reflections, compiles no program for any of this. The reference follows rays
-//! instead (`scene/src/reference/reflection.rs`), and `argus study reflections` measures the difference.
+//! Without reflective objects or reflections, none of these programs is compiled. The reference traces rays instead
+//! (`scene/src/reference/reflection.rs`); `argus study reflections` measures the difference.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -36,18 +36,18 @@ use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
 use crate::passes::{NodeMaps, OwnNodes, ProbePlanes, ResampleProbes, ResolveSample, Shade, ShadeSample};
 use crate::resident::{Resident, upload};
 
-/// Bytes of maps in the making: a few thousand small ones, or sixteen of the largest.
+/// Most bytes of probes that are rendered at once: a few thousand small ones, or sixteen of the largest.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// The maps of one scene on one device, and the programs of whoever looks them up.
+/// The reflection probes of one scene on one device, and the programs that look them up.
 pub(crate) struct ProbeRenderer {
     pub(crate) of: Surroundings,
-    /// Instances that have a map.
+    /// Instances that have a probe.
     reflectors: Vec<u32>,
     pub(crate) octree: LitOctree,
     own_nodes: OwnNodes,
     resample: ResampleProbes,
-    /// Their programs outlast the octree that they were made for.
+    /// Kept across octrees, because its programs are reused.
     views: Option<ManyViews>,
     pub(crate) shade: Shade,
     pub(crate) shade_sample: ShadeSample,
@@ -55,7 +55,7 @@ pub(crate) struct ProbeRenderer {
     made: Option<Made>,
 }
 
-/// Maps, and the lights and time that they were made under.
+/// Rendered probes, with their lighting and time.
 struct Made {
     lighting: Lighting,
     time_secs: f64,
@@ -63,15 +63,15 @@ struct Made {
     probe_bindings: ProbeBindings,
 }
 
-/// What shading looks up.
+/// The probes that shading programs bind.
 pub(crate) struct ProbeBindings {
     pub(crate) probes: argus_gpu::ReflectionProbes,
-    /// Of each instance, 1 + the number of its map; 0 for none.
+    /// For each instance 1 + the index of its probe; 0 for none.
     pub(crate) probe_of_instance: wgpu::Buffer,
 }
 
 impl ProbeBindings {
-    /// Nothing.
+    /// Bindings without probes.
     pub(crate) fn none(gpu: &Gpu) -> Self {
         Self {
             probes: argus_gpu::ReflectionProbes::none(gpu),
@@ -81,10 +81,10 @@ impl ProbeBindings {
 }
 
 impl ProbeRenderer {
-    /// For a scene that lies on a device.
+    /// The probe renderer of a scene on a device.
     ///
     /// # Errors
-    /// [`RenderError::Invalid`] where the scene has another number of reflectors than it was said to have.
+    /// [`RenderError::Invalid`] if the number of the scene's reflectors differs from the job's.
     pub(crate) fn new(
         gpu: &Gpu,
         scene: &Scene,
@@ -112,38 +112,38 @@ impl ProbeRenderer {
         })
     }
 
-    /// Surfaces lie elsewhere.
+    /// Marks all as out of date, because surfaces moved.
     pub(crate) fn forget_pose(&mut self) {
         self.octree.forget_pose();
         self.made = None;
     }
 
-    /// Surfaces are lit by other lights.
+    /// Marks lighting as out of date.
     pub(crate) fn forget_light(&mut self) {
         self.octree.forget_light();
         self.made = None;
     }
 
-    /// Whether the maps are those under these lights at this time.
+    /// Whether the probes are up to date for these lights at this time.
     pub(crate) fn is_made(&self, lighting: &Lighting, time_secs: f64, drifts: bool) -> bool {
         let is_now = |made: &Made| made.lighting == *lighting && (!drifts || made.time_secs == time_secs);
         self.made.as_ref().is_some_and(is_now)
     }
 
-    /// What shading looks up, once it was made.
+    /// The bindings of the probes, once they are rendered.
     pub(crate) fn probe_bindings(&self) -> Option<&ProbeBindings> {
         self.made.as_ref().map(|made| &made.probe_bindings)
     }
 
-    /// The maps as a sample, once they were made.
+    /// The probes as a sample, once they are rendered.
     pub(crate) fn sample(&self, id: SampleId) -> Option<Sample> {
         self.made.as_ref().map(|made| Sample { id, ..made.sample.clone() })
     }
 
-    /// Makes the maps, once the octree is lit; the scene is posed at `time_secs`.
+    /// Renders the probes. The octree must be lit and the scene posed at `time_secs`.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] for what the device cannot hold, or the device.
+    /// [`RenderError::OutOfMemory`], or the errors of the device.
     pub(crate) fn make(
         &mut self,
         gpu: &Arc<Gpu>,
@@ -158,7 +158,7 @@ impl ProbeRenderer {
         let posed = scene.at(time_secs);
         let reflectors = self.reflectors.iter().map(|&index| {
             let instance = &posed.instances[index as usize];
-            // What has been shrunk to nothing mirrors nothing; its map shows what is in the middle.
+            // An object of zero size reflects nothing; its probe is rendered at the scene's centre.
             scene.reflector(index, instance).unwrap_or(Reflector {
                 instance: index,
                 center: middle,
@@ -181,7 +181,7 @@ impl ProbeRenderer {
             let owners = self.octree.owners(gpu, &mut commands, &self.own_nodes, &probe_of_instance);
             commands.submit().wait()?;
             let owners = owners.ok_or_else(|| RenderError::Internal("nodes belong to nobody".to_owned()))?;
-            // From the places as they are stored, so that whoever looks maps up knows where they are seen from.
+            // From the stored f32 positions, which lookups use too.
             let seen_from = |place: &[f32; 4]| {
                 let [x, y, z, _] = place.map(f64::from);
                 ViewPoint::everywhere(middle + DVec3::new(x, y, z))

@@ -1,4 +1,4 @@
-//! The frame, top to bottom.
+//! Renders samples, direct views and lists of pixels.
 
 mod octree_samples;
 mod probes;
@@ -37,25 +37,24 @@ use crate::view::{Image, ViewParts, frame, grid_side};
 use crate::visibility::VisibilityBackends;
 use crate::{Indirect, SamplerKnobs};
 
-/// Sub-samples of a part of a sample whose rays the CPU follows: some 20 ms of a core, with their shading by a software
-/// driver.
+/// Sub-samples of a band of a sample that is traced on the CPU: about 20 ms of a core, with shading by a software driver.
 const BAND_SUB_SAMPLES: u32 = 1 << 16;
 
-/// What others do with the sampler between two parts of a sample that nobody waits for.
+/// Other work that runs between two tiles of a sample that no view waits for.
 type BetweenTiles<'a> = &'a mut dyn FnMut(&mut dyn Sampler);
 
 /// Renders a scene from its triangles, on one device.
 ///
-/// The scene is uploaded when this is made. Samples and views need only what depends on their cameras, and the
-/// places of instances where their epoch is another than the last one's. After a loss of the device every render
-/// fails with [`RenderError::DeviceLost`]; make another one, on another [`Gpu`].
+/// The scene is uploaded once. A job uploads only what depends on its camera, and the transforms of instances if its
+/// epoch differs from the last job's. After a loss of the device every job fails with [`RenderError::DeviceLost`]; make
+/// another sampler on another [`Gpu`].
 pub struct GpuSampler {
     gpu: Arc<Gpu>,
     scene: Arc<Scene>,
     knobs: SamplerKnobs,
     glossy: bool,
     animated: bool,
-    /// What depends on time, as it is at `posed_secs`.
+    /// Lighting at `posed_secs`.
     lighting: Lighting,
     posed_secs: f64,
     resident: Resident,
@@ -63,18 +62,18 @@ pub struct GpuSampler {
     surface_programs: SurfacePrograms,
     resolve_view: ResolveView,
     scratch: Scratch,
-    /// Light from surface to surface, made when it is first needed.
+    /// Indirect light, made when it is first needed.
     indirect: Option<IndirectLight>,
-    /// Maps of an octree, made when samples are first to come from them.
+    /// Maps of the octree, made when a sample is first rendered from them.
     maps: Option<OmniMaps>,
 }
 
 impl GpuSampler {
-    /// Uploads a scene and makes the pipelines that it calls for.
+    /// Uploads a scene and makes the pipelines that it needs.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if a part of the scene is larger than the device can bind,
-    /// [`RenderError::Internal`] if the device cannot number triangles.
+    /// [`RenderError::Internal`] if fragment programs of the device cannot read the primitive index.
     pub fn new(gpu: Arc<Gpu>, scene: Arc<Scene>) -> Result<Self, RenderError> {
         Self::with_knobs(gpu, scene, SamplerKnobs::default())
     }
@@ -82,7 +81,7 @@ impl GpuSampler {
     /// Makes a sampler with these knobs.
     ///
     /// # Errors
-    /// As [`Self::new`], and [`RenderError::Invalid`] for a knob that is out of range.
+    /// The errors of [`Self::new`], and [`RenderError::Invalid`] for a knob out of range.
     pub fn with_knobs(gpu: Arc<Gpu>, scene: Arc<Scene>, knobs: SamplerKnobs) -> Result<Self, RenderError> {
         knobs.validate()?;
         if !gpu.device.features().contains(wgpu::Features::PRIMITIVE_INDEX) {
@@ -109,12 +108,12 @@ impl GpuSampler {
         })
     }
 
-    /// Which passes this scene calls for, and why.
+    /// The passes of this scene, and why each is on or off.
     pub fn plan(&self) -> Vec<PassPlan> {
         pass_plan(&self.scene, &self.resident, &self.knobs)
     }
 
-    /// The samples of a job; with `between`, others get a turn between parts of them.
+    /// Renders the samples of a job. With `between`, other work runs between tiles.
     fn render_set(
         &mut self,
         job: &SampleJob,
@@ -130,7 +129,7 @@ impl GpuSampler {
             Sampling::MegaViews(knobs) => self.render_from_octree(&job_of_rig, knobs, cancel),
         };
         let around: Vec<_> = around.into_iter().map(|id| self.render_probe_sample(job, id, cancel)).collect();
-        // In the order that they were asked for.
+        // In the order of the job's ids.
         let (mut of_rig, mut around) = (of_rig.into_iter(), around.into_iter());
         let missing = || Err(RenderError::Internal("a sample was neither rendered nor refused".to_owned()));
         let next = |id: &SampleId| if id.is_surroundings() { around.next() } else { of_rig.next() };
@@ -184,7 +183,7 @@ impl GpuSampler {
         Ok(Sample { id, camera, planes, stages: scene.into_stages() })
     }
 
-    /// Whether samples of a set can be rendered here.
+    /// Checks that samples of a set can be rendered here.
     fn check_job(&self, job: &SampleJob) -> Result<(), RenderError> {
         self.check_alive()?;
         if job.info.scene != self.scene.hash {
@@ -194,7 +193,7 @@ impl GpuSampler {
         Ok(job.info.sampling.validate(&job.info.rig)?)
     }
 
-    /// The planes of a sample that is done: read back, or as textures of their own.
+    /// The planes of a finished sample: read back, or as textures on the device.
     fn hand_over(
         &self,
         planes: &PlaneBuffers,
@@ -283,8 +282,7 @@ impl GpuSampler {
         Ok(Pixels { color, range, stages: scene.into_stages() })
     }
 
-    /// Puts everything where it is at a time; what that cost, if it was elsewhere. A scene that stands still is never
-    /// posed again.
+    /// Poses the scene at a time. Returns the cost, if it was posed at another time. A static scene is never posed again.
     fn pose(&mut self, time_secs: f64) -> Vec<Stage> {
         if !self.animated || time_secs == self.posed_secs {
             return Vec::new();
@@ -307,7 +305,7 @@ impl GpuSampler {
         vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
     }
 
-    /// Makes ready what a way needs; where the device does not have it, triangles are rasterised.
+    /// Prepares a visibility backend. Returns the rasteriser if the device does not support it.
     fn available_backend(&mut self, backend: Visibility) -> Visibility {
         match self.visibility.prepare(&self.gpu, &self.resident, backend) {
             Ok(()) => backend,
@@ -318,7 +316,7 @@ impl GpuSampler {
         }
     }
 
-    /// Makes the indirect light ready, if it is asked for; what that cost.
+    /// Prepares indirect light, if the knobs ask for it. Returns the cost.
     fn light(&mut self, lighting: &Lighting, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
         let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
         if self.indirect.is_none() {
@@ -329,10 +327,10 @@ impl GpuSampler {
         indirect.ready(&LightInputs { gpu, scene, resident, tracer, lighting, time_secs }, &mut self.scratch)
     }
 
-    /// What is known of the indirect light by VPLs, and what was culled since the last call; none before it was needed.
+    /// Report on indirect light by VPLs, with the culling since the last call. `None` before it was first needed.
     ///
     /// # Errors
-    /// A lost device.
+    /// The device is lost.
     pub fn indirect(&self) -> Result<Option<IndirectReport>, RenderError> {
         match &self.indirect {
             Some(IndirectLight::Vpls(light)) => light.report(&self.gpu),
@@ -340,7 +338,7 @@ impl GpuSampler {
         }
     }
 
-    /// What is known of the indirect light by points; none before it was needed.
+    /// Report on point-based indirect light. `None` before it was first needed.
     pub fn points(&self) -> Option<PointReport> {
         match &self.indirect {
             Some(IndirectLight::Points(light)) => light.report(),
@@ -348,10 +346,10 @@ impl GpuSampler {
         }
     }
 
-    /// Gathers indirect light by other knobs from now on.
+    /// Changes the knobs of indirect light.
     ///
     /// # Errors
-    /// A knob that is out of range; a sampler that was made without indirect light.
+    /// A knob is out of range, or the sampler was made without indirect light.
     pub fn set_indirect(&mut self, knobs: Indirect) -> Result<(), RenderError> {
         let knobs = SamplerKnobs { indirect: knobs, ..self.knobs };
         knobs.validate()?;
@@ -373,8 +371,7 @@ impl GpuSampler {
         Ok(())
     }
 
-    /// Device as the provenance of direct views has it: with the way triangles were seen, and the knobs of indirect
-    /// light, if there is any.
+    /// The device in the provenance of direct views: with visibility backend and knobs of indirect light.
     fn device_with_backend(&self, backend: Visibility) -> String {
         let seen = backend.on_device(self.gpu.kind());
         match &self.knobs.indirect {
@@ -384,12 +381,12 @@ impl GpuSampler {
         }
     }
 
-    /// What each sub-sample of a view sees, row by row, found in a given way: instance + 1 and triangle of its mesh, 0
-    /// for the sky; and how long it took, with the tracer built and what the device needs compiled.
+    /// The visibility buffer of a view, row by row: instance + 1 and triangle of its mesh for each sub-sample, 0 for the
+    /// sky. Also the time it took, without building hierarchies and compiling.
     ///
     /// # Errors
-    /// [`RenderError::Invalid`] for a view larger than a tile, and for a way that this device does not have; a lost
-    /// device.
+    /// [`RenderError::Invalid`] for a view larger than a tile, or a backend that this device does not support; or the
+    /// device is lost.
     pub fn identify(
         &mut self,
         camera: &Camera,
@@ -436,7 +433,7 @@ impl Sampler for GpuSampler {
     }
 
     fn usual_visibility(&self) -> Visibility {
-        // Packets of rays are the cheapest on processors, at every size and scene that was measured.
+        // On software drivers, packets were fastest at every size and scene that was measured.
         if self.gpu.is_software() { Visibility::Cpu } else { Visibility::Raster }
     }
 

@@ -1,13 +1,13 @@
-//! Memory that a tile is rendered in, kept for the next tile of the same size.
+//! Render targets and buffers of tiles, reused for tiles of the same size.
 
 use argus_gpu::{Gpu, wgpu};
 
-/// Format of the visibility buffer: instance + 1, triangle.
+/// Format of the visibility buffer: instance + 1 and triangle.
 pub(crate) const VISIBILITY: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 /// Format of depth.
 pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
-/// Sub-samples that are kept in all, at 28 to 60 bytes each: twice a largest tile's.
+/// Most sub-samples that are kept in total, at 28 to 60 bytes each: two tiles of the largest size.
 const KEPT: u64 = 2 << 22;
 
 /// Targets of one size.
@@ -18,20 +18,20 @@ pub(crate) struct Targets {
     pub(crate) depth: wgpu::TextureView,
     /// Four floats a sub-sample.
     pub(crate) shaded: wgpu::Buffer,
-    /// Two words a sub-sample; made when a glossy sample first needs it.
+    /// Two words a sub-sample; allocated when a glossy sample first needs it.
     pub(crate) gloss: Option<wgpu::Buffer>,
-    /// A word a sub-sample; made when a sample whose surfaces look up what is around them first needs it.
+    /// A word a sub-sample; allocated when a sample with reflection probes first needs it.
     pub(crate) reflectors: Option<wgpu::Buffer>,
-    /// Where shading leaves what indirect light needs, where there is any.
+    /// Inputs of indirect light; `None` without indirect light.
     pub(crate) guides: Option<Guides>,
 }
 
-/// What shading leaves of each sub-sample's surface: `shaders/shared/guide.wgsl`.
+/// Surface of each sub-sample, written by shading for indirect light: `shaders/shared/guide.wgsl`.
 #[derive(Clone)]
 pub(crate) struct Guides {
-    /// Position and normal, four words.
+    /// Position and normal, four words a sub-sample.
     pub(crate) surfaces: wgpu::Buffer,
-    /// A word.
+    /// Albedo, a word a sub-sample.
     pub(crate) albedos: wgpu::Buffer,
 }
 
@@ -41,7 +41,7 @@ impl Guides {
     }
 }
 
-/// What a tile needs beside visibility, depth and radiance.
+/// Optional buffers of a tile.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Extras {
     pub(crate) gloss: bool,
@@ -49,7 +49,7 @@ pub(crate) struct Extras {
     pub(crate) guides: bool,
 }
 
-/// Targets of the sizes that were used last.
+/// Targets of the most recently used sizes.
 #[derive(Default)]
 pub(crate) struct Scratch(Vec<Targets>);
 
@@ -94,7 +94,7 @@ impl Targets {
         let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
         Self {
             size,
-            // Rasterised, traced, or written from the CPU; read by shading, and by who wants to know what was found.
+            // Rasterised, traced, or written from the CPU; read by shading, and read back by `identify`.
             visibility: view(
                 "visibility",
                 VISIBILITY,

@@ -1,11 +1,11 @@
-//! Tiles: the parts of an image that are rasterised and shaded at a time.
+//! Tiles: parts of an image that are rendered one at a time.
 
 use argus_scene::camera::Face;
 use argus_shaders::layout::sampler::Rays;
 use glam::{DVec2, DVec3, DVec4};
 
-/// Sub-samples on a side of a tile. 2048² of them take 64 MiB shaded, half of the smallest binding that a
-/// driver we know offers, and 48 MiB as visibility and depth.
+/// Most sub-samples on a side of a tile. 2048² of them take 64 MiB of radiance, half of the smallest binding limit of
+/// known drivers, and 48 MiB of visibility and depth.
 pub(crate) const MAX_SIDE: u32 = 2048;
 
 /// A rectangle of a face's texels, with a number of sub-samples in each.
@@ -36,11 +36,11 @@ pub(crate) fn tiles(faces: &[Face], side: u32) -> Vec<Tile> {
 }
 
 impl Tile {
-    /// The same tile as bands of whole rows of texels, each of about `most` sub-samples.
+    /// The tile as bands of whole rows of texels, each of about `most` sub-samples.
     pub(crate) fn bands(self, most: u32) -> impl Iterator<Item = Self> {
         let rows = self.size[1];
         let in_band = (most / (self.size[0] * self.side * self.side).max(1)).max(1);
-        // As many bands as that takes, all of one height but the last.
+        // All bands but the last have the same height.
         let height = rows.div_ceil(rows.div_ceil(in_band).max(1)).max(1);
         (0..rows).step_by(height as usize).map(move |row| Self {
             begin: [self.begin[0], self.begin[1] + row],
@@ -49,7 +49,7 @@ impl Tile {
         })
     }
 
-    /// The same texels, with one sub-sample each.
+    /// The tile with one sub-sample a texel.
     pub(crate) fn of_texels(self) -> Self {
         Self { side: 1, ..self }
     }
@@ -64,8 +64,7 @@ impl Tile {
         [self.face.offset[0] + self.begin[0], self.face.offset[1] + self.begin[1]]
     }
 
-    /// The plane at unit depth: the tile's top left corner and half its extent, in units of the view (x right,
-    /// y up).
+    /// The tile in the plane at unit depth: its top left corner and half its extent (x right, y up).
     fn extent(&self) -> (DVec2, DVec2) {
         let image = DVec2::new(f64::from(self.face.size[0]), f64::from(self.face.size[1]));
         let at = |texel: [u32; 2]| {
@@ -83,11 +82,11 @@ impl Tile {
         let middle = top_left + half;
         let axes = self.face.view_from_world.transpose();
         let (right, up, back) = (axes.x_axis, axes.y_axis, axes.z_axis);
-        // half.y is negative: rows go down.
+        // half.y is negative, because rows go down.
         [(right + back * middle.x) / half.x, (up + back * middle.y) / -half.y, -back]
     }
 
-    /// The tile's rays.
+    /// The rays of the tile's sub-samples.
     pub(crate) fn rays(&self) -> Rays {
         let (top_left, half) = self.extent();
         let world_from_view = self.face.view_from_world.transpose();
@@ -105,21 +104,21 @@ impl Tile {
     }
 }
 
-/// Half spaces that hold whatever a tile shows, for boxes in mesh space.
+/// Half spaces that contain everything a tile shows, in mesh space.
 pub(crate) struct Frustum([DVec4; 5]);
 
 impl Frustum {
-    /// From the rows x, y, w of a transform to clip space.
+    /// The frustum of the rows x, y, w of a transform to clip space.
     pub(crate) fn new([x, y, w]: [DVec4; 3]) -> Self {
         Self([w + x, w - x, w + y, w - y, w])
     }
 
-    /// Whether a box (middle, half extent) may be seen: never false for one that is.
+    /// Whether a box (centre, half extent) may be visible. Never false for a visible box.
     pub(crate) fn may_show(&self, middle: DVec3, half: DVec3) -> bool {
         self.0.iter().all(|plane| {
             let normal = plane.truncate();
             let farthest = plane.w + normal.dot(middle) + normal.abs().dot(half);
-            // Rounding to f32 on the device may show what lies a hair outside; NaN shows.
+            // Slack for rounding to f32 on the device. NaN counts as visible.
             let slack = 1e-5 * (plane.w.abs() + normal.abs().dot(middle.abs() + half));
             !(farthest < -slack)
         })

@@ -1,4 +1,4 @@
-//! Frames of direct views, put together from tiles.
+//! Assembles frames of direct views from tiles.
 
 use argus_scene::{Frame, InvalidField, Outputs, Plan, Provenance, Scene, Served, Stage, ViewJob};
 use bytes::Bytes;
@@ -25,12 +25,12 @@ pub(crate) fn grid_side(plan: &Plan) -> Result<u32, InvalidField> {
     Ok(side)
 }
 
-/// An image that arrives in tiles.
+/// An image that is assembled from tiles.
 pub(crate) struct Image {
     size: [u32; 2],
     pixel_bytes: usize,
     bytes: Bytes,
-    /// Filled instead of `bytes` where there is more than one tile.
+    /// Used in place of `bytes` if there are several tiles.
     joined: Vec<u8>,
 }
 
@@ -61,14 +61,14 @@ impl Image {
     }
 }
 
-/// Images that were rendered.
+/// The rendered images of a view.
 #[derive(Default)]
 pub(crate) struct ViewParts {
     pub(crate) color: Option<Bytes>,
     pub(crate) range: Option<Bytes>,
 }
 
-/// The reply to a direct view: what is asked of samples is answered with "none".
+/// The frame of a direct view. Mask, source and confidence say that no sample was used.
 pub(crate) fn frame(
     view: &ViewJob,
     scene: &Scene,

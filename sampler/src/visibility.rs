@@ -1,4 +1,4 @@
-//! What a tile sees: the ways to fill a visibility buffer.
+//! The visibility backends: rasteriser, compute tracer, CPU packet tracer. Each fills a tile's visibility buffer.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -15,38 +15,37 @@ use crate::resident::{Resident, upload};
 use crate::scratch::Targets;
 use crate::timing;
 
-/// The rasteriser, and the tracers once something needs them.
+/// The visibility backends of one scene. Tracers are built when they are first needed.
 pub(crate) struct VisibilityBackends {
     scene: Arc<Scene>,
     rasteriser: Rasteriser,
     packets: Option<PacketTracer>,
-    /// The tracer on the device, or why there is none.
+    /// The compute tracer, or why this device does not support it.
     trace: Option<Result<Trace, String>>,
 }
 
 impl VisibilityBackends {
-    /// For a scene that is on the device.
+    /// The backends of a scene on the device.
     pub(crate) fn new(gpu: &Gpu, scene: &Arc<Scene>, resident: &Resident) -> Self {
         let rasteriser = Rasteriser::new(gpu, resident);
         Self { scene: Arc::clone(scene), rasteriser, packets: None, trace: None }
     }
 
-    /// Puts everything where it is now.
+    /// Moves instances to their current transforms.
     pub(crate) fn pose(&mut self, resident: &Resident) {
         if let Some(packets) = &mut self.packets {
             packets.pose(&self.scene, &resident.instances);
         }
     }
 
-    /// Milliseconds that each way which the device has takes for a tile.
+    /// Milliseconds of each supported backend for a tile.
     pub(crate) fn measure(
         &mut self,
         context: &TileContext<'_>,
     ) -> Result<Vec<(Visibility, f64)>, RenderError> {
         let TileContext { gpu, resident, .. } = context;
         let mut backends = Visibility::ALL.to_vec();
-        // A software driver makes machine code of the compute tracer for seconds, and packets on the same cores are always
-        // faster.
+        // A software driver compiles the compute tracer for seconds, and packets on the same cores are always faster.
         backends.retain(|&backend| !(gpu.is_software() && backend == Visibility::Trace));
         backends.retain(|&backend| self.prepare(gpu, resident, backend).is_ok());
         backend_timing::measure(&backends, |backend| {
@@ -57,7 +56,7 @@ impl VisibilityBackends {
         })
     }
 
-    /// Builds what a way needs, once, or says why the device does not have it.
+    /// Builds what a backend needs, once. Fails with the reason if the device does not support it.
     pub(crate) fn prepare(
         &mut self,
         gpu: &Gpu,
@@ -84,7 +83,7 @@ impl VisibilityBackends {
         }
     }
 
-    /// The tracer of packets, built when it is first needed.
+    /// The packet tracer, built when it is first needed.
     pub(crate) fn prepare_packets(&mut self, resident: &Resident) -> &PacketTracer {
         self.packets.get_or_insert_with(|| {
             let near = draws::near(&resident.bounds);
@@ -96,12 +95,12 @@ impl VisibilityBackends {
         })
     }
 
-    /// The tracer of packets; [`Self::prepare_packets`] comes first.
+    /// The packet tracer. Call [`Self::prepare_packets`] first.
     pub(crate) fn packets(&self) -> Result<&PacketTracer, RenderError> {
         self.packets.as_ref().ok_or_else(|| RenderError::Internal("the tracer was not built".to_owned()))
     }
 
-    /// Finds what a tile sees.
+    /// Fills a tile's visibility buffer.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
@@ -122,7 +121,7 @@ impl VisibilityBackends {
         }
     }
 
-    /// Finds what the pixels of a list see; [`Self::prepare_packets`] comes first.
+    /// Fills the visibility buffer of a list of pixels. Call [`Self::prepare_packets`] first.
     pub(crate) fn record_list(
         &self,
         context: &TileContext<'_>,
@@ -137,7 +136,7 @@ impl VisibilityBackends {
         Ok(())
     }
 
-    /// By the rasteriser: culls, uploads what is left, draws it.
+    /// Culls, uploads the visible instances and rasterises them.
     fn rasterise(
         &self,
         commands: &mut Commands,
@@ -152,8 +151,8 @@ impl VisibilityBackends {
         Ok(())
     }
 
-    /// By compute. The software driver ends a program whose loops go on for long, without a word: there it is asked
-    /// whether the tile is whole, and one that is not is rasterised.
+    /// Traces on the device. The software driver silently ends long loops, so there the result is checked, and an
+    /// incomplete tile is rasterised.
     fn trace(
         &self,
         commands: &mut Commands,
@@ -179,7 +178,7 @@ impl VisibilityBackends {
     }
 }
 
-/// Hands what was found on the CPU to the device, before its next submission.
+/// Uploads a visibility buffer from the CPU before the next submission.
 fn write_ids(gpu: &Gpu, targets: &Targets, size: [u32; 2], ids: &[[u32; 2]]) {
     let [width, height] = size;
     let layout =

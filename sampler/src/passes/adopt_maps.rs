@@ -1,11 +1,11 @@
-//! Program: `shaders/sampler/adopt_maps.wgsl`. Maps of many views as the maps of VPLs.
+//! Program: `shaders/sampler/adopt_maps.wgsl`. Assigns the maps of a many-views traversal to VPLs.
 
 use argus_gpu::many_views::ManyViews;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::sampler::AdoptMaps as Parameters;
 use argus_shaders::sampler::ADOPT_MAPS;
 
-/// Finds the map of each VPL.
+/// Assigns a map to each VPL.
 pub(crate) struct AdoptMaps {
     pipeline: ComputePipeline,
 }
@@ -15,7 +15,7 @@ impl AdoptMaps {
         Self { pipeline: gpu.compute_pipeline(&ADOPT_MAPS, "adopt_maps") }
     }
 
-    /// Where the map of each of the views of the latest frame is seen from, and which it is.
+    /// Writes, for each view of the latest frame, its map and the map's centre.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,

@@ -1,4 +1,5 @@
-//! Program: `shaders/sampler/choose_receivers.wgsl`. Which sub-samples of a tile receive light for those around them.
+//! Program: `shaders/sampler/choose_receivers.wgsl`. Selects the sub-samples of a tile that receive light for their
+//! neighbours.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::sampler::{Blocks, Chosen};
@@ -6,29 +7,29 @@ use argus_shaders::sampler::CHOOSE_RECEIVERS;
 
 use crate::scratch::Guides;
 
-/// Receivers of a block, at most; as `shaders/shared/receivers.wgsl` has it.
+/// Most receivers of a block, as in `shaders/shared/receivers.wgsl`.
 pub(crate) const OF_BLOCK: usize = 2;
 
-/// Chooses receivers.
+/// One workgroup a block.
 pub(crate) struct ChooseReceivers {
     pipeline: ComputePipeline,
 }
 
-/// A tile's blocks, and the same as a uniform.
+/// A tile's blocks, on the host and as a uniform.
 pub(crate) struct BlockUniform {
     pub(crate) blocks: Blocks,
     pub(crate) uniform: wgpu::Buffer,
 }
 
 impl BlockUniform {
-    /// Of a tile of `size` sub-samples in blocks of `block`, whose light reaches `reach` blocks far.
+    /// The blocks of a tile. `size` and `block` are in sub-samples; light is shared over `reach` blocks.
     pub(crate) fn new(gpu: &Gpu, size: [u32; 2], block: [u32; 2], reach: u32) -> Self {
         let count = [0, 1].map(|i| size[i].div_ceil(block[i]));
         let blocks = Blocks { size, block, count, reach, _pad: 0 };
         Self { blocks, uniform: gpu.upload("blocks", &[blocks], wgpu::BufferUsages::UNIFORM) }
     }
 
-    /// Blocks of the tile.
+    /// Number of blocks of the tile.
     pub(crate) fn len(&self) -> usize {
         self.blocks.count.map(|n| n as usize).iter().product()
     }
@@ -39,7 +40,7 @@ impl ChooseReceivers {
         Self { pipeline: gpu.compute_pipeline(&CHOOSE_RECEIVERS, "choose_receivers") }
     }
 
-    /// Up to [`OF_BLOCK`] of each block, as [`Chosen`], block by block.
+    /// Selects up to [`OF_BLOCK`] receivers of each block. Returns a buffer of [`Chosen`], block by block.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,

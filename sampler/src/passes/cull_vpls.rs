@@ -1,11 +1,11 @@
-//! Program: `shaders/sampler/cull_vpls.wgsl`. Which groups of VPLs may light each block of a tile.
+//! Program: `shaders/sampler/cull_vpls.wgsl`. Culls groups of VPLs that cannot light a block of a tile.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::CULL_VPLS;
 
 use super::gather::Gathered;
 
-/// Culls groups of VPLs.
+/// One workgroup a block.
 pub(crate) struct CullVpls {
     pipeline: ComputePipeline,
 }
@@ -15,7 +15,7 @@ impl CullVpls {
         Self { pipeline: gpu.compute_pipeline(&CULL_VPLS, "cull_vpls") }
     }
 
-    /// Fills the lists of a tile's blocks, and adds to `kept` how many blocks saw anything and how many groups they
+    /// Fills the lists of a tile's blocks. Adds to `kept` the number of blocks with surfaces and of groups that they
     /// kept.
     pub(crate) fn record(
         &self,

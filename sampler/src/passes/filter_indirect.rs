@@ -1,11 +1,11 @@
-//! Program: `shaders/sampler/filter_indirect.wgsl`. Gathered light, smoothed and added to what was shaded.
+//! Program: `shaders/sampler/filter_indirect.wgsl`. Filters gathered light along surfaces and adds it to radiance.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::FILTER_INDIRECT;
 
 use super::gather::Gathered;
 
-/// Smooths indirect light along surfaces and adds it.
+/// A cross-bilateral filter, rows then columns.
 pub(crate) struct FilterIndirect {
     rows: ComputePipeline,
     columns: ComputePipeline,

@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/gather.wgsl`. Light that each sub-sample's surface receives from VPLs.
+//! Program: `shaders/sampler/gather.wgsl`. Gathers light from VPLs at each sub-sample.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::sampler::vpl::{BLOCK, LIST_WORDS};
@@ -6,18 +6,18 @@ use argus_shaders::sampler::GATHER;
 
 use crate::scratch::Guides;
 
-/// Memory of a tile's indirect light, kept for the next tile of the same size.
+/// Buffers of a tile's indirect light, reused for tiles of the same size.
 #[derive(Clone)]
 pub(crate) struct IndirectScratch {
     size: [u32; 2],
-    /// VPLs that each block may be lit by.
+    /// List of VPL groups of each block.
     pub(crate) lists: wgpu::Buffer,
-    /// Irradiance by π, as it was gathered and as the filter's rows leave it.
+    /// Irradiance / π: as gathered, and after the filter's rows.
     pub(crate) light: [wgpu::Buffer; 2],
 }
 
 impl IndirectScratch {
-    /// For that many sub-samples.
+    /// Buffers for `size` sub-samples.
     pub(crate) fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
         let all = u64::from(size[0]) * u64::from(size[1]);
         let [columns, rows] = blocks(size).map(u64::from);
@@ -30,23 +30,23 @@ impl IndirectScratch {
         }
     }
 
-    /// The sub-samples that it is for.
+    /// Size in sub-samples.
     pub(crate) fn size(&self) -> [u32; 2] {
         self.size
     }
 }
 
-/// Blocks of a tile: columns, rows.
+/// Number of blocks of a tile: columns, rows.
 pub(crate) fn blocks(size: [u32; 2]) -> [u32; 2] {
     size.map(|n| n.div_ceil(BLOCK))
 }
 
-/// A tile whose light is gathered.
+/// Inputs of a tile.
 pub(crate) struct Gathered<'a> {
     pub(crate) scratch: &'a IndirectScratch,
-    /// What shading left of the tile.
+    /// Surfaces of the tile's sub-samples.
     pub(crate) guides: &'a Guides,
-    /// What the passes are told, a uniform.
+    /// Uniform of the passes.
     pub(crate) gathering: wgpu::Buffer,
 }
 
@@ -56,37 +56,37 @@ impl Gathered<'_> {
     }
 }
 
-/// Most arrays that maps are spread over.
+/// Most arrays that maps are stored in.
 pub(crate) const MOST_ARRAYS: usize = 4;
 
-/// How far VPLs see: dual-paraboloid maps.
+/// Dual-paraboloid maps of distance around VPLs.
 pub(crate) struct Maps {
-    /// One to [`MOST_ARRAYS`] of them.
+    /// One to [`MOST_ARRAYS`] arrays.
     pub(crate) arrays: Vec<wgpu::Buffer>,
-    /// Maps of one array: 2 to the power of this.
+    /// Base-2 logarithm of the number of maps in one array.
     pub(crate) shift: u32,
-    /// Whether texels are inverse distances, 0 where there is nothing, rather than distances.
+    /// Whether texels are inverse distances (0 for none); otherwise distances.
     pub(crate) inverse: bool,
-    /// Metres by which what is in the maps may lie before the surface that it stands for.
+    /// Most metres by which a map's texel may lie in front of its surface.
     pub(crate) slack: f64,
-    /// Of each VPL where its map is seen from, relative to the root, and which map it is.
+    /// For each VPL the centre of its map, relative to the root, and the index of the map.
     pub(crate) eyes: wgpu::Buffer,
 }
 
 impl Maps {
-    /// Bytes of all.
+    /// Bytes of all maps.
     pub(crate) fn bytes(&self) -> u64 {
         self.arrays.iter().map(wgpu::Buffer::size).sum()
     }
 }
 
-/// Gathers light.
+/// One invocation a sub-sample.
 pub(crate) struct Gather {
     pipeline: ComputePipeline,
 }
 
 impl Gather {
-    /// From VPLs with such maps, or without any.
+    /// Pipelines for VPLs with these maps, or without maps.
     pub(crate) fn new(gpu: &Gpu, has_maps: bool, maps: &Maps) -> Self {
         let flag = |set: bool| f64::from(u8::from(set));
         let constants = [
@@ -97,7 +97,7 @@ impl Gather {
         Self { pipeline: gpu.compute_pipeline_with(&GATHER, "gather", &constants) }
     }
 
-    /// From the VPLs of the tile's lists.
+    /// Gathers from the VPLs of the tile's lists.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
@@ -106,7 +106,7 @@ impl Gather {
         maps: &Maps,
     ) {
         let [width, height] = gathered.scratch.size;
-        // Arrays that there are not stand behind no texel.
+        // Missing arrays are never read.
         let array = |i: usize| maps.arrays.get(i).unwrap_or(&maps.arrays[0]);
         let arrays: [&wgpu::Buffer; MOST_ARRAYS] = std::array::from_fn(array);
         commands

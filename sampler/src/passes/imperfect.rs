@@ -1,13 +1,13 @@
-//! Program: `shaders/sampler/imperfect.wgsl`. Imperfect shadow maps of VPLs.
+//! Program: `shaders/sampler/imperfect.wgsl`. Imperfect shadow maps of VPLs (Ritschel et al. 2008).
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::sampler::Imperfect as Parameters;
 use argus_shaders::sampler::IMPERFECT;
 
-/// Invocations of a row of workgroups: 65,535 groups are the most that one dimension may have.
+/// Invocations of a row of workgroups. One dimension has at most 65,535 workgroups.
 const ROW: u64 = 32_768 * 64;
 
-/// Makes maps from points.
+/// Splats points into maps and fills gaps.
 pub(crate) struct Imperfect {
     reset: ComputePipeline,
     splat: ComputePipeline,
@@ -26,8 +26,7 @@ impl Imperfect {
         }
     }
 
-    /// Fills `count` maps of `side` texels a hemisphere with the distances of `points` random ones of the points
-    /// each.
+    /// Fills `count` maps of `side`² texels a hemisphere with the distances of `points` random points each.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
@@ -38,7 +37,7 @@ impl Imperfect {
         let Parameters { side, count, .. } = parameters;
         let texels = |side: u32| u64::from(count) * 2 * u64::from(side) * u64::from(side);
         let levels: Vec<u32> = (0..=side.ilog2()).map(|level| side >> level).collect();
-        // Level 0 is in the maps; the others follow one another.
+        // Level 0 is in the maps. The other levels are consecutive.
         let begins: Vec<u64> = levels
             .iter()
             .scan(0, |end, &side| {
@@ -89,7 +88,7 @@ impl Imperfect {
     }
 }
 
-/// Invocations in two dimensions, the first of which is numbered on by the program.
+/// Invocations in two dimensions; the program computes a linear index.
 fn grid(invocations: u64) -> [u32; 3] {
     [invocations.min(ROW) as u32, invocations.div_ceil(ROW) as u32, 1]
 }

@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/map_lookup.wgsl`. What the sub-samples of an omni sample see, by its camera's map.
+//! Program: `shaders/sampler/map_lookup.wgsl`. Looks up the sub-samples of an omni sample in its camera's map.
 
 use argus_gpu::hierarchy::Octree;
 use argus_gpu::many_views::ManyViews;
@@ -8,18 +8,18 @@ use argus_shaders::sampler::MAP_LOOKUP;
 
 use super::{TileContext, with_node_maps};
 
-/// Looks nodes up in maps that lie in so many arrays.
+/// Looks up nodes in maps. The pipeline depends on the number of arrays.
 pub(crate) struct MapLookup {
     pipeline: ComputePipeline,
     arrays: usize,
 }
 
-/// What is looked up.
+/// Maps of nodes, and the radiance of the nodes.
 pub(crate) struct Maps<'a> {
     pub(crate) octree: &'a Octree,
     pub(crate) views: &'a ManyViews,
     pub(crate) surfels: &'a wgpu::Buffer,
-    /// Of each level of the octree, the leaves' first, the number of the node after its last.
+    /// For each level, starting with the leaves, the index after its last node.
     pub(crate) ends: &'a wgpu::Buffer,
 }
 
@@ -29,12 +29,12 @@ impl MapLookup {
         Self { pipeline: gpu.compute_pipeline_with(&MAP_LOOKUP, "look_up", &constants), arrays }
     }
 
-    /// Arrays that it knows.
+    /// Number of arrays of the pipeline.
     pub(crate) fn arrays(&self) -> usize {
         self.arrays
     }
 
-    /// Shades a tile of the camera that is the `view`-th of those that maps were rendered for.
+    /// Looks up a tile of a camera. `view` is the camera's index in the traversal.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
@@ -55,7 +55,7 @@ impl MapLookup {
 }
 
 impl Maps<'_> {
-    /// What a program is told of them, a uniform; `view` is the one that is looked up, or the first.
+    /// The uniform of a lookup. `view` is the index of the view, or of the first one.
     pub(crate) fn lookup(&self, gpu: &Gpu, view: u32) -> wgpu::Buffer {
         let (octree, set) = (self.octree, self.views.maps());
         let cell = octree.root.edge * (-f64::from(octree.depth)).exp2();
@@ -69,7 +69,7 @@ impl Maps<'_> {
         gpu.upload("look up", &[lookup], wgpu::BufferUsages::UNIFORM)
     }
 
-    /// Binds what a program reads to look them up (`shaders/shared/lit_maps.wgsl`), but for what it is told.
+    /// Binds what `shaders/shared/lit_maps.wgsl` reads, except its uniform.
     pub(crate) fn bind<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
         with_node_maps(call, self.views)
             .read("nodes", &self.octree.nodes)

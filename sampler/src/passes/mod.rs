@@ -1,4 +1,4 @@
-//! The passes of a tile, one file each; the program of `x.rs` is `shaders/sampler/x.wgsl`.
+//! The passes, one file each. The program of `x.rs` is `shaders/sampler/x.wgsl`.
 
 mod adopt_maps;
 mod choose_receivers;
@@ -51,10 +51,10 @@ pub(crate) use surfels::Surfels;
 pub(crate) use trace::Trace;
 pub(crate) use visibility::Rasteriser;
 
-/// Binds what a program reads of maps of nodes (`shaders/shared/node_maps.wgsl`).
+/// Binds what `shaders/shared/node_maps.wgsl` reads.
 fn with_node_maps<'a>(call: ComputeCall<'a>, views: &'a ManyViews) -> ComputeCall<'a> {
     let arrays = &views.maps().arrays;
-    // Arrays that there are not stand behind no texel.
+    // Missing arrays are never read.
     let array = |i: usize| arrays.get(i).unwrap_or(&arrays[0]);
     call.read("map_of_view", views.map_of_view())
         .read("maps0", array(0))
@@ -63,21 +63,21 @@ fn with_node_maps<'a>(call: ComputeCall<'a>, views: &'a ManyViews) -> ComputeCal
         .read("maps3", array(3))
 }
 
-/// A tile about to be rendered: all that its passes have in common.
+/// What the passes of a tile share.
 pub(crate) struct TileContext<'a> {
     pub(crate) gpu: &'a Arc<Gpu>,
     pub(crate) resident: &'a Resident,
     pub(crate) eye: &'a Eye,
     pub(crate) tile: &'a Tile,
-    /// The tile's rays, a uniform.
+    /// Uniform of the tile's rays.
     pub(crate) rays: wgpu::Buffer,
-    /// Of a tile whose pixels are a list: where each lies in the tile that the rays are of.
+    /// For a list of pixels: the position of each in the tile of the rays.
     pub(crate) places: Option<wgpu::Buffer>,
     pub(crate) targets: Targets,
 }
 
 impl<'a> TileContext<'a> {
-    /// A tile with its rays, in memory of its size.
+    /// Uploads a tile's rays and takes targets of its size.
     pub(crate) fn new(
         gpu: &'a Arc<Gpu>,
         resident: &'a Resident,
@@ -91,13 +91,13 @@ impl<'a> TileContext<'a> {
         Self { gpu, resident, eye, tile, rays, places: None, targets }
     }
 
-    /// A context of a tile with one ray a texel, for what the tile's sub-samples saw.
+    /// The context with one ray a texel, for shading what the tile's sub-samples see.
     pub(crate) fn of_texels(self, texels: &'a Tile) -> Self {
         let rays = self.gpu.upload("rays", &[texels.rays()], wgpu::BufferUsages::UNIFORM);
         Self { tile: texels, rays, ..self }
     }
 
-    /// Binds what a program reads to know a surface of the scene and shade it.
+    /// Binds what a program reads to shade surfaces.
     fn with_surfaces<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
         let Self { resident, eye, .. } = self;
         call.read("lighting", &eye.lighting)

@@ -1,24 +1,25 @@
-//! Program: `shaders/sampler/own_nodes.wgsl`. Which nodes of an octree belong to one reflector alone.
+//! Program: `shaders/sampler/own_nodes.wgsl`. Finds octree nodes that belong to one reflector alone, which are culled
+//! from its probe.
 
 use argus_gpu::hierarchy::Octree;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::layout::sampler::OwnLevel;
 use argus_shaders::sampler::OWN_NODES;
 
-/// The pass, run once a pose.
+/// One dispatch a level, once a pose.
 pub(crate) struct OwnNodes {
     leaves: ComputePipeline,
     nodes: ComputePipeline,
 }
 
-/// Surfaces and whose they are.
+/// Leaves, triangles and the probes of instances.
 pub(crate) struct NodeSurfaces<'a> {
     pub(crate) octree: &'a Octree,
-    /// Triangles that each leaf shows to either side.
+    /// For each leaf the triangles that it shows to either side.
     pub(crate) facing: &'a wgpu::Buffer,
-    /// Of each triangle, its instance and its number in the mesh.
+    /// For each triangle its instance and its index in the mesh.
     pub(crate) triangle_ids: &'a wgpu::Buffer,
-    /// Of each instance, 1 + the number of its reflector; 0 for none.
+    /// For each instance 1 + the index of its probe; 0 for none.
     pub(crate) probe_of_instance: &'a wgpu::Buffer,
 }
 
@@ -28,7 +29,7 @@ impl OwnNodes {
         Self { leaves: pipeline("own_leaves"), nodes: pipeline("own_nodes") }
     }
 
-    /// A word a node: 1 + the number of the reflector that it belongs to with all that is in it, or 0.
+    /// Returns a word a node: 1 + the index of the reflector that everything in the node belongs to, or 0.
     pub(crate) fn record(&self, gpu: &Gpu, commands: &mut Commands, of: &NodeSurfaces<'_>) -> wgpu::Buffer {
         let NodeSurfaces { octree, facing, triangle_ids, probe_of_instance } = *of;
         let owners =

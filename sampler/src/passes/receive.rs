@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/receive.wgsl`. Light that receivers receive from what their maps show.
+//! Program: `shaders/sampler/receive.wgsl`. Integrates the light that receivers receive from their maps.
 
 use argus_gpu::many_views::ManyViews;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
@@ -7,22 +7,22 @@ use argus_shaders::sampler::RECEIVE;
 
 use super::with_node_maps;
 
-/// Receives light by maps that lie in so many arrays.
+/// One workgroup a receiver. The pipeline depends on the number of arrays of maps.
 pub(crate) struct Receive {
     pipeline: ComputePipeline,
     arrays: usize,
 }
 
-/// Receivers whose maps there are.
+/// Receivers of one traversal.
 pub(crate) struct Batch<'a> {
     /// All receivers.
     pub(crate) receivers: &'a wgpu::Buffer,
-    /// The first of the batch, and how many.
+    /// First receiver of the batch, and number of receivers.
     pub(crate) first: u32,
     pub(crate) count: u32,
-    /// Their maps, in the same order.
+    /// Maps of the receivers, in the same order.
     pub(crate) views: &'a ManyViews,
-    /// What nodes show.
+    /// Radiance of the nodes.
     pub(crate) surfels: &'a wgpu::Buffer,
 }
 
@@ -32,12 +32,12 @@ impl Receive {
         Self { pipeline: gpu.compute_pipeline_with(&RECEIVE, "receive_light", &constants), arrays }
     }
 
-    /// Arrays that it knows.
+    /// Number of arrays of the pipeline.
     pub(crate) fn arrays(&self) -> usize {
         self.arrays
     }
 
-    /// Adds what a batch receives to `received`: four floats a receiver.
+    /// Writes the light of a batch to `received`: four floats a receiver.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,

@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/resample_probes.wgsl`. Maps of what is around reflectors, level by level.
+//! Program: `shaders/sampler/resample_probes.wgsl`. Makes the levels of reflection probes from maps of nodes.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_scene::reflection::{level_sides, map_size};
@@ -7,16 +7,16 @@ use argus_shaders::sampler::RESAMPLE_PROBES;
 
 use super::NodeMaps;
 
-/// Looks nodes up in maps that lie in so many arrays.
+/// Resamples and blurs. The pipeline depends on the number of arrays of maps.
 pub(crate) struct ResampleProbes {
     resample: ComputePipeline,
     blur: ComputePipeline,
     arrays: usize,
 }
 
-/// Maps in the making.
+/// Probes while they are rendered.
 pub(crate) struct ProbePlanes {
-    /// Radiance and inverse range of the finest levels, before they are stored.
+    /// Radiance and inverse range of the finest levels in full precision.
     finest: wgpu::Buffer,
     pub(crate) radiance: wgpu::Buffer,
     pub(crate) inverse_range: wgpu::Buffer,
@@ -25,7 +25,7 @@ pub(crate) struct ProbePlanes {
 }
 
 impl ProbePlanes {
-    /// Room for so many maps.
+    /// Buffers of `count` probes.
     pub(crate) fn new(gpu: &Gpu, side: u32, count: u32) -> Self {
         let (storage, read) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::COPY_SRC);
         let texels = map_size(side).map(u64::from).iter().product::<u64>() * u64::from(count);
@@ -38,7 +38,7 @@ impl ProbePlanes {
         }
     }
 
-    /// Bytes of one map while it is made.
+    /// Bytes of one probe while it is rendered.
     pub(crate) fn bytes_of_map(side: u32) -> u64 {
         let texels = map_size(side).map(u64::from).iter().product::<u64>();
         u64::from(side + 2).pow(2) * 16 + texels * 8
@@ -55,12 +55,12 @@ impl ResampleProbes {
         }
     }
 
-    /// Arrays that it knows.
+    /// Number of arrays of the pipeline.
     pub(crate) fn arrays(&self) -> usize {
         self.arrays
     }
 
-    /// Makes a map for each of the first views that `maps` were rendered for; `lighting` has the sky.
+    /// Makes a probe from each of the first views of `maps`. `lighting` has the sky.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,

@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/resolve_sample.wgsl`. Texels as a sample stores them.
+//! Program: `shaders/sampler/resolve_sample.wgsl`. Quantises texels into the planes of a sample.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, plane, wgpu};
 use argus_scene::{Plane, PlaneFormat, PlaneKind};
@@ -8,30 +8,29 @@ use argus_shaders::sampler::RESOLVE_SAMPLE;
 use super::TileContext;
 use crate::{RadianceFormat, SamplerKnobs};
 
-/// Texels that rows of a device plane are padded to in a buffer: 256 bytes of the smallest texel.
+/// Alignment of the rows of device planes, in texels: 256 bytes of the smallest texel.
 const ROW_TEXELS: u32 = 64;
 
-/// Quantises texels, and first reduces sub-samples to them where those were shaded: the one place where a sample loses
-/// precision.
+/// Quantises texels, after reducing sub-samples to texels where those were shaded. Nothing else loses precision.
 pub(crate) struct ResolveSample {
     pipeline: ComputePipeline,
     glossy: bool,
     reflects: bool,
-    /// Bound where surfaces look nothing up.
+    /// Bound where surfaces look up no probes.
     unused: wgpu::Buffer,
 }
 
-/// Planes of one sample in the making.
+/// Planes of one sample while it is rendered.
 pub(crate) struct PlaneBuffers {
     planes: Vec<(PlaneKind, PlaneFormat, wgpu::Buffer)>,
     size: [u32; 2],
-    /// Texels from row to row.
+    /// Texels from one row to the next.
     stride: u32,
 }
 
 impl ResolveSample {
-    /// For a scene with or without glossy materials that may look up what is around them. `side`: how many were shaded along
-    /// each side of a texel, 1 where its surface was chosen first.
+    /// The pipeline for a scene with or without glossy materials and reflection probes. `side` is the number of shaded
+    /// sub-samples along a texel's side; 1 if texels were shaded.
     pub(crate) fn new(gpu: &Gpu, glossy: bool, side: u32, reflects: bool) -> Self {
         let entry = if glossy { "resolve_glossy" } else { "resolve_matt" };
         let reflects = glossy && reflects;
@@ -44,7 +43,7 @@ impl ResolveSample {
         }
     }
 
-    /// Buffers for a sample of `size` texels; rows are padded unless they are read back.
+    /// Buffers for a sample of `size` texels. Rows are padded unless they are read back.
     pub(crate) fn planes(
         &self,
         gpu: &Gpu,
@@ -123,7 +122,7 @@ fn name(kind: PlaneKind) -> &'static str {
 }
 
 impl PlaneBuffers {
-    /// Asks for the planes' bytes; call it on buffers without padding.
+    /// Reads back the planes. Rows must not be padded.
     pub(crate) fn read(&self, commands: &mut Commands) -> Vec<(PlaneKind, PlaneFormat, PendingReadback)> {
         let pending = self.planes.iter().map(|(kind, format, buffer)| {
             let texels = u64::from(self.stride) * u64::from(self.size[1]);
@@ -132,7 +131,7 @@ impl PlaneBuffers {
         pending.collect()
     }
 
-    /// Copies the planes into textures of their own.
+    /// Copies the planes into new textures.
     pub(crate) fn to_textures(&self, gpu: &Gpu, commands: &mut Commands) -> Vec<Plane> {
         let [width, height] = self.size;
         let extent = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };

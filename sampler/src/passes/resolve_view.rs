@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/resolve_view.wgsl`. The pixels of a direct view.
+//! Program: `shaders/sampler/resolve_view.wgsl`. Colour and range of a direct view's pixels.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, wgpu};
 use argus_shaders::layout::sampler::ResolveView as Parameters;
@@ -14,7 +14,7 @@ pub(crate) struct ResolveView {
 }
 
 impl ResolveView {
-    /// For any scene.
+    /// The pipelines, which are the same for all scenes.
     pub(crate) fn new(gpu: &Gpu) -> Self {
         Self {
             color: gpu.compute_pipeline(&RESOLVE_VIEW, "resolve_color"),
@@ -23,7 +23,7 @@ impl ResolveView {
         }
     }
 
-    /// Averages a tile's sub-samples; what comes back is three sRGB bytes a pixel, rows tightly packed.
+    /// Averages a tile's sub-samples. Reads back three sRGB bytes a pixel, rows tightly packed.
     pub(crate) fn record_color(
         &self,
         commands: &mut Commands,
@@ -46,8 +46,8 @@ impl ResolveView {
         commands.read_buffer(&color, 0..u64::from(groups) * 12)
     }
 
-    /// Intersects the central ray of each pixel with the triangle that a tile with one sub-sample a pixel sees
-    /// there; what comes back is an f32 a pixel.
+    /// Intersects the central ray of each pixel with its visible triangle. The tile has one sub-sample a pixel. Reads
+    /// back metres, an f32 a pixel.
     pub(crate) fn record_range(&self, commands: &mut Commands, context: &TileContext<'_>) -> PendingReadback {
         let TileContext { gpu, resident, eye, tile, rays, places, targets, .. } = context;
         let bytes = u64::from(tile.size[0]) * u64::from(tile.size[1]) * 4;

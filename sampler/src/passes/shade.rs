@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/shade.wgsl`. The radiance that each sub-sample of a direct view sees.
+//! Program: `shaders/sampler/shade.wgsl`. Shades each sub-sample of a direct view.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE;
@@ -12,13 +12,13 @@ use crate::scratch::Guides;
 pub(crate) struct Shade {
     view: ComputePipeline,
     pixels: ComputePipeline,
-    /// Bound where nothing is kept for indirect light.
+    /// Bound without indirect light.
     unused: wgpu::Buffer,
 }
 
 impl Shade {
-    /// For a scene with those features; `keeps_guides` for passes that add indirect light, `reflects` where surfaces look
-    /// up what is around them.
+    /// The pipelines for a scene's features. `keeps_guides` writes guides for indirect light; `reflects` looks up
+    /// reflection probes.
     pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool, reflects: bool) -> Self {
         let mut constants = features.constants(keeps_guides).to_vec();
         constants.push(("reflects", f64::from(u8::from(reflects))));
@@ -30,7 +30,7 @@ impl Shade {
         }
     }
 
-    /// Shades a tile's visibility buffer: everything that reaches the eye.
+    /// Shades a tile's visibility buffer, view-dependent reflection included.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
@@ -40,7 +40,7 @@ impl Shade {
         let TileContext { gpu, eye, targets, tile, rays, .. } = context;
         let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
         if targets.guides.is_some() {
-            // The sky keeps none.
+            // Sky has no guides.
             commands.clear(guides);
         }
         let (name, pipeline) = match context.places {

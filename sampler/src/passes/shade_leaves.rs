@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/shade_leaves.wgsl`. The radiance that leaves either side of an octree's leaves.
+//! Program: `shaders/sampler/shade_leaves.wgsl`. Shades both sides of an octree's leaves.
 
 use argus_gpu::hierarchy::Octree;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
@@ -8,28 +8,28 @@ use super::TileContext;
 use crate::resident::Features;
 use crate::scratch::Guides;
 
-/// Shades leaves as the surfaces that they hold.
+/// Shades leaves with the functions that shade surfaces.
 pub(crate) struct ShadeLeaves {
     pipeline: ComputePipeline,
-    /// Bound where nothing is kept for indirect light.
+    /// Bound without indirect light.
     unused: wgpu::Buffer,
 }
 
-/// What leaves are shaded by and into.
+/// Inputs and outputs.
 pub(crate) struct Leaves<'a> {
     pub(crate) octree: &'a Octree,
-    /// Two words a triangle of the octree: instance, and triangle of its mesh with its highest bit set where its back is
-    /// not seen.
+    /// Two words a triangle of the octree: instance, and triangle of its mesh. The highest bit marks single-sided
+    /// triangles.
     pub(crate) triangle_ids: &'a wgpu::Buffer,
-    /// Two words a leaf: triangles that it shows to either side.
+    /// Two words a leaf: the triangles that it shows to either side.
     pub(crate) facing: &'a wgpu::Buffer,
     pub(crate) surfels: &'a wgpu::Buffer,
-    /// Which leaves, a uniform: [`argus_shaders::layout::sampler::LeafChunk`].
+    /// Uniform of the chunk: [`argus_shaders::layout::sampler::LeafChunk`].
     pub(crate) chunk: &'a wgpu::Buffer,
 }
 
 impl ShadeLeaves {
-    /// For a scene with those features; `keeps_guides` for passes that add indirect light.
+    /// The pipeline for a scene's features. `keeps_guides` writes guides for indirect light.
     pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool) -> Self {
         Self {
             pipeline: gpu.compute_pipeline_with(
@@ -41,12 +41,12 @@ impl ShadeLeaves {
         }
     }
 
-    /// Shades the chunk's image, which is the context's tile, and says how its leaves' planes lie.
+    /// Shades the chunk's image, which is the context's tile, and writes the planes of its leaves.
     pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, leaves: &Leaves<'_>) {
         let TileContext { targets, tile, .. } = context;
         let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
         if targets.guides.is_some() {
-            // Texels beyond the last leaf keep none.
+            // Texels beyond the last leaf have no guides.
             commands.clear(guides);
         }
         let [width, height] = tile.sub_samples();

@@ -1,4 +1,5 @@
-//! Program: `shaders/sampler/shade_sample.wgsl`. What each texel of a sample shows: one surface, shaded once a triangle of it.
+//! Program: `shaders/sampler/shade_sample.wgsl`. Shades one surface of each texel of a sample, once for each of its
+//! triangles.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE_SAMPLE;
@@ -8,24 +9,24 @@ use crate::probe_renderer::ProbeBindings;
 use crate::resident::Features;
 use crate::scratch::Guides;
 
-/// Texels that an invocation looks for split ones in, as the program has it.
+/// Texels that an invocation searches for split texels, as in the program.
 const RUN: u32 = 64;
 
-/// Shades samples.
+/// Two dispatches a tile.
 pub(crate) struct ShadeSample {
-    /// Texels of one triangle.
+    /// Shades texels that show one triangle.
     whole: ComputePipeline,
-    /// And then those of several.
+    /// Shades texels that show several triangles.
     split: ComputePipeline,
     glossy: bool,
     reflects: bool,
-    /// Bound where nothing is kept for indirect light or reflections.
+    /// Bound without indirect light or reflections.
     unused: wgpu::Buffer,
 }
 
 impl ShadeSample {
-    /// For a scene with those features, and `side` sub-samples along each side of a texel; `keeps_guides` for passes that add
-    /// indirect light, `reflects` where surfaces look up what is around them.
+    /// The pipelines for a scene's features and `side` sub-samples along a texel's side. `keeps_guides` writes guides for
+    /// indirect light; `reflects` writes the Reflector plane.
     pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool, reflects: bool, side: u32) -> Self {
         let glossy = features.specular;
         let mut constants = features.constants(keeps_guides).to_vec();
@@ -42,7 +43,7 @@ impl ShadeSample {
         }
     }
 
-    /// Shades what a tile's sub-samples see; the context is one of texels.
+    /// Shades what a tile's sub-samples see. The context has one ray a texel.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
@@ -52,7 +53,7 @@ impl ShadeSample {
         let TileContext { targets, tile, rays, .. } = context;
         let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
         if targets.guides.is_some() {
-            // The sky keeps none.
+            // Sky has no guides.
             commands.clear(guides);
         }
         let gloss = targets.gloss.as_ref().filter(|_| self.glossy).unwrap_or(&self.unused);

@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/spread.wgsl`. Light that receivers received, spread over the sub-samples around them.
+//! Program: `shaders/sampler/spread.wgsl`. Interpolates the receivers' light at sub-samples.
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SPREAD;
@@ -6,19 +6,19 @@ use argus_shaders::sampler::SPREAD;
 use super::{BlockUniform, TileContext};
 use crate::scratch::Guides;
 
-/// Spreads light.
+/// One invocation a sub-sample.
 pub(crate) struct Spread {
     pipeline: ComputePipeline,
 }
 
-/// What is spread.
+/// Inputs.
 pub(crate) struct SpreadFrom<'a> {
     pub(crate) layout: &'a BlockUniform,
     pub(crate) guides: &'a Guides,
-    /// Two words a block: its receivers.
+    /// Two words a block: indices of its receivers.
     pub(crate) of_blocks: &'a wgpu::Buffer,
     pub(crate) receivers: &'a wgpu::Buffer,
-    /// Irradiance by π and mean inverse distance of each receiver.
+    /// Irradiance / π and mean inverse distance of each receiver.
     pub(crate) received: &'a wgpu::Buffer,
 }
 
@@ -27,7 +27,7 @@ impl Spread {
         Self { pipeline: gpu.compute_pipeline(&SPREAD, "spread") }
     }
 
-    /// Adds what surfaces reflect of it to what was shaded.
+    /// Adds the reflected light to radiance.
     pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, from: &SpreadFrom<'_>) {
         let [width, height] = from.layout.blocks.size;
         commands

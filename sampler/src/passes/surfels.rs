@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/surfels.wgsl`. What an octree's nodes show, from its leaves up.
+//! Program: `shaders/sampler/surfels.wgsl`. Makes the surfels of an octree's nodes, from leaves to root.
 
 use argus_gpu::hierarchy::Octree;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
@@ -7,7 +7,7 @@ use argus_shaders::sampler::SURFELS;
 
 use super::{Leaves, TileContext};
 
-/// Makes surfels.
+/// Stores leaves and averages inner nodes.
 pub(crate) struct Surfels {
     keep_leaves: ComputePipeline,
     average: ComputePipeline,
@@ -19,7 +19,7 @@ impl Surfels {
         Self { keep_leaves: pipeline("keep_leaves"), average: pipeline("average_surfels") }
     }
 
-    /// Takes over what was shaded of a chunk's leaves.
+    /// Stores the radiance of a chunk's leaves.
     pub(crate) fn keep(&self, commands: &mut Commands, context: &TileContext<'_>, leaves: &Leaves<'_>) {
         let [width, height] = context.tile.sub_samples();
         commands
@@ -30,7 +30,7 @@ impl Surfels {
             .dispatch_threads([width, height, 1]);
     }
 
-    /// Averages all nodes above the leaves, level by level.
+    /// Averages inner nodes, level by level.
     pub(crate) fn average(&self, commands: &mut Commands, octree: &Octree, surfels: &wgpu::Buffer) {
         for &[first, count] in octree.levels[..octree.depth as usize].iter().rev() {
             let level = NodeLevel { first, count, edge: octree.root.edge as f32 };

@@ -1,4 +1,4 @@
-//! Program: `shaders/sampler/trace.wgsl`. Which triangle of which instance each sub-sample sees, by packets of rays.
+//! Program: `shaders/sampler/trace.wgsl`. Fills the visibility buffer by tracing packets of rays.
 
 use std::sync::OnceLock;
 
@@ -14,32 +14,32 @@ use crate::bvh::{Hierarchy, PlacedObject};
 use crate::resident::upload;
 use crate::wide::Wide;
 
-/// Texels of a row of the program's textures.
+/// Texels in a row of the program's textures.
 const ROW: u32 = 1 << 13;
-/// Levels of nodes that the program's stacks hold.
+/// Most levels of a tree; the size of the program's stacks.
 const MOST_LEVELS: u32 = 24;
-/// Lanes that a packet needs: one to each child of a node.
+/// Lanes of a packet: one for each child of a node.
 const LANES: u32 = 8;
 
-/// Traces packets of rays, a subgroup to each.
+/// Traces packets of rays, one a subgroup.
 pub(crate) struct Trace {
     wide: Wide,
     pub(super) children: wgpu::TextureView,
     pub(super) triangles: wgpu::TextureView,
-    /// Distance before which nothing is seen, in units of the rays' directions.
+    /// Distance of the near plane, in units of the rays' directions.
     near: f32,
-    /// Set by packets that were not followed to their end.
+    /// Set by packets that ended early.
     pub(super) unfinished: wgpu::Buffer,
-    /// By the logarithm of the rows that a lane follows.
+    /// By the base-2 logarithm of a lane's rows.
     opaque: [OnceLock<ComputePipeline>; 4],
     cutouts: Option<TraceCutouts>,
 }
 
 impl Trace {
-    /// Uploads a hierarchy, nothing of which is seen nearer than `near`.
+    /// Uploads a hierarchy. `near` is the distance of the near plane, metres.
     ///
     /// # Errors
-    /// Why it cannot be traced on this device.
+    /// Why this device cannot trace it.
     pub(crate) fn new(gpu: &Gpu, hierarchy: &Hierarchy, near: f32) -> Result<Self, String> {
         let lanes = gpu.device.adapter_info().subgroup_min_size;
         if !gpu.device.features().contains(wgpu::Features::SUBGROUP) || lanes < LANES {
@@ -70,7 +70,7 @@ impl Trace {
         })
     }
 
-    /// Fills the visibility buffer of `targets`; what is not covered is 0.
+    /// Fills the visibility buffer. Sky is 0.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if there are more placed objects than the device can bind.
@@ -114,17 +114,17 @@ impl Trace {
         Ok(())
     }
 
-    /// Brings back whether every packet that was recorded was followed to its end: see [`Self::is_whole`].
+    /// Reads back whether any packet ended early. Decode with [`Self::is_whole`].
     pub(crate) fn read_unfinished(&self, commands: &mut Commands) -> PendingReadback {
         commands.read_buffer(&self.unfinished, 0..4)
     }
 
-    /// Whether what [`Self::read_unfinished`] brought back says so.
+    /// Whether no packet ended early, from the bytes of [`Self::read_unfinished`].
     pub(crate) fn is_whole(unfinished: &[u8]) -> bool {
         unfinished.iter().all(|&byte| byte == 0)
     }
 
-    /// Inverse distance of what is nearest, in units of the rays' directions.
+    /// Inverse distance of the near plane, in units of the rays' directions.
     pub(super) fn nearest_inverse(&self) -> f64 {
         1.0 / f64::from(self.near)
     }
@@ -147,14 +147,14 @@ impl Trace {
     }
 }
 
-/// Triangles of the scene to a packet of one row, if they were spread evenly.
+/// Triangles a packet of one row, if they were spread evenly.
 fn triangles_a_row(hierarchy: &Hierarchy, [width, height]: [u32; 2]) -> u64 {
     let placed = |p: &PlacedObject| u64::from(hierarchy.objects[p.object as usize].triangles);
     let triangles: u64 = hierarchy.placed.iter().map(placed).sum();
     triangles * u64::from(LANES) / (u64::from(width) * u64::from(height)).max(1)
 }
 
-/// The logarithm of the rows that a lane follows: fewer, the more triangles a sub-sample has to itself.
+/// Base-2 logarithm of a lane's rows: fewer rows for more triangles a sub-sample.
 fn rows_log(hierarchy: &Hierarchy, size: [u32; 2]) -> u32 {
     match triangles_a_row(hierarchy, size) {
         0..16 => 3,
@@ -164,7 +164,7 @@ fn rows_log(hierarchy: &Hierarchy, size: [u32; 2]) -> u32 {
     }
 }
 
-/// A texture of 16 byte texels.
+/// A texture with texels of 16 bytes.
 fn texels(gpu: &Gpu, label: &str, bytes: &[u8]) -> Result<wgpu::TextureView, String> {
     let row_bytes = ROW as usize * 16;
     let height = bytes.len().div_ceil(row_bytes).max(1);

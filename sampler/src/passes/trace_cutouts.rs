@@ -1,4 +1,5 @@
-//! Program: `shaders/sampler/trace_cutouts.wgsl`. Cut-outs before what is opaque, by packets of rays.
+//! Program: `shaders/sampler/trace_cutouts.wgsl`. Traces alpha-tested triangles in front of opaque ones, by packets of
+//! rays.
 
 use std::sync::OnceLock;
 
@@ -8,12 +9,12 @@ use argus_shaders::sampler::TRACE_CUTOUTS;
 use super::TileContext;
 use super::trace::Trace;
 
-/// Traces what has an alpha test, against what [`Trace`] has found.
+/// Traces alpha-tested triangles against the result of [`Trace`].
 #[derive(Default)]
 pub(super) struct TraceCutouts(OnceLock<ComputePipeline>);
 
 impl TraceCutouts {
-    /// Replaces what is behind a cut-out in the visibility buffer of the context's targets.
+    /// Updates the visibility buffer where a cut-out is in front.
     pub(super) fn record(
         &self,
         commands: &mut Commands,

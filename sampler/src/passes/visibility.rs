@@ -1,4 +1,5 @@
-//! Program: `shaders/sampler/visibility.wgsl`. Which triangle of which instance each sub-sample sees.
+//! Program: `shaders/sampler/visibility.wgsl`. Rasterises the visibility buffer: instance and triangle of each
+//! sub-sample.
 
 use std::collections::BTreeMap;
 
@@ -10,13 +11,13 @@ use crate::draws::DrawList;
 use crate::resident::{Cull, DrawClass, Resident};
 use crate::scratch;
 
-/// Rasterises triangles with a pipeline for each class that the scene has.
+/// One draw pass a tile, with a pipeline for each draw class of the scene.
 pub(crate) struct Rasteriser {
     pipelines: BTreeMap<DrawClass, RenderPipeline>,
 }
 
 impl Rasteriser {
-    /// Pipelines for the classes of `resident`, and no others.
+    /// Makes the pipelines of the classes that `resident` has.
     pub(crate) fn new(gpu: &Gpu, resident: &Resident) -> Self {
         let mut pipelines = BTreeMap::new();
         for placement in &resident.instances {
@@ -25,7 +26,7 @@ impl Rasteriser {
         Self { pipelines }
     }
 
-    /// Fills the visibility buffer of `targets`; what is not covered is 0.
+    /// Fills the visibility buffer. Sky is 0.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,

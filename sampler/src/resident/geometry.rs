@@ -1,23 +1,22 @@
-//! Triangles of all meshes in a few arrays.
+//! Triangles of all meshes in a few buffers.
 
 use argus_scene::{Mesh, Scene};
 use argus_shaders::layout::sampler::MeshLayout;
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-/// Triangles of a chunk, which is drawn or culled as a whole: fewer would cull closer and cost more draws. They keep
-/// the order that the file gives them; sorted along a space-filling curve, chunks of the 500k terrain were drawn no
-/// faster in any of its views, and its vertices were fetched more slowly.
+/// Triangles of a chunk, the unit of culling. Smaller chunks cull more and cost more draws. Triangles keep the file's
+/// order: sorted along a space-filling curve, the 500k terrain drew no faster and fetched vertices more slowly.
 const CHUNK_TRIANGLES: usize = 4096;
 
-/// A normal that a vertex does not have; no fraction is stored as -32768.
+/// Marks a missing normal. No fraction is stored as -32768.
 const NO_NORMAL: u32 = 0x8000_8000;
 
-/// What is uploaded.
+/// Contents of the buffers.
 #[derive(Default)]
 pub(super) struct Arena {
     /// Position and normal.
     pub(super) vertices: Vec<[u32; 4]>,
-    /// Texture coordinates and colour; the tangent in a record of its own.
+    /// Texture coordinates and colour. The tangent has its own record.
     pub(super) attributes: Vec<[u32; 4]>,
     pub(super) indices: Vec<u32>,
     /// One a mesh.
@@ -28,13 +27,13 @@ pub(super) struct Arena {
 pub(crate) struct MeshRun {
     pub(crate) first_index: u32,
     pub(crate) first_vertex: u32,
-    /// Consecutive triangles; none for a mesh that no instance places.
+    /// Consecutive triangles. Empty for a mesh without instances.
     pub(crate) chunks: Vec<Chunk>,
-    /// Around all chunks.
+    /// Box around all chunks.
     pub(crate) whole: Chunk,
 }
 
-/// Some consecutive triangles of a mesh and the box around them, relative to the mesh's origin.
+/// Consecutive triangles of a mesh, and their box relative to the mesh's origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Chunk {
     pub(crate) first_triangle: u32,
@@ -44,7 +43,7 @@ pub(crate) struct Chunk {
 }
 
 impl Arena {
-    /// Of every mesh that an instance places.
+    /// The buffers of all meshes with instances.
     pub(super) fn new(scene: &Scene) -> (Self, Vec<MeshRun>) {
         let mut used = vec![false; scene.meshes.len()];
         scene.instances.iter().for_each(|i| used[i.mesh as usize] = true);
@@ -106,7 +105,7 @@ impl Arena {
     }
 
     fn push_vertex(&mut self, mesh: &Mesh, vertex: usize) {
-        // A corner that is not finite has no place, so its triangles lose their area and are never drawn.
+        // Triangles of a corner that is not finite become degenerate and are never drawn.
         let position = if mesh.positions[vertex].is_finite() { mesh.positions[vertex] } else { Vec3::ZERO };
         let normal = mesh.normals.get(vertex).copied().unwrap_or(Vec3::ZERO);
         let [x, y, z] = position.to_array().map(f32::to_bits);
@@ -123,14 +122,14 @@ impl Arena {
     }
 }
 
-/// The box around chunks, as one run of all triangles.
+/// The union of chunks: their box and all triangles.
 fn around(chunks: &[Chunk], triangles: u32) -> Chunk {
     let min = chunks.iter().map(|c| c.middle - c.half).fold(DVec3::INFINITY, DVec3::min);
     let max = chunks.iter().map(|c| c.middle + c.half).fold(DVec3::NEG_INFINITY, DVec3::max);
     Chunk { first_triangle: 0, triangles, middle: (min + max) * 0.5, half: (max - min) * 0.5 }
 }
 
-/// A unit vector in two signed fractions of 16 bits, accurate to some 4·10⁻⁵ radians.
+/// A unit vector as two snorm16, accurate to about 4·10⁻⁵ radians.
 fn octahedral(n: Vec3) -> u32 {
     let sum = n.x.abs() + n.y.abs() + n.z.abs();
     if !(sum > 0.0 && sum < f32::INFINITY) {
@@ -144,7 +143,7 @@ fn octahedral(n: Vec3) -> u32 {
     snorm(e.x) | snorm(e.y) << 16
 }
 
-/// A tangent as a normal is stored, with the bitangent's sign in the lowest bit.
+/// A tangent, stored like a normal, with the bitangent's sign in the lowest bit.
 fn tangent(t: Vec4) -> u32 {
     let word = octahedral(t.truncate());
     if word == NO_NORMAL {

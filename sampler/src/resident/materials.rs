@@ -1,4 +1,4 @@
-//! Materials as shaders read them.
+//! Materials in the layout of the shaders.
 
 use argus_scene::material::Wrap;
 use argus_scene::shading::dielectric_f0;
@@ -9,17 +9,17 @@ use glam::Vec2;
 
 use super::texels::InstanceTransform;
 
-/// What is uploaded.
+/// Contents of the buffers.
 #[derive(Default)]
 pub(super) struct Materials {
-    /// One a material of the scene.
+    /// One entry a material.
     pub(super) data: Vec<MaterialData>,
-    /// One for each texture of each material.
+    /// One entry a texture of a material.
     pub(super) slots: Vec<TextureSlot>,
 }
 
 impl Materials {
-    /// Of a scene whose textures were placed.
+    /// The materials of a scene whose textures are uploaded.
     pub(super) fn new(scene: &Scene, textures: &[InstanceTransform]) -> Self {
         let mut materials = Self::default();
         for material in &scene.materials {
@@ -35,7 +35,7 @@ impl Materials {
             (role::METALLIC_ROUGHNESS, material.metallic_roughness_texture),
             (role::NORMAL, material.normal_texture),
         ];
-        // A reference to a texture that the scene does not have is none.
+        // A reference to a missing texture counts as none.
         let used = uses.map(|(role, reference)| {
             let reference = reference?;
             Some((role, reference, textures.get(reference.texture as usize)?))
@@ -50,7 +50,7 @@ impl Materials {
         let (first_linear, linear_count) = take(false);
         let mine = first_srgb..first_linear + linear_count;
         let alpha = mine.into_iter().find(|&i| self.slots[i as usize].usage[2] == role::BASE_COLOR);
-        // What is not glossy looks nothing up.
+        // Only glossy materials look up probes.
         let transmission = if material.is_glossy() { material.transmission.to_bits() } else { 0 };
         self.data.push(MaterialData {
             base_color: material.base_color.to_array(),

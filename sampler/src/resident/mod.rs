@@ -1,4 +1,4 @@
-//! The scene as it lies on the device, uploaded once; instances that move are placed anew for each epoch.
+//! The scene on the device. It is uploaded once; instances are moved for each epoch.
 
 mod geometry;
 mod materials;
@@ -27,17 +27,16 @@ pub(crate) struct Resident {
     pub(crate) texels_srgb: wgpu::TextureView,
     /// One a mesh of the scene.
     pub(crate) runs: Vec<MeshRun>,
-    /// Those that can be seen at the time that the scene was last posed at, in the order they are drawn: by class,
-    /// then by mesh.
+    /// Visible instances at the time of the last pose, in drawing order: by class, then by mesh.
     pub(crate) instances: Vec<Placement>,
-    /// One more than the largest index of an instance.
+    /// Largest instance index + 1.
     pub(crate) instance_count: usize,
-    /// Box around the scene at all times.
+    /// Box around the scene at all times, world space.
     pub(crate) bounds: Bounds,
     pub(crate) features: Features,
 }
 
-/// What shading must be able to do for the scene: programs are made without the rest.
+/// Shading features that the scene needs. Programs are specialised to them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Features {
     pub(crate) srgb_textures: bool,
@@ -59,7 +58,7 @@ impl Features {
         }
     }
 
-    /// As programs that shade are told; `keeps_guides` for passes that add indirect light.
+    /// Values of the shading programs' `override`s. `keeps_guides` writes guides for indirect light.
     pub(crate) fn constants(self, keeps_guides: bool) -> [(&'static str, f64); 6] {
         [
             ("has_srgb_textures", self.srgb_textures),
@@ -73,42 +72,42 @@ impl Features {
     }
 }
 
-/// Which pipeline draws an instance.
+/// The pipeline of an instance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct DrawClass {
     /// Whether fragments test alpha.
     pub(crate) cutout: bool,
-    /// Which side is not seen.
+    /// The side that is culled.
     pub(crate) cull: Cull,
 }
 
-/// Which side of a triangle is not drawn.
+/// The side of triangles that is culled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Cull {
-    /// Both sides are seen.
+    /// No side.
     None,
-    /// The back.
+    /// The back side.
     Back,
-    /// The back, whose corners a mirroring transform makes appear counter-clockwise.
+    /// The back side under a mirroring transform, which reverses winding.
     MirroredBack,
 }
 
-/// An instance that can be seen.
+/// A visible instance.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Placement {
     /// Index into [`Scene::instances`].
     pub(crate) instance: u32,
     pub(crate) mesh: u32,
     pub(crate) class: DrawClass,
-    /// Directions and differences, both ways.
+    /// Linear part of the transform, and its inverse.
     pub(crate) world_from_mesh: DMat3,
     pub(crate) mesh_from_world: DMat3,
-    /// World space position of the vertices' zero.
+    /// World space position of the mesh's origin.
     pub(crate) origin: DVec3,
 }
 
 impl Placement {
-    /// Corners of all triangles of its mesh, world space; some may not be finite.
+    /// Corners of all triangles of its mesh, world space. Some may not be finite.
     pub(crate) fn triangles<'a>(&self, mesh: &'a Mesh) -> impl Iterator<Item = [DVec3; 3]> + use<'a> {
         let (origin, world_from_mesh) = (self.origin, self.world_from_mesh);
         let corner = move |i: u32| {
@@ -149,13 +148,13 @@ impl Resident {
         })
     }
 
-    /// Places the scene's instances anew, which move; triangles, materials and textures stay as they lie.
+    /// Moves instances. Triangles, materials and textures stay.
     pub(crate) fn place(&mut self, scene: &Scene, instances: &[Instance]) {
         self.instances = placements(scene, instances, |mesh| is_filled(&self.runs[mesh]));
     }
 }
 
-/// A buffer that holds `data`, or one zero where there is none, since nothing empty can be bound.
+/// A buffer of `data`, or of one zero if there is none, because an empty buffer cannot be bound.
 ///
 /// # Errors
 /// [`RenderError::OutOfMemory`] if it is larger than the device can bind.
@@ -185,13 +184,13 @@ fn is_filled(run: &MeshRun) -> bool {
     !run.chunks.is_empty()
 }
 
-/// A scene's instances where they are, as [`Resident::instances`] has them, without a device.
+/// A scene's instances like [`Resident::instances`], without a device.
 pub(crate) fn placed(scene: &Scene, instances: &[Instance]) -> Vec<Placement> {
     placements(scene, instances, |mesh| scene.meshes[mesh].triangles() > 0)
 }
 
-/// Instances with triangles and a transform that can be inverted, in the order they are drawn. `is_filled` says of each mesh
-/// whether it has triangles.
+/// Instances with triangles and an invertible transform, in drawing order. `is_filled` has for each mesh whether it has
+/// triangles.
 fn placements(scene: &Scene, instances: &[Instance], is_filled: impl Fn(usize) -> bool) -> Vec<Placement> {
     let mut placements: Vec<Placement> = (0u32..)
         .zip(instances)

@@ -1,8 +1,7 @@
-//! Texels of all textures in one texture array: the address space of `shaders/shared/texture.wgsl`.
+//! Texels of all textures in one texture array, addressed by `shaders/shared/texture.wgsl`.
 //!
-//! Levels lie one after another, row after row, whatever their size, folded into rows of 2048 texels and layers
-//! of 2048 rows. So no scene has too many textures or one of the wrong shape, short of filling the array: 2048
-//! layers of 4 million texels on the drivers we know.
+//! Mip levels are stored consecutively, row by row, wrapped into rows of 2048 texels and layers of 2048 rows. So textures
+//! of any number and shape fit until the array is full: 2048 layers of 4 million texels on known drivers.
 
 use std::sync::Arc;
 
@@ -11,28 +10,28 @@ use argus_scene::material::Wrap;
 use argus_scene::texture::{MipChain, mip_chains};
 use argus_scene::{RenderError, Scene};
 
-/// Texels of a row of the array, and rows of a layer: powers of two that the program knows too.
+/// Texels of a row of the array, and rows of a layer. Powers of two, as in the program.
 const SIDE: u32 = 2048;
 
-/// Where a texture's levels are.
+/// The levels of a texture.
 pub(super) struct InstanceTransform {
     pub(super) size: [u32; 2],
-    /// First of its entries in [`Texels::levels`].
+    /// Index of its first entry in [`Texels::levels`].
     pub(super) first_level: u32,
     pub(super) levels: u32,
     pub(super) wrap: [Wrap; 2],
     pub(super) srgb: bool,
 }
 
-/// What is uploaded.
+/// The texture array and its addresses.
 pub(super) struct Texels {
-    /// One a texture of the scene.
+    /// One entry a texture.
     pub(super) textures: Vec<InstanceTransform>,
     /// Address of each level's first texel.
     pub(super) levels: Vec<u32>,
-    /// The array as it is stored.
+    /// The array without sRGB decoding.
     pub(super) linear: wgpu::TextureView,
-    /// The same array, its colours decoded from sRGB.
+    /// A view of the array with sRGB decoding.
     pub(super) srgb: wgpu::TextureView,
 }
 
@@ -40,7 +39,7 @@ impl Texels {
     /// Filters and uploads a scene's textures.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] if they do not fit the array.
+    /// [`RenderError::OutOfMemory`] if the array is full.
     pub(super) fn new(gpu: &Arc<Gpu>, scene: &Scene) -> Result<Self, RenderError> {
         let chains = mip_chains(scene);
         let (mut textures, mut levels, mut end) = (Vec::new(), Vec::new(), 0u64);
@@ -92,7 +91,7 @@ impl Texels {
     }
 }
 
-/// Fills the array, a layer at a time.
+/// Fills the array layer by layer.
 fn write(gpu: &Gpu, texture: &wgpu::Texture, chains: &[MipChain]) {
     let row_bytes = SIDE as usize * 4;
     let layer_bytes = row_bytes * texture.height() as usize;
@@ -114,7 +113,7 @@ fn write(gpu: &Gpu, texture: &wgpu::Texture, chains: &[MipChain]) {
         let height = (bytes.len() / row_bytes) as u32;
         let size = wgpu::Extent3d { width: SIDE, height, depth_or_array_layers: 1 };
         gpu.queue.write_texture(to, bytes, layout, size);
-        // Hands the staging memory on at once: a scene's textures are not held twice.
+        // Submits at once to free staging memory, so that textures are not held twice.
         gpu.queue.submit([]);
         bytes.clear();
     };

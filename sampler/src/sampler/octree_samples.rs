@@ -1,4 +1,4 @@
-//! Samples that come from maps of an octree: the surfaces are shaded, then the cameras look at what was shaded.
+//! Samples from maps of an octree: leaves are shaded first, then sample cameras look them up.
 
 use std::time::Instant;
 
@@ -15,8 +15,8 @@ use crate::scratch::Extras;
 use crate::timing;
 
 impl GpuSampler {
-    /// Samples of one set: the scene as an octree, its leaves shaded, the maps of all cameras in as few traversals as
-    /// can be, and each sample looked up in its own.
+    /// Renders samples of one set: builds the octree, shades its leaves, renders the maps of all cameras in few
+    /// traversals, and looks up each sample in its map.
     pub(super) fn render_from_octree(
         &mut self,
         job: &SampleJob,
@@ -25,13 +25,13 @@ impl GpuSampler {
     ) -> Vec<Result<Sample, RenderError>> {
         let mut costs = match self.ready_maps(job, knobs, cancel) {
             Ok(Some(stages)) => stages,
-            // Without surfaces all is sky, which triangles have as well.
+            // A scene without surfaces is all sky; the triangle path renders it.
             Ok(None) => {
                 return job.ids.iter().map(|&id| self.render_sample(job, id, cancel, &mut None)).collect();
             }
             Err(error) => return vec![Err(error); job.ids.len()],
         };
-        // What the rig does not have fails alone.
+        // An index that the rig does not have fails only its own sample.
         let to_render_error =
             |id: &SampleId| job.info.rig.camera(id.index).err().map(|error| Err(error.into()));
         let mut samples: Vec<Option<Result<Sample, RenderError>>> =
@@ -42,7 +42,7 @@ impl GpuSampler {
                 Some(maps) => maps.traverse(&gpu, rig, &group),
                 None => Err(RenderError::Internal("there are no maps".to_owned())),
             });
-            // What a batch costs is shared evenly; the first traversal pays for what came before it.
+            // Samples of a traversal share its cost evenly. The first traversal includes the cost of the octree.
             let share = 1.0 / group.wanted.len() as f64;
             let shared = traversed.map(|stages| {
                 timing::add(&mut costs, stages);
@@ -64,7 +64,7 @@ impl GpuSampler {
         samples.into_iter().map(|sample| sample.unwrap_or_else(missing)).collect()
     }
 
-    /// Makes ready what samples of a set are looked up in, and what that cost; `None` for a scene without surfaces.
+    /// Prepares the octree of a set. Returns the cost, or `None` for a scene without surfaces.
     fn ready_maps(
         &mut self,
         job: &SampleJob,
@@ -86,8 +86,8 @@ impl GpuSampler {
         }))
     }
 
-    /// Builds an octree of the scene as it is posed and shades its leaves, unless that was done under these lights; `None`
-    /// for a scene without surfaces.
+    /// Builds the octree of the posed scene and shades its leaves, unless both are up to date. Returns the cost, or
+    /// `None` for a scene without surfaces.
     pub(super) fn light_octree(
         &mut self,
         octree: &mut LitOctree,
@@ -128,12 +128,12 @@ impl GpuSampler {
         Ok(Some(stages))
     }
 
-    /// Whether light drifts though nothing of the scene moves.
+    /// Whether light changes with time in a static scene.
     pub(super) fn drifts(&self) -> bool {
         matches!(self.knobs.indirect, Indirect::Vpl(knobs) if knobs.particles > 0)
     }
 
-    /// One sample of the group that was traversed last: per tile, look up what each sub-sample sees, choose a surface
+    /// Renders one sample of the group that was traversed last: per tile, looks up each sub-sample and selects a surface
     /// for each texel.
     fn resolve_from_maps(
         &mut self,

@@ -1,4 +1,4 @@
-//! Maps of what is around reflectors: made ready for whoever looks them up, and handed out as a sample.
+//! Reflection probes: prepared for shading, and returned as a sample of the set.
 
 use argus_gpu::Gpu;
 use argus_scene::{Cancel, Lighting, RenderError, Sample, SampleId, SampleJob, Stage, Surroundings};
@@ -9,18 +9,18 @@ use crate::probe_renderer::{ProbeBindings, ProbeRenderer};
 use crate::resident::Resident;
 use crate::{Indirect, SamplerKnobs, timing};
 
-/// How surfaces are shaded, and what they look up.
+/// Programs that shade and resolve surfaces, without and with reflection probes.
 pub(super) struct SurfacePrograms {
     shade: Shade,
     shade_sample: ShadeSample,
     resolve: ResolveSample,
-    /// What is looked up where nothing is.
+    /// Bound where surfaces look up no probes.
     nothing: ProbeBindings,
-    /// Maps around reflectors, made when something is first to look them up.
+    /// Reflection probes and their programs, made when a job first asks for reflections.
     pub(super) probes: Option<Box<ProbeRenderer>>,
 }
 
-/// One of the ways.
+/// The programs of one job.
 pub(super) struct SurfaceProgram<'a> {
     pub(super) shade: &'a Shade,
     pub(super) shade_sample: &'a ShadeSample,
@@ -29,7 +29,7 @@ pub(super) struct SurfaceProgram<'a> {
 }
 
 impl SurfacePrograms {
-    /// Without maps.
+    /// Programs without reflection probes.
     pub(super) fn new(gpu: &Gpu, resident: &Resident, knobs: &SamplerKnobs) -> Self {
         let (features, keeps_guides) = (resident.features, knobs.indirect != Indirect::Off);
         Self {
@@ -41,7 +41,7 @@ impl SurfacePrograms {
         }
     }
 
-    /// The way that has those reflections, once their maps are made.
+    /// The programs for a job with those reflections, once their probes are made.
     pub(super) fn of(&self, reflections: Option<Surroundings>) -> SurfaceProgram<'_> {
         let probes = self.probes.as_deref().filter(|_| reflections.is_some());
         match probes.and_then(|probes| Some((probes, probes.probe_bindings()?))) {
@@ -59,7 +59,7 @@ impl SurfacePrograms {
 }
 
 impl GpuSampler {
-    /// Makes the maps of surroundings ready, if they are asked for; what that cost.
+    /// Prepares the reflection probes, if the job asks for reflections. Returns the cost.
     pub(super) fn prepare_probes(
         &mut self,
         reflections: Option<Surroundings>,
@@ -73,7 +73,7 @@ impl GpuSampler {
             Some(probes) => probes,
             None => Box::new(ProbeRenderer::new(&self.gpu, &self.scene, &self.resident, &self.knobs, of)?),
         };
-        // Programs outlive an order that nobody waits for any more.
+        // Keeps the programs if the job was cancelled.
         let stages = match probes.is_made(lighting, time_secs, drifts) {
             true => Ok(Vec::new()),
             false => self.render_probes(&mut probes, lighting, time_secs, cancel),
@@ -97,7 +97,7 @@ impl GpuSampler {
         Ok(stages)
     }
 
-    /// A set's surroundings.
+    /// Renders a set's reflection probes as a sample.
     pub(super) fn render_probe_sample(
         &mut self,
         job: &SampleJob,
@@ -105,7 +105,7 @@ impl GpuSampler {
         cancel: &Cancel,
     ) -> Result<Sample, RenderError> {
         self.check_job(job)?;
-        // Refuses them where the set has none.
+        // Fails if the set has no reflections.
         job.info.camera(id.index)?;
         let (lighting, time_secs) = (&job.info.lighting, job.info.time_secs());
         let mut stages = self.pose(time_secs);

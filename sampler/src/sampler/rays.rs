@@ -1,4 +1,4 @@
-//! Rays of anybody's choice, each with an origin of its own.
+//! Single rays with arbitrary origins.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use super::GpuSampler;
 
 impl GpuSampler {
-    /// How far along each ray (origin, direction; metres) the nearest surface lies, in units of the direction; `None`
-    /// where there is none, also for a ray that is not finite. On all cores, by the tracer that light paths are
-    /// followed by: no program of the device follows rays that have nothing in common.
+    /// Distance to the nearest surface along each ray (origin, direction; metres), in units of the direction. `None`
+    /// without a hit or for a ray that is not finite. Traced on all cores of the CPU, because no program of the device
+    /// traces incoherent rays.
     pub fn follow_rays(&mut self, rays: &[[DVec3; 2]]) -> Vec<Option<f64>> {
         let tracer = self.visibility.prepare_packets(&self.resident);
         let follow = |[origin, direction]: &[DVec3; 2]| {
