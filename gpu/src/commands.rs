@@ -1,4 +1,4 @@
-//! Passes in the order they run, each saying what it reads and what it writes.
+//! Records passes in the order in which they run. Each call names what it reads and writes.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -9,17 +9,16 @@ use crate::readback::{self, Copy};
 use crate::timing::Timings;
 use crate::{ComputePipeline, Finished, Gpu, GpuError, PendingReadback, RenderPipeline};
 
-/// One submission in the making.
+/// A submission that is being recorded.
 ///
-/// A pass call names its timing row, then what it reads and writes by the names that its WGSL has, then its
-/// extent; what is bound is checked against the program, so a forgotten or misspelt name panics in the first
-/// test that runs the pass, with the pass's name.
+/// A call names its row in the timing table, then binds resources by their WGSL names, then gives its extent. Bindings
+/// are checked against the program: a missing or misspelt name panics with the name of the pass.
 #[derive(Debug)]
 pub struct Commands {
     gpu: Arc<Gpu>,
     encoder: wgpu::CommandEncoder,
     timings: Timings,
-    /// Buffers and textures to copy out at the end, so that the copies lie together.
+    /// Buffers and textures that are copied to the readback buffer after all passes.
     sources: Vec<Source>,
     faults_before: u64,
 }
@@ -30,7 +29,7 @@ enum Source {
     Texture { texture: wgpu::Texture, layer: u32 },
 }
 
-/// A submission on its way.
+/// A submission that the GPU executes.
 #[derive(Debug)]
 pub struct Submitted {
     gpu: Arc<Gpu>,
@@ -42,26 +41,26 @@ pub struct Submitted {
     faults_before: u64,
 }
 
-/// A colour attachment and what becomes of its content.
+/// A colour attachment and its load operation.
 #[derive(Debug)]
 pub struct ColorTarget<'a> {
     /// The attachment.
     pub view: &'a wgpu::TextureView,
-    /// Cleared to this, or kept.
+    /// Clear value; `None` keeps the content.
     pub clear: Option<wgpu::Color>,
 }
 
-/// A depth attachment, reversed-Z.
+/// A depth attachment with reversed Z.
 #[derive(Debug)]
 pub struct DepthTarget<'a> {
     /// The attachment.
     pub view: &'a wgpu::TextureView,
-    /// Whether it is cleared to 0, infinitely far, first.
+    /// Whether it is first cleared to 0, which is infinitely far.
     pub clear: bool,
 }
 
 impl Gpu {
-    /// Begins a submission.
+    /// Starts recording a submission.
     pub fn commands(self: &Arc<Self>, label: &str) -> Commands {
         let encoder =
             self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
@@ -72,13 +71,13 @@ impl Gpu {
 }
 
 impl Commands {
-    /// A compute pass of one dispatch; `name` is its row in the timing table.
+    /// A compute pass of one dispatch. `name` is its row in the timing table.
     pub fn compute<'a>(&'a mut self, name: &'a str, pipeline: &'a ComputePipeline) -> ComputeCall<'a> {
         let bound = Bound::new(&pipeline.label, pipeline.entry.bindings);
         ComputeCall { to: To::PassOfItsOwn { commands: self, name }, pipeline, bound, immediates: &[] }
     }
 
-    /// A compute pass of several dispatches, each with its own bindings; `name` is its row in the timing table.
+    /// A compute pass of several dispatches, each with its own bindings. `name` is its row in the timing table.
     pub fn compute_pass(&mut self, name: &str) -> ComputePass<'_> {
         let pass = self.begin_compute(name);
         ComputePass { gpu: &self.gpu, pass }
@@ -97,7 +96,7 @@ impl Commands {
         pass.forget_lifetime()
     }
 
-    /// A render pass; `name` is its row in the timing table.
+    /// A render pass. `name` is its row in the timing table.
     pub fn render(
         &mut self,
         name: &str,
@@ -139,35 +138,36 @@ impl Commands {
         RenderPass { gpu: &self.gpu, pass }
     }
 
-    /// Zeroes a buffer.
+    /// Clears a buffer to zero.
     pub fn clear(&mut self, buffer: &wgpu::Buffer) -> &mut Self {
         self.encoder.clear_buffer(buffer, 0, None);
         self
     }
 
-    /// The encoder itself, for copies between resources.
+    /// The command encoder, for copies between resources.
     pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
         &mut self.encoder
     }
 
-    /// Brings bytes of a buffer (usage `COPY_SRC`) back; offsets are multiples of 4, lengths are rounded up.
+    /// Reads back bytes of a buffer (usage `COPY_SRC`). The offset must be a multiple of 4; the length is rounded up to
+    /// one.
     pub fn read_buffer(&mut self, buffer: &wgpu::Buffer, range: Range<u64>) -> PendingReadback {
         self.sources.push(Source::Buffer { buffer: buffer.clone(), range });
         PendingReadback(self.sources.len() - 1)
     }
 
-    /// Brings a texture's first mip level (usage `COPY_SRC`) back, rows tightly packed.
+    /// Reads back a texture's first mip level (usage `COPY_SRC`), rows tightly packed.
     pub fn read_texture(&mut self, texture: &wgpu::Texture) -> PendingReadback {
         self.read_layer(texture, 0)
     }
 
-    /// Brings one layer of a texture array back, rows tightly packed.
+    /// Reads back one layer of a texture array, rows tightly packed.
     pub fn read_layer(&mut self, texture: &wgpu::Texture, layer: u32) -> PendingReadback {
         self.sources.push(Source::Texture { texture: texture.clone(), layer });
         PendingReadback(self.sources.len() - 1)
     }
 
-    /// Hands the passes to the GPU; returns at once.
+    /// Submits the passes and returns at once.
     pub fn submit(mut self) -> Submitted {
         let mut copies = Vec::with_capacity(self.sources.len());
         let mut end = 0;
@@ -205,7 +205,7 @@ impl Commands {
 }
 
 impl Submitted {
-    /// Waits until the GPU is done and returns what it brought back.
+    /// Waits for the GPU and returns the results.
     ///
     /// # Errors
     /// The device was lost, ran out of memory, or rejected a command.
@@ -257,9 +257,9 @@ impl Source {
     }
 }
 
-/// Anything that can stand behind a name in WGSL.
+/// A resource that can be bound under a WGSL name.
 pub trait Bindable {
-    /// As wgpu binds it.
+    /// The wgpu binding.
     fn resource(&self) -> wgpu::BindingResource<'_>;
 }
 
@@ -287,7 +287,7 @@ impl Bindable for wgpu::Sampler {
     }
 }
 
-/// What a pass call has bound so far, against what its program declares.
+/// The bindings of a call so far, and those that its program declares.
 struct Bound<'a> {
     label: &'a str,
     declared: &'a [Binding],
@@ -299,8 +299,7 @@ impl<'a> Bound<'a> {
         Self { label, declared, entries: Vec::with_capacity(declared.len()) }
     }
 
-    /// Names that the entry point does not use are ignored only if the program has several entry points that
-    /// share a pass call; here a name that is not declared is a typo.
+    /// Panics for a name that the entry point does not use.
     fn bind(&mut self, name: &str, writes: bool, resource: wgpu::BindingResource<'a>) {
         let Some(binding) = self.declared.iter().find(|b| b.name == name) else {
             panic!("{} does not use `{name}`", self.label)
@@ -309,7 +308,7 @@ impl<'a> Bound<'a> {
         self.entries.push((*binding, resource));
     }
 
-    /// The bind groups, or a panic that names what was forgotten.
+    /// The bind groups. Panics for a declared name that is not bound.
     fn groups(&self, gpu: &Gpu, layouts: &[(u32, wgpu::BindGroupLayout)]) -> Vec<(u32, wgpu::BindGroup)> {
         for declared in self.declared {
             let given = self.entries.iter().any(|(b, _)| b.name == declared.name);
@@ -335,7 +334,7 @@ impl<'a> Bound<'a> {
     }
 }
 
-/// A compute pass that dispatches are recorded into.
+/// A compute pass of several dispatches.
 pub struct ComputePass<'a> {
     gpu: &'a Gpu,
     pass: wgpu::ComputePass<'static>,
@@ -356,7 +355,7 @@ enum To<'a> {
     Pass { gpu: &'a Gpu, pass: &'a mut wgpu::ComputePass<'static> },
 }
 
-/// A dispatch being described; nothing is recorded before its extent is given.
+/// A dispatch that is being described. Giving its extent records it.
 #[must_use = "a compute call is recorded by its dispatch"]
 pub struct ComputeCall<'a> {
     to: To<'a>,
@@ -366,32 +365,32 @@ pub struct ComputeCall<'a> {
 }
 
 impl<'a> ComputeCall<'a> {
-    /// Binds what the pass reads.
+    /// Binds a resource that the pass reads.
     pub fn read(mut self, name: &str, resource: &'a (impl Bindable + ?Sized)) -> Self {
         self.bound.bind(name, false, resource.resource());
         self
     }
 
-    /// Binds what the pass writes, or reads and writes.
+    /// Binds a resource that the pass writes, or reads and writes.
     pub fn write(mut self, name: &str, resource: &'a (impl Bindable + ?Sized)) -> Self {
         self.bound.bind(name, true, resource.resource());
         self
     }
 
-    /// Content of the program's `var<immediate>`.
+    /// Sets the program's `var<immediate>`.
     pub fn immediates(mut self, bytes: &'a [u8]) -> Self {
         self.immediates = bytes;
         self
     }
 
-    /// Runs at least that many invocations, in whole workgroups; the program guards the tail.
+    /// Dispatches at least that many invocations, rounded up to workgroups. The program must check bounds.
     pub fn dispatch_threads(self, threads: [u32; 3]) {
         let size = self.pipeline.workgroup_size();
         let groups = [0, 1, 2].map(|i| threads[i].div_ceil(size[i]));
         self.dispatch(groups);
     }
 
-    /// Runs that many workgroups; none if any dimension is 0.
+    /// Dispatches that many workgroups. Records nothing if any dimension is 0.
     pub fn dispatch(self, groups: [u32; 3]) {
         if groups.contains(&0) {
             return;
@@ -399,8 +398,8 @@ impl<'a> ComputeCall<'a> {
         self.record(|pass| pass.dispatch_workgroups(groups[0], groups[1], groups[2]));
     }
 
-    /// Runs at least that many invocations in workgroups of 64, spread over two dimensions: one of them ends at 65,535
-    /// workgroups. The program finds its number by `shared/linear.wgsl` and guards the tail.
+    /// Dispatches at least that many invocations in workgroups of 64. Workgroups are spread over two dimensions, because
+    /// one has at most 65,535. The program computes its index with `shared/linear.wgsl` and must check bounds.
     pub fn dispatch_linear(self, invocations: u64) {
         debug_assert_eq!(self.pipeline.workgroup_size(), [64, 1, 1], "{}", self.pipeline.label);
         let groups = invocations.div_ceil(64);
@@ -408,12 +407,12 @@ impl<'a> ComputeCall<'a> {
         self.dispatch([across as u32, groups.div_ceil(across.max(1)) as u32, 1]);
     }
 
-    /// Runs as many workgroups as three u32 in `buffer` say.
+    /// Dispatches the number of workgroups that is in `buffer` (three u32).
     pub fn dispatch_indirect(self, buffer: &wgpu::Buffer, offset: u64) {
         self.record(|pass| pass.dispatch_workgroups_indirect(buffer, offset));
     }
 
-    /// Sets the bindings once and hands out wgpu's pass, for dispatches that differ in immediates alone.
+    /// Sets the bindings and calls `dispatches` with wgpu's pass, for dispatches that differ only in immediates.
     pub fn each(self, dispatches: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
         self.record(dispatches);
     }
@@ -440,21 +439,21 @@ impl<'a> ComputeCall<'a> {
     }
 }
 
-/// A render pass that draws are recorded into.
+/// A render pass.
 pub struct RenderPass<'a> {
     gpu: &'a Gpu,
     pass: wgpu::RenderPass<'a>,
 }
 
 impl<'a> RenderPass<'a> {
-    /// Draws to a part of the targets: x, y, width, height in pixels.
+    /// Sets viewport and scissor: x, y, width, height in pixels.
     pub fn viewport(&mut self, x: u32, y: u32, width: u32, height: u32) -> &mut Self {
         self.pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
         self.pass.set_scissor_rect(x, y, width, height);
         self
     }
 
-    /// A draw with its own bindings.
+    /// A draw call with its own bindings.
     pub fn draw<'b>(&'b mut self, pipeline: &'b RenderPipeline) -> DrawCall<'b, 'a> {
         self.pass.set_pipeline(&pipeline.raw);
         DrawCall {
@@ -466,7 +465,7 @@ impl<'a> RenderPass<'a> {
     }
 }
 
-/// A draw being described. Bindings are made before buffers and ranges; several ranges may follow one another.
+/// A draw call that is being described. Bind resources first, then set buffers and draw ranges.
 pub struct DrawCall<'b, 'a> {
     gpu: &'b Gpu,
     pass: &'b mut wgpu::RenderPass<'a>,
@@ -475,19 +474,19 @@ pub struct DrawCall<'b, 'a> {
 }
 
 impl<'b, 'a> DrawCall<'b, 'a> {
-    /// Binds what the draw reads.
+    /// Binds a resource that the draw reads.
     pub fn read(mut self, name: &str, resource: &'b (impl Bindable + ?Sized)) -> Self {
         self.bound.bind(name, false, resource.resource());
         self
     }
 
-    /// Binds what the draw's programs write beside the targets.
+    /// Binds a resource that the draw writes, beside its targets.
     pub fn write(mut self, name: &str, resource: &'b (impl Bindable + ?Sized)) -> Self {
         self.bound.bind(name, true, resource.resource());
         self
     }
 
-    /// Sets the bind groups and hands out wgpu's pass for vertex buffers, immediates and draws.
+    /// Sets the bind groups and returns wgpu's pass, for vertex buffers, immediates and draws.
     pub fn begin(self) -> &'b mut wgpu::RenderPass<'a> {
         for (group, bind_group) in &self.bound.groups(self.gpu, &self.pipeline.layouts) {
             self.pass.set_bind_group(*group, bind_group, &[]);
@@ -495,7 +494,7 @@ impl<'b, 'a> DrawCall<'b, 'a> {
         self.pass
     }
 
-    /// Draws vertices without buffers, as a full-screen triangle is drawn.
+    /// Draws vertices without vertex buffers, such as a full-screen triangle.
     pub fn vertices(self, vertices: Range<u32>, instances: Range<u32>) {
         self.begin().draw(vertices, instances);
     }

@@ -1,4 +1,4 @@
-//! One way to get a device.
+//! Opens a device and tracks its faults.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,17 +10,17 @@ use wgpu::{Backends, DeviceType, Features, InstanceFlags};
 use crate::GpuError;
 use crate::readback::ReadbackPool;
 
-/// What a user may say about the device.
+/// Options for opening a device.
 #[derive(Debug, Clone, Default)]
 pub struct GpuOptions {
-    /// Part of the adapter's name, in any case, or its index; `None` reads `ARGUS_ADAPTER`, and takes the
-    /// fastest kind there is (discrete, integrated, virtual, software) where that is unset.
+    /// Part of the adapter's name (case-insensitive), or its index. `None` reads `ARGUS_ADAPTER`; if that is unset, the
+    /// fastest kind is used (discrete, integrated, virtual, software).
     pub adapter: Option<String>,
 }
 
-/// A device, its queue, and what everything that uses them shares.
+/// A device, its queue, and state shared by all users.
 ///
-/// Cheap to share (`Arc`), free of interior order: any thread may record and submit.
+/// Shared as an `Arc`. Any thread may record and submit.
 #[derive(Debug)]
 pub struct Gpu {
     /// The device.
@@ -34,18 +34,18 @@ pub struct Gpu {
     pub(crate) readback: ReadbackPool,
 }
 
-/// Milliseconds that no pass may take: drivers that also serve a display end a submission after two seconds or more, and
-/// take the device away with it.
+/// Most milliseconds of a pass. Drivers that also serve a display reset the device after a submission of two seconds or
+/// more.
 ///
-/// What bounds passes: a sampler renders tiles of 2048² sub-samples and a compositor chunks of 4 million sub-pixels; a
-/// traversal's step is as long as its queue; maps by brute force are made of 2²⁹ pairs of a triangle and a view at a time.
+/// Passes are bounded by sampler tiles of 2048² sub-samples, compositor chunks of 4 million sub-pixels, the queues of
+/// traversals, and 2²⁹ pairs of triangle and view for brute-force maps.
 pub const LONGEST_PASS_MS: f64 = 1000.0;
 
-/// Features without which Argus does not run.
+/// Required features.
 const REQUIRED: Features =
     Features::SHADER_INT64.union(Features::SHADER_INT64_ATOMIC_MIN_MAX).union(Features::FLOAT32_FILTERABLE);
 
-/// Features that are used where they are.
+/// Optional features.
 const OPTIONAL: Features = Features::TIMESTAMP_QUERY
     .union(Features::IMMEDIATES)
     .union(Features::PRIMITIVE_INDEX)
@@ -58,16 +58,15 @@ const OPTIONAL: Features = Features::TIMESTAMP_QUERY
     .union(Features::SHADER_INT64_ATOMIC_ALL_OPS);
 
 impl Gpu {
-    /// Opens a device on the adapter that `options`, `ARGUS_ADAPTER` or the order of kinds chooses, with every
-    /// limit that the adapter has.
+    /// Opens a device on the adapter that `options` select, with all limits of the adapter.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] with advice, [`GpuError::Unsupported`] with the missing features.
     pub fn new(options: &GpuOptions) -> Result<Arc<Self>, GpuError> {
         let mut desc = wgpu::InstanceDescriptor::new_without_display_handle();
         desc.backends = Backends::VULKAN | Backends::METAL | Backends::DX12;
-        // Validation layers are a developer's tool (WGPU_VALIDATION=1), not a default of debug builds: they
-        // need packages that users lack, and cost more than the work.
+        // Validation layers are off unless WGPU_VALIDATION=1, also in debug builds: they need extra packages and cost
+        // more than the work.
         desc.flags = (InstanceFlags::default() - InstanceFlags::debugging()).with_env();
         let instance = wgpu::Instance::new(desc);
         let adapters = block_on(instance.enumerate_adapters(Backends::all()));
@@ -107,27 +106,27 @@ impl Gpu {
         }))
     }
 
-    /// Kind of device, as a frame's provenance has it: adapter, driver, version.
+    /// Kind of device for provenance: adapter, driver, version.
     pub fn kind(&self) -> &str {
         &self.kind
     }
 
-    /// Whether the adapter is a software driver, where graphics and compute work run at the same speed.
+    /// Whether the adapter is a software driver (CPU).
     pub fn is_software(&self) -> bool {
         self.adapter.device_type == DeviceType::Cpu
     }
 
-    /// What the driver says of the adapter: names, kind, range of subgroup sizes.
+    /// Adapter information of the driver.
     pub fn adapter(&self) -> &wgpu::AdapterInfo {
         &self.adapter
     }
 
-    /// Whether the device can time passes.
+    /// Whether the device has timestamps.
     pub fn has_timestamps(&self) -> bool {
         self.device.features().contains(Features::TIMESTAMP_QUERY)
     }
 
-    /// The longest pass so far, in milliseconds by the device's clock; `None` where it has none or nothing ran. See
+    /// The longest pass so far, milliseconds of the device's clock. `None` without timestamps or passes. See
     /// [`LONGEST_PASS_MS`].
     pub fn longest_pass(&self) -> Option<Stage> {
         self.longest_pass.lock().clone()
@@ -140,20 +139,20 @@ impl Gpu {
         }
     }
 
-    /// Why the device is gone, if it is.
+    /// Why the device was lost; `None` if it was not.
     pub fn lost(&self) -> Option<String> {
         self.faults.lost.lock().clone()
     }
 
-    /// The number of faults so far; see [`Gpu::fault_since`].
+    /// Number of faults so far. See [`Gpu::fault_since`].
     pub(crate) fn fault_count(&self) -> u64 {
         self.faults.count.load(Ordering::Acquire)
     }
 
-    /// The loss of the device, or the latest fault if there were any since `count` was read.
+    /// The loss of the device, or the latest fault since `count` was read.
     pub(crate) fn fault_since(&self, count: u64) -> Option<GpuError> {
         if self.fault_count() != count {
-            // What is done with a device that is gone is rejected as invalid, and that it is gone is heard of later.
+            // Commands to a lost device are rejected as invalid before the loss is reported.
             let _ = self.device.poll(wgpu::PollType::Poll);
         }
         if let Some(reason) = self.lost() {
@@ -162,7 +161,7 @@ impl Gpu {
         if self.fault_count() == count { None } else { self.faults.latest.lock().clone() }
     }
 
-    /// A buffer of `size` bytes, zeroed; at least 16 bytes, so that an empty array can be bound.
+    /// A zeroed buffer of `size` bytes, at least 16, because an empty buffer cannot be bound.
     pub fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
         self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
@@ -172,7 +171,7 @@ impl Gpu {
         })
     }
 
-    /// A buffer that holds `data`; `COPY_DST` is added to its usage.
+    /// A buffer with content `data`. `COPY_DST` is added to its usage.
     pub fn upload<T: bytemuck::NoUninit>(
         &self,
         label: &str,
@@ -185,7 +184,7 @@ impl Gpu {
         buffer
     }
 
-    /// Replaces the beginning of a buffer's content before the next submit.
+    /// Writes to the start of a buffer before the next submit.
     pub fn write<T: bytemuck::NoUninit>(&self, buffer: &wgpu::Buffer, data: &[T]) {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         let whole = bytes.len() & !3;
@@ -220,7 +219,7 @@ impl Gpu {
     }
 }
 
-/// What the driver said outside of any call of ours.
+/// Errors that the driver reported asynchronously.
 #[derive(Debug, Default)]
 struct Faults {
     lost: Mutex<Option<String>>,
@@ -240,7 +239,7 @@ impl Faults {
     }
 }
 
-/// The wanted adapter, or the one of the fastest kind.
+/// The wanted adapter, or one of the fastest kind.
 fn choose(adapters: Vec<wgpu::Adapter>, wanted: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
     let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
     if names.is_empty() {
@@ -268,7 +267,7 @@ fn choose(adapters: Vec<wgpu::Adapter>, wanted: Option<&str>) -> Result<wgpu::Ad
     Ok(adapters.swap_remove(index))
 }
 
-/// Index of the name that `wanted` means: its position, or the first name that contains it.
+/// Index of the wanted name: `wanted` is an index or part of a name.
 fn position(names: &[String], wanted: &str) -> Option<usize> {
     if let Ok(index) = wanted.parse::<usize>() {
         return (index < names.len()).then_some(index);
@@ -277,7 +276,7 @@ fn position(names: &[String], wanted: &str) -> Option<usize> {
     names.iter().position(|name| name.to_lowercase().contains(&wanted))
 }
 
-/// Runs one of wgpu's start-up futures, which are ready at once on native backends.
+/// Runs one of wgpu's start-up futures, which are ready at once on native platforms.
 fn block_on<F: Future>(future: F) -> F::Output {
     let mut future = std::pin::pin!(future);
     let mut context = std::task::Context::from_waker(std::task::Waker::noop());

@@ -1,28 +1,28 @@
-//! What can go wrong on a GPU.
+//! Errors of the GPU.
 
 use argus_scene::RenderError;
 
-/// A GPU could not be had, or did not do its work.
+/// No GPU is available, or it failed.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum GpuError {
-    /// There is no adapter, or not the one asked for.
+    /// No adapter, or not the wanted one.
     #[error("{0}")]
     NoAdapter(String),
-    /// The adapter lacks what Argus needs.
+    /// The adapter lacks required features.
     #[error("the GPU `{adapter}` lacks {missing}; choose another with ARGUS_ADAPTER")]
     Unsupported {
         /// Name of the adapter.
         adapter: String,
-        /// Features, as wgpu names them.
+        /// Missing features, by wgpu's names.
         missing: String,
     },
-    /// The device is gone: everything on it must be made anew.
+    /// The device was lost. All its resources must be recreated.
     #[error("the GPU device was lost: {0}")]
     Lost(String),
-    /// Memory of the device ran out.
+    /// The device is out of memory.
     #[error("the GPU is out of memory: {0}")]
     OutOfMemory(String),
-    /// wgpu rejected a command: a fault of ours.
+    /// wgpu rejected a command, which is a bug.
     #[error("the GPU rejected a command: {0}")]
     Rejected(String),
 }

@@ -1,15 +1,14 @@
-//! What both roles need of a GPU, and nothing that either alone needs.
+//! GPU code that both roles share.
 //!
-//! - [`Gpu`]: one way to get a device, and to know when it is lost;
-//! - [`Commands`]: passes that say what they read and write, by the names their WGSL has, with a timing row
-//!   for each by timestamp queries;
-//! - [`Finished`]: what came back, through a pool of mapped buffers that are reused;
+//! - [`Gpu`]: the device, and whether it is lost;
+//! - [`Commands`]: passes that bind resources by their WGSL names, each with a row of timestamps;
+//! - [`Finished`]: the results of a submission, read back through a pool of mapped buffers;
 //! - [`plane`]: sample planes as textures and as bytes;
 //! - [`hierarchy`]: prefix sums, sorting, and octrees;
 //! - [`many_views`]: maps of an octree from very many viewpoints at once;
-//! - [`ScatteredAtomics`]: a benchmark of what such maps are written by.
+//! - [`ScatteredAtomics`]: a benchmark of the atomics that write such maps.
 //!
-//! This crate knows no scene beyond the vocabulary.
+//! This crate depends on the scene's vocabulary only.
 
 mod commands;
 mod device;
@@ -33,5 +32,5 @@ pub use plane::DevicePlane;
 pub use readback::{Finished, PendingReadback};
 pub use reflection_probes::ReflectionProbes;
 pub use scattered_atomics::{ScatteredAtomics, Word};
-/// The graphics library itself, so that a role depends on one version of it.
+/// Re-exported, so that all crates use one version.
 pub use wgpu;

@@ -1,4 +1,4 @@
-//! Pipelines that remember the names of what they bind.
+//! Pipelines with the reflection of their programs.
 
 use std::collections::BTreeSet;
 
@@ -16,20 +16,20 @@ pub struct ComputePipeline {
     pub(crate) label: String,
 }
 
-/// What a render pipeline is made of. The rest is fixed: triangles as given, one sample, reversed-Z.
+/// A render pipeline: triangle lists, one sample, reversed Z.
 #[derive(Debug, Clone)]
 pub struct RenderPipelineDesc<'a> {
-    /// Holds both entry points.
+    /// Program of both entry points.
     pub program: &'static Program,
     /// Vertex entry point.
     pub vertex: &'a str,
-    /// Fragment entry point; `None` where only depth is wanted.
+    /// Fragment entry point; `None` for depth only.
     pub fragment: Option<&'a str>,
     /// Vertex buffers by slot.
     pub buffers: &'a [wgpu::VertexBufferLayout<'a>],
-    /// Formats of the colour targets; nothing is blended.
+    /// Formats of the colour targets, without blending.
     pub targets: &'a [wgpu::TextureFormat],
-    /// Depth format; the nearer fragment (the greater depth: reversed-Z) wins and is written.
+    /// Depth format. The greater depth (reversed Z: the nearer fragment) passes and is written.
     pub depth: Option<wgpu::TextureFormat>,
     /// Winding of front faces and which face is culled.
     pub primitive: wgpu::PrimitiveState,
@@ -62,8 +62,8 @@ impl Gpu {
         self.compute_pipeline_with(program, entry, &[])
     }
 
-    /// Makes a compute pipeline with values for the program's `override`s: what is constant there is folded away, where a
-    /// branch on a uniform may still cost both of its sides (the software driver masks, and never skips).
+    /// A pipeline with values for the program's `override`s. Constants are folded; a branch on a uniform may cost both
+    /// sides on the software driver.
     ///
     /// # Panics
     /// If the program has no such entry point (a typo).
@@ -83,7 +83,7 @@ impl Gpu {
             entry_point: Some(entry.name),
             compilation_options: wgpu::PipelineCompilationOptions {
                 constants,
-                // Every program writes what it reads of it: zeroing it first costs a barrier a workgroup.
+                // Every program writes workgroup memory before it reads it, and zeroing costs a barrier.
                 zero_initialize_workgroup_memory: false,
             },
             cache: None,
@@ -157,7 +157,7 @@ impl Gpu {
     }
 }
 
-/// The bind groups that some bindings are in, ascending.
+/// The bind groups of some bindings, ascending.
 fn groups(bindings: &[Binding]) -> BTreeSet<u32> {
     bindings.iter().map(|b| b.group).collect()
 }

@@ -11,12 +11,12 @@ use crate::{Gpu, GpuError};
 #[derive(Debug, Clone)]
 pub struct DevicePlane(pub wgpu::Texture);
 
-/// Usages that a plane's texture has, whoever makes it.
+/// Usages of every plane's texture.
 pub const USAGE: wgpu::TextureUsages = wgpu::TextureUsages::TEXTURE_BINDING
     .union(wgpu::TextureUsages::COPY_SRC)
     .union(wgpu::TextureUsages::COPY_DST);
 
-/// The texture format of a plane's.
+/// The texture format of a plane format.
 pub fn texture_format(format: PlaneFormat) -> wgpu::TextureFormat {
     match format {
         PlaneFormat::Rgb9e5Ufloat => wgpu::TextureFormat::Rgb9e5Ufloat,
@@ -34,10 +34,10 @@ pub fn device_plane(kind: argus_scene::PlaneKind, format: PlaneFormat, texture: 
     Plane { kind, format, size, data: PlaneData::Device(Arc::new(DevicePlane(texture))) }
 }
 
-/// The plane's texels as they lie on the device; `Ok(None)` if they are on the host.
+/// The plane's texture; `Ok(None)` if its texels are on the host.
 ///
 /// # Errors
-/// The handle is not one of ours, which only a bug can cause.
+/// The handle is not a texture, which is a bug.
 pub fn device_texture(plane: &Plane) -> Result<Option<&wgpu::Texture>, RenderError> {
     match &plane.data {
         PlaneData::Host(_) => Ok(None),
@@ -48,11 +48,11 @@ pub fn device_texture(plane: &Plane) -> Result<Option<&wgpu::Texture>, RenderErr
     }
 }
 
-/// Puts a plane into one layer of a texture array of its size and format (usage `COPY_DST`), from host or
-/// device, before the next submit.
+/// Copies a plane from host or device into a layer of a texture array (usage `COPY_DST`) before the next submit. Size and
+/// format must match.
 ///
 /// # Errors
-/// [`RenderError::Internal`] if sizes disagree: planes are checked where they come in.
+/// [`RenderError::Internal`] if size or format differ; planes are validated earlier.
 pub fn copy_into_layer(
     gpu: &Gpu,
     plane: &Plane,
@@ -62,10 +62,10 @@ pub fn copy_into_layer(
     copy_rows_into_layer(gpu, plane, 0..plane.size[1], array, layer)
 }
 
-/// Puts some rows of a plane where [`copy_into_layer`] puts all of them.
+/// Copies some rows of a plane into a layer of a texture array, like [`copy_into_layer`].
 ///
 /// # Errors
-/// [`RenderError::Internal`] if sizes disagree, or the plane has no such rows.
+/// [`RenderError::Internal`] if size or format differ, or the plane lacks the rows.
 pub fn copy_rows_into_layer(
     gpu: &Gpu,
     plane: &Plane,
@@ -109,7 +109,7 @@ pub fn copy_rows_into_layer(
     Ok(())
 }
 
-/// The same plane with its texels on the host.
+/// The plane with its texels on the host.
 ///
 /// # Errors
 /// [`GpuError`] if the readback fails.
@@ -122,7 +122,7 @@ pub fn to_host(gpu: &Arc<Gpu>, plane: &Plane) -> Result<Plane, RenderError> {
 }
 
 impl GpuError {
-    /// As the roles report it.
+    /// The error that roles report.
     pub fn into_render(self) -> RenderError {
         self.into()
     }

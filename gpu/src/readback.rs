@@ -1,4 +1,4 @@
-//! Results on their way back: a pool of mapped buffers, so that a steady stream of frames allocates none.
+//! Readback through a pool of mappable buffers. A steady stream of frames allocates nothing.
 
 use std::sync::mpsc;
 
@@ -9,17 +9,17 @@ use parking_lot::Mutex;
 use crate::timing::Timings;
 use crate::{Gpu, GpuError};
 
-/// Buffers that wait for their next use, and the bytes they may occupy together.
+/// Idle readback buffers.
 #[derive(Debug, Default)]
 pub(crate) struct ReadbackPool {
     free: Mutex<Vec<wgpu::Buffer>>,
 }
 
-/// Idle bytes beyond which a returned buffer is dropped instead of kept.
+/// Most bytes of idle buffers. Beyond it a returned buffer is dropped.
 const MAX_IDLE_BYTES: u64 = 256 << 20;
 
 impl ReadbackPool {
-    /// A mappable buffer of at least `size` bytes: the smallest idle one that is not wastefully large.
+    /// A mappable buffer of at least `size` bytes: the smallest suitable idle one, or a new one.
     pub(crate) fn take(&self, gpu: &Gpu, size: u64) -> wgpu::Buffer {
         let mut free = self.free.lock();
         let fits = |b: &wgpu::Buffer| b.size() >= size && b.size() <= 4 * size.max(64 << 10);
@@ -40,16 +40,16 @@ impl ReadbackPool {
     }
 }
 
-/// A claim on bytes that a submission will bring back.
+/// A readback of a submission. [`Finished::take`] returns its bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PendingReadback(pub(crate) usize);
 
 /// One pending copy within a readback buffer.
 #[derive(Debug)]
 pub(crate) struct Copy {
-    /// Where its bytes begin in the readback buffer.
+    /// Offset in the readback buffer, bytes.
     pub(crate) offset: u64,
-    /// Bytes of a row, and bytes from row to row; equal where rows are tight.
+    /// Bytes of a row, and bytes from one row to the next. Equal if rows are tightly packed.
     pub(crate) row: u64,
     pub(crate) pitch: u64,
     pub(crate) rows: u64,
@@ -75,25 +75,25 @@ impl Copy {
     }
 }
 
-/// What a submission brought back.
+/// The results of a submission.
 #[derive(Debug)]
 pub struct Finished {
-    /// GPU time by pass; empty where the device cannot time.
+    /// GPU time by pass, milliseconds. Empty without timestamps.
     pub stages: Vec<Stage>,
     results: Vec<Option<Bytes>>,
 }
 
 impl Finished {
-    /// The bytes of a ticket: rows tightly packed. Empty if they were taken before.
+    /// Takes the bytes of a readback, rows tightly packed. Empty if they were taken before.
     pub fn take(&mut self, pending: PendingReadback) -> Bytes {
         self.results.get_mut(pending.0).and_then(Option::take).unwrap_or_default()
     }
 }
 
-/// How long a callback may be on its way in another thread's poll once the work that it waits for is done.
+/// Most time for another thread's poll to run a map callback, once the work is done.
 const CALLBACK_PATIENCE: std::time::Duration = std::time::Duration::from_secs(5);
 
-/// Waits for a submission and copies its results out.
+/// Waits for a submission and copies its results.
 pub(crate) fn collect(
     gpu: &Gpu,
     submission: wgpu::SubmissionIndex,
@@ -106,7 +106,7 @@ pub(crate) fn collect(
     let (send, receive) = mpsc::channel();
     if let Some(buffer) = &buffer {
         buffer.slice(..).map_async(wgpu::MapMode::Read, move |mapped| {
-            // Nobody listens if the wait below failed first; that error is the one that is reported.
+            // The receiver is gone if the wait below failed first; that error is reported.
             let _ = send.send(mapped);
         });
     }
@@ -118,8 +118,8 @@ pub(crate) fn collect(
         return Err(fault);
     }
     let Some(buffer) = buffer else { return Ok(Finished { stages: Vec::new(), results: Vec::new() }) };
-    // The map's callback runs within a poll, this one or that of another thread, which may have taken the callback just
-    // before this one looked: it is about to run then, so it is waited for.
+    // The callback runs inside a poll, of this or of another thread. Another thread may have taken it just before this
+    // poll, so wait for it.
     let mapped = receive.recv_timeout(CALLBACK_PATIENCE).or_else(|_| {
         let _ = gpu.device.poll(wgpu::PollType::wait_indefinitely());
         receive.recv_timeout(CALLBACK_PATIENCE)

@@ -1,4 +1,4 @@
-//! Maps of what is around reflectors, as both roles look them up: `shaders/shared/reflection_probes.wgsl`.
+//! Reflection probes on the device. Both roles look them up with `shaders/shared/reflection_probes.wgsl`.
 
 use argus_scene::reflection::map_size;
 use argus_scene::{
@@ -11,27 +11,27 @@ use glam::DVec3;
 use crate::plane::texture_format;
 use crate::{Bindable, Gpu};
 
-/// The maps of one moment of a scene, on a device.
+/// The reflection probes of a scene at one time.
 #[derive(Debug)]
 pub struct ReflectionProbes {
     radiance: wgpu::TextureView,
     inverse_range: wgpu::TextureView,
     sampler: wgpu::Sampler,
     places: wgpu::Buffer,
-    /// What stands in for reflector planes where there are none.
+    /// Bound in place of a missing Reflector plane.
     no_reflectors: wgpu::TextureView,
-    /// The middle of the scene's bounds, metres, world space.
+    /// Centre of the scene's bounds, metres, world space.
     middle: DVec3,
     side: u32,
     bytes: u64,
 }
 
 impl ReflectionProbes {
-    /// Brings a set's surroundings to a device.
+    /// Uploads a set's reflection probes.
     ///
     /// # Errors
-    /// [`RenderError::Invalid`] for a sample that is none, or whose planes are not what its camera calls for;
-    /// [`RenderError::OutOfMemory`] for more maps than the device has layers.
+    /// [`RenderError::Invalid`] for a sample of another kind or with wrong planes; [`RenderError::OutOfMemory`] for more
+    /// probes than a texture array has layers.
     pub fn new(gpu: &Gpu, sample: &Sample) -> Result<Self, RenderError> {
         let invalid = |reason: String| RenderError::from(InvalidField::new("sample.planes", reason));
         let SampleCamera::Omni { center, layout: OmniLayout::Surroundings { side, count } } = sample.camera
@@ -93,7 +93,7 @@ impl ReflectionProbes {
         })
     }
 
-    /// What is bound where nothing looks surroundings up.
+    /// Bound where nothing looks up probes.
     pub fn none(gpu: &Gpu) -> Self {
         let one = wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 };
         let any = |format| view(&array(gpu, one, format));
@@ -114,17 +114,17 @@ impl ReflectionProbes {
         }
     }
 
-    /// Where the maps lie about an eye.
+    /// The uniform for an eye.
     pub fn uniform(&self, eye: DVec3) -> ProbeUniform {
         ProbeUniform { middle: (self.middle - eye).as_vec3().to_array(), side: self.side as f32 }
     }
 
-    /// Device memory of the maps.
+    /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// All of them under the names that programs have for them.
+    /// The bindings by WGSL name.
     pub fn bindings(&self) -> [(&'static str, &dyn Bindable); 4] {
         [
             ("probe_radiance", &self.radiance),
@@ -134,7 +134,7 @@ impl ReflectionProbes {
         ]
     }
 
-    /// What stands in for the reflector plane of samples that have none.
+    /// Bound in place of the Reflector plane of samples without one.
     pub fn no_reflectors(&self) -> &wgpu::TextureView {
         &self.no_reflectors
     }
@@ -153,7 +153,7 @@ fn array(gpu: &Gpu, size: wgpu::Extent3d, format: wgpu::TextureFormat) -> wgpu::
     })
 }
 
-/// Said outright to be an array, since one layer would be seen as none.
+/// An array view; explicit, because the default for one layer is a plain 2D view.
 fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
     let dimension = Some(wgpu::TextureViewDimension::D2Array);
     texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() })

@@ -1,7 +1,7 @@
-//! How fast a device does atomics at pseudo-random places of a buffer. Program: `shaders/gpu/scattered_atomics.wgsl`.
+//! Benchmark of atomics at pseudo-random addresses of a buffer. Program: `shaders/gpu/scattered_atomics.wgsl`.
 //!
-//! A traversal of many views leaves its texels so ([`crate::many_views`]): in a buffer that the device's caches hold,
-//! or in one that they do not.
+//! Traversals of many views write texels this way ([`crate::many_views`]), to buffers that fit the device's caches or do
+//! not.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -12,13 +12,13 @@ use wgpu::{Buffer, BufferUsages};
 
 use crate::{ComputePipeline, Gpu, GpuError};
 
-/// Operations of one invocation; `EACH` of the program.
+/// Operations of an invocation; `EACH` in the program.
 const EACH: u64 = 16;
 
-/// Most operations of a dispatch: invocations are numbered by 32 bits, and each takes [`EACH`].
+/// Most operations of a dispatch: 2³² invocation indices of [`EACH`] operations.
 const MOST: u64 = 1 << 30;
 
-/// Words that an atomic replaces.
+/// Width of the atomics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Word {
     /// 32 bits.
@@ -28,7 +28,7 @@ pub enum Word {
 }
 
 impl Word {
-    /// Bits of one.
+    /// Width in bits.
     pub fn bits(self) -> u32 {
         match self {
             Self::Bits32 => 32,
@@ -37,7 +37,7 @@ impl Word {
     }
 }
 
-/// A buffer and the program that scatters maxima over it.
+/// A buffer, and the program that writes atomic maxima to it.
 #[derive(Debug)]
 pub struct ScatteredAtomics {
     gpu: Arc<Gpu>,
@@ -49,10 +49,10 @@ pub struct ScatteredAtomics {
 }
 
 impl ScatteredAtomics {
-    /// A buffer of `bytes`, zeroed.
+    /// Allocates a zeroed buffer of `bytes`.
     ///
     /// # Errors
-    /// [`GpuError::OutOfMemory`] where one binding of the device does not reach so far or there is no such buffer.
+    /// [`GpuError::OutOfMemory`] if the buffer exceeds the limits of the device.
     pub fn new(gpu: &Arc<Gpu>, word: Word, bytes: u64) -> Result<Self, GpuError> {
         let limits = gpu.device.limits();
         let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
@@ -80,13 +80,13 @@ impl ScatteredAtomics {
         })
     }
 
-    /// Milliseconds of one dispatch of about so many operations, and how many they were. By the device's own clock
-    /// where it has one.
+    /// Runs one dispatch of about that many operations. Returns milliseconds (of the device's clock if it has one) and
+    /// the number of operations.
     ///
     /// # Errors
     /// A fault of the device.
     pub fn run(&mut self, operations: u64) -> Result<(f64, u64), GpuError> {
-        // A power of two fills whole rows of workgroups, so that no more run than are counted.
+        // A power of two fills whole rows of workgroups, so the count is exact.
         let invocations = (operations.clamp(EACH * 64, MOST) / EACH).next_power_of_two();
         self.dispatches = self.dispatches.wrapping_add(1);
         let scatter = Scatter { words: self.words, seed: self.dispatches.wrapping_mul(0x9e37_79b9) };

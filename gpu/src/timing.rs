@@ -1,10 +1,10 @@
-//! A timing row per pass, by timestamp queries.
+//! Times passes with timestamp queries.
 
 use argus_scene::Stage;
 
 use crate::Gpu;
 
-/// Passes that one [`crate::Commands`] can time; what is beyond is run untimed, and said so once in the rows.
+/// Most passes of one [`crate::Commands`] that are timed.
 const MAX_PASSES: u32 = 2048;
 
 /// Timestamps around the passes of one submission.
@@ -15,19 +15,19 @@ pub(crate) struct Timings {
     period_ns: f32,
 }
 
-/// Where a pass writes its two timestamps.
+/// The two timestamps of a pass.
 pub(crate) struct Pair<'a> {
     pub(crate) queries: &'a wgpu::QuerySet,
     pub(crate) begin: u32,
 }
 
 impl Timings {
-    /// Not yet any query: a submission without passes makes none.
+    /// No query set yet; the first pass creates it.
     pub(crate) fn new(gpu: &Gpu) -> Self {
         Self { queries: None, names: Vec::new(), period_ns: gpu.queue.get_timestamp_period() }
     }
 
-    /// Queries for a pass of that name, where the device can time.
+    /// The queries of a pass; `None` if the device cannot time it.
     pub(crate) fn pass(&mut self, gpu: &Gpu, name: &str) -> Option<Pair<'_>> {
         if !gpu.has_timestamps() || self.names.len() as u32 >= MAX_PASSES {
             return None;
@@ -44,7 +44,7 @@ impl Timings {
         Some(Pair { queries, begin })
     }
 
-    /// Copies the timestamps into a buffer; `None` where no pass was timed.
+    /// Copies the timestamps into a buffer; `None` if no pass was timed.
     pub(crate) fn resolve(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) -> Option<wgpu::Buffer> {
         let queries = self.queries.as_ref()?;
         let count = 2 * self.names.len() as u32;
@@ -54,17 +54,17 @@ impl Timings {
         Some(buffer)
     }
 
-    /// A row for each pass, in the order they ran.
+    /// Name and milliseconds of each pass, in order.
     pub(crate) fn passes<'a>(&'a self, timestamps: &'a [u8]) -> impl Iterator<Item = (&'a str, f64)> {
         self.names.iter().zip(timestamps.chunks_exact(16)).map(|(name, pair)| {
             let at = |i: usize| u64::from_le_bytes(pair[i..i + 8].try_into().unwrap_or_default());
-            // A driver may reset its clock between the two; the row is then 0, not a century.
+            // A driver may reset its clock between the two; the time is then 0.
             let ms = at(8).saturating_sub(at(0)) as f64 * f64::from(self.period_ns) * 1e-6;
             (name.as_str(), ms)
         })
     }
 
-    /// One row for each name, in order of first appearance; passes that share a name are summed.
+    /// One row for each name, in order of first appearance. Passes of one name are summed.
     pub(crate) fn stages(&self, timestamps: &[u8]) -> Vec<Stage> {
         let mut stages: Vec<Stage> = Vec::new();
         for (name, ms) in self.passes(timestamps) {

@@ -1,38 +1,38 @@
-//! Why a hierarchy could not be built.
+//! Errors of hierarchies.
 
 use crate::GpuError;
 
-/// Most nodes of a hierarchy: what links to children have bits for.
+/// Most nodes of a hierarchy: child links have 24 bits.
 pub const MAX_NODES: u64 = 1 << 24;
 
-/// A hierarchy could not be built.
+/// Why a hierarchy could not be built.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum HierarchyError {
-    /// There is no triangle with an area.
+    /// No triangle has an area.
     #[error("there is nothing to build a hierarchy over: no triangle has an area")]
     Empty,
-    /// Something that was asked for is out of its range.
+    /// A parameter is out of range.
     #[error("{field} must be {range}, not {value}")]
     OutOfRange {
-        /// What.
+        /// Its name.
         field: &'static str,
-        /// What it may be.
+        /// Its valid range.
         range: String,
-        /// What it was.
+        /// Its value.
         value: String,
     },
-    /// Links from a node to its children have 24 bits.
+    /// More nodes than 24-bit child links can address.
     #[error("{nodes} nodes are more than a hierarchy can number, which is {MAX_NODES}; use fewer levels")]
     TooManyNodes {
-        /// How many there would be.
+        /// Number of nodes.
         nodes: u64,
     },
-    /// One array would be larger than a program may bind on this device.
+    /// An array exceeds what a program may bind on this device.
     #[error(
         "{what} need {needed} bytes in one array, and this device binds at most {limit}; use fewer levels or views"
     )]
     TooLarge {
-        /// What is in the array.
+        /// Content of the array.
         what: &'static str,
         /// Its size, bytes.
         needed: u64,

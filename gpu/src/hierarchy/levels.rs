@@ -1,4 +1,4 @@
-//! From sorted Morton codes to the nodes of an octree. Program: `shaders/gpu/levels.wgsl`.
+//! Makes octree nodes from sorted Morton codes. Program: `shaders/gpu/levels.wgsl`.
 
 use argus_shaders::gpu::LEVELS;
 use argus_shaders::layout::gpu::LevelStep;
@@ -17,14 +17,14 @@ pub(crate) struct LevelBuilder {
     node_links: ComputePipeline,
 }
 
-/// What nodes are made of; nodes of all levels lie in one array, the leaves first and the root last.
+/// Arrays over the nodes of all levels. Leaves come first, the root last.
 #[derive(Debug)]
 pub(crate) struct LevelBuffers {
-    /// Where each leaf's elements begin among the sorted ones, and after the last leaf, their number.
+    /// Index of each leaf's first sorted element; after the last leaf, the number of elements.
     pub(crate) starts: Buffer,
     /// Morton code of each node.
     pub(crate) codes: Buffer,
-    /// First child of each node that is no leaf.
+    /// First child of each inner node.
     pub(crate) first_children: Buffer,
     /// First node and number of nodes of each level, two u32 each.
     pub(crate) levels: Buffer,
@@ -35,7 +35,7 @@ pub(crate) struct LevelBuffers {
 pub(crate) const LEVELS_BYTES: u64 = 11 * 8;
 
 impl LevelBuffers {
-    /// For so many leaves and nodes at most, the leaves counted.
+    /// Buffers for at most `leaves` leaves and `nodes` nodes, leaves included.
     pub(crate) fn new(gpu: &Gpu, leaves: u64, nodes: u64) -> Self {
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
         Self {
@@ -61,8 +61,8 @@ impl LevelBuilder {
         }
     }
 
-    /// Numbers the leaves: `heads` then holds each sorted element's leaf where one begins, and the scan's total is
-    /// their number.
+    /// Numbers the leaves. Afterwards `heads` has the leaf of each sorted element that starts one, and the scan's total
+    /// is the number of leaves.
     pub(crate) fn number_leaves(
         &self,
         commands: &mut Commands,
@@ -82,7 +82,7 @@ impl LevelBuilder {
         scan.run(commands, "levels", heads, count, sums);
     }
 
-    /// Finds where each leaf begins, and how many nodes each level has.
+    /// Computes the start of each leaf, and the number of nodes of each level.
     #[allow(clippy::too_many_arguments)]
     pub(crate) fn find_leaves(
         &self,
@@ -114,7 +114,7 @@ impl LevelBuilder {
             .dispatch([1, 1, 1]);
     }
 
-    /// Makes the codes and links of a level from those of the level below, which has at most `children` nodes.
+    /// Makes the codes and links of a level from the level below, which has at most `children` nodes.
     #[allow(clippy::too_many_arguments)]
     pub(crate) fn make_level(
         &self,

@@ -1,14 +1,14 @@
-//! Hierarchies built on the GPU: prefix sums, a radix sort, and the octrees made of them.
+//! Hierarchies that are built on the GPU, with prefix sums and a radix sort.
 //!
 //! - [`Scan`] and [`Sort`]: exclusive prefix sums of 32-bit numbers, and a stable sort of 64-bit keys;
 //! - [`Octree`]: the scene's surfaces as a sparse voxel octree ([`OctreeBuilder`] makes it);
-//! - [`SphereHierarchy`]: a perfect binary tree of balls over points of the surfaces, fitted anew as they move
-//!   ([`SphereBuilder`] makes it);
-//! - [`RootCube`]: the cube that an octree divides, in f64; everything on the GPU is relative to it.
+//! - [`SphereHierarchy`]: a perfect binary tree of bounding spheres over surface points, refitted as they move
+//! ([`SphereBuilder`] makes it);
+//! - [`RootCube`]: the root cube of an octree in f64; everything on the GPU is relative to it.
 //!
-//! The octree's builder divides triangles among the cells that they meet, level by level, by a conservative test. Pieces are sorted by
-//! Morton code, and leaves and nodes are averaged. Leaves come first in the array of nodes, the root last. Everything is f32 relative to
-//! the root cube, combined in f64 first.
+//! The builder finds the cells that triangles overlap, level by level, by a conservative test. Pairs of triangle and cell
+//! are sorted by Morton code; then leaves and inner nodes are averaged. Leaves come first in the array of nodes, the root
+//! last. Positions are f32 relative to the root cube, combined in f64 first.
 
 mod error;
 mod levels;

@@ -1,4 +1,4 @@
-//! The scene's surfaces as a sparse voxel octree. Program: `shaders/gpu/octree.wgsl`.
+//! Builds a sparse voxel octree of the scene's surfaces. Program: `shaders/gpu/octree.wgsl`.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{ComputePipeline, Gpu};
 
-/// Makes octrees; holds the pipelines.
+/// Builds octrees. Holds the pipelines.
 #[derive(Debug)]
 pub struct OctreeBuilder {
     gpu: Arc<Gpu>,
@@ -29,64 +29,63 @@ pub struct OctreeBuilder {
 
 /// A sparse voxel octree on the GPU.
 ///
-/// Nodes of all levels lie in one array, the leaves first (in the order of their Morton codes) and the root last; the
-/// children of a node lie side by side, in the order of their octants. Every leaf is `depth` levels below the root.
-/// A node's bounding sphere is that of its cell, which follows from its level and its mean position.
+/// Nodes of all levels are in one array: leaves first, in Morton order, and the root last. Children of a node are
+/// consecutive, in the order of their octants. Every leaf is `depth` levels below the root. A node's bounding sphere is
+/// that of its cell, which follows from its level and mean position.
 #[derive(Debug)]
 pub struct Octree {
-    /// The cube that it divides.
+    /// The root cube.
     pub root: RootCube,
     /// Levels below the root.
     pub depth: u32,
-    /// First node and number of nodes of each level, the root's first.
+    /// First node and number of nodes of each level, starting with the root.
     pub levels: Vec<[u32; 2]>,
-    /// Four words a node: the mean position of what its cell holds (f32, edges of the root), never on the cell's
-    /// border; and 256 times its first child plus a bit for each octant that has one.
+    /// Four words a node: the mean position of its surfaces (f32, in edges of the root), never on the cell's border; and
+    /// 256 × first child + a bit for each octant with a child.
     pub nodes: Buffer,
     /// Four f32 a node: the axis of the cone of its normals, and the cosine of the cone's half angle.
     pub cones: Buffer,
     /// A word a node: mean linear reflectance, eight bits a channel, red lowest.
     pub colors: Buffer,
-    /// An f32 a node: how much surface is in it, squared edges of the root.
+    /// An f32 a node: area of its surfaces, in squared edges of the root.
     pub weights: Buffer,
     /// A word a node: the Morton code of its cell.
     pub codes: Buffer,
-    /// Two words a leaf, if they were asked for ([`OctreeBuilder::build_faced`]): numbers of triangles, of those that have
-    /// an area: the one that it shows to whoever looks against that one's normal, and the one that it shows to whoever
-    /// looks along it.
+    /// Two words a leaf, made by [`OctreeBuilder::build_faced`]: the triangle that it shows from the front, and the one
+    /// that it shows from the back. Indices count triangles with an area.
     pub facing: Option<Buffer>,
-    /// How long the steps of building took.
+    /// Times of the build steps.
     pub times: OctreeTimes,
 }
 
-/// How long the steps of building an octree took, milliseconds by the clock.
+/// Times of the build steps of an octree, milliseconds of wall time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OctreeTimes {
-    /// Triangles brought to the GPU.
+    /// Upload of the triangles.
     pub upload_ms: f64,
-    /// Cells that they meet found.
+    /// Finding the overlapped cells.
     pub voxelise_ms: f64,
-    /// Cells sorted.
+    /// Sorting the cells.
     pub sort_ms: f64,
-    /// Nodes made and averaged.
+    /// Making and averaging nodes.
     pub nodes_ms: f64,
-    /// All of it.
+    /// Total.
     pub total_ms: f64,
 }
 
-/// Bytes of the largest array that a program may bind on this device.
+/// Most bytes of an array that a program may bind on this device.
 pub(crate) fn largest_array(gpu: &Gpu) -> u64 {
     let limits = gpu.device.limits();
     limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
 }
 
-/// Fails where one array is larger than a program may bind.
+/// Fails if an array exceeds what a program may bind.
 pub(crate) fn fits(gpu: &Gpu, what: &'static str, needed: u64) -> Result<(), HierarchyError> {
     let limit = largest_array(gpu);
     if needed > limit { Err(HierarchyError::TooLarge { what, needed, limit }) } else { Ok(()) }
 }
 
-/// Whether links have bits for so many nodes.
+/// Fails if child links cannot address that many nodes.
 pub(crate) fn numbered(nodes: u64) -> Result<(), HierarchyError> {
     if nodes > MAX_NODES { Err(HierarchyError::TooManyNodes { nodes }) } else { Ok(()) }
 }
@@ -106,7 +105,8 @@ impl OctreeBuilder {
         }
     }
 
-    /// The octree of the triangles that have an area, `depth` levels deep (1 to [`MAX_DEPTH`]). They lie in `root`.
+    /// Builds the octree of the triangles with an area, `depth` levels deep (1 to [`MAX_DEPTH`]). They must lie in
+    /// `root`.
     ///
     /// # Errors
     /// No triangle has an area, a depth out of range, an array too large for the device, or the device itself.
@@ -122,7 +122,7 @@ impl OctreeBuilder {
     /// Builds the octree with the triangles that each leaf shows to either side ([`Octree::facing`]).
     ///
     /// # Errors
-    /// As [`Self::build`].
+    /// The errors of [`Self::build`].
     pub fn build_faced(
         &self,
         root: RootCube,
@@ -259,22 +259,22 @@ impl OctreeBuilder {
 }
 
 impl Octree {
-    /// Nodes of all levels.
+    /// Number of nodes of all levels.
     pub fn node_count(&self) -> u32 {
         self.levels.iter().map(|level| level[1]).sum()
     }
 
-    /// Nodes of the lowest level.
+    /// Number of leaves.
     pub fn leaf_count(&self) -> u32 {
         self.levels.last().map_or(0, |level| level[1])
     }
 
-    /// The first leaf's index among the nodes, and the number of leaves.
+    /// Index of the first leaf, and number of leaves.
     pub fn leaves(&self) -> [u32; 2] {
         self.levels.last().copied().unwrap_or_default()
     }
 
-    /// The root's index among the nodes.
+    /// Index of the root.
     pub fn root_node(&self) -> u32 {
         self.node_count() - 1
     }

@@ -1,10 +1,10 @@
-//! The cube that an octree divides, and the triangles in it.
+//! The root cube of an octree, and triangles.
 
 use argus_scene::Bounds;
 use glam::{DVec3, Vec3};
 
-/// The root of an octree. Coordinates on the GPU are in its edges, 0..1, combined in f64 first: what is far from the
-/// world's zero loses nothing.
+/// The root cube of an octree. Coordinates on the GPU are in its edges, 0..1, combined in f64 first, so scenes far from
+/// the origin lose no precision.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RootCube {
     /// Its corner of least coordinates, world space, metres.
@@ -23,8 +23,7 @@ pub struct Triangle {
 }
 
 impl RootCube {
-    /// The cube about the middle of some bounds that is a thousandth larger than they are; of an edge of 1 m about a
-    /// single point.
+    /// The cube around bounds, larger by a thousandth. Its edge is 1 m for a single point.
     pub fn around(bounds: &Bounds) -> Self {
         let size = bounds.size().max_element();
         let edge = if size > 0.0 { size * (1.0 + 1.0 / 1024.0) } else { 1.0 };
@@ -36,14 +35,14 @@ impl RootCube {
         (position - self.origin) / self.edge
     }
 
-    /// The way back.
+    /// A world position from edges of the cube.
     pub fn world_from_unit(&self, position: DVec3) -> DVec3 {
         self.origin + position * self.edge
     }
 }
 
 impl Triangle {
-    /// Whether it has an area and every corner is finite; what has not is no surface.
+    /// Whether it has an area and finite corners. Other triangles are ignored.
     pub fn is_surface(&self) -> bool {
         let [a, b, c] = self.corners;
         let normal = (b - a).cross(c - a);

@@ -1,24 +1,24 @@
-//! Points of a scene's surfaces, even by area, that move with the triangles they lie on.
+//! Points on a scene's surfaces, uniform by area, that move with their triangles.
 
 use super::Triangle;
 
-/// A point of a triangle: 16 bytes, as programs read it.
+/// A point of a triangle: 16 bytes in the layout of the programs.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct SurfaceSample {
-    /// Index of the triangle among those that were given.
+    /// Index of the triangle.
     pub triangle: u32,
     /// Barycentric coordinate of its second corner.
     pub s: f32,
-    /// Barycentric coordinate of its third corner; that of the first is what both leave of 1.
+    /// Barycentric coordinate of its third corner.
     pub t: f32,
-    /// The area that the point stands for, as a share of its triangle's; above 1 where it stands for others, too.
+    /// Area that the point represents, as a share of its triangle's. Above 1 if it represents other triangles too.
     pub share: f32,
 }
 
-/// `count` points, as many a triangle as its area earns, spread within it by an additive recurrence with the
-/// generalised golden ratio (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018). Empty where
-/// no triangle has an area. The same triangles give the same points.
+/// `count` points, distributed by area, and within a triangle by an additive recurrence with the generalised golden ratio
+/// (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018). Empty if no triangle has an area.
+/// Deterministic.
 pub fn surface_samples(triangles: &[Triangle], count: u32) -> Vec<SurfaceSample> {
     let area = |triangle: &Triangle| {
         let [a, b, c] = triangle.corners;

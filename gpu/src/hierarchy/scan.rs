@@ -5,7 +5,7 @@ use wgpu::{Buffer, BufferUsages};
 
 use crate::{Commands, ComputePipeline, Gpu};
 
-/// Values that one invocation takes; `RUN` of the program.
+/// Values of an invocation; `RUN` in the program.
 const RUN: u64 = 32;
 
 /// The pipelines.
@@ -16,14 +16,14 @@ pub struct Scan {
     spread_top: ComputePipeline,
 }
 
-/// Room for the sums of runs.
+/// Scratch buffers for the sums of runs.
 #[derive(Debug)]
 pub struct ScanSums {
     levels: Vec<Buffer>,
 }
 
 impl ScanSums {
-    /// For at most `capacity` values.
+    /// Buffers for at most `capacity` values.
     pub fn new(gpu: &Gpu, capacity: u64) -> Self {
         let mut levels = Vec::new();
         let mut count = capacity.max(1);
@@ -49,8 +49,8 @@ impl Scan {
         Self { reduce: pipeline("reduce"), spread: pipeline("spread"), spread_top: pipeline("spread_top") }
     }
 
-    /// Replaces each of the first `count` values by the sum of those before it; `count` is at most the capacity of
-    /// `sums`. The sum of all is left in [`ScanSums::total`].
+    /// Replaces each of the first `count` values by the sum of those before it. `count` is at most the capacity of
+    /// `sums`. The total is in [`ScanSums::total`].
     pub fn run(&self, commands: &mut Commands, name: &str, values: &Buffer, count: u32, sums: &ScanSums) {
         let top = sums.levels.len() - 1;
         let counts: Vec<u32> = std::iter::successors(Some(count), |n| Some(n.div_ceil(RUN as u32)))

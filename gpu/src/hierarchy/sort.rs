@@ -9,7 +9,7 @@ use wgpu::{Buffer, BufferUsages};
 use super::{Scan, ScanSums};
 use crate::{Commands, ComputePipeline, Gpu};
 
-/// Keys that one invocation takes; `RUN` of the program.
+/// Keys of an invocation; `RUN` in the program.
 const RUN: u64 = 64;
 /// Bits of a digit.
 const DIGIT_BITS: u32 = 4;
@@ -21,7 +21,7 @@ pub struct Sort {
     scatter: ComputePipeline,
 }
 
-/// Room for the keys while they are sorted, and for their counts.
+/// Scratch buffers for keys and digit counts.
 #[derive(Debug)]
 pub struct SortScratch {
     keys: Buffer,
@@ -30,7 +30,7 @@ pub struct SortScratch {
 }
 
 impl SortScratch {
-    /// For at most `capacity` keys.
+    /// Buffers for at most `capacity` keys.
     pub fn new(gpu: &Gpu, capacity: u64) -> Self {
         let counts = capacity.div_ceil(RUN) << DIGIT_BITS;
         Self {
@@ -52,8 +52,8 @@ impl Sort {
         Self { histogram: pipeline("histogram"), scatter: pipeline("scatter") }
     }
 
-    /// Orders the first `count` keys by the bits in `bits`, ascending; keys that are equal there keep their order.
-    /// The number of keys is at most the scratch's capacity. The other bits travel along: a payload.
+    /// Sorts the first `count` keys by the bits in `bits`, ascending and stable. The other bits are payload. `count` is
+    /// at most the capacity of the scratch buffers.
     pub fn run<'a>(
         &self,
         commands: &mut Commands,

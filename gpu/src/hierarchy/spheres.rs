@@ -1,4 +1,4 @@
-//! A perfect binary tree of balls over points of the scene's surfaces. Program: `shaders/gpu/spheres.wgsl`.
+//! A perfect binary tree of bounding spheres over surface points. Program: `shaders/gpu/spheres.wgsl`.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -11,10 +11,10 @@ use super::samples::{SurfaceSample, surface_samples};
 use super::{HierarchyError, RootCube, Scan, Sort, SortScratch, Triangle, fits};
 use crate::{Commands, ComputePipeline, Gpu};
 
-/// Most levels below the root of a tree of balls: its nodes must be numbered in 24 bits.
+/// Most levels below the root: node indices have 24 bits.
 pub const MAX_SPHERE_DEPTH: u32 = 22;
 
-/// Makes trees of balls and fits them to triangles that move; holds the pipelines.
+/// Builds sphere trees and refits them to moving triangles. Holds the pipelines.
 #[derive(Debug)]
 pub struct SphereBuilder {
     gpu: Arc<Gpu>,
@@ -29,28 +29,28 @@ pub struct SphereBuilder {
 
 /// The perfect binary bounding-sphere hierarchy of ManyLoDs (Holländer et al. 2011, section 4).
 ///
-/// Its 2^depth leaves are points of triangles in barycentric coordinates, in the order of a Hilbert curve through where
-/// they were when the tree was made. Nodes are in the order of a heap: the root is node 0, the children of node n are 2n + 1
-/// and 2n + 2. Every ball holds those of its children with room to spare for what f32 rounds, and every cone theirs.
+/// Its 2^depth leaves are points of triangles in barycentric coordinates, in the order of a Hilbert curve at the time of
+/// the build. Nodes are in heap order: the root is node 0, the children of node n are 2n + 1 and 2n + 2. A node's sphere
+/// and cone contain those of its children, with slack for f32 rounding.
 #[derive(Debug)]
 pub struct SphereHierarchy {
-    /// The cube that coordinates are relative to.
+    /// The root cube that coordinates are relative to.
     pub root: RootCube,
     /// Levels below the root.
     pub depth: u32,
     /// Four words a node: the mean position of its leaves (f32, edges of the root); and 256 times its first child plus
     /// 3, or 0 for a leaf.
     pub nodes: Buffer,
-    /// Four f32 a node: middle and radius of its ball, edges of the root.
+    /// Four f32 a node: centre and radius of its sphere, edges of the root.
     pub spheres: Buffer,
     /// Four f32 a node: the axis of the cone of its normals, and the cosine of the cone's half angle.
     pub cones: Buffer,
     /// A word a node: its parent; the root's is itself.
     pub parents: Buffer,
-    /// Two words that only grow: how far balls moved, and how much their radii changed, at most and summed over all
-    /// updates, in 2^-22 edges of the root, rounded up; two more for what is being added.
+    /// Two monotonic words: the sums over all updates of the largest motion and of the largest change of radius of any
+    /// sphere, in 2^-22 edges of the root, rounded up. Two more words are scratch.
     pub moved: Buffer,
-    /// How long the latest build, rebuild or update took.
+    /// Times of the latest build, rebuild or update.
     pub times: SphereTimes,
     samples: Buffer,
     ordered: Buffer,
@@ -58,18 +58,18 @@ pub struct SphereHierarchy {
     triangles: u32,
 }
 
-/// How long making or fitting a tree of balls took, milliseconds by the clock.
+/// Times of a build or refit, milliseconds of wall time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SphereTimes {
-    /// Points chosen on triangles; 0 unless the tree was made from nothing.
+    /// Choosing points; 0 unless the tree was built.
     pub sample_ms: f64,
-    /// Triangles brought to the GPU.
+    /// Upload of the triangles.
     pub upload_ms: f64,
-    /// Points put in order; 0 in an update.
+    /// Sorting the points; 0 in an update.
     pub sort_ms: f64,
-    /// Balls and cones fitted.
+    /// Fitting spheres and cones.
     pub fit_ms: f64,
-    /// All of it.
+    /// Total.
     pub total_ms: f64,
 }
 
@@ -89,7 +89,7 @@ impl SphereBuilder {
         }
     }
 
-    /// A tree `depth` levels deep (1 to [`MAX_SPHERE_DEPTH`]) over as many points as it has leaves.
+    /// Builds a tree `depth` levels deep (1 to [`MAX_SPHERE_DEPTH`]), with a point a leaf.
     ///
     /// # Errors
     /// No triangle has an area, a depth out of range, an array too large for the device, or the device itself.
@@ -138,11 +138,11 @@ impl SphereBuilder {
         Ok(tree)
     }
 
-    /// Fits the balls, bottom-up, to where the same triangles are now. Points stay where they are on their triangles,
-    /// and the tree keeps its shape.
+    /// Refits the spheres, bottom-up, to the moved triangles. Points keep their place on the triangles, and the tree its
+    /// topology.
     ///
     /// # Errors
-    /// Another number of triangles than the tree was made of, or a fault of the device.
+    /// The number of triangles differs from the build's, or the device failed.
     pub fn update(&self, tree: &mut SphereHierarchy, triangles: &[Triangle]) -> Result<(), HierarchyError> {
         let begin = Instant::now();
         self.set_corners(tree, triangles)?;
@@ -156,10 +156,10 @@ impl SphereBuilder {
         Ok(())
     }
 
-    /// Fits the balls, and sorts the points anew, which makes tighter balls of what has moved apart.
+    /// Sorts the points again and refits, which makes tighter spheres after large motion.
     ///
     /// # Errors
-    /// As [`Self::update`].
+    /// The errors of [`Self::update`].
     pub fn rebuild(&self, tree: &mut SphereHierarchy, triangles: &[Triangle]) -> Result<(), HierarchyError> {
         let (gpu, begin) = (&self.gpu, Instant::now());
         self.set_corners(tree, triangles)?;
@@ -199,7 +199,7 @@ impl SphereBuilder {
         Ok(())
     }
 
-    /// From the leaves up; then what moved is added to what did before.
+    /// Fits from the leaves up, then accumulates the motion.
     fn fit(&self, commands: &mut Commands, tree: &SphereHierarchy) {
         for level in (0..=tree.depth).rev() {
             let step = SphereStep { count: 1 << level, first: (1 << level) - 1 };
@@ -228,7 +228,7 @@ impl SphereBuilder {
                 value: triangles.len().to_string(),
             });
         }
-        // What is nowhere is in the middle: nothing computed of it is NaN.
+        // Corners that are not finite are moved to the centre, so that no NaN arises.
         let unit = |corner| {
             let unit = tree.root.unit_from_world(corner).as_vec3();
             if unit.is_finite() { unit.to_array() } else { [0.5; 3] }
@@ -240,7 +240,7 @@ impl SphereBuilder {
 }
 
 impl SphereHierarchy {
-    /// Nodes of all levels.
+    /// Number of nodes of all levels.
     pub fn node_count(&self) -> u32 {
         (2 << self.depth) - 1
     }

@@ -1,4 +1,4 @@
-//! A scene's surfaces as plain triangles.
+//! A scene's surfaces as a list of triangles.
 
 use argus_scene::tone::linear_from_srgb;
 use argus_scene::{Bounds, Pose, Scene, Texture};
@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 
 use super::Triangle;
 
-/// The triangles of a posed scene, world space. A triangle has its material's reflectance, textures averaged over the
-/// whole of their image; cut-outs are as large as their triangles.
+/// The triangles of a posed scene, world space. A triangle has its material's reflectance with the mean of its texture.
+/// Cut-outs count as whole triangles.
 pub fn triangles<'a>(scene: &'a Scene, pose: &'a Pose) -> impl Iterator<Item = Triangle> + 'a {
     let colors: Vec<Vec3> = scene
         .materials

@@ -1,4 +1,4 @@
-//! Which cells of an octree triangles meet. Program: `shaders/gpu/voxelize.wgsl`.
+//! Finds the octree cells that triangles overlap. Program: `shaders/gpu/voxelize.wgsl`.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ pub(super) struct Voxelize {
     divide: ComputePipeline,
 }
 
-/// Pairs of a triangle (lower half) and the Morton code of a cell that it meets (upper half).
+/// Pairs of triangle (lower half) and Morton code of an overlapped cell (upper half).
 pub(super) struct Pieces {
     pub(super) buffer: Buffer,
     pub(super) count: u32,
@@ -28,8 +28,8 @@ impl Voxelize {
         Self { mark: pipeline("mark"), divide: pipeline("divide") }
     }
 
-    /// Divides the root `depth` times where triangles are. The order of the pieces is that of the triangles, whatever
-    /// the device did first.
+    /// Subdivides the root `depth` times where there are triangles. Pairs are in the order of the triangles, so the
+    /// result is deterministic.
     pub(super) fn run(
         &self,
         gpu: &Arc<Gpu>,
@@ -77,7 +77,7 @@ impl Voxelize {
     }
 }
 
-/// The first number of what was read back; 0 of nothing.
+/// The first word of a readback; 0 if it is empty.
 pub(super) fn first_u32(bytes: &[u8]) -> u32 {
     bytes.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes))
 }
