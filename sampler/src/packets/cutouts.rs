@@ -1,4 +1,4 @@
-//! Alpha tests on the CPU, by the rule of `scene/src/texture.rs`: level 0, bilinear.
+//! Alpha tests on the CPU, as in `scene/src/texture.rs`: level 0, bilinear.
 
 use std::sync::Arc;
 
@@ -6,10 +6,10 @@ use argus_scene::texture::{MipChain, transform_uv};
 use argus_scene::{Scene, TextureRef};
 use glam::{Vec2, Vec4};
 
-/// What it takes to test the alpha of any cut-out triangle.
+/// Textures and coordinates for alpha tests.
 pub(super) struct Cutouts {
     scene: Arc<Scene>,
-    /// One a texture of the scene that is a cut-out's base colour.
+    /// One entry a texture that is the base colour of a cut-out.
     textures: Vec<Option<MipChain>>,
 }
 
@@ -25,8 +25,7 @@ impl Cutouts {
         Self { scene: Arc::clone(scene), textures }
     }
 
-    /// Whether a ray passes through a triangle, by its instance and number and the weights of its second and third
-    /// corner.
+    /// Whether a ray passes through a triangle, by instance and index, at the weights of its second and third corner.
     pub(super) fn let_through(&self, [instance, primitive]: [u32; 2], beta: f32, gamma: f32) -> bool {
         let mesh = &self.scene.meshes[self.scene.instances[instance as usize].mesh as usize];
         let material = &self.scene.materials[mesh.material as usize];
@@ -47,7 +46,7 @@ impl Cutouts {
             };
             alpha *= texture.alpha(transform_uv(&reference, uv));
         }
-        // NaN lets through, as in visibility.wgsl.
+        // NaN passes, as in visibility.wgsl.
         !(alpha >= cutoff)
     }
 

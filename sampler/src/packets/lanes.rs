@@ -1,8 +1,7 @@
-//! Eight floats at a time: by AVX2 where the processor has it, as plain arrays elsewhere, with the same bits.
+//! Vectors of eight floats: AVX2 if the processor has it, otherwise plain arrays. Both give the same bits.
 //!
-//! No multiplication is fused with an addition, since not every processor can. Everything is inlined into the
-//! functions of `mod.rs` that are compiled for AVX2: an instruction of it in a function that is not would be a
-//! call.
+//! Multiplications and additions are never fused, because not every processor can. Everything is inlined into functions
+//! of `mod.rs` that are compiled for AVX2; elsewhere each instruction would be a call.
 
 use std::ops::{Add, Mul, Sub};
 
@@ -11,33 +10,33 @@ pub(super) const LANES: usize = 8;
 
 /// One float a ray.
 pub(super) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
-    /// A truth a ray.
+    /// One bool a ray.
     type Mask: Mask;
 
     fn from_array(lanes: [f32; LANES]) -> Self;
     fn to_array(self) -> [f32; LANES];
     fn splat(x: f32) -> Self;
-    /// The smaller; the second where one is not a number.
+    /// The smaller; the second if one is NaN.
     fn min(self, other: Self) -> Self;
-    /// The larger; the second where one is not a number.
+    /// The larger; the second if one is NaN.
     fn max(self, other: Self) -> Self;
     fn div(self, other: Self) -> Self;
-    /// Where it is at most the other, and neither is not a number.
+    /// `self <= other`; false for NaN.
     fn le(self, other: Self) -> Self::Mask;
     fn lt(self, other: Self) -> Self::Mask;
     fn eq(self, other: Self) -> Self::Mask;
-    /// The other where the mask is set.
+    /// `other` where the mask is set.
     fn replaced(self, mask: Self::Mask, other: Self) -> Self;
 }
 
-/// One truth a ray.
+/// One bool a ray.
 pub(super) trait Mask: Copy {
     fn none() -> Self;
     fn and(self, other: Self) -> Self;
     fn or(self, other: Self) -> Self;
-    /// Without the other's.
+    /// `self & !other`.
     fn without(self, other: Self) -> Self;
-    /// One bit a lane, the first lane's the lowest.
+    /// One bit a lane, starting with the lowest.
     fn bits(self) -> u32;
     fn from_bits(bits: u32) -> Self;
 
@@ -47,11 +46,11 @@ pub(super) trait Mask: Copy {
     }
 }
 
-/// Any processor's.
+/// For any processor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plain([f32; LANES]);
 
-/// A truth a lane, as bits.
+/// One bit a lane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bits(u32);
 
@@ -198,7 +197,7 @@ pub(super) mod avx2 {
     #[derive(Debug, Clone, Copy)]
     pub(in super::super) struct Avx2(__m256);
 
-    /// All bits of a lane, or none.
+    /// All bits of a lane are set, or none.
     #[derive(Debug, Clone, Copy)]
     pub(in super::super) struct Wide(__m256);
 

@@ -1,4 +1,4 @@
-//! Distances along a few rays from one place, each of a length of its own.
+//! Distances along a few rays from one origin, each with its own length.
 
 use glam::DVec3;
 
@@ -6,21 +6,21 @@ use super::lanes::{LANES, Lanes, Plain};
 use super::packet::Nearest;
 use super::{About, PacketTracer};
 
-/// Vectors of a packet, where there are more rays than one holds: such rays are spread over a whole view, and share little.
+/// Vectors of a packet. Few, because such rays are spread over a whole view and share little.
 const VECTORS: usize = 2;
 
-/// A ray from the place that all start from.
+/// A ray from the common origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Ray {
-    /// Which way, and how long one unit of distance is.
+    /// Direction; its length is the unit of distance.
     pub(crate) direction: DVec3,
-    /// Nothing farther away is of interest, in units of the direction.
+    /// Length of the ray, in units of the direction.
     pub(crate) most: f32,
 }
 
 impl PacketTracer {
-    /// How far along each ray the nearest surface is, in units of its direction; `None` where there is none before the ray ends.
-    /// A ray that is not finite or has no direction meets nothing. Everything is done on the thread that asks.
+    /// Distance to the nearest surface along each ray, in units of its direction. `None` if the ray ends first, is not
+    /// finite or has no direction. Runs on the calling thread.
     pub(crate) fn distances(&self, eye: DVec3, rays: &[Ray]) -> Vec<Option<f32>> {
         let mut found = vec![None; rays.len()];
         if eye.is_finite() {
@@ -63,7 +63,7 @@ impl About<'_> {
         }
     }
 
-    /// At most as many rays as a packet holds, and at least one.
+    /// Traces one packet of at least one ray.
     #[inline(always)]
     fn some_distances<L: Lanes, const V: usize>(
         &self,
@@ -74,7 +74,7 @@ impl About<'_> {
         let mut packet = [[L::splat(0.0); 3]; V];
         let mut nearest = Nearest::none();
         for (v, packet) in packet.iter_mut().enumerate() {
-            // Lanes that are left over repeat the last ray, which costs nothing.
+            // Unused lanes repeat the last ray.
             let ray = |lane: usize| usable(rays[(v * LANES + lane).min(rays.len() - 1)]);
             let lanes: [Ray; LANES] = std::array::from_fn(ray);
             let along = |axis: usize| L::from_array(lanes.map(|ray| ray.direction[axis] as f32));
@@ -90,7 +90,7 @@ impl About<'_> {
     }
 }
 
-/// The ray, or one that ends where it starts.
+/// The ray, or a ray of length 0 if it is invalid.
 fn usable(ray: Ray) -> Ray {
     let Ray { direction, most } = ray;
     match direction.as_vec3().is_finite() && direction.as_vec3() != glam::Vec3::ZERO && most > 0.0 {

@@ -1,8 +1,7 @@
-//! Visibility by packets of rays on the CPU, for machines where that is the cheapest way.
+//! Visibility by packets of rays on the CPU.
 //!
-//! [`PacketTracer`] fills what the rasteriser fills: instance + 1 and primitive of each sub-sample. It needs no
-//! GPU and shares nothing with it but the scene. Work is spread over rayon's threads by rows of packets; the walk
-//! is compiled twice, for processors with AVX2 and for any other, with the same bits as a result.
+//! [`PacketTracer`] computes the visibility buffer: instance + 1 and primitive of each sub-sample. It needs no GPU. Rows
+//! of packets run on rayon's threads. The traversal is compiled twice, with and without AVX2; both give the same bits.
 
 mod cutouts;
 mod lanes;
@@ -30,7 +29,7 @@ pub(crate) use single::Hit;
 
 /// Rays of a vector: columns, rows.
 const VECTOR: [usize; 2] = [4, 2];
-/// Vectors of a packet of an image's neighbouring rays: columns, rows.
+/// Vectors of a packet of neighbouring rays of an image: columns, rows.
 const PACKET: [usize; 2] = [2, 4];
 /// Vectors of a packet.
 const VECTORS: usize = PACKET[0] * PACKET[1];
@@ -41,29 +40,29 @@ const SCATTERED: usize = 2;
 pub(crate) struct PacketTracer {
     hierarchy: Hierarchy,
     cutouts: Cutouts,
-    /// Distance along the view's axis before which nothing is seen, as the rasteriser has it.
+    /// Distance of the near plane along the view's axis, metres, as in the rasteriser.
     near: f32,
 }
 
-/// The scene about an eye.
+/// The scene relative to an eye.
 struct About<'a> {
     tracer: &'a PacketTracer,
     top: Vec<Node>,
     objects: Vec<ObjectAbout>,
 }
 
-/// A placed object about an eye.
+/// A placed object relative to an eye.
 struct ObjectAbout {
     root: u32,
     /// Instance of all its triangles, or [`OF_OBJECT`].
     instance: u32,
-    /// Rows of the transform of directions; none for the identity.
+    /// Rows of the transform of directions; `None` for the identity.
     object_from_world: Option<[[f32; 3]; 3]>,
     eye: [f32; 3],
 }
 
 impl PacketTracer {
-    /// Builds the hierarchy of a scene whose instances are placed so. Nothing nearer than `near` is seen.
+    /// Builds the hierarchy of a scene with these instances. `near` is the distance of the near plane, metres.
     pub(crate) fn new(scene: &Arc<Scene>, placements: &[Placement], near: f32) -> Self {
         let begin = Instant::now();
         let hierarchy = Hierarchy::new(scene, placements);
@@ -72,17 +71,17 @@ impl PacketTracer {
         Self { hierarchy, cutouts: Cutouts::new(scene), near }
     }
 
-    /// What is traced.
+    /// The hierarchy.
     pub(crate) fn hierarchy(&self) -> &Hierarchy {
         &self.hierarchy
     }
 
-    /// Puts what moves where it is now.
+    /// Moves instances.
     pub(crate) fn pose(&mut self, scene: &Scene, placements: &[Placement]) {
         self.hierarchy.pose(scene, placements);
     }
 
-    /// What every sub-sample of a tile sees from `eye`, row by row.
+    /// Ids of every sub-sample of a tile from `eye`, row by row.
     pub(crate) fn trace(&self, eye: DVec3, rays: &Rays) -> Vec<[u32; 2]> {
         let about = About::new(self, eye);
         let width = rays.width as usize;
@@ -97,8 +96,8 @@ impl PacketTracer {
         ids
     }
 
-    /// What some sub-samples (column, row) of a tile see from `eye`, in their order; neighbours in the list should be
-    /// neighbours in the image.
+    /// Ids of some sub-samples (column, row) of a tile from `eye`, in order. Neighbours in the list should be neighbours
+    /// in the image.
     pub(crate) fn trace_some(&self, eye: DVec3, rays: &Rays, places: &[[u32; 2]]) -> Vec<[u32; 2]> {
         let about = About::new(self, eye);
         let mut ids = vec![[0; 2]; places.len()];
@@ -154,7 +153,7 @@ impl<'a> About<'a> {
     fn strip_by<L: Lanes>(&self, rays: &Rays, first_row: usize, out: &mut [[u32; 2]], stack: &mut Vec<u32>) {
         let width = rays.width as usize;
         let rows = out.len() / width;
-        // What reaches beyond the image repeats its last rays.
+        // Rays beyond the image repeat its last rays.
         let column_of = |base: usize, v: usize, i: usize| base + v % PACKET[0] * VECTOR[0] + i % VECTOR[0];
         let row_of = |v: usize, i: usize| v / PACKET[0] * VECTOR[1] + i / VECTOR[0];
         for base in (0..width).step_by(VECTOR[0] * PACKET[0]) {
@@ -232,7 +231,7 @@ impl<'a> About<'a> {
         }
     }
 
-    /// Follows a packet through the top tree and the objects that it meets.
+    /// Traces a packet through the top tree and the objects that it hits.
     #[inline(always)]
     fn packet<L: Lanes, const V: usize>(
         &self,
@@ -248,7 +247,7 @@ impl<'a> About<'a> {
             return;
         }
         let packet = Packet::new([0.0; 3], directions);
-        // Objects are walked one by one as the top tree finds them, with a stack of their own.
+        // Each object is traversed with its own stack when the top tree reaches it.
         let mut objects = Objects { about: self, directions, stack: Vec::new() };
         packet.walk(&self.top, 0, near, nearest, stack, &mut objects);
     }
@@ -319,7 +318,7 @@ impl<L: Lanes, const V: usize> Leaves<L, V> for Triangles<'_> {
     }
 }
 
-/// Through the middles of sub-samples, of unit depth along the view's axis: as `ray_through` in
+/// Rays through the centres of sub-samples, with unit depth along the view's axis, as `ray_through` in
 /// `shaders/shared/rays.wgsl`.
 #[inline(always)]
 fn directions<L: Lanes>(rays: &Rays, column: L, row: L) -> Directions<L> {

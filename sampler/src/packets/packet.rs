@@ -1,15 +1,13 @@
-//! Rays that share an origin, and the walk of a packet of them through a tree.
+//! Packets of rays with a common origin, and their traversal of a tree.
 //!
-//! What a ray sees never depends on the packet that it came in: every box that a ray's own slab test meets is
-//! visited while it begins no farther than the ray's nearest hit so far; a hit counts only if the ray meets the
-//! leaf's own box, and lies within it; of equally near hits the lower ids win. Boxes nest, and rounding is
-//! monotonous, so a ray that meets a leaf meets all above it, no nearer than they begin. Tests for the packet as
-//! a whole only ever spare work.
+//! A ray's result does not depend on its packet. Every box that the ray's own slab test hits is visited while it begins
+//! no farther than the nearest hit so far. A hit counts only inside the leaf's box, if the ray hits that box. Of equally
+//! near hits the lower ids win. Boxes nest and rounding is monotonic, so a ray that hits a leaf hits all its ancestors.
+//! Tests of the whole packet only skip work.
 //!
-//! Since all rays start at the eye, a triangle is made ready once for a packet: edge functions are the volumes of
-//! direction and two corners, three dot products a ray (as in Benthin's and Wald's packet tracers; the products
-//! of edges are taken as Plücker coordinates, so that both triangles at an edge find the same bits with
-//! opposite signs, and no ray passes between them).
+//! All rays start at the eye, so a triangle is prepared once a packet. Edge functions are the volumes of direction and
+//! two corners, three dot products a ray (as in Benthin's and Wald's packet tracers). Products of edges are Plücker
+//! coordinates, so both triangles at an edge compute the same bits with opposite signs, and no ray passes between them.
 
 use std::ops::Range;
 
@@ -17,11 +15,10 @@ use super::cutouts::Cutouts;
 use super::lanes::{LANES, Lanes, Mask};
 use crate::bvh::{Node, Triangle, flags};
 
-/// Room for what rounding adds to where a ray leaves a box: three operations, each off by 2⁻²⁴ at most, at both
-/// ends.
+/// Slack for rounding of a ray's exit from a box: three operations of at most 2⁻²⁴ each, at both ends.
 const SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
-/// No component of a direction is taken for smaller than this share of the largest, lest its inverse be infinite.
+/// Smallest component of a direction, as a share of the largest, so that its inverse is finite.
 const FLATTEST: f32 = 1e-20;
 
 /// Three coordinates of eight rays.
@@ -29,9 +26,9 @@ pub(super) type Directions<L> = [L; 3];
 
 /// The nearest hits of a packet of `V` vectors of rays.
 pub(super) struct Nearest<L, const V: usize> {
-    /// In units of the direction.
+    /// Distance in units of the direction.
     pub(super) t: [L; V],
-    /// Instance + 1 and primitive of each ray; 0 while there is none.
+    /// Instance + 1 and primitive of each ray; 0 without a hit.
     pub(super) ids: [[[u32; 2]; LANES]; V],
 }
 
@@ -41,7 +38,7 @@ impl<L: Lanes, const V: usize> Nearest<L, V> {
         Self { t: [L::splat(f32::MAX); V], ids: [[[0; 2]; LANES]; V] }
     }
 
-    /// The farthest of them.
+    /// The farthest hit.
     #[inline(always)]
     fn farthest(&self) -> f32 {
         let mut all = self.t[0];
@@ -52,31 +49,31 @@ impl<L: Lanes, const V: usize> Nearest<L, V> {
     }
 }
 
-/// Directions of a packet in the space of a tree, and what a walk needs of them.
+/// Directions of a packet in a tree's space, prepared for traversal.
 pub(super) struct Packet<L, const V: usize> {
     eye: [f32; 3],
     direction: [Directions<L>; V],
     inverse: [Directions<L>; V],
-    /// Along which all boxes are compared.
+    /// Axis along which boxes are ordered.
     middle: [f32; 3],
     /// Bounds of the inverse along each axis; both 0 where signs differ.
     least: [f32; 3],
     most: [f32; 3],
-    /// Added to where the packet leaves a slab: infinite where signs differ.
+    /// Added to the packet's exit from a slab; infinite where signs differ.
     beyond: [f32; 3],
-    /// Whether the packet looks along the negative axis; either where signs differ.
+    /// Whether the packet goes along the negative axis; arbitrary where signs differ.
     negative: [bool; 3],
 }
 
-/// Which rays of a packet meet a box, and where they enter it.
+/// Rays of a packet that hit a box, and where they enter it.
 pub(super) struct Entry<L: Lanes, const V: usize> {
     at: [L; V],
     mask: [L::Mask; V],
 }
 
-/// What is done with the leaves of a tree.
+/// Visitor of a tree's leaves.
 pub(super) trait Leaves<L: Lanes, const V: usize> {
-    /// Takes a leaf's range of items, and which rays meet its box.
+    /// Visits a leaf: its range of items, and the rays that hit its box.
     fn visit(
         &mut self,
         packet: &Packet<L, V>,
@@ -87,7 +84,7 @@ pub(super) trait Leaves<L: Lanes, const V: usize> {
 }
 
 impl<L: Lanes, const V: usize> Packet<L, V> {
-    /// From directions, which must be finite; `eye` in the tree's space.
+    /// A packet of finite directions; `eye` is in the tree's space.
     #[inline(always)]
     pub(super) fn new(eye: [f32; 3], direction: &[Directions<L>; V]) -> Self {
         let middle = direction[V / 2];
@@ -124,7 +121,7 @@ impl<L: Lanes, const V: usize> Packet<L, V> {
         packet
     }
 
-    /// Visits the leaves of a tree that rays may meet from `near` to their nearest hit, roughly by distance.
+    /// Visits the leaves that rays may hit between `near` and their nearest hit, roughly by distance.
     #[inline(always)]
     pub(super) fn walk(
         &self,
@@ -173,7 +170,7 @@ impl<L: Lanes, const V: usize> Packet<L, V> {
         stack.truncate(bottom);
     }
 
-    /// Whether any ray can meet a box about the eye: never false if one does.
+    /// Whether any ray may hit a box relative to the eye. Never false for a hit.
     #[inline(always)]
     fn may_meet(&self, min: [f32; 3], max: [f32; 3], near: f32, farthest: f32) -> bool {
         let (mut enter, mut leave) = (near, farthest);
@@ -187,7 +184,7 @@ impl<L: Lanes, const V: usize> Packet<L, V> {
         enter <= leave
     }
 
-    /// Where rays of a vector enter a box about the eye, and which of them meet it before their nearest hit.
+    /// Where rays of a vector enter a box relative to the eye, and which of them hit it before their nearest hit.
     #[inline(always)]
     fn enter(&self, v: usize, min: [f32; 3], max: [f32; 3], near: f32, limit: L) -> (L, L::Mask) {
         let [x, y, z] = self.inverse[v];
@@ -210,7 +207,7 @@ impl<L: Lanes, const V: usize> Packet<L, V> {
         along <= 0.0
     }
 
-    /// Meets a triangle of a leaf.
+    /// Intersects a triangle of a leaf.
     #[inline(always)]
     pub(super) fn meet(
         &self,
@@ -247,9 +244,9 @@ impl<L: Lanes, const V: usize> Packet<L, V> {
                 continue;
             }
             let t = height.div(dot(d, normal));
-            // Infinite or not a number where the plane is seen edge-on: then it is not seen.
+            // Infinite or NaN for a plane seen edge-on, which is not hit.
             let crossed = t.lt(L::splat(f32::MAX)).and(L::splat(near).le(t));
-            // Within the leaf's box, so that what is culled by distance is what is farther.
+            // Inside the leaf's box, so that culling by distance is exact.
             let t = t.max(entry.at[v]);
             let mut closer = inside.and(crossed).and(t.le(nearest.t[v]));
             if !closer.any() {
@@ -269,7 +266,7 @@ impl<L: Lanes, const V: usize> Packet<L, V> {
             if ties != 0 {
                 let mut kept = 0;
                 for lane in 0..LANES {
-                    // Where nothing was hit yet the distance is the largest there is: no tie.
+                    // Without a hit the distance is the maximum, so there is no tie.
                     kept |= u32::from(ties >> lane & 1 == 1 && nearest.ids[v][lane] <= ids) << lane;
                 }
                 closer = closer.without(L::Mask::from_bits(kept));
@@ -284,7 +281,7 @@ impl<L: Lanes, const V: usize> Packet<L, V> {
     }
 }
 
-/// Which of the rays that meet a cut-out pass through it, from the volumes at its edges.
+/// Which rays that hit a cut-out pass through it, by the volumes at its edges.
 #[inline(never)]
 fn seen_through(
     rays: u32,

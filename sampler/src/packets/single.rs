@@ -1,7 +1,7 @@
-//! Single rays, each with an origin of its own: what paths of light and shadow maps need.
+//! Single rays with arbitrary origins, for light paths and shadow maps.
 //!
-//! Boxes are f32, as packets have them; everything else is f64 about the object, so that a ray that starts on a
-//! surface far from the world's zero meets the same surfaces as one near it.
+//! Boxes are f32, as for packets. Everything else is f64 relative to the object, so results do not depend on the distance
+//! from the world's origin.
 
 use glam::{DVec3, Vec3};
 
@@ -13,30 +13,29 @@ use crate::bvh::{Node, OF_OBJECT, Triangle, flags};
 pub(crate) struct Hit {
     /// Index into [`argus_scene::Scene::instances`].
     pub(crate) instance: u32,
-    /// Which triangle of its mesh.
+    /// Index of the triangle in its mesh.
     pub(crate) primitive: u32,
-    /// In units of the direction.
+    /// Distance in units of the direction.
     pub(crate) t: f64,
     /// Weights of the mesh's second and third corner.
     pub(crate) weights: [f64; 2],
-    /// Whether the side is seen from which the mesh's corners run counter-clockwise.
+    /// Whether the front face (counter-clockwise) is hit.
     pub(crate) front: bool,
 }
 
-/// A ray in an object's space, and how its boxes are met.
+/// A ray in an object's space, prepared for box tests.
 struct Ray {
     origin: DVec3,
     direction: DVec3,
     inverse: DVec3,
 }
 
-/// Room for what rounding adds to where a ray leaves a box: boxes hold f32 corners as they are, and the test is
-/// f64.
+/// Slack for rounding of a ray's exit from a box. Boxes hold exact f32 corners; the test is f64.
 const SLACK: f64 = 1.0 + 1e-12;
 
 impl PacketTracer {
-    /// The nearest surface at 0 < t < `most`; cut-outs are seen through, one-sided triangles from behind. A ray
-    /// that is not finite or has no direction meets nothing.
+    /// The nearest hit at 0 < t < `most`. Rays pass through transparent parts of cut-outs and through the back of
+    /// single-sided triangles. `None` for a ray that is not finite or has no direction.
     pub(crate) fn nearest(&self, origin: DVec3, direction: DVec3, most: f64) -> Option<Hit> {
         if !(origin.is_finite() && direction.is_finite() && direction != DVec3::ZERO) {
             return None;
@@ -60,7 +59,7 @@ impl PacketTracer {
     fn nearest_in(&self, ray: &Ray, root: u32, instance: u32, most: f64) -> Option<Hit> {
         let nodes = &self.hierarchy.nodes;
         let (mut nearest, mut limit) = (None, most);
-        // As deep as a tree of four billion triangles that is thrice as deep as a balanced one.
+        // Deep enough for four billion triangles in a tree three times as deep as a balanced one.
         let mut stack = [(0u32, 0.0f64); 96];
         let mut held = 0;
         let mut at = root;
@@ -128,7 +127,7 @@ impl PacketTracer {
         let q = from_a.cross(e1);
         let gamma = ray.direction.dot(q) * inverse;
         let t = e2.dot(q) * inverse;
-        // A NaN fails.
+        // NaN fails.
         if !(beta >= 0.0 && gamma >= 0.0 && beta + gamma <= 1.0 && t > 0.0 && t < most) {
             return None;
         }
@@ -141,13 +140,13 @@ impl PacketTracer {
         {
             return None;
         }
-        // Stored corners of a mirrored triangle are exchanged so that its front appears as the mesh's does.
+        // Corners of a mirrored triangle are stored exchanged, so that its front face matches the mesh's.
         Some(Hit { instance, primitive: triangle.primitive, t, weights, front: determinant > 0.0 })
     }
 }
 
 impl Ray {
-    /// Where the ray enters a box, if it does before `most`.
+    /// Where the ray enters a box, if before `most`.
     #[inline(always)]
     fn enters(&self, node: &Node, most: f64) -> Option<f64> {
         let (mut from, mut to) = (0.0f64, most);
@@ -161,7 +160,7 @@ impl Ray {
     }
 }
 
-/// Inverse of a direction, finite along every axis.
+/// Inverse of a direction, finite in all components.
 pub(crate) fn safe_inverse(direction: DVec3) -> DVec3 {
     let least = direction.abs().max_element() * 1e-30;
     let held = |x: f64| if x.abs() < least { least.copysign(x) } else { x };

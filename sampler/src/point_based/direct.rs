@@ -1,4 +1,4 @@
-//! Light of lights without extent on the octree's leaves, shadowed: a ray a light.
+//! Direct light of punctual lights on the octree's leaves, with a shadow ray a light.
 
 use argus_scene::shading::incident;
 use argus_scene::{Light, Lighting};
@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 
 use crate::packets::PacketTracer;
 
-/// Irradiance by π that the lights bring to a point `position` with a unit `normal`, in world space. Rays begin `off`
-/// metres before it.
+/// Irradiance / π of the lights at `position` with a unit `normal`, world space. Shadow rays start `off` metres off the
+/// surface.
 pub(super) fn direct_by_pi(
     tracer: &PacketTracer,
     lighting: &Lighting,
@@ -20,7 +20,7 @@ pub(super) fn direct_by_pi(
     for light in &lighting.lights {
         let (inputs, irradiance) = incident(light, position);
         let cosine = normal.dot(inputs);
-        // A NaN fails.
+        // NaN fails.
         if !(cosine > 0.0 && irradiance.max_element() > 0.0) {
             continue;
         }

@@ -1,22 +1,22 @@
-//! What a user may say about indirect light by points.
+//! Settings of point-based indirect light.
 
 use std::fmt;
 
 use argus_scene::InvalidField;
 
-/// Approximations of point-based indirect light; `argus study radiosity` shows what each costs.
+/// Settings of point-based indirect light. `argus study radiosity` measures the cost of each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PointKnobs {
-    /// Levels of the scene's octree below its root, 1 to 10: what lights is as fine as its cells.
+    /// Levels of the scene's octree below its root, 1 to 10: the resolution of the light's sources.
     pub levels: u32,
-    /// Texels on a side of a hemisphere of a receiver's map: 8 to 256.
+    /// Texels on a side of a hemisphere of a receiver's map, 8 to 256.
     pub map_side: u32,
-    /// Sub-samples on a side of the blocks that have a receiver or two, 1 to 16.
+    /// Sub-samples on a side of the blocks that share one or two receivers, 1 to 16.
     pub block: u32,
-    /// Reflections between a light and what is seen, at most, 1 to 4.
+    /// Most reflections between a light and the visible surface, 1 to 4.
     pub bounces: u32,
-    /// Whether near receivers share what looks alike from them (MegaViews); otherwise the octree is traversed for each by
-    /// itself (ManyLoDs).
+    /// Whether nearby receivers share nodes (MegaViews); otherwise the octree is traversed for each receiver alone
+    /// (ManyLoDs).
     pub sharing: bool,
 }
 
@@ -27,7 +27,7 @@ impl Default for PointKnobs {
 }
 
 impl fmt::Display for PointKnobs {
-    /// All of them in a few words: what a frame's provenance has.
+    /// All fields in short form, for provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { levels, map_side, block, bounces, sharing } = self;
         let shared = if *sharing { "shared" } else { "own" };
@@ -39,10 +39,10 @@ impl fmt::Display for PointKnobs {
 }
 
 impl PointKnobs {
-    /// Rejects values outside the documented ones.
+    /// Checks all ranges.
     ///
     /// # Errors
-    /// The knob, by name.
+    /// The field that is out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
         let within = |field, value: u32, range: std::ops::RangeInclusive<u32>| {
             let reason = || format!("must be {} to {}, not {value}", range.start(), range.end());

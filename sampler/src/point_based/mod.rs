@@ -1,20 +1,19 @@
-//! Point-based indirect light: the scene's surfaces as an octree of shaded points, of which some of what is visible sees a
-//! small image (MegaViews, Kol et al. 2018, section 6; after Christensen, "Point-Based Approximate Color Bleeding", 2008).
+//! Point-based indirect light: some visible surfaces integrate small maps of an octree of shaded points (MegaViews, Kol
+//! et al. 2018, section 6; after Christensen, "Point-Based Approximate Color Bleeding", 2008).
 //!
-//! Once a lighting, the octree's leaves are lit, bounce by bounce: by the lights, and by what their own small images show
-//! of the bounce before. Then, for every tile, each block of sub-samples has a *receiver* or two; one traversal renders
-//! the dual-paraboloid maps of nodes around all of them; what a map shows is weighed by the cosine of its receiver's
-//! normal, which is the diffuse reflection's share; and sub-samples take the light of the receivers around them that stand
-//! for them best. All of it is done where samples are rendered, once for all views that are made of them.
+//! Once a lighting, the octree's leaves are lit bounce by bounce: by the lights, and by their own maps of the previous
+//! bounce. Per tile, each block of sub-samples has one or two *receivers*. One traversal renders the dual-paraboloid maps
+//! around all receivers, each map is integrated by the cosine of its receiver's normal, and sub-samples interpolate
+//! nearby receivers. It is paid when samples are rendered, once for all their views.
 //!
 //! # Passes of a tile
 //!
-//! *choose receivers* takes the middle sub-sample of each block and, where the block sees two surfaces, one of the other. One traversal
-//! renders the maps around all receivers. *receive* weights what a map shows by the cosine of its receiver's normal. *spread* gives
-//! each sub-sample the light of the receivers around it that stand for it best.
+//! *Choose receivers* takes the central sub-sample of each block and, if the block sees two surfaces, one of the other
+//! surface. One traversal renders the maps. *Receive* integrates each map by the cosine. *Spread* interpolates at
+//! sub-samples.
 //!
-//! A receiver's eye is lifted off its surface by a cell and a half, so that the cells of that surface hide nothing; light from nearer
-//! than that is lost. Receivers are read back between the passes, since lists of views are made on the CPU.
+//! A receiver's map is centred a cell and a half off its surface, so that the cells of that surface hide nothing. Light
+//! from nearer is lost. Receivers are read back between the passes, because lists of views are made on the CPU.
 
 mod direct;
 mod knobs;
@@ -43,28 +42,28 @@ use crate::resident::{Resident, upload};
 use crate::scratch::{Extras, Scratch};
 use crate::timing;
 
-/// Receivers whose maps are rendered in one traversal, at most: 128 MiB of maps of 16².
+/// Most receivers of one traversal: 128 MiB of maps of 16² texels.
 const MOST_RECEIVERS: usize = 1 << 15;
-/// Pairs of a queue, at most.
+/// Most pairs of a queue.
 const QUEUE_PAIRS: u32 = 1 << 23;
-/// Edges of a leaf's cell by which a receiver's eye is lifted off its surface, so that the cells of that very surface,
-/// which stand out from it by as much as their diagonal, hide nothing and shine on nothing.
+/// Distance of a map's centre from its receiver's surface, in edges of a leaf's cell. The cells of that surface extend by
+/// up to their diagonal, and must neither hide nor light.
 const LIFT: f64 = 1.5;
-/// In place of a receiver that a block does not have; as `shaders/sampler/spread.wgsl` has it.
+/// Marks a missing receiver of a block, as in `shaders/sampler/spread.wgsl`.
 const NONE: u32 = u32::MAX;
 
-/// What was found out about a scene's light by points.
+/// Report on a scene's point-based light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointReport {
-    /// Leaves of the scene's octree.
+    /// Number of leaves of the scene's octree.
     pub leaves: u32,
-    /// Milliseconds that building it took, which only what moves makes anew.
+    /// Milliseconds of building it. Rebuilt only if the scene moves.
     pub octree_ms: f64,
-    /// And lighting its leaves.
+    /// Milliseconds of lighting its leaves.
     pub light_ms: f64,
-    /// Receivers of the latest tile.
+    /// Number of receivers of the latest tile.
     pub receivers: usize,
-    /// Bytes of the latest maps.
+    /// Bytes of the latest tile's maps.
     pub map_bytes: u64,
 }
 
@@ -75,23 +74,23 @@ pub(crate) struct PointBased {
     choose: ChooseReceivers,
     receive: Receive,
     spread: Spread,
-    /// Programs outlast the octree that they were made for.
+    /// Kept across octrees, because its programs are reused.
     views: Option<ManyViews>,
     report: PointReport,
 }
 
-/// Irradiance by π at a position with a normal, in world space.
+/// Irradiance / π at a position with a normal, world space.
 type LightAt<'a> = &'a (dyn Fn(DVec3, Vec3) -> Vec3 + Sync);
 
-/// Some surfaces of a tile, and which blocks they receive light for.
+/// Receivers of a tile, and their blocks.
 struct Receivers {
-    /// About the eye.
+    /// Relative to the eye.
     chosen: Vec<Chosen>,
     of_blocks: Vec<[u32; OF_BLOCK]>,
 }
 
 impl PointBased {
-    /// For a scene that lies on a device.
+    /// The point-based light of a scene on a device.
     pub(crate) fn new(gpu: &Gpu, resident: &Resident, knobs: PointKnobs) -> Self {
         Self {
             knobs,
@@ -104,27 +103,27 @@ impl PointBased {
         }
     }
 
-    /// Takes other knobs, by which the scene is lit anew.
+    /// Changes the knobs. Marks the light as out of date.
     pub(crate) fn set_knobs(&mut self, knobs: PointKnobs) {
         self.octree.set_levels(knobs.levels);
         self.octree.forget_light();
         self.knobs = knobs;
     }
 
-    /// Surfaces lie elsewhere.
+    /// Marks all as out of date, because surfaces moved.
     pub(crate) fn forget_pose(&mut self) {
         self.octree.forget_pose();
     }
 
-    /// What is known, once the scene was lit.
+    /// The report, once the scene is lit.
     pub(crate) fn report(&self) -> Option<PointReport> {
         self.octree.nodes().map(|_| self.report.clone())
     }
 
-    /// Lights the octree's leaves, unless that was done for these lights.
+    /// Lights the octree's leaves, unless they are up to date for these lights.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] if the octree or its maps are larger than the device can bind.
+    /// [`RenderError::OutOfMemory`] if the octree or its maps exceed what the device can bind.
     pub(crate) fn ready(
         &mut self,
         inputs: &LightInputs<'_>,
@@ -145,7 +144,7 @@ impl PointBased {
         self.report.leaves = octree.leaf_count();
         self.octree.forget_light();
         if let Err(error) = self.light_leaves(inputs, scratch, &octree) {
-            // Nobody is to go by a bounce that is not the last.
+            // An unfinished lighting must not be used.
             self.octree.forget_light();
             return Err(error);
         }
@@ -154,7 +153,7 @@ impl PointBased {
         Ok(stages)
     }
 
-    /// Lights the leaves bounce by bounce, each by what nodes show of the one before.
+    /// Lights the leaves bounce by bounce, each from the nodes of the previous one.
     fn light_leaves(
         &mut self,
         inputs: &LightInputs<'_>,
@@ -162,13 +161,13 @@ impl PointBased {
         octree: &Octree,
     ) -> Result<(), RenderError> {
         let LightInputs { gpu, scene, resident, tracer, lighting, time_secs } = *inputs;
-        // What surfaces emit alone; the lights' light is added with its shadows, and the sky's is not reflected on.
+        // Emission only. Lights are added with their shadows; sky light is not reflected.
         let dark = Lighting { lights: Vec::new(), sky: Sky::BLACK, exposure: lighting.exposure };
         let eye = Eye::new(gpu, resident, octree.root.world_from_unit(DVec3::splat(0.5)), &dark)?;
         let off = off_surface(scene.bounds()) * 16.0;
         let of_lights =
             |position: DVec3, normal: Vec3| direct::direct_by_pi(tracer, lighting, off, position, normal);
-        // What is emitted is seen without any reflection, and each reflection sees what came of the one before.
+        // Emission is bounce 0; each bounce reads the previous one.
         let emits = scene.effects().contains(&Effect::Emission);
         for bounce in u32::from(!emits)..=self.knobs.bounces {
             let lights: Option<LightAt<'_>> = if bounce == 0 { None } else { Some(&of_lights) };
@@ -193,10 +192,10 @@ impl PointBased {
         Ok(())
     }
 
-    /// Adds the indirect light of a tile that was shaded.
+    /// Adds the indirect light of a shaded tile.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] if maps are larger than the device can bind, or the device.
+    /// [`RenderError::OutOfMemory`] if the maps exceed what the device can bind, or the errors of the device.
     pub(crate) fn add(
         &mut self,
         commands: Commands,
@@ -210,7 +209,7 @@ impl PointBased {
         self.add_with(commands, context, sharing, None, stages)
     }
 
-    /// Adds the light, with light that receivers receive from elsewhere.
+    /// Adds the light, with additional light at the receivers.
     fn add_with(
         &mut self,
         mut commands: Commands,
@@ -289,7 +288,7 @@ impl PointBased {
 }
 
 impl PointKnobs {
-    /// How maps of receivers are rendered: by a function of the knobs and of who receives alone.
+    /// Knobs of the receivers' maps, a function of settings and receivers alone.
     fn traversal(&self) -> Knobs {
         Knobs {
             side: self.map_side,
@@ -297,9 +296,9 @@ impl PointKnobs {
             disc: Knobs::COVERING,
             shared_disc: Knobs::COVERING,
             sharing: self.sharing,
-            // What was rendered before decides nothing.
+            // Would depend on earlier frames.
             falls_back: false,
-            // The cell that an eye stands in is none of what it sees.
+            // Culls the cell that the map's centre is in.
             own_cell: false,
             queue_pairs: Some(QUEUE_PAIRS),
             ..Knobs::default()
@@ -308,7 +307,7 @@ impl PointKnobs {
 }
 
 impl Receivers {
-    /// Those that exist and are somewhere, of what was chosen for each block.
+    /// Valid receivers of those that were selected for each block.
     fn of(all: &[Chosen]) -> Self {
         let (mut chosen, mut of_blocks) = (Vec::new(), Vec::with_capacity(all.len() / OF_BLOCK));
         for block in all.as_chunks::<OF_BLOCK>().0 {

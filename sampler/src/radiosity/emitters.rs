@@ -1,4 +1,4 @@
-//! Where light begins: the scene's lights, and triangles that emit.
+//! Light sources of paths: the scene's lights and emissive triangles.
 
 use argus_scene::{Bounds, Light, Lighting, Material};
 use glam::{DVec3, Vec3};
@@ -7,22 +7,22 @@ use super::sequence::Path;
 use super::surfaces::Surfaces;
 use crate::resident::Placement;
 
-/// Light about to leave its source.
+/// Light that leaves a source.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Emission {
     pub(crate) origin: DVec3,
     /// Unit.
     pub(crate) direction: DVec3,
-    /// Watts per path, if one path is all there is.
+    /// Watts, for a single path.
     pub(crate) flux: Vec3,
-    /// Normal of the surface that emits, if one does: its light is a VPL's own.
+    /// Normal of an emissive surface, which is a VPL itself; `None` for a light.
     pub(crate) surface: Option<DVec3>,
-    /// Whether flux thins with distance otherwise than by spreading: near a light and by its range.
+    /// Whether flux falls off beyond 1/d²: by a light's range.
     thins: Option<Option<f64>>,
 }
 
 impl Emission {
-    /// The share of the flux that is left at a distance: what [`argus_scene::shading::incident`] has beside 1/d².
+    /// Share of the flux at a distance: the factors of [`argus_scene::shading::incident`] beside 1/d².
     pub(crate) fn left_at(&self, distance: f64) -> f32 {
         let Some(range) = self.thins else { return 1.0 };
         let near = (distance / distance.max(1e-3)).powi(2);
@@ -31,10 +31,10 @@ impl Emission {
     }
 }
 
-/// A source and the probability of choosing it.
+/// A source and its cumulative probability.
 struct Emitter {
     source: Source,
-    /// Sum of the probabilities up to and with this one.
+    /// Cumulative probability, this source included.
     up_to: f64,
     probability: f64,
 }
@@ -54,14 +54,14 @@ struct Emissive {
     both_sides: bool,
 }
 
-/// All sources, chosen by their power.
+/// All sources, sampled by power.
 pub(crate) struct Emitters {
     all: Vec<Emitter>,
     bounds: Bounds,
 }
 
 impl Emitters {
-    /// Of a scene whose box is `bounds`.
+    /// The sources of a scene with these bounds.
     pub(crate) fn new(lighting: &Lighting, surfaces: &Surfaces, bounds: Bounds) -> Self {
         let lights = lighting.lights.iter().map(|&light| (Source::Light(light), power(&light, bounds)));
         let triangles = emissive(surfaces).map(|(triangle, power)| (Source::Triangle(triangle), power));
@@ -77,12 +77,12 @@ impl Emitters {
         Self { all: sources.into_iter().map(emitter).collect(), bounds }
     }
 
-    /// How many sources there are.
+    /// Number of sources.
     pub(crate) fn len(&self) -> usize {
         self.all.len()
     }
 
-    /// Light of one path; none where it would be none.
+    /// Samples the light of one path. `None` if it carries no flux.
     pub(crate) fn sample(&self, surfaces: &Surfaces, path: &mut Path) -> Option<Emission> {
         let u = path.next();
         let index = self.all.partition_point(|e| e.up_to <= u).min(self.all.len().checked_sub(1)?);
@@ -97,12 +97,12 @@ impl Emitters {
     }
 }
 
-/// Mean of the channels: what sources are chosen by.
+/// Mean of the channels, by which sources are sampled.
 fn brightness(color: Vec3) -> f64 {
     f64::from(color.element_sum()) / 3.0
 }
 
-/// Power that a light sends towards the scene's box, roughly.
+/// Approximate power of a light towards the scene's bounds.
 fn power(light: &Light, bounds: Bounds) -> f64 {
     match *light {
         Light::Directional { direction, irradiance } => {
@@ -114,12 +114,12 @@ fn power(light: &Light, bounds: Bounds) -> f64 {
     }
 }
 
-/// Solid angle of a cone by its half angle.
+/// Solid angle of a cone with this half angle.
 fn cap(half_angle: f64) -> f64 {
     std::f64::consts::TAU * (1.0 - half_angle.cos())
 }
 
-/// The rectangle before a box through which parallel light reaches all of it: a corner, two edges, its area.
+/// The rectangle through which parallel light reaches all of a box: a corner, two edges, and its area.
 fn window(direction: DVec3, bounds: Bounds) -> (DVec3, DVec3, DVec3, f64) {
     let (x, y) = direction.any_orthonormal_pair();
     let (center, half) = (bounds.center(), bounds.size() * 0.5);
@@ -149,7 +149,7 @@ fn from_light(light: &Light, bounds: Bounds, [u, v, s, t]: [f64; 4]) -> Option<E
             let radius = (1.0 - z * z).max(0.0).sqrt();
             let (x, y) = direction.any_orthonormal_pair();
             let along = x * (radius * turn.cos()) + y * (radius * turn.sin()) + direction * z;
-            // KHR_lights_punctual's squared ramp between the cones, as shading has it.
+            // The squared ramp between the cones of KHR_lights_punctual, as in shading.
             let ramp = ((z - outer) / (inner - outer).max(1e-4)).clamp(0.0, 1.0);
             let flux = intensity * (cap(outer_cone) * ramp * ramp) as f32;
             Some(Emission { origin: position, direction: along, flux, surface: None, thins: Some(range) })
@@ -157,14 +157,14 @@ fn from_light(light: &Light, bounds: Bounds, [u, v, s, t]: [f64; 4]) -> Option<E
     }
 }
 
-/// A direction about a unit normal, with a probability that goes with its cosine.
+/// A cosine-distributed direction about a unit normal.
 pub(crate) fn by_cosine(normal: DVec3, u: f64, v: f64) -> DVec3 {
     let (x, y) = normal.any_orthonormal_pair();
     let (radius, turn) = (u.sqrt(), std::f64::consts::TAU * v);
     x * (radius * turn.cos()) + y * (radius * turn.sin()) + normal * (1.0 - u).max(0.0).sqrt()
 }
 
-/// The triangles that emit, and their power by the mean of their texture.
+/// Emissive triangles, and their power by the mean of their texture.
 fn emissive(surfaces: &Surfaces) -> impl Iterator<Item = (Emissive, f64)> + '_ {
     let scene = surfaces.scene();
     let emits = |m: &Material| m.emissive.max_element() > 0.0;
@@ -183,11 +183,11 @@ fn emissive(surfaces: &Surfaces) -> impl Iterator<Item = (Emissive, f64)> + '_ {
             let edges = [b - a, c - a];
             let area = edges[0].cross(edges[1]).length() * 0.5;
             let both_sides = scene.materials[mesh.material as usize].double_sided;
-            // A few places of the texture: the choice of triangles need not be exact.
+            // A few points of the texture, because the sampling weights need not be exact.
             let places = [[0.33, 0.33], [0.15, 0.15], [0.7, 0.15], [0.15, 0.7]];
             let seen = places.iter().filter_map(|&w| surfaces.point(placement, primitive, w, normal));
             let mean = seen.map(|p| brightness(p.emissive)).sum::<f64>() / places.len() as f64;
-            // A dark place of a bright texture keeps a chance.
+            // A minimum, so that dark points of a bright texture are sampled too.
             let floor = brightness(scene.materials[mesh.material as usize].emissive) * 0.02;
             let sides = if both_sides { 2.0 } else { 1.0 };
             let power = mean.max(floor) * area * sides * std::f64::consts::PI;

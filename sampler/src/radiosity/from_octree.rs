@@ -1,4 +1,4 @@
-//! Maps of VPLs from an octree of the scene, all at once.
+//! Renders the maps of all VPLs from an octree of the scene.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::surfaces::Surfaces;
 use super::{MapSource, Vpl, VplKnobs};
 use crate::lit_octree::to_render_error;
 
-/// The octree of a scene's surfaces.
+/// Builds the octree of a scene's surfaces.
 pub(crate) fn octree(
     gpu: &Arc<Gpu>,
     surfaces: &Surfaces,
@@ -25,7 +25,7 @@ pub(crate) fn octree(
     octree.map(Arc::new).map_err(to_render_error)
 }
 
-/// The maps of VPLs, each a view of the half space before its surface, and of particles, which have none.
+/// Renders the maps of VPLs (half space in front of the surface) and of particles (all directions).
 pub(crate) fn render(
     gpu: &Arc<Gpu>,
     octree: &Arc<Octree>,

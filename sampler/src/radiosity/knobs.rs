@@ -1,25 +1,25 @@
-//! What a user may say about indirect light by virtual point lights.
+//! Settings of indirect light by virtual point lights.
 
 use std::fmt;
 
 use argus_scene::InvalidField;
 use argus_shaders::layout::sampler::vpl::MOST_GROUPS;
 
-/// How it is known whether a VPL sees a surface: its dual-paraboloid map of distances.
+/// Source of the VPLs' shadow maps (dual-paraboloid maps of distance).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MapSource {
-    /// No maps: every VPL lights whatever faces it.
+    /// No maps: VPLs cast no shadows.
     Unshadowed,
     /// A ray through the centre of each texel.
     #[default]
     Exact,
-    /// Random points on surfaces, each splatted into one map, and the gaps filled from coarser levels (Ritschel et
-    /// al., "Imperfect Shadow Maps for Efficient Computation of Indirect Illumination", 2008).
+    /// Random surface points, each splatted into one map, with gaps filled from coarser levels (Ritschel et al.,
+    /// "Imperfect Shadow Maps for Efficient Computation of Indirect Illumination", 2008).
     Imperfect,
-    /// An octree of the scene and one of the VPLs traversed together, so that near VPLs share what looks alike from
-    /// them (MegaViews, Kol et al. 2018).
+    /// An octree of the scene and one of the VPLs, traversed together. Nearby VPLs share nodes (MegaViews, Kol et al.
+    /// 2018).
     MegaViews,
-    /// The same octree of the scene, traversed for each VPL by itself (ManyLoDs, Holländer et al. 2011).
+    /// An octree of the scene, traversed for each VPL alone (ManyLoDs, Holländer et al. 2011).
     ManyLods,
 }
 
@@ -28,7 +28,7 @@ impl MapSource {
     pub const ALL: [Self; 5] =
         [Self::Unshadowed, Self::Exact, Self::Imperfect, Self::MegaViews, Self::ManyLods];
 
-    /// As users write it.
+    /// Name in options.
     pub fn name(self) -> &'static str {
         match self {
             Self::Unshadowed => "unshadowed",
@@ -40,45 +40,45 @@ impl MapSource {
     }
 }
 
-/// Instant radiosity's approximations; `argus study radiosity` shows what each costs.
+/// Settings of instant radiosity. `argus study radiosity` measures the cost of each.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VplKnobs {
-    /// VPLs that are aimed at; a scene whose lights miss it has fewer. 0 only beside particles.
+    /// Number of VPLs. Fewer if lights miss the scene. 0 only with particles.
     pub vpls: u32,
-    /// Glowing particles: lights without a surface that shine everywhere and drift with time, gathered like VPLs.
+    /// Number of glowing particles: omnidirectional lights that drift with time, gathered like VPLs.
     pub particles: u32,
-    /// Reflections after which a path ends at the latest, 1 to 4.
+    /// Most reflections of a path, 1 to 4.
     pub bounces: u32,
-    /// Texels on a side of a hemisphere's map: a power of two, 4 to 256.
+    /// Texels on a side of a hemisphere: a power of two, 4 to 256.
     pub map_side: u32,
-    /// Where maps come from.
+    /// Source of the maps.
     pub maps: MapSource,
-    /// Random surface points splatted into each map, where maps are imperfect.
+    /// Points splatted into each imperfect map.
     pub points: u32,
-    /// Levels of the scene's octree, 1 to 10, where maps are made from one.
+    /// Levels of the scene's octree, 1 to 10, for maps from an octree.
     pub levels: u32,
-    /// VPLs that a sub-sample of a direct view, or a texel of a sample, gathers from, each standing for as many as were left
-    /// out.
+    /// VPLs that a sub-sample of a direct view or a texel of a sample gathers from. Each drawn VPL represents those that
+    /// were not drawn.
     pub samples: u32,
-    /// Sub-samples, or texels, on each side that the cross-bilateral filter reaches; 0 for no filter.
+    /// Reach of the cross-bilateral filter, sub-samples or texels; 0 for no filter.
     pub filter: u32,
-    /// Whether groups of VPLs that cannot light a block of the image are left out before samples are drawn.
+    /// Whether groups of VPLs that cannot light a block of the image are culled before drawing.
     pub cull: bool,
-    /// Whether groups of VPLs are drawn by about how much light they bring to a block, rather than by their number;
-    /// without bias, and with less noise.
+    /// Whether groups of VPLs are drawn by their estimated light for a block, rather than by their number. Unbiased, with
+    /// less noise.
     pub weigh: bool,
-    /// Groups of VPLs, of 256, that a block of the image keeps on average, 0 for all that may light it: the more light they
-    /// bring the likelier, each in the stead of those like it that are left out (Tokuyoshi, Harada: "Stochastic Light
-    /// Culling", 2016); without bias, at the price of noise that a block has in common.
+    /// Mean number of groups, of 256, that a block of the image keeps; 0 keeps all that may light it. Groups are drawn by
+    /// their light, and each represents similar groups that were not drawn (Tokuyoshi, Harada: "Stochastic Light
+    /// Culling", 2016). Unbiased; adds noise that is common to a block.
     pub groups: u32,
-    /// Share of the scene's diagonal beyond which VPLs are left out, which costs energy; 0 for none.
+    /// Cut-off distance of VPLs, as a share of the scene's diagonal; 0 for none. Loses energy.
     pub cutoff: f64,
-    /// Share of the scene's diagonal nearer than which a VPL lights no more strongly: what bounds the bright spots
-    /// around VPLs, and costs energy in corners.
+    /// Distance below which a VPL's light does not increase, as a share of the scene's diagonal. Bounds bright spots
+    /// around VPLs; loses energy in corners.
     pub clamp: f64,
-    /// How far behind a map's distance a surface may lie and still be lit, in widths of a texel at that distance.
+    /// Shadow bias, in widths of a map's texel at the stored distance.
     pub bias: f64,
-    /// Sets one choice of paths apart from another.
+    /// Seed of the paths.
     pub seed: u32,
 }
 
@@ -106,7 +106,7 @@ impl Default for VplKnobs {
 }
 
 impl fmt::Display for VplKnobs {
-    /// All of them in a few words: what a frame's provenance has.
+    /// All fields in short form, for provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             vpls,
@@ -147,10 +147,10 @@ impl fmt::Display for VplKnobs {
 }
 
 impl VplKnobs {
-    /// Rejects values outside the documented ones.
+    /// Checks all ranges.
     ///
     /// # Errors
-    /// The knob, by name.
+    /// The field that is out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
         let within = |field, value: u32, range: std::ops::RangeInclusive<u32>| {
             let reason = || format!("must be {} to {}, not {value}", range.start(), range.end());
@@ -171,7 +171,7 @@ impl VplKnobs {
             return Err(InvalidField::new("indirect.map_side", reason));
         }
         let share = |field, value: f64, most: f64| {
-            // A NaN is in no range.
+            // NaN fails.
             let reason = || format!("must be 0 to {most}, not {value}");
             if (0.0..=most).contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
         };

@@ -1,4 +1,4 @@
-//! Maps of VPLs by rays through the centres of their texels: what no other way can do better at that resolution.
+//! Exact maps of VPLs, by rays through the centres of texels: the reference at that resolution.
 
 use argus_scene::{Bounds, paraboloid};
 use glam::DVec3;
@@ -8,8 +8,8 @@ use super::Vpl;
 use super::surfaces::Surfaces;
 use crate::packets::PacketTracer;
 
-/// Distances as bits of f32, two hemispheres of `side`² texels a VPL; the largest f32 where nothing is seen, and
-/// where a VPL does not shine.
+/// Distances as f32 bits, two hemispheres of `side`² texels a VPL. The largest f32 without a hit, and in directions that
+/// a VPL does not light.
 pub(crate) fn exact(tracer: &PacketTracer, vpls: &[Vpl], side: u32) -> Vec<u32> {
     let texels = 2 * side * side;
     let rays: Vec<(u32, DVec3)> = (0..texels)
@@ -29,7 +29,7 @@ pub(crate) fn exact(tracer: &PacketTracer, vpls: &[Vpl], side: u32) -> Vec<u32> 
     maps
 }
 
-/// Random points on the surfaces of a scene, evenly by area, relative to `root`.
+/// Random points on a scene's surfaces, uniform by area, relative to `root`.
 pub(crate) fn surface_points(surfaces: &Surfaces, bounds: Bounds, count: u32, seed: u32) -> Vec<[f32; 4]> {
     let root = bounds.center();
     let mut triangles = Vec::new();
@@ -44,7 +44,7 @@ pub(crate) fn surface_points(surfaces: &Surfaces, bounds: Bounds, count: u32, se
     }
     let point = |index: u32| {
         let number = |k: u64| super::sequence::mixed(u64::from(seed) << 40 ^ u64::from(index) << 4 ^ k);
-        // Stratified, so that every part of the scene has its share.
+        // Stratified over the scene's area.
         let wanted = (f64::from(index) + number(0)) / f64::from(count) * area;
         let at = triangles.partition_point(|(up_to, _)| *up_to <= wanted).min(triangles.len() - 1);
         let [a, b, c] = triangles[at].1;

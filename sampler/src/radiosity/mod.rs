@@ -1,21 +1,22 @@
-//! Instant radiosity: indirect diffuse light from virtual point lights (VPLs). Glowing particles are lights of the same
-//! kind, without a surface: they are gathered with VPLs, by maps of the whole sphere.
+//! Instant radiosity: indirect diffuse light from virtual point lights (VPLs). Glowing particles are omnidirectional VPLs
+//! without a surface.
 //!
-//! Once for a pose of the scene, paths from its lights leave VPLs on surfaces ([`paths`]), a tree groups them
-//! ([`tree`]), and each gets a map of how far it sees ([`MapSource`]). Then, for every tile, groups that cannot light
-//! a block of it are left out, each sub-sample gathers from some of the rest, and a filter along surfaces gathers up
-//! what neighbours took; the light is added to what was shaded. All of it is done where samples are rendered, once for
-//! all views that are made of them.
+//! Once a pose, paths from the lights leave VPLs on surfaces ([`paths`]), a tree groups them ([`tree`]), and each gets a
+//! shadow map ([`MapSource`]). Per tile, groups that cannot light a block are culled, each sub-sample gathers from some
+//! of the rest, a filter along surfaces shares the result, and the light is added to radiance. It is paid when samples
+//! are rendered, once for all their views.
 //!
 //! # Steps
 //!
-//! Once a pose: paths from lights and emitting surfaces leave VPLs, traced on the CPU as single f64 rays (`packets/single.rs`). A tree
-//! over six dimensions groups them. Each VPL gets a dual paraboloid map of what it sees: by one ray a texel (*exact*), by splatted
-//! points (*imperfect*), or from an octree of the scene, shared by neighbouring VPLs (*megaviews*) or not (*manylods*).
+//! Once a pose: paths from lights and emissive surfaces leave VPLs, traced on the CPU as single f64 rays
+//! (`packets/single.rs`). A tree over position and normal groups them. Each VPL gets a dual paraboloid map: by one ray a
+//! texel (*exact*), by splatted points (*imperfect*), or from an octree of the scene, shared by neighbouring VPLs
+//! (*megaviews*) or not (*manylods*).
 //!
-//! Once a tile: shading leaves position, normal and albedo of each sub-sample (*guides*). Groups of VPLs that cannot light a block of
-//! 16×16 are culled, the rest are weighted, and with `--vpl-groups` some are drawn at random in place of all. Each sub-sample steps
-//! through the groups by weight, from another start than its neighbours. A cross-bilateral filter then shares what neighbours gathered.
+//! Once a tile: shading writes position, normal and albedo of each sub-sample (*guides*). Groups of VPLs that cannot
+//! light a block of 16×16 are culled and the rest are weighted; with `--vpl-groups` only some are drawn. Each sub-sample
+//! draws VPLs by weight, with another offset than its neighbours. A cross-bilateral filter then shares the gathered
+//! light.
 //!
 //! Each approximation is a knob of `VplKnobs` with a row in `argus study radiosity`, against a path-traced reference
 //! (`scene/src/reference/indirect.rs`).
@@ -54,38 +55,38 @@ use crate::resident::{Placement, upload};
 use emitters::Emitters;
 use surfaces::Surfaces;
 
-/// A virtual point light: a point of a surface that sends out flux by the cosine of its normal.
+/// A virtual point light: a surface point with cosine-distributed flux.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Vpl {
-    /// World space, metres; a hair off its surface.
+    /// World space, metres; slightly off its surface.
     pub(crate) position: DVec3,
-    /// Unit, on the side that is lit; zero for a particle, which shines everywhere.
+    /// Unit normal of the lit side; zero for a particle, which is omnidirectional.
     pub(crate) normal: Vec3,
     /// Watts.
     pub(crate) flux: Vec3,
-    /// Reflections behind it; 0 on a surface that emits.
+    /// Number of reflections so far; 0 on an emissive surface.
     pub(crate) bounces: u32,
 }
 
-/// What was found out about a scene's indirect light.
+/// Report on a scene's indirect light.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IndirectReport {
-    /// VPLs there are.
+    /// Number of VPLs.
     pub vpls: usize,
-    /// Sum of what they send out, watts.
+    /// Total flux, watts.
     pub flux: Vec3,
     /// Bytes of their maps.
     pub map_bytes: u64,
-    /// Milliseconds that tracing them took, building their tree, and making their maps.
+    /// Milliseconds of tracing the paths.
     pub trace_ms: f64,
-    /// Of the tree.
+    /// Milliseconds of building the tree.
     pub tree_ms: f64,
-    /// Of the maps; the scene's octree apart, which only what moves makes anew.
+    /// Milliseconds of rendering the maps, without the scene's octree.
     pub maps_ms: f64,
-    /// Of the scene's octree, where maps are made from it.
+    /// Milliseconds of building the scene's octree, if maps are made from it. Rebuilt only if the scene moves.
     pub octree_ms: f64,
-    /// Share of groups of VPLs that were left out, over all blocks of 16×16 sub-samples that see a surface; NaN
-    /// before anything was rendered.
+    /// Share of groups of VPLs that were culled, over all blocks of 16×16 sub-samples with surfaces. NaN before the first
+    /// tile.
     pub culled: f64,
 }
 
@@ -95,9 +96,9 @@ pub(crate) struct Radiosity {
     surfaces: Surfaces,
     bounds: Bounds,
     passes: Passes,
-    /// Of the surfaces where they are, once maps are made from it; with its number of levels.
+    /// Octree of the posed scene and its number of levels, if maps are made from it.
     octree: Option<(u32, Arc<Octree>)>,
-    /// Of the sizes that were used last.
+    /// Buffers of the most recently used sizes.
     scratch: Vec<IndirectScratch>,
     lit: Option<Lit>,
 }
@@ -107,32 +108,32 @@ struct Passes {
     filter: FilterIndirect,
 }
 
-/// VPLs at one moment.
+/// VPLs at one time.
 struct Lit {
     lighting: Lighting,
-    /// Seconds; where nothing drifts, any time is the same.
+    /// Seconds. Ignored without particles.
     time_secs: f64,
     vpls: wgpu::Buffer,
     nodes: wgpu::Buffer,
     groups: usize,
     maps: Maps,
     gather: Gather,
-    /// Blocks that saw anything, groups that they kept.
+    /// Number of blocks with surfaces, and of groups that they kept.
     kept: wgpu::Buffer,
     report: IndirectReport,
 }
 
-/// Most points of the pool that imperfect maps draw theirs from.
+/// Most points of the pool for imperfect maps.
 const MOST_POINTS: u64 = 1 << 20;
 
-/// Cells of an octree by which its maps may lie before the surface.
+/// Most cells by which an octree's maps may lie in front of the surface.
 const CELLS_BEFORE: f64 = 1.5;
 
-/// Tiles whose memory is kept: one of samples, one of views.
+/// Tiles whose buffers are kept: one of samples, one of views.
 const KEPT: usize = 2;
 
 impl Radiosity {
-    /// For a scene whose instances are where `placements` says.
+    /// The radiosity of a scene with these instances.
     pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Arc<Scene>, placements: &[Placement], knobs: VplKnobs) -> Self {
         let passes = Passes { cull: CullVpls::new(gpu), filter: FilterIndirect::new(gpu) };
         let surfaces = Surfaces::new(scene, placements);
@@ -140,23 +141,23 @@ impl Radiosity {
         Self { knobs, surfaces, bounds, passes, octree: None, scratch: Vec::new(), lit: None }
     }
 
-    /// Takes other knobs, by which the scene is lit anew.
+    /// Changes the knobs. Marks the light as out of date.
     pub(crate) fn set_knobs(&mut self, knobs: VplKnobs) {
         self.knobs = knobs;
         self.lit = None;
     }
 
-    /// Puts instances where they are now; what lit the scene before does not light it any more.
+    /// Moves instances. Marks the light as out of date.
     pub(crate) fn place(&mut self, placements: &[Placement]) {
         self.surfaces.place(placements);
         self.octree = None;
         self.lit = None;
     }
 
-    /// Traces VPLs and makes their maps, unless that was done for this moment and these lights.
+    /// Traces VPLs and renders their maps, unless they are up to date for this time and these lights.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] if maps are larger than the device can bind.
+    /// [`RenderError::OutOfMemory`] if the maps exceed what the device can bind.
     pub(crate) fn ready(&mut self, inputs: &LightInputs<'_>) -> Result<Vec<Stage>, RenderError> {
         let LightInputs { gpu, tracer, lighting, time_secs, .. } = *inputs;
         let drifts = self.knobs.particles > 0;
@@ -290,13 +291,13 @@ impl Radiosity {
         AdoptMaps::new(gpu).record(gpu, &mut commands, &views, parameters, &eyes);
         commands.submit().wait()?;
         let maps = views.maps();
-        // A cell stands for what it holds anywhere in it.
+        // A surface may be anywhere in its cell.
         let cell = octree.root.edge * (-f64::from(octree.depth)).exp2();
         let (arrays, shift) = (maps.arrays.clone(), maps.shift);
         Ok(Maps { arrays, shift, inverse: true, slack: CELLS_BEFORE * cell, eyes })
     }
 
-    /// Memory for a tile of that many sub-samples.
+    /// Buffers for a tile of `size` sub-samples.
     fn scratch(&mut self, gpu: &Gpu, size: [u32; 2]) -> IndirectScratch {
         let kept = self.scratch.iter().position(|s| s.size() == size);
         let scratch = match kept {
@@ -308,7 +309,7 @@ impl Radiosity {
         scratch
     }
 
-    /// Adds the indirect light of a tile that was shaded.
+    /// Adds the indirect light of a shaded tile.
     pub(crate) fn record(&mut self, commands: &mut Commands, context: &TileContext<'_>) {
         if self.lit.as_ref().is_none_or(|lit| lit.report.vpls == 0) {
             return;
@@ -318,7 +319,7 @@ impl Radiosity {
         let diagonal = self.bounds.size().length();
         let knobs = &self.knobs;
         let is_list = context.places.is_some();
-        // Pixels of a list have no neighbours to filter with: each gathers for a whole square of them.
+        // Listed pixels have no neighbours to filter with, so each draws as many VPLs as a square of neighbours.
         let samples =
             if is_list && knobs.filter > 0 { knobs.samples.saturating_mul(16) } else { knobs.samples };
         let gathering = layout::Gathering {
@@ -345,7 +346,7 @@ impl Radiosity {
         self.passes.filter.record(commands, &gathered, &context.targets.shaded);
     }
 
-    /// What is known, if anything was lit yet; what was culled since the last call.
+    /// Report with the culling since the last call. `None` before the first light.
     pub(crate) fn report(&self, gpu: &Arc<Gpu>) -> Result<Option<IndirectReport>, RenderError> {
         let Some(lit) = &self.lit else { return Ok(None) };
         let mut commands = gpu.commands("read kept groups");
@@ -360,7 +361,7 @@ impl Radiosity {
     }
 }
 
-/// Whether maps of that many bytes can be bound.
+/// Fails if maps of that many bytes cannot be bound.
 fn fits(gpu: &Gpu, vpls: usize, side: u32, bytes: u64) -> Result<(), RenderError> {
     let limits = gpu.device.limits();
     let most = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
@@ -373,14 +374,14 @@ fn fits(gpu: &Gpu, vpls: usize, side: u32, bytes: u64) -> Result<(), RenderError
     )))
 }
 
-/// Particles as lights that VPLs are gathered with.
+/// Particles as VPLs.
 fn particles(knobs: &VplKnobs, bounds: Bounds, time_secs: f64) -> impl Iterator<Item = Vpl> {
     let all = argus_scene::particles::glowing(&bounds, knobs.particles, knobs.seed, time_secs);
     all.into_iter().map(|p| Vpl { position: p.position, normal: Vec3::ZERO, flux: p.flux, bounces: 0 })
 }
 
 fn vpl_about(vpl: &Vpl, root: DVec3) -> layout::Vpl {
-    // Flux leaves a surface by the cosine, π of it in all, and a particle into the whole sphere.
+    // A surface emits by the cosine (π in total), a particle into the whole sphere (4π).
     let solid_angle = if vpl.normal == Vec3::ZERO { 4.0 } else { 1.0 } * std::f32::consts::PI;
     layout::Vpl {
         position: (vpl.position - root).as_vec3().to_array(),

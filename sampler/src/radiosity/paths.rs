@@ -1,7 +1,7 @@
-//! Paths from the lights, and the VPLs that they leave (Keller, "Instant Radiosity", 1997).
+//! Traces paths from the lights, which leave VPLs (Keller, "Instant Radiosity", 1997).
 //!
-//! Every path carries flux that is unbiased for the whole of the light: chosen by power, thinned by albedo, ended by
-//! Russian roulette. A VPL is what a surface reflects of it, diffusely: its flux leaves by the cosine of the normal.
+//! Paths are unbiased: sources are sampled by power, flux is multiplied by albedo, and paths end by Russian roulette. A
+//! VPL is the diffuse reflection at a hit.
 
 use argus_scene::Bounds;
 use glam::{DVec3, Vec3};
@@ -13,15 +13,14 @@ use super::surfaces::Surfaces;
 use super::{Vpl, VplKnobs};
 use crate::packets::PacketTracer;
 
-/// Paths are traced so many at a time, in parallel, and counted in order.
+/// Paths traced in parallel at a time. They are consumed in order.
 const BATCH: u32 = 1024;
-/// Paths for each VPL that is wanted, at most: where lights miss the scene.
+/// Most paths for each wanted VPL, for lights that miss the scene.
 const MOST_ATTEMPTS: u32 = 16;
-/// Shading normals far off the triangle's would let a path of light grow without bound.
+/// Limit of the shading-normal correction, which is unbounded otherwise.
 const STEEPEST: f32 = 4.0;
 
-/// Traces paths until there are as many VPLs as wanted; fewer where light hits too little. `off` metres is how far
-/// off their surfaces paths continue.
+/// Traces paths until there are `wanted` VPLs, or too few paths hit. Paths continue `off` metres off their surfaces.
 pub(crate) fn trace(
     tracer: &PacketTracer,
     surfaces: &Surfaces,
@@ -49,18 +48,19 @@ pub(crate) fn trace(
             }
         }
     }
-    // Each of them is one of so many paths.
+    // Divides the flux by the number of paths.
     let share = 1.0 / paths.max(1) as f32;
     vpls.iter_mut().for_each(|vpl| vpl.flux *= share);
     vpls
 }
 
-/// How far off a surface a ray must start not to meet it again: more than the f32 corners of a hierarchy are off.
+/// Distance off a surface at which rays start, so that they do not hit it again: more than the error of f32 corners.
+/// Metres.
 pub(crate) fn off_surface(bounds: Bounds) -> f64 {
     bounds.size().length() * (-22f64).exp2()
 }
 
-/// The VPLs of one path, for flux that is not divided by the number of paths yet.
+/// The VPLs of one path. Their flux is not yet divided by the number of paths.
 fn follow(
     tracer: &PacketTracer,
     surfaces: &Surfaces,
@@ -83,8 +83,8 @@ fn follow(
             flux *= emission.left_at(hit.t);
         }
         let (by_shading, by_triangle) = (-direction.dot(point.normal), -direction.dot(point.side));
-        // Light that grazes below either normal is not reflected; the ratio is what Veach ("Robust Monte Carlo
-        // Methods", 1997, section 5.3) corrects light paths by.
+        // Light below either normal is not reflected. The ratio is Veach's correction for light paths ("Robust Monte
+        // Carlo Methods", 1997, section 5.3).
         let correction = (by_shading.max(0.0) / by_triangle.max(1e-9)) as f32;
         let reflected = flux * point.albedo * correction.min(STEEPEST);
         if !(reflected.max_element() > 0.0 && reflected.is_finite()) {
@@ -92,7 +92,7 @@ fn follow(
         }
         origin += direction * hit.t + point.side * off;
         vpls.push(Vpl { position: origin, normal: point.side.as_vec3(), flux: reflected, bounces: bounce });
-        // A path goes on as often as its surface reflects, so that those that do carry about as much as before.
+        // Russian roulette by albedo, so that surviving paths keep about the same flux.
         let survives = (f64::from(point.albedo.element_sum()) / 3.0).clamp(0.05, 1.0);
         if bounce == knobs.bounces || path.next() >= survives {
             break;
@@ -103,7 +103,7 @@ fn follow(
     vpls
 }
 
-/// Sum of what VPLs send out, watts.
+/// Total flux of VPLs, watts.
 pub(crate) fn total_flux(vpls: &[Vpl]) -> Vec3 {
     let sum: DVec3 = vpls.iter().map(|vpl| vpl.flux.as_dvec3()).sum();
     sum.as_vec3()

@@ -1,11 +1,10 @@
-//! The numbers that paths are made of.
+//! Quasi-random numbers of paths.
 
-/// Bases of the dimensions in which points are spread evenly: choice of a light, place and direction on it, first
-/// reflections.
+/// Bases of the Halton dimensions: choice of a light, position and direction on it, first reflections.
 const BASES: [u32; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
 
-/// Numbers in 0..1 of one path: its first dimensions from a Halton sequence that the seed rotates (Cranley and
-/// Patterson 1976), the rest from SplitMix64.
+/// Numbers in 0..1 of one path. The first dimensions are a Halton sequence with a Cranley-Patterson rotation by the seed
+/// (1976), the others SplitMix64.
 pub(crate) struct Path {
     index: u32,
     seed: u64,
@@ -13,12 +12,12 @@ pub(crate) struct Path {
 }
 
 impl Path {
-    /// The path of that index.
+    /// The numbers of the path with that index.
     pub(crate) fn new(index: u32, seed: u32) -> Self {
         Self { index, seed: u64::from(seed) << 32, dimension: 0 }
     }
 
-    /// The next dimension's number.
+    /// The number of the next dimension.
     pub(crate) fn next(&mut self) -> f64 {
         let dimension = self.dimension;
         self.dimension += 1;
@@ -29,7 +28,7 @@ impl Path {
     }
 }
 
-/// The digits of a number behind the point, in reverse.
+/// Radical inverse of a number.
 fn radical_inverse(mut index: u32, base: u32) -> f64 {
     let (mut inverse, mut digit) = (0.0, 1.0 / f64::from(base));
     while index > 0 {
@@ -40,7 +39,8 @@ fn radical_inverse(mut index: u32, base: u32) -> f64 {
     inverse
 }
 
-/// SplitMix64's mixing (Steele, Lea, Flood, "Fast Splittable Pseudorandom Number Generators", 2014), to 0..1.
+/// SplitMix64's mixing function (Steele, Lea, Flood, "Fast Splittable Pseudorandom Number Generators", 2014), mapped to
+/// 0..1.
 pub(crate) fn mixed(x: u64) -> f64 {
     let z = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);

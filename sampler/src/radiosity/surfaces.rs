@@ -1,7 +1,6 @@
-//! What light does at a surface, as far as paths need to know: where it is, and how much it reflects and emits.
+//! Surface properties that paths need: position, reflectance and emission.
 //!
-//! Textures are read from a coarse level: a VPL stands for its surroundings, and the mean of what it could have hit is
-//! what it should reflect.
+//! Textures are read from a coarse level, because a VPL represents its neighbourhood.
 
 use std::sync::Arc;
 
@@ -12,18 +11,18 @@ use glam::{DMat3, DVec3, Vec2, Vec3, Vec4};
 use crate::packets::Hit;
 use crate::resident::Placement;
 
-/// Texels on the longer side of the level that is read.
+/// Texels on the longer side of that level.
 const LEVEL_SIDE: f32 = 64.0;
 
 /// A scene's materials on the CPU.
 pub(crate) struct Surfaces {
     scene: Arc<Scene>,
     textures: Vec<MipChain>,
-    /// One an instance; none for those that are nowhere.
+    /// One entry an instance; `None` if it is not placed.
     placements: Vec<Option<Placement>>,
 }
 
-/// A point of a surface, on the side that is met.
+/// A surface point, on the side that is hit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Point {
     /// Unit normal of the triangle.
@@ -37,7 +36,7 @@ pub(crate) struct Point {
 }
 
 impl Surfaces {
-    /// With the instances where they are.
+    /// The surfaces of a scene with these instances.
     pub(crate) fn new(scene: &Arc<Scene>, placements: &[Placement]) -> Self {
         let mut surfaces =
             Self { scene: Arc::clone(scene), textures: mip_chains(scene), placements: Vec::new() };
@@ -45,7 +44,7 @@ impl Surfaces {
         surfaces
     }
 
-    /// Puts the instances where they are now.
+    /// Moves instances.
     pub(crate) fn place(&mut self, placements: &[Placement]) {
         self.placements = vec![None; self.scene.instances.len()];
         for placement in placements {
@@ -53,7 +52,7 @@ impl Surfaces {
         }
     }
 
-    /// The instances that can be seen.
+    /// The visible instances.
     pub(crate) fn placements(&self) -> impl Iterator<Item = &Placement> {
         self.placements.iter().flatten()
     }
@@ -62,17 +61,17 @@ impl Surfaces {
         &self.scene
     }
 
-    /// Corners of every triangle that can be seen, world space; some may not be finite.
+    /// Corners of all visible triangles, world space. Some may not be finite.
     pub(crate) fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> + '_ {
         self.placements()
             .flat_map(|placement| placement.triangles(&self.scene.meshes[placement.mesh as usize]))
     }
 
-    /// The surface that a ray along `direction` met; none where its triangle has no normal.
+    /// The surface of a hit of a ray along `direction`. `None` for a degenerate triangle.
     pub(crate) fn hit(&self, hit: &Hit, direction: DVec3) -> Option<Point> {
         let placement = self.placements.get(hit.instance as usize)?.as_ref()?;
         let side = self.normal(placement, hit.primitive)?;
-        // Towards where the ray came from, whichever way the triangle is wound.
+        // Towards the ray's origin, whatever the winding.
         let away = side.dot(direction) > 0.0;
         self.point(placement, hit.primitive, hit.weights, if away { -side } else { side })
     }
@@ -124,7 +123,7 @@ impl Surfaces {
     }
 }
 
-/// Without what is negative or no number.
+/// Clamps negative values and NaN to 0.
 fn sound(color: Vec3) -> Vec3 {
     let channel = |x: f32| if x > 0.0 && x.is_finite() { x } else { 0.0 };
     Vec3::new(channel(color.x), channel(color.y), channel(color.z))

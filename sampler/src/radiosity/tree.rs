@@ -1,7 +1,6 @@
-//! A tree over VPLs, so that groups of them are culled at once.
+//! A tree over VPLs, for culling groups of them.
 //!
-//! Nodes are in the order of a walk; each says where the walk goes on if its VPLs are left out. Leaves hold runs of
-//! VPLs, in the order that the tree puts them into.
+//! Nodes are in depth-first order, with a skip link past the subtree. Leaves are ranges of the sorted VPLs.
 
 use glam::{DVec3, Vec3};
 
@@ -10,28 +9,28 @@ use super::Vpl;
 /// A group of VPLs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Node {
-    /// Middle of a ball around their positions.
+    /// Centre of a bounding sphere of the positions.
     pub(crate) center: DVec3,
     /// Its radius.
     pub(crate) radius: f64,
-    /// Axis of a cone that holds their normals; zero if none narrower than all directions does.
+    /// Axis of the cone of normals; zero if it covers all directions.
     pub(crate) axis: DVec3,
     /// Cosine of the cone's half angle, −1 for all directions.
     pub(crate) cosine: f64,
     /// Sum of their flux, mean of the channels, watts.
     pub(crate) power: f64,
-    /// The first of them.
+    /// First VPL.
     pub(crate) first: u32,
-    /// How many.
+    /// Number of VPLs.
     pub(crate) count: u32,
-    /// The node after all that are below this one.
+    /// The node after this subtree.
     pub(crate) skip: u32,
-    /// Whether none is below it.
+    /// Whether it is a leaf.
     pub(crate) leaf: bool,
 }
 
-/// Sorts VPLs into a tree of `levels` levels below its root; leaves are as even as halving makes them. Nearness of
-/// normals counts as nearness of positions, all of them opposite as `spread` metres.
+/// Sorts VPLs into a tree of `levels` levels below its root, by repeated halving. Distance of normals counts like
+/// distance of positions: opposite normals count as `spread` metres.
 pub(crate) fn build(vpls: &mut [Vpl], levels: u32, spread: f64) -> Vec<Node> {
     let mut nodes = Vec::new();
     if !vpls.is_empty() {
@@ -64,7 +63,7 @@ fn split(vpls: &mut [Vpl], first: u32, levels: u32, spread: f64, nodes: &mut Vec
     nodes[index].skip = nodes.len() as u32;
 }
 
-/// A leaf of those VPLs, wider than they are by what f32 rounds.
+/// A leaf of these VPLs, with slack for f32 rounding.
 fn around(vpls: &[Vpl], first: u32) -> Node {
     let mut bounds = argus_scene::Bounds::EMPTY;
     vpls.iter().for_each(|vpl| bounds.extend(vpl.position));
