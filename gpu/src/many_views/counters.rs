@@ -1,72 +1,72 @@
-//! What a traversal counts while it runs.
+//! Counters of a traversal.
 
 use argus_scene::Stage;
 
 use super::schedule::Step;
 use super::traverse::Part;
 
-/// Words at the beginning: whether there are more maps than there is room for.
+/// Words of the header: whether there are more maps than allocated.
 pub(super) const HEAD: u32 = 8;
 /// Words of an entry.
 pub(super) const ENTRY: u32 = 8;
 
-/// Where a pass's queues are counted: its entry 0 is the seeds', entry i + 1 what step i queued and tested.
+/// First word of an entry of a pass. Entry 0 counts seeds; entry i + 1 counts what step i queued and tested.
 pub(super) fn entry(pass: u32, step: usize, steps: usize) -> u32 {
     HEAD + (pass * (steps as u32 + 1) + step as u32) * ENTRY
 }
 
-/// The word that says whether a queue of a part overflowed: the last of its seeds' entry.
+/// The word that is set if a queue of a part overflowed: the last of its entry 0.
 pub(super) fn overflow(pass: u32, steps: usize) -> u32 {
     entry(pass, 0, steps) + ENTRY - 1
 }
 
-/// What one step did, over all parts.
+/// Counts of one step, summed over all parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StepStats {
-    /// Level of the scene's nodes in the pairs tested.
+    /// Level of the scene nodes of the tested pairs.
     pub scene_level: u32,
-    /// Level of the view nodes in them.
+    /// Level of the view nodes of the tested pairs.
     pub view_level: u32,
-    /// Pairs tested: those that a queue of untested pairs would have held.
+    /// Tested pairs: those that a queue of untested pairs would have held.
     pub tested: u64,
-    /// Of these, culled.
+    /// Tested pairs that were culled.
     pub culled: u64,
-    /// Of these, rendered.
+    /// Tested pairs that were rendered.
     pub rendered: u64,
-    /// Of these, queued: to be divided, or in the last step, to fill many texels.
+    /// Tested pairs that were queued, to be divided or, in the last step, to fill many texels.
     pub queued: u64,
-    /// Views that share a rendered pair, summed over those.
+    /// Sum of the number of views that share a rendered pair.
     pub sharing: u64,
 }
 
-/// What a frame did.
+/// Statistics of a frame.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrameStats {
-    /// Step by step.
+    /// Counts by step.
     pub steps: Vec<StepStats>,
-    /// Times that what overflowed was split in eight: 0 where one pass held all pairs.
+    /// Number of times that overflowing parts were split in eight; 0 if one pass held all pairs.
     pub multipass_level: u32,
-    /// Frames that were thrown away because a queue or the maps overflowed.
+    /// Discarded frames whose queues or maps overflowed.
     pub reruns: u32,
-    /// Whether each view was traversed by itself because too few shared anything in a frame before.
+    /// Whether each view was traversed alone, because views shared too little in an earlier frame.
     pub fell_back: bool,
-    /// Levels of the view octree below its root that divide cells; 0 where there is none.
+    /// Levels of the view octree that divide cells; 0 without a view octree.
     pub view_depth: u32,
-    /// Whether one below them tells views apart by direction.
+    /// Whether one more level divides views by direction.
     pub tells_directions: bool,
-    /// Maps, those of inner nodes counted.
+    /// Number of maps, inner nodes included.
     pub maps: u32,
-    /// Nodes of the view octree; the views where there is none.
+    /// Nodes of the view octree; the number of views without one.
     pub view_nodes: u32,
-    /// Leaves of the view octree; the views where there is none.
+    /// Leaves of the view octree; the number of views without one.
     pub view_leaves: u32,
-    /// From the call to the last counter, milliseconds by the clock; frames thrown away counted.
+    /// Milliseconds of wall time from the call to the last counter, discarded frames included.
     pub frame_ms: f64,
-    /// Device time of the frame that counts, by stage; empty where the device cannot time.
+    /// Device time of the kept frame, by stage. Empty without timestamps.
     pub stages: Vec<Stage>,
     /// Bytes of the maps.
     pub map_bytes: u64,
-    /// Bytes of both queues as they are allocated.
+    /// Bytes of both queues.
     pub queue_bytes: u64,
     /// Bytes of the view octree.
     pub view_bytes: u64,
@@ -83,12 +83,12 @@ impl FrameStats {
         self.steps.iter().map(|step| step.rendered).sum()
     }
 
-    /// Most pairs that one queue held, as if there had been one pass.
+    /// Most pairs in one queue, as if there had been one pass.
     pub fn peak_queued(&self) -> u64 {
         self.steps.iter().map(|step| step.queued).max().unwrap_or(0)
     }
 
-    /// Most pairs that one queue would have held if pairs were queued before they are tested.
+    /// Most pairs in one queue if pairs were queued before they are tested.
     pub fn peak_untested(&self) -> u64 {
         self.steps.iter().map(|step| step.tested).max().unwrap_or(0)
     }

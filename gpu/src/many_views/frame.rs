@@ -1,4 +1,4 @@
-//! A frame of many views, from top to bottom.
+//! Renders frames of many views.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -16,12 +16,12 @@ use super::{Knobs, MapSet, Occlusion, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, MAX_DEPTH, Octree, largest_array};
 use crate::{Commands, Gpu};
 
-/// Parts of a frame beyond which none is split further: their dispatches alone would take longer than the pairs.
+/// Most parts of a frame. With more, the dispatches would take longer than the pairs.
 const MAX_PARTS: usize = 1024;
-/// Bytes of a queue where nobody says otherwise, at most.
+/// Most bytes of a queue by default.
 const QUEUE_BYTES: u64 = 1 << 30;
 
-/// Renders maps of one octree, frame after frame; remembers with which parts and how many maps the last one fitted.
+/// Renders maps of one octree, frame by frame. Keeps the parts and the number of maps with which the last frame fitted.
 #[derive(Debug)]
 pub struct ManyViews {
     gpu: Arc<Gpu>,
@@ -33,11 +33,11 @@ pub struct ManyViews {
     views: ViewOctree,
     maps: MapSet,
     queues: Queues,
-    /// What is traversed one after the other, so that the queues hold it.
+    /// Parts that are traversed one after another, so that each fits the queues.
     parts: Vec<Part>,
-    /// Times that a part was split.
+    /// Number of times that parts were split.
     multipass_level: u32,
-    /// Whether views are traversed each by itself though they might share.
+    /// Whether each view is traversed alone although sharing is on.
     fell_back: bool,
     owners: Option<NodeOwners>,
 }
@@ -46,7 +46,7 @@ impl ManyViews {
     /// Makes the pipelines.
     ///
     /// # Errors
-    /// A knob out of range, or a device that lacks what it takes.
+    /// A knob out of range, or the device lacks a feature or memory.
     pub fn new(gpu: &Arc<Gpu>, octree: Arc<Octree>, knobs: Knobs) -> Result<Self, HierarchyError> {
         knobs.validate()?;
         let pairs = (largest_array(gpu).min(QUEUE_BYTES) / 8) as u32;
@@ -71,11 +71,10 @@ impl ManyViews {
         })
     }
 
-    /// For this octree and these knobs: what was `kept` from before if its knobs are the same, which saves making the
-    /// pipelines; else as [`Self::new`].
+    /// Reuses `kept` for this octree if its knobs are the same, which saves making pipelines. Otherwise makes a new one.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// The errors of [`Self::new`].
     pub fn reuse_or_new(
         kept: Option<Self>,
         gpu: &Arc<Gpu>,
@@ -91,11 +90,11 @@ impl ManyViews {
         Ok(kept)
     }
 
-    /// Goes on with another octree, such as the same scene's at the next moment. Programs are kept where its texels are
-    /// divided alike, which is as long as its root is and, in texels of 32 bits, its nodes are about as many.
+    /// Replaces the octree, such as by that of the next pose. Pipelines are kept if the texel encoding is the same: same
+    /// root and, for texels of 32 bits, about as many nodes.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// The errors of [`Self::new`].
     pub fn set_octree(&mut self, octree: Arc<Octree>) -> Result<(), HierarchyError> {
         Self::begins(&self.knobs, &octree, self.queues.capacity)?;
         let code = TexelCode::new(self.knobs.texel, octree.node_count(), octree.root.edge)?;
@@ -104,13 +103,13 @@ impl ManyViews {
             self.traverse = Traverse::new(&self.gpu, &self.knobs, &self.maps, self.owners.is_some());
             self.fuse = Fuse::new(&self.gpu, &self.maps);
         }
-        // Maps and parts are made for the next list of views, as at first.
+        // The next list of views allocates maps and parts again.
         self.views = ViewOctree::new(&self.gpu, 0, 0, false)?;
         self.octree = octree;
         Ok(())
     }
 
-    /// Whether a queue holds what a traversal begins with, however its views are split.
+    /// Fails if a queue cannot hold the first pairs of a traversal, however views are split.
     fn begins(knobs: &Knobs, octree: &Octree, pairs: u32) -> Result<(), HierarchyError> {
         if knobs.scene_hierarchy || octree.leaf_count() <= pairs {
             return Ok(());
@@ -119,10 +118,10 @@ impl ManyViews {
         Err(HierarchyError::TooLarge { what: "leaves of the scene in a queue of pairs", needed, limit })
     }
 
-    /// Leaves out of each view what is its own from now on.
+    /// Culls each view's own nodes from now on.
     ///
     /// # Errors
-    /// [`HierarchyError::OutOfRange`] where views share maps: what is one's own is another's to see.
+    /// [`HierarchyError::OutOfRange`] if views share maps, because a node of one view is visible to others.
     pub fn cull_own_nodes(&mut self, owners: NodeOwners) -> Result<(), HierarchyError> {
         if self.knobs.sharing {
             let range = "off where views cull their own nodes".to_owned();
@@ -135,12 +134,11 @@ impl ManyViews {
         Ok(())
     }
 
-    /// Renders the maps of all views. A frame in which a queue or the maps overflowed is thrown away and run again,
-    /// the parts that overflowed split in eight: what lies below each child of a view node, or fewer views. The next
-    /// frame begins with those parts. Bytes do not depend on the parts.
+    /// Renders the maps of all views. If a queue or the maps overflow, the frame is discarded and rendered again with the
+    /// overflowing parts split in eight. The next frame starts with those parts. Bytes do not depend on the parts.
     ///
     /// # Errors
-    /// Maps or queues that do not fit into this device's memory however they are split, or a fault of the device.
+    /// Maps or queues exceed the device's memory however they are split, or the device failed.
     pub fn render(&mut self, views: &ViewList) -> Result<FrameStats, HierarchyError> {
         let begin = Instant::now();
         self.make_room(views)?;
@@ -163,7 +161,7 @@ impl ManyViews {
             let sizes = [map_total[0], levels[0][0] + 1, levels[self.views.depth as usize][1]];
             let [maps, view_nodes, view_leaves] = if self.shares() { sizes } else { [views.count; 3] };
             if maps > self.maps.capacity {
-                // Views move: a little room saves the next frames from the same.
+                // Slack for views that move.
                 let roomy = maps.saturating_add(maps / 16);
                 self.set_maps(roomy).or_else(|_| self.set_maps(maps))?;
             } else if !self.split_what_overflowed(&words, steps.len())? {
@@ -191,7 +189,7 @@ impl ManyViews {
         }
     }
 
-    /// Splits the parts of the frame whose queues overflowed in eight; whether there were any.
+    /// Splits the parts whose queues overflowed in eight. Returns whether there were any.
     fn split_what_overflowed(&mut self, words: &[u32], steps: usize) -> Result<bool, HierarchyError> {
         let shells = self.knobs.shells().len() as u32;
         let has_overflowed = |part: u32| {
@@ -225,15 +223,15 @@ impl ManyViews {
         &self.maps
     }
 
-    /// A word a view of the latest frame: its map, which views of one leaf share.
+    /// A word a view of the latest frame: the index of its map. Views of one leaf share a map.
     pub fn map_of_view(&self) -> &Buffer {
         &self.views.leaf_of_view
     }
 
-    /// The map of each view of the latest frame, read back.
+    /// Reads back the map index of each view of the latest frame.
     ///
     /// # Errors
-    /// A fault of the device.
+    /// The device failed.
     pub fn map_of_views(&self, views: usize) -> Result<Vec<u32>, HierarchyError> {
         let size = views as u64 * 4;
         let mut commands = self.gpu.commands("maps of views");
@@ -242,10 +240,10 @@ impl ManyViews {
         Ok(bytemuck::pod_collect_to_vec(&bytes[..size as usize]))
     }
 
-    /// The position that each map of the latest frame is rendered from, world space, read back.
+    /// Reads back the centre of each map of the latest frame, world space.
     ///
     /// # Errors
-    /// A fault of the device.
+    /// The device failed.
     pub fn read_map_centers(&self) -> Result<Vec<DVec3>, HierarchyError> {
         let size = u64::from(self.maps.capacity) * 16;
         let mut commands = self.gpu.commands("map centres");
@@ -255,13 +253,13 @@ impl ManyViews {
         Ok(words.iter().map(world).collect())
     }
 
-    /// Four words a map of the latest frame: the position that it is rendered from (f32, edges of the octree's root),
-    /// and the map that it continues.
+    /// Four words a map of the latest frame: its centre (f32, edges of the octree's root), and the index of its parent
+    /// map.
     pub fn map_centers(&self) -> &Buffer {
         &self.views.maps
     }
 
-    /// The octree whose maps these are.
+    /// The octree of the maps.
     pub fn octree(&self) -> &Arc<Octree> {
         &self.octree
     }
@@ -271,11 +269,11 @@ impl ManyViews {
         &self.knobs
     }
 
-    /// Looks texels up in the latest frame's maps, those above them included, whether they are fused or not: for each
-    /// (map, texel), the bits of its inverse range and its node.
+    /// Looks up texels in the latest frame's maps and their parents, fused or not. Returns for each (map, texel) the bits
+    /// of its inverse range, and its node.
     ///
     /// # Errors
-    /// A fault of the device.
+    /// The device failed.
     pub fn query(&self, queries: &[[u32; 2]]) -> Result<Vec<[u32; 2]>, HierarchyError> {
         let asked = self.gpu.upload("queries", queries, BufferUsages::STORAGE);
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
@@ -314,28 +312,28 @@ impl ManyViews {
         }
     }
 
-    /// Each part once for each shell, one after the other.
+    /// Passes: each part once for each shell.
     fn passes(&self) -> Vec<Part> {
         let shells = self.knobs.shells().len();
         self.parts.iter().flat_map(|part| std::iter::repeat_n(*part, shells)).collect()
     }
 
-    /// Whether the next frame has a hierarchy over the views.
+    /// Whether the next frame uses a view octree.
     fn shares(&self) -> bool {
         self.knobs.sharing && !self.fell_back
     }
 
-    /// Levels of the hierarchy over the views by place, 0 without one; and whether there is one more by direction.
+    /// Levels of the view octree by position (0 without one), and whether there is one more by direction.
     fn view_levels(&self, views: &ViewList) -> (u32, bool) {
         if !self.shares() {
             return (0, false);
         }
         let places = self.knobs.view_depth.unwrap_or_else(|| views.depth_for(self.octree.depth));
-        // Codes of more levels than that do not fit.
+        // Morton codes of more levels do not fit.
         (places, self.knobs.tells_directions && views.look && places < MAX_DEPTH)
     }
 
-    /// Room for the views and, to begin with, for about as many maps.
+    /// Allocates the view octree, and at first about as many maps as views.
     fn make_room(&mut self, views: &ViewList) -> Result<(), HierarchyError> {
         if self.views.capacity != views.count {
             self.fell_back = false;
@@ -363,7 +361,7 @@ impl ManyViews {
         Ok(())
     }
 
-    /// Room for the counters of all passes.
+    /// Allocates the counters of all passes.
     fn make_counters(&mut self, words: u32) {
         let words = words.max(HEAD);
         if self.queues.counters.size() < u64::from(words) * 4 {

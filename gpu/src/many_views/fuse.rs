@@ -1,4 +1,4 @@
-//! Maps that take what the maps above them hold, and texels looked up without that. Program: `shaders/gpu/fuse.wgsl`.
+//! Fuses maps with their parents, and looks up texels of unfused maps. Program: `shaders/gpu/fuse.wgsl`.
 
 use argus_shaders::gpu::FUSE;
 use argus_shaders::layout::gpu::Fusion;
@@ -16,14 +16,14 @@ pub(super) struct Fuse {
 }
 
 impl Fuse {
-    /// For maps like these, however many.
+    /// Pipelines for maps of this layout.
     pub(super) fn new(gpu: &Gpu, maps: &MapSet) -> Self {
         let constants = maps.constants();
         let pipeline = |entry| gpu.compute_pipeline_with(&FUSE, entry, &constants);
         Self { fuse: pipeline("fuse"), query: pipeline("query") }
     }
 
-    /// From the root's map down to those of the leaves.
+    /// Fuses from the root's map to those of the leaves.
     pub(super) fn run(&self, commands: &mut Commands, traverse: &Traverse, inputs: &TraversalInputs<'_>) {
         let arguments = traverse.prepare_fusion(commands, inputs);
         for level in 0..=inputs.views.depth {

@@ -1,4 +1,4 @@
-//! Maps of many views from random points: the same number for each, wherever it is. Program:
+//! Maps of many views from random points, with the same number of points for each view. Program:
 //! `shaders/gpu/imperfect_views.wgsl`.
 
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::{FrameStats, Knobs, MapSet, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, SphereHierarchy, fits};
 use crate::{ComputePipeline, Gpu};
 
-/// Imperfect shadow maps (Ritschel et al. 2008), to compare with: their time does not depend on the scene.
+/// Imperfect shadow maps (Ritschel et al. 2008), for comparison. Their cost does not depend on the scene.
 #[derive(Debug)]
 pub struct ImperfectViews {
     gpu: Arc<Gpu>,
@@ -30,7 +30,7 @@ pub struct ImperfectViews {
 }
 
 impl ImperfectViews {
-    /// Takes its points from the leaves of a sphere hierarchy; of the knobs, resolution and texels count.
+    /// Uses the leaves of a sphere hierarchy as points. Of the knobs, only resolution and texel format matter.
     ///
     /// # Errors
     /// A knob out of range, or a resolution that is no power of two.
@@ -55,10 +55,10 @@ impl ImperfectViews {
         })
     }
 
-    /// Splats so many points into each view's map and fills what is left open; map and view have the same number.
+    /// Splats `points` points into each view's map and fills gaps. Map and view have the same index.
     ///
     /// # Errors
-    /// Maps that do not fit, or a fault of the device.
+    /// Maps exceed the device's memory, or the device failed.
     pub fn render(&mut self, views: &ViewList, points: u32) -> Result<FrameStats, HierarchyError> {
         let begin = Instant::now();
         let side = self.knobs.side;
@@ -98,7 +98,7 @@ impl ImperfectViews {
         with_maps(call, &self.maps)
             .immediates(bytemuck::bytes_of(&step))
             .dispatch_linear(u64::from(views.count) * u64::from(points));
-        // Where each level begins in the pyramid.
+        // Offset of each level in the pyramid.
         let mut begins = vec![0];
         for level in 1..=side.ilog2() {
             let own = if level == 1 { 0 } else { 2 * views.count * (side >> (level - 1)).pow(2) };

@@ -1,18 +1,18 @@
-//! What a traversal may be told.
+//! Settings of traversals.
 
 use super::Texel;
 use crate::hierarchy::{HierarchyError, MAX_DEPTH};
 
-/// Whether pairs are left out behind what a map already holds.
+/// Occlusion culling of pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Occlusion {
-    /// No.
+    /// No occlusion culling.
     Off,
-    /// Pairs are met in shells, the near ones first, and left out where a map already holds what hides them. Strictly
-    /// conservative: maps are the same, byte for byte. What is counted may vary from run to run.
+    /// Pairs are traversed in shells, near ones first, and culled where a map already has nearer texels. Conservative:
+    /// maps have the same bytes. Counts may vary between runs.
     Shells,
-    /// Pairs are left out behind what the last frame's maps hold, which stay: how much the same test could leave out if
-    /// it knew all beforehand. To measure with, where nothing moves; else maps are wrong.
+    /// Pairs are culled against the last frame's maps, which are kept. Measures the upper bound of culling for static
+    /// scenes; wrong if anything moves.
     Known,
 }
 
@@ -20,7 +20,7 @@ impl Occlusion {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Off, Self::Shells, Self::Known];
 
-    /// As options and tables have it.
+    /// Name in options and tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
@@ -30,63 +30,62 @@ impl Occlusion {
     }
 }
 
-/// What bounds the views of a node of their octree.
+/// Bounding volume of the views of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Bounding {
-    /// The sphere around their cell, as in the paper.
+    /// The sphere around the cell, as in the paper.
     Cell,
-    /// A sphere around the views themselves where that is smaller.
+    /// A sphere around the views, if it is smaller.
     Tight,
 }
 
 /// What a traversal may be told.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Knobs {
-    /// Texels of a hemisphere's side: 8 to 1024.
+    /// Texels on a side of a hemisphere: 8 to 1024.
     pub side: u32,
-    /// What a texel holds.
+    /// Format of texels.
     pub texel: Texel,
-    /// How large a node may appear and still be rendered whole, texels: 1 to 8.
+    /// Largest apparent size of a node that is rendered, texels: 1 to 8.
     pub threshold: f32,
-    /// The disc by which a rendered node covers texels' sample points, in radii of its cell's ball. [`Knobs::COVERING`]
-    /// leaves no gap in a surface, as a picture has it; less lets less stand in the way that is not there, as a shadow has
-    /// it, up to where light leaks.
+    /// Radius of the disc by which a rendered node covers sample points, in radii of its cell's sphere.
+    /// [`Knobs::COVERING`] leaves no gaps, as images need. Smaller discs cause fewer false shadows but leak light.
     pub disc: f32,
-    /// The same where several views share what is rendered: each sees it somewhere else, so that less is sure.
+    /// Radius of the disc of nodes that several views share.
     pub shared_disc: f32,
-    /// Whether views share what looks alike from all of them (MegaViews); otherwise each is traversed by itself
+    /// Whether views share nodes that look alike from all of them (MegaViews); otherwise each view is traversed alone
     /// (ManyLoDs).
     pub sharing: bool,
-    /// Whether the scene's octree is traversed too; else each of its leaves goes down the octree over the views by itself: a
-    /// baseline, which says what the scene's hierarchy is worth. Where views share, and do not fall back.
+    /// Whether the scene's octree is traversed too. Otherwise each leaf descends the view octree alone: a baseline that
+    /// measures the gain of the scene's hierarchy. Requires sharing without fallback.
     pub scene_hierarchy: bool,
-    /// Whether views are traversed each by itself after a frame in which rendered pairs were shared by fewer than
-    /// [`Knobs::WORTH_SHARING`] views in the mean.
+    /// Whether views are traversed alone after a frame in which a rendered pair was shared by fewer than
+    /// [`Knobs::WORTH_SHARING`] views on average.
     pub falls_back: bool,
-    /// Levels of the view octree below its root that divide cells, 1 to [`MAX_DEPTH`]; `None`: as many as where the views
-    /// are calls for (`view_depth.rs`).
+    /// Levels of the view octree that divide cells, 1 to [`MAX_DEPTH`]. `None` computes them from the views' positions
+    /// (`view_depth.rs`).
     pub view_depth: Option<u32>,
-    /// Whether a last level, below those, tells the views of a cell apart by the axis that is nearest to the way they look:
-    /// views on both sides of a wall, or on the walls of a corner, share no map then, whose middle would lie on neither. Of
-    /// views that look everywhere, and below [`MAX_DEPTH`] levels, there is none.
+    /// Whether a last level divides the views of a cell by the axis nearest to their direction. Then views on both sides
+    /// of a wall share no map, whose centre would lie on neither side. Not for omnidirectional views, and not below
+    /// [`MAX_DEPTH`] levels.
     pub tells_directions: bool,
-    /// What bounds the views of a node.
+    /// Bounding volume of the views of a node.
     pub bounding: Bounding,
-    /// Whether what no view sees is culled.
+    /// Whether pairs that no view sees are culled.
     pub culling: bool,
-    /// Whether pairs are left out behind what a map already holds.
+    /// Occlusion culling.
     pub occlusion: Occlusion,
-    /// Whether maps take what the maps above them hold; else texels are looked up one by one.
+    /// Whether maps are fused with their parents; otherwise texels are looked up along the chain of parents.
     pub fusion: bool,
-    /// Whether a map holds what is in the leaf's cell that it is seen from, and that in every direction: conservative, as a
-    /// shadow has it. Else rays begin behind that cell, as a picture has it.
+    /// Whether a map shows the leaf's cell that its centre is in, in every direction: conservative, for shadows.
+    /// Otherwise rays start behind that cell, for images.
     pub own_cell: bool,
-    /// Most pairs of a queue; `None`: what one binding holds.
+    /// Most pairs of a queue; `None` for the limit of a binding.
     pub queue_pairs: Option<u32>,
 }
 
 impl Default for Knobs {
-    /// Maps of 16² texels, shared by an octree over the views.
+    /// Maps of 16² texels, with sharing.
     fn default() -> Self {
         Self {
             side: 16,
@@ -110,23 +109,22 @@ impl Default for Knobs {
 }
 
 impl Knobs {
-    /// Views that share a rendered pair, in the mean, below which an octree over the views costs more pairs than it
-    /// saves.
+    /// Mean number of views that share a rendered pair, below which sharing costs more pairs than it saves.
     pub const WORTH_SHARING: f64 = 1.4;
 
-    /// The disc with which discs around the middles of cells, an edge apart, cover a plane.
+    /// Smallest disc that covers a plane with discs at the centres of cells, one edge apart.
     pub const COVERING: f32 = 0.8165;
 
-    /// The disc with which maps of single views err least about shadow while light leaks no more often than through exact
-    /// maps of as many texels: Sponza, 4K views of four bounces, 0.212 wrong at 0.5, 0.221 at 0.4, 0.248 at 0.8165; lit
-    /// wrongly 0.055, 0.089, 0.027, and about 0.06 through exact maps (`argus study megaviews --disc`).
+    /// Disc with the least shadow error for unshared maps, without more light leaks than exact maps of the same
+    /// resolution. Sponza, 4K views of four bounces: error 0.221 at 0.4, 0.212 at 0.5, 0.248 at 0.8165; leaks 0.089,
+    /// 0.055, 0.027, and about 0.06 for exact maps (`argus study megaviews --disc`).
     pub const DISC: f32 = 0.5;
 
-    /// Where shells of pairs end, edges of the scene's root: nodes of a cut are about as many in each doubling.
+    /// Ends of the shells of pairs, in edges of the scene's root. Each doubling has about as many nodes of a cut.
     pub(super) fn shells(&self) -> &'static [[f32; 2]] {
         const ALL: [[f32; 2]; 1] = [[0.0, f32::MAX]];
         const SHELLS: [[f32; 2]; 4] = [[0.0, 0.06], [0.06, 0.14], [0.14, 0.3], [0.3, f32::MAX]];
-        // Whatever is not the first shell is tested.
+        // All shells but the first are tested.
         const TESTED: [[f32; 2]; 1] = [[1e-30, f32::MAX]];
         match self.occlusion {
             Occlusion::Off => &ALL,
@@ -135,10 +133,10 @@ impl Knobs {
         }
     }
 
-    /// Rejects what cannot be, by field.
+    /// Checks all ranges.
     ///
     /// # Errors
-    /// [`HierarchyError::OutOfRange`].
+    /// [`HierarchyError::OutOfRange`] with the field.
     pub fn validate(&self) -> Result<(), HierarchyError> {
         let check = |field, holds: bool, range: &str, value: String| match holds {
             true => Ok(()),

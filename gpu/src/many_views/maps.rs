@@ -1,4 +1,4 @@
-//! Where maps are.
+//! Storage of maps.
 
 use std::sync::Arc;
 
@@ -8,26 +8,26 @@ use super::TexelCode;
 use crate::Gpu;
 use crate::hierarchy::{HierarchyError, largest_array};
 
-/// Most arrays that programs know.
+/// Most arrays that programs bind.
 pub(super) const MAX_ARRAYS: u32 = 4;
 
-/// Maps in up to four arrays, since one binding ends at 128 MiB on some devices.
+/// Maps in several arrays, because a binding has at most 128 MiB on some devices.
 ///
-/// Map `m` lies in array `m >> shift`, from texel `(m & (2^shift − 1)) · 2 side²` on; its texels are those of
+/// Map `m` is in array `m >> shift`, from texel `(m & (2^shift − 1)) · 2 side²`. Texels are laid out as in
 /// [`argus_scene::paraboloid`].
 #[derive(Debug)]
 pub struct MapSet {
     /// The arrays.
     pub arrays: Vec<Buffer>,
-    /// Texels of a hemisphere's side.
+    /// Texels on a side of a hemisphere.
     pub side: u32,
-    /// What a texel holds.
+    /// Encoding of texels.
     pub code: TexelCode,
-    /// Maps of one array: 2 to the power of this.
+    /// Base-2 logarithm of the number of maps in one array.
     pub shift: u32,
-    /// Maps that there is room for.
+    /// Number of maps that fit.
     pub capacity: u32,
-    /// Stands where a program declares an array that is not used.
+    /// Bound in place of unused arrays.
     nothing: Buffer,
 }
 
@@ -37,7 +37,7 @@ fn map_bytes(side: u32, code: &TexelCode) -> u64 {
 }
 
 impl MapSet {
-    /// Room for at least so many maps.
+    /// Allocates at least `count` maps.
     pub(super) fn new(gpu: &Gpu, side: u32, code: TexelCode, maps: u32) -> Result<Self, HierarchyError> {
         let limit = largest_array(gpu);
         let each = map_bytes(side, &code);
@@ -66,7 +66,7 @@ impl MapSet {
     /// Reads one map back: for each texel, the bits of its inverse range (f32), and its node or 0.
     ///
     /// # Errors
-    /// A fault of the device.
+    /// The device failed.
     pub fn read(&self, gpu: &Arc<Gpu>, map: u32) -> Result<Vec<[u32; 2]>, HierarchyError> {
         let size = map_bytes(self.side, &self.code);
         let at = u64::from(map & ((1u32 << self.shift) - 1)) * size;
@@ -82,7 +82,7 @@ impl MapSet {
         self.code.constants(self.arrays.len())
     }
 
-    /// What stands behind each of the eight names that programs give to arrays.
+    /// The arrays by their names in the programs.
     pub(super) fn bindings(&self) -> [(&'static str, &Buffer); 8] {
         let names = ["wide0", "wide1", "wide2", "wide3", "narrow0", "narrow1", "narrow2", "narrow3"];
         let first: usize = if self.code.texel().bits() == 64 { 0 } else { 4 };

@@ -1,34 +1,35 @@
 //! Dual paraboloid maps of a scene's octree from very many viewpoints at once.
 //!
-//! [`ManyViews`] traverses the scene's octree with an octree over the views (MegaViews, Kol et al. 2018), or with every
-//! view by itself (ManyLoDs, Holländer et al. 2011, basic cuts), and leaves a map of inverse range for each leaf of the
-//! views. A frame reads back counters alone, once it is done.
+//! [`ManyViews`] traverses the scene's octree together with an octree over the views (MegaViews, Kol et al. 2018), or for
+//! every view alone (ManyLoDs, Holländer et al. 2011, basic cuts). It renders a map of inverse range for each leaf of the
+//! view octree. A frame reads back only counters.
 //!
-//! - [`ViewList`]: where the views are and which way they look;
-//! - [`Texel`]: what a texel of a map holds, in 64, 32 or 16 bits;
-//! - [`Knobs`]: resolution, texels, threshold, depth of the view octree, what is shared, culled and fused;
-//! - [`ManyLods`]: a cut for each view, from frame to frame, through an octree or a sphere hierarchy ([`CutTree`]);
-//! - [`RasterViews`], [`ImperfectViews`]: the same maps without any hierarchy, exact or from random points, to compare
-//!   with;
-//! - [`FrameStats`]: what a frame did, pair by pair, and how long it took.
+//! - [`ViewList`]: positions and directions of the views;
+//! - [`Texel`]: formats of texels, 64, 32 or 16 bits;
+//! - [`Knobs`]: resolution, texels, threshold, depth of the view octree, sharing, culling, fusion;
+//! - [`ManyLods`]: incremental cuts for each view through an octree or a sphere hierarchy ([`CutTree`]);
+//! - [`RasterViews`], [`ImperfectViews`]: maps without a hierarchy, exact or from random points, for comparison;
+//! - [`FrameStats`]: counts and times of a frame.
 //!
 //! # A frame
 //!
-//! Each frame builds an octree over the views and traverses it together with the scene's octree, breadth first, in queues of pairs that
-//! only indirect dispatches see (`frame.rs`). All leaves lie on the lowest level, so all pairs of a queue are on the same two levels, and
-//! `schedule.rs` knows before the frame what each step divides. Pairs are culled, rendered or queued when they are created. A view node
-//! with a single child has no map of its own: both render into one. Leaves that cover many texels are filled after the traversal. Then
-//! maps take, from the root down, what the maps above them hold, with the range corrected for their own centre.
+//! Each frame builds an octree over the views and traverses it together with the scene's octree, breadth first, with
+//! queues of pairs on the GPU and indirect dispatches (`frame.rs`). All leaves are on the lowest level, so all pairs of a
+//! queue have the same two levels, and `schedule.rs` computes in advance what each step divides. Pairs are culled,
+//! rendered or queued when they are created. A view node with a single child shares its map. Leaves that cover many
+//! texels are filled after the traversal. Then maps are fused with their parents from the root down, with ranges
+//! corrected for their own centre.
 //!
-//! A part of a frame whose queue overflows stops on the GPU, is split in eight and run again. Bytes do not depend on the split. With
-//! `Knobs::occlusion` a part is traversed in four shells, near pairs first, and a pair is skipped where every texel that it could touch
-//! already holds something nearer; no byte changes.
+//! A part of a frame whose queue overflows is split in eight and run again. Bytes do not depend on the split. With
+//! `Knobs::occlusion` a part is traversed in four shells, near pairs first, and a pair is culled if all its texels
+//! already have something nearer; bytes stay the same.
 //!
 //! # Discs
 //!
-//! A rendered node covers the sample points of texels within a disc about its mean (`Knobs::disc`). With 0.8165 of its ball's radius, discs
-//! close every surface, as pictures need. A node is up to a texel large, though, so at a silhouette it covers a texel that is free. Shadow
-//! maps of single views err least with half the radius. Where several views share a node, 0.4 balances leaks and false shadows.
+//! A rendered node covers the sample points within a disc about its mean position (`Knobs::disc`). With 0.8165 of its
+//! sphere's radius, discs close every surface, as images need. At a silhouette such a disc covers texels that are free.
+//! Unshared shadow maps have the least error with half the radius. For nodes that several views share, 0.4 balances leaks
+//! and false shadows.
 
 mod counters;
 mod cuts;

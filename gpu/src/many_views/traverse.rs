@@ -1,4 +1,4 @@
-//! The traversal of scene and views together. Programs: `shaders/gpu/traverse.wgsl`, `queue.wgsl` and `fill.wgsl`.
+//! Traverses scene and views together. Programs: `shaders/gpu/traverse.wgsl`, `queue.wgsl` and `fill.wgsl`.
 
 use argus_shaders::gpu::{FILL, QUEUE, TRAVERSE};
 use argus_shaders::layout::gpu::{FillStep, PairStep, QueueStep};
@@ -11,10 +11,10 @@ use super::{Knobs, MapSet, Occlusion};
 use crate::hierarchy::Octree;
 use crate::{Commands, ComputeCall, ComputePipeline, Gpu};
 
-/// The pipelines, for one choice of texels, number of arrays, threshold and culling.
+/// The pipelines for one texel format, number of arrays, threshold and culling.
 #[derive(Debug)]
 pub(super) struct Traverse {
-    /// By what is divided (scene, views) and by whether pairs of leaves come of it.
+    /// By what is divided (scene, views), and by whether the result is pairs of leaves.
     divide: [[ComputePipeline; 2]; 2],
     fill: ComputePipeline,
     prepare: ComputePipeline,
@@ -23,7 +23,7 @@ pub(super) struct Traverse {
     seed_nodes: ComputePipeline,
 }
 
-/// Two queues, what is counted, and the extent of the next step.
+/// Two queues of pairs, counters, and indirect arguments.
 #[derive(Debug)]
 pub(super) struct Queues {
     pub(super) capacity: u32,
@@ -32,7 +32,7 @@ pub(super) struct Queues {
     arguments: Buffer,
 }
 
-/// What a pass works on.
+/// Inputs of a traversal.
 pub(super) struct TraversalInputs<'a> {
     pub(super) octree: &'a Octree,
     pub(super) views: &'a ViewOctree,
@@ -43,27 +43,26 @@ pub(super) struct TraversalInputs<'a> {
     pub(super) owners: Option<&'a NodeOwners>,
 }
 
-/// What views do not see though it is there: what is their own, as a thing is to the view from its middle.
+/// Nodes that belong to one view, such as the nodes of the object around the view. They are culled for that view.
 #[derive(Debug, Clone)]
 pub struct NodeOwners {
-    /// A word a node of the octree: 1 + the number of the view that it belongs to with all that is in it, 0 where that is
-    /// several or none.
+    /// A word a node of the octree: 1 + the index of the view that everything in the node belongs to, or 0.
     pub owners: Buffer,
-    /// What number the first view of a list has.
+    /// Index of the first view of a list.
     pub first: u32,
 }
 
-/// A part of the frame whose queues are held at once.
+/// A part of a frame that is traversed at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Part {
-    /// What lies below one node of the view octree, `level` levels below its root: three bits of `path` a level.
+    /// The subtree of a node of the view octree, `level` levels below the root. `path` has three bits a level.
     Octants { path: u32, level: u32 },
     /// A range of single views.
     Views { first: u32, count: u32 },
 }
 
 impl Part {
-    /// The parts that a part is split into; none where it is one view, or a leaf of the octree over them.
+    /// Splits a part. Empty for a single view or a leaf of the view octree.
     pub(super) fn split(self, view_depth: u32) -> Vec<Self> {
         match self {
             Self::Octants { path, level } if level < view_depth => {
@@ -78,7 +77,7 @@ impl Part {
         }
     }
 
-    /// The octant that a part follows on its way to a level.
+    /// The octant of a part's path at a level.
     fn octant(self, at: u32) -> u32 {
         match self {
             Self::Octants { path, level } if at <= level => path >> (3 * (level - at)) & 7,
@@ -86,8 +85,8 @@ impl Part {
         }
     }
 
-    /// Whether it counts the pairs of a step. Those above its own node are met by every part below them: the first of
-    /// those counts them.
+    /// Whether this part counts the pairs of a step. Pairs above a part's node occur in several parts; the first one
+    /// counts them.
     pub(super) fn counts(self, step: &Step) -> bool {
         match self {
             Self::Octants { level, .. } => (step.view_level + 1..=level).all(|at| self.octant(at) == 0),
@@ -118,7 +117,7 @@ pub(super) fn with_maps<'a>(mut call: ComputeCall<'a>, maps: &'a MapSet) -> Comp
 }
 
 impl Traverse {
-    /// For maps like these, however many.
+    /// Pipelines for maps of this layout.
     pub(super) fn new(gpu: &Gpu, knobs: &Knobs, maps: &MapSet, leaves_out: bool) -> Self {
         let of_maps = maps.constants();
         let divide = |views: bool, leaves: bool| {
@@ -149,7 +148,7 @@ impl Traverse {
         }
     }
 
-    /// Traverses one part, as far as its pairs are in one shell; `pass` is its number.
+    /// Traverses the pairs of one part in one shell. `pass` is the index of the pass.
     pub(super) fn run(
         &self,
         commands: &mut Commands,
@@ -261,7 +260,7 @@ impl Traverse {
             .read("queue", &queues.pairs[index % 2])
             .write("next", &queues.pairs[(index + 1) % 2])
             .write("counters", &queues.counters)
-            // Not looked at where views own nothing.
+            // Not read if views own no nodes.
             .read("owners", owners.map_or(&octree.codes, |owners| &owners.owners));
         with_maps(call, maps).immediates(bytemuck::bytes_of(&pairs)).dispatch_indirect(&queues.arguments, 0);
     }
@@ -288,8 +287,7 @@ impl Traverse {
         with_maps(call, maps).immediates(bytemuck::bytes_of(&step)).dispatch_indirect(&queues.arguments, 0);
     }
 
-    /// Works out how many workgroups the fusion of each level takes; returns the buffer of their numbers, 16 bytes a
-    /// level.
+    /// Computes the indirect arguments of each level's fusion. Returns their buffer, 16 bytes a level.
     pub(super) fn prepare_fusion<'a>(
         &self,
         commands: &mut Commands,

@@ -1,4 +1,4 @@
-//! Where views are and which way they look.
+//! Positions and directions of views.
 
 use std::sync::OnceLock;
 
@@ -10,43 +10,43 @@ use super::view_depth::Spread;
 use crate::Gpu;
 use crate::hierarchy::RootCube;
 
-/// A viewpoint. Its map has every direction; what it does not look at need not be in it.
+/// A viewpoint. Its map covers all directions; nodes outside its field of view may be missing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewPoint {
     /// World space, metres.
     pub position: DVec3,
-    /// The middle of what it looks at, of any length but 0; where it looks everywhere, without meaning.
+    /// Axis of its field of view, not zero. Ignored for omnidirectional views.
     pub direction: DVec3,
-    /// Half the angle of what it looks at, radians: π/2 for a point on a surface, π for all directions.
+    /// Half the field of view, radians: π/2 for a point on a surface, π for all directions.
     pub half_fov: f64,
 }
 
-/// Views on the GPU, in no order.
+/// Views on the GPU.
 #[derive(Debug)]
 pub struct ViewList {
     pub(super) buffer: Buffer,
     pub(super) count: u32,
-    /// The views' root cube, in edges of the scene's.
+    /// Root cube of the views, in edges of the scene's root.
     pub(super) origin: DVec3,
     pub(super) edge: f64,
-    /// Whether any of them does not look everywhere.
+    /// Whether any view is not omnidirectional.
     pub(super) look: bool,
-    /// Where views are, in edges of the scene's root cube.
+    /// Positions, in edges of the scene's root cube.
     places: Vec<DVec3>,
-    /// Found when somebody asks.
+    /// Computed on demand.
     spread: OnceLock<Spread>,
 }
 
 impl ViewPoint {
-    /// A view of all directions.
+    /// An omnidirectional view.
     pub fn everywhere(position: DVec3) -> Self {
         Self { position, direction: DVec3::X, half_fov: std::f64::consts::PI }
     }
 
-    /// Rejects what is nowhere or looks nowhere. Written so that NaN fails each comparison.
+    /// Checks that all fields are finite and in range.
     ///
     /// # Errors
-    /// The field at fault and the reason.
+    /// The invalid field and the reason.
     pub fn validate(&self) -> Result<(), InvalidField> {
         if !self.position.is_finite() {
             return Err(InvalidField::new("view.position", format!("must be finite, not {}", self.position)));
@@ -67,11 +67,11 @@ impl ViewPoint {
 }
 
 impl ViewList {
-    /// Brings views to the GPU, relative to the scene's root cube. Their own octree divides the same cube where that
-    /// holds them all, and else the smallest cube about both.
+    /// Uploads views relative to the scene's root cube. Their octree uses the same root cube if it contains them,
+    /// otherwise the smallest cube that contains both.
     ///
     /// # Errors
-    /// A view that [`ViewPoint::validate`] rejects, or none at all.
+    /// A view that [`ViewPoint::validate`] rejects, or an empty list.
     pub fn new(gpu: &Gpu, root: &RootCube, views: &[ViewPoint]) -> Result<Self, InvalidField> {
         if views.is_empty() || views.len() > u32::MAX as usize / 64 {
             let reason = format!("must be 1 to {}, not {}", u32::MAX / 64, views.len());
@@ -108,7 +108,7 @@ impl ViewList {
         })
     }
 
-    /// Levels that an octree over the views is to have below its root, for a scene's octree of so many.
+    /// Levels of the view octree for a scene's octree of `depth` levels.
     pub(super) fn depth_for(&self, scene_depth: u32) -> u32 {
         let in_cube = |place: &DVec3| (*place - self.origin) / self.edge;
         let spread =
@@ -116,7 +116,7 @@ impl ViewList {
         spread.depth((-f64::from(scene_depth)).exp2() / self.edge)
     }
 
-    /// Edge of the cube that the views' own octree divides, in edges of the scene's.
+    /// Edge of the views' root cube, in edges of the scene's.
     pub fn edge(&self) -> f64 {
         self.edge
     }
@@ -126,7 +126,7 @@ impl ViewList {
         self.count as usize
     }
 
-    /// Whether there is none, which [`ViewList::new`] refuses.
+    /// Always false: [`ViewList::new`] refuses an empty list.
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }

@@ -26,22 +26,22 @@ pub(super) struct ViewOctreeBuilder {
     map_ranges: ComputePipeline,
 }
 
-/// The view octree, and what it takes to build it; for at most so many views.
+/// The view octree and the buffers that build it, for a maximal number of views.
 #[derive(Debug)]
 pub(super) struct ViewOctree {
     pub(super) capacity: u32,
     pub(super) depth: u32,
-    /// Whether the lowest level tells views apart by which way they look.
+    /// Whether the lowest level divides views by direction.
     pub(super) by_direction: bool,
-    /// Two vec4f a node: sphere of positions; cone of what is seen.
+    /// Two vec4f a node: sphere of positions, and cone of directions.
     pub(super) bounds: Buffer,
     /// A vec4u a node: mean position and children.
     pub(super) links: Buffer,
     /// A node's map and number of views.
     pub(super) node_maps: Buffer,
-    /// Leaf of each view, and so its map.
+    /// Leaf of each view, which is its map.
     pub(super) leaf_of_view: Buffer,
-    /// A vec4u a map: mean position of its views, and the map that it continues.
+    /// A vec4u a map: mean position of its views, and its parent map.
     pub(super) maps: Buffer,
     /// First map and number of maps of each level.
     pub(super) map_levels: Buffer,
@@ -60,8 +60,8 @@ fn bound(views: u32, level: u32) -> u32 {
 }
 
 impl ViewOctree {
-    /// Room for at most `capacity` views; `places` levels of cells, 0: without an octree over them; and one more by
-    /// direction.
+    /// Allocates a view octree for at most `capacity` views. `places` is the number of levels of cells (0: no octree);
+    /// one more level may divide by direction.
     pub(super) fn new(
         gpu: &Gpu,
         capacity: u32,
@@ -77,7 +77,7 @@ impl ViewOctree {
             numbered(nodes)?;
         }
         fits(gpu, "nodes of the view octree", nodes * 32)?;
-        // Every map but the views' own has at least two below it.
+        // Every inner map has at least two children.
         let maps = nodes.min(2 * u64::from(capacity));
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
         let sorted = if depth == 0 { 1 } else { u64::from(capacity) };
@@ -102,17 +102,17 @@ impl ViewOctree {
         })
     }
 
-    /// Levels below the root that tell views apart by place.
+    /// Levels below the root that divide by position.
     pub(super) fn places(&self) -> u32 {
         self.depth - u32::from(self.by_direction)
     }
 
-    /// One u32: the number of maps.
+    /// Buffer of one u32: the number of maps.
     pub(super) fn map_total(&self) -> &Buffer {
         self.map_sums.total()
     }
 
-    /// Bytes on the device, those for building left out.
+    /// Bytes on the device, without build buffers.
     pub(super) fn bytes(&self) -> u64 {
         [&self.bounds, &self.links, &self.node_maps, &self.leaf_of_view, &self.maps]
             .into_iter()
@@ -152,7 +152,7 @@ impl ViewOctreeBuilder {
         }
     }
 
-    /// Every view a node of its own, with a map of its own.
+    /// Makes every view a node with its own map.
     pub(super) fn singles(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
         let step = Self::step(views, knobs, to, views.count, 0);
         commands
@@ -167,7 +167,7 @@ impl ViewOctreeBuilder {
             .dispatch_linear(u64::from(views.count));
     }
 
-    /// Gathers the views in an octree and gives maps to its nodes.
+    /// Builds the octree of the views and assigns maps to its nodes.
     pub(super) fn build(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
         let (name, depth) = ("view hierarchy", to.depth);
         let step = Self::step(views, knobs, to, views.count, depth);
@@ -212,7 +212,7 @@ impl ViewOctreeBuilder {
         self.number_maps(commands, views, knobs, to);
     }
 
-    /// Gives a map to every node that has several children or none, and tells each map which one it continues.
+    /// Assigns a map to every leaf and every node with several children, and links each map to its parent.
     fn number_maps(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
         let name = "view hierarchy";
         let nodes = to.node_capacity as u32;
