@@ -21,7 +21,7 @@ pub struct Reflections {
 }
 
 /// Texels on a side of a map's coarsest level, which stands for surfaces of roughness 1; this and the ring as in
-/// `shaders/shared/surroundings.wgsl`.
+/// `shaders/shared/reflection_probes.wgsl`.
 const COARSEST: u32 = 4;
 /// Texels around a level, so that a bilinear fetch never leaves it.
 const RING: u32 = 1;

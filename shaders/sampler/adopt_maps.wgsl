@@ -1,12 +1,12 @@
-// Program of `sampler/src/passes/adopt_maps.rs`: which of many views' maps each VPL looks its shadows up in, and where
-// that map is seen from, since views of one leaf share one.
+// Program of `sampler/src/passes/adopt_maps.rs`: assigns a map of a many-views traversal to each VPL, with the map's
+// centre. Views of one leaf share a map.
 
 struct AdoptMaps {
-    // From the middle of the scene to the corner of the octree's root.
+    // Corner of the octree's root relative to the scene's centre, metres.
     octree_from_root: vec3f,
     // Length of the root's edge, metres.
     edge: f32,
-    // VPLs.
+    // Number of VPLs.
     count: u32,
 }
 

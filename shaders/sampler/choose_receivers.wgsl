@@ -1,6 +1,6 @@
-// Program of `sampler/src/passes/choose_receivers.rs`: which sub-samples of a block receive light for all of it. The
-// first is the one nearest to the block's middle that sees a surface; the second, where the block sees more than one
-// surface, the one that agrees least with the first.
+// Program of `sampler/src/passes/choose_receivers.rs`: selects the sub-samples that receive light for a block. The first
+// is the one nearest to the block's centre that sees a surface. If the block sees another surface, the second is the one
+// that agrees least with the first.
 
 import package::shared::receiver::{Receiver, receiver_of};
 import package::shared::receivers::{Blocks, Chosen, MOST_OF_BLOCK, OF_BLOCK};
@@ -9,17 +9,18 @@ import package::shared::receivers::{Blocks, Chosen, MOST_OF_BLOCK, OF_BLOCK};
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;
 @group(0) @binding(2) var<storage, read_write> chosen: array<Chosen>;
 
-// Distance from the first receiver's plane, as a share of its range, that is another surface.
+// Distance from the first receiver's plane, as a share of its range, beyond which a point belongs to another surface.
 const PLANE: f32 = 0.02;
-// One less the cosine between normals that is another surface.
+// 1 - cosine between normals beyond which a point belongs to another surface.
 const BENT: f32 = 0.3;
-// Disagreement is compared in steps of this.
+// Step in which disagreement is compared.
 const STEP: f32 = 1.0 / 64.0;
 const GROUP: u32 = 64u;
 
-// Squared distance from the block's middle in halves of sub-samples, then the number within the block: the least wins.
+// Key of the first receiver; the least wins. Squared distance from the block's centre in half sub-samples, then the index
+// in the block.
 var<workgroup> nearest: atomic<u32>;
-// Steps of disagreement, then what the number lacks to 2^16: the greatest wins.
+// Key of the second receiver; the greatest wins. Steps of disagreement, then 2^16 - index.
 var<workgroup> farthest: atomic<u32>;
 
 fn place_of(corner: vec2u, i: u32) -> vec2u {
@@ -33,7 +34,7 @@ fn receiver_at(place: vec2u) -> Receiver {
     return receiver;
 }
 
-// 1 and more: another surface.
+// Disagreement; 1 or more is another surface.
 fn disagreement(first: Receiver, other: Receiver) -> f32 {
     let range = max(length(first.position), 1e-20);
     let off = abs(dot(first.normal, other.position - first.position)) / (PLANE * range);
@@ -47,7 +48,7 @@ fn keep(at: u32, receiver: Receiver, place: vec2u, exists: bool) {
 @compute @workgroup_size(GROUP)
 fn choose_receivers(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) local: u32) {
     let corner = group.xy * blocks.block;
-    // Not bounded by uniforms alone, see resolve_view.wgsl.
+    // The bound is not uniform alone: see resolve_view.wgsl.
     let all_of_block = min(min(blocks.block.x * blocks.block.y, MOST_OF_BLOCK), arrayLength(&guides) * MOST_OF_BLOCK);
     if local == 0u {
         atomicStore(&nearest, 0xffffffffu);

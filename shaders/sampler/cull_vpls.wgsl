@@ -1,7 +1,7 @@
-// Program of `sampler/src/passes/cull_vpls.rs`: which groups of VPLs may light a block of sub-samples. Conservative:
-// a group is left out only if none of its VPLs faces any of the block's surfaces, or none of those faces it, or all
-// are beyond the cut-off (MegaViews, sections 3.2.1 and 5.1, with the roles of scene and views exchanged). Of what is
-// left some are drawn, where that is asked for.
+// Program of `sampler/src/passes/cull_vpls.rs`: culls groups of VPLs that cannot light a block of sub-samples.
+// Conservative: a group is culled only if its VPLs face none of the block's surfaces, or these face none of the VPLs, or
+// all are beyond the cut-off (MegaViews, sections 3.2.1 and 5.1, with scene and views exchanged). Of the remaining
+// groups, some are drawn at random if the knobs say so.
 
 import package::shared::receiver::{Receiver, receiver_of};
 import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, MOST_GROUPS, VplNode};
@@ -10,10 +10,10 @@ import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WOR
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;
 @group(0) @binding(2) var<storage, read> nodes: array<VplNode>;
 @group(0) @binding(3) var<storage, read_write> lists: array<u32>;
-// Blocks that see anything, groups that they keep.
+// Number of blocks with surfaces, and of groups that they keep.
 @group(0) @binding(4) var<storage, read_write> kept: array<atomic<u32>, 2>;
 
-// A ball around a block's surfaces, relative to the root, and a cone around their normals.
+// Bounding sphere of a block's surfaces, relative to the root, and cone of their normals.
 struct Receivers {
     center: vec3f,
     radius: f32,
@@ -30,8 +30,7 @@ fn receiver_at(corner: vec2u, i: u32) -> Receiver {
     return receiver;
 }
 
-// How far a point at `d` from the tip lies outside a cone about `axis` that is a right angle wider than the cone with
-// that cosine; not above 0 inside it.
+// Distance of a point at `d` from the tip outside a cone about `axis`, widened by a right angle; not positive inside.
 fn outside(d: vec3f, axis: vec3f, cosine: f32) -> f32 {
     let t = dot(axis, d);
     let q = sqrt(max(dot(d, d) - t * t, 0.0));
@@ -41,17 +40,17 @@ fn outside(d: vec3f, axis: vec3f, cosine: f32) -> f32 {
 
 fn is_dark(node: VplNode, receivers: Receivers) -> bool {
     let d = receivers.center - node.center;
-    // f32 rounds what lies far from the root.
+    // Slack for f32 rounding far from the root.
     let slack = 1e-5 * (length(receivers.center) + length(node.center) + node.radius + receivers.radius);
     let reach = node.radius + receivers.radius + slack;
-    // A cone of half a right angle and more faces everywhere once a right angle is added.
+    // A half angle of 90° or more covers all directions once widened.
     let unlit = node.cosine > 0.0 && outside(d, node.axis, node.cosine) > reach;
     let unseen = receivers.cosine > 0.0 && outside(-d, receivers.axis, receivers.cosine) > reach;
     return unlit || unseen || length(d) - reach > gathering.cutoff;
 }
 
-// About how much light a group may bring to a block: never 0, since its VPLs may still be chosen. Cosines are those of
-// the middles, widened by the cones and by how large both appear to each other.
+// Estimated light of a group for a block. Never 0, because its VPLs may be drawn. Cosines are those between the centres,
+// widened by the cones and by the apparent sizes.
 fn worth(node: VplNode, receivers: Receivers) -> f32 {
     let d = receivers.center - node.center;
     let distance = max(length(d), 1e-20);
@@ -66,10 +65,10 @@ fn worth(node: VplNode, receivers: Receivers) -> f32 {
     return max(node.power * cosines / max(distance * distance, nearest * nearest), 1e-30);
 }
 
-// Draws some of a block's groups in equal steps of what they are worth: one that is worth a step or more is always kept,
-// and one that is worth the nth part of a step once in n blocks, where it stands for n like it (after Tokuyoshi, Harada:
-// "Stochastic Light Culling", 2016). Nothing is lost on average, and neighbours, which begin elsewhere in a step (by the
-// sequence of the plastic number), lose different groups. How many are kept.
+// Draws some of a block's groups by systematic sampling of their weights (after Tokuyoshi, Harada: "Stochastic Light
+// Culling", 2016). A group of weight of at least one step is always kept. One of 1/n step is kept in one of n blocks,
+// with n times its weight, so the estimate is unbiased. Neighbouring blocks start at different offsets (plastic number
+// sequence). Returns the number of groups kept.
 fn draw(list: u32, block: vec2u) -> u32 {
     let step = bitcast<f32>(lists[list + 2u]) / f32(gathering.kept_groups);
     let begin = fract(f32(block.x) * 0.7548776662 + f32(block.y) * 0.5698402910);
@@ -136,7 +135,7 @@ fn cull_vpls(@builtin(global_invocation_id) id: vec3u) {
         let receiver = receiver_at(corner, i);
         receivers.cosine = select(receivers.cosine, min(receivers.cosine, dot(axis, receiver.normal)), receiver.exists);
     }
-    // What unpacking and the sum round; normals that cancel out have no axis.
+    // Slack for unpacking and summing. Normals that cancel out have no axis.
     receivers.cosine = select(-1.0, receivers.cosine - 1e-4, length_of_sum > 1e-3);
     var groups = 0u;
     var lights = 0u;

@@ -1,6 +1,6 @@
-// Program of `sampler/src/passes/filter_indirect.rs`: a cross-bilateral filter over what was gathered, rows then
-// columns (Petschnigg et al., "Digital Photography with Flash and No-Flash Image Pairs", 2004), guided by normals and
-// planes; the second pass adds the light to the radiance.
+// Program of `sampler/src/passes/filter_indirect.rs`: a cross-bilateral filter of gathered light, rows then columns,
+// guided by normals and planes (Petschnigg et al., "Digital Photography with Flash and No-Flash Image Pairs", 2004). The
+// second pass adds the light to radiance.
 
 import package::shared::receiver::{Receiver, albedo_of, receiver_of};
 import package::shared::vpl::{Gathering};
@@ -12,7 +12,7 @@ import package::shared::vpl::{Gathering};
 @group(0) @binding(4) var<storage, read> guide_albedos: array<u32>;
 @group(0) @binding(5) var<storage, read_write> shaded: array<vec4f>;
 
-// Distance from the plane, as a share of the range, at which a neighbour counts for 1/e.
+// Distance from the plane, as a share of the range, at which a neighbour's weight is 1/e.
 const PLANE: f32 = 0.01;
 
 fn agreement(a: Receiver, b: Receiver) -> f32 {
@@ -23,8 +23,8 @@ fn agreement(a: Receiver, b: Receiver) -> f32 {
     return select(0.0, fourth * fourth * exp(-off * off), b.exists);
 }
 
-// The mean of neighbours along a direction. Those at both ends count half, so that a reach of 4 covers each of the
-// beginnings that gathering interleaves equally often.
+// Weighted mean of neighbours along a direction. Both ends have half weight, so that a reach of 4 covers each interleaved
+// offset of the gathering equally often.
 fn smoothed(at: vec2u, along: vec2i) -> vec3f {
     let own = at.y * gathering.size.x + at.x;
     let center = receiver_of(guides[own]);
@@ -42,12 +42,12 @@ fn smoothed(at: vec2u, along: vec2i) -> vec3f {
         sum += gathered[index].rgb * weight;
         weights += weight;
         i += 1;
-        // Not the bare uniform, see resolve_view.wgsl.
+        // The bound is no bare uniform: see resolve_view.wgsl.
         if i > min(reach, i32(arrayLength(&gathered))) {
             break;
         }
     }
-    // Its own place always agrees, unless rounding says otherwise.
+    // The sub-sample itself always agrees, except for rounding.
     return select(gathered[own].rgb, sum / max(weights, 1e-20), weights > 1e-3);
 }
 

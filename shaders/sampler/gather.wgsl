@@ -1,7 +1,6 @@
-// Program of `sampler/src/passes/gather.rs`: irradiance by π that each sub-sample's surface receives from VPLs. Each
-// steps through its block's list in equal steps of what groups are worth, from another beginning than its neighbours, so
-// that a square of them takes many (Keller, Heidrich: "Interleaved Sampling", 2001). Each VPL that is taken stands for
-// as many as its share of the worth says, so that nothing is lost on average.
+// Program of `sampler/src/passes/gather.rs`: irradiance / π that each sub-sample receives from VPLs. Each sub-sample
+// takes systematic samples of its block's list by weight, with another offset than its neighbours (Keller, Heidrich:
+// "Interleaved Sampling", 2001). VPLs are weighted by the inverse of their probability, so the estimate is unbiased.
 
 import package::shared::finite::{finite_or_zero};
 import package::shared::paraboloid::{paraboloid_index};
@@ -13,9 +12,9 @@ import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WOR
 @group(0) @binding(2) var<storage, read> vpls: array<Vpl>;
 @group(0) @binding(3) var<storage, read> lists: array<u32>;
 @group(0) @binding(4) var<storage, read_write> gathered: array<vec4f>;
-// Of each VPL where its map is seen from, relative to the root as f32 bits, and which map it is.
+// For each VPL the centre of its map (f32 bits, relative to the root), and the index of the map.
 @group(0) @binding(5) var<storage, read> eyes: array<vec4u>;
-// Dual-paraboloid maps of distances, or of inverse ones where 0 is nothing; f32 bits.
+// Dual-paraboloid maps of distances, or of inverse distances (0: none); f32 bits.
 @group(0) @binding(6) var<storage, read> maps0: array<u32>;
 @group(0) @binding(7) var<storage, read> maps1: array<u32>;
 @group(0) @binding(8) var<storage, read> maps2: array<u32>;
@@ -23,21 +22,21 @@ import package::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WOR
 
 override has_maps: bool = true;
 override has_inverse_maps: bool = false;
-// Arrays that maps are spread over.
+// Number of arrays of maps.
 override arrays: u32 = 1u;
 
-// Steepest slope against the direction to a VPL that the bias makes up for.
+// Steepest slope towards a VPL that the bias corrects.
 const STEEPEST: f32 = 4.0;
 
-// In 0..1 (Jarzynski, Olano: "Hash Functions for GPU Rendering", 2020: pcg).
+// Pseudo-random number in 0..1 (Jarzynski, Olano: "Hash Functions for GPU Rendering", 2020: pcg).
 fn random(seed: u32) -> f32 {
     let state = seed * 747796405u + 2891336453u;
     let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
     return f32(((word >> 22u) ^ word) >> 8u) / 16777216.0;
 }
 
-// Where in a stride a sub-sample begins: each of 4×4 neighbours in another sixteenth, near ones far apart (an ordered
-// dither), and each such square elsewhere in them, lest all of the image take the same few VPLs.
+// Offset of a sub-sample in a stride. The 4×4 neighbours of a square have different sixteenths (ordered dither), and each
+// square has a random shift, so that squares draw different VPLs.
 fn beginning(at: vec2u) -> f32 {
     let x = at.x ^ at.y;
     let y = at.y;
@@ -46,7 +45,7 @@ fn beginning(at: vec2u) -> f32 {
     return (f32(order) + random(square.x + (square.y << 16u))) / 16.0;
 }
 
-// A texel of a map, metres.
+// Distance in a texel of a map, metres.
 fn nearest_in(map: u32, texel: u32) -> f32 {
     let side = gathering.map_side;
     let array_ = map >> gathering.map_shift;
@@ -65,13 +64,13 @@ fn nearest_in(map: u32, texel: u32) -> f32 {
     return select(value, 1.0 / max(value, 1e-30), has_inverse_maps);
 }
 
-// Whether a VPL's map sees a surface.
+// Whether a surface is visible from a VPL, by its map.
 fn sees(eye: vec4u, position: vec3f, normal: vec3f) -> bool {
     let d = position - bitcast<vec3f>(eye.xyz);
     let distance = max(length(d), 1e-20);
     let side = gathering.map_side;
     let nearest = nearest_in(eye.w, paraboloid_index(d, side));
-    // Angle that a texel spans in a stereographic map, and how much nearer a plane may be at its other end.
+    // Angle of a texel of a stereographic map, and the change of a plane's distance across it.
     let width = 2.0 / f32(side) * (1.0 + abs(d.x) / distance) * distance;
     let cosine = abs(dot(normal, d)) / distance;
     let slope = min(sqrt(max(1.0 - cosine * cosine, 0.0)) / max(cosine, 1e-3), STEEPEST);
@@ -82,7 +81,7 @@ fn light_of(index: u32, position: vec3f, normal: vec3f) -> vec3f {
     let vpl = vpls[index];
     let d = position - vpl.position;
     let distance = length(d);
-    // A particle has no normal, and shines everywhere.
+    // A particle has no normal and emits in all directions.
     let leaving = select(dot(vpl.normal, d) / distance, 1.0, all(vpl.normal == vec3f(0.0)));
     let arriving = -dot(normal, d) / distance;
     if !(leaving > 0.0 && arriving > 0.0 && distance <= gathering.cutoff) {
@@ -96,13 +95,13 @@ fn light_of(index: u32, position: vec3f, normal: vec3f) -> vec3f {
     return select(vec3f(0.0), vpl.intensity * (leaving * arriving / (nearer * nearer)), lit);
 }
 
-// A VPL and how many it stands for.
+// A VPL and its weight.
 struct Taken {
     index: u32,
     share: f32,
 }
 
-// The VPL at a place in a block's list, in worth from its beginning; the group is found by halving.
+// The VPL at a cumulative weight in a block's list, found by bisection.
 fn taken_at(list: u32, place: f32) -> Taken {
     var low = 0u;
     var high = lists[list] - 1u;
@@ -125,7 +124,7 @@ fn taken_at(list: u32, place: f32) -> Taken {
     return Taken(lists[entry] + within, f32(lights) / worth * bitcast<f32>(lists[entry + 3u]));
 }
 
-// The VPL of that number in a block's list.
+// The VPL of an index in a block's list.
 fn listed(list: u32, number: u32) -> Taken {
     var low = 0u;
     var high = lists[list] - 1u;

@@ -1,6 +1,6 @@
-// Program of `sampler/src/passes/imperfect.rs`: imperfect shadow maps (Ritschel et al. 2008). Points on surfaces are
-// splatted into the maps of VPLs, and gaps are filled from coarser levels, pulled from what there is and pushed back
-// (Marroquim et al., "Efficient Point-Based Rendering Using Image Reconstruction", 2007).
+// Program of `sampler/src/passes/imperfect.rs`: imperfect shadow maps (Ritschel et al. 2008). Surface points are splatted
+// into the maps of VPLs. Gaps are filled by pull-push over coarser levels (Marroquim et al., "Efficient Point-Based
+// Rendering Using Image Reconstruction", 2007).
 
 import package::shared::paraboloid::{paraboloid_index};
 import package::shared::vpl::{Vpl};
@@ -8,15 +8,15 @@ import package::shared::vpl::{Vpl};
 struct Imperfect {
     // Texels on a side of a hemisphere's map.
     side: u32,
-    // Points to a map.
+    // Points of a map.
     points: u32,
-    // Texels on a side of the level that is written, and of the finer (pull) or coarser (push) one that is read.
+    // Texels on a side of the level that is written, and of the finer (pull) or coarser (push) level that is read.
     to_side: u32,
     from_side: u32,
-    // Where those levels begin in the pyramid; level 0 is in the maps.
+    // Offsets of those levels in the pyramid. Level 0 is in the maps.
     to_begin: u32,
     from_begin: u32,
-    // Maps.
+    // Number of maps.
     count: u32,
     seed: u32,
 }
@@ -31,7 +31,7 @@ struct Imperfect {
 // Coarser levels, each of all maps.
 @group(0) @binding(5) var<storage, read_write> pyramid: array<u32>;
 
-// Nothing was seen: the largest f32.
+// No surface: the largest f32.
 const NOTHING: u32 = 0x7f7fffffu;
 // Distances this many times the nearest belong to another surface.
 const SAME: f32 = 1.25;
@@ -43,7 +43,7 @@ fn hash(x: u32) -> u32 {
     return h ^ (h >> 16u);
 }
 
-// A grid of two dimensions numbers more invocations than one may.
+// Linear index of an invocation of a two-dimensional dispatch.
 fn invocation(id: vec3u, groups: vec3u) -> u32 {
     return id.y * groups.x * 64u + id.x;
 }
@@ -80,7 +80,7 @@ fn finer(index: u32) -> u32 {
     return pyramid[imperfect.from_begin + index];
 }
 
-// The mean of the nearest surface among four texels.
+// Mean distance of the nearest surface among four texels.
 @compute @workgroup_size(64)
 fn pull(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let at = invocation(id, groups);
@@ -100,7 +100,7 @@ fn pull(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     pyramid[imperfect.to_begin + at] = select(NOTHING, bitcast<u32>(mean), count > 0.0);
 }
 
-// What is nothing takes its parent's distance.
+// An empty texel takes its parent's distance.
 @compute @workgroup_size(64)
 fn push(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let at = invocation(id, groups);

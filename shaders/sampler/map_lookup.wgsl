@@ -1,5 +1,5 @@
-// Program of `sampler/src/passes/map_lookup.rs`: what each sub-sample of an omni sample sees, by its camera's map of an
-// octree's nodes.
+// Program of `sampler/src/passes/map_lookup.rs`: looks up each sub-sample of an omni sample in its camera's map of octree
+// nodes.
 
 import package::shared::lit_maps::{seen_in_map, lookup};
 import package::shared::rays::{Rays, central_ray, ray_through};
@@ -12,7 +12,7 @@ fn look_up(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {
         return;
     }
-    // Its range is that on the texel's central ray.
+    // The range is that on the texel's central ray.
     let ray = normalize(ray_through(rays, vec2f(id.xy) + 0.5));
     shaded[id.y * rays.width + id.x] = seen_in_map(lookup.view, ray, normalize(central_ray(rays, id.xy)));
 }

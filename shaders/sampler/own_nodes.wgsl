@@ -1,9 +1,9 @@
-// Program of `sampler/src/passes/own_nodes.rs`: which nodes of an octree belong, with all that is in them, to one reflector.
+// Program of `sampler/src/passes/own_nodes.rs`: finds octree nodes whose surfaces all belong to one reflector.
 
 import package::shared::linear::{linear_index};
 
 struct OwnLevel {
-    // First node of the level, and how many there are.
+    // First node of the level, and number of nodes.
     first: u32,
     count: u32,
 }
@@ -12,11 +12,11 @@ var<immediate> level: OwnLevel;
 
 // Triangles that each leaf shows on its front and on its back.
 @group(0) @binding(0) var<storage, read> facing: array<vec2u>;
-// Of each of the octree's triangles, its instance, and its number in the mesh.
+// For each triangle of the octree its instance and its index in the mesh.
 @group(0) @binding(1) var<storage, read> triangle_ids: array<vec2u>;
-// Of each instance, 1 + the number of its reflector; 0 for none.
+// For each instance 1 + the index of its probe; 0 for none.
 @group(0) @binding(2) var<storage, read> probe_of_instance: array<u32>;
-// In w 256 times the first child plus a bit for each child.
+// w is 256 × first child + a bit for each child.
 @group(0) @binding(3) var<storage, read> nodes: array<vec4u>;
 @group(0) @binding(4) var<storage, read_write> owners: array<u32>;
 

@@ -1,5 +1,5 @@
-// Program of `sampler/src/passes/receive.rs`: light that receivers receive from all that their maps show, the mean over
-// the half space before each surface by the cosine of its normal: what a diffuse surface's reflection is made of.
+// Program of `sampler/src/passes/receive.rs`: integrates the light of receivers from their maps: the cosine-weighted mean
+// over the half space in front of each surface.
 
 import package::shared::encode::{unit_from_octahedral};
 import package::shared::finite::{finite_or_zero};
@@ -9,26 +9,26 @@ import package::shared::receivers::{Chosen};
 import package::shared::surfel::{Surfel, is_seen, radiance_towards};
 
 struct Receive {
-    // First receiver of those whose maps there are, and how many they are.
+    // First receiver of the batch, and number of receivers.
     first: u32,
     count: u32,
-    // Maps of one array: 2 to the power of this.
+    // Base-2 logarithm of the number of maps in one array.
     map_shift: u32,
-    // Texels of a hemisphere's side.
+    // Texels on a side of a hemisphere.
     map_side: u32,
 }
 
 @group(0) @binding(0) var<uniform> receive: Receive;
 @group(0) @binding(1) var<storage, read> receivers: array<Chosen>;
 @group(0) @binding(6) var<storage, read> surfels: array<Surfel>;
-// Irradiance by π; in w the mean of what is seen's inverse distance in 1/metres. Added to what is there.
+// Irradiance / π; w is the mean inverse distance of the visible surfaces, 1/metres. Added to the buffer.
 @group(0) @binding(2) var<storage, read_write> received: array<vec4f>;
 
 const GROUP: u32 = 64u;
 
-// Light by weight, and the weight.
+// Weighted light, and the weight.
 var<workgroup> lights: array<vec4f, GROUP>;
-// Inverse distance by weight.
+// Weighted inverse distance.
 var<workgroup> near: array<f32, GROUP>;
 
 @compute @workgroup_size(GROUP)
@@ -41,7 +41,7 @@ fn receive_light(
     let index = min(receive.first + number, arrayLength(&receivers) - 1u);
     let normal = receivers[index].normal;
     let map = map_of(number);
-    // Not the bare uniform, see resolve_view.wgsl.
+    // The bound is no bare uniform: see resolve_view.wgsl.
     let side = receive.map_side + u32(index == 0xffffffffu);
     var light = vec4f(0.0);
     var inverse = 0.0;
@@ -51,7 +51,7 @@ fn receive_light(
         let at = vec2f(cell.yz) + 0.5;
         let p = at / f32(side) * 2.0 - 1.0;
         let ray = paraboloid_direction(cell.x, at, f32(side));
-        // Solid angle of a texel of a stereographic map, but for a factor that all have. Beyond the rim is nothing.
+        // Solid angle of a texel of a stereographic map, up to a common factor. 0 beyond the rim.
         let s = 1.0 + dot(p, p);
         let weight = select(0.0, max(dot(ray, normal), 0.0) / (s * s), s <= 2.0);
         if weight > 0.0 {

@@ -1,39 +1,39 @@
-// Program of `sampler/src/passes/resample_probes.rs`: maps of what is around reflectors, `shared/reflection_probes.wgsl`: the finest
-// level from a map of an octree's nodes, the coarser ones from that.
+// Program of `sampler/src/passes/resample_probes.rs`: makes reflection probes (`shared/reflection_probes.wgsl`): the
+// finest level from a map of octree nodes, the coarser levels from the finest.
 
 import package::shared::encode::{octahedral_from_unit, rgb9e5_from_radiance, unit_from_octahedral};
 import package::shared::finite::{finite_or_zero};
 import package::shared::lit_maps::{seen_in_map, lookup};
 
 struct ResampleProbes {
-    // Texels on a side of the finest level; columns and rows of a map.
+    // Texels on a side of the finest level; columns and rows of a probe.
     side: u32,
     columns: u32,
     rows: u32,
-    // Of the level: texels on a side, and its first row within the map.
+    // Texels on a side of this level, and its first row in the probe.
     level_side: u32,
     level_row: u32,
-    // Roughness that the level stands for.
+    // Roughness of the level.
     roughness: f32,
 }
 
 var<immediate> step: ResampleProbes;
 
-// Texels of the finest level, of all maps: (side + 2)² each. Radiance, and inverse range in w.
+// Finest levels of all probes, (side + 2)² texels each: radiance, and inverse range in w.
 @group(3) @binding(0) var<storage, read_write> finest: array<vec4f>;
 @group(3) @binding(1) var<storage, read_write> radiance_plane: array<u32>;
 @group(3) @binding(2) var<storage, read_write> inverse_range_plane: array<u32>;
 
-// Rays a texel of the finest level on each side.
+// Rays along a side of a texel of the finest level.
 const SUB: u32 = 2u;
 // Directions that a texel of a coarser level averages.
 const TAPS: u32 = 48u;
 const TAU: f32 = 6.283185307179586;
 
-// The direction of a place in the octahedron's square; beyond its border, of the face that goes on there.
+// Direction of a point of the octahedral square; beyond its border, of the adjoining face.
 fn direction_of_place(place: vec2f) -> vec3f {
     var e = place;
-    // Over a side, the square continues mirrored about that side's middle.
+    // Beyond a side, the square continues mirrored about the side's centre.
     if abs(e.x) > 1.0 {
         e = vec2f(sign(e.x) * 2.0 - e.x, -e.y);
     }
@@ -43,7 +43,7 @@ fn direction_of_place(place: vec2f) -> vec3f {
     return unit_from_octahedral(e);
 }
 
-// Where a texel of the level, counted with the ring, lies in the octahedron's square.
+// Position of a texel of the level (ring included) in the octahedral square.
 fn place_of(texel: vec2f) -> vec2f {
     return (texel - 1.0) / f32(step.level_side) * 2.0 - 1.0;
 }
@@ -51,7 +51,7 @@ fn place_of(texel: vec2f) -> vec2f {
 fn keep(texel: vec2u, map: u32, radiance: vec3f, inverse_range: f32) {
     let at = (map * step.rows + step.level_row + texel.y) * step.columns + texel.x;
     radiance_plane[at] = rgb9e5_from_radiance(radiance);
-    // What differs by less than this a reader cannot tell; zeros pack better.
+    // Lower bits are invisible; zeros compress better.
     inverse_range_plane[at] = bitcast<u32>(inverse_range) & 0xffffff80u;
 }
 
@@ -80,13 +80,13 @@ fn finest_in(map: u32, direction: vec3f) -> vec3f {
     return finest[(map * width + texel.y) * width + texel.x].rgb;
 }
 
-// The i-th of TAPS points that fill the unit square evenly (Hammersley).
+// Point i of TAPS Hammersley points.
 fn even_point(i: u32) -> vec2f {
     return vec2f((f32(i) + 0.5) / f32(TAPS), f32(reverseBits(i)) / 4294967296.0);
 }
 
-// What a surface of the level's roughness reflects in the mean, seen along its normal (Karis, "Real Shading in Unreal
-// Engine 4", 2013).
+// Prefiltered radiance for the level's roughness, viewed along the normal (Karis, "Real Shading in Unreal Engine 4",
+// 2013).
 @compute @workgroup_size(8, 8)
 fn blur(@builtin(global_invocation_id) id: vec3u) {
     let width = step.level_side + 2u;
@@ -94,7 +94,7 @@ fn blur(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let normal = direction_of_place(place_of(vec2f(id.xy) + 0.5));
-    // Any two directions across it.
+    // Any two orthogonal directions.
     let other = select(vec3f(0.0, 0.0, 1.0), vec3f(1.0, 0.0, 0.0), abs(normal.z) > 0.7);
     let tangent = normalize(cross(other, normal));
     let bitangent = cross(normal, tangent);
@@ -102,7 +102,7 @@ fn blur(@builtin(global_invocation_id) id: vec3u) {
     var sum = vec4f(0.0);
     for (var i = 0u; i < TAPS; i++) {
         let point = even_point(i);
-        // Half vectors as GGX distributes them.
+        // Half vectors with the GGX distribution.
         let cosine = sqrt((1.0 - point.x) / (1.0 + (alpha * alpha - 1.0) * point.x));
         let sine = sqrt(max(1.0 - cosine * cosine, 0.0));
         let angle = TAU * point.y;

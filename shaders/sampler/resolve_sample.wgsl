@@ -1,5 +1,5 @@
-// Program of `sampler/src/passes/resolve_sample.rs`: texels as they are stored. Where sub-samples were shaded, those of the
-// dominant surface are averaged.
+// Program of `sampler/src/passes/resolve_sample.rs`: quantises texels. Where sub-samples were shaded, those of the
+// dominant surface are averaged first.
 
 import package::shared::dominant::{MOST_SUB_SAMPLES, dominant, same_surface};
 import package::shared::encode::{octahedral_from_unit, rgb9e5_from_radiance, unit_from_octahedral};
@@ -7,22 +7,22 @@ import package::shared::encode::{octahedral_from_unit, rgb9e5_from_radiance, uni
 struct ResolveSample {
     // Texels of the tile.
     size: vec2u,
-    // Where the tile's first texel lies in the planes.
+    // Position of the tile's first texel in the planes.
     offset: vec2u,
-    // Texels from row to row of the planes.
+    // Texels from one row of the planes to the next.
     stride: u32,
-    // Mantissa bits that an inverse range keeps, 1 to 23.
+    // Mantissa bits of a stored inverse range, 1 to 23.
     range_bits: u32,
     // 0: Rgb9e5Ufloat, one word a texel; 1: Rgba16Float, two.
     half_float: u32,
-    // Of `shaded`, from row to row.
+    // Elements of `shaded` from one row to the next.
     shaded_stride: u32,
 }
 
-// What was shaded along each side of a texel, at most four: constant, so that it can be kept in registers. 1 where the texel's
-// surface was chosen first.
+// Shaded sub-samples along a texel's side, at most four; 1 if texels were shaded. Constant, so that they stay in
+// registers.
 override side: u32 = 2u;
-// Surfaces look up what is around them: which map, a plane says.
+// Samples have a Reflector plane.
 override reflects: bool = false;
 
 @group(0) @binding(0) var<uniform> resolve: ResolveSample;
@@ -35,13 +35,13 @@ override reflects: bool = false;
 @group(0) @binding(7) var<storage, read> reflectors: array<u32>;
 @group(0) @binding(8) var<storage, read_write> reflector_plane: array<u32>;
 
-// Where a texel's sub-sample lies in `shaded`.
+// Index of a texel's sub-sample in `shaded`.
 fn address(texel: vec2u, i: u32) -> u32 {
     let at = texel * side + vec2u(i % side, i / side);
     return at.y * resolve.shaded_stride + at.x;
 }
 
-// Inverse range of the surface that the texel shows.
+// Inverse range of the texel's dominant surface.
 fn winner(texel: vec2u) -> f32 {
     if side == 1u {
         return shaded[address(texel, 0u)].w;
@@ -53,11 +53,11 @@ fn winner(texel: vec2u) -> f32 {
     return dominant(&inverse, side * side);
 }
 
-// Lobes are averaged if their roughness differs by no more: one between a lake's and its shore's shines where neither does. Of
-// those that differ more the rougher are taken, which shine least.
+// Largest difference of roughness between averaged lobes; beyond it the rougher ones are taken. A mean roughness of lake
+// and shore would shine where neither does.
 const ALIKE: f32 = 0.25;
 
-// Rounds to nearest; the mantissa's lower bits become 0, so that neighbouring texels differ less on the wire.
+// Rounds to nearest and clears the lower mantissa bits, so that the wire compresses better.
 fn rounded(inverse_range: f32) -> u32 {
     let drop = 23u - resolve.range_bits;
     let half = select(0u, 1u << (max(drop, 1u) - 1u), drop > 0u);
@@ -111,7 +111,7 @@ fn resolve_glossy(@builtin(global_invocation_id) id: vec3u) {
     var sum = vec4f(0.0);
     var normal = vec3f(0.0);
     var specular = vec4f(0.0);
-    // What a surface looks up is the same all over it, but for the edges of things: of several words the greatest.
+    // A surface has one probe; at edges of objects the greatest word is taken.
     var reflector = 0u;
     var members = 0.0;
     var alike = 0.0;

@@ -1,4 +1,4 @@
-// Program of `sampler/src/passes/resolve_view.rs`: the pixels of a direct view.
+// Program of `sampler/src/passes/resolve_view.rs`: colour and range of a direct view's pixels.
 
 import package::shared::encode::{display_from_radiance};
 import package::shared::geometry::{instances, mesh_from_world, meshes, triangle_about_eye};
@@ -22,8 +22,8 @@ struct ResolveView {
 fn display(pixel: u32) -> u32 {
     let corner = vec2u(pixel % resolve.size.x, pixel / resolve.size.x) * resolve.side;
     let width = resolve.size.x * resolve.side;
-    // Not the bare uniform: Mesa's software driver bakes a uniform that bounds a loop into the machine code, and
-    // compiles the shader again for each dispatch that comes with another uniform buffer. No tile has 2³² pixels.
+    // The bound is no bare uniform: Mesa's software driver compiles a uniform that bounds a loop into the machine code,
+    // and recompiles for every other value. No tile has 2³² pixels.
     let side = resolve.side + u32(pixel == 0xffffffffu);
     var sum = vec3f(0.0);
     for (var y = 0u; y < side; y++) {
@@ -34,7 +34,7 @@ fn display(pixel: u32) -> u32 {
     return display_from_radiance(sum / f32(resolve.side * resolve.side), resolve.exposure);
 }
 
-// Four pixels, which are three words.
+// Writes four pixels, which are three words.
 @compute @workgroup_size(64)
 fn resolve_color(@builtin(global_invocation_id) id: vec3u) {
     let pixels = resolve.size.x * resolve.size.y;
@@ -54,15 +54,15 @@ fn resolve_color(@builtin(global_invocation_id) id: vec3u) {
 
 @group(0) @binding(3) var<uniform> rays: Rays;
 @group(0) @binding(4) var visibility: texture_2d<u32>;
-// f32 bits, metres; infinity where there is nothing.
+// f32 bits, metres; infinity for sky.
 @group(0) @binding(5) var<storage, read_write> range: array<u32>;
 
-// Of a list of pixels, where each lies in the tile: column and, in the upper half, row.
+// For a list of pixels, the position of each in the tile: column, and row in the upper half.
 @group(0) @binding(6) var<storage, read> places: array<u32>;
 
 const INFINITY_BITS: u32 = 0x7f800000u;
 
-// Bits of the distance along the ray through a pixel's middle.
+// Bits of the distance along the ray through a pixel's centre.
 fn range_along(ids: vec2u, pixel: vec2u) -> u32 {
     if ids.x == 0u {
         return INFINITY_BITS;
@@ -75,7 +75,7 @@ fn range_along(ids: vec2u, pixel: vec2u) -> u32 {
     return bitcast<u32>(clamp(crossing.t, 0.0, 3.4e38));
 }
 
-// Of a visibility buffer with one sub-sample a pixel, in its middle.
+// For a visibility buffer with one sub-sample a pixel, at its centre.
 @compute @workgroup_size(8, 8)
 fn resolve_range(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {
@@ -84,7 +84,7 @@ fn resolve_range(@builtin(global_invocation_id) id: vec3u) {
     range[id.y * rays.width + id.x] = range_along(textureLoad(visibility, id.xy, 0).xy, id.xy);
 }
 
-// Of a list of a view's pixels.
+// For a list of pixels.
 @compute @workgroup_size(8, 8)
 fn resolve_pixel_range(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {

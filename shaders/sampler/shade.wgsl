@@ -1,5 +1,4 @@
-// Program of `sampler/src/passes/shade.rs`: the radiance that each sub-sample of a direct view sees, where triangles are
-// known.
+// Program of `sampler/src/passes/shade.rs`: shades each sub-sample of a direct view from the visibility buffer.
 
 import package::shared::finite::{finite_or_zero};
 import package::shared::guide::{keep_guide};
@@ -12,10 +11,10 @@ import package::shared::visible::{hit_at, map_of, rays, sky_along, surface_of};
 // Radiance.
 @group(0) @binding(4) var<storage, read_write> shaded: array<vec4f>;
 @group(2) @binding(5) var<uniform> probes: ProbeUniform;
-// Of a list of pixels, where each lies in the tile.
+// For a list of pixels, the position of each in the tile.
 @group(0) @binding(6) var<storage, read> places: array<u32>;
 
-// Everything that reaches the eye along a sub-sample's ray.
+// Radiance along a sub-sample's ray, view-dependent reflection included.
 fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
     let place = vec2f(sub_sample) + 0.5;
     if ids.x == 0u {
@@ -32,7 +31,7 @@ fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
     return vec4f(finite_or_zero(seen), 1.0 / hit.range);
 }
 
-// For a direct view: everything that reaches its eye.
+// Shades a tile of a direct view.
 @compute @workgroup_size(8, 8)
 fn shade_view(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {
@@ -42,7 +41,7 @@ fn shade_view(@builtin(global_invocation_id) id: vec3u) {
     shaded[at] = seen_along(textureLoad(visibility, id.xy, 0).xy, id.xy, at);
 }
 
-// For a list of a direct view's pixels: the same, elsewhere.
+// Shades a list of a direct view's pixels.
 @compute @workgroup_size(8, 8)
 fn shade_pixels(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {

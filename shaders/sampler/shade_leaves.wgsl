@@ -1,6 +1,5 @@
-// Program of `sampler/src/passes/shade_leaves.rs`: the radiance that leaves either side of an octree's leaves, which
-// does not depend on who looks. A leaf shows the triangle that covers most of it, where its mean position falls onto
-// that, with textures as wide as its cell.
+// Program of `sampler/src/passes/shade_leaves.rs`: shades both sides of an octree's leaves, independent of the viewer. A
+// leaf shows its largest triangle at the projection of the leaf's mean position, with textures filtered to the cell.
 
 import package::shared::encode::{octahedral_from_unit};
 import package::shared::finite::{finite_or_zero};
@@ -10,12 +9,11 @@ import package::shared::surface::{Hit, radiance, surface_at};
 import package::shared::surfel::{LeafChunk, Surfel, leaf_side};
 
 @group(0) @binding(0) var<uniform> chunk: LeafChunk;
-// Radiance; in w whether that side is seen.
+// Radiance; w is whether that side is visible.
 @group(0) @binding(3) var<storage, read_write> shaded: array<vec4f>;
 // Triangles that each leaf shows on its front and on its back.
 @group(0) @binding(4) var<storage, read> facing: array<vec2u>;
-// Of each of the octree's triangles, its instance, and its number in the mesh, with SINGLE_SIDED where its back is not
-// seen.
+// For each triangle of the octree its instance and its index in the mesh, with SINGLE_SIDED if its back is culled.
 @group(0) @binding(5) var<storage, read> triangle_ids: array<vec2u>;
 // Mean positions in edges of the root, f32 bits.
 @group(0) @binding(6) var<storage, read> nodes: array<vec4u>;
@@ -23,7 +21,7 @@ import package::shared::surfel::{LeafChunk, Surfel, leaf_side};
 
 const SINGLE_SIDED: u32 = 0x80000000u;
 
-// A point of a triangle seen straight from one side, and how far its plane is from where it was looked for.
+// A point of a triangle viewed along its normal, and the distance of its plane from the query position.
 struct Found {
     hit: Hit,
     // Unit normal of the triangle's front, world space.
@@ -32,7 +30,7 @@ struct Found {
     offset: f32,
 }
 
-// Where `position`, about the eye, falls onto a triangle.
+// Projects `position`, relative to the eye, onto a triangle.
 fn found_at(ids: vec2u, position: vec3f, front: bool) -> Found {
     let instance = instances[ids.x];
     let mesh = meshes[instance.mesh];
@@ -40,7 +38,7 @@ fn found_at(ids: vec2u, position: vec3f, front: bool) -> Found {
     let geometric = cross(triangle.e1, triangle.e2);
     let area = max(dot(geometric, geometric), 1e-37);
     let from_corner = mesh_from_world(instance, position) - triangle.a;
-    // Weights of the second and third corner, drawn into the triangle.
+    // Weights of the second and third corner, clamped to the triangle.
     let v = max(dot(cross(from_corner, triangle.e2), geometric), 0.0) / area;
     let w = max(dot(cross(triangle.e1, from_corner), geometric), 0.0) / area;
     let weights = vec2f(v, w) / max(v + w, 1.0);
@@ -49,7 +47,7 @@ fn found_at(ids: vec2u, position: vec3f, front: bool) -> Found {
     let offset = -dot(geometric, from_corner) / max(length(across), 1e-37);
     let point = position + normal * offset;
     let range = clamp(length(point), 1e-18, 1e18);
-    // Two directions along the plane, a cell long each at the point: what a texture is averaged over.
+    // Two directions in the plane, a cell long each: the texture footprint.
     let right = normalize(select(vec3f(0.0, -normal.z, normal.y), vec3f(normal.z, 0.0, -normal.x), abs(normal.x) < 0.7));
     let down = cross(normal, right);
     let step = chunk.cell / range;
@@ -79,7 +77,7 @@ fn shade_leaves(@builtin(global_invocation_id) id: vec3u) {
     let triangle = select(triangles.x, triangles.y, is_back);
     let position = bitcast<vec3f>(nodes[leaf].xyz) * chunk.edge + chunk.root_about_eye;
     let ids = triangle_ids[triangle];
-    // Where nothing faces the other way, the back is the back of what the front shows, if that is seen.
+    // Without a triangle that faces the other way, the back is the back of the front triangle, if it is double-sided.
     let front = !is_back || triangles.x != triangles.y;
     let seen = front || (ids.y & SINGLE_SIDED) == 0u;
     let found = found_at(vec2u(ids.x, ids.y & ~SINGLE_SIDED), position, front);

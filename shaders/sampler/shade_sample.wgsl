@@ -1,9 +1,9 @@
-// Program of `sampler/src/passes/shade_sample.rs`: what each texel of a sample shows, where the triangles that its sub-samples
-// see are known. `rays` are one a texel.
+// Program of `sampler/src/passes/shade_sample.rs`: shades the texels of a sample from the visibility buffer. `rays` has
+// one ray a texel.
 //
-// A texel whose sub-samples all see one triangle is shaded once, in its middle, which that triangle covers too. The others
-// are left to a second dispatch, in which each invocation has a run of texels and looks for those: on the software driver
-// eight invocations run together, and a texel of four triangles would keep seven of one waiting.
+// A texel whose sub-samples all see one triangle is shaded once, at its centre. The other texels are shaded by a second
+// dispatch, in which each invocation searches a run of texels: on the software driver eight invocations run together, and
+// a texel of four triangles would delay seven of one.
 
 import package::shared::dominant::{MOST_SUB_SAMPLES, dominant, same_surface};
 import package::shared::encode::{octahedral_from_unit};
@@ -16,43 +16,43 @@ import package::shared::surface::{radiance, reflects};
 import package::shared::reflection_probes::{reflector_word};
 import package::shared::visible::{hit_at, map_of, rays, sky_along, surface_of};
 
-// Sub-samples along each side of a texel, at most four: constant, so that loops over them are unrolled.
+// Sub-samples along a texel's side, at most four. Constant, so that loops are unrolled.
 override side: u32 = 2u;
-// Whether what specular reflection needs is kept, too.
+// Whether normals and F0 are written too.
 override glossy: bool = false;
 
 @group(0) @binding(3) var visibility: texture_2d<u32>;
-// Radiance; in w the inverse range of the surface on the texel's central ray, 0 for the sky, SPLIT for a texel that is yet to be
-// shaded.
+// Radiance. w is the inverse range on the texel's central ray, 0 for sky, SPLIT for a texel that the second dispatch
+// shades.
 @group(0) @binding(4) var<storage, read_write> shaded: array<vec4f>;
 // Octahedral normal (2x16snorm), F0 and roughness (4x8unorm).
 @group(0) @binding(5) var<storage, read_write> gloss: array<vec2u>;
-// As `PlaneKind::Reflector` has it.
+// Word of `PlaneKind::Reflector`.
 @group(2) @binding(6) var<storage, read_write> reflectors: array<u32>;
 
 const SPLIT: f32 = -1.0;
 
-// Texels over whose width textures are filtered where a texel is shaded once. Less than one, since a trilinear fetch
-// averages over twice the width by itself: FLIP of Sponza 0.0571 with 1, 0.0544 with 0.7 and 0.0543 with 0.5. A texel of one
-// sub-sample is what a direct view of one sample a pixel shows.
+// Width of the texture filter in texels, for texels that are shaded once. Less than 1, because a trilinear fetch averages
+// over twice the width: FLIP of Sponza 0.0571 with 1, 0.0544 with 0.7, 0.0543 with 0.5. With one sub-sample a texel
+// equals a direct view's pixel.
 const FILTER: f32 = 0.6;
 
-// Lobes are averaged if their roughness differs by no more: one between a lake's and its shore's shines where neither does. Of
-// those that differ more the rougher is taken, which shines least.
+// Largest difference of roughness between averaged lobes; beyond it the rougher one is taken. A mean roughness of lake
+// and shore would shine where neither does.
 const ALIKE: f32 = 0.25;
 
-// Texels that an invocation looks for split ones in.
+// Texels that an invocation searches for split texels.
 const RUN: u32 = 64u;
 
-// What a texel's surfaces sum up to.
+// Sums over a texel's sub-samples.
 struct Texel {
     // Radiance times sub-samples.
     radiance: vec3f,
     normal: vec3f,
-    // F0 and roughness times sub-samples; how many have it.
+    // F0 and roughness times sub-samples, and number of glossy sub-samples.
     lobe: vec4f,
     lobes: f32,
-    // What a surface looks up is the same all over it, but for the edges of things: of several words the greatest.
+    // A surface has one probe; at edges of objects the greatest word is taken.
     word: u32,
 }
 
@@ -60,7 +60,7 @@ fn nothing() -> Texel {
     return Texel(vec3f(0.0), vec3f(0.0), vec4f(0.0), 0.0, 0u);
 }
 
-// Adds what so many sub-samples see at a place of the tile; its range, 0 for the sky.
+// Shades a point of the tile and adds it for `count` sub-samples. Returns its range; 0 for sky.
 fn add(texel: ptr<function, Texel>, at: u32, ids: vec2u, place: vec2f, width: f32, members: f32) -> f32 {
     if ids.x == 0u {
         (*texel).radiance += sky_along(place) * members;
@@ -99,12 +99,12 @@ fn keep(texel: Texel, at: u32, members: f32, inverse_range: f32) {
     }
 }
 
-// What sub-sample number i of a texel sees.
+// Ids of sub-sample i of a texel.
 fn ids_of(texel: vec2u, i: u32) -> vec2u {
     return textureLoad(visibility, texel * side + vec2u(i % side, i / side), 0).xy;
 }
 
-// Its middle, in texels of the tile.
+// Its centre, in texels of the tile.
 fn place_of(texel: vec2u, i: u32) -> vec2f {
     return vec2f(texel) + (vec2f(vec2u(i % side, i / side)) + 0.5) / f32(side);
 }
@@ -117,7 +117,7 @@ fn is_of_one_triangle(texel: vec2u, ids: vec2u) -> bool {
     return same;
 }
 
-// Texels of one triangle; the others are marked.
+// Shades texels of one triangle and marks the others.
 @compute @workgroup_size(8, 8)
 fn shade_whole(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {
@@ -134,11 +134,11 @@ fn shade_whole(@builtin(global_invocation_id) id: vec3u) {
     keep(texel, at, 1.0, select(1.0 / range, 0.0, ids.x == 0u));
 }
 
-// 1/metres on the texel's central ray, as far as the plane of a sub-sample's triangle tells; 0 for the sky. A plane seen
-// edge-on may leave the texel anywhere; nothing is farther off than a few texels' slope.
+// Inverse range (1/metres) of the plane of a sub-sample's triangle on the texel's central ray; 0 for sky. Clamped to a
+// slope of a few texels, because a plane seen edge-on may be hit anywhere.
 fn central_inverse_range(texel: vec2u, i: u32) -> f32 {
     let ids = ids_of(texel, i);
-    // The sky reads some triangle and forgets it.
+    // Sky reads an arbitrary triangle and ignores it.
     let instance = instances[max(ids.x, 1u) - 1u];
     let triangle = triangle_about_eye(instance, meshes[instance.mesh], ids.y);
     let ray = normalize(ray_through(rays, place_of(texel, i)));
@@ -152,7 +152,7 @@ fn central_inverse_range(texel: vec2u, i: u32) -> f32 {
     return select(inverse, 0.0, ids.x == 0u);
 }
 
-// A texel of several triangles: its dominant surface, each triangle of which is shaded once.
+// Shades the dominant surface of a texel of several triangles, once for each triangle.
 fn shade_parts(id: vec2u, at: u32) {
     var inverse: array<f32, MOST_SUB_SAMPLES>;
     for (var i = 0u; i < side * side; i++) {
@@ -183,7 +183,7 @@ fn shade_parts(id: vec2u, at: u32) {
     keep(texel, at, members, sum / members);
 }
 
-// Texels of several triangles.
+// Shades texels of several triangles.
 @compute @workgroup_size(64)
 fn shade_split(@builtin(global_invocation_id) id: vec3u) {
     let texels = min(rays.width * rays.height, arrayLength(&shaded));

@@ -1,7 +1,6 @@
-// Program of `sampler/src/passes/spread.rs`: light that receivers received, spread over the sub-samples around them and
-// reflected by their albedo. A receiver counts by how well its light stands for a sub-sample's: by the distance to it as
-// a share of that to what lights it, and by the angle between normals (Ward, Rubinstein, Clear: "A Ray Tracing Solution
-// for Diffuse Interreflection", 1988), within a window that has no edges.
+// Program of `sampler/src/passes/spread.rs`: interpolates the receivers' light at sub-samples and multiplies by albedo.
+// Weights follow irradiance caching: distance relative to the distance of the light, and angle between normals (Ward,
+// Rubinstein, Clear: "A Ray Tracing Solution for Diffuse Interreflection", 1988), times a smooth window.
 
 import package::shared::receiver::{albedo_of, receiver_of};
 import package::shared::receivers::{Blocks, Chosen};
@@ -9,7 +8,7 @@ import package::shared::receivers::{Blocks, Chosen};
 @group(0) @binding(0) var<uniform> blocks: Blocks;
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;
 @group(0) @binding(2) var<storage, read> guide_albedos: array<u32>;
-// The numbers of each block's receivers; NONE where there is none.
+// Indices of each block's receivers; NONE for none.
 @group(0) @binding(3) var<storage, read> of_blocks: array<vec2u>;
 @group(0) @binding(4) var<storage, read> receivers: array<Chosen>;
 @group(0) @binding(5) var<storage, read> received: array<vec4f>;
@@ -18,7 +17,7 @@ import package::shared::receivers::{Blocks, Chosen};
 const NONE: u32 = 0xffffffffu;
 // Error of a receiver that is the sub-sample itself.
 const LEAST_ERROR: f32 = 0.02;
-// Weight of a receiver that faces away: it counts only where there is no other.
+// Weight of a receiver that faces away, used only if there is no other.
 const FACING_AWAY: f32 = 1e-6;
 
 @compute @workgroup_size(8, 8)
@@ -47,7 +46,7 @@ fn spread(@builtin(global_invocation_id) id: vec3u) {
                 let other = receivers[min(number, arrayLength(&receivers) - 1u)];
                 let light = received[min(number, arrayLength(&received) - 1u)];
                 let place = vec2f(vec2u(other.place & 0xffffu, other.place >> 16u));
-                // From the sub-sample to the receiver in blocks; the farthest that may count is beyond a block's end.
+                // From sub-sample to receiver, in blocks.
                 let off = abs(place - vec2f(id.xy)) / vec2f(blocks.block);
                 let window = max(1.0 - off.x / 1.5, 0.0) * max(1.0 - off.y / 1.5, 0.0);
                 let facing = dot(own.normal, other.normal);

@@ -1,12 +1,12 @@
-// Program of `sampler/src/passes/surfels.rs`: an octree's surfels, those of leaves as they were shaded, those of nodes
-// averaged from their children's.
+// Program of `sampler/src/passes/surfels.rs`: makes an octree's surfels: leaves as shaded, inner nodes averaged from
+// their children.
 
 import package::shared::encode::{octahedral_from_unit, unit_from_octahedral};
 import package::shared::linear::{linear_index};
 import package::shared::surfel::{LeafChunk, Surfel, UNSEEN, is_seen, leaf_side};
 
 struct NodeLevel {
-    // First node of the level, and how many there are.
+    // First node of the level, and number of nodes.
     first: u32,
     count: u32,
     // Length of the root's edge, metres.
@@ -68,15 +68,15 @@ fn average_surfels(
     let links = nodes[node].w;
     let first = links >> 8u;
     let end = min(first + countOneBits(links & 255u), arrayLength(&surfels));
-    // Sides are told apart by the axis of the child that has the most surface: the two sides of a wall have axes that
-    // would cancel out.
+    // Sides are those of the axis of the child with the most surface, because the axes of a wall's two sides would cancel
+    // out.
     var chosen = first;
     for (var child = first; child < end; child++) {
         chosen = select(chosen, child, weights[child] > weights[chosen]);
     }
     let main = axis_of(surfels[chosen]);
     var axis = vec3f(0.0);
-    // Radiance by weight, and the weight; of what is seen.
+    // Weighted radiance of visible sides, and the weight.
     var front = vec4f(0.0);
     var back = vec4f(0.0);
     var sum = 0.0;
@@ -90,7 +90,7 @@ fn average_surfels(
         back += weighed(select(surfel.front, surfel.back, agrees), weight);
         sum += weight;
     }
-    // Every term lies on the main axis's side, so that the sum has a direction.
+    // All terms are on the main axis's side, so the sum is not zero.
     axis = normalize(axis / sum);
     var offset = 0.0;
     for (var child = first; child < end; child++) {

@@ -1,10 +1,9 @@
-// Program of `sampler/src/passes/trace.rs`: which triangle of which instance each sub-sample sees, by rays through
-// a hierarchy instead of a rasteriser. Everything that is opaque; what is not comes after it (`trace_cutouts.wgsl`).
+// Program of `sampler/src/passes/trace.rs`: fills the visibility buffer by tracing opaque triangles. Cut-outs are traced
+// afterwards (`trace_cutouts.wgsl`).
 //
-// A packet is a block of sub-samples that a subgroup follows together. Its lanes take turns at being different
-// things: the children of a node (each lane tests one box against the packet's pyramid), the triangles of a leaf
-// (each lane prepares one), and columns of sub-samples (each lane tests its own against the triangles that are
-// left).
+// A packet is a block of sub-samples that a subgroup traces together. A lane is in turn a child of a node (it tests a box
+// against the packet's pyramid), a triangle of a leaf (it prepares the triangle), and a column of sub-samples (it tests
+// them against the remaining triangles).
 
 import package::shared::trace::follow::follow;
 import package::shared::trace::found::{Found, Lane, rows, take_row};
@@ -15,19 +14,19 @@ import package::shared::trace::triangle::{Leaf, prepared_by_lane};
 
 @group(0) @binding(5) var visibility: texture_storage_2d<rg32uint, write>;
 
-// Distances of what is not opaque have yet to be compared with these: one to a sub-sample, inverse, 0 for the sky.
+// Inverse distance of each sub-sample's opaque surface, 0 for sky. Cut-outs are compared with it.
 @group(0) @binding(6) var<storage, read_write> inverse_distances: array<f32>;
 
-// Set where a packet was not followed to its end: see `Found.is_cut`.
+// Set if a packet ended early: see `Found.is_cut`.
 @group(0) @binding(7) var<storage, read_write> unfinished: atomic<u32>;
 
-// What this program looks for.
+// The kind of triangles that this program tests.
 const KIND: u32 = OPAQUE_KIND;
 
-// Whether cut-outs are traced after what is opaque, and need its distances.
+// Whether cut-outs are traced afterwards and need the distances.
 override has_cutouts: bool = true;
 
-// Tests the triangles of a leaf that are opaque. Rows are written out, since passes of loops are limited.
+// Tests the opaque triangles of a leaf. Rows are unrolled, because the software driver limits loop iterations.
 fn meet(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
     var left = subgroupBallot(leaf.seen).x;
     while left != 0u {
@@ -69,7 +68,7 @@ fn write_row(row: u32, packet: Packet, found: ptr<function, Found>) {
     }
 }
 
-// Everything that is opaque.
+// Traces opaque triangles.
 @compute @workgroup_size(64)
 fn trace_opaque(
     @builtin(workgroup_id) group: vec3u, @builtin(subgroup_id) subgroup: u32, @builtin(subgroup_size) size: u32,

@@ -1,4 +1,4 @@
-// Program of `sampler/src/passes/trace_cutouts.rs`: cut-outs before what is opaque, which `trace.wgsl` has traced.
+// Program of `sampler/src/passes/trace_cutouts.rs`: traces cut-outs in front of the opaque surfaces of `trace.wgsl`.
 
 import package::shared::trace::alpha::{Corners, corners_of, passes_alpha_test};
 import package::shared::trace::follow::follow;
@@ -10,17 +10,17 @@ import package::shared::trace::triangle::{Leaf, at_place, from_lane, prepared_by
 
 @group(0) @binding(5) var visibility: texture_storage_2d<rg32uint, write>;
 
-// Of what is opaque: one to a sub-sample, inverse, 0 for the sky.
+// Inverse distance of each sub-sample's opaque surface, 0 for sky.
 @group(0) @binding(6) var<storage, read> inverse_distances: array<f32>;
 
-// Set where a packet was not followed to its end: see `Found.is_cut`.
+// Set if a packet ended early: see `Found.is_cut`.
 @group(0) @binding(7) var<storage, read_write> unfinished: atomic<u32>;
 
-// What this program looks for.
+// The kind of triangles that this program tests.
 const KIND: u32 = CUTOUT_KIND;
 
-// Tests the triangles of a leaf that are cut-outs; packets of cut-outs have one row. Each sub-sample tests the alpha
-// of the nearest, and of the next as long as it sees through: the lanes at once, since the test is what costs.
+// Tests the cut-outs of a leaf; packets of cut-outs have one row. Each sub-sample tests alpha of the nearest triangle,
+// then of the next while it is transparent. All lanes test together, because the alpha test dominates the cost.
 fn meet(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
     let of_tree = placed[tree].instance;
     let mine = corners_of(leaf, select(of_tree, leaf.instance, of_tree == OF_TRIANGLE));
@@ -58,7 +58,7 @@ fn meet(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
         (*found).inverse[0] = select((*found).inverse[0], inverse, stays);
         (*found).triangle[0] = select((*found).triangle[0], triangle, stays);
         (*found).tree[0] = select((*found).tree[0], tree, stays);
-        // Those that met a surface are done.
+        // Sub-samples that hit a surface are done.
         seen_through = select(inverse, 0.0, stays || !met);
         if !subgroupAny(met && !stays) {
             ended = true;
@@ -68,7 +68,7 @@ fn meet(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
     (*found).is_cut = (*found).is_cut || !ended;
 }
 
-// Lanes follow one row each.
+// Each lane has one row.
 @compute @workgroup_size(64)
 fn trace_cutouts(
     @builtin(workgroup_id) group: vec3u, @builtin(subgroup_id) subgroup: u32, @builtin(subgroup_size) size: u32,

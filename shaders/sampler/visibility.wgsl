@@ -1,12 +1,13 @@
-// Program of `sampler/src/passes/visibility.rs`: which triangle of which instance each sub-sample sees.
+// Program of `sampler/src/passes/visibility.rs`: rasterises the visibility buffer: instance and triangle of each
+// sub-sample.
 
 import package::shared::geometry::{attributes, color_of, instances, materials, meshes, uv_of};
 import package::shared::texture::{sample_alpha, slots};
 enable primitive_index;
 
-// A run of an instance's triangles, placed before the tile that is rasterised.
+// A range of an instance's triangles, with its transform to the tile.
 struct Draw {
-    // Rows of the transform from the mesh's vertices to clip space; z is the same everywhere.
+    // Rows x, y, w of the transform from mesh to clip space; z is constant.
     clip_from_mesh_x: vec4f,
     clip_from_mesh_y: vec4f,
     clip_from_mesh_w: vec4f,
@@ -17,7 +18,7 @@ struct Draw {
 
 @group(0) @binding(0) var<storage, read> draws: array<Draw>;
 
-// Reversed-Z with the far plane at infinity: depth is near / distance.
+// Reversed Z with an infinite far plane: depth is near / distance.
 fn clip_from_mesh(draw: Draw, position: vec3f) -> vec4f {
     let p = vec4f(position, 1.0);
     return vec4f(
@@ -45,7 +46,7 @@ struct Cutout {
     @builtin(position) clip: vec4f,
     @location(0) @interpolate(flat) instance_and_first: vec2u,
     @location(1) uv: vec2f,
-    // Of the vertex colour.
+    // Alpha of the vertex colour.
     @location(2) alpha: f32,
 }
 

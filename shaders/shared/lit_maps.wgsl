@@ -1,4 +1,4 @@
-// What a map of an octree's nodes shows along a ray: the radiance of the node that the ray meets, and how far off that is.
+// Looks up a ray in a map of octree nodes: radiance and range of the node that the ray hits.
 
 import package::shared::encode::{unit_from_octahedral};
 import package::shared::finite::{finite_or_zero};
@@ -9,30 +9,30 @@ import package::shared::surface::{lighting};
 import package::shared::surfel::{Surfel, is_seen, radiance_towards};
 
 struct MapLookup {
-    // Number of the camera, or of the first, among the views that maps were rendered for.
+    // Index of the camera, or of the first one, among the views of the traversal.
     view: u32,
-    // Maps of one array: 2 to the power of this.
+    // Base-2 logarithm of the number of maps in one array.
     map_shift: u32,
-    // Texels of a hemisphere's side.
+    // Texels on a side of a hemisphere.
     map_side: u32,
     // Length of the octree's root's edge, metres.
     edge: f32,
-    // Radius of the ball around a leaf's cell, metres.
+    // Radius of the sphere around a leaf's cell, metres.
     radius: f32,
 }
 
-// Sine of the angle to a plane below which its own direction is no guide to where the surface goes on.
+// Least sine of the angle to a plane at which the plane's slope is used.
 const FLATTEST: f32 = 0.1;
 
 @group(0) @binding(3) var<uniform> lookup: MapLookup;
 @group(0) @binding(5) var<storage, read> nodes: array<vec4u>;
 @group(0) @binding(6) var<storage, read> surfels: array<Surfel>;
-// Of each level, the leaves' first, the number of the node after its last.
+// For each level, starting with the leaves, the index after its last node.
 @group(0) @binding(7) var<storage, read> ends: array<u32>;
-// Where each map is seen from: in edges of the root, f32 bits.
+// Centre of each map, in edges of the root, f32 bits.
 @group(0) @binding(9) var<storage, read> map_centers: array<vec4u>;
 
-// The radius of the ball around a node's cell: twice that of the level below.
+// Radius of the sphere around a node's cell; it doubles with each level.
 fn radius_of(node: u32) -> f32 {
     var radius = lookup.radius;
     for (var i = 0u; i < arrayLength(&ends); i++) {
@@ -41,8 +41,8 @@ fn radius_of(node: u32) -> f32 {
     return radius;
 }
 
-// Radiance along a unit ray from a view's place, and in w the inverse range, 1/metres, along a unit ray beside it; 0 for
-// the sky.
+// Radiance along a unit ray from a view's centre. w is the inverse range (1/metres) along the neighbouring ray `central`;
+// 0 for sky.
 fn seen_in_map(view: u32, ray: vec3f, central: vec3f) -> vec4f {
     let map = map_of(view);
     let texel = node_texel(map, lookup.map_shift, lookup.map_side, paraboloid_index(ray, lookup.map_side));
@@ -50,14 +50,14 @@ fn seen_in_map(view: u32, ray: vec3f, central: vec3f) -> vec4f {
     let surfel = surfels[node];
     let axis = unit_from_octahedral(unpack2x16snorm(surfel.axis));
     let radiance = radiance_towards(surfel, axis, ray);
-    // A map holds the nearest node alone: what lies behind the back of a single-sided surface is taken for sky.
+    // A map has only the nearest node, so the back of a single-sided surface shows sky.
     if texel.y == 0u || !is_seen(radiance) {
         return vec4f(finite_or_zero(sky_radiance(lighting, ray)), 0.0);
     }
     let eye = bitcast<vec3f>(map_centers[min(map, arrayLength(&map_centers) - 1u)].xyz);
     let to_mean = (bitcast<vec3f>(nodes[node].xyz) - eye) * lookup.edge;
-    // Where the ray meets the node's plane. A map has a node where rays meet its cell, so that a ray that grazes the plane
-    // may yet go on to meet it some cells away.
+    // Intersection of the ray with the node's plane. A map has a node where rays hit its cell, so a grazing ray may hit
+    // the plane some cells away.
     let closest = dot(to_mean, central);
     let slope = dot(axis, central);
     let plane = (dot(axis, to_mean) + surfel.offset) / slope;

@@ -1,12 +1,11 @@
-// Maps of an octree's nodes, as they are read once they are done: `gpu/src/many_views` renders them, with texels of 64
-// bits.
+// Reads maps of octree nodes, which `gpu/src/many_views` renders with texels of 64 bits.
 
-// Arrays that maps are spread over.
+// Number of arrays of maps.
 override arrays: u32 = 1u;
 
-// A word a view: its map, which views of one leaf share.
+// A word a view: the index of its map.
 @group(0) @binding(8) var<storage, read> map_of_view: array<u32>;
-// Node and inverse range (f32 bits; 0 where nothing was seen) of each texel.
+// Node and inverse range (f32 bits; 0 for none) of each texel.
 @group(0) @binding(10) var<storage, read> maps0: array<vec2u>;
 @group(0) @binding(11) var<storage, read> maps1: array<vec2u>;
 @group(0) @binding(12) var<storage, read> maps2: array<vec2u>;
@@ -16,7 +15,7 @@ fn map_of(view: u32) -> u32 {
     return map_of_view[min(view, arrayLength(&map_of_view) - 1u)];
 }
 
-// A texel of a map of `side`² texels a hemisphere; maps of one array are 2 to the power of `shift`.
+// A texel of a map of `side`² texels a hemisphere. An array has 2^shift maps.
 fn node_texel(map: u32, shift: u32, side: u32, texel: u32) -> vec2u {
     let array_ = map >> shift;
     let at = (map - (array_ << shift)) * 2u * side * side + texel;

@@ -1,8 +1,8 @@
-// What is around reflectors (`scene/src/reflection.rs`): a map of all directions for each, which glossy and transparent
-// surfaces look up along the directions in which they reflect and refract.
+// Reflection probes (`scene/src/reflection.rs`): an omnidirectional map around each reflector. Glossy and transparent
+// surfaces look it up in the directions of reflection and refraction.
 //
-// A map is an octahedron unfolded, with coarser levels below the finest, each blurred as a surface of its roughness blurs,
-// from 0 to 1, and each within a ring of one texel, so that a bilinear fetch never leaves it.
+// A probe is an octahedral map. Coarser levels are below the finest, prefiltered for roughness 0 to 1. Each level has a
+// ring of one texel, so that a bilinear fetch never leaves it.
 
 import package::shared::encode::octahedral_from_unit;
 import package::shared::shading::{Lighting, Surface, reflected_direction, specular_of, specular_sky};
@@ -10,10 +10,10 @@ import package::shared::shading::{Lighting, Surface, reflected_direction, specul
 @group(2) @binding(0) var probe_radiance: texture_2d_array<f32>;
 @group(2) @binding(1) var probe_range: texture_2d_array<f32>;
 @group(2) @binding(2) var probe_sampler: sampler;
-// Where each map is seen from, metres from the middle of the scene, and how far from there its reflector reaches.
+// Centre of each probe, metres from the scene's centre, and radius of its reflector.
 @group(2) @binding(3) var<storage, read> probe_places: array<vec4f>;
 
-// The middle of the scene about the eye, metres; texels on a side of the finest level.
+// Centre of the scene relative to the eye, metres; texels on a side of the finest level.
 struct ProbeUniform {
     middle: vec3f,
     side: f32,
@@ -22,12 +22,12 @@ struct ProbeUniform {
 // Texels on a side of the coarsest level.
 const COARSEST: f32 = 4.0;
 
-// Steps by which the point is found that a ray meets: each takes the surroundings for a ball about the map's place, as
-// wide as the map says they are where the last step arrived (Szirmay-Kalos et al., "Approximate Ray-Tracing on the GPU
-// with Distance Impostors", 2005). A third step moves what is seen by less than a texel in rooms.
+// Steps of the parallax correction. Each intersects the ray with a sphere about the probe's centre, of the range that the
+// probe stores in the last step's direction (Szirmay-Kalos et al., "Approximate Ray-Tracing on the GPU with Distance
+// Impostors", 2005). In rooms the third step changes the result by less than a texel.
 const STEPS: u32 = 3u;
 
-// Where a level has a direction, in texels of the map.
+// Position of a direction in a level, in texels of the probe.
 fn place_in_level(direction: vec3f, side: f32, level: f32) -> vec2f {
     let level_side = side * exp2(-level);
     // Rows of the levels above, with their rings.
@@ -47,7 +47,7 @@ fn filtered_radiance(map: u32, direction: vec3f, roughness: f32, side: f32) -> v
     return mix(one.rgb, other.rgb, at - level);
 }
 
-// The direction from a map's place to what the ray from `position`, about that place, meets in a unit direction.
+// Direction from the probe's centre to the hit of a ray from `position` (relative to that centre) in a unit direction.
 fn parallax_corrected(map: u32, position: vec3f, direction: vec3f, side: f32) -> vec3f {
     let along = dot(position, direction);
     let squared = dot(position, position);
@@ -59,22 +59,22 @@ fn parallax_corrected(map: u32, position: vec3f, direction: vec3f, side: f32) ->
         let length_ = sqrt(max(along * along - squared + range * range, 0.0)) - along;
         let point = position + direction * max(length_, 0.0);
         let found = dot(point, point);
-        // The sky is seen alike from everywhere.
+        // Sky has no parallax.
         let is_met = inverse_range > 0.0 && found > 1e-30 && found < 1e30;
         met = select(direction, point * inverseSqrt(clamp(found, 1e-30, 1e30)), is_met);
     }
     return met;
 }
 
-// Radiance that arrives at `position`, about the eye, from a unit direction.
+// Radiance that arrives at `position` (relative to the eye) from a unit direction.
 fn look_up_probe(probes: ProbeUniform, map: u32, position: vec3f, direction: vec3f, roughness: f32) -> vec3f {
     let last = arrayLength(&probe_places) - 1u;
     let about_place = position - (probes.middle + probe_places[min(map, last)].xyz);
     return filtered_radiance(map, parallax_corrected(map, about_place, direction, probes.side), roughness, probes.side);
 }
 
-// What a surface sends towards the eye of what is around it: the sky's reflection, or where it looks a map up (`map` is 1
-// + its number), the scene's, and what passes through it.
+// Reflected and transmitted radiance of a surface towards the eye: from its probe (`map` is 1 + the index), or from the
+// sky if `map` is 0.
 fn reflected_radiance(surface: Surface, to_eye: vec3f, lighting: Lighting, probes: ProbeUniform, map: u32) -> vec3f {
     if map == 0u {
         return specular_sky(surface, to_eye, lighting);
@@ -82,7 +82,7 @@ fn reflected_radiance(surface: Surface, to_eye: vec3f, lighting: Lighting, probe
     let reflected = look_up_probe(probes, map - 1u, surface.position, reflected_direction(surface, to_eye), surface.roughness);
     var sent = specular_of(surface, to_eye, reflected);
     if any(surface.transmitted > vec3f(0.0)) {
-        // Refracted once, where it enters: what lies behind the far side of the thing is seen as from within it.
+        // Refracted once, at the entry. The exit of the object is ignored.
         let root = sqrt(clamp(surface.f0.x, 0.0, 0.5));
         let inward = refract(-to_eye, surface.normal, (1.0 - root) / (1.0 + root));
         let through = look_up_probe(probes, map - 1u, surface.position, inward, surface.roughness);
@@ -91,8 +91,8 @@ fn reflected_radiance(surface: Surface, to_eye: vec3f, lighting: Lighting, probe
     return sent;
 }
 
-// A word of a reflector plane: 1 + the map's number in its lowest eleven bits, and seven bits each of red, green and blue
-// that pass through.
+// Word of a Reflector plane: 1 + probe index in the lowest eleven bits, then seven bits each of transmitted red, green
+// and blue.
 fn reflector_word(map: u32, transmitted: vec3f) -> u32 {
     let shares = vec3u(floor(saturate(transmitted) * 127.0 + 0.5));
     return min(map, 2047u) | (shares.r << 11u) | (shares.g << 18u) | (shares.b << 25u);

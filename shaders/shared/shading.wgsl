@@ -1,5 +1,5 @@
-// The one definition of shading on the GPU; `scene/src/shading.rs` is its twin and says what is simulated.
-// Positions are relative to the origin of the pass.
+// The definition of shading on the GPU. `scene/src/shading.rs` is the same on the CPU and documents the model. Positions
+// are relative to the origin of the pass.
 
 const PI: f32 = 3.14159265358979;
 
@@ -28,7 +28,7 @@ struct Surface {
     emissive: vec3f,
     f0: vec3f,
     roughness: f32,
-    // Share of light that passes through; 0 where nobody looks what is behind up.
+    // Share of light that is transmitted; 0 without reflection probes.
     transmitted: vec3f,
 }
 
@@ -51,7 +51,7 @@ struct Incident {
     irradiance: vec3f,
 }
 
-// What arrives from a light at a position, on a surface that faces it.
+// Irradiance from a light at a position, on a surface that faces it.
 fn incident(light: Light, position: vec3f) -> Incident {
     if light.kind == 0u {
         return Incident(-light.direction, light.color);
@@ -77,7 +77,7 @@ fn incident(light: Light, position: vec3f) -> Incident {
     return Incident(to_light, light.color * falloff);
 }
 
-// Lambert's share of one light, for one surface of unit albedo.
+// Lambertian reflection of one light for unit albedo.
 fn diffuse_light(light: Light, position: vec3f, normal: vec3f) -> vec3f {
     let arriving = incident(light, position);
     return arriving.irradiance * (max(dot(normal, arriving.to_light), 0.0) / PI);
@@ -89,7 +89,7 @@ fn ggx(alpha: f32, n_h: f32) -> f32 {
     return a2 / max(PI * d * d, 1e-12);
 }
 
-// Smith's height-correlated visibility, the 4 n.l n.v of the denominator included.
+// Smith's height-correlated visibility, divided by 4 n.l n.v.
 fn smith(alpha: f32, n_v: f32, n_l: f32) -> f32 {
     let a2 = alpha * alpha;
     let v = n_l * sqrt((n_v - n_v * a2) * n_v + a2);
@@ -97,7 +97,7 @@ fn smith(alpha: f32, n_v: f32, n_l: f32) -> f32 {
     return 0.5 / max(v + l, 1e-6);
 }
 
-// Karis' fit of the split-sum table.
+// Karis' fit of the split-sum BRDF table.
 fn environment_brdf(f0: vec3f, roughness: f32, n_v: f32) -> vec3f {
     let r = saturate(roughness);
     let x = 1.0 - r;
@@ -108,18 +108,18 @@ fn environment_brdf(f0: vec3f, roughness: f32, n_v: f32) -> vec3f {
     return f0 * (-1.04 * a004 + z) + vec3f(1.04 * a004 + w);
 }
 
-// The unit direction that a surface mirrors towards the unit direction to_eye.
+// Unit direction of mirror reflection for the unit direction to_eye.
 fn reflected_direction(surface: Surface, to_eye: vec3f) -> vec3f {
     return 2.0 * dot(surface.normal, to_eye) * surface.normal - to_eye;
 }
 
-// The share of what is around a glossy surface, as blurred as that is rough, that it reflects towards to_eye.
+// Reflection of prefiltered radiance `incoming` on a glossy surface towards to_eye (split sum).
 fn specular_of(surface: Surface, to_eye: vec3f, incoming: vec3f) -> vec3f {
     let n_v = max(dot(surface.normal, to_eye), 1e-3);
     return incoming * environment_brdf(surface.f0, surface.roughness, n_v);
 }
 
-// The sky's reflection on a glossy surface towards the unit direction to_eye.
+// Reflection of the sky on a glossy surface towards the unit direction to_eye.
 fn specular_sky(surface: Surface, to_eye: vec3f, lighting: Lighting) -> vec3f {
     let reflected = reflected_direction(surface, to_eye);
     let sky = mix(
@@ -128,7 +128,7 @@ fn specular_sky(surface: Surface, to_eye: vec3f, lighting: Lighting) -> vec3f {
     return specular_of(surface, to_eye, sky);
 }
 
-// A light's reflection on a glossy surface towards the unit direction to_eye.
+// Specular reflection of a light on a glossy surface towards the unit direction to_eye.
 fn specular_light(surface: Surface, to_eye: vec3f, light: Light) -> vec3f {
     let arriving = incident(light, surface.position);
     let n_l = dot(surface.normal, arriving.to_light);

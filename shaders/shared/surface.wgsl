@@ -1,4 +1,4 @@
-// What a point of a triangle is as a surface, by its material's factors and textures, and what leaves it.
+// Surface properties at a point of a triangle from its material's factors and textures, and its shading.
 
 import package::shared::geometry::{
     MaterialData, MeshLayout, InstanceTransform, Triangle, attributes, blend2, blend3, blend4, color_of, materials,
@@ -15,17 +15,16 @@ import package::shared::texture::{
 @group(0) @binding(1) var<uniform> lighting: Lighting;
 @group(0) @binding(2) var<storage, read> lights: array<Light>;
 
-// What the scene has of each, so that what it lacks costs nothing: the software driver executes both sides of
-// every branch under a mask, and folds away only what is constant.
+// Features of the scene. Constants, because the software driver runs both sides of every branch that is not constant.
 override has_srgb_textures: bool = true;
 override has_linear_textures: bool = true;
 override has_normal_maps: bool = true;
 override has_vertex_colors: bool = true;
 override has_specular: bool = true;
-// Glossy and transparent surfaces look up what is around them.
+// Glossy and transparent surfaces look up reflection probes.
 override reflects: bool = false;
 
-// A triangle where a ray meets it.
+// A hit of a ray on a triangle.
 struct Hit {
     instance: InstanceTransform,
     mesh: MeshLayout,
@@ -51,8 +50,8 @@ struct Hit {
     down: vec3f,
 }
 
-// How far the hit moves on its triangle, in barycentric coordinates, as its ray's direction changes by
-// `difference` (Igehy, "Tracing Ray Differentials", 1999, section 3.1.1).
+// Change of the hit's barycentric coordinates when the ray's direction changes by `difference` (Igehy, "Tracing Ray
+// Differentials", 1999, section 3.1.1).
 fn barycentric_step(hit: Hit, difference: vec3f) -> vec2f {
     let d = mesh_from_world(hit.instance, difference) * hit.scale;
     let along = -hit.range * dot(d, hit.geometric) / dot(hit.in_mesh, hit.geometric);
@@ -100,9 +99,9 @@ fn look_up(hit: Hit, material: MaterialData) -> Looked {
         duv_dx = (b - a) * x.x + (c - a) * x.y;
         duv_dy = (b - a) * y.x + (c - a) * y.y;
     }
-    // One body for all of a material's textures, since each further one would be executed for every surface;
-    // and it comes before its loop's end, since a loop that ends at its head is executed once more under a mask.
-    // A surface without textures reads some texture and forgets it.
+    // One loop body for all textures of a material, because each further body would run for every surface. The test is at
+    // the loop's end, because a loop with its test at the head runs once more under a mask.
+    // A surface without textures reads an arbitrary texture and ignores it.
     let last = arrayLength(&slots) - 1u;
     if has_srgb_textures {
         var i = 0u;
@@ -131,7 +130,7 @@ fn look_up(hit: Hit, material: MaterialData) -> Looked {
     return looked;
 }
 
-// The visible point of a surface, seen from its front.
+// The visible point of a surface, viewed from its front.
 fn surface_at(hit: Hit) -> Surface {
     let material = materials[hit.mesh.has.w];
     let looked = look_up(hit, material);
@@ -159,7 +158,7 @@ fn surface_at(hit: Hit) -> Surface {
     return surface;
 }
 
-// Shading normal in mesh space, not a unit vector in general.
+// Shading normal in mesh space, not normalised.
 fn normal_at(hit: Hit, material: MaterialData, looked: Looked) -> vec3f {
     let normals = hit.triangle.normals;
     let vertex = blend3(
@@ -171,7 +170,7 @@ fn normal_at(hit: Hit, material: MaterialData, looked: Looked) -> vec3f {
     }
     let at = hit.records + 1u;
     let word = attributes[at.x].x;
-    // The bitangent's sign lies in the lowest bit, which is within the tangent's rounding.
+    // The bitangent's sign is the lowest bit, within the tangent's rounding error.
     let handedness = select(-1.0, 1.0, (word & 1u) != 0u);
     let tangent = blend3(
         normal_from_word(word), normal_from_word(attributes[at.y].x), normal_from_word(attributes[at.z].x),
@@ -186,21 +185,21 @@ fn normal_at(hit: Hit, material: MaterialData, looked: Looked) -> vec3f {
     return unit_or(t * local.x + b * local.y + normal * local.z, normal);
 }
 
-// A vector's direction; another vector, as it is, where it has none.
+// Normalises a vector; returns the other vector if it has no direction.
 fn unit_or(v: vec3f, other: vec3f) -> vec3f {
-    // Scaled first: squares of small triangles' normals underflow.
+    // Scaled first, because squares of small triangles' normals underflow.
     let most = max(max(abs(v.x), abs(v.y)), abs(v.z));
     let some = most > 0.0 && most < 1e38;
     return select(other, normalize(v / select(1.0, most, some)), some);
 }
 
-// What leaves a surface in every direction alike, and, if it is `seen` by a view, what it reflects of lights to the eye.
+// Diffuse radiance of a surface and, if `seen`, specular reflection of lights towards the eye.
 fn radiance(surface: Surface, seen: bool) -> vec3f {
     let shines = has_specular && seen;
     let to_eye = -normalize(surface.position);
     var irradiance_by_pi = sky_ambient(lighting, surface.normal);
     var reflected = vec3f(0.0);
-    // The body comes first, as above; where there is no light the array holds one that is black.
+    // The body comes first, as above. Without lights the array has one black light.
     var i = 0u;
     loop {
         let light = lights[i];
@@ -209,7 +208,7 @@ fn radiance(surface: Surface, seen: bool) -> vec3f {
             reflected += specular_light(surface, to_eye, light);
         }
         i += 1u;
-        // Not the bare uniform, see resolve_view.wgsl.
+        // The bound is no bare uniform: see resolve_view.wgsl.
         if i >= min(lighting.light_count, arrayLength(&lights)) {
             break;
         }

@@ -1,14 +1,14 @@
-//! Rust mirrors of WGSL structs. The test at the end compares name, offset and size of every field, and the
-//! size of every struct, with the WGSL of each program that declares a struct of that name.
+//! Rust mirrors of WGSL structs. A test compares the name, offset and size of every field, and the size of every struct,
+//! with the WGSL.
 
-/// What the test needs to know of a mirror.
+/// Layout of a mirror, for the test.
 #[derive(Debug, Clone, Copy)]
 pub struct Mirror {
     /// Name of the struct in Rust and in WGSL.
     pub name: &'static str,
-    /// Bytes, as an array's stride has it.
+    /// Size in bytes, which is the stride of an array.
     pub size: usize,
-    /// Names and offsets of the fields; those whose name begins with `_` are padding that WGSL implies.
+    /// Names and offsets of the fields. Fields whose name starts with `_` are padding that WGSL implies.
     pub fields: &'static [(&'static str, usize)],
 }
 
@@ -41,5 +41,5 @@ pub mod sampler;
 /// Mirrors of structs in `shared/` that both roles use.
 pub mod shared;
 
-/// Every file's mirrors, for the test; a mirror that is missing here is not tested, so add it.
+/// All mirrors, for the test. A mirror that is missing here is not tested.
 pub const MIRRORS: &[&[Mirror]] = &[shared::MIRRORS, gpu::MIRRORS, sampler::MIRRORS, compositor::MIRRORS];

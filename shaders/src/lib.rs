@@ -1,25 +1,24 @@
 //! Every GPU program of Argus.
 //!
-//! Programs lie beside this crate in a folder named after the crate that runs them
-//! (`shaders/sampler/x.wgsl` is the program of `sampler/src/passes/x.rs`); `shaders/shared` holds what
-//! programs import (`import package::shared::camera::…;`) and has no entry points; `shaders/entry_points` holds those that
-//! several programs have. `build.rs` links and validates each at build time and reflects it, so that a workgroup size or a
-//! binding is typed once, in WGSL, and a program that does not exist does not compile.
+//! Programs are in a folder named after the crate that runs them: `shaders/sampler/x.wgsl` is the program of
+//! `sampler/src/passes/x.rs`. `shaders/shared` has imported modules (`import package::shared::camera::…;`) without entry
+//! points. `shaders/entry_points` has entry points that several programs share. `build.rs` links, validates and reflects
+//! each program. So workgroup sizes and bindings are written once, in WGSL, and a missing program is a compile error.
 //!
-//! Structs that both sides know are declared with [`mirror!`] in [`layout`] and held to the WGSL by test.
+//! Structs of both sides are declared with [`mirror!`] in [`layout`]; a test compares them with the WGSL.
 
 pub mod layout;
 
 include!(concat!(env!("OUT_DIR"), "/programs.rs"));
 
-/// A linked WGSL module and what reflection says of it.
+/// A linked WGSL module with its reflection.
 #[derive(Debug, Clone, Copy)]
 pub struct Program {
-    /// `user/stem`, the program's place in the source tree.
+    /// `user/stem`: the program's path in the source tree.
     pub label: &'static str,
     /// Plain WGSL, imports resolved.
     pub source: &'static str,
-    /// In order of appearance.
+    /// Entry points, in order of appearance.
     pub entry_points: &'static [EntryPoint],
 }
 
@@ -27,7 +26,7 @@ impl Program {
     /// The entry point of that name.
     ///
     /// # Panics
-    /// If there is none: a typo, found by the first test that makes the pipeline.
+    /// If there is none, which is a typo.
     pub fn entry_point(&self, name: &str) -> &'static EntryPoint {
         self.entry_points
             .iter()
@@ -36,16 +35,16 @@ impl Program {
     }
 }
 
-/// A function that a pipeline starts with.
+/// An entry point.
 #[derive(Debug, Clone, Copy)]
 pub struct EntryPoint {
     /// Its name in WGSL.
     pub name: &'static str,
-    /// Which stage it is for.
+    /// Its stage.
     pub stage: Stage,
     /// Invocations of a workgroup; zeros unless [`Stage::Compute`].
     pub workgroup_size: [u32; 3],
-    /// The resources that it, or a function it calls, uses.
+    /// The resources that it or a function that it calls uses.
     pub bindings: &'static [Binding],
 }
 
@@ -67,13 +66,13 @@ pub struct Binding {
     pub group: u32,
     /// `@binding`
     pub index: u32,
-    /// The variable's name, by which pass calls bind it.
+    /// The variable's name, by which calls bind it.
     pub name: &'static str,
     /// Declared access.
     pub access: Access,
 }
 
-/// What a program may do with a resource.
+/// Access of a program to a resource.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
     /// Uniforms, sampled textures, samplers, read-only storage.

@@ -1,9 +1,9 @@
-//! `shaders/compositor/*.wgsl` and what they share: the compositor's side of the GPU.
+//! Mirrors of structs of `shaders/compositor/*.wgsl` and of the modules that they share.
 
 use super::Mirror;
 use super::shared::{Lighting, ProbeUniform};
 
-/// All of this file's.
+/// All mirrors of this file.
 pub(super) const MIRRORS: &[Mirror] = &[
     ViewSample::MIRROR,
     ViewUniform::MIRROR,
@@ -18,25 +18,25 @@ pub(super) const MIRRORS: &[Mirror] = &[
     Mips::MIRROR,
 ];
 
-/// Samples that one view can be made of.
+/// Most samples of a view.
 pub const MAX_SAMPLES: usize = 8;
 
 mirror! {
-    /// A sample as the pixels of one view look it up: `shared/fetch.wgsl`.
+    /// A sample as one view looks it up: `shared/fetch.wgsl`.
     pub struct ViewSample {
-        /// Direction in world axes to texture coordinate u times w; perspective only, as are v and w.
+        /// Row of the transform from directions in world axes to u × w. Perspective samples only.
         pub u_from_world: [f32; 3],
         /// Layer of the texture arrays.
         pub layer: u32,
-        /// To v times w.
+        /// Row of v × w. Perspective samples only.
         pub v_from_world: [f32; 3],
         /// WGSL aligns vectors of three to 16 bytes.
         pub _pad_v: f32,
-        /// To w, the depth along the sample camera's axis.
+        /// Row of w, the depth along the sample camera's axis. Perspective samples only.
         pub w_from_world: [f32; 3],
         /// WGSL aligns vectors of three to 16 bytes.
         pub _pad_w: f32,
-        /// The view's eye as seen from the sample's centre, metres, world axes.
+        /// The view's eye relative to the sample's centre, metres, world axes.
         pub eye_from_center: [f32; 3],
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: f32,
@@ -44,11 +44,11 @@ mirror! {
 }
 
 mirror! {
-    /// One view, or a piece of a large one: `shared/fetch.wgsl`.
+    /// A piece of a view: `shared/fetch.wgsl`.
     pub struct ViewUniform {
         /// Direction of the image's top left corner, at depth 1, world axes.
         pub corner: [f32; 3],
-        /// How many of `samples` there are.
+        /// Number of valid entries of `samples`.
         pub sample_count: u32,
         /// Change of direction from pixel to pixel.
         pub right: [f32; 3],
@@ -56,69 +56,69 @@ mirror! {
         pub steps: u32,
         /// Change of direction from row to row.
         pub down: [f32; 3],
-        /// First of this view's lights.
+        /// Index of this view's first light.
         pub first_light: u32,
         /// The scene's bounds relative to the eye.
         pub bounds_min: [f32; 3],
-        /// Pixels on an edge of a splat cell.
+        /// Pixels along the edge of a cell.
         pub cell: f32,
         /// The scene's bounds relative to the eye.
         pub bounds_max: [f32; 3],
-        /// First of this piece's cells.
+        /// Index of this piece's first cell.
         pub first_cell: u32,
-        /// The view's axis, unit.
+        /// Unit axis of the view.
         pub forward: [f32; 3],
-        /// Relative difference of range up to which a texel is taken for the surface that is looked for.
+        /// Relative difference of range up to which a texel belongs to the surface at a depth.
         pub tolerance: f32,
-        /// Image position of the piece's first pixel, in pixels.
+        /// Position of the piece's first pixel in the view, pixels.
         pub piece_origin: [f32; 2],
-        /// Where the piece lies in the target.
+        /// Position of the piece's first pixel in the target, pixels.
         pub target_origin: [f32; 2],
-        /// Column and row of the view's cells at which this piece's begin.
+        /// First cell of this piece, in cells of the view.
         pub cell_origin: [i32; 2],
         /// Columns of this piece's cells.
         pub cell_columns: i32,
-        /// First of this piece's places in the list of pixels that are not settled.
+        /// Index of this piece's first word in `unsettled`.
         pub first_unsettled: u32,
-        /// Index of this piece among the chunk's.
+        /// Index of this piece in the chunk.
         pub piece: u32,
-        /// Texels of a sample on the edge of a sub-pixel, at equal distance.
+        /// Texels of the nearest sample along the edge of a pixel, at equal distance from both.
         pub footprint: f32,
         /// Columns and rows of the piece's pixels.
         pub piece_size: [u32; 2],
         /// Sky, exposure and number of lights.
         pub lighting: Lighting,
-        /// Where maps of surroundings lie about the eye.
+        /// Reflection probes relative to the eye.
         pub probes: ProbeUniform,
         /// The plan's samples, in its order.
         pub samples: [ViewSample; MAX_SAMPLES],
-        /// As many as make 768 bytes, so that an array's elements lie where uniforms may.
+        /// Pads to 768 bytes, a multiple of the alignment of uniforms.
         pub _pad: [f32; 12],
     }
 }
 
 mirror! {
-    /// One pinhole image as one piece of one view sees it: `shared/cell_projection.wgsl`.
+    /// The transform from a pinhole image to the cells of a piece: `shared/cell_projection.wgsl`.
     pub struct CellProjection {
-        /// Position in the image's axes times its inverse depth, and that inverse depth, to column times w.
+        /// Row of column × w, from (position × inverse depth, inverse depth) in the image's axes.
         pub column: [f32; 4],
-        /// To row times w.
+        /// Row of row × w.
         pub row: [f32; 4],
-        /// To w.
+        /// Row of w.
         pub depth: [f32; 4],
-        /// Texel of the image to its direction: factor.
+        /// Direction of a texel is `scale` × texel + `bias`.
         pub scale: [f32; 2],
-        /// Texel of the image to its direction: summand.
+        /// See `scale`.
         pub bias: [f32; 2],
-        /// First of the piece's cells.
+        /// Index of the piece's first cell.
         pub first_cell: u32,
         /// Columns of the piece's cells.
         pub cell_columns: i32,
         /// Rows of the piece's cells.
         pub cell_rows: i32,
-        /// Column of the view's cells at which the piece's begin.
+        /// First column of the piece, in cells of the view.
         pub origin_column: i32,
-        /// Row of the view's cells at which the piece's begin.
+        /// First row of the piece, in cells of the view.
         pub origin_row: i32,
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: [u32; 3],
@@ -126,17 +126,17 @@ mirror! {
 }
 
 mirror! {
-    /// One face of one sample as one view sees it: `compositor/splat.wgsl`.
+    /// One face of one sample, projected into one view: `compositor/splat.wgsl`.
     pub struct Splat {
-        /// Where its texels land.
+        /// Transform of its texels to cells.
         pub projection: CellProjection,
-        /// Where the face lies in the sample, texels.
+        /// Position of the face in the sample, texels.
         pub face_offset: [u32; 2],
         /// Its size, texels.
         pub face_size: [u32; 2],
         /// Layer of the texture array.
         pub layer: u32,
-        /// First of this dispatch's blocks.
+        /// Index of the dispatch's first block.
         pub first_block: u32,
         /// Position of the sample in the plan's list.
         pub source: u32,
@@ -146,17 +146,17 @@ mirror! {
 }
 
 mirror! {
-    /// Pixels of an earlier frame as one view sees them: `compositor/reproject.wgsl`.
+    /// Pixels of an earlier frame, projected into one view: `compositor/reproject.wgsl`.
     pub struct Reproject {
-        /// Where they land.
+        /// Transform of the pixels to cells.
         pub projection: CellProjection,
         /// Pixels in a row.
         pub columns: u32,
         /// Rows of pixels.
         pub rows: u32,
-        /// First of their words.
+        /// Index of their first word.
         pub first_word: u32,
-        /// Position in the plan's list of each of the earlier frame's samples, three bits each.
+        /// For each sample of the earlier frame its position in the plan's list, three bits each.
         pub sources: u32,
     }
 }
@@ -164,7 +164,7 @@ mirror! {
 mirror! {
     /// The cells of one piece: `compositor/fill.wgsl`.
     pub struct Fill {
-        /// First of its cells.
+        /// Index of its first cell.
         pub first_cell: u32,
         /// Columns.
         pub columns: i32,
@@ -180,7 +180,7 @@ mirror! {
         pub columns: u32,
         /// Rows.
         pub rows: u32,
-        /// Cells on the edge of a block.
+        /// Cells along the edge of a block.
         pub side: u32,
     }
 }
@@ -188,13 +188,13 @@ mirror! {
 mirror! {
     /// One supersampled piece: `compositor/resolve.wgsl`.
     pub struct Resolve {
-        /// Where it lies in the supersampled target.
+        /// Its first texel in the target of sub-pixels.
         pub source_origin: [u32; 2],
-        /// Where it lies in the final target.
+        /// Its first texel in the target of pixels.
         pub target_origin: [u32; 2],
-        /// Supersampled pixels on the edge of a final one.
+        /// Sub-pixels along the edge of a pixel.
         pub side: u32,
-        /// Radiance to display-linear.
+        /// Factor from radiance to display-linear.
         pub exposure: f32,
     }
 }
@@ -202,27 +202,27 @@ mirror! {
 mirror! {
     /// One level of a sample's radiance: `compositor/mips.wgsl`.
     pub struct Mips {
-        /// Texels of this level.
+        /// Size of this level, texels.
         pub size: [u32; 2],
-        /// Texels of the finer one.
+        /// Size of the finer level, texels.
         pub finer: [u32; 2],
         /// Layer of the texture arrays.
         pub layer: u32,
-        /// Whether the finer level's inverse ranges are the sample's own.
+        /// 1 if the finer level's inverse ranges are the sample's plane.
         pub from_sample: u32,
-        /// First of the finer level's inverse ranges.
+        /// Index of the finer level's first inverse range.
         pub finer_range: u32,
-        /// First of this level's.
+        /// Index of this level's first inverse range.
         pub range: u32,
         /// First word of this level's texels.
         pub word: u32,
-        /// Words from row to row.
+        /// Words from one row to the next.
         pub pitch: u32,
-        /// Radiance to display-linear.
+        /// Factor from radiance to display-linear.
         pub exposure: f32,
-        /// Whether samples carry what specular needs.
+        /// 1 if samples have a Specular plane.
         pub glossy: u32,
-        /// Row of this level at which a dispatch begins.
+        /// First row of the dispatch.
         pub first_row: u32,
         /// WGSL's padding to a multiple of 8 bytes.
         pub _pad: u32,
@@ -230,21 +230,21 @@ mirror! {
 }
 
 mirror! {
-    /// One face of a sample that is taken in: `compositor/bounds.wgsl`.
+    /// One face of a sample that is uploaded: `compositor/bounds.wgsl`.
     pub struct TileBounds {
-        /// Where the face lies in the sample, texels.
+        /// Position of the face in the sample, texels.
         pub face_offset: [u32; 2],
         /// Its size, texels.
         pub face_size: [u32; 2],
         /// Layer of the texture array.
         pub layer: u32,
-        /// First of its tiles in the result.
+        /// Index of its first tile in the result.
         pub first_tile: u32,
         /// Tiles in a row.
         pub tile_columns: u32,
         /// Rows of tiles.
         pub tile_rows: u32,
-        /// Texels on the edge of a tile.
+        /// Texels on a side of a tile.
         pub tile_side: u32,
         /// WGSL rounds the struct up to 8 bytes.
         pub _pad: u32,
@@ -252,11 +252,11 @@ mirror! {
 }
 
 mirror! {
-    /// One sample whose pyramid is made: `compositor/build_pyramid.wgsl`.
+    /// One sample whose pyramid is built: `compositor/build_pyramid.wgsl`.
     pub struct BuildPyramid {
         /// Layer of the texture arrays.
         pub layer: u32,
-        /// Texels of the sample: columns.
+        /// Columns of the sample, texels.
         pub width: u32,
         /// Rows.
         pub height: u32,

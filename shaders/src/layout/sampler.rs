@@ -66,9 +66,9 @@ mirror! {
 }
 
 mirror! {
-    /// An instance as one sample camera sees it: `shared/geometry.wgsl`.
+    /// The transform of an instance relative to the eye: `shared/geometry.wgsl`.
     pub struct InstanceTransform {
-        /// Row of the transform from world axes about the eye to the mesh's vertices.
+        /// First row of the transform from world axes about the eye to mesh space.
         pub mesh_from_eye_x: [f32; 4],
         /// The second row.
         pub mesh_from_eye_y: [f32; 4],
@@ -139,7 +139,7 @@ mirror! {
 }
 
 mirror! {
-    /// What is found first in a wide tree: `sampler/trace.wgsl`.
+    /// A child of a node of a wide tree: `sampler/trace.wgsl`.
     pub struct Child {
         /// Smallest coordinates.
         pub min: [f32; 3],
@@ -171,25 +171,25 @@ mirror! {
 }
 
 mirror! {
-    /// What `sampler/resolve_sample.wgsl` is told.
+    /// Uniform of `sampler/resolve_sample.wgsl`.
     pub struct ResolveSample {
         /// Texels of the tile.
         pub size: [u32; 2],
-        /// Where the tile's first texel lies in the planes.
+        /// Position of the tile's first texel in the planes.
         pub offset: [u32; 2],
-        /// Texels from row to row of the planes.
+        /// Texels from one row of the planes to the next.
         pub stride: u32,
-        /// Mantissa bits that an inverse range keeps.
+        /// Mantissa bits of a stored inverse range.
         pub range_bits: u32,
         /// 1: radiance is stored as Rgba16Float rather than Rgb9e5Ufloat.
         pub half_float: u32,
-        /// Sub-samples from row to row of what was shaded.
+        /// Elements of the shaded buffer from one row to the next.
         pub shaded_stride: u32,
     }
 }
 
 mirror! {
-    /// What `sampler/resolve_view.wgsl` is told.
+    /// Uniform of `sampler/resolve_view.wgsl`.
     pub struct ResolveView {
         /// Pixels of the tile.
         pub size: [u32; 2],
@@ -256,13 +256,13 @@ pub mod vpl {
 }
 
 mirror! {
-    /// What passes that gather light from VPLs are told: `shared/vpl.wgsl`.
+    /// Uniform of the passes that gather light from VPLs: `shared/vpl.wgsl`.
     pub struct Gathering {
         /// Added to positions about the eye.
         pub root_from_eye: [f32; 3],
         /// VPLs that a sub-sample gathers from.
         pub samples: u32,
-        /// Blocks of the tile.
+        /// Number of blocks of the tile.
         pub blocks: [u32; 2],
         /// Sub-samples of the tile.
         pub size: [u32; 2],
@@ -270,7 +270,7 @@ mirror! {
         pub origin: [u32; 2],
         /// Texels on a side of a hemisphere's map.
         pub map_side: u32,
-        /// Maps of one array: 2 to the power of this.
+        /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
         /// Sub-samples that the filter reaches on each side.
         pub reach: u32,
@@ -292,35 +292,35 @@ mirror! {
 }
 
 mirror! {
-    /// What `sampler/imperfect.wgsl` is told.
+    /// Immediates of `sampler/imperfect.wgsl`.
     pub struct Imperfect {
         /// Texels on a side of a hemisphere's map.
         pub side: u32,
-        /// Points to a map.
+        /// Points of a map.
         pub points: u32,
         /// Texels on a side of the level that is written.
         pub to_side: u32,
-        /// Of the level that is read.
+        /// Texels on a side of the level that is read.
         pub from_side: u32,
-        /// Where the level that is written begins in the pyramid.
+        /// Offset of the written level in the pyramid.
         pub to_begin: u32,
-        /// And the one that is read.
+        /// Offset of the level that is read.
         pub from_begin: u32,
-        /// Maps.
+        /// Number of maps.
         pub count: u32,
-        /// Sets one choice of points apart from another.
+        /// Seed of the choice of points.
         pub seed: u32,
     }
 }
 
 mirror! {
-    /// What `sampler/adopt_maps.wgsl` is told.
+    /// Uniform of `sampler/adopt_maps.wgsl`.
     pub struct AdoptMaps {
-        /// From the middle of the scene to the corner of the octree's root.
+        /// Corner of the octree's root relative to the scene's centre, metres.
         pub octree_from_root: [f32; 3],
         /// Length of the root's edge, metres.
         pub edge: f32,
-        /// VPLs.
+        /// Number of VPLs.
         pub count: u32,
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: [u32; 3],
@@ -328,7 +328,7 @@ mirror! {
 }
 
 mirror! {
-    /// Leaves of an octree that are shaded at a time: `shared/surfel.wgsl`.
+    /// Leaves of an octree that are shaded in one submission: `shared/surfel.wgsl`.
     pub struct LeafChunk {
         /// The octree's root, its corner of least coordinates, about the eye; metres.
         pub root_about_eye: [f32; 3],
@@ -338,7 +338,7 @@ mirror! {
         pub size: [u32; 2],
         /// First leaf.
         pub first: u32,
-        /// Leaves of the octree.
+        /// Number of leaves of the octree.
         pub leaves: u32,
         /// Edge of a leaf's cell, metres.
         pub cell: f32,
@@ -366,35 +366,35 @@ mirror! {
 }
 
 mirror! {
-    /// What is told of maps of an octree: `shared/lit_maps.wgsl`.
+    /// Uniform of lookups in maps of an octree: `shared/lit_maps.wgsl`.
     pub struct MapLookup {
-        /// Number of the camera, or of the first, among the views that maps were rendered for.
+        /// Index of the camera, or of the first one, among the views of the traversal.
         pub view: u32,
         /// Maps of one array: 2 to the power of this.
         pub map_shift: u32,
-        /// Texels of a hemisphere's side.
+        /// Texels on a side of a hemisphere.
         pub map_side: u32,
         /// Length of the octree's root's edge, metres.
         pub edge: f32,
-        /// Radius of the ball around a leaf's cell, metres.
+        /// Radius of the sphere around a leaf's cell, metres.
         pub radius: f32,
     }
 }
 
 mirror! {
-    /// A level of maps of surroundings: `sampler/resample_probes.wgsl`.
+    /// A level of reflection probes: `sampler/resample_probes.wgsl`.
     pub struct ResampleProbes {
         /// Texels on a side of the finest level.
         pub side: u32,
-        /// Columns of a map.
+        /// Columns of a probe.
         pub columns: u32,
-        /// Rows of a map.
+        /// Rows of a probe.
         pub rows: u32,
         /// Texels on a side of this level.
         pub level_side: u32,
-        /// Its first row within the map.
+        /// Its first row in the probe.
         pub level_row: u32,
-        /// Roughness that it stands for.
+        /// Its roughness.
         pub roughness: f32,
     }
 }
@@ -410,7 +410,7 @@ mirror! {
 }
 
 mirror! {
-    /// What is told of a tile whose light is received by some of its surfaces: `shared/receivers.wgsl`.
+    /// Blocks of a tile that share receivers: `shared/receivers.wgsl`.
     pub struct Blocks {
         /// Sub-samples of the tile.
         pub size: [u32; 2],
@@ -418,7 +418,7 @@ mirror! {
         pub block: [u32; 2],
         /// Blocks of the tile.
         pub count: [u32; 2],
-        /// How many blocks away a sub-sample looks for receivers: 0 or 1.
+        /// Reach of receivers, in blocks: 0 or 1.
         pub reach: u32,
         /// WGSL rounds the struct up to 8 bytes.
         pub _pad: u32,
@@ -426,25 +426,25 @@ mirror! {
 }
 
 mirror! {
-    /// A surface that receives light for those around it: `shared/receivers.wgsl`.
+    /// A receiver: `shared/receivers.wgsl`.
     pub struct Chosen {
-        /// About the eye, metres.
+        /// Position relative to the eye, metres.
         pub position: [f32; 3],
         /// Column and row of its sub-sample in the tile, 16 bits each.
         pub place: u32,
-        /// Unit shading normal on the side that is seen.
+        /// Unit shading normal of the visible side.
         pub normal: [f32; 3],
-        /// 0 where there is none.
+        /// 0 for a missing receiver.
         pub exists: u32,
     }
 }
 
 mirror! {
-    /// What `sampler/receive.wgsl` is told.
+    /// Uniform of `sampler/receive.wgsl`.
     pub struct Receive {
-        /// First receiver of those whose maps there are.
+        /// First receiver of the batch.
         pub first: u32,
-        /// How many they are.
+        /// Number of receivers.
         pub count: u32,
         /// Maps of one array: 2 to the power of this.
         pub map_shift: u32,

@@ -1,8 +1,8 @@
-//! `shaders/shared/*.wgsl`: what both roles hand to the GPU.
+//! Mirrors of structs of `shaders/shared/*.wgsl` that both roles use.
 
 use super::Mirror;
 
-/// All of this file's.
+/// All mirrors of this file.
 pub(super) const MIRRORS: &[Mirror] = &[Light::MIRROR, Lighting::MIRROR, ProbeUniform::MIRROR];
 
 mirror! {
@@ -28,25 +28,25 @@ mirror! {
 }
 
 mirror! {
-    /// Where maps of surroundings lie about the eye: `shared/reflection_probes.wgsl`.
+    /// Reflection probes relative to the eye: `shared/reflection_probes.wgsl`.
     pub struct ProbeUniform {
-        /// The middle of the scene's bounds, metres from the eye.
+        /// Centre of the scene's bounds relative to the eye, metres.
         pub middle: [f32; 3],
-        /// Texels on a side of a map's finest level.
+        /// Texels on a side of a probe's finest level.
         pub side: f32,
     }
 }
 
 mirror! {
-    /// What shading needs beside surface and lights: `shared/shading.wgsl`.
+    /// Sky, exposure and number of lights: `shared/shading.wgsl`.
     pub struct Lighting {
         /// Radiance of the sky straight up.
         pub sky_zenith: [f32; 3],
-        /// Lights in the array.
+        /// Number of lights.
         pub light_count: u32,
         /// Radiance of the sky at the horizon.
         pub sky_horizon: [f32; 3],
-        /// Radiance to display-linear.
+        /// Factor from radiance to display-linear.
         pub exposure: f32,
         /// Radiance of the sky straight down.
         pub sky_ground: [f32; 3],
