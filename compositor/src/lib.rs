@@ -5,22 +5,22 @@
 //! texels whose range agrees with that depth. The searches:
 //!
 //! - [`argus_scene::Search::Splat`]: the samples' texels are projected into cells of the view, each cell keeps the
-//! nearest, and gaps within a surface are filled;
+//!   nearest, and gaps within a surface are filled;
 //! - [`argus_scene::Search::Linear`]: linear steps and bisection (the cluster paper, section 4.2);
 //! - [`argus_scene::Search::FixedPoint`]: fixed-point iteration between the ray and a sample's surface, from the middle
-//! of the scene's bounds; a linear search where it does not converge;
+//!   of the scene's bounds; a linear search where it does not converge;
 //! - [`argus_scene::Search::Seeded`]: fixed-point iteration that starts from a coarse splat, or from the previous frame
-//! of the session ([`argus_scene::History`]);
+//!   of the session ([`argus_scene::History`]);
 //! - [`argus_scene::Search::Pyramid`]: the ray is marched through a pyramid of each sample's nearest surfaces (exact).
 //!
 //! The meaning of a frame's pixels, in addition to [`argus_scene::Output`]:
 //! - a pixel is *sky* (source 0, mask 0, no range) if its ray misses the scene's bounds, or if samples see past every
-//! point of it;
+//!   point of it;
 //! - a pixel is *unresolved* (source 0, mask 255, no range) if no sample saw its surface. Its colour is a guess: the
-//! farthest nearby texel of the first sample that looks there, because background continues behind a foreground edge; sky
-//! if no sample looks there;
+//!   farthest nearby texel of the first sample that looks there, because background continues behind a foreground edge; sky
+//!   if no sample looks there;
 //! - with supersampling, colour is the mean in linear radiance. Range, mask and source are those of the middle sub-pixel
-//! (for an even number, the one below and right of the middle).
+//!   (for an even number, the one below and right of the middle).
 //!
 //! [`compositor`] has the list of passes. `passes` has one file a pass; its program has the same name in
 //! `shaders/compositor/`.

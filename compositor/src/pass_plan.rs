@@ -90,7 +90,7 @@ pub(crate) fn pass_plan(
         row(
             "range target",
             outputs.range,
-            if outputs.range { "the view asks for range" } else { "nobody asks" },
+            if outputs.range { "the view asks for range" } else { "the view does not ask for range" },
         ),
     ]
 }

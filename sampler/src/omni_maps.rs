@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_of_a_block_are_traversed_with_all_of_it_whoever_is_asked_for() {
+    fn samples_of_a_block_are_always_traversed_with_the_whole_block() {
         let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 };
         let knobs = MegaViews { map_side: 64, levels: 4, block: 2 };
         let corners = rig.nearest(&Camera::look_at(DVec3::splat(0.4), DVec3::X), 8);

@@ -180,7 +180,8 @@ impl ProbeRenderer {
             let mut commands = gpu.commands("own nodes");
             let owners = self.octree.owners(gpu, &mut commands, &self.own_nodes, &probe_of_instance);
             commands.submit().wait()?;
-            let owners = owners.ok_or_else(|| RenderError::Internal("nodes belong to nobody".to_owned()))?;
+            let owners = owners
+                .ok_or_else(|| RenderError::Internal("the octree has no owners of nodes".to_owned()))?;
             // From the stored f32 positions, which lookups use too.
             let seen_from = |place: &[f32; 4]| {
                 let [x, y, z, _] = place.map(f64::from);

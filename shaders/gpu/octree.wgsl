@@ -31,8 +31,8 @@ var<immediate> average: Average;
 @group(0) @binding(8) var<storage, read_write> cones: array<vec4f>;
 @group(0) @binding(9) var<storage, read_write> colors: array<u32>;
 @group(0) @binding(10) var<storage, read_write> weights: array<f32>;
-// Of a leaf, the triangle that it shows to whoever looks against that one's normal, and the one that it shows to whoever
-// looks along it: the same where no other faces that way.
+// For each leaf the triangle that it shows from the front, and the one that it shows from the back; the same if no other
+// faces that way.
 @group(0) @binding(11) var<storage, read_write> facing: array<vec2u>;
 
 // A mean stays inside its cell by a share of the cell's size, so that the cell can be told from the mean.

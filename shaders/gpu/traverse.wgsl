@@ -64,7 +64,7 @@ override leaves_out: bool = false;
 @group(0) @binding(4) var<storage, read> queue: array<vec2u>;
 @group(0) @binding(5) var<storage, read_write> next: array<vec2u>;
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
-// Of each node, 1 + the number of whom it belongs to with all that is in it; 0 where that is several or nobody.
+// For each node 1 + the index of the view that everything in it belongs to; 0 for none or several.
 @group(0) @binding(7) var<storage, read> owners: array<u32>;
 
 // Entries of a step in `counters`.

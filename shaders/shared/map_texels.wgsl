@@ -130,9 +130,9 @@ fn load_narrow(place: vec2u) -> u32 {
     return atomicLoad(&narrow3[place.y]);
 }
 
-// No atomic knows halves of words, and a maximum of the whole would let one half take the other along. So a half is
-// exchanged only if its word is still what it was, and whoever comes too late looks again. Halves only grow, and end as
-// the greatest of all that was put, in whatever order.
+// There are no 16-bit atomics, and a maximum of the whole word would change the other half. So a half is written by
+// compare-exchange and retried if the word has changed. Halves only grow, so the result is the maximum in any order of
+// writes.
 fn put_half(place: vec2u, code: u32) {
     let word = vec2u(place.x, place.y >> 1u);
     let half = 16u * (place.y & 1u);

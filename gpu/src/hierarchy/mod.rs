@@ -3,7 +3,7 @@
 //! - [`Scan`] and [`Sort`]: exclusive prefix sums of 32-bit numbers, and a stable sort of 64-bit keys;
 //! - [`Octree`]: the scene's surfaces as a sparse voxel octree ([`OctreeBuilder`] makes it);
 //! - [`SphereHierarchy`]: a perfect binary tree of bounding spheres over surface points, refitted as they move
-//! ([`SphereBuilder`] makes it);
+//!   ([`SphereBuilder`] makes it);
 //! - [`RootCube`]: the root cube of an octree in f64; everything on the GPU is relative to it.
 //!
 //! The builder finds the cells that triangles overlap, level by level, by a conservative test. Pairs of triangle and cell

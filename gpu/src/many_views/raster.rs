@@ -1,4 +1,4 @@
-//! Maps of many views without any hierarchy: every triangle for every view, texel by texel. Program:
+//! Maps of many views without a hierarchy: every triangle is rasterised for every view. Program:
 //! `shaders/gpu/raster_views.wgsl`.
 
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::{FrameStats, Knobs, MapSet, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, RootCube, Triangle, fits};
 use crate::{ComputePipeline, Gpu};
 
-/// What hierarchies are compared with, in time and in accuracy: a texel's range is that of its own ray.
+/// Brute-force maps, the baseline for time and accuracy. A texel's range is that of its own ray.
 #[derive(Debug)]
 pub struct RasterViews {
     gpu: Arc<Gpu>,
@@ -25,22 +25,22 @@ pub struct RasterViews {
     raster: Option<(usize, ComputePipeline)>,
 }
 
-/// Views of one dispatch at most.
+/// Most views of a dispatch.
 const MOST_AT_ONCE: u32 = 1024;
 
-/// Pairs of a triangle and a view in one dispatch, which devices work off in a fraction of a second.
+/// Most pairs of triangle and view in a dispatch: a fraction of a second on most devices.
 const PAIRS_AT_ONCE: u32 = 1 << 29;
 
-/// Views of one dispatch, at least one.
+/// Number of views of a dispatch, at least one.
 fn views_at_once(triangles: u32) -> u32 {
     (PAIRS_AT_ONCE / triangles.max(1)).clamp(1, MOST_AT_ONCE)
 }
 
 impl RasterViews {
-    /// Brings the triangles that have an area to the GPU; of the knobs, resolution and texels count.
+    /// Uploads the triangles with an area. Of the knobs, only resolution and texel format matter.
     ///
     /// # Errors
-    /// A knob out of range, no triangle, or more than one array holds.
+    /// A knob out of range, no triangle, or too many triangles for one array.
     pub fn new(
         gpu: &Arc<Gpu>,
         root: RootCube,
@@ -67,10 +67,10 @@ impl RasterViews {
         })
     }
 
-    /// Renders a map for each view; map and view have the same number.
+    /// Renders a map for each view. Map and view have the same index.
     ///
     /// # Errors
-    /// Maps that do not fit, or a fault of the device.
+    /// Maps exceed the device's memory, or the device failed.
     pub fn render(&mut self, views: &ViewList) -> Result<FrameStats, HierarchyError> {
         let begin = Instant::now();
         if self.maps.capacity != views.count {

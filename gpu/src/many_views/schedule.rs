@@ -1,24 +1,24 @@
-//! Which hierarchy each step of a traversal divides.
+//! Computes which hierarchy each step of a traversal divides.
 //!
-//! Every leaf of an octree of surfaces, or of views, is on its lowest level. So all pairs of a breadth-first queue are
-//! on the same two levels, and the choice that the paper makes for each pair (figure 8: the view node is never larger
-//! than the scene's) is made once for each step, before the first.
+//! All leaves of both octrees are on the lowest level, so all pairs of a breadth-first queue have the same two levels.
+//! The paper's choice for each pair (figure 8: the view node is never larger than the scene node) is then made once a
+//! step, in advance.
 
-/// One step: pairs are divided, and what comes of it is tested.
+/// One step: divides pairs and tests the results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Step {
-    /// Whether view nodes are divided rather than the scene's.
+    /// Whether view nodes are divided; otherwise scene nodes.
     pub(super) divides_views: bool,
-    /// Level of the scene's nodes in the pairs that come of it.
+    /// Level of the scene nodes of the resulting pairs.
     pub(super) scene_level: u32,
-    /// Level of the view nodes in them.
+    /// Level of the view nodes of the resulting pairs.
     pub(super) view_level: u32,
-    /// Whether they are pairs of leaves.
+    /// Whether the resulting pairs are pairs of leaves.
     pub(super) leaves: bool,
 }
 
-/// The steps from a level of the scene's octree and the root of the views' to both lowest levels; `view_edge` is the edge of
-/// the views' root cube in edges of the scene's.
+/// The steps from a level of the scene's octree and the root of the view octree to both lowest levels. `view_edge` is the
+/// edge of the views' root cube in edges of the scene's.
 pub(super) fn steps(from_level: u32, scene_depth: u32, view_depth: u32, view_edge: f64) -> Vec<Step> {
     let (mut scene_level, mut view_level) = (from_level, 0);
     let mut steps = Vec::with_capacity((scene_depth + view_depth) as usize);

@@ -1,25 +1,24 @@
-//! What a texel of a map holds, bit by bit; in WGSL: `shaders/shared/map_texels.wgsl`.
+//! Encoding of maps' texels. In WGSL: `shaders/shared/map_texels.wgsl`.
 //!
-//! The greater texel is the nearer in every format, so that what many pairs leave in one texel does not depend on their
-//! order. Where an inverse range has fewer than 32 bits, it is an f32 whose lower bits are left away, counted from the
-//! least that is told from nothing: what is stored is never nearer than what was rendered, and what was stored once is
-//! stored again without loss.
+//! In every format the greater code is the nearer texel, so the result of several writes does not depend on their order.
+//! An inverse range of fewer than 32 bits is an f32 without its lower bits, relative to the least representable value. A
+//! stored range is never nearer than the rendered one, and storing it again is lossless.
 //!
-//! Where texels name their node, the reader finds the range anew from the octree. Halves of words are written by compare-exchange: pairs
-//! reach a map in any order until the last part of the frame, so there is no earlier moment at which 32-bit maps could be packed.
+//! If texels have nodes, readers compute the range from the octree. Texels of 16 bits are written by compare-exchange,
+//! because pairs reach a map in any order until the end of the frame.
 
 use crate::hierarchy::HierarchyError;
 
-/// What a texel of a map holds: inverse range (1/metres; 0 where nothing was seen), and which node is seen.
+/// Format of texels: inverse range (1/metres; 0 for none), and the visible node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Texel {
-    /// 64 bits: inverse range (f32) over the number of the octree's node.
+    /// 64 bits: inverse range (f32) above the node's index.
     RangeAndNode,
-    /// 32 bits: the same, the node's number in as many bits as the octree's nodes need, and inverse range in the others.
+    /// 32 bits: inverse range above the node's index. The index has as many bits as the octree needs.
     RangeAndNode32,
-    /// 32 bits: inverse range alone (f32).
+    /// 32 bits: inverse range (f32).
     Range,
-    /// 16 bits: inverse range alone.
+    /// 16 bits: inverse range.
     Range16,
 }
 
@@ -27,7 +26,7 @@ impl Texel {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::RangeAndNode, Self::RangeAndNode32, Self::Range, Self::Range16];
 
-    /// As options and tables have it.
+    /// Name in options and tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::RangeAndNode => "node-64",
@@ -37,7 +36,7 @@ impl Texel {
         }
     }
 
-    /// Bits of one.
+    /// Bits of a texel.
     pub fn bits(self) -> u32 {
         match self {
             Self::RangeAndNode => 64,
@@ -46,12 +45,12 @@ impl Texel {
         }
     }
 
-    /// Whether it says which node is seen.
+    /// Whether it has the visible node.
     pub fn names_nodes(self) -> bool {
         matches!(self, Self::RangeAndNode | Self::RangeAndNode32)
     }
 
-    /// The texel that holds the same of every bit.
+    /// The lossless format with the same content.
     pub fn exact(self) -> Self {
         match self {
             Self::RangeAndNode | Self::RangeAndNode32 => Self::RangeAndNode,
@@ -60,36 +59,36 @@ impl Texel {
     }
 }
 
-/// Bits of an inverse range that are spent on its exponent where it has fewer than 32: 16 octaves.
+/// Exponent bits of an inverse range of fewer than 32 bits: 16 octaves.
 const EXPONENT_BITS: u32 = 4;
-/// The range at which these begin, edges of the scene's root. What is further is stored at up to twice that range;
-/// what is nearer than the last octave, 2⁻¹² of an edge, as that far.
+/// The farthest range of these octaves, edges of the scene's root. Farther ranges are stored at up to twice this range;
+/// nearer ones than 2⁻¹² edges as 2⁻¹² edges.
 const FARTHEST: f64 = 8.0;
 /// Fewest bits of an inverse range.
 const LEAST_BITS: u32 = 8;
 
-/// How the bits of a texel are divided, for one scene.
+/// Encoding of texels for one scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TexelCode {
     texel: Texel,
-    /// Bits of a node's number in a texel of 32; else 0.
+    /// Bits of a node's index in a texel of 32 bits; otherwise 0.
     node_bits: u32,
-    /// Lower bits of an f32 that are left away.
+    /// Number of dropped lower bits of an f32.
     dropped: u32,
-    /// What is left of the least inverse range that is told from nothing, and of the greatest.
+    /// Codes of the least and greatest representable inverse range, before the offset.
     least: u32,
     greatest: u32,
 }
 
 impl TexelCode {
-    /// For a scene of so many nodes, its root's edge in metres.
+    /// The encoding for a scene with `nodes` nodes and a root edge of `edge` metres.
     ///
     /// # Errors
-    /// [`HierarchyError::OutOfRange`] where the numbers of so many nodes leave too few of a texel's bits for the range.
+    /// [`HierarchyError::OutOfRange`] if node indices leave too few bits for the range.
     pub fn new(texel: Texel, nodes: u32, edge: f64) -> Result<Self, HierarchyError> {
         let (node_bits, range_bits) = match texel {
             Texel::RangeAndNode | Texel::Range => {
-                // All bits count as they are: what is stored is the f32.
+                // The f32 is stored unchanged.
                 return Ok(Self { texel, node_bits: 0, dropped: 0, least: 1, greatest: u32::MAX });
             }
             Texel::RangeAndNode32 => {
@@ -106,21 +105,21 @@ impl TexelCode {
             });
         }
         let dropped = (f32::MANTISSA_DIGITS - 1).saturating_sub(range_bits - EXPONENT_BITS);
-        // A power of two, so that octaves begin where those of an f32 do.
+        // A power of two, so that octaves are those of f32.
         let exponent = f32::INFINITY.to_bits();
         let least = (((1.0 / (FARTHEST * edge)) as f32).to_bits() & exponent).max(1 << 23) >> dropped;
-        // All codes but 0, which is the sky's.
+        // All codes but 0, which is sky.
         let greatest = least + (1 << range_bits) - 2;
         Ok(Self { texel, node_bits, dropped, least, greatest: greatest.min((exponent >> dropped) - 1) })
     }
 
-    /// What a texel holds.
+    /// The format.
     pub fn texel(&self) -> Texel {
         self.texel
     }
 
-    /// By how much of itself a stored inverse range may fall short of the one rendered, between 2⁻¹² and 8 edges of the
-    /// scene's root; 0 where it is stored as it is.
+    /// Greatest relative error of a stored inverse range, for ranges between 2⁻¹² and 8 edges of the scene's root. 0 if
+    /// lossless.
     pub fn step(&self) -> f64 {
         match self.dropped {
             0 => 0.0,
@@ -128,7 +127,7 @@ impl TexelCode {
         }
     }
 
-    /// The code that stands for an inverse range (1/metres, finite, at least 0).
+    /// The code of an inverse range (1/metres, finite, at least 0).
     pub fn encode(&self, inverse_range: f32) -> u32 {
         if inverse_range == 0.0 {
             return 0;
@@ -136,17 +135,17 @@ impl TexelCode {
         (inverse_range.to_bits() >> self.dropped).clamp(self.least, self.greatest) - self.least + 1
     }
 
-    /// The inverse range that a code stands for, 1/metres.
+    /// The inverse range of a code, 1/metres.
     pub fn decode(&self, code: u32) -> f32 {
         if code == 0 { 0.0 } else { f32::from_bits((code - 1 + self.least) << self.dropped) }
     }
 
-    /// Bytes of so many texels, an even number.
+    /// Bytes of `texels` texels, an even number.
     pub(super) fn bytes(&self, texels: u64) -> u64 {
         texels * u64::from(self.texel.bits()) / 8
     }
 
-    /// Inverse range (f32 bits) and node, or 0, of each of the texels in these words.
+    /// Decodes words: inverse range (f32 bits) and node (or 0) of each texel.
     pub(super) fn unpack(&self, words: &[u32]) -> Vec<[u32; 2]> {
         let range = |code: u32| self.decode(code).to_bits();
         match self.texel {

@@ -1,10 +1,9 @@
-//! How deep the octree over the views goes where nobody says.
+//! Computes the depth of the view octree.
 //!
-//! Views of one leaf share a map, which is rendered from their middle. A leaf that is divided further gives them maps of
-//! their own, each with pairs of its own; what is gained is the distance from the middle. So the octree is as shallow as
-//! that distance allows: in the mean over all views, it is to be of the size of the scene's own cells, by which the maps
-//! are off anyway. Where views lie densely, their number then no longer counts; where few lie far apart, they are told
-//! apart some levels earlier. The depth follows from where the views are, and from nothing that varies from run to run.
+//! Views of one leaf share a map, which is rendered from their mean position. A deeper octree has more maps and more
+//! pairs, and a smaller distance of views from the centre of their map. So the octree is as shallow as possible with a
+//! mean distance of about a cell of the scene, which is the error of maps anyway. The depth is a deterministic function
+//! of the views' positions.
 //!
 //! One level below the cells tells the views of a cell apart by the axis nearest to their direction (`Knobs::tells_directions`). The centre of
 //! views on both sides of a wall lies on neither side, and sees what none of them does. In Sponza (9 levels, 64K views of four bounces),
@@ -15,19 +14,19 @@ use glam::DVec3;
 
 use crate::hierarchy::MAX_DEPTH;
 
-/// How far views may lie from the middles of their leaves, as a root mean square, in edges of the scene's cells.
+/// Largest root mean square distance of views from the centres of their leaves, in edges of the scene's cells.
 const REACH: f64 = 2.0;
 
-/// For each depth of an octree, how far views lie from the middles of their leaves: the root of the mean square, in edges
-/// of the octree's root.
+/// For each depth, the root mean square distance of views from the centres of their leaves, in edges of the octree's
+/// root.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Spread([f64; MAX_DEPTH as usize + 1]);
 
 impl Spread {
-    /// Of views in a unit cube.
+    /// The distances of views in a unit cube.
     pub(super) fn of(places: &[DVec3]) -> Self {
         let mut sorted: Vec<(u32, DVec3)> = places.iter().map(|&place| (cell(place), place - 0.5)).collect();
-        // Views of one cell in the order given: sums are the same, bit by bit, in each run.
+        // Views of one cell in a fixed order, so that sums have the same bits in each run.
         sorted.sort_by_key(|view| view.0);
         let squares: f64 = sorted.iter().map(|view| view.1.length_squared()).sum();
         let mut nodes: Vec<Node> =
@@ -35,7 +34,7 @@ impl Spread {
         let mut distances = [0.0; MAX_DEPTH as usize + 1];
         for level in (0..=MAX_DEPTH).rev() {
             nodes.dedup_by(|next, node| node.takes(next));
-            // The squares of distances from the mean are those from anywhere, less what the mean's own makes of them.
+            // Sum of squared distances from the mean, from the sums of squares and of positions.
             let between: f64 = nodes.iter().map(|node| node.sum.length_squared() / node.views).sum();
             distances[level as usize] = ((squares - between).max(0.0) / places.len() as f64).sqrt();
             nodes.iter_mut().for_each(|node| node.cell >>= 3);
@@ -43,8 +42,8 @@ impl Spread {
         Self(distances)
     }
 
-    /// Levels of an octree over the views below its root: the fewest with which views lie within [`REACH`] cells of the
-    /// scene's octree of their leaves' middles. `cell` is the edge of such a cell in edges of the views' root.
+    /// Fewest levels of the view octree with which views lie within [`REACH`] cells of the centres of their leaves.
+    /// `cell` is the edge of a cell of the scene, in edges of the views' root.
     pub(super) fn depth(&self, cell: f64) -> u32 {
         (1..MAX_DEPTH).find(|&level| self.0[level as usize] <= REACH * cell).unwrap_or(MAX_DEPTH)
     }
@@ -52,15 +51,15 @@ impl Spread {
 
 /// Views of one cell.
 struct Node {
-    /// Its Morton code among those of its level.
+    /// Its Morton code on its level.
     cell: u32,
     views: f64,
-    /// Of their positions.
+    /// Sums over their positions.
     sum: DVec3,
 }
 
 impl Node {
-    /// Takes the views of another of the same cell; whether it is one.
+    /// Merges another of the same cell. Returns whether it is the same.
     fn takes(&mut self, other: &Self) -> bool {
         let is_same = self.cell == other.cell;
         if is_same {
@@ -71,7 +70,7 @@ impl Node {
     }
 }
 
-/// The Morton code of the cell of the lowest level that a point of the unit cube lies in, x lowest.
+/// Morton code of the cell of the lowest level that contains a point of the unit cube, x lowest.
 fn cell(place: DVec3) -> u32 {
     let cells = 1u32 << MAX_DEPTH;
     let at = (place * f64::from(cells)).as_uvec3().min(glam::UVec3::splat(cells - 1));

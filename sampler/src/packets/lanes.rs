@@ -337,7 +337,7 @@ mod tests {
         let masks =
             [a.le(b), a.lt(b), a.eq(b), a.le(b).and(a.lt(b)), a.le(b).or(b.le(a)), a.le(b).without(a.eq(b))];
         let replaced = masks.map(|mask| a.replaced(L::Mask::from_bits(mask.bits()), b));
-        // Which NaN comes out is nobody's concern.
+        // The payload of a NaN does not matter.
         let bits = |x: f32| if x.is_nan() { u32::MAX } else { x.to_bits() };
         let lanes = values.into_iter().chain(replaced).flat_map(|v| v.to_array().map(bits));
         lanes.chain(masks.map(Mask::bits)).chain([L::Mask::none().bits()]).collect()

@@ -112,7 +112,8 @@ impl GpuSampler {
         stages.extend(self.light(lighting, time_secs)?);
         stages.extend(self.prepare_probes(job.info.reflections, lighting, time_secs, cancel)?);
         let sample = self.surface_programs.probes.as_ref().and_then(|probes| probes.sample(id));
-        let sample = sample.ok_or_else(|| RenderError::Internal("there are no surroundings".to_owned()))?;
+        let sample =
+            sample.ok_or_else(|| RenderError::Internal("there are no reflection probes".to_owned()))?;
         Ok(Sample { stages, ..sample })
     }
 }

@@ -1,8 +1,8 @@
-//! What a frame of cuts counts while it runs: words of `shaders/gpu/cut.wgsl`.
+//! Counters of a frame of cuts, in the layout of `shaders/gpu/cut.wgsl`.
 
 use argus_scene::Stage;
 
-/// Whether anything did not fit.
+/// Set on overflow.
 pub(super) const OVERFLOW: usize = 0;
 const VISITS: usize = 2;
 const SPLITS: usize = 3;
@@ -10,36 +10,36 @@ const MERGES: usize = 4;
 pub(super) const SETTLED: usize = 5;
 const DUE: usize = 6;
 const STARTED: usize = 7;
-/// Whether a view started over as often as generations can be told apart.
+/// Set if a view used up all generations.
 pub(super) const WRAPPED: usize = 8;
 const DRAWN: usize = 11;
-/// Where the counts of queues begin, one a step.
+/// First counter of the queues, one a step.
 pub(super) const QUEUES: u32 = 272;
-/// Words of them all.
+/// Number of words.
 pub(super) const WORDS: u32 = QUEUES + 32;
 
-/// What a frame of cuts did.
+/// Statistics of a frame of cuts.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CutStats {
-    /// Nodes looked at, for a view each: tested from the root, or of the last frame's cuts, or above or below those.
+    /// Tested pairs of node and view.
     pub visits: u64,
-    /// Nodes divided.
+    /// Divided nodes.
     pub splits: u64,
-    /// Nodes that took the place of those below them.
+    /// Nodes that replaced their children.
     pub merges: u64,
-    /// Nodes that were found to be in a cut by looking at them or at others.
+    /// Nodes that were put into a cut.
     pub settled: u64,
-    /// Chunks of 64 of the last frame's nodes that were due to be looked at.
+    /// Due chunks of 64 nodes of the last frame.
     pub due_chunks: u64,
-    /// Views that started over from the root.
+    /// Views that restarted from the root.
     pub started: u64,
-    /// Nodes in the cuts of all views; counted where maps were drawn.
+    /// Nodes in the cuts of all views. Counted only if maps are drawn.
     pub nodes: u64,
-    /// Frames that were thrown away because something did not fit.
+    /// Discarded frames that overflowed.
     pub reruns: u32,
-    /// From the call to the last counter, milliseconds by the clock; frames thrown away counted.
+    /// Milliseconds of wall time from the call to the last counter, discarded frames included.
     pub frame_ms: f64,
-    /// Device time of the frame that counts, by stage; empty where the device cannot time.
+    /// Device time of the kept frame, by stage. Empty without timestamps.
     pub stages: Vec<Stage>,
     /// Bytes of cuts and queues.
     pub cut_bytes: u64,
@@ -53,7 +53,7 @@ impl CutStats {
         self.splits + self.merges
     }
 
-    /// Device time of finding the cuts, milliseconds: all but drawing them.
+    /// Device time of finding the cuts without drawing them, milliseconds.
     pub fn cut_ms(&self) -> f64 {
         let draws = ["clear maps", "draw", "fill"];
         self.stages.iter().filter(|stage| !draws.contains(&stage.name.as_str())).map(|stage| stage.ms).sum()

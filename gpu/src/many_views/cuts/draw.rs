@@ -1,4 +1,4 @@
-//! The cuts of all views drawn into their maps. Program: `shaders/gpu/cut_draw.wgsl`.
+//! Draws the cuts of all views into their maps. Program: `shaders/gpu/cut_draw.wgsl`.
 
 use argus_shaders::gpu::CUT_DRAW;
 use argus_shaders::layout::gpu::DrawStep;
@@ -10,7 +10,7 @@ use crate::many_views::MapSet;
 use crate::many_views::traverse::with_maps;
 use crate::{Commands, ComputePipeline, Gpu};
 
-/// The count of the queue of leaves that cover many texels: the last one.
+/// Counter of the queue of leaves that cover many texels: the last one.
 const LARGE: u32 = QUEUES + 31;
 
 /// The pipelines, for one choice of texels, number of arrays, threshold and kind of leaves.
@@ -23,7 +23,7 @@ pub(super) struct DrawPasses {
 }
 
 impl DrawPasses {
-    /// For maps like these, however many.
+    /// Pipelines for maps of this layout.
     pub(super) fn new(gpu: &Gpu, knobs: &CutKnobs, surfels: bool, maps: &MapSet) -> Self {
         let surfels = ("surfels", f64::from(u8::from(surfels)));
         let reach = ("reach", f64::from(knobs.threshold.ceil()));

@@ -1,9 +1,9 @@
-//! What finding cuts may be told.
+//! Settings of cuts.
 
 use crate::hierarchy::HierarchyError;
 use crate::many_views::{Knobs, Texel};
 
-/// How cuts are found (ManyLoDs, sections 3.1 to 3.3).
+/// Method of finding cuts (ManyLoDs, sections 3.1 to 3.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CutMethod {
     /// From the root, every frame.
@@ -20,7 +20,7 @@ pub enum CutMethod {
 }
 
 impl CutMethod {
-    /// As tables have it.
+    /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Basic => "basic",
@@ -30,26 +30,26 @@ impl CutMethod {
     }
 }
 
-/// What finding cuts may be told.
+/// Settings of cuts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CutKnobs {
-    /// How cuts are found.
+    /// Method of finding cuts.
     pub method: CutMethod,
-    /// Texels of a hemisphere's side: 8 to 1024.
+    /// Texels on a side of a hemisphere: 8 to 1024.
     pub side: u32,
-    /// What a texel holds.
+    /// Format of texels.
     pub texel: Texel,
-    /// How large a node may appear and still be in a cut, texels: 1 to a quarter of `side`, at most 8.
+    /// Largest apparent size of a node of a cut, texels: 1 to a quarter of `side`, at most 8.
     pub threshold: f32,
-    /// The disc by which a node of an octree covers texels' sample points: as [`Knobs::disc`].
+    /// Radius of the disc by which a node covers sample points; see [`Knobs::disc`].
     pub disc: f32,
-    /// Whether nodes that a view does not see are left as large as they are.
+    /// Whether nodes outside a view are not divided.
     pub culling: bool,
-    /// Share of the root's edge: a view that moves by more starts over from the root.
+    /// A view that moves by more than this share of the root's edge restarts from the root.
     pub jump: f64,
-    /// Share of the root's edge by which views may move on before a lazy cut's node is looked at again; 0 to 0.25.
+    /// Motion before a node of a lazy cut is tested again, as a share of the root's edge, 0 to 0.25.
     pub lag: f64,
-    /// Most nodes in the cuts of all views; `None`: as many as turn out to be needed and fit.
+    /// Most nodes in the cuts of all views; `None` for as many as are needed and fit.
     pub entries: Option<u32>,
 }
 
@@ -70,10 +70,10 @@ impl Default for CutKnobs {
 }
 
 impl CutKnobs {
-    /// Rejects what cannot be, by field.
+    /// Checks all ranges.
     ///
     /// # Errors
-    /// [`HierarchyError::OutOfRange`].
+    /// [`HierarchyError::OutOfRange`] with the field.
     pub fn validate(&self) -> Result<(), HierarchyError> {
         let check = |field, holds: bool, range: &str, value: String| match holds {
             true => Ok(()),

@@ -1,12 +1,12 @@
-//! ManyLoDs (Holländer et al. 2011): a cut through a tree of balls for every view at once, found anew in every frame or
-//! from the last frame's, and a map of inverse range drawn from each.
+//! ManyLoDs (Holländer et al. 2011): a cut through a sphere tree for every view, found from the root or from the last
+//! frame's cut, and a map of inverse range drawn from each.
 //!
-//! The verdict about a node is a length (`shaders/shared/cut.wgsl`) that changes by at most as much as the view or the ball moves. So it
-//! also says for how long no look is needed. Entries lie in chunks of 64, ordered by when they are due on a clock of motion; only due
-//! chunks are taken apart, examined, and put back by how long they now last. While views move steadily, entries last by where their
-//! course leads; the first view that turns more sharply makes all chunks due once. Balls and cells are padded by level, so that a
-//! verdict in f32 never contradicts the one above it: cuts equal those found from the root, node by node. Lazy cuts descend few edges a
-//! frame, and may lag while views move. A view that jumps starts over. `argus study manylods` measures it.
+//! The test of a node gives a margin (`shaders/shared/cut.wgsl`) that changes by at most the motion of the view or the
+//! sphere. So it also bounds the motion until the node must be tested again. Entries are in chunks of 64, sorted by due
+//! time on a clock of motion; only due chunks are tested and sorted again. While views move steadily, due times follow
+//! their course; the first sharp turn makes all chunks due once. Spheres and cells are padded by level, so that f32 tests
+//! of children never contradict those of parents: cuts equal those found from the root. Lazy cuts descend few edges a
+//! frame, and may lag while views move. A view that jumps restarts. `argus study manylods` measures it.
 
 mod counters;
 mod draw;
@@ -31,16 +31,16 @@ use super::{MapSet, TexelCode, ViewList};
 use crate::Gpu;
 use crate::hierarchy::HierarchyError;
 
-/// Most views: their numbers have as many bits in the entries of cuts.
+/// Most views, by the bits of a view's index in an entry.
 const MAX_VIEWS: u32 = 1 << 24;
-/// Nodes of a view's cut that there is room for to begin with.
+/// Initial capacity of a view's cut, nodes.
 const FIRST_GUESS: u64 = 1024;
-/// Bytes of what is known of a view: `Eye` of `shaders/shared/cut.wgsl`.
+/// Bytes of a view's `Eye`: `shaders/shared/cut.wgsl`.
 const EYE_BYTES: u64 = 48;
-/// The clock's reading beyond which it is set back, by starting over.
+/// Reading of the clock beyond which all views restart and it is reset.
 const LATE: u32 = 1 << 31;
 
-/// Cuts of many views through one tree, frame after frame.
+/// Cuts of many views through one tree, frame by frame.
 #[derive(Debug)]
 pub struct ManyLods {
     gpu: Arc<Gpu>,
@@ -52,7 +52,7 @@ pub struct ManyLods {
     pool: Pool,
     eyes: Buffer,
     maps: Option<MapSet>,
-    /// Views of the last frame; 0: there are no cuts to begin with.
+    /// Number of views of the last frame; 0 without cuts.
     views: u32,
 }
 
@@ -60,7 +60,7 @@ impl ManyLods {
     /// Makes the pipelines.
     ///
     /// # Errors
-    /// A knob out of range, or more nodes than texels can name.
+    /// A knob out of range, or more nodes than texels can index.
     pub fn new(gpu: &Arc<Gpu>, tree: CutTree, knobs: CutKnobs) -> Result<Self, HierarchyError> {
         knobs.validate()?;
         let ordered = knobs.method != CutMethod::Basic;
@@ -78,18 +78,18 @@ impl ManyLods {
         })
     }
 
-    /// Finds the cuts of all views, and draws none. A view has the number that it had in the last frame.
+    /// Finds the cuts of all views without drawing them. Views keep their indices from frame to frame.
     ///
     /// # Errors
-    /// Cuts that do not fit into this device's memory, or a fault of the device.
+    /// Cuts exceed the device's memory, or the device failed.
     pub fn select(&mut self, views: &ViewList) -> Result<CutStats, HierarchyError> {
         self.frame(views, false)
     }
 
-    /// Finds the cuts of all views and draws their maps; map and view have the same number.
+    /// Finds the cuts of all views and draws their maps. Map and view have the same index.
     ///
     /// # Errors
-    /// As [`Self::select`], of maps too.
+    /// Cuts or maps exceed the device's memory, or the device failed.
     pub fn render(&mut self, views: &ViewList) -> Result<CutStats, HierarchyError> {
         self.frame(views, true)
     }
@@ -142,15 +142,15 @@ impl ManyLods {
         }
     }
 
-    /// The maps of the latest frame that drew any.
+    /// The maps of the latest frame that drew maps.
     pub fn maps(&self) -> Option<&MapSet> {
         self.maps.as_ref()
     }
 
-    /// The cuts of the latest frame, read back: node and view of each entry, in order of views and of nodes.
+    /// Reads back the cuts of the latest frame: node and view of each entry, sorted by view and node.
     ///
     /// # Errors
-    /// A fault of the device.
+    /// The device failed.
     pub fn cuts(&self) -> Result<Vec<[u32; 2]>, HierarchyError> {
         let mut commands = self.gpu.commands("read cuts");
         let pending = [&self.pool.entries, &self.pool.chunks, &self.pool.state, &self.eyes]
@@ -172,12 +172,12 @@ impl ManyLods {
         Ok(cuts)
     }
 
-    /// Forgets the cuts: the next frame begins at the root.
+    /// Drops the cuts. The next frame starts from the root.
     pub fn forget(&mut self) {
         self.views = 0;
     }
 
-    /// Room for the views; whether their cuts begin at the root.
+    /// Allocates buffers for the views. Returns whether their cuts start from the root.
     fn make_room(&mut self, views: &ViewList, draws: bool) -> Result<bool, HierarchyError> {
         if views.count > MAX_VIEWS {
             return Err(HierarchyError::OutOfRange {

@@ -1,4 +1,4 @@
-//! The trees that cuts go through. Program: `shaders/gpu/cut_tree.wgsl`.
+//! The trees of cuts. Program: `shaders/gpu/cut_tree.wgsl`.
 
 use std::sync::Arc;
 
@@ -9,29 +9,29 @@ use wgpu::{Buffer, BufferUsages};
 use crate::Gpu;
 use crate::hierarchy::{HierarchyError, Octree, RootCube, SphereHierarchy, fits};
 
-/// A tree of balls over a scene: what cuts need of an octree or of a sphere hierarchy, whichever it is. It shares their
-/// arrays, so that an update of a sphere hierarchy is one of this.
+/// A bounding-sphere tree over a scene, from an octree or a sphere hierarchy. It shares their arrays, so updates of a
+/// sphere hierarchy apply to it.
 #[derive(Debug, Clone)]
 pub struct CutTree {
     pub(super) root: RootCube,
-    /// Index of the root among the nodes.
+    /// Index of the root.
     pub(super) root_node: u32,
     /// Levels below the root.
     pub(super) depth: u32,
     /// Mean position and links to children.
     pub(super) nodes: Buffer,
-    /// Balls: middle and radius.
+    /// Spheres: centre and radius.
     pub(super) spheres: Buffer,
     pub(super) cones: Buffer,
     pub(super) parents: Buffer,
-    /// How far balls have moved since they were first fitted.
+    /// Accumulated motion of the spheres.
     pub(super) moved: Buffer,
-    /// Whether its leaves are points of surfaces rather than cells.
+    /// Whether leaves are surface points; otherwise cells.
     pub(super) surfels: bool,
 }
 
 impl CutTree {
-    /// The balls around an octree's cells.
+    /// The spheres around an octree's cells.
     ///
     /// # Errors
     /// An array too large for the device, or the device itself.
@@ -86,27 +86,27 @@ impl CutTree {
         }
     }
 
-    /// Nodes of all levels.
+    /// Number of nodes of all levels.
     pub(super) fn node_count(&self) -> u32 {
         (self.nodes.size() / 16) as u32
     }
 
-    /// The cube that coordinates are relative to.
+    /// The root cube that coordinates are relative to.
     pub fn root(&self) -> &RootCube {
         &self.root
     }
 
-    /// Middle and radius of each node's ball, edges of the root: four f32.
+    /// Centre and radius of each node's sphere, edges of the root: four f32.
     pub fn spheres(&self) -> &Buffer {
         &self.spheres
     }
 
-    /// Mean position (three f32, edges of the root) and links (256 times the first child plus a bit a child) of each node.
+    /// Mean position (three f32, edges of the root) and links (256 × first child + a bit a child) of each node.
     pub fn nodes(&self) -> &Buffer {
         &self.nodes
     }
 
-    /// Index of the root among the nodes.
+    /// Index of the root.
     pub fn root_node(&self) -> u32 {
         self.root_node
     }
