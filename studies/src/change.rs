@@ -1,5 +1,5 @@
-//! Balance under change, by simulation with the real core: demand that rises and falls, workers that differ, come, go,
-//! hang and are restarted. See [`crate::simulate::change`].
+//! Change: how the cluster's balance follows changes, simulated with the real coordinator core. See
+//! [`crate::simulate::change`] for the scenarios.
 
 use anyhow::{Context as _, Result};
 use indicatif::ProgressBar;
@@ -11,7 +11,7 @@ use crate::{Machine, Report, report};
 /// Runs every scenario with the given costs.
 ///
 /// # Errors
-/// A row that cannot be written down.
+/// A row that cannot be serialised.
 pub fn run(parameters: &Parameters, progress: &ProgressBar) -> Result<Report> {
     let all = scenarios();
     progress.set_length(all.len() as u64 + 1);
