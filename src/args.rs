@@ -327,9 +327,9 @@ impl Sampling {
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Samplers")]
 pub(crate) struct VisibilityArgs {
-    /// Visibility backend: raster (the device's rasteriser), trace (packets of rays in compute), cpu (packets
-    /// of rays on the
-    /// processor) or auto (the first worker measures which is cheapest for the scene). Images differ only along edges
+    /// Visibility backend: raster (the device's rasteriser), trace (packets of rays in compute), cpu (packets of rays
+    /// on the processor) or auto (the first worker measures which is cheapest for the scene). Images differ only
+    /// along edges
     #[arg(long, value_name = "BACKEND", default_value = AUTO, value_parser = visibility())]
     visibility: Option<Visibility>,
 }
@@ -378,9 +378,8 @@ pub(crate) struct Plan {
     /// rays, which costs time)
     #[arg(long, value_name = "HOW", value_parser = holes())]
     pub(crate) holes: Option<Holes>,
-    /// Goal of the plan: interactive (least time), balanced (the fastest image that is as good as a direct
-    /// view; the default) or
-    /// exact (no guessed pixel, four samples a pixel)
+    /// Goal of the plan: interactive (least time), balanced (the fastest image that is as good as a direct view; the
+    /// default) or exact (no guessed pixel, four samples a pixel)
     #[arg(long, value_name = "GOAL", value_parser = preset())]
     pub(crate) preset: Option<Preset>,
     /// Greatest accepted mean FLIP error against the reference, above 0 and up to 1. `argus study bounds` calibrates the

@@ -27,10 +27,9 @@ const LOCAL: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 /// Creates the files of a cluster with TLS: an authority, certificates for the server, workers and clients, and tokens.
 ///
 /// Everyone with ca.key can join the cluster: keep it away from the machines that serve. No file is overwritten.
-/// Processes of
-/// the cluster recognise each other by the name cluster.argus.internal in their certificates, and clients
-/// recognise a worker
-/// to which the server redirects them by it. Clients recognise the server by its host name.
+/// Processes of the cluster recognise each other by the name cluster.argus.internal in their certificates, and
+/// clients recognise a worker to which the server redirects them by it. Clients recognise the server by its host
+/// name.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example: a cluster on this machine, by TLS
@@ -132,11 +131,9 @@ fn made(args: &Args) -> anyhow::Result<Vec<File>> {
     let authority = CertifiedIssuer::self_signed(params, KeyPair::generate()?)?;
     let mut files = vec![open("ca.pem", authority.pem()), secret("ca.key", authority.key().serialize_pem())];
 
-    // Members both serve and connect. A client only connects, and lacks the members' name. Clients recognise
-    // the coordinator by
-    // its host names; workers lack these, so that no worker can impersonate it. A worker's certificate
-    // includes localhost for
-    // probes on its own machine.
+    // Members both serve and connect. A client only connects, and lacks the members' name. Clients recognise the
+    // coordinator by its host names; workers lack these, so that no worker can impersonate it. A worker's certificate
+    // includes localhost for probes on its own machine.
     let coordinator: Vec<&str> = std::iter::once(CLUSTER_NAME).chain(hosts(args)).collect();
     let worker: Vec<&str> = std::iter::once(CLUSTER_NAME).chain(LOCAL).collect();
     let kinds = [

@@ -9,8 +9,8 @@ use crate::output;
 
 /// Compares an image with a reference: FLIP, PSNR and SSIM.
 ///
-/// FLIP is 0 where a viewer sees no difference and 1 at worst. PSNR is in dB; higher is closer. SSIM is 1
-/// if the images are equal.
+/// FLIP is 0 where a viewer sees no difference and 1 at worst. PSNR is in dB; higher is closer. SSIM is 1 if the
+/// images are equal.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  argus compare warped.png direct.png --json")]
 pub(crate) struct Args {

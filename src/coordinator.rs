@@ -71,9 +71,8 @@ pub(crate) struct Service {
     /// [default: none; this is the only coordinator]
     #[arg(long, value_name = "URL")]
     registry: Option<String>,
-    /// Address at which clients and workers reach this coordinator, if it is not the one it listens on; a
-    /// standby redirects
-    /// clients to the leader's
+    /// Address at which clients and workers reach this coordinator, if it is not the one it listens on; a standby
+    /// redirects clients to the leader's
     #[arg(long, value_name = "URL")]
     advertise: Option<String>,
     #[command(flatten)]

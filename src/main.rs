@@ -1,8 +1,7 @@
 //! `argus`: renders a scene once and serves many viewers from it.
 //!
-//! One binary for every part, with a file for each subcommand. Results go to standard output (with `--json`,
-//! exactly one JSON
-//! object), everything else to standard error. Exit codes: 0 done, 1 failed, 2 bad arguments.
+//! One binary for every part, with a file for each subcommand. Results go to standard output (with `--json`, exactly
+//! one JSON object), everything else to standard error. Exit codes: 0 done, 1 failed, 2 bad arguments.
 
 mod args;
 mod browse;
@@ -104,9 +103,8 @@ fn main() -> ExitCode {
     exit::code(run(cli))
 }
 
-/// Turns off Mesa's layer that reorders GPUs for a desktop session. Argus selects its adapter itself, and without
-/// a desktop
-/// session the layer prints an error for every process.
+/// Turns off Mesa's layer that reorders GPUs for a desktop session. Argus selects its adapter itself, and without a
+/// desktop session the layer prints an error for every process.
 fn silence_device_selection() {
     if std::env::var_os("NODEVICE_SELECT").is_none() {
         // SAFETY: called first in `main`, when no other thread can be reading the environment.

@@ -20,9 +20,8 @@ const KILLED_PAUSE: Duration = Duration::from_millis(20);
 /// Time for a worker to stop: its own grace for views in work, and some more.
 const GRACE: Duration = Duration::from_secs(10);
 
-/// The default number of worker processes: at least two, so that both roles are filled, and at most four, since
-/// the workers of
-/// one machine share its device.
+/// The default number of worker processes: at least two, so that both roles are filled, and at most four, since the
+/// workers of one machine share its device.
 pub(crate) fn default_count() -> usize {
     cores().clamp(2, 4)
 }

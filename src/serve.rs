@@ -48,9 +48,8 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
 
     let listening = args.service.listen(&settings).await?;
     let (url, shutdown) = (listening.url.clone(), listening.shutdown.clone());
-    // The first worker opens the scene at the same time as this process, and answers the first view. The
-    // remaining workers
-    // would compete for the same cores, so they start once the scene is open.
+    // The first worker opens the scene at the same time as this process, and answers the first view. The remaining
+    // workers would compete for the same cores, so they start once the scene is open.
     let opened = CancellationToken::new();
     let start = processes::Start { count, url: &url, more: &more, scene, opened: opened.clone() };
     let kept = processes::keep(start, shutdown.clone());

@@ -6,9 +6,8 @@ use tokio_util::sync::CancellationToken;
 
 /// A token that is cancelled when this process is asked to stop. A second request ends it at once.
 ///
-/// With `stdin`, the end of standard input is a request too. It also comes when the parent is killed, while a
-/// signal would
-/// have to be sent.
+/// With `stdin`, the end of standard input is a request too. It also comes when the parent is killed, while a signal
+/// would have to be sent.
 pub(crate) fn requested(stdin: bool) -> CancellationToken {
     let token = CancellationToken::new();
     let signalled = token.clone();

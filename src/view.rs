@@ -27,10 +27,9 @@ const REFERENCE_SAMPLES: u32 = 16;
 /// Renders one view and writes it to a file.
 ///
 /// The file's format follows from --output. color: sRGB PNG. range: OpenEXR with one 32-bit float channel, Z, in
-/// metres from the
-/// eye, +inf for the sky. The rest are grey PNG. mask: 255 where no sample saw the pixel's surface. source: the
-/// number, from 1, of
-/// the plan's sample that served the pixel; 0 for none. confidence: 0 to 127, plus 128 if a second sample agrees.
+/// metres from the eye, +inf for the sky. The rest are grey PNG. mask: 255 where no sample saw the pixel's surface.
+/// source: the number, from 1, of the plan's sample that served the pixel; 0 for none. confidence: 0 to 127, plus 128
+/// if a second sample agrees.
 #[derive(clap::Args)]
 #[command(
     allow_negative_numbers = true,

@@ -52,11 +52,9 @@ struct Arriving {
 }
 
 impl Client {
-    /// Renders a batch. Frames arrive in the order in which they are done, each with its camera's index. If
-    /// the connection
-    /// breaks, the missing cameras are requested again, until several requests in a row bring no frame. Every
-    /// index arrives
-    /// exactly once, with its frame or its error.
+    /// Renders a batch. Frames arrive in the order in which they are done, each with its camera's index. If the
+    /// connection breaks, the missing cameras are requested again, until several requests in a row bring no frame.
+    /// Every index arrives exactly once, with its frame or its error.
     pub fn render_batch(
         &self,
         batch: Batch,

@@ -21,8 +21,7 @@ use crate::error::root_cause;
 use crate::{ClientError, ClusterStatus};
 
 /// Time limit for a connection to a worker, and again for its handshake. The server relays frames that cannot be
-/// fetched, and
-/// this may delay a frame by no more than three seconds.
+/// fetched, and this may delay a frame by no more than three seconds.
 const WORKER_TIMEOUT: Duration = Duration::from_millis(1200);
 
 /// Connections to workers that are kept. When there are more, all are dropped and made anew.
@@ -31,9 +30,8 @@ const MOST_WORKERS: usize = 1024;
 /// Options of a connection.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ConnectOptions {
-    /// HTTP/2 connections that requests use in turn, at least one. More connections help a client with many
-    /// large frames: a
-    /// single connection is limited by its one task and one congestion window.
+    /// HTTP/2 connections that requests use in turn, at least one. More connections help a client with many large
+    /// frames: a single connection is limited by its one task and one congestion window.
     pub connections: usize,
     /// Time limit to connect and receive the server's description.
     pub timeout: Duration,
@@ -85,9 +83,8 @@ struct Inner {
 }
 
 impl Client {
-    /// Connects to a server such as `http://127.0.0.1:7400` and checks its protocol version. `url` may list
-    /// several servers
-    /// separated by commas: one of them leads, and requests that another rejects go to the next.
+    /// Connects to a server such as `http://127.0.0.1:7400` and checks its protocol version. `url` may list several
+    /// servers separated by commas: one of them leads, and requests that another rejects go to the next.
     ///
     /// # Errors
     /// [`ClientError::Address`], [`ClientError::Unreachable`], [`ClientError::Untrusted`],
@@ -273,11 +270,10 @@ fn endpoint(url: &str, options: &ConnectOptions, peer: Peer) -> Result<Endpoint,
         }
         Some("https") => {
             let tls = credentials.tls(*timeout);
-            // Workers' addresses change and cannot be listed in certificates, so workers are verified
-            // by the cluster's name. That is
-            // enough: the coordinator, whose host name was verified, sent the worker's address. Every
-            // worker may render every frame,
-            // clients' certificates lack the name, and a worker receives a ticket but never a token.
+            // Workers' addresses change and cannot be listed in certificates, so workers are verified by the
+            // cluster's name. That is enough: the coordinator, whose host name was verified, sent the worker's
+            // address. Every worker may render every frame, clients' certificates lack the name, and a worker
+            // receives a ticket but never a token.
             let tls = if peer == Peer::Worker { tls.domain_name(CLUSTER_NAME) } else { tls };
             return match endpoint.tls_config(tls) {
                 Ok(endpoint) => Ok(tuned(endpoint.connect_timeout(*timeout))),
@@ -311,9 +307,9 @@ async fn describe(channel: &Channel, bearer: &Bearer, url: &str) -> Result<Descr
             // The connection opened and then broke at the first request: the server does not speak HTTP/2.
             Err(status) => match ClientError::from(status) {
                 ClientError::Server { broken: true, message, .. } => {
-                    // A server that requires a client certificate reports it after the
-                    // handshake, and the report may be lost
-                    // with the connection. It has then shown a certificate itself, so it is not an unknown server.
+                    // A server that requires a client certificate reports it after the handshake, and the report may
+                    // be lost with the connection. It has then shown a certificate itself, so it is not an unknown
+                    // server.
                     return Err(match unconnected(url, message.clone()) {
                         untrusted @ ClientError::Untrusted { .. } => untrusted,
                         _ if url.starts_with("https://") => {

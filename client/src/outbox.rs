@@ -1,8 +1,7 @@
 //! The outbox of a session: the newest camera, and acknowledgements.
 //!
-//! A queue would send stale cameras after a stall. So there is one slot for a camera, which a newer one replaces,
-//! and a queue
-//! for acknowledgements, which must all be sent.
+//! A queue would send stale cameras after a stall. So there is one slot for a camera, which a newer one replaces, and
+//! a queue for acknowledgements, which must all be sent.
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
@@ -101,9 +100,8 @@ impl Outbox {
         })
     }
 
-    /// The next request, or the end of the stream. `Continue` if there is nothing to send yet, with the time
-    /// until which a waiting
-    /// camera is held back.
+    /// The next request, or the end of the stream. `Continue` if there is nothing to send yet, with the time until
+    /// which a waiting camera is held back.
     fn next(&self, incarnation: u64) -> ControlFlow<Option<v1::SessionRequest>, Option<Instant>> {
         let mut state = self.lock();
         if state.incarnation != incarnation {

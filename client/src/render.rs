@@ -21,9 +21,8 @@ pub struct RenderOptions {
     pub deadline: Duration,
     /// Encoding of images on the wire; unspecified: the server chooses.
     pub encoding: Encoding,
-    /// Whether to wait as long as the server asks and retry when it rejects the view because of overload. If
-    /// false, the rejection
-    /// is returned at once, as an open-loop load needs.
+    /// Whether to wait as long as the server asks and retry when it rejects the view because of overload. If false,
+    /// the rejection is returned at once, as an open-loop load needs.
     pub wait_for_room: bool,
     /// Id of the view in logs, equal for all retries. `None`: a new one.
     pub view_id: Option<String>,
@@ -59,9 +58,8 @@ pub struct Answer {
 const DAMAGED_ATTEMPTS: u32 = 3;
 
 impl Client {
-    /// Renders a view. Retries under the same id while the service is unavailable, the connection breaks or a
-    /// frame is damaged.
-    /// After a rejection because of overload it waits as long as the server asks.
+    /// Renders a view. Retries under the same id while the service is unavailable, the connection breaks or a frame
+    /// is damaged. After a rejection because of overload it waits as long as the server asks.
     ///
     /// # Errors
     /// [`ClientError::Invalid`] at once. [`ClientError::Overloaded`] if waiting is off

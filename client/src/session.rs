@@ -34,8 +34,8 @@ pub struct SessionOptions {
     /// Whether the server may redirect frames to workers. It relays those that cannot be fetched.
     pub redirect: bool,
     /// Whether searches may start from this session's previous frame (reprojection);
-    /// [`argus_scene::Provenance::history`] tells
-    /// for each frame whether its search did. Plans must leave the search open or name the seeded one.
+    /// [`argus_scene::Provenance::history`] tells for each frame whether its search did. Plans must leave the search
+    /// open or name the seeded one.
     pub history: bool,
 }
 
@@ -58,9 +58,8 @@ pub enum SessionEvent {
         /// The worker that rendered it, and its age.
         meta: FrameMeta,
     },
-    /// A view that could not be rendered; the session continues. After an overload, cameras are held back as
-    /// long as the server
-    /// asked; newer ones replace older ones.
+    /// A view that could not be rendered; the session continues. After an overload, cameras are held back as long as
+    /// the server asked; newer ones replace older ones.
     Failed {
         /// The camera's number, from [`Session::send`].
         camera_seq: u64,
@@ -69,9 +68,9 @@ pub enum SessionEvent {
     },
 }
 
-/// A moving camera. A new camera supersedes older ones. Each whole frame is acknowledged, so that a slow client
-/// gets fewer
-/// frames and never stale ones. A broken connection is restored, and the newest unanswered camera is sent again.
+/// A moving camera. A new camera supersedes older ones. Each whole frame is acknowledged, so that a slow client gets
+/// fewer frames and never stale ones. A broken connection is restored, and the newest unanswered camera is sent
+/// again.
 #[derive(Debug)]
 pub struct Session {
     client: Client,
@@ -90,8 +89,7 @@ pub struct Session {
 }
 
 /// The response stream, or the attempt to open it. It survives a dropped call of [`Session::next`]; otherwise a
-/// caller with
-/// short timeouts would never finish opening it.
+/// caller with short timeouts would never finish opening it.
 enum Incoming {
     /// Closed; may be opened at this time.
     Closed(Instant),
@@ -142,9 +140,8 @@ impl Session {
         self.unanswered.is_idle()
     }
 
-    /// Number of cameras that a newer answer superseded: replaced before they were sent, lost in a broken
-    /// connection, or skipped
-    /// by the server.
+    /// Number of cameras that a newer answer superseded: replaced before they were sent, lost in a broken connection,
+    /// or skipped by the server.
     pub fn superseded(&self) -> u64 {
         self.unanswered.superseded()
     }
@@ -167,9 +164,8 @@ impl Session {
                 Err(error) => error,
             };
             self.incoming = Incoming::Closed(Instant::now());
-            // The server has no capacity for another session and says when to retry. The broken
-            // connection may still occupy this
-            // session's place.
+            // The server has no capacity for another session and says when to retry. The broken connection may still
+            // occupy this session's place.
             let room = match &error {
                 ClientError::Overloaded { retry_after: Some(after), .. } => Some((*after).min(LONGEST_QUIET)),
                 _ => None,

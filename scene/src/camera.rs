@@ -27,9 +27,8 @@ impl Camera {
         Self { eye, target, up: DVec3::Y, fov_deg: 45.0 }
     }
 
-    /// Rejects a camera without an image: non-finite numbers, `eye` = `target`, `up` along the axis, an
-    /// impossible field of view.
-    /// Written so that NaN fails each comparison.
+    /// Rejects a camera without an image: non-finite numbers, `eye` = `target`, `up` along the axis, an impossible
+    /// field of view. Written so that NaN fails each comparison.
     pub fn validate(&self) -> Result<(), InvalidField> {
         let finite = |field, v: DVec3| match v.is_finite() {
             true => Ok(()),
@@ -168,8 +167,7 @@ impl SampleCamera {
     }
 
     /// The pinhole images of the sample: one for a perspective camera, six for a cube. Dual paraboloids and
-    /// reflection probes
-    /// have none, since their texels are not planar projections.
+    /// reflection probes have none, since their texels are not planar projections.
     pub fn faces(&self) -> Vec<Face> {
         match *self {
             Self::Perspective { camera, width, height } => vec![Face {

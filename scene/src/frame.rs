@@ -75,9 +75,8 @@ pub struct Served {
 /// The prediction for a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Prediction {
-    /// An upper bound of the mean FLIP against the reference at 67 pixels a degree, which all but a few per
-    /// cent of such frames
-    /// keep. It is compared with the request's bound, and exceeds it if that cannot be kept.
+    /// An upper bound of the mean FLIP against the reference at 67 pixels a degree, which all but a few per cent of
+    /// such frames keep. It is compared with the request's bound, and exceeds it if that cannot be kept.
     pub error: f64,
     /// Milliseconds of rendering.
     pub ms: f64,
@@ -167,9 +166,8 @@ pub struct Frame {
     pub unresolved_fraction: f64,
     /// Numbers of pixels by how they were served; all zero for a direct view.
     pub served: Served,
-    /// The prediction for this frame, if the service has a model: made before rendering, or from the pixels
-    /// if the request bounds
-    /// the error.
+    /// The prediction for this frame, if the service has a model: made before rendering, or from the pixels if the
+    /// request bounds the error.
     pub predicted: Option<Prediction>,
     /// How its plan was chosen; `None` if the request or its pin named it.
     pub decision: Option<Decision>,

@@ -1,8 +1,7 @@
 //! Data of a frame for temporal reprojection: where its surfaces were, and which samples served them.
 //!
-//! A slowly moving camera sees mostly what it saw before, so [`crate::Search::Seeded`] may start there instead of
-//! at a coarse
-//! splat of the samples. It is only a start: the samples decide where the search ends.
+//! A slowly moving camera sees mostly what it saw before, so [`crate::Search::Seeded`] may start there instead of at
+//! a coarse splat of the samples. It is only a start: the samples decide where the search ends.
 
 use crate::{Camera, Frame, Plan, SampleId};
 
@@ -22,11 +21,9 @@ const SOURCE_BITS: u32 = 3;
 const SOURCE_MASK: u32 = (1 << SOURCE_BITS) - 1;
 
 impl History {
-    /// The history of a frame from samples and its camera. `None` if the frame lacks range or source, or the
-    /// camera is invalid.
-    /// Frames may come from untrusted sources: a range that is not positive counts as sky, and an unknown
-    /// source as the first.
-    /// `before`: the history from which the frame itself started.
+    /// The history of a frame from samples and its camera. `None` if the frame lacks range or source, or the camera
+    /// is invalid. Frames may come from untrusted sources: a range that is not positive counts as sky, and an unknown
+    /// source as the first. `before`: the history from which the frame itself started.
     pub fn of(frame: &Frame, camera: &Camera, before: Option<&Self>) -> Option<Self> {
         let Plan::Warp(warp) = &frame.provenance.plan else { return None };
         camera.validate().ok()?;
@@ -73,9 +70,8 @@ impl History {
         &self.samples
     }
 
-    /// One word per pixel, row 0 at the top: the bits of the inverse range (1/metres), with the last three
-    /// replaced by the
-    /// sample's position in [`History::samples`]; 0 for sky.
+    /// One word per pixel, row 0 at the top: the bits of the inverse range (1/metres), with the last three replaced
+    /// by the sample's position in [`History::samples`]; 0 for sky.
     pub fn words(&self) -> &[u32] {
         &self.words
     }

@@ -165,9 +165,8 @@ pub struct Reflector {
 }
 
 impl Material {
-    /// Whether the material reflects an image of its surroundings, and not only light and dark. A textured
-    /// roughness counts
-    /// by its mean.
+    /// Whether the material reflects an image of its surroundings, and not only light and dark. A textured roughness
+    /// counts by its mean.
     fn mirrors(&self, scene: &Scene) -> bool {
         let in_mean = |reference: crate::TextureRef| {
             scene.textures.get(reference.texture as usize).map_or(1.0, |texture| {

@@ -27,9 +27,8 @@ use crate::{Bounds, Camera, InvalidField, OmniLayout, SampleCamera, Scene};
 /// The placement of sample cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Rig {
-    /// The cluster paper's rig (section 4, figure 3): the ground is divided into tiles, and four cameras
-    /// above the corners
-    /// of each look at its centre. Index: 4·tile + corner.
+    /// The cluster paper's rig (section 4, figure 3): the ground is divided into tiles, and four cameras above the
+    /// corners of each look at its centre. Index: 4·tile + corner.
     TileCorners {
         /// Box around the scene; tiles divide its x and z.
         bounds: Bounds,
@@ -40,10 +39,9 @@ pub enum Rig {
         /// Texels of a sample: width, height.
         size: [u32; 2],
     },
-    /// Omni cameras on a lattice; a viewpoint is served by the corners of its cell. Refinements are the
-    /// points of lattices
-    /// with half the spacing, a quarter, and so on. The index packs a point's three coordinates, 20 bits each, and its
-    /// level.
+    /// Omni cameras on a lattice; a viewpoint is served by the corners of its cell. Refinements are the points of
+    /// lattices with half the spacing, a quarter, and so on. The index packs a point's three coordinates, 20 bits
+    /// each, and its level.
     Cell {
         /// Position of lattice coordinate (0, 0, 0).
         origin: DVec3,
@@ -157,9 +155,8 @@ impl Rig {
         self.nearest_among(camera, count, Among::default())
     }
 
-    /// The `count` cameras that serve a viewpoint best, best first, of the rig's own and of refinements. The
-    /// result depends
-    /// only on the arguments, not on their order.
+    /// The `count` cameras that serve a viewpoint best, best first, of the rig's own and of refinements. The result
+    /// depends only on the arguments, not on their order.
     pub fn nearest_among(
         &self,
         camera: &Camera,

@@ -1,10 +1,8 @@
 //! The bridge between one page's WebSocket and one session of the service.
 //!
-//! The newest camera wins: a waiting camera is replaced, here and in the session. A page acknowledges each image
-//! that it has
-//! shown, and at most two images are in flight to it. So a slow page gets fewer images and never old ones, and a
-//! page that
-//! reads nothing uses bounded memory.
+//! The newest camera wins: a waiting camera is replaced, here and in the session. A page acknowledges each image that
+//! it has shown, and at most two images are in flight to it. So a slow page gets fewer images and never old ones, and
+//! a page that reads nothing uses bounded memory.
 
 mod flow;
 
@@ -56,9 +54,8 @@ pub(super) async fn run(mut socket: WebSocket, site: Arc<Site>) {
 pub(super) async fn close(socket: &mut WebSocket, code: u16, reason: &str) {
     let frame = CloseFrame { code, reason: reason.into() };
     let told = async {
-        // Closing a connection with unread bytes resets it, and the page may miss the reason. So read
-        // until the page closes
-        // too.
+        // Closing a connection with unread bytes resets it, and the page may miss the reason. So read until the page
+        // closes too.
         if socket.send(Message::Close(Some(frame))).await.is_ok() {
             while let Some(Ok(_)) = socket.recv().await {}
         }

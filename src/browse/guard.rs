@@ -5,8 +5,8 @@ use std::net::IpAddr;
 use axum::http::{HeaderMap, Uri, header};
 
 /// Whether a request names this machine as its host. DNS rebinding sends requests under another site's name, and
-/// would let
-/// that site's page see what this client may see. `authority`: the host of the request's URI, if it has one.
+/// would let that site's page see what this client may see. `authority`: the host of the request's URI, if it has
+/// one.
 pub(super) fn is_of_this_machine(headers: &HeaderMap, authority: Option<&str>) -> bool {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let Some(host) = named.or(authority) else { return false };
@@ -19,8 +19,7 @@ pub(super) fn is_of_this_machine(headers: &HeaderMap, authority: Option<&str>) -
 }
 
 /// Whether a WebSocket comes from the page that this server serves. Browsers let any page open a WebSocket to any
-/// server and
-/// name the page in `Origin`. Other programs send no `Origin` and may connect.
+/// server and name the page in `Origin`. Other programs send no `Origin` and may connect.
 pub(super) fn is_of_own_page(headers: &HeaderMap) -> bool {
     let mut origins = headers.get_all(header::ORIGIN).iter();
     let Some(origin) = origins.next() else { return true };

@@ -8,12 +8,10 @@
 //! {"shown": 7}
 //! ```
 //!
-//! Only `camera`, an ascending number, is required; the other fields have the defaults of `/frame`. The bridge
-//! sends images
-//! as binary messages: the length of a JSON object (4 bytes, little-endian), the object (see [`about`]), and a
-//! JPEG. Errors are
-//! text messages with one field: `refused` (the message is invalid), `failed` (a camera has no image) or `trouble` (the
-//! service does not answer).
+//! Only `camera`, an ascending number, is required; the other fields have the defaults of `/frame`. The bridge sends
+//! images as binary messages: the length of a JSON object (4 bytes, little-endian), the object (see [`about`]), and a
+//! JPEG. Errors are text messages with one field: `refused` (the message is invalid), `failed` (a camera has no
+//! image) or `trouble` (the service does not answer).
 
 use argus_client::FrameMeta;
 use argus_scene::{Camera, Frame, Holes, InvalidField, Outputs, Plan, PlanRequest, View};

@@ -1,9 +1,8 @@
 //! `argus browse`: a scene in a web browser.
 //!
-//! A thin client that serves a page. The page sends its camera over a WebSocket. This process requests the view
-//! in a session,
-//! with its own token and connection, and forwards the image. So the service speaks gRPC only. What a browser cannot do
-//! (TLS with the cluster's own authority, tokens from files) stays here.
+//! A thin client that serves a page. The page sends its camera over a WebSocket. This process requests the view in a
+//! session, with its own token and connection, and forwards the image. So the service speaks gRPC only. What a
+//! browser cannot do (TLS with the cluster's own authority, tokens from files) stays here.
 
 mod bridge;
 mod guard;

@@ -89,9 +89,8 @@ impl Figures {
         let view_ms = steady.last().unwrap_or(warped).status.view_ms;
         let steady_ms = Spread::of(steady.iter().map(|round| round.total.as_secs_f64() * 1e3)).median;
         let naive_ms = naive.total.as_secs_f64() * 1e3;
-        // For few views the cluster has no mean, since it leaves out views during compilation. Then the
-        // wall time is used, as if
-        // all workers had been busy throughout.
+        // For few views the cluster has no mean, since it leaves out views during compilation. Then the wall time is
+        // used, as if all workers had been busy throughout.
         let by_the_clock = naive_ms * workers as f64 / judged.len().max(1) as f64;
         let known = naive.status.direct_ms > 0.0;
         let direct_ms = if known { naive.status.direct_ms } else { by_the_clock };

@@ -19,9 +19,8 @@ use crate::output;
 
 /// Checks that this machine's GPU and driver render correctly.
 ///
-/// Describes the device and what it lacks, renders a small scene with every backend and search, compares each
-/// image with a
-/// 64-bit reference, and loses a device once on purpose. Takes some seconds. Exit code 1 if a check fails.
+/// Describes the device and what it lacks, renders a small scene with every backend and search, compares each image
+/// with a 64-bit reference, and loses a device once on purpose. Takes some seconds. Exit code 1 if a check fails.
 /// ARGUS_ADAPTER selects one of several GPUs, by a part of its name or by number.
 #[derive(clap::Args)]
 #[command(after_help = "\

@@ -1,8 +1,7 @@
 //! The sources of settings, and their precedence.
 //!
-//! Every value is checked alone, on top of the defaults, before the layers are merged. So an error names its
-//! source and key,
-//! and never depends on another layer.
+//! Every value is checked alone, on top of the defaults, before the layers are merged. So an error names its source
+//! and key, and never depends on another layer.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;

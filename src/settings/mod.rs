@@ -66,9 +66,8 @@ pub(crate) struct Coordinator {
     pub(crate) map_side: u32,
     /// Levels of the octree; the default gives cells of about a thousandth of the scene.
     pub(crate) octree_levels: u32,
-    /// Cameras along an edge of a block that shares parts of its maps. 1 by default: at this resolution,
-    /// neighbours of a lattice
-    /// have little in common.
+    /// Cameras along an edge of a block that shares parts of its maps. 1 by default: at this resolution, neighbours
+    /// of a lattice have little in common.
     pub(crate) map_block: u32,
     /// Reflections of glossy and transparent objects: `off` (the sky only) or `maps` (reflection probes).
     pub(crate) reflections: String,
@@ -78,9 +77,8 @@ pub(crate) struct Coordinator {
     pub(crate) reflection_levels: u32,
     /// Largest number of objects with a probe, the largest objects first; a probe takes 50 KiB.
     pub(crate) reflectors: u32,
-    /// Share of the samplers' time for samples where views have holes. These wait for all other work, so a
-    /// half costs other views
-    /// little.
+    /// Share of the samplers' time for samples where views have holes. These wait for all other work, so a half costs
+    /// other views little.
     pub(crate) refining_share: f64,
     /// File of a calibrated model, in place of the one that `argus study bounds` kept on this machine.
     pub(crate) model: Option<PathBuf>,
@@ -97,9 +95,9 @@ pub(crate) struct Coordinator {
     pub(crate) registry: Option<String>,
     /// File with this process's credentials for the registry: a token, or a user and a password.
     pub(crate) registry_credentials: Option<PathBuf>,
-    /// Seconds that leadership lasts unless renewed. A standby takes over within this time after the leader
-    /// died, and a leader
-    /// that cannot reach the registry stops within it. A lease that the registry already knows takes precedence.
+    /// Seconds that leadership lasts unless renewed. A standby takes over within this time after the leader died, and
+    /// a leader that cannot reach the registry stops within it. A lease that the registry already knows takes
+    /// precedence.
     pub(crate) registry_lease_secs: f64,
     /// Seconds for the registry to appear at the start before this process gives up; unset: it waits as a standby.
     pub(crate) registry_wait_secs: Option<f64>,
@@ -147,9 +145,8 @@ impl Default for Coordinator {
 pub(crate) struct Worker {
     /// The coordinator's address; several are separated by commas, of which one leads.
     pub(crate) coordinator: Option<String>,
-    /// Seconds for a coordinator to answer at the start before this process gives up; unset: it keeps trying,
-    /// since processes
-    /// start in any order.
+    /// Seconds for a coordinator to answer at the start before this process gives up; unset: it keeps trying, since
+    /// processes start in any order.
     pub(crate) coordinator_wait_secs: Option<f64>,
     /// Address to listen on. Port 0 takes a free port, since only the coordinator has to know it.
     pub(crate) listen: String,
@@ -159,9 +156,8 @@ pub(crate) struct Worker {
     pub(crate) public_address: Option<String>,
     /// Folder of scenes; unset: the user's cache.
     pub(crate) scenes: Option<PathBuf>,
-    /// MiB of samples kept in memory and on the GPU together. Beyond it the least recently used is dropped,
-    /// but never one in use.
-    /// 2 GiB hold forty samples of 2048² texels.
+    /// MiB of samples kept in memory and on the GPU together. Beyond it the least recently used is dropped, but never
+    /// one in use. 2 GiB hold forty samples of 2048² texels.
     pub(crate) samples_mib: u64,
     /// MiB of the compositor's copies of samples on the GPU, including their coarser levels, with the same rule.
     pub(crate) gpu_samples_mib: u64,
@@ -169,13 +165,11 @@ pub(crate) struct Worker {
     pub(crate) queued_views: usize,
     /// Samples in the render thread's queue.
     pub(crate) queued_samples: usize,
-    /// MiB of frames that are rendered, packed or sent; further views wait. 2 GiB hold 150 frames of
-    /// 1920×1080 pixels, or six of
-    /// the largest with all images.
+    /// MiB of frames that are rendered, packed or sent; further views wait. 2 GiB hold 150 frames of 1920×1080
+    /// pixels, or six of the largest with all images.
     pub(crate) frames_mib: u64,
-    /// MiB of depth kept for sessions with reprojection; 0: none. 256 MiB hold two thousand sessions of
-    /// 200×150 pixels, or thirty
-    /// of 1920×1080.
+    /// MiB of depth kept for sessions with reprojection; 0: none. 256 MiB hold two thousand sessions of 200×150
+    /// pixels, or thirty of 1920×1080.
     pub(crate) history_mib: u64,
     /// Requests in work, from the coordinator and other workers.
     pub(crate) requests: usize,
@@ -214,8 +208,7 @@ impl Default for Worker {
 }
 
 /// Limits of a coordinator's clients, in all and each. Clients are identified by their tokens, or else by their
-/// addresses.
-/// Requests beyond a limit are rejected at once with a hint when to retry.
+/// addresses. Requests beyond a limit are rejected at once with a hint when to retry.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Limits {
@@ -230,9 +223,8 @@ pub(crate) struct Limits {
     pub(crate) view_secs: f64,
     /// Seconds for a client to read one MiB of its frame. After that the frame or its session ends.
     pub(crate) read_secs: f64,
-    /// Seconds that a view may wait in the queue, by measured costs. A view that would wait longer is
-    /// rejected, so that workers
-    /// spend their time on clients that still wait.
+    /// Seconds that a view may wait in the queue, by measured costs. A view that would wait longer is rejected, so
+    /// that workers spend their time on clients that still wait.
     pub(crate) wait_secs: f64,
     /// Pixels per second of all clients; unset: no limit.
     pub(crate) pixels_per_sec: Option<f64>,
@@ -242,9 +234,8 @@ pub(crate) struct Limits {
     pub(crate) sessions: usize,
     /// Open sessions of one client: three quarters of all.
     pub(crate) sessions_per_client: usize,
-    /// Open connections, of which a quarter is reserved for the cluster's own processes. Machines allow many
-    /// times as many file
-    /// descriptors.
+    /// Open connections, of which a quarter is reserved for the cluster's own processes. Machines allow many times as
+    /// many file descriptors.
     pub(crate) connections: usize,
     /// KiB of a client's request. The largest valid request, a view with a pinned plan, takes some hundred bytes.
     pub(crate) request_kib: usize,

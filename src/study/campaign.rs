@@ -10,10 +10,9 @@ use crate::{args, output, shutdown};
 
 /// Runs the self-test and the studies that need a GPU within a given time, most valuable first, each in its own process
 ///
-/// Results are written to the folder --out (by default out/gpu-campaign) as they come: a JSON object and a log for each
-/// step, and the page results.md. A step that fails or takes too long is a row with its reason.
-/// `scripts/gpu-campaign` runs
-/// this on machines that have only the program and a driver.
+/// Results are written to the folder --out (by default out/gpu-campaign) as they come: a JSON object and a log for
+/// each step, and the page results.md. A step that fails or takes too long is a row with its reason.
+/// `scripts/gpu-campaign` runs this on machines that have only the program and a driver.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -14,10 +14,8 @@ use crate::args;
 /// Measures or simulates the cluster paper's figures: the time of a tick against views and against processes
 ///
 /// Real clusters are separate processes on this machine. Each tick renders the samples anew, as in the paper.
-/// Variants let
-/// samplers also compose in their spare time, keep the scene still, or render all views directly. With --simulate
-/// the real
-/// coordinator core drives any number of simulated workers.
+/// Variants let samplers also compose in their spare time, keep the scene still, or render all views directly. With
+/// --simulate the real coordinator core drives any number of simulated workers.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

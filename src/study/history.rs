@@ -7,9 +7,8 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, blocking};
 use crate::args;
 
-/// Measures temporal reprojection: whether a session's search should start from its previous frame or from
-/// samples, by time
-/// and error against the camera's motion, and over a chain of frames
+/// Measures temporal reprojection: whether a session's search should start from its previous frame or from samples,
+/// by time and error against the camera's motion, and over a chain of frames
 ///
 /// Without --scene: terrain:500000; without --size: 200x150.
 #[derive(clap::Args)]

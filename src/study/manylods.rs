@@ -47,9 +47,8 @@ pub(super) struct ManyLods {
     /// How far lazy cuts may lag, in percent of the scene [default: 0.5]
     #[arg(long, value_name = "PERCENT", value_parser = crate::args::positive)]
     lag: Option<f64>,
-    /// Light that places the views: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG [default: the scene's first
-    /// point or spot light,
-    /// else a spot light above its middle]
+    /// Light that places the views: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG [default: the scene's first point or
+    /// spot light, else a spot light above its middle]
     #[arg(long, value_name = "LIGHT", value_parser = parse_light, allow_hyphen_values = true)]
     light: Option<Emitter>,
     /// Number of measured frames where nothing moves; times are their median [default: 3]

@@ -34,39 +34,34 @@ pub(super) struct MegaViews {
     /// Levels of the scene's octree below its root [default: 9]
     #[arg(long, value_name = "L", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=10))]
     levels: Vec<u32>,
-    /// Levels of the view octree [default: few enough that each view lies within one or two cells of the
-    /// scene's octree of the
-    /// point from which its map is rendered]
+    /// Levels of the view octree [default: few enough that each view lies within one or two cells of the scene's
+    /// octree of the point from which its map is rendered]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     view_levels: Option<u32>,
-    /// Leave out the lowest level of the view octree, which groups the views of a cell by direction; the
-    /// paper has no such
-    /// level
+    /// Leave out the lowest level of the view octree, which groups the views of a cell by direction; the paper has no
+    /// such level
     #[arg(long)]
     no_view_directions: bool,
     /// Methods to compare: scene and views traversed together, the scene for each view, each leaf of the scene's octree
     /// through the view octree, every triangle for every view [default: all but flat-scene]
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = method())]
     method: Vec<Method>,
-    /// Light that places the views: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG [default: the scene's first
-    /// point or spot light,
-    /// else a spot light above its middle]
+    /// Light that places the views: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG [default: the scene's first point or
+    /// spot light, else a spot light above its middle]
     #[arg(long, value_name = "LIGHT", value_parser = parse_light, allow_hyphen_values = true)]
     light: Option<Emitter>,
     /// Also render what no view sees
     #[arg(long)]
     no_culling: bool,
-    /// Occlusion culling: on (skip what is hidden behind the maps so far), off, or known (count what the
-    /// finished maps would
-    /// hide). The maps are the same [default: off]
+    /// Occlusion culling: on (skip what is hidden behind the maps so far), off, or known (count what the finished
+    /// maps would hide). The maps are the same [default: off]
     #[arg(long, value_name = "HOW", value_delimiter = ',', value_parser = occlusion())]
     occlusion: Vec<Occlusion>,
     /// Texel format: depth and node in 64 or 32 bits, or depth alone in 32 or 16 [default: range-32]
     #[arg(long, value_name = "TEXEL", value_delimiter = ',', value_parser = texel())]
     texel: Vec<Texel>,
-    /// Radius of a node's disc as a share of its ball, in maps of single views and in shared maps; 0.8165
-    /// leaves no gap in a
-    /// surface [default: 0.5:0.4]
+    /// Radius of a node's disc as a share of its ball, in maps of single views and in shared maps; 0.8165 leaves no
+    /// gap in a surface [default: 0.5:0.4]
     #[arg(long, value_name = "OWN:SHARED", value_delimiter = ',', value_parser = parse_discs)]
     disc: Vec<[f32; 2]>,
     /// Leave maps sparse, for lookups texel by texel

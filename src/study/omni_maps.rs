@@ -8,8 +8,7 @@ use super::arguments::{Scene, Size, blocking};
 use crate::args;
 
 /// Measures omnidirectional samples from triangles beside those from maps of an octree (`argus serve --sampling
-/// megaviews`):
-/// their cost, and the error of views warped from them
+/// megaviews`): their cost, and the error of views warped from them
 ///
 /// Without --scene: terrain:500000; without --size: 400x300.
 #[derive(clap::Args)]

@@ -12,8 +12,7 @@ use super::arguments::{Scene, Size, blocking};
 use crate::args;
 
 /// Measures glowing particles that drift through a scene: the time of their maps by MegaViews, ManyLoDs and exact
-/// maps, and
-/// the error of the shadows and of a view that they light
+/// maps, and the error of the shadows and of a view that they light
 ///
 /// Without --scene: terrain:50000; without --size: 192x144.
 #[derive(clap::Args)]
@@ -33,9 +32,8 @@ pub(super) struct Particles {
     /// Levels of the scene's octree below its root [default: 8]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     levels: Option<u32>,
-    /// Levels of the octree over the particles [default: few enough that each particle lies within one or two
-    /// cells of the
-    /// scene's octree of the point from which its map is rendered]
+    /// Levels of the octree over the particles [default: few enough that each particle lies within one or two cells
+    /// of the scene's octree of the point from which its map is rendered]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     view_levels: Option<u32>,
     /// Number of measured frames, after one that is not counted; times are their median [default: 3]

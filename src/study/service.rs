@@ -8,21 +8,16 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, Workers};
 use crate::args;
 
-/// Measures the service from its users' side: time to the first view, latency and error under an open load, cold
-/// and warm;
-/// by default, and with direct or warped views forced
+/// Measures the service from its users' side: time to the first view, latency and error under an open load, cold and
+/// warm; by default, and with direct or warped views forced
 ///
-/// Without --scene: terrain:500000; without --size: 320x240. Each mode has a new cluster. Cold: clients send as
-/// soon as there
-/// is an address. Warm: the same walk again, after a warm-up walk and time to settle. Each view's due time is fixed
-/// beforehand, and its latency counts from then; a view without a frame after 30 s has failed and counts with that time.
-/// Twelve views of each phase are compared with direct views of 16 samples a pixel. The planner's predictions are
-/// compared
-/// with the frames: time_predicted is the share of frames within 30% or 3 ms, error_bounded the share of frames
-/// from samples
-/// whose error is at most the predicted one, planning_us the coordinator's microseconds a view. Takes two or
-/// three minutes a
-/// run, more if views are late.
+/// Without --scene: terrain:500000; without --size: 320x240. Each mode has a new cluster. Cold: clients send as soon
+/// as there is an address. Warm: the same walk again, after a warm-up walk and time to settle. Each view's due time
+/// is fixed beforehand, and its latency counts from then; a view without a frame after 30 s has failed and counts
+/// with that time. Twelve views of each phase are compared with direct views of 16 samples a pixel. The planner's
+/// predictions are compared with the frames: time_predicted is the share of frames within 30% or 3 ms, error_bounded
+/// the share of frames from samples whose error is at most the predicted one, planning_us the coordinator's
+/// microseconds a view. Takes two or three minutes a run, more if views are late.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -53,19 +48,17 @@ pub(super) struct Service {
     /// Number of repetitions; rows are their medians, and `spread` holds the minima and maxima [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     runs: Option<u16>,
-    /// Start each cluster with empty caches, like a machine that never ran Argus. Drivers then compile every
-    /// program anew,
-    /// which takes the software driver seconds. Otherwise a start that is not measured fills them first
+    /// Start each cluster with empty caches, like a machine that never ran Argus. Drivers then compile every program
+    /// anew, which takes the software driver seconds. Otherwise a start that is not measured fills them first
     #[arg(long)]
     empty_caches: bool,
-    /// Number of views to render one at a time with every method, to measure the planner's regret: the time
-    /// by default over
-    /// that of the best method within the error bound, minus 1. Takes up to 90 s; 0 skips it [default: 24]
+    /// Number of views to render one at a time with every method, to measure the planner's regret: the time by
+    /// default over that of the best method within the error bound, minus 1. Takes up to 90 s; 0 skips it [default:
+    /// 24]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10_000))]
     regret_views: Option<u32>,
-    /// Also measure two and four times the capacity for direct views, in every mode: `share_of_peak` is the
-    /// rate of answered
-    /// views over that of the best forced method that is as good. Takes two or three minutes more a run
+    /// Also measure two and four times the capacity for direct views, in every mode: `share_of_peak` is the rate of
+    /// answered views over that of the best forced method that is as good. Takes two or three minutes more a run
     #[arg(long)]
     overload: bool,
     /// Further arguments of `argus serve`

@@ -1,6 +1,5 @@
-//! Joins the crates. The cluster asks for scenes and roles through its own traits and knows neither file formats
-//! nor GPUs;
-//! these are the implementations.
+//! Joins the crates. The cluster asks for scenes and roles through its own traits and knows neither file formats nor
+//! GPUs; these are the implementations.
 
 mod opener;
 mod roles;

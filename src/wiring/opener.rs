@@ -68,9 +68,8 @@ impl SceneFolder {
         Some(kept.join(FILES).join(root))
     }
 
-    /// Keeps a bundle. It is written to a temporary folder and renamed, so that several workers may share the
-    /// folder and none
-    /// sees half a scene.
+    /// Keeps a bundle. It is written to a temporary folder and renamed, so that several workers may share the folder
+    /// and none sees half a scene.
     fn keep(&self, reference: &SceneRef, files: &[BundleFile]) -> io::Result<()> {
         let partial = self.folder.join(format!("{}.{}", reference.hash, std::process::id()));
         let _ = std::fs::remove_dir_all(&partial);
@@ -113,9 +112,8 @@ impl SceneOpener for SceneFolder {
         let by_name = name.file_name().map(|file: &OsStr| self.folder.join(file));
         let places = [self.kept_root(reference), by_name, Some(name.to_path_buf())];
         for place in places.into_iter().flatten().filter(|place| place.is_file()) {
-            // A file that cannot be opened, or that holds another scene of the same name, is skipped:
-            // the coordinator has the right
-            // one.
+            // A file that cannot be opened, or that holds another scene of the same name, is skipped: the coordinator
+            // has the right one.
             match load::load_path(&place) {
                 Ok(scene) if scene.hash == reference.hash => {
                     return Ok(Some(Arc::new(Scene { name: reference.name.clone(), ..scene })));

@@ -146,8 +146,8 @@ impl Subject {
         let mut frames: [Vec<Frame>; METHODS.len()] = Default::default();
         for round in 0..=options.rounds {
             for (method, jobs) in jobs.iter().enumerate() {
-                // Only the splat search gains from a batch. A linear step costs the same alone, so
-                // fewer views are enough.
+                // Only the splat search gains from a batch. A linear step costs the same alone, so fewer views are
+                // enough.
                 let batched = matches!(&jobs[0].plan, Plan::Warp(warp) if warp.search == Search::Splat);
                 let many = if batched { jobs.len() } else { options.judged.min(jobs.len()) };
                 let (ms, answered) = self.bench.time(&jobs[..many])?;

@@ -139,9 +139,8 @@ impl Bench {
         self.sight = None;
     }
 
-    /// Whether sample cameras are selected by visibility rather than by distance. True for a `Cell` rig: its
-    /// lattice ignores
-    /// walls, so the nearest camera may see nothing of the view.
+    /// Whether sample cameras are selected by visibility rather than by distance. True for a `Cell` rig: its lattice
+    /// ignores walls, so the nearest camera may see nothing of the view.
     pub(crate) fn chooses_by_sight(&self) -> bool {
         self.sight.is_some() && matches!(self.info.rig, Rig::Cell { .. })
     }
@@ -268,9 +267,8 @@ impl Bench {
             .collect()
     }
 
-    /// Compares a frame's colour and range with the reference. `side`: the frame's sub-pixels a side; 1 for a
-    /// direct view,
-    /// which reports the range at the pixel's centre.
+    /// Compares a frame's colour and range with the reference. `side`: the frame's sub-pixels a side; 1 for a direct
+    /// view, which reports the range at the pixel's centre.
     pub(crate) fn judge(frame: &Frame, truth: &Truth, side: u32) -> Result<FrameErrors> {
         let range = frame.range.as_ref().context("the frame has no range")?;
         let (_, ranges) =
@@ -288,9 +286,8 @@ impl Bench {
         })
     }
 
-    /// A walk of `count` views that reveals hidden surfaces. It starts at the suggested cameras in turn,
-    /// moves up to half way
-    /// to their targets and swings sideways, never through a surface.
+    /// A walk of `count` views that reveals hidden surfaces. It starts at the suggested cameras in turn, moves up to
+    /// half way to their targets and swings sideways, never through a surface.
     pub(crate) fn walk(&self, count: usize) -> Vec<Camera> {
         let suggested = self.suggested();
         (0..count)

@@ -1,9 +1,8 @@
 //! Break-even: the number of views from which rendering samples is cheaper than rendering every view directly.
 //!
-//! N views cost S·g + N·c from samples and N·g directly, for each visibility backend. Both costs are linear in N, so two
-//! measurements give each curve; the largest N is also timed in full as a check. Shading is plain: effects would make
-//! direct views dearer and leave warped views unchanged.
-//! views dearer and leave views from samples as they are.
+//! N views cost S·g + N·c from samples and N·g directly, for each visibility backend. Both costs are linear in N, so
+//! two measurements give each curve; the largest N is also timed in full as a check. Shading is plain: effects would
+//! make direct views dearer and leave warped views unchanged. views dearer and leave views from samples as they are.
 
 use std::sync::Arc;
 

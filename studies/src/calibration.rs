@@ -109,9 +109,8 @@ impl Answers {
         self.bench.info.rig
     }
 
-    /// `count` random views that stand in the open and show something. With a `Cell` rig they are drawn from
-    /// `places` cells,
-    /// since each new cell costs as many samples as it has corners.
+    /// `count` random views that stand in the open and show something. With a `Cell` rig they are drawn from `places`
+    /// cells, since each new cell costs as many samples as it has corners.
     pub fn views(&self, count: usize, places: usize, seed: u64) -> Vec<Camera> {
         let (bounds, rig) = (self.bench.info.bounds, self.bench.info.rig);
         let kind = match rig {
@@ -255,9 +254,8 @@ impl Answers {
         Ok(supported)
     }
 
-    /// Renders each view alone with every setting, like interactive requests, and compares the frames with
-    /// the references.
-    /// `progress` counts views.
+    /// Renders each view alone with every setting, like interactive requests, and compares the frames with the
+    /// references. `progress` counts views.
     ///
     /// # Errors
     /// Any error of [`Answers::answer`].

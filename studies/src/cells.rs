@@ -118,9 +118,8 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-/// Knobs for the same rig with its cameras `factor` times as far apart. A rig of one tile starts from 2 × 2
-/// tiles, so that
-/// it can become wider.
+/// Knobs for the same rig with its cameras `factor` times as far apart. A rig of one tile starts from 2 × 2 tiles, so
+/// that it can become wider.
 fn spaced(rig: &Rig, factor: f64) -> RigKnobs {
     match *rig {
         Rig::TileCorners { tiles, size, .. } => {

@@ -237,9 +237,8 @@ impl Study<'_> {
         Ok(bench.time(&jobs)?.1)
     }
 
-    /// The histories of frames along a chain of motions to the views. Each frame starts from the one before,
-    /// the first from the
-    /// samples. Also returns the share of later frames that did use the one before.
+    /// The histories of frames along a chain of motions to the views. Each frame starts from the one before, the
+    /// first from the samples. Also returns the share of later frames that did use the one before.
     fn histories(&mut self, bench: &mut Bench, came: &[Motion]) -> Result<(Vec<Arc<History>>, f64)> {
         let (mut last, mut begun): (Vec<Option<Arc<History>>>, Vec<f64>) =
             (vec![None; self.cameras.len()], Vec::new());

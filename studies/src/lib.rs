@@ -1,9 +1,9 @@
 //! The experiments: accuracy against time, and the cluster under load.
 //!
-//! One file per experiment. Each returns a [`Report`], which the command prints as a table, as CSV or as JSON.
-//! Every figure
-//! in the README comes from one of these, by the command beside it. Times are wall times of whole calls, readback
-//! included. They are medians over rounds in which the alternatives alternate, so that noise affects all of them alike.
+//! One file per experiment. Each returns a [`Report`], which the command prints as a table, as CSV or as JSON. Every
+//! figure in the README comes from one of these, by the command beside it. Times are wall times of whole calls,
+//! readback included. They are medians over rounds in which the alternatives alternate, so that noise affects all of
+//! them alike.
 
 pub mod baseline;
 mod bench;

@@ -27,11 +27,9 @@ struct Announcement {
 }
 
 impl LocalCluster {
-    /// Starts a coordinator and `workers` worker processes of the program `argus`, on a free port of the
-    /// loopback interface.
-    /// `more` are further arguments of `argus serve`. Returns as soon as clients can connect; earlier
-    /// requests wait for the
-    /// workers to join.
+    /// Starts a coordinator and `workers` worker processes of the program `argus`, on a free port of the loopback
+    /// interface. `more` are further arguments of `argus serve`. Returns as soon as clients can connect; earlier
+    /// requests wait for the workers to join.
     ///
     /// # Errors
     /// The program cannot be started, or ends before it serves. Its reason is on standard error.
@@ -62,9 +60,8 @@ impl LocalCluster {
         })
     }
 
-    /// Starts a cluster whose workers' software driver has one thread each, unless `LP_NUM_THREADS` is set.
-    /// Otherwise a lone
-    /// worker would use the threads that other workers would have, and could not be compared with them.
+    /// Starts a cluster whose workers' software driver has one thread each, unless `LP_NUM_THREADS` is set. Otherwise
+    /// a lone worker would use the threads that other workers would have, and could not be compared with them.
     ///
     /// # Errors
     /// Any error of [`Self::start`].

@@ -1,6 +1,5 @@
-//! Omni maps: omnidirectional samples from triangles against samples from maps of an octree (MegaViews). Measures
-//! the cost
-//! of samples and the error of views warped from them.
+//! Omni maps: omnidirectional samples from triangles against samples from maps of an octree (MegaViews). Measures the
+//! cost of samples and the error of views warped from them.
 
 use std::time::Instant;
 

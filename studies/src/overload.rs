@@ -1,9 +1,8 @@
 //! Overload: what a cluster still answers, and how late, under more load than it can carry.
 //!
-//! First a load far above capacity finds the largest throughput, since batches are then fullest. Then open loads
-//! at fractions
-//! and multiples of it follow: views fall due regardless of earlier ones. A service that queues what it cannot answer in
-//! time answers fewer and fewer views in time; one that rejects at once keeps its peak throughput.
+//! First a load far above capacity finds the largest throughput, since batches are then fullest. Then open loads at
+//! fractions and multiples of it follow: views fall due regardless of earlier ones. A service that queues what it
+//! cannot answer in time answers fewer and fewer views in time; one that rejects at once keeps its peak throughput.
 
 use std::path::Path;
 use std::time::Duration;

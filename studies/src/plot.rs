@@ -1,8 +1,7 @@
 //! Plots that are readable at the width of a README: few large marks, distinguished by shape and by colour.
 //!
-//! The colours are those of Okabe and Ito ("Color Universal Design", 2008), which remain distinct for common
-//! kinds of colour
-//! blindness. Shapes make them distinct in print.
+//! The colours are those of Okabe and Ito ("Color Universal Design", 2008), which remain distinct for common kinds of
+//! colour blindness. Shapes make them distinct in print.
 
 use std::ops::Range;
 
@@ -287,9 +286,8 @@ fn mark(index: usize, (x, y): (i32, i32), size: i32, color: RGBAColor) -> Polygo
     Polygon::new(corners, color.filled())
 }
 
-/// Indices of the points that no other point beats in both coordinates, by ascending x; lower is better. Points
-/// with NaN are
-/// left out.
+/// Indices of the points that no other point beats in both coordinates, by ascending x; lower is better. Points with
+/// NaN are left out.
 pub(crate) fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> =
         (0..points.len()).filter(|&i| points[i].0.is_finite() && points[i].1.is_finite()).collect();

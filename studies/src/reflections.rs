@@ -1,10 +1,9 @@
 //! Reflections: the cost of reflection probes, and their error against traced reflections (`--reflections maps`,
-//! ManyLoDs'
-//! figure 3).
+//! ManyLoDs' figure 3).
 //!
-//! The reference traces rays over every reflector's lobe. Probe times are those of an animated scene, where
-//! octree, light of
-//! its leaves and probes are rendered anew at each moment. A brute-force render of the same maps is timed beside them.
+//! The reference traces rays over every reflector's lobe. Probe times are those of an animated scene, where octree,
+//! light of its leaves and probes are rendered anew at each moment. A brute-force render of the same maps is timed
+//! beside them.
 
 use std::sync::Arc;
 use std::time::Instant;

@@ -111,9 +111,8 @@ impl Report {
         csv
     }
 
-    /// Writes `NAME.md`, `NAME.csv`, `NAME.json` and each plot as `NAME-PLOT.svg` into a folder, which is
-    /// created if needed.
-    /// Returns the paths of the files.
+    /// Writes `NAME.md`, `NAME.csv`, `NAME.json` and each plot as `NAME-PLOT.svg` into a folder, which is created if
+    /// needed. Returns the paths of the files.
     ///
     /// # Errors
     /// The folder cannot be written to.

@@ -1,8 +1,7 @@
 //! Throughput: warped views per second of one scene.
 //!
-//! Three rates are measured: the passes alone by the device's clock; whole calls of the compositor, with frames
-//! read back to
-//! the host; and answers over gRPC of a service on this machine.
+//! Three rates are measured: the passes alone by the device's clock; whole calls of the compositor, with frames read
+//! back to the host; and answers over gRPC of a service on this machine.
 
 use std::path::Path;
 

@@ -1,6 +1,5 @@
 //! Walk: laps through a scene over gRPC. Measures how many pixels no sample saw, and how they vanish while the
-//! cluster places
-//! samples where views have holes.
+//! cluster places samples where views have holes.
 
 use std::path::Path;
 use std::time::Duration;
@@ -186,9 +185,8 @@ async fn settle(client: &Client, secs: f64) -> Result<()> {
     Ok(())
 }
 
-/// Viewpoints along a closed oval at eye height, 56% of the scene's extent in x and 12% in z. In Sponza it leads
-/// up the nave
-/// and back, past columns, curtains and plants. Views look ahead and sometimes aside.
+/// Viewpoints along a closed oval at eye height, 56% of the scene's extent in x and 12% in z. In Sponza it leads up
+/// the nave and back, past columns, curtains and plants. Views look ahead and sometimes aside.
 fn walk(bounds: &Bounds, count: usize) -> Vec<Camera> {
     let (center, size) = (bounds.center(), bounds.size());
     let height = bounds.min.y + 0.21 * size.y;

@@ -1,12 +1,9 @@
 //! Warp: accuracy against time of every search and its knobs, over a walk that reveals hidden surfaces.
 //!
-//! Colour is judged against a supersampled reference image by FLIP, PSNR and SSIM. Range is judged pixel by
-//! pixel: a pixel
-//! shows the *wrong surface* if its range differs from the reference by more than [`WRONG_SURFACE`], or if only
-//! one of them
-//! is sky. Two bounds stand beside: the error of direct views, which no warp can be expected to beat, and the
-//! time of a pass
-//! with one colour fetch per pixel.
+//! Colour is judged against a supersampled reference image by FLIP, PSNR and SSIM. Range is judged pixel by pixel: a
+//! pixel shows the *wrong surface* if its range differs from the reference by more than [`WRONG_SURFACE`], or if only
+//! one of them is sky. Two bounds stand beside: the error of direct views, which no warp can be expected to beat, and
+//! the time of a pass with one colour fetch per pixel.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -327,9 +324,8 @@ impl<'a> Study<'a> {
         self.cameras.iter().map(job).collect()
     }
 
-    /// Judges each setting in a first round, then times all in turns. Returns the median milliseconds of a
-    /// view with one fetch
-    /// per pixel.
+    /// Judges each setting in a first round, then times all in turns. Returns the median milliseconds of a view with
+    /// one fetch per pixel.
     fn measure(&mut self, bench: &mut Bench, settings: &[Setting], progress: &ProgressBar) -> Result<f64> {
         let most = self.options.samples.iter().copied().max().unwrap_or(1);
         self.held = bench.all_ids(&self.cameras, most);

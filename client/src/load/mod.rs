@@ -1,8 +1,8 @@
 //! Open-loop load generator.
 //!
-//! The time at which each view is due is fixed beforehand, and latency counts from then. A closed loop, which
-//! sends the next
-//! view after the last answer, sends nothing while the service stalls, and so hides the stall from its percentiles.
+//! The time at which each view is due is fixed beforehand, and latency counts from then. A closed loop, which sends
+//! the next view after the last answer, sends nothing while the service stalls, and so hides the stall from its
+//! percentiles.
 
 mod burst;
 mod path;
@@ -119,9 +119,8 @@ pub async fn run(client: &Client, options: &LoadOptions) -> Result<LoadReport, C
     run_along(client, options, Arc::new(cameras), |_| ()).await
 }
 
-/// Runs a load with the given cameras, and calls `ended` with each view as it ends. Superseded session cameras
-/// are counted
-/// only.
+/// Runs a load with the given cameras, and calls `ended` with each view as it ends. Superseded session cameras are
+/// counted only.
 ///
 /// # Errors
 /// [`ClientError::Invalid`] for options without load or views that the service cannot accept. Failures under load

@@ -9,8 +9,7 @@ use glam::{DQuat, DVec3};
 /// A moving camera, deterministic in scene, client and time (up to the last bits of sines on other machines).
 ///
 /// Outside the scene's bounds it swings about its target by up to ±25° and 10% of its distance. Inside, it stays
-/// within 1% of
-/// the scene's size, so that it does not leave the room, and turns its head.
+/// within 1% of the scene's size, so that it does not leave the room, and turns its head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraPath {
     base: Camera,
@@ -22,8 +21,7 @@ pub struct CameraPath {
 }
 
 /// Seconds of a full swing: fast enough that all frames of a second differ, slow enough that consecutive ones are
-/// similar, as
-/// with a person's hand.
+/// similar, as with a person's hand.
 const PERIOD_SECS: f64 = 12.0;
 /// Phase between consecutive clients, in turns: the golden ratio spreads any number of clients evenly.
 const GOLDEN: f64 = 0.618_033_988_749_895;

@@ -9,8 +9,7 @@ use super::{Ended, LoadOptions, Schedule};
 use crate::{Client, RenderOptions};
 
 /// Sends each view when it is due, regardless of earlier ones. A view that is sent late has less time until its
-/// deadline. Each
-/// view is passed to `report` as it ends.
+/// deadline. Each view is passed to `report` as it ends.
 pub(super) async fn run(
     client: Client,
     options: LoadOptions,

@@ -11,9 +11,8 @@ use super::report::Tally;
 use super::{Ended, LoadOptions, Schedule};
 use crate::{Client, ClientError, SessionEvent, SessionOptions};
 
-/// Sends each camera when it is due and counts frames. The last camera must be answered, or it has failed.
-/// Cameras overtaken by
-/// a newer answer are superseded. Each answered or failed view is passed to `report`.
+/// Sends each camera when it is due and counts frames. The last camera must be answered, or it has failed. Cameras
+/// overtaken by a newer answer are superseded. Each answered or failed view is passed to `report`.
 pub(super) async fn run(
     client: Client,
     options: LoadOptions,

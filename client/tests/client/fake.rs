@@ -248,9 +248,8 @@ impl Views for Handler {
 
     type RenderBatchStream = Chunks<v1::RenderBatchResponse>;
 
-    /// Sends the frames in reverse order with alternating chunks. If the server is to be unavailable, the
-    /// stream breaks after two
-    /// thirds of them.
+    /// Sends the frames in reverse order with alternating chunks. If the server is to be unavailable, the stream
+    /// breaks after two thirds of them.
     async fn render_batch(
         &self,
         request: Request<v1::RenderBatchRequest>,

@@ -1,13 +1,10 @@
 //! Motion: animated nodes move the instances and lights that hang from them.
 //!
-//! [`Scene::at`] is a pure function of time, so every process with the scene has the same pose. All animations of
-//! a file play
-//! together in loops: an animation's length is its last key, and time is taken modulo that. Before its first key
-//! a channel
-//! holds its first value, after its last key its last. If two animations move the same property of a node, which
-//! glTF leaves
-//! open, the first one in the file counts. Skins, morph targets and the file's cameras are not animated; the
-//! loader warns.
+//! [`Scene::at`] is a pure function of time, so every process with the scene has the same pose. All animations of a
+//! file play together in loops: an animation's length is its last key, and time is taken modulo that. Before its
+//! first key a channel holds its first value, after its last key its last. If two animations move the same property
+//! of a node, which glTF leaves open, the first one in the file counts. Skins, morph targets and the file's cameras
+//! are not animated; the loader warns.
 
 mod sweep;
 mod track;
@@ -161,9 +158,8 @@ impl Scene {
             || self.nodes.iter().zip(&moved).any(|(node, &moved)| moved && !node.lights.is_empty())
     }
 
-    /// The scene at a time in seconds. Whatever no animation moves equals the scene's own lists; at time
-    /// zero, so does everything
-    /// in a scene made by a loader.
+    /// The scene at a time in seconds. Whatever no animation moves equals the scene's own lists; at time zero, so
+    /// does everything in a scene made by a loader.
     pub fn at(&self, time_secs: f64) -> Pose {
         let mut pose = Pose { instances: self.instances.clone(), lighting: self.lighting.clone() };
         let drivers = self.drivers();

@@ -1,9 +1,8 @@
 //! The bounds of everything that a scene shows at any time.
 //!
-//! The box that each animated node sweeps in its parent is found independently of other animations, since animations of
-//! different lengths meet in every combination. So the bounds are never too small, and as tight as boxes in the
-//! nodes' own
-//! axes can be.
+//! The box that each animated node sweeps in its parent is found independently of other animations, since animations
+//! of different lengths meet in every combination. So the bounds are never too small, and as tight as boxes in the
+//! nodes' own axes can be.
 
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -11,9 +10,8 @@ use super::track::{arc, slerp, unit};
 use super::{Animation, Channel, Interpolation, Parts, Rest, Track};
 use crate::{Bounds, Scene};
 
-/// Largest step in radians between tested rotations. Between two steps a point leaves the hull of both by half a
-/// per cent of
-/// its distance.
+/// Largest step in radians between tested rotations. Between two steps a point leaves the hull of both by half a per
+/// cent of its distance.
 const STEP: f64 = std::f64::consts::PI / 16.0;
 
 /// The closest ancestor that moves (or the node itself), or the world.
@@ -94,9 +92,8 @@ fn sweep(of: Bounds, rest: Parts, driven: &[Option<(&Animation, &Channel)>; 3]) 
     Bounds { min: turned.min + moved.min, max: turned.max + moved.max }
 }
 
-/// The box around all values of a translation or scale. A line lies between its ends, and a Hermite curve within
-/// its Bézier
-/// points.
+/// The box around all values of a translation or scale. A line lies between its ends, and a Hermite curve within its
+/// Bézier points.
 fn hull(channel: &Channel) -> Option<Bounds> {
     let (Track::Translation(values) | Track::Scale(values)) = &channel.track else { return None };
     let mut hull = Bounds::EMPTY;

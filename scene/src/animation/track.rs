@@ -38,9 +38,8 @@ impl Channel {
         if self.interpolation == Interpolation::CubicSpline { 3 } else { 1 }
     }
 
-    /// The translation or scale at a time in seconds from the animation's start. `None` for a rotation
-    /// channel or a value that is
-    /// not finite.
+    /// The translation or scale at a time in seconds from the animation's start. `None` for a rotation channel or a
+    /// value that is not finite.
     pub fn vector_at(&self, time_secs: f64) -> Option<DVec3> {
         let (Track::Translation(values) | Track::Scale(values)) = &self.track else { return None };
         let value = |at: usize| values.get(at).map(|v| v.as_dvec3());
@@ -78,9 +77,8 @@ impl Channel {
         found.is_finite().then(|| unit(found))
     }
 
-    /// Finds the keys around a time. Before the first key it is the first, after the last the last. Of equal
-    /// times the last key
-    /// counts, so that no span has zero length.
+    /// Finds the keys around a time. Before the first key it is the first, after the last the last. Of equal times
+    /// the last key counts, so that no span has zero length.
     fn place(&self, time_secs: f64) -> Place {
         let times = &self.times_secs;
         let later = times.partition_point(|&t| f64::from(t) <= time_secs);
@@ -99,9 +97,8 @@ pub(super) fn unit(q: DQuat) -> DQuat {
     if most > 0.0 && most.is_finite() { (q / most).normalize() } else { DQuat::IDENTITY }
 }
 
-/// The angle in radians between two unit quaternions along the shorter arc, and the sign of the second one on
-/// that arc. Uses
-/// the tangent, which stays exact where the textbook's cosine is flat.
+/// The angle in radians between two unit quaternions along the shorter arc, and the sign of the second one on that
+/// arc. Uses the tangent, which stays exact where the textbook's cosine is flat.
 pub(super) fn arc(a: DQuat, b: DQuat) -> (f64, DQuat) {
     let b = if a.dot(b) < 0.0 { -b } else { b };
     (2.0 * (a - b).length().atan2((a + b).length()), b)

@@ -53,9 +53,8 @@ pub(super) struct Bundle {
 }
 
 impl Bundle {
-    /// Reads the main file and, following its references, all others. Missing ones are recorded; the loader
-    /// decides whether the
-    /// scene can do without.
+    /// Reads the main file and, following its references, all others. Missing ones are recorded; the loader decides
+    /// whether the scene can do without.
     pub(super) fn collect(files: &dyn Files, main: &str) -> Result<Self, LoadError> {
         let bytes = files.read(main).map_err(|error| LoadError::new(main, error.to_string()))?;
         let format = Format::detect(main, &bytes).map_err(|reason| LoadError::new(main, reason))?;
@@ -75,8 +74,8 @@ impl Bundle {
                 let candidates =
                     libraries.iter().flatten().filter_map(|name| relative("", name).ok()).collect();
                 bundle.add(files, candidates);
-                // If the whole line names a file, its words are not files of their own. Words that
-                // name no file were guesses.
+                // If the whole line names a file, its words are not files of their own. Words that name no file were
+                // guesses.
                 bundle.missing.clear();
                 let libraries: Vec<(String, Bytes)> = bundle
                     .files

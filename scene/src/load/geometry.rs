@@ -33,8 +33,7 @@ pub(super) struct RawMesh {
 
 impl RawMesh {
     /// Drops triangles that cannot be drawn and unreferenced vertices, and makes missing normals and, if
-    /// `normal_mapped`, missing
-    /// tangents. `None` if no triangle is left.
+    /// `normal_mapped`, missing tangents. `None` if no triangle is left.
     pub(super) fn finish(
         mut self,
         missing: MissingNormals,
@@ -162,9 +161,8 @@ pub(super) fn pick<T: Copy>(values: &mut Vec<T>, order: &[u32]) {
     }
 }
 
-/// Converts positions to `f32` about an origin: the middle of their box if they are far from zero compared with
-/// their extent,
-/// else zero.
+/// Converts positions to `f32` about an origin: the middle of their box if they are far from zero compared with their
+/// extent, else zero.
 pub(super) fn about_an_origin(positions: &[DVec3]) -> (DVec3, Vec<Vec3>) {
     let mut bounds = crate::Bounds::EMPTY;
     positions.iter().for_each(|p| bounds.extend(*p));

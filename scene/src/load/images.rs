@@ -14,9 +14,8 @@ use crate::{Material, Texture, TextureRef};
 
 /// Largest side of an image in texels.
 const MOST_TEXELS: u32 = 16384;
-/// Largest ratio of decoded bytes to file bytes. Deflate, the densest format here, reaches 1032. An image that
-/// claims more is
-/// truncated or malicious, and gets no memory.
+/// Largest ratio of decoded bytes to file bytes. Deflate, the densest format here, reaches 1032. An image that claims
+/// more is truncated or malicious, and gets no memory.
 const MOST_BYTES_A_BYTE: u64 = 1100;
 /// Limit in bytes of a scene's decoded textures; further ones are dropped.
 const MOST_DECODED: u64 = 8 << 30;

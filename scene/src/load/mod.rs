@@ -110,9 +110,8 @@ pub fn load_path(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
     Ok(scene)
 }
 
-/// Loads a scene from files in memory; `name` is the main file. The same bundle has the same hash and gives the
-/// same scene as
-/// on disk, except for the scene's name.
+/// Loads a scene from files in memory; `name` is the main file. The same bundle has the same hash and gives the same
+/// scene as on disk, except for the scene's name.
 ///
 /// # Errors
 /// One line that names the file and the reason.
@@ -161,9 +160,8 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
     Ok(scene)
 }
 
-/// The rig for a scene. A scene without cameras that is eight times as long and wide as it is high counts as a
-/// height field
-/// seen from above; any other scene is walked through.
+/// The rig for a scene. A scene without cameras that is eight times as long and wide as it is high counts as a height
+/// field seen from above; any other scene is walked through.
 fn rig_of(scene: &Scene) -> RigKind {
     let size = scene.bounds().size();
     let flat = size.y * 8.0 < size.x.min(size.z);

@@ -5,9 +5,8 @@ use glam::{DVec2, DVec3};
 /// Polygons with more corners than this become fans, since ear clipping takes cubic time.
 const MOST_EARS: usize = 64;
 
-/// Cuts a polygon into triangles of positions in `points`; none if it has fewer than three corners. A convex
-/// polygon becomes
-/// a fan; of others ears are clipped (Meisters 1975).
+/// Cuts a polygon into triangles of positions in `points`; none if it has fewer than three corners. A convex polygon
+/// becomes a fan; of others ears are clipped (Meisters 1975).
 pub(super) fn triangulate(points: &[DVec3], mut triangle: impl FnMut([usize; 3])) {
     let count = points.len();
     let fan = 1..count.saturating_sub(1);

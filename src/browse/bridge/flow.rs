@@ -64,9 +64,8 @@ impl Flow {
         Ok(())
     }
 
-    /// The view to request now, if any: the newest one, and only if the page will have capacity for its
-    /// image. While no image is
-    /// in flight, the session may hold two views: one in work and one that waits and may be replaced.
+    /// The view to request now, if any: the newest one, and only if the page will have capacity for its image. While
+    /// no image is in flight, the session may hold two views: one in work and one that waits and may be replaced.
     pub(super) fn to_ask(&self) -> Option<&View> {
         let room = match self.unshown.len() {
             _ if self.made.is_some() => false,
@@ -120,9 +119,8 @@ impl Flow {
         Some(image.message)
     }
 
-    /// Records that the page has shown this image and needs no earlier one. A waiting image is dropped if the
-    /// page has a newer
-    /// camera.
+    /// Records that the page has shown this image and needs no earlier one. A waiting image is dropped if the page
+    /// has a newer camera.
     pub(super) fn shown(&mut self, number: u64) {
         self.unshown.retain(|unshown| *unshown > number);
         let unasked = self.unasked;

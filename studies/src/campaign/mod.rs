@@ -37,9 +37,8 @@ pub struct Options {
     pub beside: Option<PathBuf>,
 }
 
-/// Runs a campaign of the program `argus`; `progress` counts steps. Cancelling `stop` ends the running step, and
-/// no further
-/// step starts.
+/// Runs a campaign of the program `argus`; `progress` counts steps. Cancelling `stop` ends the running step, and no
+/// further step starts.
 ///
 /// # Errors
 /// The folder cannot be written to, the other campaign cannot be read, or the program cannot be started. A failed step is

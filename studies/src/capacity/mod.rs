@@ -29,9 +29,8 @@ use crate::{Effort, Machine, Report, report};
 pub struct Options {
     /// Sessions open at the same time.
     pub sessions: usize,
-    /// Connections to the coordinator that the sessions share. `None`: one for each session, within this
-    /// process's limit of
-    /// open files.
+    /// Connections to the coordinator that the sessions share. `None`: one for each session, within this process's
+    /// limit of open files.
     pub connections: Option<usize>,
     /// Simulated workers.
     pub workers: usize,

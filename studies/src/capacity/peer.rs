@@ -258,9 +258,8 @@ impl Views for Answering {
     }
 }
 
-/// Joins as worker `number` and reports until it is aborted, which breaks its stream. It claims to hold every
-/// sample of its
-/// assignments, so that views go to all workers alike.
+/// Joins as worker `number` and reports until it is aborted, which breaks its stream. It claims to hold every sample
+/// of its assignments, so that views go to all workers alike.
 pub(super) async fn join(
     shared: Arc<PeerState>,
     coordinator: String,

@@ -51,9 +51,8 @@ pub(super) struct Measured {
     pub(super) sampling_shares: Option<Shares>,
     /// How frames' time divides, by their reported stages.
     pub(super) parts: Parts,
-    /// Time beyond the stages: submission, and waiting for the device and for readback. For views from
-    /// samples it is the rest
-    /// of c; for direct views it is their stage `other`.
+    /// Time beyond the stages: submission, and waiting for the device and for readback. For views from samples it is
+    /// the rest of c; for direct views it is their stage `other`.
     pub(super) rest: f64,
     /// Samples rendered per tick.
     pub(super) samples: f64,
@@ -242,9 +241,8 @@ async fn watch(
     sums: &Mutex<Sums>,
 ) -> Result<Measured> {
     let pause = || tokio::time::sleep(Duration::from_millis(50));
-    // Wait until pipelines are compiled and roles are stable. In a still scene also wait until no more samples
-    // are rendered:
-    // the last ones come after the first views.
+    // Wait until pipelines are compiled and roles are stable. In a still scene also wait until no more samples are
+    // rendered: the last ones come after the first views.
     let begin = Instant::now();
     let state = |status: &ClusterStatus| {
         let rendered = status.workers.iter().map(|worker| worker.samples_rendered).sum::<u64>();
@@ -276,9 +274,8 @@ async fn watch(
     }
     let after = snapshot(client, cluster).await?;
     let sums = sums.lock();
-    // Count ticks by frames between the two snapshots. Two ticks are in flight at a time, so the ends of
-    // single ticks would be
-    // less exact.
+    // Count ticks by frames between the two snapshots. Two ticks are in flight at a time, so the ends of single ticks
+    // would be less exact.
     let ticks = (sums.frames - frames_before) as f64 / f64::from(run.views);
     let tick_secs = begin.elapsed().as_secs_f64() / ticks;
     let parts = sums.parts.per(ticks);

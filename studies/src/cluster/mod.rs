@@ -319,8 +319,8 @@ fn ticks(simulated: &[u32]) -> Vec<Tick> {
     for &p in simulated {
         let views = if p <= 11 { 1000 } else { VIEWS_EACH * u64::from(p) };
         for method in Method::ALL {
-            // Beyond 1024 processes only the methods that render samples anew: each further method
-            // adds millions of views.
+            // Beyond 1024 processes only the methods that render samples anew: each further method adds millions of
+            // views.
             if p <= 1024 || matches!(method, Method::Proposed | Method::Helping) {
                 add(p, views, method, p <= 11, None);
             }

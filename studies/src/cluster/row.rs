@@ -33,9 +33,8 @@ pub(super) struct Row {
     tick_ms: Option<f64>,
     predicted_ms: Option<f64>,
     per_predicted: Option<f64>,
-    /// The simulated tick, its relative difference from the measured one, and whether the simulation's costs
-    /// come from this
-    /// very row.
+    /// The simulated tick, its relative difference from the measured one, and whether the simulation's costs come
+    /// from this very row.
     simulated_ms: Option<f64>,
     agreement_fraction: Option<f64>,
     calibrates: Option<bool>,

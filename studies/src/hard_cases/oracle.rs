@@ -77,9 +77,8 @@ impl Truth {
         Judged { wrong: wrong as f64 / pixels as f64, unresolved: claimed, malformed }
     }
 
-    /// Whether a pixel matches its own ray or one of the eight around it: an edge may be off by a pixel. If
-    /// several of them
-    /// meet the same instance, any value between theirs matches: a grazing plane continues between two rays.
+    /// Whether a pixel matches its own ray or one of the eight around it: an edge may be off by a pixel. If several
+    /// of them meet the same instance, any value between theirs matches: a grazing plane continues between two rays.
     fn agrees(&self, i: usize, range: f64, color: Option<[u8; 3]>) -> bool {
         let [width, height] = self.size.map(|n| n as usize);
         let (x, y) = (i % width, i / width);

@@ -86,9 +86,8 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// A view with exactly a sample's rays must equal the sample within one colour step. The error is the share of
-/// pixels that
-/// do not. `first`: the column and row of the sample's texel that is the view's first pixel.
+/// A view with exactly a sample's rays must equal the sample within one colour step. The error is the share of pixels
+/// that do not. `first`: the column and row of the sample's texel that is the view's first pixel.
 pub(super) fn comes_back(
     stages: &mut Stages,
     world: world::World,

@@ -70,9 +70,8 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     );
     let room = world::room();
     let Rig::Cell { origin, spacing, .. } = room.rig else { return Ok(rows) };
-    // One pixel fewer than the face has texels, and a field of view that is narrower by as much. Pixel centres
-    // then lie on
-    // edges of texels, and a sideways move keeps every ray on a row or column of them.
+    // One pixel fewer than the face has texels, and a field of view that is narrower by as much. Pixel centres then
+    // lie on edges of texels, and a sideways move keeps every ray on a row or column of them.
     let edge = FACE - 1;
     let fov_deg = 2.0 * (f64::from(edge) / (f64::from(FACE) - 2.0)).atan().to_degrees();
     let straight = |eye: DVec3| Camera { fov_deg, ..look(eye, eye - DVec3::Z) };

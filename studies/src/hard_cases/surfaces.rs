@@ -1,6 +1,5 @@
 //! Difficult surfaces: insides, floors through the near plane, grazing and coplanar planes, wires, depth edges
-//! everywhere,
-//! walls between viewer and samples, an empty scene, one triangle, degenerate triangles.
+//! everywhere, walls between viewer and samples, an empty scene, one triangle, degenerate triangles.
 
 use anyhow::Result;
 use argus_scene::{Camera, Search};

@@ -13,9 +13,8 @@ const PROBE: u32 = 512;
 /// Views rasterised in the first trial, which measures their cost.
 const RASTERED: usize = 32;
 
-/// A row for cuts of each tree, one for imperfect maps, and two for rasterised maps: all views, and as many as
-/// fit the time.
-/// The time is that of cuts of the ball tree, or of the octree if those do not fit.
+/// A row for cuts of each tree, one for imperfect maps, and two for rasterised maps: all views, and as many as fit
+/// the time. The time is that of cuts of the ball tree, or of the octree if those do not fit.
 pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<Vec<Row>> {
     let list = ViewList::new(stage.gpu, &stage.root, &stage.views)?;
     let shadows = stage.shadows();

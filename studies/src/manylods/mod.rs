@@ -1,8 +1,7 @@
 //! ManyLoDs: cuts of many views through a hierarchy of the scene (the paper's tables 1 and 2, figures 7 and 8).
 //!
-//! Measures building and refitting the hierarchy, finding cuts anew and from the last frame's, and the error of
-//! maps drawn
-//! from the cuts beside other maps that take as long.
+//! Measures building and refitting the hierarchy, finding cuts anew and from the last frame's, and the error of maps
+//! drawn from the cuts beside other maps that take as long.
 
 mod animation;
 mod equal_time;

@@ -1,6 +1,5 @@
-//! MegaViews: time and memory of maps of many views, against the number, resolution and placement of views. One
-//! run compares
-//! MegaViews, ManyLoDs and brute force (the paper's figures 10 to 12).
+//! MegaViews: time and memory of maps of many views, against the number, resolution and placement of views. One run
+//! compares MegaViews, ManyLoDs and brute force (the paper's figures 10 to 12).
 
 pub(crate) mod placement;
 pub(crate) mod shadows;
@@ -71,9 +70,8 @@ pub struct Options {
     pub view_levels: Option<u32>,
     /// The methods compared.
     pub methods: Vec<Method>,
-    /// The light that places views; `None`: the scene's first point or spot light, or else a spot light high
-    /// in the middle of
-    /// its bounds.
+    /// The light that places views; `None`: the scene's first point or spot light, or else a spot light high in the
+    /// middle of its bounds.
     pub light: Option<Emitter>,
     /// Measured frames; each time is their median.
     pub rounds: usize,
@@ -179,9 +177,8 @@ struct Variant {
 }
 
 impl Options {
-    /// Every method with each of its options. Rasterised triangles ignore occlusion and discs, so they are
-    /// measured only with
-    /// the first options.
+    /// Every method with each of its options. Rasterised triangles ignore occlusion and discs, so they are measured
+    /// only with the first options.
     fn variants(&self) -> Vec<Variant> {
         let first = (self.occlusion.first(), self.texels.first(), self.discs.first());
         let mut variants = Vec::new();

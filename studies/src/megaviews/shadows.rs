@@ -49,11 +49,9 @@ impl<'a> Shadows<'a> {
         Ok(self.errors(map)?.wrong())
     }
 
-    /// Compares maps with rays over points on other views' surfaces that face the view. `map` gives the
-    /// texels of the nth judged
-    /// view and the point from which its map was rendered. A point counts as in shadow if the map's range is
-    /// shorter than its
-    /// own by more than two cells and 5%.
+    /// Compares maps with rays over points on other views' surfaces that face the view. `map` gives the texels of the
+    /// nth judged view and the point from which its map was rendered. A point counts as in shadow if the map's range
+    /// is shorter than its own by more than two cells and 5%.
     pub(crate) fn errors(&self, map: impl Fn(usize) -> Result<(Vec<[u32; 2]>, DVec3)>) -> Result<Wrong> {
         let (mut asked, mut shadowed, mut lit) = (0u32, 0u32, 0u32);
         for (nth, view) in self.asked().into_iter().enumerate() {

@@ -1,11 +1,9 @@
 //! Radiosity: the cost and the error of each approximation of instant radiosity.
 //!
-//! One view under indirect light is compared with two references: a path-traced one, and one that gathers all of as many
-//! VPLs, with maps as large, as fit the device. Each row changes one knob of the first row. All use one ray per
-//! pixel, so that
-//! only light differs. Times are wall times: tracing VPLs and rendering their maps, once per pose, and a view
-//! with indirect
-//! light minus one without.
+//! One view under indirect light is compared with two references: a path-traced one, and one that gathers all of as
+//! many VPLs, with maps as large, as fit the device. Each row changes one knob of the first row. All use one ray per
+//! pixel, so that only light differs. Times are wall times: tracing VPLs and rendering their maps, once per pose, and
+//! a view with indirect light minus one without.
 //!
 //! Rows of *points* compute the same light without VPLs, from small images of a scene octree seen from blocks of pixels.
 
@@ -420,9 +418,8 @@ impl Stage {
         Ok(Self { sampler, without, job, path_traced: truth.display(exposure), by_vpls, unlit })
     }
 
-    /// Returns the image, the milliseconds of the view, and those of the view without indirect light: medians
-    /// of alternating
-    /// rounds.
+    /// Returns the image, the milliseconds of the view, and those of the view without indirect light: medians of
+    /// alternating rounds.
     fn measure(&mut self, rounds: usize) -> Result<(RgbImage, f64, f64)> {
         // The first render traces VPLs, renders their maps (reported separately) and compiles the pipelines.
         let image = image_of(&render(&mut self.sampler, &self.job)?)?;
@@ -437,9 +434,8 @@ impl Stage {
         Ok((image, median(&lit), median(&unlit)))
     }
 
-    /// Indirect light of an image as a share of the reference by VPLs. Measured on displayed values, so
-    /// values brighter than
-    /// white count as white.
+    /// Indirect light of an image as a share of the reference by VPLs. Measured on displayed values, so values
+    /// brighter than white count as white.
     fn energy(&self, image: &RgbImage) -> f64 {
         let sum = |image: &RgbImage| {
             image.iter().map(|&b| f64::from(linear_from_srgb(f32::from(b) / 255.0))).sum::<f64>()

@@ -2,16 +2,12 @@
 //! method forced.
 //!
 //! Each mode runs on a new cluster, in two phases. In the *cold* phase clients send as soon as the service has an
-//! address.
-//! The same walk then warms the service up; it may settle; the *warm* phase repeats the walk. The time at which
-//! each view is
-//! due is fixed beforehand, and its latency counts from then.
+//! address. The same walk then warms the service up; it may settle; the *warm* phase repeats the walk. The time at
+//! which each view is due is fixed beforehand, and its latency counts from then.
 //!
 //! Some views of each phase are judged as they came under load. Their references, direct views of 16 samples per
-//! pixel, are
-//! rendered after the loads. Afterwards some views are requested one at a time, by default and with each method
-//! forced, to
-//! measure the planner's regret. Optionally, loads beyond the capacity of direct views follow.
+//! pixel, are rendered after the loads. Afterwards some views are requested one at a time, by default and with each
+//! method forced, to measure the planner's regret. Optionally, loads beyond the capacity of direct views follow.
 
 mod mode;
 mod overload;
@@ -66,9 +62,8 @@ pub struct Options {
     pub judged: u64,
     /// Longest time in seconds for the service to settle, before the warm-up and again before the warm phase.
     pub settle_secs: f64,
-    /// Whether each cluster starts with empty cache folders, like a machine that never ran Argus. Otherwise a
-    /// start that is not
-    /// measured fills them first.
+    /// Whether each cluster starts with empty cache folders, like a machine that never ran Argus. Otherwise a start
+    /// that is not measured fills them first.
     pub empty_caches: bool,
     /// Views rendered one at a time with every method, to measure the planner's regret; 0: none.
     pub regret_views: u32,

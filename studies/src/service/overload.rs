@@ -91,9 +91,8 @@ async fn peak(client: &Client, options: &Options, mode: Mode) -> Result<f64> {
     Ok(views_per_sec)
 }
 
-/// Sets each phase's share of the highest rate of a forced method, in either overload, whose frames are within
-/// bound or have
-/// about the same error.
+/// Sets each phase's share of the highest rate of a forced method, in either overload, whose frames are within bound
+/// or have about the same error.
 fn state_shares(all: &mut [(Mode, Phase, Measured)]) {
     let forced: Vec<(f64, f64)> = all
         .iter()

@@ -11,9 +11,8 @@ use super::mode::Mode;
 use super::predictions::took_ms;
 use super::truth::{Judged, Truths};
 
-/// Largest excess FLIP over the direct view at which a frame from samples is within bound: the default of
-/// requests without a
-/// bound.
+/// Largest excess FLIP over the direct view at which a frame from samples is within bound: the default of requests
+/// without a bound.
 pub(super) const BOUND: f64 = 0.03;
 
 /// A view without a frame after this time has failed.

@@ -77,9 +77,8 @@ struct Truth {
 pub(super) struct Truths(Vec<Truth>);
 
 impl Truths {
-    /// Judges frames. The service, which should be idle, first renders the missing references. Frames without
-    /// a reference are
-    /// skipped.
+    /// Judges frames. The service, which should be idle, first renders the missing references. Frames without a
+    /// reference are skipped.
     ///
     /// # Errors
     /// A reference that is not what was requested, or an image of the wrong size.

@@ -12,21 +12,18 @@ use glam::{DQuat, DVec3};
 /// How clients move. All walks but [`Walk::Jumps`] start at the scene's recommended viewpoints in turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Walk {
-    /// A smooth walk. Inside the bounds a client wanders by several per cent of the scene's size and turns
-    /// its head. Outside it
-    /// swings about its target, comes down into the bounds, and goes back.
+    /// A smooth walk. Inside the bounds a client wanders by several per cent of the scene's size and turns its head.
+    /// Outside it swings about its target, comes down into the bounds, and goes back.
     Steady,
-    /// Another viewpoint each second: level and anywhere within the bounds if the recommended viewpoint is
-    /// inside them, else
-    /// anywhere around the scene.
+    /// Another viewpoint each second: level and anywhere within the bounds if the recommended viewpoint is inside
+    /// them, else anywhere around the scene.
     Jumps,
     /// The camera stands still.
     Stand,
 }
 
-/// Period in seconds of the quickest client of the steady walk, and how much longer the slowest one takes.
-/// Periods differ so
-/// that some clients are near the scene while others are far away.
+/// Period in seconds of the quickest client of the steady walk, and how much longer the slowest one takes. Periods
+/// differ so that some clients are near the scene while others are far away.
 const PERIOD_SECS: f64 = 12.0;
 const SLOWEST: f64 = 8.0;
 /// Radius of the circle of an eye inside the bounds, as a share of the scene's longest side.
@@ -142,9 +139,8 @@ impl ClientPath {
         self.looking(eye, head * (target - eye))
     }
 
-    /// The nearest point of an approach, inside the bounds: at the surface of a compact object, and the
-    /// closer to the target the
-    /// flatter the scene is.
+    /// The nearest point of an approach, inside the bounds: at the surface of a compact object, and the closer to the
+    /// target the flatter the scene is.
     fn nearest(&self) -> DVec3 {
         let (size, target) = (self.bounds.size(), self.base.target);
         let flatness = size.dot(self.up().abs()) / size.max_element();

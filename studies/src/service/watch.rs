@@ -67,9 +67,8 @@ impl Samples {
     }
 }
 
-/// Bytes of texels that the worker at an address such as `http://127.0.0.1:7401` holds, from its metrics page;
-/// `None` if the
-/// page cannot be read.
+/// Bytes of texels that the worker at an address such as `http://127.0.0.1:7401` holds, from its metrics page; `None`
+/// if the page cannot be read.
 async fn held_bytes(address: &str) -> Option<f64> {
     let host = address.strip_prefix("http://")?.trim_end_matches('/');
     let mut stream = TcpStream::connect(host).await.ok()?;

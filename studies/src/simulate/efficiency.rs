@@ -1,6 +1,5 @@
-//! Efficiency: the time of a tick and the load of the processes, measured as in the cluster paper with P
-//! processes, V views
-//! and S new samples per tick.
+//! Efficiency: the time of a tick and the load of the processes, measured as in the cluster paper with P processes, V
+//! views and S new samples per tick.
 
 use argus_cluster::core::Config;
 use argus_cluster::core::balance::{self, Costs, Demand, Load};
@@ -57,12 +56,10 @@ pub struct Outcome {
 /// Longest simulated time to settle, in seconds.
 const SETTLING_SECS: f64 = 240.0;
 /// Seconds without role changes after which the split has settled. The core remembers a change for less time than
-/// this, and
-/// until then it waits before small gains.
+/// this, and until then it waits before small gains.
 const SETTLED_SECS: f64 = 85.0;
-/// From this many processes on, the split first settles under a part of the load: the stages' ratio is the same
-/// with fewer
-/// events. Workers with little to do keep their role, so it then settles again under the full load.
+/// From this many processes on, the split first settles under a part of the load: the stages' ratio is the same with
+/// fewer events. Workers with little to do keep their role, so it then settles again under the full load.
 const MANY: u32 = 48;
 /// From this many processes on it does not settle again: a dozen samplers too many are not worth a change.
 const TOO_MANY: u32 = 200;

@@ -6,9 +6,8 @@ use super::Nanos;
 
 /// Cores shared evenly by tasks: n tasks on C cores each run at the speed min(1, C/n).
 ///
-/// Time is kept as the work of a task that never ends. Tasks that begin or end change only the speed at which
-/// this grows, so
-/// each task ends at a fixed amount of it.
+/// Time is kept as the work of a task that never ends. Tasks that begin or end change only the speed at which this
+/// grows, so each task ends at a fixed amount of it.
 #[derive(Debug)]
 pub(super) struct Host<T> {
     cores: f64,

@@ -11,9 +11,8 @@ use rand::Rng;
 use super::Nanos;
 use super::world::{Load, World};
 
-/// Ticks of V views. The next tick's views are requested as soon as the limit in flight allows. The tick after
-/// that waits for
-/// new samples. So, as in the paper's pipeline, a tick takes as long as its slower stage.
+/// Ticks of V views. The next tick's views are requested as soon as the limit in flight allows. The tick after that
+/// waits for new samples. So, as in the paper's pipeline, a tick takes as long as its slower stage.
 pub(super) struct Ticks {
     views: u64,
     in_flight: Rc<Cell<usize>>,

@@ -1,12 +1,9 @@
-//! Discrete-event simulation of a cluster: the real coordinator core ([`argus_cluster::core::Core`]) with
-//! simulated workers,
-//! machines, links and clients.
+//! Discrete-event simulation of a cluster: the real coordinator core ([`argus_cluster::core::Core`]) with simulated
+//! workers, machines, links and clients.
 //!
-//! [`Parameters`] gives the costs. Roles, waits and the time of a tick follow from the simulation. `host` models
-//! a machine's
-//! cores and link, `worker` a worker process, `world` the events, `load` the clients. `efficiency`, `trouble` and
-//! `change`
-//! are the experiments.
+//! [`Parameters`] gives the costs. Roles, waits and the time of a tick follow from the simulation. `host` models a
+//! machine's cores and link, `worker` a worker process, `world` the events, `load` the clients. `efficiency`,
+//! `trouble` and `change` are the experiments.
 
 pub mod change;
 pub mod efficiency;

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 /// Costs of a process with a core of its own, sizes and links. The defaults are round numbers near those of
-/// terrain:500000 on
-/// one core with the software driver (200×150 views, four 400×300 samples). `argus study cluster` prints measured ones.
+/// terrain:500000 on one core with the software driver (200×150 views, four 400×300 samples). `argus study cluster`
+/// prints measured ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
@@ -14,9 +14,8 @@ pub struct Parameters {
     pub view_ms: f64,
     /// g_direct: milliseconds for a view from the triangles.
     pub direct_ms: f64,
-    /// Share of g that runs on all cores of a machine at once, such as ray packets on the CPU. The rest of g,
-    /// and all of c, runs
-    /// on one thread.
+    /// Share of g that runs on all cores of a machine at once, such as ray packets on the CPU. The rest of g, and all
+    /// of c, runs on one thread.
     pub sample_pooled: f64,
     /// Share of g_direct that runs on all cores of a machine at once.
     pub direct_pooled: f64,

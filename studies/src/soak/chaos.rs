@@ -74,9 +74,8 @@ impl Chaos {
         }
     }
 
-    /// Whether the next disturbance is a kill. The first is a pause and the second a kill, so that a short
-    /// test has both; then
-    /// chance decides.
+    /// Whether the next disturbance is a kill. The first is a pause and the second a kill, so that a short test has
+    /// both; then chance decides.
     fn kills_next(&mut self) -> bool {
         let by_chance = self.rng.random_bool(0.5);
         match self.done {

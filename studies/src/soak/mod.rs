@@ -1,6 +1,5 @@
-//! Soak: many sessions for a long time. Measures lost cameras, latencies, and each process's memory over time.
-//! With chaos,
-//! workers are killed and paused meanwhile. Some frames are compared with a pinned repeat.
+//! Soak: many sessions for a long time. Measures lost cameras, latencies, and each process's memory over time. With
+//! chaos, workers are killed and paused meanwhile. Some frames are compared with a pinned repeat.
 
 mod chaos;
 mod session;
@@ -50,9 +49,8 @@ pub struct Options {
     pub duration: Duration,
     /// Random seed of the disturbances and the interval between them; `None`: no chaos.
     pub chaos: Option<(u64, Duration)>,
-    /// Whether latencies, gaps, memory and the number of disturbances are judged; over a few seconds they are
-    /// noise. Lost cameras
-    /// and wrong frames are always judged.
+    /// Whether latencies, gaps, memory and the number of disturbances are judged; over a few seconds they are noise.
+    /// Lost cameras and wrong frames are always judged.
     pub judged: bool,
 }
 
@@ -89,9 +87,8 @@ impl Effort for Options {
 /// The load as a share of measured capacity. Above it, any delay makes queues grow.
 pub const LOAD: f64 = 0.6;
 
-/// The load as a share of measured capacity with chaos: one worker is away most of the time, and its restart
-/// takes time from
-/// the rest.
+/// The load as a share of measured capacity with chaos: one worker is away most of the time, and its restart takes
+/// time from the rest.
 pub const CHAOS_LOAD: f64 = 0.2;
 
 /// Views of the burst that measures capacity, and views in flight.
@@ -100,9 +97,8 @@ const TRIAL: (u32, usize) = (400, 128);
 /// Connections that all sessions share.
 const CONNECTIONS: usize = 8;
 
-/// Share of the time before memory is judged: caches fill, programs are compiled and samples are placed.
-/// Latencies are judged
-/// from the start, and shown for the time after it too.
+/// Share of the time before memory is judged: caches fill, programs are compiled and samples are placed. Latencies
+/// are judged from the start, and shown for the time after it too.
 const WARM_UP: f64 = 0.25;
 
 /// Limits: p99 over p50; swing of memory; longest gap between a session's frames with chaos; disturbances per second with

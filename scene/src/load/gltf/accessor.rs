@@ -144,9 +144,8 @@ impl<'a> Reader<'a> {
         Ok(Elements { data: Bytes::from(dense), stride: size, ..base })
     }
 
-    /// Elements of `N` numbers: floats unchanged, integers divided by their largest value if normalised. Of
-    /// the allowed `types`,
-    /// shorter ones are filled up with ones.
+    /// Elements of `N` numbers: floats unchanged, integers divided by their largest value if normalised. Of the
+    /// allowed `types`, shorter ones are filled up with ones.
     pub(super) fn floats<const N: usize>(
         &self,
         index: json::Index<json::Accessor>,

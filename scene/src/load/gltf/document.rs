@@ -101,9 +101,8 @@ fn split_glb(bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
     Ok((text.ok_or("a GLB file without a JSON chunk")?, blob))
 }
 
-/// Prepares valid JSON for the `gltf` crate: whole numbers written as fractions (`5126.0`) become whole, a scene
-/// may lack its
-/// nodes, and channels without a node and application data (`extras`) are removed.
+/// Prepares valid JSON for the `gltf` crate: whole numbers written as fractions (`5126.0`) become whole, a scene may
+/// lack its nodes, and channels without a node and application data (`extras`) are removed.
 fn normalise(document: &mut Value) {
     if let Some(scenes) = document.get_mut("scenes").and_then(Value::as_array_mut) {
         for scene in scenes.iter_mut().filter_map(Value::as_object_mut) {

@@ -1,10 +1,8 @@
 //! glTF 2.0, binary and JSON.
 //!
-//! The `gltf` crate's types describe the document, but its validation and iterators index without checks
-//! (`validate` panics on
-//! an accessor out of range). So every reference is looked up here, and only what the default scene draws is
-//! read: an unused
-//! broken object does no harm.
+//! The `gltf` crate's types describe the document, but its validation and iterators index without checks (`validate`
+//! panics on an accessor out of range). So every reference is looked up here, and only what the default scene draws
+//! is read: an unused broken object does no harm.
 
 mod accessor;
 mod animation;

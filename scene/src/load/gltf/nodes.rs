@@ -93,9 +93,8 @@ fn parents(root: &json::Root, warnings: &mut Warnings) -> Result<Vec<Option<usiz
     Ok(parents)
 }
 
-/// The scene's roots. A root that is also a child in the scene, an exporter's error that would draw it twice, is
-/// kept as a
-/// child only.
+/// The scene's roots. A root that is also a child in the scene, an exporter's error that would draw it twice, is kept
+/// as a child only.
 fn roots(
     root: &json::Root,
     parents: &[Option<usize>],

@@ -13,9 +13,8 @@ pub(super) struct Corner {
     pub(super) position: u32,
     pub(super) uv: Option<u32>,
     pub(super) normal: Option<u32>,
-    /// For corners without a normal: corners with the same number are smoothed together. It is the smoothing
-    /// group, or else a
-    /// number of the face's own.
+    /// For corners without a normal: corners with the same number are smoothed together. It is the smoothing group,
+    /// or else a number of the face's own.
     smooth: u64,
 }
 
@@ -54,9 +53,8 @@ impl Groups {
         self.smoothing = number.map_or(0, u64::from);
     }
 
-    /// Adds the face of a line; `false` if it has fewer than three corners or an invalid vertex. Invalid
-    /// texture coordinates and
-    /// normals are left out.
+    /// Adds the face of a line; `false` if it has fewer than three corners or an invalid vertex. Invalid texture
+    /// coordinates and normals are left out.
     pub(super) fn add_face(&mut self, rest: &[u8], positions: &[DVec3], uvs: usize, normals: usize) -> bool {
         self.face.clear();
         self.outline.clear();

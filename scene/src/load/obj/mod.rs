@@ -1,8 +1,7 @@
 //! Wavefront OBJ with MTL materials.
 //!
-//! The parser is our own: coordinates are text of any precision, which `f32` parsers would truncate before the
-//! mesh can choose
-//! its origin, and files in the wild need more tolerance than the format's definition.
+//! The parser is our own: coordinates are text of any precision, which `f32` parsers would truncate before the mesh
+//! can choose its origin, and files in the wild need more tolerance than the format's definition.
 
 mod faces;
 mod mtl;

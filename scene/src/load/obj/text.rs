@@ -2,9 +2,8 @@
 
 use std::borrow::Cow;
 
-/// Calls `line` with the keyword and the rest of every non-empty line. Comments are removed; a line that ends in
-/// a backslash
-/// continues in the next one.
+/// Calls `line` with the keyword and the rest of every non-empty line. Comments are removed; a line that ends in a
+/// backslash continues in the next one.
 pub(super) fn lines(bytes: &[u8], mut line: impl FnMut(&[u8], &[u8])) {
     // Some editors begin files with a byte order mark.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);

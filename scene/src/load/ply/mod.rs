@@ -1,8 +1,7 @@
 //! PLY: ASCII and binary of either byte order.
 //!
-//! The data is read in one pass without trusting the header's counts: nothing is allocated for an element before
-//! its bytes
-//! have been read.
+//! The data is read in one pass without trusting the header's counts: nothing is allocated for an element before its
+//! bytes have been read.
 
 mod data;
 
