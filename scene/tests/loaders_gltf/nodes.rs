@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{data_uri, load, refused, square};
 
 #[test]
-fn loops_and_second_parents_are_refused_and_doubly_listed_nodes_drawn_once() {
+fn loops_are_refused_and_nodes_with_two_parents_or_listed_twice_are_drawn_once() {
     let mut document = square();
     document["nodes"] = json!([{"children": [1]}, {"children": [2]}, {"children": [0]}]);
     assert!(refused(&document).contains("own ancestor"));
