@@ -44,7 +44,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     if args.json {
         output::json(&Report { well })?;
     }
-    anyhow::ensure!(well, "{url} is not {word}: its log, or `argus status`, says why");
+    anyhow::ensure!(well, "{url} is not {word}: see its log or `argus status`");
     if !args.json {
         println!("{word}");
     }

@@ -92,7 +92,7 @@ fn provider(part: &str) -> anyhow::Result<SdkTracerProvider> {
         exporter = exporter.with_tls_config(collector_tls()?);
     }
     let exporter =
-        exporter.build().with_context(|| format!("traces cannot be exported as {} says", ENDPOINTS[1]))?;
+        exporter.build().with_context(|| format!("traces cannot be exported to the collector in {}", ENDPOINTS[1]))?;
     let named = std::env::var_os("OTEL_SERVICE_NAME").is_some();
     let mut resource = Resource::builder();
     if !named {

@@ -176,6 +176,6 @@ mod tests {
         assert!(History::of(&whole, &nowhere, None).is_none());
         let mut direct = whole;
         direct.provenance.plan = Plan::Direct { samples_per_pixel: 1 };
-        assert!(History::of(&direct, &camera(), None).is_none(), "nobody served its pixels");
+        assert!(History::of(&direct, &camera(), None).is_none(), "no sample served its pixels");
     }
 }

@@ -17,7 +17,7 @@ pub enum AlphaMode {
 
 /// A reference to a texture and its transform.
 ///
-/// `uv_in_texture = scale · rotate(rotation, uv) + offset`, as KHR_texture_transform has it.
+/// `uv_in_texture = scale · rotate(rotation, uv) + offset`, as in KHR_texture_transform.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TextureRef {
     /// Index into [`crate::Scene::textures`].

@@ -16,7 +16,6 @@ use crate::procedural::{
 /// # Errors
 /// One line with the scene and the reason: an invalid number, one outside [`TERRAIN_TRIANGLES`] or [`MIRRORS`],
 /// or the error of [`load_path`].
-/// or what [`load_path`] says of the file.
 pub fn open(spec: &str) -> Result<Scene, LoadError> {
     let (name, count) = spec.split_once(':').map_or((spec, None), |(name, count)| (name, Some(count)));
     match name {

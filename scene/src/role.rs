@@ -103,7 +103,7 @@ pub struct Pixels {
 
 /// Renders from triangles: samples, direct views, and pixels that no sample saw.
 pub trait Sampler: Send {
-    /// Kind of device, as [`crate::Provenance::device`] has it.
+    /// Kind of device, as in [`crate::Provenance::device`].
     fn device(&self) -> &str;
 
     /// The device's visibility backends, and the milliseconds that each takes for a tile of a sample of such a set. A
@@ -180,7 +180,7 @@ fn pick_pixels(pixels: &[u32], frame: &Frame) -> Result<Pixels, RenderError> {
 
 /// Reconstructs views from samples; never sees a triangle.
 pub trait Compositor: Send {
-    /// Kind of device, as [`crate::Provenance::device`] has it.
+    /// Kind of device, as in [`crate::Provenance::device`].
     fn device(&self) -> &str;
 
     /// Takes samples, and replaces those of the same id.

@@ -99,9 +99,9 @@ pub(super) fn searches(stage: &mut Stage, checks: &mut Checks) {
         let begin = Instant::now();
         let name = format!("{}: fragment against compute", search.name());
         match stage.warped(&mut compute, &warp) {
-            Ok(others) => {
+            Ok(again) => {
                 let limit = Limit::AtMost(limits::DIFFERING_BYTES);
-                checks.figure(&name, differing(&frames, &others), "", limit, begin);
+                checks.figure(&name, differing(&frames, &again), "", limit, begin);
             }
             Err(error) => drop(checks.attempt::<()>(&name, || Err(error))),
         }

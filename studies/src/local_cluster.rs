@@ -168,7 +168,7 @@ impl LocalCluster {
 
 impl Drop for LocalCluster {
     fn drop(&mut self) {
-        // There is nobody left to report an error to.
+        // No receiver for an error is left.
         let _ = self.end();
     }
 }

@@ -227,7 +227,7 @@ impl Views for Handler {
     ) -> Result<Response<Self::RenderStream>, Status> {
         let request = request.into_inner();
         lock(&self.0.view_ids).push(request.view_id.clone());
-        assert!(request.deadline_ms > 0, "a client always says how long it waits");
+        assert!(request.deadline_ms > 0, "a client always sends its timeout");
         if self.0.overloaded {
             let (what, retry_after) = ("64 views wait".to_owned(), Duration::from_millis(100));
             return Err(Fault::Overloaded { what, retry_after }.into());

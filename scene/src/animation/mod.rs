@@ -158,7 +158,7 @@ impl Scene {
             || self.nodes.iter().zip(&moved).any(|(node, &moved)| moved && !node.lights.is_empty())
     }
 
-    /// The scene at a time in seconds. Whatever no animation moves equals the scene's own lists; at time zero, so
+    /// The scene at a time in seconds. Parts without animation equal the scene's own lists; at time zero, so
     /// does everything in a scene made by a loader.
     pub fn at(&self, time_secs: f64) -> Pose {
         let mut pose = Pose { instances: self.instances.clone(), lighting: self.lighting.clone() };

@@ -343,7 +343,7 @@ async fn lose(
     }
     let moved = until(|| shared.moved());
     let moved =
-        tokio::time::timeout(PATIENCE, moved).await.context("a lost worker's views went to nobody")?;
+        tokio::time::timeout(PATIENCE, moved).await.context("a lost worker's views were not reassigned")?;
     let outcome = asking.await?;
     // A hung worker must not return during the next loss.
     workers[worker].abort();

@@ -235,7 +235,7 @@ impl Views for Answering {
     ) -> Result<Response<Self::RedeemStream>, Status> {
         let worker = worker_of(&request);
         let sealed = request.into_inner().ticket.unwrap_or_default();
-        let unknown = || Status::invalid_argument("a ticket of nobody here");
+        let unknown = || Status::invalid_argument("the ticket is unknown");
         let key = self.shared.keys.lock().get(&worker).cloned().ok_or_else(unknown)?;
         let ticket: v1::Ticket = key.open(Kind::Ticket, &sealed).ok_or_else(unknown)?;
         self.shared.redeemed.fetch_add(1, Ordering::Relaxed);
@@ -317,7 +317,7 @@ mod tests {
         assert!(order(3, "before"));
         shared.silence_next();
         assert_eq!((order(5, "a"), order(5, "b"), shared.silent()), (false, false, Some(5)));
-        assert!(order(4, "c"), "others answer");
+        assert!(order(4, "c"), "order 4 is answered");
         assert_eq!(shared.moved(), None, "of the views that wait, none has moved");
         assert!(order(4, "a") && shared.moved().is_none(), "one of two");
         let before = Instant::now();

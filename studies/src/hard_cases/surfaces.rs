@@ -154,7 +154,7 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
                 "one of two samples behind the floor",
                 look(DVec3::new(-1.0, 1e-3, 0.5), DVec3::new(2.0, 1e-3, 1.0)),
                 Limits::new(0.55, 0.1)
-                    .because("a sample that sees a sheet from behind says that before it is free")
+                    .because("a sample that sees a sheet from behind marks the space before it as free")
                     .but(TOUCHING),
             )
             .of_samples(2),

@@ -114,7 +114,7 @@ mod tests {
         });
         assert_eq!(held_bytes(&address).await, Some(4_194_304.0));
         answering.await.unwrap();
-        assert_eq!(held_bytes(&address).await, None, "nobody listens there any more");
+        assert_eq!(held_bytes(&address).await, None, "the address is closed");
         assert_eq!(held_bytes("https://127.0.0.1:1").await, None);
     }
 }

@@ -146,7 +146,7 @@ fn after_a_restart_of_the_service_the_newest_camera_is_answered() {
     coordinator.process.kill();
     workers.iter_mut().for_each(Process::kill);
     socket.camera(2);
-    let Said::Text(trouble) = socket.next() else { panic!("the page is told nothing") };
+    let Said::Text(trouble) = socket.next() else { panic!("the page gets no message") };
     assert!(trouble["trouble"].as_str().is_some_and(|reason| !reason.is_empty()), "{trouble}");
     socket.camera(3);
 

@@ -45,7 +45,7 @@ impl Browser {
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let address = lines
             .find_map(|line| line.unwrap().strip_prefix("DevTools listening on ").map(str::to_owned))
-            .expect("Chromium says where it listens");
+            .expect("Chromium prints its address");
         // Its further output must be read.
         std::thread::spawn(move || lines.for_each(drop));
         let authority = address.strip_prefix("ws://").unwrap().split('/').next().unwrap();
