@@ -33,14 +33,14 @@ pub fn run(parameters: &Parameters, progress: &ProgressBar) -> Result<Report> {
         .map(|(scenario, runs, changes)| format!("{scenario}: {changes:.2} (mean of {runs} runs)"))
         .collect();
     report.notes.push(match moved.is_empty() {
-        true => "Changes of role a minute under steady load: 0 wherever it is steady.".to_owned(),
+        true => "Changes of role a minute under steady load: 0 in every scenario with a steady load.".to_owned(),
         false => {
-            format!("Changes of role a minute under steady load, where 0 are wanted: {}.", moved.join("; "))
+            format!("Changes of role a minute under steady load, with a target of 0: {}.", moved.join("; "))
         }
     });
     report.notes.push(
-        "Configured by default: samplers compose in their spare time, and half of their time may go into refinements; the \
-         others have exclusive roles and no refinements. Simulated views have no holes, so that nothing is refined."
+        "By default, idle samplers compose, and half of their time may go into refinements; the other scenarios have \
+         exclusive roles and no refinements. Simulated views have no holes, so there are no refinements."
             .to_owned(),
     );
     report.notes.push(format!("Costs: {}", serde_json::to_string(parameters)?));

@@ -327,9 +327,9 @@ impl Study<'_> {
         report.notes = vec![
             format!(
                 "{views} views of {width}×{height} pixels, in one batch, {samples} samples a view; steps are shares \
-                 of the median range of what is seen; reference of {reference_samples} samples a pixel; wrong \
-                 surface: range off by more than {}%. With history, a view's time includes range and source, and \
-                 keeping them.",
+                 of the median range of the visible surfaces; reference of {reference_samples} samples a pixel; wrong \
+                 surface: range off by more than {}%. With history, a view's time includes range, source and \
+                 their storage.",
                 WRONG_SURFACE * 100.0
             ),
             verdict(&report.rows),

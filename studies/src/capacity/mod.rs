@@ -198,22 +198,22 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     });
     let mut report = Report::new("peers", Machine::here("none"), vec![report::row(row)]);
     report.notes.push(format!(
-        "Sessions are redirected: they get tickets from the coordinator, fetch their frames from the workers, and say so. \
-         connections: those to the coordinator that came with the sessions; those to workers are one each, which all \
-         sessions share, since what they cost is not the coordinator's. idle_cores: while sessions ask for nothing; \
-         redirected_cores: while each moves its camera every {} s, redirected_per_sec frames a second in all; relayed_*: \
-         single views besides, raw and relayed unopened, at us_per_frame each.",
+        "Sessions are redirected: they get tickets from the coordinator, fetch their frames from the workers, and return \
+         receipts. connections: the sessions' connections to the coordinator; all sessions share one connection to each \
+         worker, whose cost is not the coordinator's. idle_cores: while sessions request nothing. redirected_cores: while each \
+         moves its camera every {} s, at redirected_per_sec frames a second in all. relayed_*: additional single views, \
+         uncompressed and relayed undecoded, at us_per_frame each.",
         options.camera_every.as_secs_f64()
     ));
     report.notes.push(
-        "assigned_after_break_ms: the longest from the end of a worker's stream, as a process that dies ends it, until all \
-         of its views were with another worker; assigned_after_hang_ms: the same from when a worker fell silent with its \
-         stream open, which is noticed by suspicion, after three reports that did not come."
+        "assigned_after_break_ms: the longest time from the end of a worker's stream, as after a crash, until all of its \
+         views were at another worker. assigned_after_hang_ms: the same from a worker's silence with its stream open, which \
+         is suspected after three missing reports."
             .to_owned(),
     );
     if connected < wanted {
         report.notes.push(format!(
-            "{wanted} connections were wanted and {connected} made: this process may have {files} files open."
+            "only {connected} of {wanted} connections were made: this process may open {files} files."
         ));
     }
     Ok(report)

@@ -87,7 +87,7 @@ pub(super) struct Parts {
     /// Stage `other` of direct views.
     other: f64,
     pub(super) encode: f64,
-    /// The coordinator's relaying, and the frame's method from its worker to the client.
+    /// The coordinator's relaying, and the frame's transfer from its worker to the client.
     pub(super) relay: f64,
     /// Waiting for a view's samples.
     pub(super) await_samples: f64,

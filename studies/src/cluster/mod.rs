@@ -208,8 +208,8 @@ async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Re
     let cores = report.machine.cores;
     if options.processes as usize + 2 > cores {
         report.notes.push(format!(
-            "{} workers, the coordinator and the client share {cores} cores: measured ticks are those of processes \
-             without a core of their own, and simulated ones likewise.",
+            "{} workers, the coordinator and the client share {cores} cores: the measured and the simulated processes have \
+             less than one core each.",
             options.processes
         ));
     }
@@ -390,13 +390,12 @@ async fn simulated(options: &Options, parameters: Parameters, progress: &Progres
     report.plots = row::plots_of_simulated(&rows);
     report.notes = row::notes(&rows);
     report.notes.push(format!(
-        "Rows with a trouble: clients that ask at random for ten seconds at six tenths of what the cluster can do, in a scene \
-         that stands still; stragglers: one process of eight at half the speed; losses: one of sixteen killed, one after the \
-         other; waves: demand that rises and falls by half. Where that would be more than {} views, each costs as many times \
-         as much (view_ms), and so do its latencies: the load of each process is the same, what the coordinator does in a \
-         second is less, and of more clients than views not every one asks. Left out: troubles while samples are rendered \
-         anew each tick, and several at once; the naive method and still scenes beyond 1024 processes; the relaying coordinator \
-         beyond 256.",
+        "Rows with a trouble: random requests for ten seconds at six tenths of the cluster's capacity, in a still scene. \
+         stragglers: one process of eight at half the speed; losses: one of sixteen killed, one after the other; waves: \
+         demand that rises and falls by half. Beyond {} views, a simulated view stands for several: its cost (view_ms) and \
+         its latencies grow by that factor. The load of each process stays the same, the coordinator's work per second falls, \
+         and some clients request nothing. Left out: troubles while samples are rendered anew each tick, and several troubles \
+         at once; the naive method and still scenes beyond 1024 processes; the relaying coordinator beyond 256.",
         options.troubled_views
     ));
     report.notes.push(format!("Costs: {}", serde_json::to_string(&parameters)?));

@@ -155,7 +155,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     report.notes = vec![
         "Occlusion on: pairs are processed in four shells, near ones first, so more pairs are tested. Occlusion known: pairs \
         are tested against the finished maps, which shows how many pairs the best order could cull. Pairs that cover no \
-        texel's sample point cannot be hidden and count as rendered either variant."
+        texel's sample point cannot be hidden and count as rendered, with and without occlusion."
             .to_owned(),
         "Pairs are counted once, even if the frame was split. The peak of untested pairs is what a queue would hold if pairs \
         were queued before their test. Extrapolated rows are scaled from the row before, or for raster from a few views."
