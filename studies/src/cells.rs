@@ -104,7 +104,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut report = Report::new(&bench.scene.name, Machine::here(gpu.kind()), rows);
     report.notes.push(format!(
         "Up to {} views of {}×{} pixels a row, {} samples a view; way: position between a sample camera (0) and \
-         the place with the worst samples (1).",
+         the position with the worst samples (1).",
         options.views, options.size[0], options.size[1], options.samples
     ));
     if apart > 0 {

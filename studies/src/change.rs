@@ -39,8 +39,8 @@ pub fn run(parameters: &Parameters, progress: &ProgressBar) -> Result<Report> {
         }
     });
     report.notes.push(
-        "By default, idle samplers compose, and half of their time may go into refinements; the other scenarios have \
-         exclusive roles and no refinements. Simulated views have no holes, so there are no refinements."
+        "Configured by default: idle samplers compose, and half of their time may go into refinements. The other scenarios \
+         have exclusive roles and no refinements. Simulated views have no holes, so there are no refinements."
             .to_owned(),
     );
     report.notes.push(format!("Costs: {}", serde_json::to_string(parameters)?));
