@@ -331,8 +331,11 @@ pub(crate) struct VisibilityArgs {
     /// on the processor) or auto (the first worker measures which is cheapest for the scene). Images differ only
     /// along edges
     #[arg(long, value_name = "BACKEND", default_value = AUTO, value_parser = visibility())]
-    visibility: Option<Visibility>,
+    visibility: Backend,
 }
+
+/// A visibility backend; `None`: measured. Through an alias, clap treats it as one value and not as an optional flag.
+type Backend = Option<Visibility>;
 
 const AUTO: &str = "auto";
 
@@ -348,7 +351,7 @@ impl VisibilityArgs {
     }
 }
 
-fn visibility() -> impl TypedValueParser<Value = Option<Visibility>> {
+fn visibility() -> impl TypedValueParser<Value = Backend> {
     let names = std::iter::once(AUTO).chain(Visibility::ALL.map(Visibility::name));
     PossibleValuesParser::new(names).map(|name| Visibility::ALL.into_iter().find(|v| v.name() == name))
 }

@@ -91,8 +91,9 @@ fn provider(part: &str) -> anyhow::Result<SdkTracerProvider> {
     if endpoint.starts_with("https:") {
         exporter = exporter.with_tls_config(collector_tls()?);
     }
-    let exporter =
-        exporter.build().with_context(|| format!("traces cannot be exported to the collector in {}", ENDPOINTS[1]))?;
+    let exporter = exporter
+        .build()
+        .with_context(|| format!("traces cannot be exported to the collector in {}", ENDPOINTS[1]))?;
     let named = std::env::var_os("OTEL_SERVICE_NAME").is_some();
     let mut resource = Resource::builder();
     if !named {

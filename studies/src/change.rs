@@ -33,7 +33,9 @@ pub fn run(parameters: &Parameters, progress: &ProgressBar) -> Result<Report> {
         .map(|(scenario, runs, changes)| format!("{scenario}: {changes:.2} (mean of {runs} runs)"))
         .collect();
     report.notes.push(match moved.is_empty() {
-        true => "Changes of role a minute under steady load: 0 in every scenario with a steady load.".to_owned(),
+        true => {
+            "Changes of role a minute under steady load: 0 in every scenario with a steady load.".to_owned()
+        }
         false => {
             format!("Changes of role a minute under steady load, with a target of 0: {}.", moved.join("; "))
         }
