@@ -1,4 +1,4 @@
-//! What several subcommands take: points, sizes, servers, rigs and plans.
+//! Arguments that several subcommands share: points, sizes, servers, rigs and plans.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use glam::DVec3;
 use crate::credentials;
 use crate::settings::{self, Flags, Sources};
 
-/// Where the service is, for every subcommand that is a client.
+/// The address and credentials of the service, for every client subcommand.
 #[derive(clap::Args)]
 pub(crate) struct Server {
     /// Address of the service [default: ARGUS_SERVER, else http://127.0.0.1:7400]
@@ -133,7 +133,7 @@ pub(crate) struct SampleSource {
     /// What samples are rendered from: triangles, or megaviews: an octree of the scene that is shaded once for all
     /// samples, without gloss and cut-outs. megaviews implies --rig cell. Direct views always come from triangles
     /// [default: triangles]
-    #[arg(long, value_name = "WAY", value_parser = argus_scene::Sampling::NAMES)]
+    #[arg(long, value_name = "SOURCE", value_parser = argus_scene::Sampling::NAMES)]
     sampling: Option<String>,
     /// Texels on a side of a map's hemisphere, 8 to 1024; for --sampling megaviews [default: 512]
     #[arg(long, value_name = "TEXELS")]
@@ -148,7 +148,7 @@ pub(crate) struct SampleSource {
     map_block: Option<u32>,
     /// Reflections on glossy and transparent objects: off, or maps (one map of the scene around each object, for views from
     /// samples and for direct views) [default: off]
-    #[arg(long, value_name = "WAY", value_parser = ["off", "maps"])]
+    #[arg(long, value_name = "KIND", value_parser = ["off", "maps"])]
     reflections: Option<String>,
     /// Texels on a side of a reflection map: 16, 32, 64, 128 or 256 [default: 64]
     #[arg(long, value_name = "TEXELS")]
@@ -208,8 +208,8 @@ pub(crate) struct Sampling {
 #[command(next_help_heading = "Indirect light")]
 pub(crate) struct IndirectLight {
     /// Indirect light: off, vpl (gathered from virtual point lights) or points (gathered from small images of an octree of
-    /// the scene, rendered at some of the visible points). It is computed once a sample; views cost the same
-    #[arg(long, value_name = "WAY", default_value = "off", value_parser = ["off", "vpl", "points"])]
+    /// the scene, rendered at some of the visible points). It is computed once a sample and costs views nothing
+    #[arg(long, value_name = "METHOD", default_value = "off", value_parser = ["off", "vpl", "points"])]
     pub(crate) indirect: String,
     /// Number of virtual point lights; more of them are smoother and slower
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
@@ -323,24 +323,25 @@ impl Sampling {
     }
 }
 
-/// How the workers of a cluster see triangles.
+/// The visibility backend of a cluster's workers.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Samplers")]
-pub(crate) struct Seeing {
-    /// Visibility backend: raster (the device's rasteriser), trace (packets of rays in compute), cpu (packets of rays on the
-    /// processor) or auto (the first worker measures which is cheapest for the scene). Images differ along edges alone
-    #[arg(long, value_name = "WAY", default_value = AUTO, value_parser = visibility())]
-    visibility: Way,
+pub(crate) struct VisibilityArgs {
+    /// Visibility backend: raster (the device's rasteriser), trace (packets of rays in compute), cpu (packets of rays
+    /// on the processor) or auto (the first worker measures which is cheapest for the scene). Images differ only
+    /// along edges
+    #[arg(long, value_name = "BACKEND", default_value = AUTO, value_parser = visibility())]
+    visibility: Backend,
 }
 
-/// A visibility backend; `None` if it is to be measured.
-type Way = Option<Visibility>;
+/// A visibility backend; `None`: measured. Through an alias, clap treats it as one value and not as an optional flag.
+type Backend = Option<Visibility>;
 
 const AUTO: &str = "auto";
 
-impl Seeing {
+impl VisibilityArgs {
     /// Returns the backend that the user selected, if any.
-    pub(crate) fn visibility(&self) -> Way {
+    pub(crate) fn visibility(&self) -> Option<Visibility> {
         self.visibility
     }
 
@@ -350,12 +351,12 @@ impl Seeing {
     }
 }
 
-fn visibility() -> impl TypedValueParser<Value = Way> {
+fn visibility() -> impl TypedValueParser<Value = Backend> {
     let names = std::iter::once(AUTO).chain(Visibility::ALL.map(Visibility::name));
     PossibleValuesParser::new(names).map(|name| Visibility::ALL.into_iter().find(|v| v.name() == name))
 }
 
-/// How a view is answered. Without these flags the service answers at once, in the fastest way that is as good as the triangles.
+/// How a view is answered. Without these flags the service chooses the fastest plan that is as good as a direct view.
 /// --search, --steps, --samples and --holes ask for samples, and wait until they are rendered.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Plan")]
@@ -376,18 +377,20 @@ pub(crate) struct Plan {
     /// Reconstruct from at most this many samples, 1 to 8
     #[arg(long, value_name = "N")]
     pub(crate) samples: Option<u32>,
-    /// Pixels that no sample saw: mark (guess them and mark them in the mask) or trace (trace their rays)
-    #[arg(long, value_name = "WAY", value_parser = holes())]
+    /// Pixels that no sample saw: mark (guess their colour and set them in the mask) or trace (trace their
+    /// rays, which costs time)
+    #[arg(long, value_name = "HOW", value_parser = holes())]
     pub(crate) holes: Option<Holes>,
-    /// What matters most: interactive (time), balanced (the fastest image that is as good as the triangles'; the default) or
-    /// exact (no guessed pixel, four samples a pixel)
-    #[arg(long, value_name = "WISH", value_parser = preset())]
+    /// Goal of the plan: interactive (least time), balanced (the fastest image that is as good as a direct view; the
+    /// default) or exact (no guessed pixel, four samples a pixel)
+    #[arg(long, value_name = "GOAL", value_parser = preset())]
     pub(crate) preset: Option<Preset>,
     /// Greatest accepted mean FLIP error against the reference, above 0 and up to 1. `argus study bounds` calibrates the
     /// scene, so that the cheapest plan that keeps the bound is taken
     #[arg(long, value_name = "FLIP", allow_negative_numbers = true)]
     pub(crate) max_error: Option<f64>,
-    /// Milliseconds that the answer may take; the service takes the plan with the least error that is expected to keep it
+    /// Milliseconds that the answer may take; the service chooses the plan with the least error that is
+    /// expected to keep it
     #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     pub(crate) deadline_ms: Option<f64>,
 }
@@ -445,21 +448,21 @@ pub(crate) fn output() -> impl TypedValueParser<Value = Output> {
         .map(|name| Output::ALL.into_iter().find(|o| o.name() == name).unwrap_or(Output::Color))
 }
 
-/// Parses `X,Y,Z`. Numbers that are not finite pass: the service says which field is at fault.
+/// Parses `X,Y,Z`. Infinite and NaN numbers pass: the service names the invalid field.
 pub(crate) fn point(text: &str) -> Result<DVec3, String> {
     let parts = text.split(',').map(|part| part.trim().parse::<f64>()).collect::<Result<Vec<_>, _>>();
     match parts.as_deref() {
         Ok(&[x, y, z]) => Ok(DVec3::new(x, y, z)),
-        _ => Err("three numbers with commas between them are wanted, such as 3,2.5,-1".to_owned()),
+        _ => Err("must be three numbers separated by commas, such as 3,2.5,-1".to_owned()),
     }
 }
 
-/// Parses `WIDTHxHEIGHT`. Zero passes: the service says which sides it accepts.
+/// Parses `WIDTHxHEIGHT`. Zero passes: the service names the limits.
 pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once(['x', 'X']).map(|(w, h)| (w.trim().parse(), h.trim().parse()));
     match sides {
         Some((Ok(width), Ok(height))) => Ok([width, height]),
-        _ => Err("two whole numbers with an x between them are wanted, such as 640x480".to_owned()),
+        _ => Err("must be two whole numbers separated by x, such as 640x480".to_owned()),
     }
 }
 
@@ -467,7 +470,7 @@ pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
-        _ => Err("a finite number above 0 is wanted".to_owned()),
+        _ => Err("must be a finite number above 0".to_owned()),
     }
 }
 
@@ -475,15 +478,15 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
 pub(crate) fn share(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if (0.0..=1.0).contains(&number) => Ok(number),
-        _ => Err("a number from 0 to 1 is wanted".to_owned()),
+        _ => Err("must be a number from 0 to 1".to_owned()),
     }
 }
 
-/// Parses a finite number that is not below zero.
+/// Parses a finite number of at least zero.
 pub(crate) fn zero_or_more(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number >= 0.0 && number.is_finite() => Ok(number),
-        _ => Err("a finite number, 0 or above, is wanted".to_owned()),
+        _ => Err("must be a finite number of at least 0".to_owned()),
     }
 }
 
@@ -492,7 +495,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_take_signs_spaces_and_numbers_that_are_not_finite() {
+    fn points_accept_signs_spaces_and_infinite_numbers() {
         assert_eq!(point("1,-2.5,1e6"), Ok(DVec3::new(1.0, -2.5, 1e6)));
         assert_eq!(point(" 1, 2 ,3 "), Ok(DVec3::new(1.0, 2.0, 3.0)));
         assert!(point("nan,0,inf").unwrap().x.is_nan());

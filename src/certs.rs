@@ -1,4 +1,4 @@
-//! `argus certs`: an authority of one's own, for development and for clusters without another one.
+//! `argus certs`: a certificate authority for development and for clusters without one.
 
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -21,14 +21,15 @@ use serde::Serialize;
 use crate::exit::bad_arguments;
 use crate::output;
 
-/// Where every machine finds itself.
+/// Names of this machine for itself.
 const LOCAL: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 
-/// Makes what a cluster with TLS needs: an authority, certificates of a server, of workers and of clients, and tokens.
+/// Creates the files of a cluster with TLS: an authority, certificates for the server, workers and clients, and tokens.
 ///
-/// Whoever has ca.key can join the cluster: keep it away from the machines that serve. Nothing is overwritten. The
-/// cluster's processes know each other by the name cluster.argus.internal in their certificates, and clients know by it a
-/// worker that the server sends them to; the server itself they know by its host's name.
+/// Everyone with ca.key can join the cluster: keep it away from the machines that serve. No file is overwritten.
+/// Processes of the cluster recognise each other by the name cluster.argus.internal in their certificates, and
+/// clients recognise a worker to which the server redirects them by it. Clients recognise the server by its host
+/// name.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example: a cluster on this machine, by TLS
@@ -37,10 +38,10 @@ Example: a cluster on this machine, by TLS
   argus view --config certs/argus.toml --server https://localhost:7400 --eye 60,40,60 --target 0,5,0 --out view.png
   argus certs certs --host render.example.org --days 30")]
 pub(crate) struct Args {
-    /// Folder to write to; made if it is not there
+    /// Folder to write to; created if it does not exist
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// A name or address by which clients reach the server, beside localhost; may be given more than once
+    /// A further name or address by which clients reach the server; may be given more than once
     #[arg(long = "host", value_name = "NAME")]
     hosts: Vec<String>,
     /// Days until the certificates expire
@@ -67,14 +68,14 @@ struct File {
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     for host in &args.hosts {
         if ServerName::try_from(host.as_str()).is_err() {
-            return Err(bad_arguments(format!("--host {host}: a name or an address is wanted")));
+            return Err(bad_arguments(format!("--host {host}: must be a host name or an address")));
         }
     }
     let files = made(args)?;
     make_folder(&args.folder)?;
     if let Some(there) = files.iter().find(|file| args.folder.join(file.name).exists()) {
         return Err(bad_arguments(format!(
-            "{} is there already: choose another folder, or remove it if nothing needs it any more",
+            "{} is there already: choose another folder, or remove the file if it is no longer needed",
             args.folder.join(there.name).display()
         )));
     }
@@ -87,13 +88,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
     let folder = args.folder.display();
     println!("written to {folder}, for {} days:", args.days);
-    println!("  argus.toml               settings of all that follows, for --config");
-    println!("  ca.pem, ca.key           the authority; who has its key can join, so keep that elsewhere");
-    println!("  server.pem, server.key   of the coordinator, for {}", hosts(args).join(", "));
-    println!("  worker.pem, worker.key   of every worker");
-    println!("  client.pem, client.key   of a client, where require_client_certificates is set");
-    println!("  tokens                   what the coordinator knows clients by");
-    println!("  view.token, admin.token  what clients show");
+    println!("  argus.toml               settings for all of the following, for --config");
+    println!(
+        "  ca.pem, ca.key           the authority; everyone with its key can join, so store it elsewhere"
+    );
+    println!("  server.pem, server.key   for the coordinator, as {}", hosts(args).join(", "));
+    println!("  worker.pem, worker.key   for every worker");
+    println!("  client.pem, client.key   for a client, if require_client_certificates is set");
+    println!("  tokens                   the clients' tokens, for the coordinator");
+    println!("  view.token, admin.token  one token each, for clients");
     println!("\nall on this machine:");
     println!("  argus serve --config {folder}/argus.toml");
     println!("  argus status --config {folder}/argus.toml");
@@ -116,7 +119,7 @@ fn hosts(args: &Args) -> Vec<&str> {
     LOCAL.into_iter().chain(args.hosts.iter().map(String::as_str)).collect()
 }
 
-/// Everything, made anew.
+/// Generates all files.
 fn made(args: &Args) -> anyhow::Result<Vec<File>> {
     use ExtendedKeyUsagePurpose::{ClientAuth, ServerAuth};
     let secret = |name, text| File { name, text, secret: true };
@@ -128,9 +131,9 @@ fn made(args: &Args) -> anyhow::Result<Vec<File>> {
     let authority = CertifiedIssuer::self_signed(params, KeyPair::generate()?)?;
     let mut files = vec![open("ca.pem", authority.pem()), secret("ca.key", authority.key().serialize_pem())];
 
-    // Members serve and connect; a client connects alone, and lacks the name that members have. Clients know the
-    // coordinator by its hosts' names, which workers therefore lack, so that none of them can pass for it; probes on a
-    // worker's own machine find it as localhost.
+    // Members both serve and connect. A client only connects, and lacks the members' name. Clients recognise the
+    // coordinator by its host names; workers lack these, so that no worker can impersonate it. A worker's certificate
+    // includes localhost for probes on its own machine.
     let coordinator: Vec<&str> = std::iter::once(CLUSTER_NAME).chain(hosts(args)).collect();
     let worker: Vec<&str> = std::iter::once(CLUSTER_NAME).chain(LOCAL).collect();
     let kinds = [
@@ -175,13 +178,13 @@ fn named(name: &str, hosts: &[&str], days: u32) -> anyhow::Result<CertificatePar
     let hosts: Vec<String> = hosts.iter().map(|&host| host.to_owned()).collect();
     let mut params = CertificateParams::new(hosts)?;
     params.distinguished_name.push(DnType::CommonName, name);
-    // An hour ago, since the clocks of machines differ.
+    // One hour ago, since clocks differ.
     params.not_before = (SystemTime::now() - Duration::from_secs(3600)).into();
     params.not_after = (SystemTime::now() + Duration::from_secs(86_400) * days).into();
     Ok(params)
 }
 
-/// 256 bits.
+/// A random token of 256 bits.
 fn token() -> anyhow::Result<String> {
     let mut bytes = [0; 32];
     OsRng.try_fill_bytes(&mut bytes).context("the operating system has no randomness")?;
@@ -196,7 +199,7 @@ fn make_folder(folder: &Path) -> anyhow::Result<()> {
     builder.create(folder).with_context(|| format!("cannot make {}", folder.display()))
 }
 
-/// Writes a file that was not there; a secret is never readable by others, not even for a moment.
+/// Writes a new file. A secret file is never readable by other users, not even for a moment.
 fn write(path: &Path, file: &File) -> anyhow::Result<()> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);

@@ -1,4 +1,4 @@
-//! `argus compare`: how far one image is from another.
+//! `argus compare`: the difference of two images.
 
 use std::path::PathBuf;
 
@@ -9,8 +9,8 @@ use crate::output;
 
 /// Compares an image with a reference: FLIP, PSNR and SSIM.
 ///
-/// FLIP is 0 where a viewer sees no difference and 1 at worst; PSNR is in dB, higher is closer; SSIM is 1
-/// where the images are equal.
+/// FLIP is 0 where a viewer sees no difference and 1 at worst. PSNR is in dB; higher is closer. SSIM is 1 if the
+/// images are equal.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  argus compare warped.png direct.png --json")]
 pub(crate) struct Args {
@@ -18,7 +18,7 @@ pub(crate) struct Args {
     a: PathBuf,
     /// Reference image
     b: PathBuf,
-    /// Print one JSON object: flip_mean, psnr_db (null where the images are equal), ssim
+    /// Print one JSON object: flip_mean, psnr_db (null if the images are equal), ssim
     #[arg(long)]
     json: bool,
 }
@@ -28,12 +28,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if a.dimensions() != b.dimensions() {
         let ((aw, ah), (bw, bh)) = (a.dimensions(), b.dimensions());
         return Err(bad_arguments(format!(
-            "images must have one size: {} is {aw}x{ah}, {} is {bw}x{bh}",
+            "images must have the same size: {} is {aw}x{ah}, {} is {bw}x{bh}",
             args.a.display(),
             args.b.display()
         )));
     }
-    // The reference comes first there: FLIP is symmetric, but a message names the sizes in that order.
+    // The reference comes first. FLIP is symmetric, but error messages name the sizes in this order.
     let comparison = metrics::compare(&b, &a)?;
     if args.json {
         return output::json(&comparison);

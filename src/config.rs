@@ -1,4 +1,4 @@
-//! `argus config`: the settings in effect, and where each comes from.
+//! `argus config`: the settings in effect and their sources.
 
 use std::path::PathBuf;
 
@@ -10,9 +10,9 @@ use crate::settings::{Flags, Sources};
 
 /// Prints the settings in effect and where each comes from.
 ///
-/// A setting comes from, in rising precedence: its default, the configuration file (--config, else ARGUS_CONFIG, else
-/// argus.toml in this folder), the environment (ARGUS_LIMITS__VIEWS is views in the section limits), a flag (one of
-/// its own, such as --listen, or --set). What is printed is itself a configuration file.
+/// In rising precedence, a setting comes from its default, the configuration file (--config, else ARGUS_CONFIG, else
+/// argus.toml in this folder), the environment (ARGUS_LIMITS__VIEWS is views in the section limits), or a flag (its own,
+/// such as --listen, or --set). The output is itself a configuration file.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -53,7 +53,7 @@ pub(crate) fn run(args: &Args, sources: &Sources) -> anyhow::Result<()> {
         }
         let line = match value {
             Value::Null => format!("# {key} is not set"),
-            // JSON's texts, numbers and truths are TOML's.
+            // JSON texts, numbers and booleans are valid TOML.
             value => format!("{key} = {value}"),
         };
         println!("{line:<48} # {source}");

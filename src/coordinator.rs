@@ -1,4 +1,4 @@
-//! `argus coordinator`: one address for clients, and the split of workers between the roles.
+//! `argus coordinator`: accepts clients and workers, and assigns the workers' roles.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -71,8 +71,8 @@ pub(crate) struct Service {
     /// [default: none; this is the only coordinator]
     #[arg(long, value_name = "URL")]
     registry: Option<String>,
-    /// Address at which others reach this coordinator, if it is not the one it listens on; a standby redirects clients to the
-    /// leader's
+    /// Address at which clients and workers reach this coordinator, if it is not the one it listens on; a standby
+    /// redirects clients to the leader's
     #[arg(long, value_name = "URL")]
     advertise: Option<String>,
     #[command(flatten)]
@@ -85,8 +85,9 @@ pub(crate) struct Service {
     #[command(flatten)]
     source: args::SampleSource,
     #[command(flatten)]
-    seeing: args::Seeing,
-    /// Least milliseconds between two rendered moments of an animated scene; fewer are smoother and cost more [default: 100]
+    visibility: args::VisibilityArgs,
+    /// Shortest interval in milliseconds between two rendered moments of an animated scene; shorter is
+    /// smoother and costs more [default: 100]
     #[arg(long, value_name = "MS", value_parser = args::positive)]
     epoch_ms: Option<f64>,
     /// Render all samples anew after this many views, even if nothing moves (the cluster paper's experiments); 0: never
@@ -97,17 +98,17 @@ pub(crate) struct Service {
     time_scale: Option<f64>,
 }
 
-/// A coordinator that has its address, but no scene yet.
+/// A coordinator that listens but has no scene yet.
 pub(crate) struct Listening {
     /// Address for clients on this machine.
     pub(crate) url: String,
     listener: TcpListener,
     security: Option<Arc<Security>>,
-    /// Cancelled when this process is to stop.
+    /// Cancelled when this process must stop.
     pub(crate) shutdown: CancellationToken,
 }
 
-/// A coordinator that listens, and has not yet begun to serve.
+/// A coordinator that is ready to serve.
 pub(crate) struct Ready {
     /// Address for clients on this machine.
     pub(crate) url: String,
@@ -115,11 +116,11 @@ pub(crate) struct Ready {
     source: Arc<OpenScene>,
     config: Config,
     registry: Arc<dyn Registry>,
-    /// Cancelled when this process is to stop.
+    /// Cancelled when this process must stop.
     pub(crate) shutdown: CancellationToken,
 }
 
-/// The one JSON object of a service.
+/// The JSON announcement of a service.
 #[derive(Serialize)]
 struct Announcement<'a> {
     url: &'a str,
@@ -131,7 +132,7 @@ struct Announcement<'a> {
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let settings = args.service.settings(args.scene.as_ref(), sources)?;
     let Some(scene) = &settings.coordinator.scene else {
-        return Err(bad_arguments("--scene S is wanted: a file, or `terrain`"));
+        return Err(bad_arguments("--scene S is required: a file, or `terrain`"));
     };
     let listening = args.service.listen(&settings).await?;
     let ready = args.service.open(listening, scene, &settings, args.particles).await?;
@@ -143,7 +144,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
 }
 
 impl Service {
-    /// The settings, these arguments and that of the scene included.
+    /// The settings, including these arguments and the scene.
     pub(crate) fn settings(&self, scene: Option<&String>, sources: &Sources) -> anyhow::Result<Settings> {
         let flags = Flags::default()
             .with("coordinator.scene", "--scene", scene)
@@ -159,7 +160,7 @@ impl Service {
         Ok(sources.load(self.security.with(self.source.with(flags)))?.settings)
     }
 
-    /// Binds the address first, so that a conflict shows at once.
+    /// Binds the address first, so that a conflict is reported at once.
     pub(crate) async fn listen(&self, settings: &Settings) -> anyhow::Result<Listening> {
         let shutdown = shutdown::requested(self.exit_with_stdin);
         let security = credentials::of_member(&settings.security, true)?;
@@ -169,7 +170,7 @@ impl Service {
         Ok(Listening { url, listener, security, shutdown })
     }
 
-    /// Opens the scene. `drifts`: workers have lights that move though the scene may not.
+    /// Opens the scene. `drifts`: workers have moving lights even if the scene is still.
     pub(crate) async fn open(
         &self,
         Listening { url, listener, security, shutdown }: Listening,
@@ -189,7 +190,7 @@ impl Service {
         config.rig = config.sampling.rig_knobs(self.rig.knobs());
         config.models = self.models(coordinator.model.as_deref(), source.scene(), &config)?;
         config.advertise = Some(coordinator.advertise.clone().unwrap_or_else(|| url.clone()));
-        config.core.visibility = self.seeing.visibility();
+        config.core.visibility = self.visibility.visibility();
         config.core.refresh_views = self.refresh_views;
         config.drifts = drifts;
         config.core.samples_per_view = self.rig.samples.unwrap_or(config.core.samples_per_view);
@@ -200,23 +201,23 @@ impl Service {
         Ok(Ready { url, listener, source, config, registry, shutdown })
     }
 
-    /// What was calibrated of the scene, as its samples will be taken.
+    /// The calibrated models of the scene and its rig.
     fn models(&self, model: Option<&Path>, scene: &Scene, config: &Config) -> anyhow::Result<Vec<Model>> {
         let rig = Rig::for_scene(scene, &config.rig)?;
         config.sampling.validate(&rig)?;
         if config.sampling != Sampling::Triangles {
-            // Calibration measures samples from triangles, whose errors are others.
+            // Calibration measures samples from triangles; other samples have other errors.
             anyhow::ensure!(model.is_none(), "--model was calibrated with --sampling triangles");
             return Ok(Vec::new());
         }
         let Some(path) = model else { return Ok(calibration::kept(scene.hash, &rig)) };
         let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let model: Model =
-            serde_json::from_slice(&text).with_context(|| format!("{} is no model", path.display()))?;
+        let model: Model = serde_json::from_slice(&text)
+            .with_context(|| format!("{} is not a calibrated model", path.display()))?;
         anyhow::ensure!(
             model.fits(scene.hash, &rig),
             "{} was calibrated for another scene, other sample cameras or by another version: `argus study \
-             bounds --scene {}` makes one that fits",
+            bounds --scene {}` makes a new one",
             path.display(),
             scene.name
         );
@@ -241,13 +242,13 @@ impl Service {
 }
 
 impl Ready {
-    /// Serves until the process is to stop.
+    /// Serves until the process must stop.
     pub(crate) async fn serve(self) -> anyhow::Result<()> {
         Ok(serve(self.config, self.listener, self.source, self.registry, self.shutdown).await?)
     }
 }
 
-/// The registry in which coordinators elect their leader.
+/// The registry through which coordinators elect their leader.
 async fn registry(settings: &Settings) -> anyhow::Result<Arc<dyn Registry>> {
     let coordinator = &settings.coordinator;
     let Some(url) = &coordinator.registry else { return Ok(Arc::new(LocalRegistry::alone())) };

@@ -1,4 +1,4 @@
-//! Certificates, keys and tokens, from the files that settings name.
+//! Reads certificates, keys and tokens from the files that settings name.
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -12,10 +12,10 @@ use tokio::net::TcpListener;
 use crate::exit::bad_arguments;
 use crate::settings;
 
-/// What a listener's process is known by, as its settings say; `None`: plaintext.
+/// The security of a process that listens; `None`: plaintext.
 ///
 /// # Errors
-/// Settings that do not go together, and files that cannot be read or hold something else.
+/// Contradictory settings, or a file that cannot be read or has another format.
 pub(crate) fn of_member(
     settings: &settings::Security,
     clients: bool,
@@ -30,8 +30,8 @@ pub(crate) fn of_member(
         ];
         return match useless.into_iter().find(|(_, given)| *given) {
             Some((name, _)) => Err(bad_arguments(format!(
-                "security.{name} is set and security.certificate is not: without a certificate there is no TLS that \
-                 it could be part of; `argus certs DIR` makes one"
+                "security.{name} is set but security.certificate is not: without a certificate there is no TLS; `argus \
+                certs DIR` makes one"
             ))),
             None => Ok(None),
         };
@@ -39,23 +39,19 @@ pub(crate) fn of_member(
     let wanted = |path: &Option<PathBuf>, name: &str, what: &str| {
         path.clone().ok_or_else(|| {
             bad_arguments(format!(
-                "security.certificate is set and security.{name} is not: {what}; `argus certs DIR` makes one"
+                "security.certificate is set but security.{name} is not: {what}; `argus certs DIR` makes one"
             ))
         })
     };
     let key = wanted(key, "key", "a certificate needs its key")?;
-    let ca = wanted(
-        ca,
-        "ca",
-        "the cluster's processes are known by the authority that signed their certificates",
-    )?;
+    let ca = wanted(ca, "ca", "the authority identifies the processes of the cluster")?;
     let tokens = match clients {
-        // A worker answers no client.
+        // Workers do not authenticate clients.
         false => Tokens::default(),
         true => {
-            let path = wanted(tokens, "tokens", "clients are known by their tokens")?;
+            let path = wanted(tokens, "tokens", "tokens identify the clients")?;
             let text = secret(&path, "security.tokens")?;
-            let text = String::from_utf8(text).map_err(|_| malformed(&path, "it is no UTF-8"))?;
+            let text = String::from_utf8(text).map_err(|_| malformed(&path, "it is not UTF-8"))?;
             Tokens::parse(&text).map_err(|reason| malformed(&path, &reason))?
         }
     };
@@ -68,15 +64,15 @@ pub(crate) fn of_member(
     })))
 }
 
-/// How a client connects, as its settings say.
+/// The connection options of a client.
 ///
 /// # Errors
-/// As [`of_member`].
+/// Any error of [`of_member`].
 pub(crate) fn of_client(settings: &settings::Client) -> anyhow::Result<ConnectOptions> {
     let settings::Client { ca, token_file, certificate, key, .. } = settings;
     let token = |path: &PathBuf| {
         let text = secret(path, "client.token_file")?;
-        let text = String::from_utf8(text).map_err(|_| malformed(path, "it is no UTF-8"))?;
+        let text = String::from_utf8(text).map_err(|_| malformed(path, "it is not UTF-8"))?;
         Token::parse(&text).map_err(|reason| malformed(path, reason))
     };
     let identity = match (certificate, key) {
@@ -94,11 +90,11 @@ pub(crate) fn of_client(settings: &settings::Client) -> anyhow::Result<ConnectOp
     Ok(ConnectOptions { credentials, ..ConnectOptions::default() })
 }
 
-/// How a coordinator speaks to the registry at `url`: by TLS where it has a certificate, and beyond this machine in plaintext
-/// only where it was told so.
+/// The access of a coordinator to the registry at `url`: with TLS if it has a certificate. Plaintext beyond this machine
+/// requires `insecure`.
 ///
 /// # Errors
-/// As [`of_member`], and plaintext that nobody asked for.
+/// Any error of [`of_member`], or plaintext without permission.
 pub(crate) fn of_registry(
     url: &str,
     coordinator: &settings::Coordinator,
@@ -106,7 +102,7 @@ pub(crate) fn of_registry(
 ) -> anyhow::Result<NatsAccess> {
     let secret = |path: &PathBuf| {
         let text = secret(path, "coordinator.registry_credentials")?;
-        let text = String::from_utf8(text).map_err(|_| malformed(path, "it is no UTF-8"))?;
+        let text = String::from_utf8(text).map_err(|_| malformed(path, "it is not UTF-8"))?;
         NatsSecret::parse(&text).map_err(|reason| malformed(path, reason))
     };
     let secret = coordinator.registry_credentials.as_ref().map(secret).transpose()?;
@@ -122,21 +118,21 @@ pub(crate) fn of_registry(
     if tls.is_none() && !local {
         if !insecure {
             return Err(bad_arguments(format!(
-                "speaking to the registry at {host} without TLS would let whoever listens in or stands between decide who \
-                 leads: set security.certificate, security.key and security.ca, or say --insecure if the network is trusted"
+                "without TLS, an attacker between this machine and the registry at {host} could decide who leads: set \
+                security.certificate, security.key and security.ca, or allow it with --insecure if the network is trusted"
             )));
         }
         tracing::warn!(
-            "the registry at {host} is spoken to without TLS: whoever stands between can decide who leads"
+            "the registry at {host} is used without TLS: an attacker on the way can decide who leads"
         );
     }
     Ok(NatsAccess { tls, secret })
 }
 
-/// Listens on `address`, or says what to do instead: beyond this machine only by TLS, unless it was told so.
+/// Listens on `address`. Addresses beyond this machine require TLS or `insecure`.
 ///
 /// # Errors
-/// An address that cannot be listened on, or should not be.
+/// An address that cannot be used or is not allowed, with advice.
 pub(crate) async fn listen(
     address: &str,
     secured: bool,
@@ -150,19 +146,19 @@ pub(crate) async fn listen(
     if !secured && !listener.local_addr()?.ip().is_loopback() {
         if !settings.insecure {
             return Err(bad_arguments(format!(
-                "listening on {address} without TLS would let everybody who can reach this machine ask, join and \
-                 listen in: run `argus certs DIR` and give --certificate, --key, --ca and --tokens, or listen on \
-                 127.0.0.1, or say --insecure if the network is trusted"
+                "listening on {address} without TLS would let everyone who can reach this machine send requests, join as a \
+                worker and eavesdrop: run `argus certs DIR` and give --certificate, --key, --ca and --tokens, or listen on \
+                127.0.0.1, or allow it with --insecure if the network is trusted"
             )));
         }
         tracing::warn!(
-            "listening on {address} without TLS: everybody who can reach it can ask, join and listen in"
+            "listening on {address} without TLS: everyone who can reach it can send requests, join and eavesdrop"
         );
     }
     Ok(listener)
 }
 
-/// Where a process on this machine reaches what listens there.
+/// The URL by which processes of this machine reach a listener.
 pub(crate) fn url(secured: bool, mut address: SocketAddr) -> String {
     use std::net::{Ipv4Addr, Ipv6Addr};
     if address.ip().is_unspecified() {
@@ -183,7 +179,7 @@ fn read(path: &Path, setting: &str) -> anyhow::Result<Vec<u8>> {
         .map_err(|e| bad_arguments(format!("{setting}: {} cannot be read: {e}", path.display())))
 }
 
-/// A file that has a block of that kind; what is in the block is checked by who uses it.
+/// Reads a file with a PEM block of this kind. The block's content is checked by its user.
 fn pem(path: &Path, setting: &str, label: &str) -> anyhow::Result<Vec<u8>> {
     let text = read(path, setting)?;
     has_block(path, &text, label).map(|()| text)
@@ -202,7 +198,7 @@ fn has_block(path: &Path, text: &[u8], label: &str) -> anyhow::Result<()> {
     }
 }
 
-/// A file that others on this machine should not be able to read.
+/// Reads a file that other users of this machine should not be able to read.
 fn secret(path: &Path, setting: &str) -> anyhow::Result<Vec<u8>> {
     let bytes = read(path, setting)?;
     #[cfg(unix)]
@@ -210,7 +206,7 @@ fn secret(path: &Path, setting: &str) -> anyhow::Result<Vec<u8>> {
         use std::os::unix::fs::PermissionsExt;
         let mode = std::fs::metadata(path).map(|meta| meta.permissions().mode()).unwrap_or_default();
         if mode & 0o004 != 0 {
-            tracing::warn!("{} can be read by everybody on this machine: chmod 600 it", path.display());
+            tracing::warn!("every user of this machine can read {}: run chmod 600 on it", path.display());
         }
     }
     Ok(bytes)

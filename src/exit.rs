@@ -1,4 +1,4 @@
-//! How a run ends: 0 done, 1 failed, 2 bad arguments; a failure is one line on standard error.
+//! Exit codes: 0 done, 1 failed, 2 bad arguments. A failure is one line on standard error.
 
 use std::fmt;
 use std::io::Write as _;
@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use argus_client::ClientError;
 use argus_scene::InvalidField;
 
-/// What was asked for makes no sense, whatever the state of the world: exit code 2.
+/// Invalid arguments: exit code 2.
 #[derive(Debug)]
 pub(crate) struct BadArguments(pub(crate) String);
 
@@ -24,17 +24,17 @@ pub(crate) fn bad_arguments(reason: impl Into<String>) -> anyhow::Error {
     BadArguments(reason.into()).into()
 }
 
-/// Reports a failure, if there was one, and says how the process ends.
+/// Reports a failure, if any, and returns the exit code.
 pub(crate) fn code(result: anyhow::Result<()>) -> ExitCode {
     let Err(error) = result else { return ExitCode::SUCCESS };
-    // Causes are joined into one line; a message of several lines (a driver's, say) is folded.
+    // Causes are joined into one line; messages of several lines (from a driver, for example) are folded.
     let line = format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ");
-    // Where not even that can be said, the exit code is left.
+    // If standard error is closed, only the exit code remains.
     let _ = writeln!(std::io::stderr(), "argus: {line}");
     ExitCode::from(if error.chain().any(is_misuse) { 2 } else { 1 })
 }
 
-/// Whether what was asked for is at fault: said by this program, the vocabulary or the service.
+/// Whether the arguments are at fault, according to this program, the vocabulary or the service.
 fn is_misuse(cause: &(dyn std::error::Error + 'static)) -> bool {
     let by_client = cause.downcast_ref::<ClientError>();
     cause.is::<BadArguments>()

@@ -1,4 +1,4 @@
-//! `argus health`: is a process well? For containers and scripts, which go by the exit code.
+//! `argus health`: a health check for containers and scripts.
 
 use std::time::Duration;
 
@@ -7,22 +7,22 @@ use argus_client::{ConnectOptions, Health, health};
 use crate::settings::Sources;
 use crate::{args, output};
 
-/// Asks a coordinator or a worker whether it can answer views; exits 0 if it can, 1 if not or if nobody answers.
+/// Asks a coordinator or a worker whether it can answer views. Exits 0 if it can, 1 if it cannot or does not reply.
 ///
-/// The same is said by the standard gRPC health service (the names "" and "live") and, over HTTP on the same port (HTTPS by
-/// HTTP/2 where there are certificates), at /readyz and /livez.
+/// The same is available from the standard gRPC health service (the names "" and "live") and, over HTTP on the same port
+/// (HTTPS with HTTP/2 if there are certificates), at /readyz and /livez.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   argus health                                    ready to answer views?
-  argus health --live --server http://host-b:7401 does that worker still get on with its work?")]
+  argus health --live --server http://host-b:7401 does that worker still make progress?")]
 pub(crate) struct Args {
     #[command(flatten)]
     server: args::Server,
-    /// Ask whether it is alive: that fails only for a process that should be started again
+    /// Ask whether the process is alive; if not, it should be restarted
     #[arg(long)]
     live: bool,
-    /// How long it may take to answer
+    /// Seconds to wait for the reply
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = args::positive)]
     timeout: f64,
     /// Print one JSON object: well
@@ -30,7 +30,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// The one JSON object.
+/// The JSON output.
 #[derive(serde::Serialize)]
 struct Report {
     well: bool,
@@ -44,7 +44,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     if args.json {
         output::json(&Report { well })?;
     }
-    anyhow::ensure!(well, "{url} is not {word}: its log, or `argus status`, says why");
+    anyhow::ensure!(well, "{url} is not {word}: see its log or `argus status`");
     if !args.json {
         println!("{word}");
     }

@@ -1,4 +1,4 @@
-//! `argus load`: many clients at once, and what becomes of their views.
+//! `argus load`: many clients at once, and the outcome of their views.
 
 use std::time::Duration;
 
@@ -67,7 +67,7 @@ pub(crate) struct Args {
 struct Report {
     #[serde(flatten)]
     load: LoadReport,
-    /// From the first view to the last answer of a burst, or the load's duration.
+    /// Seconds from the first view to the last answer of a burst, or the load's duration.
     total_secs: f64,
 }
 
@@ -87,21 +87,21 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
         load.sent, load.answered, load.failed, load.rejected, load.superseded
     );
     if args.history {
-        println!("  {} of those answered began from the frame before", load.from_history);
+        println!("  {} answered views started from the session's previous frame", load.from_history);
     }
     println!("  {:.1} views/s in {total_secs:.2} s", load.views_per_sec);
     let LatencyMs { p50, p90, p99, max } = load.latency_ms;
     println!("  latency p50 {p50:.1} ms, p90 {p90:.1} ms, p99 {p99:.1} ms, max {max:.1} ms");
     if let Some(error) = &load.first_error {
-        println!("  the first that was not answered: {error}");
+        println!("  first error: {error}");
     }
     Ok(())
 }
 
-/// A fixed schedule.
+/// Runs an open load with a fixed schedule.
 async fn steady(client: &Client, args: &Args) -> anyhow::Result<Report> {
     let (Some(clients), Some(seconds)) = (args.clients, args.seconds) else {
-        return Err(bad_arguments("--clients and --seconds are wanted, or --views"));
+        return Err(bad_arguments("--clients and --seconds are required, or --views"));
     };
     let options = LoadOptions {
         clients,
@@ -117,7 +117,7 @@ async fn steady(client: &Client, args: &Args) -> anyhow::Result<Report> {
     Ok(Report { load: load::run(client, &options).await?, total_secs: seconds })
 }
 
-/// As fast as they are answered.
+/// Requests all views as fast as they are answered.
 async fn all_at_once(client: &Client, views: u32, args: &Args) -> anyhow::Result<Report> {
     let views = path_views(client.description(), views, args.size, args.plan.request());
     if let Some(view) = views.first() {
@@ -139,7 +139,7 @@ async fn all_at_once(client: &Client, views: u32, args: &Args) -> anyhow::Result
     Ok(Report { load, total_secs: outcome.total_ms / 1e3 })
 }
 
-/// Durations beyond what a clock can count are as good as for ever.
+/// A duration; one too long for a clock becomes about 136 years.
 fn duration(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::from_secs(u64::from(u32::MAX)))
 }

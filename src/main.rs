@@ -1,8 +1,7 @@
 //! `argus`: renders a scene once and serves many viewers from it.
 //!
-//! One binary for every part: each subcommand has a file of its own, and this one says what they share.
-//! Standard output is for results (with `--json`, for exactly one JSON object), standard error for
-//! everything else. Exit codes: 0 done, 1 failed, 2 bad arguments.
+//! One binary for every part, with a file for each subcommand. Results go to standard output (with `--json`, exactly
+//! one JSON object), everything else to standard error. Exit codes: 0 done, 1 failed, 2 bad arguments.
 
 mod args;
 mod browse;
@@ -57,12 +56,12 @@ struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   argus demo                                  sixteen viewers of the built-in scene, start to finish
-  argus selftest                              does Argus work on this machine, and right?
+  argus selftest                              does Argus work correctly on this machine?
   argus serve --scene model.glb               serve a scene on this machine, then, elsewhere:
   argus view --eye 3,2,5 --target 0,1,0 --out view.png
   argus browse                                walk through it, in a browser
-  argus load --clients 16 --seconds 10        how many views a second does the server manage?
-  argus status                                who does what, and what it costs
+  argus load --clients 16 --seconds 10        how many views a second can the server answer?
+  argus status                                the workers' roles and costs
   argus config                                the settings in effect, and where they come from
 
 A scene is a file (.glb, .gltf, .obj, .ply) or the built-in `terrain[:TRIANGLES]` or `mirrors[:BALLS]`.
@@ -88,7 +87,7 @@ enum Command {
 }
 
 impl Command {
-    /// Which part of the whole this process is, for its traces.
+    /// The name of this part in traces and logs.
     fn part(&self) -> &'static str {
         match self {
             Self::Serve(_) | Self::Coordinator(_) => "coordinator",
@@ -104,8 +103,8 @@ fn main() -> ExitCode {
     exit::code(run(cli))
 }
 
-/// Turns off Mesa's layer that reorders GPUs for a desktop session: Argus chooses its adapter itself, and where
-/// there is no session the layer prints an error for every process.
+/// Turns off Mesa's layer that reorders GPUs for a desktop session. Argus selects its adapter itself, and without a
+/// desktop session the layer prints an error for every process.
 fn silence_device_selection() {
     if std::env::var_os("NODEVICE_SELECT").is_none() {
         // SAFETY: called first in `main`, when no other thread can be reading the environment.
@@ -138,7 +137,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Study(args) => runtime.block_on(study::run(args)),
     };
     telemetry.finish();
-    // What still runs in the background has nobody to report to.
+    // Remaining background tasks have nothing left to report.
     runtime.shutdown_background();
     result
 }

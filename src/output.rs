@@ -1,4 +1,4 @@
-//! Results: one JSON object on standard output, and image files.
+//! Output: one JSON object on standard output, and image files.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -11,7 +11,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ColorType, ExtendedColorType, ImageEncoder, RgbImage};
 use serde::Serialize;
 
-/// Prints the one JSON object of a run.
+/// Prints the JSON object of a run.
 pub(crate) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
     serde_json::to_writer_pretty(&mut out, value)?;
@@ -21,12 +21,12 @@ pub(crate) fn json(value: &impl Serialize) -> anyhow::Result<()> {
 
 /// Writes an sRGB image, 3 bytes a pixel, as PNG.
 ///
-/// Fast compression: the default one takes longer than the view took to render.
+/// Uses fast compression: the default takes longer than rendering the view.
 pub(crate) fn write_rgb_png(path: &Path, width: u32, height: u32, rgb: &[u8]) -> anyhow::Result<()> {
     write_png(path, width, height, rgb, ColorType::Rgb8)
 }
 
-/// Writes a byte a pixel as a grey PNG.
+/// Writes one byte per pixel as a grey PNG.
 pub(crate) fn write_gray_png(path: &Path, width: u32, height: u32, gray: &[u8]) -> anyhow::Result<()> {
     write_png(path, width, height, gray, ColorType::L8)
 }
@@ -39,7 +39,7 @@ fn write_png(path: &Path, width: u32, height: u32, bytes: &[u8], color: ColorTyp
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Name of the channel with the range in an OpenEXR file. By convention, `Z` holds a distance from the camera.
+/// Name of the range channel in an OpenEXR file. By convention, `Z` holds a distance from the camera.
 const RANGE_CHANNEL: &str = "Z";
 
 /// Writes ranges (f32 little-endian, metres from the eye, +inf where there is nothing) as an OpenEXR file with one channel of

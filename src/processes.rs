@@ -1,4 +1,4 @@
-//! Worker processes on this machine: started, started again when they end, and never left behind.
+//! Keeps worker processes of this machine running: starts, restarts and stops them.
 
 use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -8,20 +8,20 @@ use tokio::process::{Child, Command};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
-/// A process that ends sooner than this after its start has not worked.
+/// A process that ends within this time of its start counts as failed early.
 const EARLY: Duration = Duration::from_secs(10);
-/// Early ends in a row after which a worker is not started again.
+/// After this many early ends in a row a worker is not restarted.
 const MOST_EARLY_ENDS: u32 = 5;
-/// Pause before the first new start; it doubles with each early end.
+/// Pause before the first restart; doubles with each early end.
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
 
-/// After a worker that was killed from without, which is no fault of its own.
+/// Pause after a worker was killed by another process.
 const KILLED_PAUSE: Duration = Duration::from_millis(20);
-/// How long a worker that was asked to stop may take: its own grace for views in work, and some more.
+/// Time for a worker to stop: its own grace for views in work, and some more.
 const GRACE: Duration = Duration::from_secs(10);
 
-/// How many worker processes suit this machine: two at least, so that both roles are played, and at most
-/// four, since the workers of one machine share its device.
+/// The default number of worker processes: at least two, so that both roles are filled, and at most four, since the
+/// workers of one machine share its device.
 pub(crate) fn default_count() -> usize {
     cores().clamp(2, 4)
 }
@@ -30,24 +30,24 @@ fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Worker processes that are to be kept running.
+/// The worker processes to keep running.
 pub(crate) struct Start<'a> {
-    /// How many.
+    /// Number of workers.
     pub(crate) count: usize,
-    /// Where their coordinator is, or will be.
+    /// URL of their coordinator, which may not listen yet.
     pub(crate) url: &'a str,
     /// Further arguments of `argus worker`.
     pub(crate) more: &'a [String],
-    /// The scene that will be served, which the first worker opens at once.
+    /// The scene to be served, which the first worker opens at once.
     pub(crate) scene: &'a str,
-    /// Cancelled once the coordinator has opened it: all others start then.
+    /// Cancelled once the coordinator has opened the scene; the remaining workers start then.
     pub(crate) opened: CancellationToken,
 }
 
 /// Keeps workers running until `shutdown`, then lets them finish.
 ///
 /// # Errors
-/// If one of them ends as soon as it starts, time and again.
+/// A worker repeatedly ends as soon as it starts.
 pub(crate) async fn keep(start: Start<'_>, shutdown: CancellationToken) -> anyhow::Result<()> {
     let mut workers = JoinSet::new();
     for index in 0..start.count {
@@ -78,7 +78,7 @@ pub(crate) async fn keep(start: Start<'_>, shutdown: CancellationToken) -> anyho
     result
 }
 
-/// Whether somebody else ended it, without asking.
+/// Whether another process killed it.
 fn was_killed(status: ExitStatus) -> bool {
     const SIGKILL: i32 = 9;
     #[cfg(unix)]
@@ -98,7 +98,7 @@ async fn keep_one(
     loop {
         let started = Instant::now();
         let mut child = start(count, &url, &more)?;
-        // Waiting for a child closes its standard input, and the worker takes that for the end of its parent.
+        // Waiting for a child would close its standard input, which tells the worker that its parent has ended.
         let input = child.stdin.take();
         let status = tokio::select! {
             status = child.wait() => status?,
@@ -111,16 +111,16 @@ async fn keep_one(
             return Ok(());
         }
         early_ends = match started.elapsed() < EARLY {
-            // Whoever kills a worker from without says nothing about whether it can work.
+            // A kill by another process does not tell whether the worker can work.
             true if was_killed(status) => early_ends.max(1),
             true => early_ends + 1,
             false => 0,
         };
         if early_ends == MOST_EARLY_ENDS {
-            bail!("worker {index} ends as soon as it starts ({status}); its own message is above");
+            bail!("worker {index} ends as soon as it starts ({status}); its error is above");
         }
         let pause = if was_killed(status) { KILLED_PAUSE } else { FIRST_PAUSE * 2u32.pow(early_ends) };
-        tracing::warn!("worker {index} ended ({status}); it is started again in {} ms", pause.as_millis());
+        tracing::warn!("worker {index} ended ({status}); it is restarted in {} ms", pause.as_millis());
         tokio::select! {
             () = tokio::time::sleep(pause) => {}
             () = shutdown.cancelled() => return Ok(()),
@@ -134,15 +134,15 @@ fn start(count: usize, url: &str, more: &[String]) -> anyhow::Result<Child> {
     command
         .args(["worker", "--coordinator", url, "--listen", "127.0.0.1:0", "--exit-with-stdin"])
         .args(more)
-        // Workers die with the end of this pipe, however this process ends.
+        // Workers end when this pipe closes, however this process ends.
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .kill_on_drop(true);
-    // The software driver would start a thread a core in every worker; they share the cores instead.
+    // The software driver would start a thread per core in every worker; the workers share the cores instead.
     if std::env::var_os("LP_NUM_THREADS").is_none() {
         command.env("LP_NUM_THREADS", (cores() / count).max(1).to_string());
     }
-    // Mesa's layer that chooses among devices complains where there is no desktop; Argus chooses by itself.
+    // Mesa's device selection layer prints errors without a desktop session; Argus selects its device itself.
     if std::env::var_os("NODEVICE_SELECT").is_none() {
         command.env("NODEVICE_SELECT", "1");
     }
@@ -159,6 +159,6 @@ async fn stop(mut child: Child) -> anyhow::Result<()> {
 
 fn report(status: ExitStatus) {
     if !status.success() {
-        tracing::warn!("a worker ended with {status} while stopping");
+        tracing::warn!("a worker ended with {status} while it was stopped");
     }
 }

@@ -1,4 +1,4 @@
-//! `argus scene`: what is in a scene.
+//! `argus scene`: the contents of a scene.
 
 use argus_scene::{Bounds, Effect, RigKind, Scene};
 use serde::Serialize;
@@ -13,7 +13,7 @@ pub(crate) struct Args {
     #[arg(value_name = "S")]
     scene: String,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
-    /// animations, bounds {min, max} (null where the scene is empty), rig, effects, warnings
+    /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings
     #[arg(long)]
     json: bool,
 }
@@ -105,12 +105,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A point as `--eye` takes it.
+/// A point in the format of `--eye`.
 fn point(p: [f64; 3]) -> String {
     format!("{:.4},{:.4},{:.4}", p[0], p[1], p[2])
 }
 
-/// The name by which JSON has a value.
+/// The name of a value in JSON.
 fn name_of(value: &impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }

@@ -8,7 +8,7 @@ use crate::{args, processes};
 
 /// Serves a scene from this machine: a coordinator and its worker processes.
 ///
-/// A worker that ends is started again. All workers end with this process. Ctrl-C finishes the requests in work and exits 0.
+/// A worker that ends is restarted. All workers end with this process. Ctrl-C finishes the requests in work and exits 0.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -32,7 +32,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
-    // What workers would refuse is refused before any is started.
+    // Check here what workers would reject, before any is started.
     args.sampling.knobs()?;
     let settings = args.service.settings(args.scene.as_ref(), sources)?;
     let scene = settings.coordinator.scene.as_deref().unwrap_or("terrain");
@@ -40,7 +40,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let count = args.workers.map_or_else(processes::default_count, usize::from);
     let mut more = sources.to_arguments()?;
     more.extend(settings.security.to_arguments());
-    // One address for all of them would be nobody's.
+    // One advertised address cannot serve all workers.
     more.push("--set=worker.advertise=".to_owned());
     let public = if args.redirect { "advertised" } else { "" };
     more.push(format!("--set=worker.public_address={public}"));
@@ -48,8 +48,8 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
 
     let listening = args.service.listen(&settings).await?;
     let (url, shutdown) = (listening.url.clone(), listening.shutdown.clone());
-    // The first worker opens the scene while this process does, and answers the first view. The others, which would take
-    // the same cores from it, come once the scene is open.
+    // The first worker opens the scene at the same time as this process, and answers the first view. The remaining
+    // workers would compete for the same cores, so they start once the scene is open.
     let opened = CancellationToken::new();
     let start = processes::Start { count, url: &url, more: &more, scene, opened: opened.clone() };
     let kept = processes::keep(start, shutdown.clone());
@@ -60,7 +60,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
             args.service.announce(&ready, count)?;
             ready.serve().await
         };
-        // Workers stop first, so that they can still say goodbye; a coordinator that fails takes them with it.
+        // Workers stop first, so that they can still leave in order. If the coordinator fails, they stop too.
         let served = served.await;
         shutdown.cancel();
         served

@@ -1,4 +1,4 @@
-//! When a service stops: on Ctrl-C, on SIGTERM, or when the process that started it is gone.
+//! Shutdown of a service: on Ctrl-C, on SIGTERM, or when its parent process ends.
 
 use std::io::Read;
 
@@ -6,21 +6,21 @@ use tokio_util::sync::CancellationToken;
 
 /// A token that is cancelled when this process is asked to stop. A second request ends it at once.
 ///
-/// With `stdin`, the end of standard input is a request too: whoever holds the other end of that pipe need
-/// not live to say goodbye, which a signal would demand.
+/// With `stdin`, the end of standard input is a request too. It also comes when the parent is killed, while a signal
+/// would have to be sent.
 pub(crate) fn requested(stdin: bool) -> CancellationToken {
     let token = CancellationToken::new();
     let signalled = token.clone();
     tokio::spawn(async move {
         signal().await;
-        tracing::info!("finishing what is in work; once more to stop at once");
+        tracing::info!("finishing the requests in work; press Ctrl-C again to stop at once");
         signalled.cancel();
         signal().await;
         std::process::exit(1);
     });
     if stdin {
         let closed = token.clone();
-        // A thread of its own: reading standard input cannot be cancelled, and must not hold up the runtime.
+        // A thread of its own: reading standard input cannot be cancelled and would block the runtime.
         std::thread::spawn(move || {
             let mut rest = [0; 64];
             let mut input = std::io::stdin().lock();
@@ -31,7 +31,7 @@ pub(crate) fn requested(stdin: bool) -> CancellationToken {
     token
 }
 
-/// Returns at the next request. Where signals cannot be listened to, they end the process by themselves.
+/// Returns at the next request. If signals cannot be handled, they end the process themselves.
 async fn signal() {
     #[cfg(unix)]
     {

@@ -1,4 +1,4 @@
-//! `argus status`: who does what, and what it costs.
+//! `argus status`: the workers, their roles, and what their work costs.
 
 use std::fmt::Write;
 use std::time::{Duration, Instant};
@@ -27,7 +27,7 @@ pub(crate) struct Args {
     /// view_ms, tick_predicted_ms, tick_measured_ms, workers: [{id, pid, role, address, …}], counters, …
     #[arg(long)]
     json: bool,
-    /// Refresh the table every SECONDS, and show the answered views a second
+    /// Refresh the table every SECONDS, and show the views answered per second
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "1", value_parser = args::positive, conflicts_with = "json")]
     watch: Option<f64>,
 }
@@ -63,20 +63,20 @@ async fn watch(client: &Client, every: Duration) -> anyhow::Result<()> {
                 let (now, answered) = (Instant::now(), status.counters.views_answered);
                 let mut text = table(&status)?;
                 if let Some((then, count)) = before.replace((now, answered)) {
-                    // A coordinator that was started again counts from zero.
+                    // A restarted coordinator counts from zero.
                     let rate = answered.saturating_sub(count) as f64 / (now - then).as_secs_f64();
                     let sessions = status.counters.sessions_open;
                     writeln!(text, "  {rate:.1} views a second, {sessions} sessions")?;
                 }
                 text
             }
-            // It may come back, and whoever watches wants to see that.
+            // Keep watching: the server may come back.
             Err(error @ ClientError::Server { broken: true, .. }) => format!("{error}\n"),
             Err(error) => return Err(error.into()),
         };
         if term.is_term() {
             term.clear_last_lines(lines)?;
-            // A line that is wider than the terminal would take more than one, and not be cleared.
+            // A line wider than the terminal would take several lines, which would not be cleared.
             let width = usize::from(term.size().1).max(20);
             let narrow = text.lines().map(|line| console::truncate_str(line, width, "…").into_owned());
             let narrow: Vec<String> =

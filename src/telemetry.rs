@@ -1,4 +1,4 @@
-//! What this process says while it runs: its log, on standard error, and the traces of views, to a collector.
+//! The log of this process, on standard error, and the traces of views, to a collector.
 
 use std::io::IsTerminal;
 
@@ -19,29 +19,29 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, Registry};
 
-/// How the log is written.
+/// Format of the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum LogFormat {
-    /// For people.
+    /// Text for people.
     Text,
-    /// One JSON object a line, for what collects logs.
+    /// One JSON object per line, for log collectors.
     Json,
 }
 
-/// Where traces go, as every program that speaks OpenTelemetry is told.
+/// Environment variables with the trace collector's address, as OpenTelemetry defines them.
 const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT"];
 
 /// Environment variables with the certificate authority of the trace collector, for `https://`.
 const AUTHORITIES: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_CERTIFICATE", "OTEL_EXPORTER_OTLP_CERTIFICATE"];
 
-/// Ends with what was traced being sent.
+/// Sends the remaining traces when it is finished.
 pub(crate) struct Telemetry(Option<SdkTracerProvider>);
 
-/// Starts logging: what Argus does by default, more with each `-v`; `ARGUS_LOG` has the last word. Traces are
-/// exported where the environment names a collector. To be called within the runtime that carries them there.
+/// Starts logging at the level of `verbosity` (the number of `-v`); `ARGUS_LOG` overrides it. Exports traces if the
+/// environment names a collector. Must be called within the runtime that exports them.
 ///
 /// # Errors
-/// The collector's address is none.
+/// The collector's address is invalid.
 pub(crate) fn start(verbosity: u8, format: LogFormat, part: &str) -> anyhow::Result<Telemetry> {
     let default = match verbosity {
         0 => "warn,argus=info,wgpu_hal=error",
@@ -49,7 +49,7 @@ pub(crate) fn start(verbosity: u8, format: LogFormat, part: &str) -> anyhow::Res
         _ => "debug",
     };
     let filter = EnvFilter::try_from_env("ARGUS_LOG").unwrap_or_else(|_| EnvFilter::new(default));
-    // A line a frame is what traces are for.
+    // Spans of single frames go to traces, not to the log.
     let filter = match format!("{TARGET}=off").parse() {
         Ok(directive) => filter.add_directive(directive),
         Err(_) => filter,
@@ -74,7 +74,7 @@ pub(crate) fn start(verbosity: u8, format: LogFormat, part: &str) -> anyhow::Res
     Ok(Telemetry(provider))
 }
 
-/// Whose line it is, after when it was written: `argus serve` and its workers write to the same terminal.
+/// The time and the process of a log line: `argus serve` and its workers write to the same terminal.
 struct Stamp(String);
 
 impl FormatTime for Stamp {
@@ -91,8 +91,9 @@ fn provider(part: &str) -> anyhow::Result<SdkTracerProvider> {
     if endpoint.starts_with("https:") {
         exporter = exporter.with_tls_config(collector_tls()?);
     }
-    let exporter =
-        exporter.build().with_context(|| format!("traces cannot be exported as {} says", ENDPOINTS[1]))?;
+    let exporter = exporter
+        .build()
+        .with_context(|| format!("traces cannot be exported to the collector in {}", ENDPOINTS[1]))?;
     let named = std::env::var_os("OTEL_SERVICE_NAME").is_some();
     let mut resource = Resource::builder();
     if !named {
@@ -106,7 +107,7 @@ fn provider(part: &str) -> anyhow::Result<SdkTracerProvider> {
     Ok(provider)
 }
 
-/// Whom a collector must be certified by: the authority that the environment names, or those of this system.
+/// The certificate authorities for the collector: the one that the environment names, or those of this system.
 fn collector_tls() -> anyhow::Result<ClientTlsConfig> {
     let named = AUTHORITIES.iter().find_map(|name| Some((name, std::env::var_os(name)?)));
     let Some((name, path)) = named else { return Ok(ClientTlsConfig::new().with_native_roots()) };
@@ -115,7 +116,8 @@ fn collector_tls() -> anyhow::Result<ClientTlsConfig> {
 }
 
 impl Telemetry {
-    /// Sends what is left, for a few seconds at most. A collector that is gone keeps nobody from ending.
+    /// Sends the remaining traces, for a few seconds at most. An unreachable collector does not keep the
+    /// process from ending.
     pub(crate) fn finish(self) {
         if let Some(Err(error)) = self.0.map(|provider| provider.shutdown()) {
             tracing::debug!(%error, "not all traces were sent");

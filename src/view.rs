@@ -1,4 +1,4 @@
-//! `argus view`: one view, into a file.
+//! `argus view`: renders one view into a file.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,14 +21,15 @@ use crate::exit::bad_arguments;
 use crate::settings::Sources;
 use crate::{args, output};
 
-/// Samples a pixel of the reference, the same as in the calibration.
+/// Samples per pixel of the reference, the same as in the calibration.
 const REFERENCE_SAMPLES: u32 = 16;
 
-/// Asks for one view and writes it to a file.
+/// Renders one view and writes it to a file.
 ///
-/// The file's format follows from --output. color: sRGB PNG. range: OpenEXR with one 32-bit float channel, Z, in metres from the
-/// eye, +inf where there is nothing. The others are grey PNG. mask: 255 where no sample saw the pixel's surface. source: which of
-/// the plan's samples served the pixel, from 1; 0 for none. confidence: 0 to 127, plus 128 where a second sample agrees.
+/// The file's format follows from --output. color: sRGB PNG. range: OpenEXR with one 32-bit float channel, Z, in
+/// metres from the eye, +inf for the sky. The rest are grey PNG. mask: 255 where no sample saw the pixel's surface.
+/// source: the number, from 1, of the plan's sample that served the pixel; 0 for none. confidence: 0 to 127, plus 128
+/// if a second sample agrees.
 #[derive(clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -96,16 +97,16 @@ struct Report {
     generation: u64,
     /// The search's name, or `direct`.
     search: &'static str,
-    /// Ids, best first; none for a direct view.
+    /// Samples per pixel of a direct view, sub-pixels per pixel of a reconstructed one.
     samples: Vec<String>,
     /// Samples a pixel of a direct view, sub-pixels a pixel of a reconstructed one.
     samples_per_pixel: u32,
     unresolved_fraction: f64,
-    /// Pixels served in each way; all 0 for a direct view.
+    /// Pixels by how they were served; all 0 for a direct view.
     served: Served,
     /// `mark` or `trace`; absent for a direct view.
     holes: Option<Holes>,
-    /// How the service chose the way, with what it predicted; absent where the arguments name the way.
+    /// Why the service chose the plan, with its prediction; absent if the arguments name the plan.
     decision: Option<Decision>,
     /// The service's prediction: an upper bound of the mean FLIP error, and milliseconds of rendering.
     predicted: Option<Prediction>,
@@ -139,7 +140,7 @@ impl Report {
         };
         let mut stages_ms = BTreeMap::new();
         for stage in &frame.stages {
-            // A pass that ran more than once is one row.
+            // The times of a pass that ran more than once are added.
             *stages_ms.entry(stage.name.clone()).or_default() += stage.ms;
         }
         Self {
@@ -171,7 +172,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let CameraArgs { eye, target, up, fov_deg } = args.camera;
     let [width, height] = args.size;
     if args.verify && args.output != Output::Color {
-        return Err(bad_arguments("--verify compares colours: leave --output out"));
+        return Err(bad_arguments("--verify compares colours: use it without --output"));
     }
     let camera = Camera { eye, target, up, fov_deg };
     let client = args.server.connect(sources, 1).await?;
@@ -193,13 +194,13 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
         return output::json(&report);
     }
     println!("{}: {}x{}, {}", args.out.display(), report.width, report.height, report.search);
-    println!("  made by     {} from {} samples", report.worker, report.samples.len());
+    println!("  worker      {}, from {} samples", report.worker, report.samples.len());
     if let Some(decision) = report.decision {
         println!("  because     {}", decision.reason.phrase());
     }
     println!("  unresolved  {:.3}% of the pixels", report.unresolved_fraction * 100.0);
     if let Some(Prediction { error, ms }) = report.predicted {
-        println!("  foretold    an error of at most {error:.4}, {ms:.1} ms of rendering");
+        println!("  predicted   an error of at most {error:.4}, {ms:.1} ms of rendering");
     }
     if let Some(error) = report.true_error {
         println!("  true error  {error:.4} (mean FLIP against the reference)");
@@ -215,7 +216,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
 /// The provenance of a view from triangles at a scene time.
 fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::Result<Provenance> {
     let epoch_secs = description.epoch_secs;
-    anyhow::ensure!(epoch_secs > 0.0 || secs == 0.0, "nothing moves in this scene, so it has no time but 0");
+    anyhow::ensure!(epoch_secs > 0.0 || secs == 0.0, "nothing moves in this scene, so its only time is 0");
     let side = plan.supersampling.unwrap_or(1);
     Ok(Provenance {
         scene: description.scene_hash,
@@ -233,7 +234,7 @@ fn true_error(description: &Description, camera: &Camera, frame: &Frame) -> anyh
         .with_context(|| format!("--verify needs the scene {} here", description.scene_name))?;
     anyhow::ensure!(
         scene.hash == description.scene_hash,
-        "the scene that is served is not the one by its name here"
+        "the scene file of that name on this machine differs from the served scene"
     );
     let exposure = scene.lighting.exposure;
     let time_secs = frame.provenance.epoch as f64 * description.epoch_secs;
@@ -246,7 +247,7 @@ fn true_error(description: &Description, camera: &Camera, frame: &Frame) -> anyh
 /// Writes the requested image.
 fn write(path: &Path, output: Output, frame: &Frame) -> anyhow::Result<()> {
     let (width, height) = (frame.width, frame.height);
-    let image = frame.image(output).context("the frame lacks the image that was asked for")?;
+    let image = frame.image(output).context("the frame lacks the requested image")?;
     match output {
         Output::Color => output::write_rgb_png(path, width, height, image),
         Output::Range => output::write_range_exr(path, width, height, image),

@@ -1,4 +1,4 @@
-//! `argus worker`: a process that renders what a coordinator asks of it.
+//! `argus worker`: a process that renders for a coordinator.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -36,7 +36,7 @@ pub(crate) struct Args {
     /// `advertised` means the address for other workers
     #[arg(long, value_name = "URL")]
     public_address: Option<String>,
-    /// Open this scene at once, before the coordinator has named the one that is served
+    /// Open this scene at once, before the coordinator has named the served one
     #[arg(long, value_name = "S", hide = true)]
     preload: Option<String>,
     /// Folder that is searched for the scene, and that keeps fetched scenes [default: the user's cache]
@@ -52,7 +52,7 @@ pub(crate) struct Args {
 }
 
 impl Args {
-    /// The settings, these arguments included.
+    /// The settings, including these arguments.
     fn settings(&self, sources: &Sources) -> anyhow::Result<Settings> {
         let flags = Flags::default()
             .with("worker.coordinator", "--coordinator", self.coordinator.as_ref())
@@ -67,7 +67,7 @@ impl Args {
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let Settings { worker, limits, security: files, .. } = args.settings(sources)?;
     let Some(coordinator) = worker.coordinator.clone() else {
-        return Err(bad_arguments("--coordinator URL is wanted: where the coordinator is"));
+        return Err(bad_arguments("--coordinator URL is required: the coordinator's address"));
     };
     let shutdown = shutdown::requested(args.exit_with_stdin);
     let security = credentials::of_member(&files, false)?;

@@ -1,4 +1,4 @@
-//! The campaign of a machine with a GPU: its script, and what it leaves where there is no device.
+//! The measurement campaign for a machine with a GPU: its script, and its output without a device.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
@@ -18,7 +18,7 @@ fn script(arguments: &[&str]) -> Output {
 }
 
 #[test]
-fn a_missing_program_is_refused_with_how_to_build_it() {
+fn a_missing_program_is_refused_with_the_command_that_builds_it() {
     let output = script(&["--quick", "--binary", "/no/such/argus"]);
     assert_eq!(output.status.code(), Some(2));
     let message = stderr(&output);
@@ -26,7 +26,7 @@ fn a_missing_program_is_refused_with_how_to_build_it() {
 }
 
 #[test]
-fn a_program_that_does_not_run_here_is_refused_with_what_it_said() {
+fn a_program_that_does_not_start_is_refused_with_its_own_error() {
     let folder = tempfile::tempdir().unwrap();
     let program = folder.path().join("argus");
     fs::write(&program, "#!/bin/sh\necho 'GLIBC_9.99 not found' >&2\nexit 127\n").unwrap();
@@ -37,7 +37,7 @@ fn a_program_that_does_not_run_here_is_refused_with_what_it_said() {
 }
 
 #[test]
-fn the_script_hands_its_arguments_on_and_refuses_others() {
+fn the_script_passes_its_arguments_on_and_refuses_unknown_ones() {
     let folder = tempfile::tempdir().unwrap();
     let program = folder.path().join("argus");
     fs::write(&program, "#!/bin/sh\necho \"$@\"\n").unwrap();
@@ -55,7 +55,7 @@ fn the_script_hands_its_arguments_on_and_refuses_others() {
 }
 
 #[test]
-fn a_campaign_without_a_driver_says_so_and_leaves_out_the_rest() {
+fn a_campaign_without_a_driver_reports_that_and_skips_the_rest() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("results");
     let mut command = argus(&["study", "campaign", "--quick", "--out", out.to_str().unwrap()]);
@@ -73,7 +73,7 @@ fn a_campaign_without_a_driver_says_so_and_leaves_out_the_rest() {
 }
 
 #[test]
-fn the_device_study_measures_both_programs_of_each_search_and_says_what_is_missing() {
+fn the_device_study_measures_both_programs_of_each_search_and_names_missing_figures() {
     let study = json(&["study", "device", "--quick", "--json"]);
     let rows = study["rows"].as_array().unwrap();
     let of = |measure: &str| rows.iter().filter(|row| row["measure"] == measure).collect::<Vec<_>>();
@@ -92,7 +92,7 @@ fn the_device_study_measures_both_programs_of_each_search_and_says_what_is_missi
     let on_device = of("scattered rays").into_iter().find(|row| row["variant"] == "on the device").unwrap();
     assert!(on_device["figure"].is_null() && on_device["target"].is_string(), "{on_device:#}");
     assert_eq!((of("readback").len(), of("encoding").len()), (3, 4));
-    // What has no figure says why.
+    // A row without a figure has a reason.
     for row in rows.iter().filter(|row| row["figure"].is_null()) {
         assert!(!row["note"].as_str().unwrap().is_empty(), "{row:#}");
     }

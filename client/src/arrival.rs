@@ -1,4 +1,4 @@
-//! Frames as they arrive from a server, in chunks.
+//! Receives frames in chunks.
 
 use argus_proto::WireError;
 use argus_proto::chunks::{FrameAssembler, FrameMeta};
@@ -6,12 +6,12 @@ use argus_proto::v1::{self, frame_chunk::Body};
 use argus_scene::{Frame, Limits};
 use tokio::time::Instant;
 
-/// Puts frames together, and adds to the age that the header tells what passes until the frame is whole: a slow line, or a
-/// worker that failed within the frame and another one that made the rest of it.
+/// Assembles a frame and adds its reception time to its age. Reception takes long on a slow line, or if a worker failed
+/// within the frame and another one rendered the rest.
 #[derive(Debug)]
 pub(crate) struct Arrival {
     assembler: FrameAssembler,
-    /// When the header of the frame came that is arriving.
+    /// When the header of the current frame arrived.
     since: Option<Instant>,
 }
 
@@ -20,10 +20,10 @@ impl Arrival {
         Self { assembler: FrameAssembler::new(limits), since: None }
     }
 
-    /// Takes the next chunk; the frame once it is whole.
+    /// Adds a chunk. Returns the frame once it is whole.
     ///
     /// # Errors
-    /// As [`FrameAssembler::push`].
+    /// Any error of [`FrameAssembler::push`].
     pub(crate) fn push(&mut self, chunk: v1::FrameChunk) -> Result<Option<(Frame, FrameMeta)>, WireError> {
         if matches!(chunk.body, Some(Body::Header(_))) {
             self.since = Some(Instant::now());
@@ -34,13 +34,15 @@ impl Arrival {
         Ok(Some((frame, meta)))
     }
 
-    /// Forgets what has arrived of a frame: it is sent anew.
+    /// Drops the incomplete frame: it is sent again from the start.
     pub(crate) fn begin_again(&mut self) {
         self.assembler.abandon();
     }
 
+    /// Checks at the end of the stream that no frame is incomplete.
+    ///
     /// # Errors
-    /// As [`FrameAssembler::end`].
+    /// Any error of [`FrameAssembler::end`].
     pub(crate) fn end(&self) -> Result<(), WireError> {
         self.assembler.end()
     }

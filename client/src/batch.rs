@@ -18,21 +18,21 @@ use crate::retry::Backoff;
 use crate::session::error_of;
 use crate::{Client, ClientError};
 
-/// Requests in a row that bring no frame before what is left of a batch is given up.
+/// After this many requests in a row without a frame, the rest of a batch fails.
 const MOST_FRUITLESS: u32 = 5;
 
-/// Many cameras whose frames are alike but for that.
+/// Cameras whose frames share size, outputs and plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Batch {
     /// The viewpoints, at most 2048.
     pub cameras: Vec<Camera>,
-    /// Pixels in a row.
+    /// Width in pixels.
     pub width: u32,
-    /// Rows.
+    /// Height in pixels.
     pub height: u32,
-    /// Which images.
+    /// The images of each frame.
     pub outputs: Outputs,
-    /// Wishes about the plan, which is fixed for all frames: from triangles, where this leaves the way open.
+    /// The requested plan, fixed for all frames. If it names neither samples nor triangles, frames are rendered directly.
     pub plan: PlanRequest,
 }
 
@@ -43,18 +43,18 @@ impl Batch {
     }
 }
 
-/// One request for what is left of a batch, and what has come of it.
+/// A batch request in progress.
 struct Arriving {
     stream: Streaming<RenderBatchResponse>,
-    /// The batch's index of each camera of the request.
+    /// The batch index of each camera of this request.
     asked: Vec<usize>,
     arrivals: HashMap<u32, Arrival>,
 }
 
 impl Client {
-    /// Renders a batch. Frames come as they are done, each with its camera's index; a camera that fails takes no other with
-    /// it. Where the connection breaks, what has not come is asked for again, until several requests in a row bring
-    /// nothing. Every index comes once, with its frame or the reason why there is none.
+    /// Renders a batch. Frames arrive in the order in which they are done, each with its camera's index. If the
+    /// connection breaks, the missing cameras are requested again, until several requests in a row bring no frame.
+    /// Every index arrives exactly once, with its frame or its error.
     pub fn render_batch(
         &self,
         batch: Batch,
@@ -100,7 +100,7 @@ impl Client {
         encoding: Encoding,
     ) -> Result<Arriving, ClientError> {
         let cameras = left.iter().filter_map(|index| batch.cameras.get(*index)).map(Into::into).collect();
-        // As one of its views says it on the wire.
+        // The fields in wire format, taken from the first view.
         let view: argus_proto::v1::View = batch.view(0).as_ref().map(Into::into).unwrap_or_default();
         let request = RenderBatchRequest {
             batch_id: self.new_view_id(),
@@ -118,10 +118,10 @@ impl Client {
 }
 
 impl Arriving {
-    /// The next camera that is done with.
+    /// Receives until the next camera is done or has failed.
     ///
     /// # Errors
-    /// The stream ended or broke, or what came is no part of the batch.
+    /// The stream ended or broke, or a message does not belong to the batch.
     async fn next(
         &mut self,
         batch: &Batch,
@@ -141,7 +141,7 @@ impl Arriving {
                     return Ok((known, Err(error_of(failure))));
                 }
                 Some(Body::Chunk(chunk)) => {
-                    // Exactly the size that was asked for, so that no header can make this client set aside more.
+                    // Limited to the requested size, so that no header can make this client allocate more.
                     let limits = Limits {
                         max_side: view.width.max(view.height),
                         max_pixels: u64::from(view.width) * u64::from(view.height),

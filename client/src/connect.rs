@@ -1,4 +1,4 @@
-//! Connections to a server.
+//! Connections to servers and workers.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasher, RandomState};
@@ -20,24 +20,24 @@ use crate::credentials::{Bearer, Credentials};
 use crate::error::root_cause;
 use crate::{ClientError, ClusterStatus};
 
-/// How long a connection to a worker may take, and as long again a handshake: the server relays what cannot be fetched, and
-/// no frame shall be more than three seconds late for that.
+/// Time limit for a connection to a worker, and again for its handshake. The server relays frames that cannot be
+/// fetched, and this may delay a frame by no more than three seconds.
 const WORKER_TIMEOUT: Duration = Duration::from_millis(1200);
 
-/// Connections to workers that are kept; beyond, all are made anew.
+/// Connections to workers that are kept. When there are more, all are dropped and made anew.
 const MOST_WORKERS: usize = 1024;
 
-/// How to connect.
+/// Options of a connection.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ConnectOptions {
-    /// HTTP/2 connections that requests take turns on, at least one. One carries any number of requests, but
-    /// on one task and one congestion window, which is what limits a client of many large frames.
+    /// HTTP/2 connections that requests use in turn, at least one. More connections help a client with many large
+    /// frames: a single connection is limited by its one task and one congestion window.
     pub connections: usize,
-    /// For a connection to be made and the server to describe itself.
+    /// Time limit to connect and receive the server's description.
     pub timeout: Duration,
-    /// For `https://`.
+    /// Credentials for `https://`.
     pub credentials: Credentials,
-    /// The machine's, or one that a test simulates.
+    /// The machine's network, or a simulated one.
     pub network: Network,
 }
 
@@ -48,71 +48,71 @@ impl Default for ConnectOptions {
     }
 }
 
-/// Whom a connection is made to.
+/// The kind of server to connect to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Peer {
-    /// A server that is alone.
+    /// A single server.
     Only,
     /// One of several servers.
     OneOfSeveral,
-    /// A worker, by the cluster's own name.
+    /// A worker, verified by the cluster's own name.
     Worker,
 }
 
-/// A connected client. Cloning is cheap and shares the connections, which are made anew when they break.
+/// A connected client. Clones share its connections, which are restored when they break.
 #[derive(Debug, Clone)]
-pub struct Client(Arc<Shared>);
+pub struct Client(Arc<Inner>);
 
 #[derive(Debug)]
-struct Shared {
-    /// Of each server, the connections to it.
+struct Inner {
+    /// The connections to each server.
     servers: Vec<Vec<Channel>>,
-    /// The server that is asked.
+    /// Index of the server in use.
     server: AtomicUsize,
     bearer: Bearer,
     turn: AtomicUsize,
     description: Description,
     options: ConnectOptions,
-    /// Whether the servers have shown certificates.
+    /// Whether the servers use TLS.
     secured: bool,
-    /// Connections to workers that sessions were sent to, by address.
+    /// Connections to workers of redirected sessions, by address.
     workers: Mutex<HashMap<String, Channel>>,
-    /// Makes view ids unique among clients.
+    /// Random number that makes this client's view ids unique.
     identity: u64,
     views: AtomicU64,
 }
 
 impl Client {
-    /// Connects to a server such as `http://127.0.0.1:7400` and checks that it speaks our version. Of several, with
-    /// commas between them, one leads: requests that another turns away go to the next.
+    /// Connects to a server such as `http://127.0.0.1:7400` and checks its protocol version. `url` may list several
+    /// servers separated by commas: one of them leads, and requests that another rejects go to the next.
     ///
     /// # Errors
-    /// [`ClientError::Address`], [`ClientError::NobodyListens`], [`ClientError::Untrusted`],
+    /// [`ClientError::Address`], [`ClientError::Unreachable`], [`ClientError::Untrusted`],
     /// [`ClientError::Refused`], [`ClientError::NotArgus`] or [`ClientError::Version`].
     pub async fn connect(url: &str) -> Result<Self, ClientError> {
         Self::connect_with(url, &ConnectOptions::default()).await
     }
 
-    /// [`Client::connect`] with several connections or another timeout.
+    /// Connects like [`Client::connect`], with options.
     ///
     /// # Errors
-    /// As [`Client::connect`].
+    /// Any error of [`Client::connect`].
     pub async fn connect_with(url: &str, options: &ConnectOptions) -> Result<Self, ClientError> {
-        let nobody = |reason: String| ClientError::NobodyListens { url: url.to_owned(), reason };
+        let unreachable = |reason: String| ClientError::Unreachable { url: url.to_owned(), reason };
         let connecting = async {
             let urls: Vec<&str> = url.split(',').map(str::trim).collect();
             let peer = if urls.len() > 1 { Peer::OneOfSeveral } else { Peer::Only };
             let endpoints = urls.iter().map(|url| endpoint(url, options, peer));
             let endpoints = endpoints.collect::<Result<Vec<Endpoint>, _>>()?;
             let bearer = Bearer(options.credentials.token.clone());
-            // The first that answers will do for a description; the others are connected to when they are needed.
+            // The first server that answers gives the description. The rest are connected when needed.
             let mut first = None;
             for (at, (endpoint, url)) in endpoints.iter().zip(&urls).enumerate() {
                 let described =
                     async { describe(&connected(endpoint, url, options).await?, &bearer, url).await };
-                // One that says nothing leaves time for the others.
+                // A silent server leaves time for the next one.
                 let share = options.timeout / urls.len() as u32;
-                let late = || nobody(format!("nothing came within {} ms", share.as_millis()));
+                let late = || unreachable(format!("nothing came within {} ms", share.as_millis()));
                 match tokio::time::timeout(share, described).await.unwrap_or_else(|_| Err(late())) {
                     Ok(description) => {
                         first = Some(Ok((at, description)));
@@ -122,17 +122,17 @@ impl Client {
                 }
             }
             let (server, description) =
-                first.unwrap_or_else(|| Err(nobody("no address is given".to_owned())))?;
+                first.unwrap_or_else(|| Err(unreachable("no address is given".to_owned())))?;
             let lazily = |endpoint: &Endpoint| {
                 (0..options.connections.max(1)).map(|_| options.network.channel(endpoint)).collect()
             };
             let servers = endpoints.iter().map(lazily).collect();
             let (server, turn, views) = (AtomicUsize::new(server), AtomicUsize::new(0), AtomicU64::new(0));
-            // The one source of randomness in the standard library.
+            // The standard library's only source of randomness.
             let identity = RandomState::new().hash_one(std::process::id());
             let (options, workers) = (options.clone(), Mutex::default());
             let secured = urls.iter().any(|url| is_secured(url));
-            Ok(Self(Arc::new(Shared {
+            Ok(Self(Arc::new(Inner {
                 servers,
                 server,
                 bearer,
@@ -147,43 +147,44 @@ impl Client {
         };
         match tokio::time::timeout(options.timeout, connecting).await {
             Ok(outcome) => outcome,
-            Err(_) => Err(nobody(format!("nothing came within {} ms", options.timeout.as_millis()))),
+            Err(_) => Err(unreachable(format!("nothing came within {} ms", options.timeout.as_millis()))),
         }
     }
 
-    /// What the server said of itself when this client connected.
+    /// The server's description when this client connected.
     pub fn description(&self) -> &Description {
         &self.0.description
     }
 
-    /// What the server says of itself now.
+    /// Requests the server's current description.
     ///
     /// # Errors
-    /// [`ClientError::Server`] if it cannot be reached, [`ClientError::Version`] if it has been replaced.
+    /// [`ClientError::Server`] if it cannot be reached, [`ClientError::Version`] if another release replaced it.
     pub async fn describe(&self) -> Result<Description, ClientError> {
         describe(&self.channel(), &self.0.bearer, "the server").await
     }
 
-    /// Workers, their roles, and the balance between them.
+    /// Requests the workers, their roles, and the balance between them.
     ///
     /// # Errors
-    /// [`ClientError::Refused`] if this client's token has not the role admin, [`ClientError::Server`] if the server
-    /// cannot be reached or is no coordinator.
+    /// [`ClientError::Refused`] if this client's token lacks the role admin. [`ClientError::Server`] if the
+    /// server cannot be
+    /// reached or is not a coordinator.
     pub async fn status(&self) -> Result<ClusterStatus, ClientError> {
         let mut cluster = ClusterClient::with_interceptor(self.channel(), self.0.bearer.clone());
         let response = cluster.status(v1::StatusRequest {}).await?;
         Ok(response.into_inner().into())
     }
 
-    /// The service for rendering, on the connection whose turn it is.
+    /// The `Views` service, on the next connection in turn.
     pub(crate) fn views(&self) -> ViewsClient<InterceptedService<Channel, Bearer>> {
         ViewsClient::with_interceptor(self.channel(), self.0.bearer.clone())
     }
 
-    /// The service for rendering at a worker that the server sent this client to. No token goes there: a ticket is shown.
+    /// The `Views` service of a worker to which the server redirected this client. It is sent a ticket but no token.
     ///
     /// # Errors
-    /// [`ClientError::Address`] where that is none, or one without TLS though the server has it.
+    /// [`ClientError::Address`] if it is not an address, or lacks TLS while the server uses it.
     pub(crate) fn worker(&self, address: &str) -> Result<ViewsClient<Channel>, ClientError> {
         if self.0.secured && !is_secured(address) {
             let reason = "a server by https:// sent this client there".to_owned();
@@ -207,12 +208,12 @@ impl Client {
         Ok(ViewsClient::new(channel))
     }
 
-    /// A view id that no other request of any client has.
+    /// A view id that is unique among all clients.
     pub(crate) fn new_view_id(&self) -> String {
         format!("{:016x}-{}", self.0.identity, self.0.views.fetch_add(1, Ordering::Relaxed))
     }
 
-    /// A number from 0 to 1, another one each time.
+    /// A new random number in 0–1.
     pub(crate) fn random(&self) -> f64 {
         f64::from((RandomState::new().hash_one(self.0.identity) >> 32) as u32) / f64::from(u32::MAX)
     }
@@ -223,25 +224,25 @@ impl Client {
         channels[turn % channels.len()].clone()
     }
 
-    /// Which server is asked now, to be said to [`Client::try_another`] if it does not answer.
+    /// Index of the server in use; pass it to [`Client::try_another`] if it does not answer.
     pub(crate) fn server(&self) -> usize {
         self.0.server.load(Ordering::Relaxed)
     }
 
-    /// Asks the next server from now on, unless that happened since `tried` was asked.
+    /// Switches to the next server, unless another request has already switched away from `tried`.
     pub(crate) fn try_another(&self, tried: usize) {
         let (next, order) = (tried.wrapping_add(1), Ordering::Relaxed);
-        // Whoever was first has done it for all.
+        // If another request was first, there is nothing to do.
         let _ = self.0.server.compare_exchange(tried, next, order, order);
     }
 }
 
-/// Whether an address is one by TLS; schemes have no case.
+/// Whether an address uses TLS. The scheme's case does not matter.
 fn is_secured(url: &str) -> bool {
     url.get(..8).is_some_and(|scheme| scheme.eq_ignore_ascii_case("https://"))
 }
 
-/// A connection to whatever listens there.
+/// Connects to a server.
 pub(crate) async fn channel(url: &str, options: &ConnectOptions) -> Result<Channel, ClientError> {
     connected(&endpoint(url, options, Peer::Only)?, url, options).await
 }
@@ -253,7 +254,7 @@ async fn connected(endpoint: &Endpoint, url: &str, options: &ConnectOptions) -> 
 
 fn endpoint(url: &str, options: &ConnectOptions, peer: Peer) -> Result<Endpoint, ClientError> {
     let ConnectOptions { timeout, credentials, .. } = options;
-    // What hangs is left for another one the sooner where there is one.
+    // If the server can be replaced, a hung connection is detected sooner.
     let tuned = if peer == Peer::Only { tuned } else { replaceable };
     let address = |reason: &str| ClientError::Address { url: url.to_owned(), reason: reason.to_owned() };
     let endpoint = Endpoint::from_shared(url.to_owned()).map_err(|error| address(&root_cause(&error)))?;
@@ -269,11 +270,10 @@ fn endpoint(url: &str, options: &ConnectOptions, peer: Peer) -> Result<Endpoint,
         }
         Some("https") => {
             let tls = credentials.tls(*timeout);
-            // Workers come and go at addresses that nobody could list in their certificates. Each has the cluster's name
-            // instead, and that is enough: which worker makes a frame is the coordinator's choice, whose word for the
-            // address came over a connection that was checked by its host's name; every member may make every frame, so
-            // that one in another's place gains nothing; clients' certificates lack the name; and what is shown there is
-            // a ticket and never a token.
+            // Workers' addresses change and cannot be listed in certificates, so workers are verified by the
+            // cluster's name. That is enough: the coordinator, whose host name was verified, sent the worker's
+            // address. Every worker may render every frame, clients' certificates lack the name, and a worker
+            // receives a ticket but never a token.
             let tls = if peer == Peer::Worker { tls.domain_name(CLUSTER_NAME) } else { tls };
             return match endpoint.tls_config(tls) {
                 Ok(endpoint) => Ok(tuned(endpoint.connect_timeout(*timeout))),
@@ -286,12 +286,12 @@ fn endpoint(url: &str, options: &ConnectOptions, peer: Peer) -> Result<Endpoint,
     Ok(tuned(endpoint.connect_timeout(*timeout)))
 }
 
-/// Why there is no connection: the transport keeps nothing but words.
+/// Why there is no connection: a failed handshake or no answer. The transport reports the reason as text only.
 fn unconnected(url: &str, reason: String) -> ClientError {
     let url = url.to_owned();
     match ["certificate", "fatal alert", "corrupt message"].iter().any(|word| reason.contains(word)) {
         true => ClientError::Untrusted { url, reason },
-        false => ClientError::NobodyListens { url, reason },
+        false => ClientError::Unreachable { url, reason },
     }
 }
 
@@ -304,11 +304,12 @@ async fn describe(channel: &Channel, bearer: &Bearer, url: &str) -> Result<Descr
             Err(status) if status.code() == Code::Unimplemented => {
                 return Err(not_argus("it has no service argus.v1.Views".to_owned()));
             }
-            // A connection that opens and then breaks at the first request speaks something else than HTTP/2.
+            // The connection opened and then broke at the first request: the server does not speak HTTP/2.
             Err(status) => match ClientError::from(status) {
                 ClientError::Server { broken: true, message, .. } => {
-                    // A server that wants this client's certificate says so after the handshake, and what it says may be
-                    // lost with the connection. By then it has shown a certificate itself, so that it is no stranger.
+                    // A server that requires a client certificate reports it after the handshake, and the report may
+                    // be lost with the connection. It has then shown a certificate itself, so it is not an unknown
+                    // server.
                     return Err(match unconnected(url, message.clone()) {
                         untrusted @ ClientError::Untrusted { .. } => untrusted,
                         _ if url.starts_with("https://") => {

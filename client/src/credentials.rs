@@ -1,4 +1,4 @@
-//! How a client is known to a service, and the service to it.
+//! Credentials of a client, and its trust in a server.
 
 use std::fmt;
 use std::time::Duration;
@@ -8,18 +8,18 @@ use tonic::service::Interceptor;
 use tonic::transport::{Certificate, ClientTlsConfig, Identity};
 use tonic::{Request, Status};
 
-/// What `https://` takes. Certificates and keys are PEM.
+/// Credentials for `https://`. Certificates and keys are PEM.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Credentials {
-    /// The authority that signed the service's certificate.
+    /// The authority that signed the server's certificate.
     pub ca: Option<Vec<u8>>,
-    /// By which the service knows this client.
+    /// The token that identifies this client.
     pub token: Option<Token>,
-    /// A certificate of this client's own and its key, for services that want one.
+    /// A client certificate and its key, for servers that require one.
     pub identity: Option<(Vec<u8>, Key)>,
 }
 
-/// A private key; printing it shows nothing.
+/// A private key. Its debug output hides it.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Key(pub Vec<u8>);
 
@@ -29,7 +29,7 @@ impl fmt::Debug for Key {
     }
 }
 
-/// A secret that a client shows with every request; printing it shows nothing.
+/// A secret that is sent with every request. Its debug output hides it.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token(MetadataValue<Ascii>);
 
@@ -40,25 +40,25 @@ impl fmt::Debug for Token {
 }
 
 impl Token {
-    /// Of the text of a file that holds it and nothing else.
+    /// Parses the text of a token file, which holds only the token.
     ///
     /// # Errors
-    /// What is wrong with it, without the text.
+    /// Why the text is not a token; the text is not repeated.
     pub fn parse(text: &str) -> Result<Self, &'static str> {
         let token = text.trim();
         if token.is_empty() || token.contains(char::is_whitespace) {
-            return Err("one word is wanted, the token");
+            return Err("the file must hold one word, the token");
         }
         let mut header = MetadataValue::try_from(format!("Bearer {token}"))
-            .map_err(|_| "it has characters that no token has")?;
-        // Neither logged nor kept in the tables by which headers are compressed.
+            .map_err(|_| "it has characters that a token cannot have")?;
+        // Keeps it out of logs and header compression tables.
         header.set_sensitive(true);
         Ok(Self(header))
     }
 }
 
 impl Credentials {
-    /// How a connection is made, with so much time for the handshake.
+    /// The TLS configuration, with a time limit for the handshake.
     pub(crate) fn tls(&self, timeout: Duration) -> ClientTlsConfig {
         let mut tls = ClientTlsConfig::new()
             .timeout(timeout)
@@ -70,7 +70,7 @@ impl Credentials {
     }
 }
 
-/// Shows the token with each request, if there is one.
+/// Adds the token, if any, to each request.
 #[derive(Debug, Clone)]
 pub(crate) struct Bearer(pub(crate) Option<Token>);
 

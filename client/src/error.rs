@@ -1,69 +1,69 @@
-//! What can go wrong for a client, said so that its user knows what to do next.
+//! Errors of a client, worded so that users know what to do next.
 
 use std::time::Duration;
 
 use argus_proto::{PROTOCOL_VERSION, WireError, status};
 use tonic::{Code, Status};
 
-/// Why there is no answer.
+/// Why a request has no answer.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum ClientError {
-    /// The address cannot be one.
+    /// The address is not valid.
     #[error("{url:?} is not the address of a server ({reason}): write it like http://127.0.0.1:7400")]
     Address {
-        /// As given.
+        /// The address as given.
         url: String,
         /// What is wrong with it.
         reason: String,
     },
     /// No connection.
     #[error("no server answers at {url} ({reason}): start one with `argus serve` or check the address")]
-    NobodyListens {
-        /// As given.
+    Unreachable {
+        /// The address as given.
         url: String,
-        /// What the operating system says.
+        /// The operating system's reason.
         reason: String,
     },
-    /// The handshake failed: one side's certificate is not one that the other trusts, or there is none.
+    /// The TLS handshake failed: a certificate is missing, or the other side does not trust it.
     #[error(
         "the server at {url} and this client do not trust each other ({reason}): give the authority that signed the \
          server's certificate with --ca, check that the address is one of the certificate's, and, if the server wants \
          one of yours, give that (client.certificate and client.key of the configuration)"
     )]
     Untrusted {
-        /// As given.
+        /// The address as given.
         url: String,
-        /// What the handshake said.
+        /// The reason given by the handshake.
         reason: String,
     },
-    /// The server does not do this for this client.
+    /// The server does not allow the request.
     #[error("not allowed: {reason}")]
     Refused {
-        /// What it wants.
+        /// The reason or the missing role.
         reason: String,
     },
-    /// Something listens, but it is not Argus.
+    /// The server at this address is not Argus.
     #[error(
         "what listens at {url} is not an Argus server ({reason}): check the address, and whether it is https://"
     )]
     NotArgus {
-        /// As given.
+        /// The address as given.
         url: String,
-        /// What it said instead.
+        /// The answer or error.
         reason: String,
     },
-    /// The server is of another release.
+    /// The server has another protocol version.
     #[error(
         "{url} speaks protocol version {theirs}, this client version {PROTOCOL_VERSION}: \
          use the same release of argus on both sides"
     )]
     Version {
-        /// As given.
+        /// The address as given.
         url: String,
-        /// The server's version.
+        /// The server's protocol version.
         theirs: u32,
     },
-    /// A field of the request that the server cannot honour.
+    /// The server cannot use a field of the request.
     #[error("{field}: {reason}")]
     Invalid {
         /// Path of the field.
@@ -71,44 +71,44 @@ pub enum ClientError {
         /// What is wrong with it.
         reason: String,
     },
-    /// The server has more to do than it can.
+    /// The server rejected the request because of overload.
     #[error("{message}; ask less often or add workers")]
     Overloaded {
-        /// What the server says.
+        /// The server's message.
         message: String,
-        /// When it expects to have room again.
+        /// When the server expects to have capacity again.
         retry_after: Option<Duration>,
     },
-    /// Nothing came in time.
+    /// The deadline passed.
     #[error("no answer within {} ms ({last}): allow more time or see `argus status`", after.as_millis())]
     Deadline {
         /// The time allowed.
         after: Duration,
-        /// The last failure on the way, or that there was none.
+        /// The last failure before the deadline, or a note that there was none.
         last: String,
     },
-    /// What came is not what was asked for, or did not survive its way.
+    /// The answer does not match the request, or was damaged on the way.
     #[error("the answer is damaged: {0}; if it happens again, the server is at fault")]
     Damaged(#[from] WireError),
     /// Any other failure that the server reports.
     #[error("the server failed ({code}): {message}")]
     Server {
-        /// gRPC code.
+        /// The gRPC code.
         code: Code,
-        /// Its words.
+        /// The server's message.
         message: String,
-        /// Whether the connection broke rather than the server having answered.
+        /// Whether the connection broke, so that the server did not answer.
         broken: bool,
     },
 }
 
 impl ClientError {
-    /// Whether the same request may succeed if it is sent again.
+    /// Whether the same request may succeed if sent again.
     pub fn is_transient(&self) -> bool {
         match self {
             Self::Server { code, broken, .. } => *broken || *code == Code::Unavailable,
             Self::Damaged(error) => !matches!(error, WireError::Invalid(_)),
-            Self::NobodyListens { .. } => true,
+            Self::Unreachable { .. } => true,
             _ => false,
         }
     }
@@ -132,13 +132,13 @@ impl From<Status> for ClientError {
     }
 }
 
-/// The innermost error's words: transports wrap "connection refused" in several layers of "transport error".
+/// The message of the innermost error: transports wrap "connection refused" in several layers of "transport error".
 pub(crate) fn root_cause(error: &(dyn std::error::Error + 'static)) -> String {
     let mut at = error;
     while let Some(source) = at.source() {
         at = source;
     }
-    // A status displays its code and details beside its message.
+    // A status would also print its code and details.
     at.downcast_ref::<Status>().map_or_else(|| at.to_string(), |status| status.message().to_owned())
 }
 

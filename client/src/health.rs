@@ -1,4 +1,4 @@
-//! Whether a process is well, as probes ask.
+//! Health checks of a process.
 
 use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_check_response::ServingStatus;
@@ -7,20 +7,19 @@ use tonic_health::pb::health_client::HealthClient;
 use crate::connect::channel;
 use crate::{ClientError, ConnectOptions};
 
-/// What is asked.
+/// The question of a health check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Health {
-    /// Can it answer a view?
+    /// Whether the process can answer a view.
     Ready,
-    /// Does it still get on with its work?
+    /// Whether the process still makes progress.
     Live,
 }
 
-/// Asks the coordinator or the worker at `url` whether it is well.
+/// Asks the coordinator or worker at `url` whether it is healthy.
 ///
 /// # Errors
-/// [`ClientError::Address`], [`ClientError::NobodyListens`], or [`ClientError::Server`] for one that does not answer
-/// such questions.
+/// [`ClientError::Address`], [`ClientError::Unreachable`], or [`ClientError::Server`] if it has no health service.
 pub async fn health(url: &str, what: Health, options: &ConnectOptions) -> Result<bool, ClientError> {
     let service = match what {
         Health::Ready => String::new(),
@@ -31,7 +30,7 @@ pub async fn health(url: &str, what: Health, options: &ConnectOptions) -> Result
         let answer = HealthClient::new(channel).check(HealthCheckRequest { service }).await?;
         Ok(answer.into_inner().status() == ServingStatus::Serving)
     };
-    let silent = |_| ClientError::NobodyListens {
+    let silent = |_| ClientError::Unreachable {
         url: url.to_owned(),
         reason: format!("nothing came within {} ms", options.timeout.as_millis()),
     };

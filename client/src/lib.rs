@@ -1,7 +1,7 @@
 //! The thin client: connect, request, stream, measure.
 //!
-//! [`Client`] renders single views and batches and asks for status, [`Session`] follows a moving camera, and [`load`]
-//! puts a service under a load that does not wait for it. None of them links a GPU or a loader.
+//! [`Client`] renders single views and batches and reports status. [`Session`] follows a moving camera. [`load`] is an
+//! open-loop load generator. The crate links neither a GPU nor scene loaders.
 //!
 //! ```no_run
 //! # async fn example() -> Result<(), argus_client::ClientError> {
@@ -22,11 +22,11 @@ mod arrival;
 mod batch;
 mod connect;
 mod credentials;
-mod elsewhere;
 mod error;
 mod health;
 pub mod load;
 mod outbox;
+mod redirect;
 mod render;
 mod retry;
 mod session;

@@ -1,7 +1,7 @@
-//! What a session has to send: the newest camera, and acknowledgements.
+//! The outbox of a session: the newest camera, and acknowledgements.
 //!
-//! A queue would deliver bursts of stale cameras after a stall. So a camera waits in a slot where a newer one
-//! replaces it, while acknowledgements, of which none may be lost, queue up beside it.
+//! A queue would send stale cameras after a stall. So there is one slot for a camera, which a newer one replaces, and
+//! a queue for acknowledgements, which must all be sent.
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
@@ -13,7 +13,7 @@ use futures::Stream;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-/// Shared between a session and the stream of its requests.
+/// Outbox shared by a session and its request stream.
 #[derive(Debug, Default)]
 pub(crate) struct Outbox {
     state: Mutex<State>,
@@ -23,17 +23,17 @@ pub(crate) struct Outbox {
 #[derive(Debug, Default)]
 struct State {
     camera: Option<(u64, v1::SessionView)>,
-    /// What became of frames, by their cameras: arrived or missed.
-    words: VecDeque<(u64, Body)>,
-    /// Counts the streams handed out; all but the newest end.
+    /// Acknowledgements and misses of frames, by camera.
+    notices: VecDeque<(u64, Body)>,
+    /// Number of streams created; only the newest continues.
     incarnation: u64,
     closed: bool,
-    /// No camera leaves before.
+    /// No camera is sent before this time.
     quiet_until: Option<Instant>,
 }
 
 impl Outbox {
-    /// Replaces the camera that waits, if one does; its number then.
+    /// Replaces the waiting camera. Returns the number of the replaced one, if any.
     pub(crate) fn put(&self, camera_seq: u64, view: v1::SessionView) -> Option<u64> {
         let mut state = self.lock();
         let before = state.camera.replace((camera_seq, view)).map(|(camera_seq, _)| camera_seq);
@@ -42,44 +42,44 @@ impl Outbox {
         before
     }
 
-    /// Puts back the newest camera after it was sent in vain; nothing changes if it still waits.
+    /// Returns the newest camera to its slot after a failed transmission, unless a newer one waits.
     pub(crate) fn put_back(&self, camera_seq: u64, view: v1::SessionView) {
         self.lock().camera.get_or_insert((camera_seq, view));
     }
 
-    /// Keeps cameras back for that long.
+    /// Holds cameras back for a time.
     pub(crate) fn quiet_for(&self, time: Duration) {
         self.lock().quiet_until = Some(Instant::now() + time);
         self.changed.notify_one();
     }
 
-    /// Queues an acknowledgement, with the receipt of the worker that the frame came from.
+    /// Queues an acknowledgement, with the worker's receipt if the frame was redirected.
     pub(crate) fn acknowledge(&self, camera_seq: u64, receipt: Option<v1::Sealed>) {
-        self.say(camera_seq, Body::Ack(v1::SessionAck { receipt }));
+        self.notify(camera_seq, Body::Ack(v1::SessionAck { receipt }));
     }
 
-    /// Queues that a frame did not come from where it was to be had.
+    /// Queues the notice that a redirected frame could not be fetched.
     pub(crate) fn missed(&self, camera_seq: u64, missed: v1::SessionMissed) {
-        self.say(camera_seq, Body::Missed(missed));
+        self.notify(camera_seq, Body::Missed(missed));
     }
 
-    fn say(&self, camera_seq: u64, word: Body) {
-        self.lock().words.push_back((camera_seq, word));
+    fn notify(&self, camera_seq: u64, notice: Body) {
+        self.lock().notices.push_back((camera_seq, notice));
         self.changed.notify_one();
     }
 
-    /// Ends the stream once acknowledgements are sent.
+    /// Ends the stream once all acknowledgements are sent.
     pub(crate) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_one();
     }
 
-    /// The requests from now on; a stream handed out before ends. Acknowledgements of frames that came over
-    /// the connection before are forgotten, since their session is gone.
+    /// Creates a stream of requests; the previous stream ends. Queued acknowledgements are dropped, since
+    /// their session is gone.
     pub(crate) fn stream(self: &Arc<Self>) -> impl Stream<Item = v1::SessionRequest> + Send + use<> {
         let mut state = self.lock();
         state.incarnation += 1;
-        state.words.clear();
+        state.notices.clear();
         let incarnation = state.incarnation;
         drop(state);
         // Wakes the old stream, and leaves a permit for the new one.
@@ -100,16 +100,16 @@ impl Outbox {
         })
     }
 
-    /// The next request or the end of the stream; `Continue` if there is nothing to send yet, with the time until which a
-    /// camera waits if one does.
+    /// The next request, or the end of the stream. `Continue` if there is nothing to send yet, with the time until
+    /// which a waiting camera is held back.
     fn next(&self, incarnation: u64) -> ControlFlow<Option<v1::SessionRequest>, Option<Instant>> {
         let mut state = self.lock();
         if state.incarnation != incarnation {
             return ControlFlow::Break(None);
         }
         let request = |camera_seq, body| Some(v1::SessionRequest { camera_seq, body: Some(body) });
-        if let Some((camera_seq, word)) = state.words.pop_front() {
-            return ControlFlow::Break(request(camera_seq, word));
+        if let Some((camera_seq, notice)) = state.notices.pop_front() {
+            return ControlFlow::Break(request(camera_seq, notice));
         }
         if state.closed {
             return ControlFlow::Break(None);
@@ -126,7 +126,7 @@ impl Outbox {
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // Every change is a single assignment: a panic elsewhere leaves nothing half done.
+        // Every change is a single assignment, so a panic leaves no half-done state.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn the_newest_camera_replaces_those_that_wait_and_no_acknowledgement_is_lost() {
+    async fn the_newest_camera_replaces_waiting_ones_and_no_acknowledgement_is_lost() {
         let outbox = Arc::new(Outbox::default());
         for camera_seq in 1..=4 {
             let before = outbox.put(camera_seq, v1::SessionView::default());
@@ -150,7 +150,7 @@ mod tests {
             outbox.acknowledge(camera_seq, None);
         }
         let sent: Vec<_> = outbox.stream().take(1).collect().await;
-        // Acknowledgements from before the stream belong to a session that is gone.
+        // Earlier acknowledgements belong to a session that is gone.
         assert_eq!(seqs(&sent), [(4, false)]);
         let stream = outbox.stream();
         for camera_seq in 5..=6 {
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn cameras_wait_out_a_hint_while_acknowledgements_do_not() {
+    async fn cameras_wait_for_the_retry_hint_while_acknowledgements_do_not() {
         let outbox = Arc::new(Outbox::default());
         let mut stream = Box::pin(outbox.stream());
         let begin = Instant::now();

@@ -1,4 +1,4 @@
-//! Single views.
+//! Rendering of single views.
 
 use std::time::Duration;
 
@@ -14,17 +14,17 @@ use crate::arrival::Arrival;
 use crate::retry::Backoff;
 use crate::{Client, ClientError};
 
-/// How a view is asked for.
+/// Options of a view request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RenderOptions {
-    /// The answer is of no use after this long. Until then, what may succeed on repetition is repeated.
+    /// Deadline of the request. Until then, failures that may be transient are retried.
     pub deadline: Duration,
-    /// How images travel; unspecified leaves it to the server.
+    /// Encoding of images on the wire; unspecified: the server chooses.
     pub encoding: Encoding,
-    /// What to do when the service has too much to do: wait for as long as it says and ask again while the deadline lasts,
-    /// or, if false, give up at once, as a load that must not wait for the service does.
+    /// Whether to wait as long as the server asks and retry when it rejects the view because of overload. If false,
+    /// the rejection is returned at once, as an open-loop load needs.
     pub wait_for_room: bool,
-    /// Names the view in logs; one is made up if absent. Repetitions carry the same.
+    /// Id of the view in logs, equal for all retries. `None`: a new one.
     pub view_id: Option<String>,
 }
 
@@ -39,31 +39,34 @@ impl Default for RenderOptions {
     }
 }
 
-/// A frame, and how it came.
+/// A frame and its delivery.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answer {
-    /// What was asked for.
+    /// The requested frame.
     pub frame: Frame,
-    /// Who made it, and how old it is: from its request's arrival at the service until it was here, whole.
+    /// The worker that rendered it, and its age: from the request's arrival at the service until the whole
+    /// frame arrived here.
     pub meta: FrameMeta,
     /// From the first request to the last byte.
     pub latency: Duration,
-    /// Requests sent: 1 unless something failed on the way.
+    /// Number of requests: 1 without failures.
     pub attempts: u32,
 }
 
-/// A damaged answer is asked for again this often: damage on the way is cured, a faulty server is not
-/// asked until the deadline.
+/// Attempts after damaged answers. Damage on the way is cured by a retry; a faulty server is not retried until
+/// the deadline.
 const DAMAGED_ATTEMPTS: u32 = 3;
 
 impl Client {
-    /// Renders a view. Sends it again, under the same id, while the service is unavailable, the connection
-    /// breaks, or a frame arrives damaged; and where the service has too much to do, no sooner than it says.
+    /// Renders a view. Retries under the same id while the service is unavailable, the connection breaks or a frame
+    /// is damaged. After a rejection because of overload it waits as long as the server asks.
     ///
     /// # Errors
-    /// [`ClientError::Invalid`] at once, [`ClientError::Overloaded`] when the deadline leaves no time to wait for room
-    /// ([`RenderOptions::wait_for_room`]), [`ClientError::Deadline`] when time is up, [`ClientError::Damaged`] after three damaged answers, [`ClientError::Server`] for what else the
-    /// server reports.
+    /// [`ClientError::Invalid`] at once. [`ClientError::Overloaded`] if waiting is off
+    /// ([`RenderOptions::wait_for_room`]) or would
+    /// exceed the deadline. [`ClientError::Deadline`] when time is up. [`ClientError::Damaged`] after three
+    /// damaged answers.
+    /// [`ClientError::Server`] for any other failure that the server reports.
     pub async fn render(&self, view: &View, options: &RenderOptions) -> Result<Answer, ClientError> {
         let begin = Instant::now();
         let end = begin + options.deadline;
@@ -82,7 +85,7 @@ impl Client {
             attempts += 1;
             let server = self.server();
             let left = end.saturating_duration_since(Instant::now());
-            // 0 would mean "never" to the server.
+            // 0 would mean "no deadline" to the server.
             request.deadline_ms = u32::try_from(left.as_millis()).unwrap_or(u32::MAX).max(1);
             let error = match timeout_at(end, self.attempt(view, request.clone())).await {
                 Ok(Ok((frame, meta))) => {
@@ -101,7 +104,7 @@ impl Client {
             }
             tracing::debug!(view_id = request.view_id, attempts, %error, "sending the view again");
             if let Some(after) = room {
-                // Up to half as long again, so that those who were turned away together do not come back together.
+                // Up to 50% longer, so that rejected clients do not all return at once.
                 let pause = after + after.mul_f64(0.5 * self.random());
                 if Instant::now() + pause >= end {
                     return Err(error);
@@ -132,14 +135,14 @@ impl Client {
         request: RenderRequest,
     ) -> Result<(Frame, FrameMeta), ClientError> {
         let mut stream = self.views().render(within(span, request)).await?.into_inner();
-        // Exactly the size that was asked for, so that no header can make this client set aside more.
+        // Limited to the requested size, so that no header can make this client allocate more.
         let (max_side, max_pixels) =
             (view.width.max(view.height), u64::from(view.width) * u64::from(view.height));
         let mut arrival = Arrival::new(Limits { max_side, max_pixels });
         while let Some(chunk) = stream.message().await? {
             if let Some((frame, meta)) = arrival.push(chunk)? {
                 answers(&frame, view)?;
-                // Read to the end of the stream, so that dropping it does not look like a cancellation.
+                // Read the stream to its end: dropping it earlier would look like a cancellation.
                 if stream.message().await?.is_some() {
                     let reason = "more came after the frame".to_owned();
                     return Err(WireError::OutOfOrder { what: "frame", reason }.into());
@@ -152,7 +155,7 @@ impl Client {
     }
 }
 
-/// Whether a frame has the size and the images that a view asked for.
+/// Checks that a frame has the size and the images that the view asked for.
 pub(crate) fn answers(frame: &Frame, view: &View) -> Result<(), WireError> {
     let held = Output::ALL.into_iter().filter(|&output| frame.image(output).is_some());
     let came = held.fold(Outputs::default(), Outputs::with);
@@ -166,7 +169,7 @@ pub(crate) fn answers(frame: &Frame, view: &View) -> Result<(), WireError> {
     Ok(())
 }
 
-/// The server's own report that the deadline has passed is the same news as our clock's.
+/// A deadline reported by the server becomes this client's deadline error.
 fn deadline_of(error: ClientError, after: Duration) -> ClientError {
     match error {
         ClientError::Server { code: tonic::Code::DeadlineExceeded, message, .. } => {

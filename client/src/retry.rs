@@ -1,9 +1,8 @@
-//! How long to wait before the same request is sent again.
+//! Backoff between retries.
 
 use std::time::Duration;
 
-/// Doubling pauses, short at first: a worker that was killed is replaced by another one at once, while a
-/// server that restarts takes seconds.
+/// Doubling pauses, short at first: a killed worker is replaced at once, while a server restart takes seconds.
 #[derive(Debug)]
 pub(crate) struct Backoff {
     next: Duration,

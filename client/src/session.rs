@@ -1,4 +1,4 @@
-//! Sessions: what a moving camera sees.
+//! Sessions: frames for a moving camera.
 
 use std::fmt;
 use std::pin::Pin;
@@ -14,27 +14,28 @@ use tokio::time::{Instant, sleep_until, timeout};
 use tonic::{Code, Streaming};
 
 use crate::arrival::Arrival;
-use crate::elsewhere::{Fetch, Fetched};
 use crate::outbox::Outbox;
+use crate::redirect::{Fetch, Fetched};
 use crate::render::answers;
 use crate::retry::Backoff;
 use crate::unanswered::{Camera, Unanswered};
 use crate::{Client, ClientError};
 
-/// A server's hint keeps a session quiet for this long at most: a camera is worth more than a mistaken number.
+/// Longest time for which a server's retry hint holds cameras back, in case the hint is wrong.
 const LONGEST_QUIET: Duration = Duration::from_secs(10);
 
-/// How a session behaves.
+/// Options of a session.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SessionOptions {
-    /// How images travel; unspecified leaves it to the server.
+    /// Encoding of images on the wire; unspecified: the server chooses.
     pub encoding: Encoding,
-    /// A broken session is opened again for this long before it is given up.
+    /// How long a broken session is reopened before it fails.
     pub patience: Duration,
-    /// Whether frames may be fetched from workers where the server says so; it relays those that cannot be.
+    /// Whether the server may redirect frames to workers. It relays those that cannot be fetched.
     pub redirect: bool,
-    /// Whether searches may begin from this session's frame before; [`argus_scene::Provenance::history`] says of each frame
-    /// whether its did. Plans may leave the search open or ask for the seeded one.
+    /// Whether searches may start from this session's previous frame (reprojection);
+    /// [`argus_scene::Provenance::history`] tells for each frame whether its search did. Plans must leave the search
+    /// open or name the seeded one.
     pub history: bool,
 }
 
@@ -45,31 +46,31 @@ impl Default for SessionOptions {
     }
 }
 
-/// What comes out of a session.
+/// An event of a session.
 #[derive(Debug, Clone)]
 pub enum SessionEvent {
-    /// A frame of the camera with that number; those of older ones never come after it.
+    /// A frame. Frames of older cameras never follow it.
     Frame {
-        /// What [`Session::send`] returned.
+        /// The camera's number, from [`Session::send`].
         camera_seq: u64,
         /// What the camera sees.
         frame: Box<Frame>,
-        /// Who made it.
+        /// The worker that rendered it, and its age.
         meta: FrameMeta,
     },
-    /// A view that could not be rendered; the session goes on. Where the service had too much to do, cameras wait here,
-    /// newer ones in place of older ones, for as long as it said.
+    /// A view that could not be rendered; the session continues. After an overload, cameras are held back as long as
+    /// the server asked; newer ones replace older ones.
     Failed {
-        /// What [`Session::send`] returned.
+        /// The camera's number, from [`Session::send`].
         camera_seq: u64,
-        /// Why.
+        /// Why the view failed.
         error: ClientError,
     },
 }
 
-/// A moving camera. Each camera that is sent supersedes those before it; each frame is acknowledged when it
-/// has arrived whole, so that a slow client gets fewer frames and never stale ones. A connection that breaks is
-/// made again and the newest unanswered camera sent again.
+/// A moving camera. A new camera supersedes older ones. Each whole frame is acknowledged, so that a slow client gets
+/// fewer frames and never stale ones. A broken connection is restored, and the newest unanswered camera is sent
+/// again.
 #[derive(Debug)]
 pub struct Session {
     client: Client,
@@ -79,18 +80,18 @@ pub struct Session {
     arrival: Arrival,
     /// Camera of the frame that is arriving.
     arriving: Option<u64>,
-    /// The frame that is fetched from a worker.
+    /// The redirected frame that is being fetched.
     fetch: Option<Fetch>,
     unanswered: Unanswered,
     backoff: Backoff,
-    /// When the session broke, until the next answer.
+    /// When the session broke; `None` after the next answer.
     broken_since: Option<Instant>,
 }
 
-/// What the server says, or the way there. It outlives a call of [`Session::next`] that is dropped: one that waits for less
-/// time than opening takes would else never be answered.
+/// The response stream, or the attempt to open it. It survives a dropped call of [`Session::next`]; otherwise a
+/// caller with short timeouts would never finish opening it.
 enum Incoming {
-    /// To be opened, and not before that.
+    /// Closed; may be opened at this time.
     Closed(Instant),
     Opening(Pin<Box<dyn Future<Output = Result<Streaming<v1::SessionResponse>, ClientError>> + Send>>),
     Open(Box<Streaming<v1::SessionResponse>>),
@@ -107,7 +108,7 @@ impl fmt::Debug for Incoming {
 }
 
 impl Client {
-    /// Opens a session; the connection is made with the first call of [`Session::next`].
+    /// Creates a session. The first call of [`Session::next`] connects.
     pub fn session(&self, options: SessionOptions) -> Session {
         Session {
             arrival: Arrival::new(self.description().limits),
@@ -125,7 +126,7 @@ impl Client {
 }
 
 impl Session {
-    /// Moves the camera; returns its number. Never waits: a camera that has not left yet is replaced.
+    /// Sends a camera and returns its number. Never waits: a camera that has not been sent yet is replaced.
     pub fn send(&mut self, view: &View) -> u64 {
         let (camera_seq, camera) = self.unanswered.send(view.clone());
         if let Some(before) = self.outbox.put(camera_seq, wire(&self.options, camera)) {
@@ -139,17 +140,18 @@ impl Session {
         self.unanswered.is_idle()
     }
 
-    /// Cameras that will not be answered since a newer one was: they were replaced here before they left, on their way when
-    /// a connection broke, or at the server.
+    /// Number of cameras that a newer answer superseded: replaced before they were sent, lost in a broken connection,
+    /// or skipped by the server.
     pub fn superseded(&self) -> u64 {
         self.unanswered.superseded()
     }
 
-    /// Waits for the next frame. Safe to drop and call again.
+    /// Waits for the next event. The future may be dropped and called again.
     ///
     /// # Errors
-    /// Once the session cannot be kept up: a failure that repetition does not cure, or
-    /// [`ClientError::Deadline`] when it could not be opened again for as long as the options allow.
+    /// The session ends with an error that a retry does not cure, or with [`ClientError::Deadline`] if it
+    /// could not be reopened
+    /// within [`SessionOptions::patience`].
     pub async fn next(&mut self) -> Result<SessionEvent, ClientError> {
         loop {
             let server = self.client.server();
@@ -162,8 +164,8 @@ impl Session {
                 Err(error) => error,
             };
             self.incoming = Incoming::Closed(Instant::now());
-            // A server without room for another session says when to ask again: this one's own place may still be
-            // taken by the connection that broke.
+            // The server has no capacity for another session and says when to retry. The broken connection may still
+            // occupy this session's place.
             let room = match &error {
                 ClientError::Overloaded { retry_after: Some(after), .. } => Some((*after).min(LONGEST_QUIET)),
                 _ => None,
@@ -184,7 +186,7 @@ impl Session {
         }
     }
 
-    /// Waits for the next message; `None` where it completes nothing.
+    /// Waits for the next message; `None` if it completes no event.
     async fn receive(&mut self) -> Result<Option<SessionEvent>, ClientError> {
         let incoming = match &mut self.incoming {
             Incoming::Open(incoming) => incoming,
@@ -203,17 +205,17 @@ impl Session {
             fetched = fetched(&mut self.fetch) => return self.take_fetched(fetched),
         };
         let Some(response) = response else {
-            // A server that shuts down ends sessions in order; another one may take its place.
+            // A server that shuts down ends its sessions; another one may take its place.
             let message = "the server ended the session".to_owned();
             return Err(ClientError::Server { code: Code::Unavailable, message, broken: true });
         };
         let camera_seq = response.camera_seq;
         let body =
             response.body.ok_or_else(|| WireError::from(InvalidField::new("body", "must be given")))?;
-        // Whatever is said of a camera stands in place of what was said of it before.
+        // A new message about a camera replaces its fetch.
         self.fetch.take_if(|fetch| fetch.camera_seq == camera_seq);
         match body {
-            // One that crossed the acknowledgement is of no use any more.
+            // A redirect that crossed the acknowledgement is obsolete.
             Body::Elsewhere(_) if camera_seq <= self.unanswered.answered() => Ok(None),
             Body::Elsewhere(elsewhere) => {
                 self.fetch = Some(Fetch::new(&self.client, camera_seq, elsewhere));
@@ -234,7 +236,7 @@ impl Session {
                     let reason = format!("frames of two cameras interleave at {camera_seq}");
                     return Err(WireError::OutOfOrder { what: "frame", reason }.into());
                 }
-                // What began from an earlier frame is not taken up where a lost worker left off.
+                // After a lost worker, a frame may start again from its header.
                 if matches!(chunk.body, Some(frame_chunk::Body::Header(_))) {
                     self.arrival.begin_again();
                 }
@@ -246,7 +248,7 @@ impl Session {
         }
     }
 
-    /// What came of a frame that was to be fetched; one that did not come is relayed.
+    /// Handles the result of a fetch. A frame that could not be fetched is reported, and the server relays it.
     fn take_fetched(
         &mut self,
         (camera_seq, fetched): (u64, Result<Fetched, ClientError>),
@@ -263,7 +265,7 @@ impl Session {
             }
             Err(error) => {
                 tracing::debug!(%error, "a frame could not be fetched from its worker");
-                // What a worker says itself is about this frame, not about the way to it.
+                // An error from the worker itself concerns this frame, not the connection.
                 let unreachable = !matches!(
                     error,
                     ClientError::Overloaded { .. }
@@ -277,7 +279,7 @@ impl Session {
         }
     }
 
-    /// A frame that arrived whole, unless a newer camera was answered.
+    /// Returns a whole frame as an event, unless a newer camera was answered.
     fn deliver(
         &mut self,
         camera_seq: u64,
@@ -293,7 +295,7 @@ impl Session {
         Ok(Some(SessionEvent::Frame { camera_seq, frame: Box::new(frame), meta }))
     }
 
-    /// Begins to open the stream, anew if there was one, and sends the newest camera again if it is unanswered.
+    /// Starts to open a new stream, and queues the newest camera again if it is unanswered.
     fn open(&mut self) {
         self.arrival = Arrival::new(self.client.description().limits);
         (self.arriving, self.fetch) = (None, None);
@@ -322,7 +324,7 @@ impl Drop for Session {
     }
 }
 
-/// The frame that is fetched, with its camera; never, where none is.
+/// Waits for the redirected frame and its camera; forever if there is none.
 async fn fetched(fetch: &mut Option<Fetch>) -> (u64, Result<Fetched, ClientError>) {
     match fetch {
         Some(fetch) => (fetch.camera_seq, fetch.frame().await),
@@ -330,12 +332,12 @@ async fn fetched(fetch: &mut Option<Fetch>) -> (u64, Result<Fetched, ClientError
     }
 }
 
-/// What a view's failure means, where it ended no call.
+/// Converts the failure of one view into a client error.
 pub(crate) fn error_of(failure: v1::SessionFailure) -> ClientError {
     let v1::SessionFailure { code, message, field, retry_after_ms } = failure;
     match Code::from_i32(code) {
         Code::InvalidArgument if !field.is_empty() => ClientError::Invalid {
-            // The message repeats the field, as all statuses of an invalid field do.
+            // The message repeats the field, like every status of an invalid field.
             reason: message.strip_prefix(&format!("{field}: ")).unwrap_or(&message).to_owned(),
             field,
         },

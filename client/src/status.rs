@@ -1,89 +1,89 @@
-//! What a cluster does, as a client shows it.
+//! Status of a cluster.
 
 use argus_proto::convert::visibility;
 use argus_proto::v1;
 use serde::{Deserialize, Serialize};
 
-/// Workers, roles, and the balance between them; numbers that are not known are 0. Serialised, it is what
-/// `argus status --json` prints.
+/// Workers, roles, and the balance between them. Unknown numbers are 0. Serialised, this is the output of `argus status
+/// --json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ClusterStatus {
-    /// What the scene is called.
+    /// The scene's name.
     pub scene: String,
-    /// Leadership of the coordinator.
+    /// Term of the leading coordinator.
     pub term: u64,
-    /// Placement of the samples.
+    /// Generation of the samples' placement.
     pub generation: u64,
-    /// Scene time.
+    /// Epoch of the scene time.
     pub epoch: u64,
-    /// P: all workers.
+    /// P: number of workers.
     pub processes: u32,
-    /// K: those that render samples.
+    /// K: workers that render samples.
     pub samplers: u32,
-    /// Those that reconstruct views.
+    /// Workers that reconstruct views.
     pub compositors: u32,
-    /// S: samples to refresh a tick.
+    /// S: samples to refresh per tick.
     pub samples_per_tick: f64,
-    /// g: cost of a sample, milliseconds.
+    /// g: milliseconds for a sample.
     pub sample_ms: f64,
-    /// V: views demanded a tick.
+    /// V: views demanded per tick.
     pub views_per_tick: f64,
-    /// c: cost of a reconstructed view, milliseconds.
+    /// c: milliseconds for a reconstructed view.
     pub view_ms: f64,
-    /// D: direct views demanded a tick.
+    /// D: direct views demanded per tick.
     pub direct_views_per_tick: f64,
-    /// Cost of a direct view, milliseconds.
+    /// g_direct: milliseconds for a direct view.
     pub direct_ms: f64,
-    /// R: rays of pixels that no sample saw, traced a tick.
+    /// R: rays per tick for pixels that no sample saw.
     pub rays_per_tick: f64,
-    /// g_ray: cost of a single ray, milliseconds.
+    /// g_ray: milliseconds for a single ray.
     pub ray_ms: f64,
-    /// How triangles are seen: `raster`, `trace` or `cpu`; empty until that is measured.
+    /// The visibility backend: `raster`, `trace` or `cpu`; empty until measured.
     pub visibility: String,
-    /// Samples beside the rig's own cameras, taken where views have holes.
+    /// Further samples, placed where views have holes.
     pub refinements: Refinements,
-    /// What the balance formula says a tick takes, milliseconds.
+    /// Predicted milliseconds of a tick, by the balance formula.
     pub tick_predicted_ms: f64,
-    /// What it took, milliseconds.
+    /// Measured milliseconds of a tick.
     pub tick_measured_ms: f64,
-    /// One a process.
+    /// The workers, one per process.
     pub workers: Vec<WorkerStatus>,
-    /// Views that the planner assigned to a way and a worker since the coordinator started.
+    /// Views planned since the coordinator started.
     pub views_planned: u64,
-    /// What these choices took in all, with the rays that were sent for them, microseconds.
+    /// Microseconds of all planning together, including its visibility rays.
     pub planning_us: f64,
-    /// By what predicted errors of frames from samples are multiplied, as probes have found; 0: not known.
+    /// Factor on the predicted errors of frames from samples, as probes measured it; 0: unknown.
     pub error_factor: f64,
-    /// Since the coordinator started.
+    /// Counts since the coordinator started.
     pub counters: CounterStatus,
 }
 
-/// One worker process.
+/// Status of one worker process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WorkerStatus {
-    /// Its own name for itself.
+    /// The worker's name.
     pub id: String,
-    /// Of its process.
+    /// Process id.
     pub pid: u32,
     /// `sampler`, `compositor`, `both`, `draining`, `idle`, or `unknown` to this release.
     pub role: String,
-    /// Where it is reached.
+    /// Address of its services.
     pub address: String,
-    /// Adapter, driver and version.
+    /// GPU adapter, driver and version.
     pub device: String,
     /// CPU cores.
     pub cores: u32,
-    /// Measured cost of a sample, milliseconds.
+    /// Measured milliseconds for a sample.
     pub sample_ms: Option<f64>,
-    /// Measured cost of a direct view, milliseconds.
+    /// Measured milliseconds for a direct view.
     pub direct_ms: Option<f64>,
-    /// Measured cost of a reconstructed view, milliseconds.
+    /// Measured milliseconds for a reconstructed view.
     pub view_ms: Option<f64>,
-    /// Measured cost of a single ray, milliseconds.
+    /// Measured milliseconds for a single ray.
     pub ray_ms: Option<f64>,
-    /// Samples waiting or in work.
+    /// Samples queued or in work.
     pub queued_samples: u32,
-    /// Views waiting or in work.
+    /// Views queued or in work.
     pub queued_views: u32,
     /// Samples rendered since it started.
     pub samples_rendered: u64,
@@ -91,32 +91,32 @@ pub struct WorkerStatus {
     pub views_composed: u64,
     /// Views rendered from triangles since it started.
     pub views_direct: u64,
-    /// Rays of pixels that no sample saw, since it started.
+    /// Rays traced for pixels that no sample saw, since it started.
     pub rays_traced: u64,
-    /// Samples that came from other workers, since it started.
+    /// Samples received from other workers, since it started.
     pub samples_received: u64,
-    /// Milliseconds that unpacking them took, beside rendering.
+    /// Milliseconds spent unpacking them, beside rendering.
     pub unpacking_ms: f64,
-    /// Milliseconds that its render thread took to take samples up, before composing from them.
+    /// Milliseconds of the render thread spent on holding samples before composing.
     pub holding_ms: f64,
-    /// Samples it could serve now.
+    /// Samples that it can serve now.
     pub samples_held: u64,
 }
 
-/// What has happened since the coordinator started.
+/// Counts since the coordinator started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct CounterStatus {
     /// Views whose frame was relayed.
     pub views_answered: u64,
     /// Views that ended in an error.
     pub views_failed: u64,
-    /// Views turned away because of overload.
+    /// Views rejected because of overload.
     pub views_rejected: u64,
-    /// Session cameras that a newer one overtook.
+    /// Session cameras superseded by a newer one.
     pub cameras_superseded: u64,
-    /// Views sent to another worker after the first one failed.
+    /// Views retried on another worker.
     pub views_retried: u64,
-    /// Changes of role.
+    /// Role changes.
     pub roles_changed: u64,
     /// Workers that joined.
     pub workers_joined: u64,
@@ -124,7 +124,7 @@ pub struct CounterStatus {
     pub workers_lost: u64,
     /// Sessions open now.
     pub sessions_open: u64,
-    /// Frames thrown away because they were not good enough for their request.
+    /// Frames discarded because they exceeded their error bound.
     pub frames_refused: u64,
 }
 
@@ -160,7 +160,7 @@ impl From<v1::StatusResponse> for ClusterStatus {
     }
 }
 
-/// JSON has no NaN and no infinity, and a script that expects a number should get one: what is not known is 0.
+/// Unknown numbers become 0, since JSON has no NaN and scripts expect a number.
 fn number(value: f64) -> f64 {
     if value.is_finite() { value } else { 0.0 }
 }
@@ -216,14 +216,14 @@ impl From<v1::Counters> for CounterStatus {
         }
     }
 }
-/// How far refining has come.
+/// Progress of refinement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Refinements {
-    /// Places that views would gain from and that have no sample yet.
+    /// Wanted positions that have no sample yet.
     pub wanted: u32,
-    /// Samples that workers were told to have at hand.
+    /// Samples that were assigned to workers.
     pub placed: u32,
-    /// Those that are where views are composed, so that plans name them.
+    /// Samples held by compositors, so that plans may name them.
     pub usable: u32,
 }
 

@@ -6,32 +6,31 @@ use argus_proto::trace::TARGET;
 use argus_scene::View;
 use tracing::{Span, debug_span};
 
-/// Cameras that are remembered. A server that says nothing for a while makes no client of a fast camera grow: of older
-/// ones it is only known that they were sent.
+/// Cameras that are remembered, so that memory is bounded while a server does not answer. Older cameras are only counted.
 const MOST: usize = 256;
 
 /// A camera that was sent.
 #[derive(Debug)]
 pub(crate) struct Camera {
     pub(crate) view: View,
-    /// Until its answer, or that of a newer one.
+    /// The trace span, open until this camera or a newer one is answered.
     pub(crate) span: Span,
 }
 
-/// Numbers of cameras, and what was asked with the newest of them.
+/// Numbers of a session's cameras, and the newest views.
 #[derive(Debug, Default)]
 pub(crate) struct Unanswered {
     cameras: BTreeMap<u64, Camera>,
-    /// The newest one, from 1.
+    /// Number of the newest camera, counted from 1.
     sent: u64,
-    /// The newest one that was answered.
+    /// Number of the newest answered camera.
     answered: u64,
-    /// How many were.
+    /// How many cameras were answered.
     settled: u64,
 }
 
 impl Unanswered {
-    /// A camera is sent; its number, and the span that its answer ends.
+    /// Adds a camera. Returns its number and its entry.
     pub(crate) fn send(&mut self, view: View) -> (u64, &Camera) {
         self.sent += 1;
         let camera_seq = self.sent;
@@ -42,12 +41,12 @@ impl Unanswered {
         (camera_seq, self.cameras.entry(camera_seq).or_insert(Camera { view, span }))
     }
 
-    /// A camera never left: no answer to it will come.
+    /// Removes a camera that was never sent.
     pub(crate) fn never_left(&mut self, camera_seq: u64) {
         self.cameras.remove(&camera_seq);
     }
 
-    /// What was asked with a camera; `None` also of one that is no longer remembered.
+    /// A camera's view; `None` if it was answered or is no longer remembered.
     pub(crate) fn view(&self, camera_seq: u64) -> Option<&View> {
         self.cameras.get(&camera_seq).map(|camera| &camera.view)
     }
@@ -57,12 +56,12 @@ impl Unanswered {
         self.cameras.last_key_value().map(|(camera_seq, camera)| (*camera_seq, camera))
     }
 
-    /// The newest camera that was answered, by a frame or a failure; 0 before the first.
+    /// Number of the newest camera that was answered by a frame or a failure; 0 if none.
     pub(crate) fn answered(&self) -> u64 {
         self.answered
     }
 
-    /// How many of those before it were not, and will not be.
+    /// Number of older cameras that were superseded.
     pub(crate) fn superseded(&self) -> u64 {
         self.answered - self.settled
     }
@@ -72,7 +71,7 @@ impl Unanswered {
         self.answered == self.sent
     }
 
-    /// Notes the answer to a camera; `false` if a newer one has been answered or it was never sent.
+    /// Records an answer. `false` if a newer camera was answered before, or if the camera was never sent.
     pub(crate) fn settle(&mut self, camera_seq: u64) -> bool {
         let waits = camera_seq > self.answered && camera_seq <= self.sent;
         if waits {
@@ -96,13 +95,13 @@ mod tests {
     }
 
     #[test]
-    fn a_server_that_answers_nothing_makes_no_session_grow() {
+    fn memory_is_bounded_while_a_server_does_not_answer() {
         let mut unanswered = Unanswered::default();
         for camera_seq in 1..=10 * MOST as u64 {
             assert_eq!(unanswered.send(view()).0, camera_seq);
         }
         assert_eq!(unanswered.cameras.len(), MOST);
-        // One of those that are forgotten is answered all the same, and makes way for those after it alone.
+        // A forgotten camera can still be answered, and supersedes only those before it.
         assert!(unanswered.view(7).is_none());
         assert!(unanswered.settle(7) && !unanswered.settle(7) && !unanswered.settle(6));
         assert_eq!(unanswered.superseded(), 6);

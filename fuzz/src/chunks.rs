@@ -1,4 +1,4 @@
-//! Streams of chunks: frames, samples, traced pixels and scenes, as their receivers put them together.
+//! Streams of chunks: frames, samples, traced pixels and scenes, as their receivers assemble them.
 
 use std::collections::BTreeMap;
 
@@ -16,16 +16,16 @@ use bytes::Bytes;
 use glam::DVec3;
 use prost::Message;
 
-/// What receivers are willing to take.
+/// Largest view that receivers accept.
 const LIMITS: Limits = Limits { max_side: 64, max_pixels: 1024 };
 const HASH: SceneHash = SceneHash([7; 32]);
 
-/// Messages one after the other, each after its length.
+/// Messages in sequence, each after its length.
 fn stream<M: Message>(messages: impl IntoIterator<Item = M>) -> Vec<u8> {
     messages.into_iter().flat_map(|message| message.encode_length_delimited_to_vec()).collect()
 }
 
-/// Hands each message of a stream on until one is malformed or refused.
+/// Passes each message of a stream on until one is malformed or refused.
 fn each<M: Message + Default>(
     bytes: &[u8],
     mut take: impl FnMut(M) -> Result<(), String>,

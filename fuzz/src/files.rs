@@ -18,7 +18,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         ("scene.gltf", include_bytes!("../corpus/loaders/scene.gltf").to_vec()),
         ("scene.glb", glb(include_bytes!("../corpus/loaders/scene.gltf"))),
         ("triangle.glb", glb_with_blob()),
-        // Files that scene.obj refers to, or would if scene.mtl named another image.
+        // Files that scene.obj refers to, or would refer to if scene.mtl named another image.
         ("scene.mtl", include_bytes!("../corpus/loaders/scene.mtl").to_vec()),
         ("checker.png", include_bytes!("../corpus/loaders/checker.png").to_vec()),
         ("checker.jpg", image(ImageFormat::Jpeg)),
@@ -27,22 +27,22 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// Whether a file is an image that a scene refers to.
+/// Whether a scene refers to a file as an image.
 fn is_image(name: &str) -> bool {
     [".png", ".jpg", ".bmp", ".tga"].iter().any(|end| name.ends_with(end))
 }
 
-/// A few colours in another format.
+/// A small image in a format.
 fn image(format: ImageFormat) -> Vec<u8> {
     let image = RgbImage::from_fn(8, 8, |x, y| image::Rgb([x as u8 * 30, y as u8 * 30, 128]));
     let mut bytes = Vec::new();
-    // What cannot be written is no valid input, as the test of the corpus finds.
+    // An image that cannot be written is not valid input: the test of the corpus finds it.
     let _ = image.write_to(&mut Cursor::new(&mut bytes), format);
     bytes
 }
 
-/// Loads a bundle in which the file of that name is `bytes` and the others are valid. The loader must return, and what
-/// it returns must be a scene in itself.
+/// Loads a bundle in which the file `name` is `bytes` and the rest are valid. The loader must return, and its scene
+/// must be consistent.
 pub fn load(name: &str, bytes: &[u8]) -> Result<(), String> {
     let mut files: BTreeMap<String, Bytes> =
         corpus().into_iter().map(|(name, bytes)| (name.to_owned(), bytes.into())).collect();
@@ -73,7 +73,7 @@ pub fn load(name: &str, bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// A PNG whose chunks have the right checksums, since nothing that is edited would come further without.
+/// A PNG with correct chunk checksums: otherwise every edited image is refused at once.
 fn with_checksums(png: &[u8]) -> Vec<u8> {
     let mut png = png.to_vec();
     let mut at = 8;
@@ -88,13 +88,13 @@ fn with_checksums(png: &[u8]) -> Vec<u8> {
     png
 }
 
-/// CRC-32 as PNG has it, bit by bit.
+/// CRC-32 as in PNG, bit by bit.
 fn crc(bytes: &[u8]) -> u32 {
     let bit = |crc: u32, _| if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 };
     !bytes.iter().fold(u32::MAX, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), bit))
 }
 
-/// A quad in PLY's binary form, in either order of bytes.
+/// A quad in PLY's binary form, in either byte order.
 fn binary_ply(order: &str, float: fn(f32) -> [u8; 4], int: fn(i32) -> [u8; 4]) -> Vec<u8> {
     let mut bytes = format!(
         "ply\nformat binary_{order}_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
@@ -113,12 +113,12 @@ fn binary_ply(order: &str, float: fn(f32) -> [u8; 4], int: fn(i32) -> [u8; 4]) -
     bytes
 }
 
-/// glTF's JSON in its binary container.
+/// A glTF document in its binary container.
 fn glb(json: &[u8]) -> Vec<u8> {
     container(&[(b"JSON", json)])
 }
 
-/// A triangle whose vertices are in the container, too.
+/// A triangle whose vertices are in the container too.
 fn glb_with_blob() -> Vec<u8> {
     let json = br#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
 "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
@@ -136,7 +136,7 @@ fn container(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
         body.extend((length as u32).to_le_bytes());
         body.extend(*kind);
         body.extend(*chunk);
-        // JSON is filled up with spaces; a reader of numbers does not look at what comes after them.
+        // JSON is padded with spaces; a reader of numbers ignores the bytes after them.
         body.resize(body.len() + length - chunk.len(), b' ');
     }
     let mut bytes = b"glTF".to_vec();

@@ -5,10 +5,10 @@ use argus_proto::codec::{Layout, pack, unpack};
 const LAYOUTS: [Layout; 7] =
     [Layout::R8, Layout::Rgb8, Layout::Rgba8, Layout::Rg16, Layout::Rgba16, Layout::R32, Layout::Rgb9e5];
 
-/// Texels of the images in the corpus: divisible by what any layout takes for one.
+/// Texels of the corpus's images: a multiple of every layout's texel.
 const BYTES: usize = 4800;
 
-/// A layout and an image packed as it, for each.
+/// One packed image for each layout.
 pub fn corpus() -> Vec<Vec<u8>> {
     let smooth: Vec<u8> = (0..BYTES).map(|i| (i / 24) as u8).collect();
     let one = |(index, layout): (usize, &Layout)| {
@@ -18,7 +18,7 @@ pub fn corpus() -> Vec<Vec<u8>> {
     LAYOUTS.iter().enumerate().map(one).collect()
 }
 
-/// Unpacks an image, and packs the same bytes: what is packed must come back.
+/// Unpacks an image, packs its bytes again, and checks that unpacking gives the same bytes.
 pub fn roundtrip(bytes: &[u8]) -> Result<(), String> {
     let Some((&first, rest)) = bytes.split_first() else { return Err("nothing".to_owned()) };
     let layout = LAYOUTS[usize::from(first) % LAYOUTS.len()];

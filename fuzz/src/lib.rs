@@ -1,16 +1,16 @@
-//! Fuzz targets for everything that reads bytes from elsewhere: messages, streams of chunks, packed images, scene files.
+//! Fuzz targets for all readers of foreign bytes: messages, streams of chunks, packed images, scene files.
 //!
-//! A target is a function of bytes that must return, in time and in memory that follows from its input, whatever the bytes
-//! are. Its corpus is valid inputs: those of the wire are made by the code that writes them, so that they never fall
-//! behind it; scene files are in `corpus/loaders`. An input is one of them with some edits. `tests/fuzz.rs` runs each
-//! target shortly with every test run; for ten minutes of one:
+//! A target is a function of bytes. It must return for any bytes, in time and memory proportional to its input. Its
+//! corpus is valid inputs: messages and images are made by the code that writes them, so that the corpus is never
+//! outdated; scene files are in `corpus/loaders`. An input is a valid one with some edits. `tests/fuzz.rs` runs each
+//! target briefly in every test run. For ten minutes of one target:
 //!
 //! ```text
 //! BOLERO_RANDOM_TEST_TIME_MS=600000 cargo test --release -p argus-fuzz --test fuzz frames
 //! ```
 //!
-//! (`./scripts/fuzz` says the same for all.) What fails is shrunk and printed as its seed, which
-//! `BOLERO_RANDOM_SEED` repeats; fixed, it becomes a test beside what it was found in.
+//! `./scripts/fuzz` does this for all targets. A failing input is shrunk and printed as its seed, which
+//! `BOLERO_RANDOM_SEED` repeats. After the fix it becomes a test beside the fixed code.
 
 pub mod chunks;
 pub mod files;

@@ -1,5 +1,5 @@
-//! Every message of `argus.v1`: decoded, converted where it has a word in the vocabulary, and taken in by whoever
-//! receives it.
+//! Every message of `argus.v1`: decoded, converted to its type in the vocabulary if it has one, and passed to its
+//! receiver.
 
 use argus_client::ClusterStatus;
 use argus_proto::{Description, v1};
@@ -9,7 +9,7 @@ use argus_scene::{
 };
 use prost::Message;
 
-/// Decodes a message, hands it on, and makes sure that it means the same once it is encoded again.
+/// Decodes a message, passes it on, and checks that it is unchanged by encoding and decoding.
 fn decoded<M: Message + Default + Clone>(
     bytes: &[u8],
     take: impl FnOnce(M) -> Result<(), String>,
@@ -25,12 +25,12 @@ fn converted<T, E: ToString>(result: Result<T, E>) -> Result<(), String> {
     result.map(drop).map_err(|error| error.to_string())
 }
 
-/// What a receiver makes of a message that came as these bytes.
+/// A receiver of an encoded message.
 type Take = fn(&[u8]) -> Result<(), String>;
 
 macro_rules! messages {
     ($($name:ident $(=> $take:expr)?),* $(,)?) => {
-        /// The name of each message, and what its receiver makes of it.
+        /// The name of each message, and its receiver.
         pub const ALL: &[(&str, Take)] = &[
             $((stringify!($name), |bytes| decoded::<v1::$name>(bytes, messages!(@ $($take)?)))),*
         ];
@@ -111,7 +111,7 @@ messages! {
     Receipt => |m| argus_cluster::untrusted::receipt(&m.encode_to_vec()),
 }
 
-/// The first chunk of a stream, which goes on.
+/// The first chunk of a stream, without the rest.
 fn begun(take: Take, chunk: impl Message) -> Result<(), String> {
     let _ = take(&chunk.encode_length_delimited_to_vec());
     Ok(())
@@ -121,7 +121,7 @@ fn said(body: v1::worker_report::Body) -> v1::WorkerReport {
     v1::WorkerReport { body: Some(body) }
 }
 
-/// A view that is let in can be planned with.
+/// An accepted view can be planned.
 fn view(wire: v1::View) -> Result<(), String> {
     let view = View::try_from(wire).map_err(|error| error.to_string())?;
     view.validate(&Limits::default()).map_err(|error| error.to_string())?;
@@ -129,7 +129,7 @@ fn view(wire: v1::View) -> Result<(), String> {
     Ok(())
 }
 
-/// A rig that is let in says where its cameras stand, however many it has.
+/// An accepted rig has camera positions for any number of cameras.
 fn rig(rig: Rig) -> Result<(), String> {
     for index in [0, 1, 1000, u64::MAX / 2, u64::MAX] {
         if let Ok(camera) = rig.camera(index) {
@@ -139,7 +139,7 @@ fn rig(rig: Rig) -> Result<(), String> {
     Ok(())
 }
 
-/// Valid messages, each with the place of its kind in [`ALL`].
+/// Valid messages, each with the index of its kind in [`ALL`].
 pub fn corpus() -> Vec<(usize, Vec<u8>)> {
     let camera = || v1::Camera {
         eye: Some(v1::Vec3 { x: 3.0, y: 2.0, z: 5.0 }),

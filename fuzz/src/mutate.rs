@@ -1,13 +1,13 @@
-//! What becomes of a valid input on its way to a target.
+//! Edits of valid inputs.
 
-/// An edit: what is done, where, and with what. Any three numbers are one.
+/// An edit: kind, position and value. Any three numbers are valid.
 pub type Edit = (u8, u32, u32);
 
-/// Values on whose two sides code tends to differ.
+/// Values at which code often has a boundary.
 const EDGES: [u32; 12] =
     [0, 1, 0x7f, 0x80, 0xff, 0x7fff, 0xffff, 0x7fff_ffff, 0x8000_0000, 0xffff_fffe, 0xffff_ffff, 0x7fc0_0000];
 
-/// Texts that the formats at hand give a meaning to.
+/// Texts with a meaning in the tested formats.
 const WORDS: [&[u8]; 16] = [
     b"nan",
     b"inf",
@@ -27,10 +27,10 @@ const WORDS: [&[u8]; 16] = [
     b"-0.0",
 ];
 
-/// Most edits: after many, an input is noise, and is refused at its first byte.
+/// Most edits of an input: with more, it is noise and refused at its first byte.
 const MOST_EDITS: usize = 5;
 
-/// The longest input: edits only repeat so much.
+/// The longest input: some edits repeat parts.
 const LONGEST: usize = 1 << 20;
 
 /// `seed` with a few of the edits, and `other` as a source of pieces.
@@ -41,7 +41,7 @@ pub fn edited(seed: &[u8], other: &[u8], edits: &[Edit]) -> Vec<u8> {
         let count = with as usize % 64;
         let end = (at + count).min(bytes.len());
         match what % 19 {
-            // Seldom: it undoes what others did further on.
+            // Rare, since it undoes edits further on.
             0 => bytes.truncate(at),
             1 | 10 => drop(bytes.drain(at..end)),
             2 | 11 => replace(&mut bytes, at, &with.to_le_bytes()[..1]),

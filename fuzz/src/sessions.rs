@@ -1,4 +1,4 @@
-//! What travels through clients of sessions: tickets and receipts behind a seal that is right, and the words of a client.
+//! Values that pass through clients of sessions: sealed tickets and receipts, and the messages of a client.
 
 use argus_cluster::untrusted;
 use argus_proto::v1;
@@ -8,7 +8,7 @@ use prost::Message;
 
 use super::messages;
 
-/// Bytes as the body of a ticket, and of a receipt: whoever has a key may send anything.
+/// Bytes as the body of a ticket, and of a receipt: a client with the key may send anything.
 pub fn tickets(bytes: &[u8]) -> Result<(), String> {
     let (ticket, receipt) = (untrusted::ticket(bytes), untrusted::receipt(bytes));
     ticket.or(receipt)
@@ -41,7 +41,7 @@ pub fn words(bytes: &[u8]) -> Result<(), String> {
     end
 }
 
-/// A session in which frames are relayed, one in which they are fetched, and one of a client that answers nothing.
+/// A session with relayed frames, one with redirected frames, and one of a client that answers nothing.
 pub fn words_corpus() -> Vec<Vec<u8>> {
     let view = |seq| (seq, Body::View(v1::SessionView { redirectable: true, ..Default::default() }));
     let ack = |seq, receipt| (seq, Body::Ack(v1::SessionAck { receipt }));

@@ -1,6 +1,6 @@
-//! Every target with its corpus and, for a moment, with inputs that nobody has seen.
+//! Every target with its corpus and, briefly, with random edits of it.
 //!
-//! An input that takes memory or time out of all proportion fails as one that panics does.
+//! An input that takes disproportionate memory or time fails like a panic.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -12,14 +12,14 @@ use argus_fuzz::{Edit, chunks, edited, files, images, messages, sessions};
 use bolero::check;
 use prost::Message;
 
-/// No input of a megabyte needs a block of this size.
+/// Largest block of memory for an input of a megabyte.
 const LARGEST_BLOCK: usize = 64 << 20;
-/// No input takes longer than this, on a machine that has other things to do.
+/// Longest time for an input, on a busy machine.
 const LONGEST: Duration = Duration::from_secs(10);
 /// Inputs of a target in a test run, unless BOLERO_RANDOM_ITERATIONS or BOLERO_RANDOM_TEST_TIME_MS says otherwise.
 const ITERATIONS: usize = 10_000;
 
-/// Notes the largest block that anybody asked for: loaders use threads of their own.
+/// An allocator that notes the largest block of any thread, since loaders use their own threads.
 struct Noting;
 
 static LARGEST: AtomicUsize = AtomicUsize::new(0);
@@ -58,21 +58,21 @@ fn bounded(run: impl FnOnce() -> Result<(), String>) -> Result<(), String> {
     let began = Instant::now();
     let result = run();
     let largest = LARGEST.load(Ordering::Relaxed);
-    // Where targets run side by side, one fails with the other.
+    // Targets that run at the same time share the largest block, and fail together.
     assert!(largest <= LARGEST_BLOCK, "a block of {} MiB", largest >> 20);
     assert!(began.elapsed() <= LONGEST, "it took {:?}", began.elapsed());
     result
 }
 
-/// Without end where a time is set.
+/// Number of inputs; unlimited if a time is set.
 fn iterations() -> usize {
     if std::env::var_os("BOLERO_RANDOM_TEST_TIME_MS").is_some() { usize::MAX } else { ITERATIONS }
 }
 
-/// Which valid input, which other to take pieces from, and what is done to it.
+/// Indices of a valid input and of a source of pieces, and the edits.
 type Input = (u8, u8, Vec<Edit>);
 
-/// The corpus passes, and no edits of it bring the target down.
+/// Checks that the corpus passes, and that no edit of it makes the target fail.
 fn fuzz(corpus: &[Vec<u8>], target: impl Fn(usize, &[u8]) -> Result<(), String> + std::panic::RefUnwindSafe) {
     for (index, bytes) in corpus.iter().enumerate() {
         let result = bounded(|| target(index, bytes));
@@ -82,14 +82,14 @@ fn fuzz(corpus: &[Vec<u8>], target: impl Fn(usize, &[u8]) -> Result<(), String> 
     check!().with_type::<Input>().with_iterations(iterations()).for_each(|(seed, other, edits)| {
         let index = usize::from(*seed) % corpus.len();
         let bytes = edited(&corpus[index], &corpus[usize::from(*other) % corpus.len()], edits);
-        // Refusing it is as good as taking it.
+        // The target may accept or refuse it.
         let result = bounded(|| target(index, &bytes));
         inputs.fetch_add(1, Ordering::Relaxed);
         taken.fetch_add(result.is_ok().into(), Ordering::Relaxed);
     });
     let (inputs, taken) = (inputs.into_inner(), taken.into_inner());
     eprintln!("{inputs} inputs, {taken} of them taken");
-    // Where all is refused, edits leave nothing but noise. That all is taken is well where faults are warnings.
+    // If all inputs are refused, the edits leave only noise. Loaders with warnings may accept all.
     assert!(inputs < 1000 || taken > inputs / 100, "{taken} of {inputs} inputs were taken");
 }
 
@@ -105,8 +105,7 @@ fn every_message() {
 
 #[test]
 fn messages_as_each_other() {
-    // Fields of one message are read as those of another, so that messages without a corpus of their own get further
-    // than noise would take them.
+    // Fields of one message are read as those of another: messages without a corpus get further than with noise.
     let corpus: Vec<Vec<u8>> = messages::corpus().into_iter().map(|(_, bytes)| bytes).collect();
     check!().with_type::<(u8, Input)>().with_iterations(iterations()).for_each(
         |(kind, (seed, other, edits))| {
@@ -148,7 +147,8 @@ fn no_request_of_a_client_can_name_a_file() {
             }
         }
     }
-    // Names and reasons for logs and traces, the device of a pin, and what only a coordinator says (clients are refused, see `order`).
+    // Texts for logs and traces, the device of a pin, and texts only of a coordinator (refused from clients,
+    // see `order`).
     let harmless = [
         "Provenance.device",
         "RenderRequest.view_id",
@@ -201,7 +201,7 @@ fn packed_images() {
     fuzz(&images::corpus(), |_, bytes| images::roundtrip(bytes));
 }
 
-/// The files of one format.
+/// Fuzzes the files of one format.
 fn loader(names: &[&str]) {
     let files: Vec<(&str, Vec<u8>)> =
         files::corpus().into_iter().filter(|(name, _)| names.contains(name)).collect();
@@ -230,13 +230,13 @@ fn gltf_files() {
 }
 
 #[test]
-fn a_texture_of_a_few_bytes_does_not_become_gigabytes() {
+fn a_texture_of_a_few_bytes_never_takes_gigabytes() {
     let (_, mut png) = files::corpus().into_iter().find(|(name, _)| *name == "checker.png").unwrap();
     for side in [20_000_u32, 0x7fff_ffff] {
-        // Width and height stand at the beginning of the first chunk.
+        // Width and height are at the beginning of the first chunk.
         png[16..20].copy_from_slice(&side.to_be_bytes());
         png[20..24].copy_from_slice(&side.to_be_bytes());
-        // A texture that cannot be is a warning: the scene stands without it.
+        // A texture that cannot be decoded is a warning: the scene loads without it.
         assert_eq!(bounded(|| files::load("checker.png", &png)), Ok(()));
     }
 }

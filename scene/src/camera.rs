@@ -1,4 +1,4 @@
-//! Cameras: the one a client looks through, and the ones samples are taken with.
+//! Cameras of clients and of samples.
 
 use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ pub struct Camera {
     pub eye: DVec3,
     /// A point on the optical axis, metres, world space.
     pub target: DVec3,
-    /// The direction that is up in the image; need not be a unit vector nor perpendicular to the axis.
+    /// Up direction in the image; need not have unit length or be perpendicular to the axis.
     pub up: DVec3,
     /// Vertical field of view, degrees, in the open interval (0, 180).
     pub fov_deg: f64,
@@ -27,7 +27,7 @@ impl Camera {
         Self { eye, target, up: DVec3::Y, fov_deg: 45.0 }
     }
 
-    /// Rejects what has no image: non-finite numbers, `eye` = `target`, `up` along the axis, an impossible
+    /// Rejects a camera without an image: non-finite numbers, `eye` = `target`, `up` along the axis, an impossible
     /// field of view. Written so that NaN fails each comparison.
     pub fn validate(&self) -> Result<(), InvalidField> {
         let finite = |field, v: DVec3| match v.is_finite() {
@@ -82,7 +82,7 @@ impl Camera {
     }
 }
 
-/// How an omnidirectional image unfolds its directions onto a rectangle of texels.
+/// The layout of an omnidirectional image's directions on a rectangle of texels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum OmniLayout {
     /// Six square faces of `face` texels a side in three columns and two rows: +x −x +y over −y +z −z.
@@ -93,22 +93,22 @@ pub enum OmniLayout {
         /// Side of a face in texels, ring included; at least 8.
         face: u32,
     },
-    /// Two hemispheres about ±x of `side` texels a side, left and right: what the MegaViews traversal writes.
+    /// Two hemispheres about ±x of `side` texels a side, left and right: the output of the MegaViews traversal.
     DualParaboloid {
         /// Side of a hemisphere's square in texels.
         side: u32,
     },
-    /// Maps of what is around `count` reflectors, one below the other, each from a place of its own
+    /// Reflection probes of `count` reflectors, one below another, each seen from its own position
     /// ([`crate::reflection`]).
     Surroundings {
         /// Texels on a side of a map's finest level.
         side: u32,
-        /// How many.
+        /// Number of probes.
         count: u32,
     },
 }
 
-/// Where a sample was taken from, and which direction each of its texels looks in.
+/// Position of a sample, and the direction of each of its texels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum SampleCamera {
     /// A pinhole image of `width` × `height` texels.
@@ -120,7 +120,7 @@ pub enum SampleCamera {
         /// Rows of texels.
         height: u32,
     },
-    /// Every direction from one point, its axes those of the world.
+    /// All directions from one point; its axes are the world's.
     Omni {
         /// Centre, metres, world space.
         center: DVec3,
@@ -129,10 +129,9 @@ pub enum SampleCamera {
     },
 }
 
-/// One pinhole image within a sample: the whole of a perspective sample, or a face of a cube.
+/// One pinhole image within a sample: a whole perspective sample, or one face of a cube.
 ///
-/// Rasterising, splatting and fetching all work face by face, so none of them needs to know more kinds of
-/// sample camera than this one.
+/// Rasterising, splatting and fetching work face by face, so they need no other kind of camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Face {
     /// Rotation from world axes to the face's: x right, y up, looking along −z.
@@ -167,8 +166,8 @@ impl SampleCamera {
         }
     }
 
-    /// The pinhole images that make up the sample: one for a perspective camera, six for a cube. A dual
-    /// paraboloid has none, and maps of surroundings have none: their texels are no projection onto planes.
+    /// The pinhole images of the sample: one for a perspective camera, six for a cube. Dual paraboloids and
+    /// reflection probes have none, since their texels are not planar projections.
     pub fn faces(&self) -> Vec<Face> {
         match *self {
             Self::Perspective { camera, width, height } => vec![Face {
@@ -190,8 +189,8 @@ impl SampleCamera {
     }
 }
 
-/// Rotation from world axes to those of cube face `index` (+x −x +y −y +z −z): the face looks along its own
-/// −z, and its image is what a person inside the cube sees.
+/// Rotation from world axes to those of cube face `index` (+x −x +y −y +z −z). The face looks along its own −z, seen from
+/// inside the cube.
 fn cube_face_from_world(index: u32) -> DMat3 {
     let (forward, up) = match index {
         0 => (DVec3::X, DVec3::Y),

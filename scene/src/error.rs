@@ -1,41 +1,41 @@
-//! The two ways a request can fail that every layer shares.
+//! Errors that every layer shares.
 
-/// A field of a request whose value cannot be honoured; travels to the client as `INVALID_ARGUMENT`.
+/// A field of a request with an invalid value; sent to clients as `INVALID_ARGUMENT`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{field}: {reason}")]
 pub struct InvalidField {
     /// Path of the field as the client wrote it, such as `camera.fov_deg`.
     pub field: &'static str,
-    /// What is wrong with it and what would be right, in one line.
+    /// What is wrong with it and what would be valid, in one line.
     pub reason: String,
 }
 
 impl InvalidField {
-    /// Names the field and the reason.
+    /// An error for this field, with its reason.
     pub fn new(field: &'static str, reason: impl Into<String>) -> Self {
         Self { field, reason: reason.into() }
     }
 }
 
-/// Why a render produced no result. One view of a batch may fail while its neighbours succeed.
+/// Why a render has no result. One view of a batch may fail while the rest succeed.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum RenderError {
-    /// The request itself cannot be honoured.
+    /// The request is invalid.
     #[error(transparent)]
     Invalid(#[from] InvalidField),
-    /// Nobody waits for the result any more.
+    /// The result is no longer needed.
     #[error("the render was cancelled")]
     Cancelled,
     /// A plan names a sample that this process does not hold.
     #[error("sample {0} is not held here")]
     MissingSample(crate::SampleId),
-    /// The GPU device is gone; the process rebuilds it and the work is done again elsewhere.
+    /// The GPU device was lost. The process opens it again, and the work is repeated on another worker.
     #[error("the GPU device was lost: {0}")]
     DeviceLost(String),
     /// The result or its working set does not fit in memory.
     #[error("not enough memory: {0}")]
     OutOfMemory(String),
-    /// A fault of ours: a pass failed validation, an invariant broke.
+    /// An internal error: a pass failed validation or an invariant was violated.
     #[error("internal error: {0}")]
     Internal(String),
 }

@@ -1,4 +1,4 @@
-//! Frames: the reply to a view, with what it cost, how sure it is, and where it came from.
+//! Frames: the reply to a view, with its cost, confidence and provenance.
 
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
@@ -15,27 +15,27 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// What frames cost that were thrown away because they were not good enough for the request.
+    /// Cost of frames that were discarded because they exceeded the request's error bound.
     pub const REFUSED: &str = "refused frames";
 
     /// Names of the stages in which a view waits or travels.
     const ON_THE_WAY: [&str; 5] = ["samples", "queue", "encode", "relay", Self::DETOUR];
 
-    /// A client's way to the worker that made its frame, and back.
+    /// The redirected client's way to the worker that rendered its frame, and back.
     pub const DETOUR: &str = "detour";
 
-    /// Whether a stage of that name is part of a view's way to where it is rendered and back.
+    /// Whether a stage is transport or waiting rather than rendering.
     pub fn is_on_the_way(name: &str) -> bool {
         Self::ON_THE_WAY.contains(&name)
     }
 
-    /// A named duration.
+    /// A stage with its duration.
     pub fn new(name: impl Into<String>, ms: f64) -> Self {
         Self { name: name.into(), ms }
     }
 }
 
-/// Stands in [`Provenance::device`] before the knobs of indirect light, where a sampler adds any.
+/// Precedes the knobs of indirect light in [`Provenance::device`], if there are any.
 pub const INDIRECT_BY: &str = "; indirect light by ";
 
 /// All that a frame's bytes are a function of, together with its camera, size and outputs.
@@ -59,53 +59,53 @@ pub struct Provenance {
     pub history: bool,
 }
 
-/// How many of a frame's pixels were served in which way.
+/// Numbers of a frame's pixels by how they were served.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Served {
-    /// By the sample whose texel gave the pixel its depth, or by seeing past everything.
+    /// Served by the sample whose texel gave the pixel its depth, or seen as sky.
     pub warped: u64,
-    /// By another of the plan's samples, after that one had not seen the pixel.
+    /// Served by another sample of the plan, since that one did not see the pixel.
     pub other_sample: u64,
-    /// By a sampler that traced the pixel's rays.
+    /// Traced by a sampler.
     pub traced: u64,
-    /// By a guess.
+    /// Guessed.
     pub unresolved: u64,
 }
 
-/// What is expected of a frame.
+/// The prediction for a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Prediction {
-    /// Mean FLIP against the reference, at 67 pixels a degree, that all but a few in a hundred such frames stay
-    /// below: what is held to the bound of a request. A bound that cannot be kept is exceeded by it.
+    /// An upper bound of the mean FLIP against the reference at 67 pixels a degree, which all but a few per cent of
+    /// such frames keep. It is compared with the request's bound, and exceeds it if that cannot be kept.
     pub error: f64,
     /// Milliseconds of rendering.
     pub ms: f64,
 }
 
-/// Why a view was answered in the way that it was.
+/// Why the service chose a view's plan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Reason {
-    /// The request, or its pin, says how.
+    /// The request or its pin names the plan.
     Requested,
-    /// Of several ways within the error bound, the one whose frame was predicted to be done first.
+    /// Of several plans within the error bound, the earliest predicted to be done.
     Soonest,
-    /// From triangles, since no worker with room held samples for the view.
+    /// From triangles, since no available worker held samples for the view.
     NoSamples,
-    /// From triangles, since the samples that were held miss a part of the view or are too coarse for it.
+    /// From triangles, since the held samples miss a part of the view or are too coarse.
     SamplesFallShort,
-    /// From triangles, since the frame that was reconstructed from samples was not good enough.
+    /// From triangles, since the frame from samples exceeded the error bound.
     FrameFellShort,
-    /// Beyond the error bound, since a frame within it would have come too late.
+    /// Beyond the error bound, since a frame within it would have been too late.
     TimeFirst,
-    /// As the session's last frame: its camera stands still, or its way has just changed.
+    /// Like the session's last frame, since its camera stands still or its plan has just changed.
     Kept,
-    /// Otherwise than the session's last frame, whose camera stands still: this frame is predicted to have less error.
+    /// Unlike the last frame of a camera that stands still, since this plan is predicted to have less error.
     Upgrade,
 }
 
 impl Reason {
-    /// All of them, in the order of their numbers on the wire, from 1.
+    /// All reasons, in the order of their numbers on the wire, from 1.
     pub const ALL: [Self; 8] = [
         Self::Requested,
         Self::Soonest,
@@ -117,7 +117,7 @@ impl Reason {
         Self::Upgrade,
     ];
 
-    /// A phrase for people.
+    /// A phrase for users.
     pub fn phrase(self) -> &'static str {
         match self {
             Self::Requested => "as requested",
@@ -132,16 +132,16 @@ impl Reason {
     }
 }
 
-/// How the planner decided about a view whose request left the way open, with what it predicted.
+/// The planner's choice for a view with an open plan, and its predictions.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
-    /// Why this way.
+    /// Why the plan was chosen.
     pub reason: Reason,
     /// Predicted milliseconds until rendering begins.
     pub wait_ms: f64,
-    /// Predicted milliseconds of rendering; 0 where no cost was known yet.
+    /// Predicted milliseconds of rendering; 0 if no cost is known yet.
     pub render_ms: f64,
-    /// Predicted mean FLIP above that of a direct view.
+    /// Predicted mean FLIP minus that of a direct view.
     pub excess: f64,
 }
 
@@ -154,36 +154,36 @@ pub struct Frame {
     pub height: u32,
     /// sRGB, 3 bytes a pixel.
     pub color: Option<Bytes>,
-    /// f32 little-endian, metres from the eye, +inf where there is nothing.
+    /// f32 little-endian, metres from the eye, +inf for sky.
     pub range: Option<Bytes>,
-    /// A byte a pixel: 255 where no sample saw it and it is a guess, 128 where no sample saw it and it was traced.
+    /// One byte per pixel: 255 if no sample saw it and it is guessed, 128 if no sample saw it and it was traced.
     pub mask: Option<Bytes>,
-    /// A byte a pixel: 1 + position of the sample in the plan's list, 0 for none.
+    /// One byte per pixel: 1 + position of the sample in the plan's list, 0 for none.
     pub source: Option<Bytes>,
-    /// A byte a pixel, see [`crate::Output::Confidence`].
+    /// One byte per pixel, see [`crate::Output::Confidence`].
     pub confidence: Option<Bytes>,
-    /// Fraction of pixels that no sample saw and nothing else served: guesses. 0 for a direct view.
+    /// Fraction of pixels that no sample saw and no ray filled: guesses. 0 for a direct view.
     pub unresolved_fraction: f64,
-    /// How many pixels were served in which way; all zero for a direct view.
+    /// Numbers of pixels by how they were served; all zero for a direct view.
     pub served: Served,
-    /// What the service expects of this frame, where it has a model: from what it knew before it was rendered,
-    /// or, where the request bounds the error, from what its pixels look like.
+    /// The prediction for this frame, if the service has a model: made before rendering, or from the pixels if the
+    /// request bounds the error.
     pub predicted: Option<Prediction>,
-    /// How its way was chosen; `None` where the request, or its pin, named it.
+    /// How its plan was chosen; `None` if the request or its pin named it.
     pub decision: Option<Decision>,
-    /// What it was made of.
+    /// All inputs of its bytes.
     pub provenance: Provenance,
-    /// What it cost. A batch's cost is shared out evenly among its views.
+    /// Costs by stage. A batch's cost is divided evenly among its views.
     pub stages: Vec<Stage>,
 }
 
 impl Frame {
-    /// Milliseconds of all its rendering, that of frames which were thrown away for it included.
+    /// Milliseconds of all its rendering, including discarded frames.
     pub fn rendering_ms(&self) -> f64 {
         self.stages.iter().filter(|stage| !Stage::is_on_the_way(&stage.name)).map(|stage| stage.ms).sum()
     }
 
-    /// One of its images, if it holds it.
+    /// One of its images, if present.
     pub fn image(&self, output: Output) -> Option<&Bytes> {
         match output {
             Output::Color => self.color.as_ref(),
@@ -194,7 +194,7 @@ impl Frame {
         }
     }
 
-    /// Where one of its images is kept.
+    /// The slot of one of its images.
     pub fn image_mut(&mut self, output: Output) -> &mut Option<Bytes> {
         match output {
             Output::Color => &mut self.color,

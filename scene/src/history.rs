@@ -1,11 +1,11 @@
-//! What a frame leaves for the next one of its session: where its surfaces were, and which samples served them.
+//! Data of a frame for temporal reprojection: where its surfaces were, and which samples served them.
 //!
-//! A camera that moves little sees most of what it saw before, so that [`crate::Search::Seeded`] may begin there instead of
-//! at a coarse splat of the samples. A beginning is all that it is: where the search ends is up to the samples.
+//! A slowly moving camera sees mostly what it saw before, so [`crate::Search::Seeded`] may start there instead of at
+//! a coarse splat of the samples. It is only a start: the samples decide where the search ends.
 
 use crate::{Camera, Frame, Plan, SampleId};
 
-/// An earlier frame as a search begins from it.
+/// An earlier frame, as the start of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct History {
     camera: Camera,
@@ -15,16 +15,15 @@ pub struct History {
     links: u32,
 }
 
-/// Bits of a word that name a sample; the rest are those of its inverse range, of which 20 bits of mantissa are more than a
+/// Bits of a word that name a sample. The rest hold its inverse range with 20 bits of mantissa, more than a
 /// sample stores.
 const SOURCE_BITS: u32 = 3;
 const SOURCE_MASK: u32 = (1 << SOURCE_BITS) - 1;
 
 impl History {
-    /// Of a frame that was reconstructed from samples, and the camera that it shows. `None` where it tells too little: it
-    /// lacks its range or its source, or the camera has no image. Pixels whose range is not a positive number show nothing,
-    /// and a source that no sample has is taken for the first one: frames may have come from anywhere. `before` is what the
-    /// frame was given to begin from.
+    /// The history of a frame from samples and its camera. `None` if the frame lacks range or source, or the camera
+    /// is invalid. Frames may come from untrusted sources: a range that is not positive counts as sky, and an unknown
+    /// source as the first. `before`: the history from which the frame itself started.
     pub fn of(frame: &Frame, camera: &Camera, before: Option<&Self>) -> Option<Self> {
         let Plan::Warp(warp) = &frame.provenance.plan else { return None };
         camera.validate().ok()?;
@@ -41,7 +40,7 @@ impl History {
             let inverse = f32::from_le_bytes(*range).recip();
             let known = (1..=samples.len()).contains(&usize::from(source));
             let source = if known { u32::from(source) - 1 } else { 0 };
-            // Written so that NaN is nothing; infinitely far is 0.
+            // Written so that NaN counts as sky; infinitely far is 0.
             if inverse >= f32::MIN_POSITIVE && inverse.is_finite() {
                 inverse.to_bits() & !SOURCE_MASK | source
             } else {
@@ -56,38 +55,38 @@ impl History {
         Some(Self { camera: *camera, size: [frame.width, frame.height], samples, words, links })
     }
 
-    /// The viewpoint that it was seen from.
+    /// The frame's camera.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
-    /// Pixels in a row, and rows.
+    /// Size in pixels: width, height.
     pub fn size(&self) -> [u32; 2] {
         self.size
     }
 
-    /// The samples that it was made of, in the order of its plan: at most 8.
+    /// The frame's samples in the order of its plan: at most 8.
     pub fn samples(&self) -> &[SampleId] {
         &self.samples
     }
 
-    /// A word a pixel, row 0 at the top: the bits of the inverse range (1/metres), the last three of them replaced by the
-    /// position in [`History::samples`] of the sample that served it; 0 where there is no surface.
+    /// One word per pixel, row 0 at the top: the bits of the inverse range (1/metres), with the last three replaced
+    /// by the sample's position in [`History::samples`]; 0 for sky.
     pub fn words(&self) -> &[u32] {
         &self.words
     }
 
-    /// How many frames lie between it and the samples: 0 where its search began there.
+    /// Number of frames between it and one that started from samples; 0 if its own search did.
     pub fn links(&self) -> u32 {
         self.links
     }
 
-    /// Inverse range (1/metres) in a word of [`History::words`]; 0 where there is no surface.
+    /// Inverse range (1/metres) of a word of [`History::words`]; 0 for sky.
     pub fn inverse_range(word: u32) -> f32 {
         f32::from_bits(word & !SOURCE_MASK)
     }
 
-    /// Bytes that it takes.
+    /// Its size in bytes.
     pub fn bytes(&self) -> u64 {
         let words = self.words.len() * size_of::<u32>();
         (size_of::<Self>() + words + self.samples.len() * size_of::<SampleId>()) as u64
@@ -134,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_word_has_the_inverse_range_and_who_served_it() {
+    fn a_word_holds_the_inverse_range_and_the_sample() {
         let history = History::of(&frame(&[4.0, 0.1, f32::INFINITY], &[1, 2, 0]), &camera(), None).unwrap();
         let indices: Vec<u64> = history.samples().iter().map(|id| id.index).collect();
         assert_eq!(indices, [7, 4], "surroundings serve no pixel");
@@ -145,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_range_is_nothing_and_an_unknown_source_is_the_first() {
+    fn an_invalid_range_is_sky_and_an_unknown_source_is_the_first() {
         let ranges = [f32::NAN, -3.0, 0.0, -0.0, f32::NEG_INFINITY, f32::MAX, 1e-39, 2.0];
         let history = History::of(&frame(&ranges, &[1, 1, 1, 1, 1, 1, 1, 99]), &camera(), None).unwrap();
         let (last, others) = history.words().split_last().unwrap();
@@ -154,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn links_count_from_the_frame_that_began_at_the_samples() {
+    fn links_count_from_the_frame_that_started_from_samples() {
         let fresh = frame(&[1.0], &[1]);
         let mut begun = fresh.clone();
         begun.provenance.history = true;
@@ -166,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_tells_too_little_leaves_no_history() {
+    fn a_frame_without_range_or_source_has_no_history() {
         let whole = frame(&[1.0, 2.0], &[1, 1]);
         assert!(History::of(&whole, &camera(), None).is_some());
         assert!(History::of(&Frame { range: None, ..whole.clone() }, &camera(), None).is_none());
@@ -177,6 +176,6 @@ mod tests {
         assert!(History::of(&whole, &nowhere, None).is_none());
         let mut direct = whole;
         direct.provenance.plan = Plan::Direct { samples_per_pixel: 1 };
-        assert!(History::of(&direct, &camera(), None).is_none(), "nobody served its pixels");
+        assert!(History::of(&direct, &camera(), None).is_none(), "no sample served its pixels");
     }
 }

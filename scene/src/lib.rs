@@ -1,9 +1,9 @@
-//! The vocabulary of Argus, and the ways a scene comes into being.
+//! The vocabulary of Argus, and the loaders and generators of scenes.
 //!
-//! Every other crate speaks in these types: a [`Scene`] is sampled into a [`SampleSet`], from which the
-//! views of many clients are reconstructed as [`Frame`]s. Without features this crate is that vocabulary
-//! alone, so that a thin client compiles nothing it does not need; `loaders`, `procedural` and `reference`
-//! add file formats, generated scenes and the CPU ray tracer that every image is judged against.
+//! Every other crate uses these types: a [`Scene`] is sampled into a [`SampleSet`], from which views are reconstructed as
+//! [`Frame`]s. Without features this crate is only the vocabulary, so that a thin client compiles little. `loaders`,
+//! `procedural` and `reference` add file formats, generated scenes and the CPU ray tracer that every image is
+//! judged against.
 //!
 //! Conventions: right-handed, y up, metres, radians unless a name says `deg`; positions, cameras and
 //! transforms are `f64`, vertices are `f32` about an `f64` origin of their own mesh. Matrices are named for

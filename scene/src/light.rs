@@ -1,4 +1,4 @@
-//! What lights a scene: directional, point and spot lights, and the sky.
+//! Lights of a scene: directional, point and spot lights, and the sky.
 
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ pub enum Light {
     },
     /// Light from a point in every direction.
     Point {
-        /// Where it stands.
+        /// Position.
         position: DVec3,
         /// Radiant intensity (glTF: candela).
         intensity: Vec3,
@@ -24,7 +24,7 @@ pub enum Light {
     },
     /// Light from a point into a cone.
     Spot {
-        /// Where it stands.
+        /// Position.
         position: DVec3,
         /// Unit direction of the cone's axis, along which light travels.
         direction: DVec3,
@@ -39,7 +39,7 @@ pub enum Light {
     },
 }
 
-/// A vertical gradient of radiance, seen where no surface is and lighting every surface from all around.
+/// A vertical gradient of radiance. It shows where there is no surface, and lights every surface from all around.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sky {
     /// Linear radiance straight up.
@@ -51,10 +51,10 @@ pub struct Sky {
 }
 
 impl Sky {
-    /// No light from anywhere.
+    /// A black sky.
     pub const BLACK: Self = Self { zenith: Vec3::ZERO, horizon: Vec3::ZERO, ground: Vec3::ZERO };
 
-    /// A clear afternoon: what a scene without lights of its own is shown under, with [`Light::sun`].
+    /// A clear afternoon: the sky of a scene without lights of its own, together with [`Light::sun`].
     pub const DAYLIGHT: Self = Self {
         zenith: Vec3::new(0.25, 0.45, 0.85),
         horizon: Vec3::new(0.75, 0.85, 0.95),
@@ -72,8 +72,8 @@ impl Light {
     }
 }
 
-/// Everything that shading needs to know beside the surface: travels with every sample set, so that the
-/// part that depends on the viewer can be added by whoever reconstructs a view.
+/// Everything that shading needs besides the surface. It travels with every sample set, so that a compositor can add the
+/// part that depends on the viewer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Lighting {
     /// The lights, world space.
@@ -85,7 +85,7 @@ pub struct Lighting {
 }
 
 impl Default for Lighting {
-    /// Sun and sky: for a scene that brings no light of its own.
+    /// Sun and sky, for a scene without lights of its own.
     fn default() -> Self {
         Self { lights: vec![Light::sun()], sky: Sky::DAYLIGHT, exposure: 1.0 }
     }

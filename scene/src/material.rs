@@ -1,24 +1,23 @@
-//! Surfaces: metallic-roughness materials and their textures.
+//! Materials: metallic-roughness surfaces and their textures.
 
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
 
-/// How a material's alpha is read.
+/// The meaning of a material's alpha.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
     /// Alpha is ignored.
     Opaque,
-    /// A surface point exists where alpha ≥ the cutoff.
+    /// A surface point exists if alpha ≥ the cutoff.
     Mask(f32),
-    /// glTF's blending, which a visibility buffer cannot express: treated as `Mask(0.5)`, with a warning
-    /// from the loader.
+    /// glTF's blending, which a visibility buffer cannot express. Treated as `Mask(0.5)`, with a warning from the loader.
     Blend,
 }
 
-/// A reference to a texture: which one, and where on it.
+/// A reference to a texture and its transform.
 ///
-/// `uv_in_texture = scale · rotate(rotation, uv) + offset`, as KHR_texture_transform has it.
+/// `uv_in_texture = scale · rotate(rotation, uv) + offset`, as in KHR_texture_transform.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TextureRef {
     /// Index into [`crate::Scene::textures`].
@@ -32,13 +31,13 @@ pub struct TextureRef {
 }
 
 impl TextureRef {
-    /// The texture as it is.
+    /// The texture without a transform.
     pub fn new(texture: u32) -> Self {
         Self { texture, offset: Vec2::ZERO, scale: Vec2::ONE, rotation: 0.0 }
     }
 }
 
-/// A metallic-roughness surface (glTF 2.0, appendix B), with the extensions that Argus keeps.
+/// A metallic-roughness surface (glTF 2.0, appendix B), with the extensions that Argus supports.
 ///
 /// Factors multiply their textures. Colours are linear; base colour and emission textures are sRGB.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,19 +62,18 @@ pub struct Material {
     pub emissive: Vec3,
     /// sRGB emission.
     pub emissive_texture: Option<TextureRef>,
-    /// How alpha is read.
+    /// The meaning of alpha.
     pub alpha: AlphaMode,
-    /// Whether the back of a triangle is seen; otherwise it is culled, by every renderer alike.
+    /// Whether back faces are seen; otherwise every renderer culls them.
     pub double_sided: bool,
-    /// KHR_materials_transmission: share of light that passes through; kept, see [`crate::shading`] for its
-    /// treatment.
+    /// KHR_materials_transmission: share of light that passes through; see [`crate::shading`] for its treatment.
     pub transmission: f32,
     /// Index of refraction; sets a dielectric's F0.
     pub ior: f32,
 }
 
 impl Default for Material {
-    /// A matt light grey, seen from both sides: for meshes that name no material.
+    /// A matt light grey seen from both sides, for meshes without a material.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -97,16 +95,16 @@ impl Default for Material {
 }
 
 impl Material {
-    /// Whether it reflects in a way that depends on the viewer, so that samples of it need the planes for
-    /// specular: a metal, or smoother than 0.9, at any place that its textures allow.
+    /// Whether the material has a specular lobe, so that its samples need the specular planes: a metal, or a
+    /// roughness below 0.9, anywhere that its textures allow.
     ///
-    /// Every renderer asks this one function; a material that is not glossy has no specular lobe at all.
+    /// Every renderer uses this function.
     pub fn is_glossy(&self) -> bool {
         let textured = self.metallic_roughness_texture.is_some();
         self.roughness < 0.9 || self.metallic > 0.0 || (textured && self.roughness > 0.0)
     }
 
-    /// The alpha below which a surface point does not exist, or `None` if alpha is ignored.
+    /// The alpha below which a surface point does not exist; `None` if alpha is ignored.
     pub fn alpha_cutoff(&self) -> Option<f32> {
         match self.alpha {
             AlphaMode::Opaque => None,
@@ -116,18 +114,18 @@ impl Material {
     }
 }
 
-/// How texture coordinates outside 0..1 are read.
+/// Addressing of texture coordinates outside 0..1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Wrap {
     /// Only the fraction counts.
     Repeat,
-    /// The border texel goes on for ever.
+    /// The border texel is repeated.
     Clamp,
-    /// Every other tile is mirrored.
+    /// Every second tile is mirrored.
     Mirror,
 }
 
-/// A decoded image, 8 bits a channel, with the way it is addressed.
+/// A decoded image with 8 bits per channel, and its addressing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Texture {
     /// As the file names it, for messages.

@@ -1,9 +1,9 @@
-//! How far an image is from another: FLIP, PSNR and SSIM.
+//! Differences between two images: FLIP, PSNR and SSIM.
 //!
-//! All three work on what a display shows (sRGB, 8 bits).
+//! All three compare display values (sRGB, 8 bits).
 //!
-//! - **FLIP** (Andersson et al. 2020, by its authors' code): the difference that a person who alternates
-//!   between the two sees, 0 to 1 a pixel, at 67 pixels per degree; here its mean.
+//! - **FLIP** (Andersson et al. 2020, after its authors' code): the difference that a person sees who alternates
+//!   between the two images, 0 to 1 per pixel, at 67 pixels per degree; here its mean.
 //! - **PSNR**: 10·log₁₀(255² / mean squared difference over all channels). Identical images have +∞, which JSON
 //!   cannot hold: a [`Comparison`] writes `psnr_db: null` for them, and reads null as +∞.
 //! - **SSIM** (Wang et al. 2004) of the luma, Gaussian window of 11 pixels, σ = 1.5; 1 for identical images.
@@ -16,7 +16,7 @@ use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageFloat, FlipImageRgb8};
 use rayon::prelude::*;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// How far an image is from a reference.
+/// The differences of an image from a reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
     /// Mean FLIP error: 0 identical … 1.
@@ -31,7 +31,7 @@ pub struct Comparison {
 /// Why two images cannot be compared.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CompareError {
-    /// There is no pixel to compare each pixel with.
+    /// The sizes differ, so pixels have no counterparts.
     #[error("images differ in size: {}×{} and {}×{} pixels", .0[0], .0[1], .1[0], .1[1])]
     Sizes([u32; 2], [u32; 2]),
     /// An image without pixels.
@@ -60,20 +60,20 @@ pub fn flip_mean(reference: &RgbImage, test: &RgbImage) -> Result<f64, CompareEr
     Ok(flip.iter().map(|&e| f64::from(e)).sum::<f64>() / flip.len() as f64)
 }
 
-/// Mean FLIP errors of an image as a whole and of its parts.
+/// Mean FLIP errors of a whole image and of its tiles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlipTiles {
-    /// Of all pixels: 0 identical … 1.
+    /// Mean over all pixels: 0 identical … 1.
     pub mean: f64,
-    /// Of each tile, row by row from the top left. Images of one size have the same tiles.
+    /// Mean over each tile, row by row from the top left. Images of one size have the same tiles.
     pub tiles: Vec<f64>,
 }
 
 /// Mean FLIP errors of square tiles of `side` pixels (at least 1), and of the whole image.
 ///
-/// Every tile is whole, so that no sliver of a few pixels is judged by itself: where `side` does not divide the image,
-/// the last tile of a row or column ends at the border and overlaps the one before it. An image that is narrower or
-/// lower than a tile has one tile in that direction, as wide or high as the image.
+/// Every tile is whole, so that no tile has only a few pixels. Where `side` does not divide the image, the last tile
+/// of a row or column ends at the border and overlaps its neighbour. An image narrower or lower than a tile has one
+/// tile in that direction, as wide or high as the image.
 ///
 /// # Errors
 /// Images of different sizes, or without pixels.
@@ -98,7 +98,7 @@ pub fn flip_tiles(reference: &RgbImage, test: &RgbImage, side: u32) -> Result<Fl
     })
 }
 
-/// The FLIP error of every pixel in its authors' colours (magma: black is none, pale yellow is most).
+/// The FLIP error of every pixel in its authors' colours (magma: black is zero, pale yellow the largest).
 ///
 /// # Errors
 /// Images of different sizes, or without pixels.
@@ -129,8 +129,8 @@ fn psnr_db(a: &RgbImage, b: &RgbImage) -> f64 {
 /// Taps on each side of a window's middle.
 const REACH: usize = 5;
 
-/// Mean over the pixels around which the whole window lies in the image, as published. An image too small to
-/// have one is averaged over all its pixels, with windows cut off at its border.
+/// Mean over the pixels whose whole window lies in the image, as published. A smaller image is averaged over all its
+/// pixels, with windows cut off at its border.
 fn ssim(a: &RgbImage, b: &RgbImage) -> f64 {
     let (width, height) = (a.width() as usize, a.height() as usize);
     let (a, b) = (luma(a), luma(b));
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn every_metric_sees_a_difference_and_a_larger_one_better() {
+    fn every_metric_orders_a_small_and_a_large_difference() {
         for (width, height) in [(1, 1), (8, 8), (64, 48)] {
             let image = picture(width, height);
             let [small, large] = [10, 80].map(|by| compare(&image, &changed(&image, by)).unwrap());

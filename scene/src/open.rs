@@ -1,4 +1,4 @@
-//! A scene by the name that a user gives it.
+//! Opens a scene by its name.
 
 use std::fmt::Display;
 use std::ops::RangeInclusive;
@@ -14,8 +14,8 @@ use crate::procedural::{
 /// `terrain`, `terrain:TRIANGLES`, `mirrors`, `mirrors:BALLS`, or the path of a scene file.
 ///
 /// # Errors
-/// One line that names the scene and the reason: a number that is none or outside [`TERRAIN_TRIANGLES`] or [`MIRRORS`],
-/// or what [`load_path`] says of the file.
+/// One line with the scene and the reason: an invalid number, one outside [`TERRAIN_TRIANGLES`] or [`MIRRORS`],
+/// or the error of [`load_path`].
 pub fn open(spec: &str) -> Result<Scene, LoadError> {
     let (name, count) = spec.split_once(':').map_or((spec, None), |(name, count)| (name, Some(count)));
     match name {
@@ -32,7 +32,7 @@ pub fn open(spec: &str) -> Result<Scene, LoadError> {
     }
 }
 
-/// How many of something a built-in scene has.
+/// The number after a built-in scene's name.
 fn number<N: FromStr + PartialOrd + Display>(
     spec: &str,
     count: Option<&str>,
@@ -47,7 +47,7 @@ fn number<N: FromStr + PartialOrd + Display>(
     })
 }
 
-/// Whether `spec` names a built-in scene, which every process makes for itself, rather than a file.
+/// Whether `spec` names a built-in scene, which every process generates itself, and not a file.
 pub fn is_procedural(spec: &str) -> bool {
     let name = spec.split_once(':').map_or(spec, |(name, _)| name);
     ["terrain", "mirrors"].contains(&name)
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_not_there_is_told_from_a_built_in_scene() {
+    fn the_error_of_a_missing_file_names_the_built_in_scenes() {
         assert!(open("no/such.glb").unwrap_err().reason.contains("no such file"));
         assert!(open("terrains").unwrap_err().reason.contains("no such file"));
     }

@@ -1,11 +1,11 @@
-//! Dual paraboloid maps: which texel a direction falls into, and back. `shaders/shared/paraboloid.wgsl` is the same
-//! on the GPU.
+//! Dual paraboloid maps: conversion between directions and texels. `shaders/shared/paraboloid.wgsl` is the same on the
+//! GPU.
 //!
 //! Each hemisphere, about +x and −x of the world's axes, is projected stereographically onto a square of `side` by
-//! `side` texels, so that circles stay circles: a ball whose angular radius is β, at the angle α from the axis, covers
-//! side·sin β / (cos α + cos β) texels across, in every direction alike (MegaViews, section 3.2.2). Both hemispheres
-//! have the same (y, z) along their common rim. What lies beyond the circle inscribed in a square belongs to the other
-//! hemisphere: no direction falls there.
+//! `side` texels. The projection keeps circles circular: a ball whose angular radius is β, at the angle α from the
+//! axis, covers side·sin β / (cos α + cos β) texels in every direction (MegaViews, section 3.2.2). Both hemispheres
+//! have the same (y, z) along their common rim. Texels outside a square's inscribed circle have no direction: theirs
+//! belong to the other hemisphere.
 //!
 //! A map is an array of 2·side² texels: the hemisphere about +x, then the one about −x, each row by row.
 
@@ -21,14 +21,14 @@ pub struct ParaboloidPosition {
 }
 
 impl ParaboloidPosition {
-    /// Where a direction, of any length but 0, falls in a map of `side` texels.
+    /// The position of a direction, of any length but 0, in a map of `side` texels.
     pub fn of(direction: DVec3, side: u32) -> Self {
         let d = direction / direction.abs().max_element().max(f64::MIN_POSITIVE);
         let p = DVec2::new(d.y, d.z) / (d.length() + d.x.abs()).max(f64::MIN_POSITIVE);
         Self { hemisphere: u32::from(d.x < 0.0), at: (p * 0.5 + 0.5) * f64::from(side) }
     }
 
-    /// The unit direction that falls here.
+    /// The unit direction of this position.
     pub fn direction(self, side: u32) -> DVec3 {
         let p = self.at / f64::from(side) * 2.0 - 1.0;
         let s = p.length_squared();
@@ -38,7 +38,7 @@ impl ParaboloidPosition {
     }
 }
 
-/// Index of the texel that a direction falls into, within a map of `side` texels.
+/// Index of a direction's texel in a map of `side` texels.
 pub fn texel_of(direction: DVec3, side: u32) -> u32 {
     let position = ParaboloidPosition::of(direction, side);
     let cell = position.at.clamp(DVec2::ZERO, DVec2::splat(f64::from(side) - 0.5)).as_uvec2();
@@ -52,7 +52,7 @@ pub fn center_of(texel: u32, side: u32) -> DVec3 {
     ParaboloidPosition { hemisphere: row / side, at }.direction(side)
 }
 
-/// Whether any direction falls into a texel: those outside the circle inscribed in their square see none.
+/// Whether a texel holds any direction: true inside the circle inscribed in its square.
 pub fn is_inside(texel: u32, side: u32) -> bool {
     let center = f64::from(side) * 0.5;
     let nearest = |i: u32| {
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn every_texel_that_is_seen_has_its_own_centre() {
+    fn every_texel_inside_the_circle_has_its_own_centre() {
         for side in [1, 2, 16, 33] {
             let mut seen = 0;
             for texel in 0..2 * side * side {
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_covers_as_many_texels_as_the_formula_says_wherever_it_lies() {
+    fn a_ball_covers_as_many_texels_as_the_formula_says_everywhere() {
         let (side, beta): (u32, f64) = (64, 0.2);
         for alpha in [0.0f64, 0.4, 0.9, 1.3] {
             let axis = DVec3::new(alpha.cos(), alpha.sin() * 0.6, alpha.sin() * 0.8);

@@ -1,4 +1,4 @@
-//! Glowing particles: many small lights that drift through a scene and shine in every direction (MegaViews, section 5.2).
+//! Glowing particles: many small moving lights (MegaViews, section 5.2).
 
 use std::f64::consts::TAU;
 
@@ -6,25 +6,25 @@ use glam::{DVec3, Vec3};
 
 use crate::Bounds;
 
-/// A light without extent that shines alike in every direction.
+/// A point light that shines equally in all directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Particle {
     /// World space, metres.
     pub position: DVec3,
-    /// What it sends out in all, watts.
+    /// Total emitted power, watts.
     pub flux: Vec3,
 }
 
-/// Share of the bounds, from their middle, that particles stay within.
+/// Share of the bounds, around their middle, that holds all particles.
 const WITHIN: f64 = 0.9;
-/// How far a particle drifts to each side, a share of the bounds' extent along that axis.
+/// A particle's largest drift to each side: a share of the bounds' extent along that axis.
 const DRIFT: f64 = 0.08;
-/// Seconds that the slowest drift takes to and fro.
+/// Period of the slowest drift, seconds.
 const SLOWEST_SECS: f64 = 12.0;
 
-/// So many particles at a time, seconds: a pure function, the same in every process. They are spread evenly through the
-/// bounds, whatever is there, and each drifts about its own place; together they send out as many watts as the bounds'
-/// diagonal squared, metres, so that a scene is about as bright whatever its size and their number.
+/// The particles at a time in seconds: a pure function, the same in every process. They are spread evenly through the
+/// bounds, and each drifts about its own position. Their total power in watts is the square of the bounds' diagonal
+/// in metres, so a scene's brightness depends little on its size and on their number.
 pub fn glowing(bounds: &Bounds, count: u32, seed: u32, time_secs: f64) -> Vec<Particle> {
     let (middle, size) = (bounds.center(), bounds.size());
     let each = (size.length_squared() / f64::from(count.max(1))) as f32;
@@ -50,13 +50,13 @@ pub fn glowing(bounds: &Bounds, count: u32, seed: u32, time_secs: f64) -> Vec<Pa
     (0..count).map(particle).collect()
 }
 
-/// A colour by its hue, 0..1, pale enough that many of them make white; the mean of its channels is 1.
+/// A colour of a hue in 0..1, pale enough that many of them add up to white; the mean of its channels is 1.
 fn color(hue: f64) -> Vec3 {
     let channel = |shift: f64| 1.0 + 0.7 * (TAU * (hue + shift)).cos() as f32;
     Vec3::new(channel(0.0), channel(1.0 / 3.0), channel(2.0 / 3.0))
 }
 
-/// A number in 0..1 (SplitMix64).
+/// A pseudo-random number in 0..1 (SplitMix64).
 fn unit(seed: u64) -> f64 {
     let mut x = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -1,5 +1,4 @@
-//! Many viewpoints of one scene, the same on every machine: what load tests, the demo and the studies look
-//! through.
+//! Viewpoints of a scene, the same on every machine, for load tests, the demo and the studies.
 
 use std::f64::consts::PI;
 
@@ -8,17 +7,17 @@ use glam::{DQuat, DVec3};
 use crate::scene::RigKind;
 use crate::{Bounds, Camera};
 
-/// How far, as seen from the target, a viewpoint strays from the camera it is made from: degrees around it,
-/// degrees up or down, and a share of the distance.
+/// Largest deviation of a viewpoint from its camera, seen from the target: degrees around it, degrees up or down, and
+/// a share of the distance.
 const YAW_DEG: f64 = 14.0;
 const PITCH_DEG: f64 = 5.0;
 const DOLLY: f64 = 0.08;
 
-/// `count` viewpoints spread around the `suggested` ones, in turn. The first of each is the suggested camera
-/// itself; the others surround it evenly (an additive recurrence with the plastic number's powers, so that any
-/// prefix covers the range). Every one is valid if the suggested ones are.
+/// `count` viewpoints spread around the `suggested` ones, in turn. The first of each is the suggested camera itself;
+/// the rest surround it evenly (an additive recurrence with the plastic number's powers, so that any prefix covers the
+/// range). Every one is valid if the suggested ones are.
 ///
-/// Returns none where nothing is suggested.
+/// Empty where nothing is suggested.
 pub fn viewpoints(suggested: &[Camera], count: usize) -> Vec<Camera> {
     if suggested.is_empty() {
         return Vec::new();
@@ -32,7 +31,7 @@ pub fn viewpoints(suggested: &[Camera], count: usize) -> Vec<Camera> {
         .collect()
 }
 
-/// The camera's `turn`-th neighbour, 1 and up.
+/// A camera's neighbour of index `turn`, from 1.
 fn stray(camera: Camera, turn: f64) -> Camera {
     // Reciprocal powers of the root of x⁴ = x + 1: a low-discrepancy sequence in three dimensions.
     let spread = |alpha: f64| 2.0 * (turn * alpha).fract() - 1.0;
@@ -41,7 +40,7 @@ fn stray(camera: Camera, turn: f64) -> Camera {
     let offset = camera.eye - camera.target;
     let side = camera.up.cross(offset).normalize_or(DVec3::X);
     let up = camera.up.normalize_or(DVec3::Y);
-    // Pitching towards the pole stops short of it, where up would be parallel to the view.
+    // The pitch stops short of the pole, where up would be parallel to the view.
     let polar = offset.angle_between(up);
     let pitch = (polar - (PITCH_DEG * pitch).to_radians()).clamp(0.05, std::f64::consts::PI - 0.05) - polar;
     let turned = DQuat::from_axis_angle(up, (YAW_DEG * yaw).to_radians())
@@ -50,11 +49,10 @@ fn stray(camera: Camera, turn: f64) -> Camera {
     Camera { eye: camera.target + turned * (1.0 + DOLLY * dolly), ..camera }
 }
 
-/// Endless viewpoints drawn at random from where people look at such a scene, the same for the same seed: from
-/// among its walls at any height below three quarters of its own, looking about level, where samples surround
-/// the viewer; from above its ground up to half its width higher than its top, looking at a place in its
-/// middle, where they look down at it. Some stand inside of something: whoever knows the triangles leaves
-/// those out.
+/// Endless random viewpoints, typical for the kind of rig, the same for the same seed. [`RigKind::Cell`]: among the
+/// scene's walls, at any height below three quarters of its own, looking about level, with samples all around.
+/// [`RigKind::TileCorners`]: from above its ground up to half its width above its top, looking down at a point in its
+/// middle. Some viewpoints stand inside solid objects: a caller that knows the triangles skips them.
 pub fn wandering(bounds: Bounds, kind: RigKind, seed: u64) -> impl Iterator<Item = Camera> {
     let mut next = uniform(seed);
     std::iter::repeat_with(move || {
@@ -88,8 +86,8 @@ pub fn wandering(bounds: Bounds, kind: RigKind, seed: u64) -> impl Iterator<Item
     .filter(|camera| camera.validate().is_ok())
 }
 
-/// Numbers from 0 up to 1, each about as likely as any other: Steele, Lea and Flood's SplitMix64 (*Fast
-/// splittable pseudorandom number generators*, OOPSLA 2014).
+/// Uniform numbers in 0..1: Steele, Lea and Flood's SplitMix64 (*Fast splittable pseudorandom number generators*,
+/// OOPSLA 2014).
 fn uniform(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {

@@ -1,6 +1,6 @@
-//! What glossy and transparent things show of the scene around them: a map of all directions for each such thing
-//! (ManyLoDs, Holländer et al. 2011, section 5 and figure 3), which its pixels look up along the directions in which
-//! they reflect and refract.
+//! Reflection and refraction of the surrounding scene in glossy and transparent objects. Each such object has a map of
+//! all directions around it (ManyLoDs, Holländer et al. 2011, section 5 and figure 3). Its pixels look the map up along
+//! their reflected and refracted directions.
 
 use std::fmt;
 
@@ -9,52 +9,53 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Bounds, Instance, InvalidField, Material, Scene};
 
-/// Maps around reflectors: alike in all samples of a set, whoever renders them.
+/// Settings of the maps around reflectors, the same for all samples of a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Reflections {
-    /// Texels on a side of a map's finest level: a power of two, 16 to 256.
+    /// Texels on a side of a map's finest level: a power of two, 16 to 256. More show finer detail; cost
+    /// grows with its square.
     pub side: u32,
     /// Levels of the octree of the scene that maps show, below its root: 1 to 10.
     pub levels: u32,
-    /// Maps of a scene at most, 1 to 1024: its largest reflectors have one, others reflect the sky alone.
+    /// Largest number of maps of a scene, 1 to 1024: the largest reflectors have one, and the rest reflect only the sky.
     pub most: u32,
 }
 
-/// Texels on a side of a map's coarsest level, which stands for surfaces of roughness 1; this and the ring as in
+/// Texels on a side of a map's coarsest level, for surfaces of roughness 1. This and the ring equal those in
 /// `shaders/shared/reflection_probes.wgsl`.
 const COARSEST: u32 = 4;
 /// Texels around a level, so that a bilinear fetch never leaves it.
 const RING: u32 = 1;
 
-/// Roughness up to which an instance as a whole counts as a reflector: a rougher one shows light and dark of what is
-/// around it, and no image.
+/// Largest roughness of a reflector, as a mean over the instance. A rougher one reflects light and dark, but no
+/// image.
 const ROUGHEST: f32 = 0.6;
 
-/// Bytes of all maps of a scene, at most: every sampler makes them and every compositor holds them.
+/// Most bytes of all maps of a scene: every sampler renders them, and every compositor holds them.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// Stands in [`crate::Provenance::device`] before the knobs of the maps that reflections come from.
+/// Separator in [`crate::Provenance::device`] before the settings of the reflection maps.
 const REFLECTIONS_BY: &str = "; reflections by maps";
 
 impl Default for Reflections {
-    /// Texels of three degrees, and cells of a two-hundred-and-fiftieth of the scene.
+    /// Texels of three degrees, and cells of 1/250 of the scene.
     fn default() -> Self {
         Self { side: 64, levels: 8, most: 256 }
     }
 }
 
 impl fmt::Display for Reflections {
-    /// All of them in a few words: what a frame's provenance has.
+    /// All settings, short, as in a frame's provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "of {} from {} levels, at most {}", self.side, self.levels, self.most)
     }
 }
 
 impl Reflections {
-    /// Rejects knobs that are out of range.
+    /// Rejects settings that are out of range.
     ///
     /// # Errors
-    /// `reflections` and the knob's name.
+    /// `reflections` and the setting's name.
     pub fn validate(&self) -> Result<(), InvalidField> {
         if !(self.side.is_power_of_two() && (16..=256).contains(&self.side)) {
             let reason = format!("must be 16, 32, 64, 128 or 256 texels, not {}", self.side);
@@ -75,12 +76,12 @@ impl Reflections {
         Ok(())
     }
 
-    /// What a device is called whose frames have such reflections, by what it is called otherwise.
+    /// A device's name with these reflections added.
     pub fn on_device(&self, device: &str) -> String {
         format!("{device}{REFLECTIONS_BY} {self}")
     }
 
-    /// A [`crate::Provenance::device`] without its reflections, and what it says of them, if anything.
+    /// A [`crate::Provenance::device`] without its reflections, and the text about them, if any.
     pub fn of_device(device: &str) -> (&str, Option<&str>) {
         match device.split_once(REFLECTIONS_BY) {
             Some((device, by)) => (device, Some(by.trim_start())),
@@ -89,12 +90,12 @@ impl Reflections {
     }
 }
 
-/// Texels on a side of each level of a map, the finest first: each half as many, and for surfaces as much rougher.
+/// Texels on a side of each level of a map, finest first: each level has half as many, for rougher surfaces.
 pub fn level_sides(side: u32) -> impl Iterator<Item = u32> {
     std::iter::successors(Some(side), |side| (*side / 2 >= COARSEST).then_some(*side / 2))
 }
 
-/// Columns and rows of a map: its levels one below the other, each with a ring around it.
+/// Columns and rows of a map: its levels below one another, each with a ring around it.
 pub fn map_size(side: u32) -> [u32; 2] {
     [side + 2 * RING, level_sides(side).map(|side| side + 2 * RING).sum()]
 }
@@ -102,17 +103,17 @@ pub fn map_size(side: u32) -> [u32; 2] {
 /// The maps around the reflectors of a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Surroundings {
-    /// What each is like.
+    /// Settings of every map.
     pub knobs: Reflections,
-    /// How many there are, at least 1.
+    /// Number of maps, at least 1.
     pub count: u32,
 }
 
 impl Surroundings {
-    /// Those of a scene; `None` where nothing in it mirrors anything.
+    /// The maps of a scene; `None` without a reflector.
     ///
     /// # Errors
-    /// A knob out of range, or maps that take too much memory together, by name.
+    /// A setting out of range, or maps that take too much memory together, by name.
     pub fn of(scene: &Scene, knobs: Reflections) -> Result<Option<Self>, InvalidField> {
         knobs.validate()?;
         let maps = Self { knobs, count: scene.reflectors(knobs.most).len() as u32 };
@@ -123,7 +124,7 @@ impl Surroundings {
         Ok(Some(maps))
     }
 
-    /// Rejects what [`Surroundings::of`] never makes.
+    /// Rejects values that [`Surroundings::of`] never makes.
     ///
     /// # Errors
     /// The field, by name.
@@ -152,25 +153,25 @@ impl Surroundings {
     }
 }
 
-/// Something that a map is made around.
+/// An instance with a map around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reflector {
     /// Index into [`Scene::instances`].
     pub instance: u32,
-    /// The middle of its bounds, metres, world space: where its map is seen from.
+    /// The middle of its bounds, metres, world space: the viewpoint of its map.
     pub center: DVec3,
     /// Half the diagonal of its bounds, metres.
     pub radius: f64,
 }
 
 impl Material {
-    /// Whether things of it show an image of what is around them, rather than light and dark. Roughness that a texture
-    /// varies is taken as it is in the mean.
+    /// Whether the material reflects an image of its surroundings, and not only light and dark. A textured roughness
+    /// counts by its mean.
     fn mirrors(&self, scene: &Scene) -> bool {
         let in_mean = |reference: crate::TextureRef| {
             scene.textures.get(reference.texture as usize).map_or(1.0, |texture| {
                 let texels = texture.rgba.len() / 4;
-                // Some thousands of them tell the mean of millions.
+                // A few thousand of them give the mean of millions.
                 let step = (texels / 4096).max(1);
                 let greens = texture.rgba.iter().skip(1).step_by(4 * step);
                 let (sum, count) =
@@ -184,8 +185,8 @@ impl Material {
 }
 
 impl Scene {
-    /// The instances that a map is made around, ascending: those that mirror what is around them, or if there are more
-    /// than `most`, the largest of those. As they are at time zero, so that they are the same at all times.
+    /// The instances with a map, ascending: all reflectors, or the `most` largest ones. They are those of time zero, so
+    /// that they are the same at all times.
     pub fn reflectors(&self, most: u32) -> Vec<u32> {
         let mirrors: Vec<bool> = self.materials.iter().map(|material| material.mirrors(self)).collect();
         let mut found: Vec<Reflector> = (0u32..)
@@ -199,7 +200,7 @@ impl Scene {
         chosen
     }
 
-    /// An instance as a reflector, where it is posed; `None` if nothing of it is anywhere.
+    /// An instance as a reflector at its pose; `None` if its mesh is empty.
     pub fn reflector(&self, index: u32, instance: &Instance) -> Option<Reflector> {
         let mesh = &self.meshes[instance.mesh as usize];
         let mut bounds = Bounds::EMPTY;
@@ -270,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn what_mirrors_has_a_map_and_of_too_many_the_largest_have() {
+    fn every_reflector_has_a_map_up_to_the_limit_and_the_largest_come_first() {
         let scene = scene();
         assert_eq!(scene.reflectors(10), [0, 2, 4], "neither matt nor rough in the mean, nor nowhere");
         assert_eq!(scene.reflectors(2), [0, 2], "of two of one size the first");
@@ -278,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_is_seen_from_the_middle_of_its_reflector_wherever_that_is() {
+    fn a_map_is_seen_from_the_middle_of_its_reflector() {
         let scene = scene();
         let far = scene.reflector(2, &scene.instances[2]).unwrap();
         assert!((far.center - DVec3::new(1e6 + 1.0, 1.0, 1.0)).length() < 1e-6, "{far:?}");
@@ -294,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn every_knob_out_of_range_is_named() {
+    fn every_setting_out_of_range_is_named() {
         let field = |reflections: Reflections| reflections.validate().unwrap_err().field;
         let default = Reflections::default();
         assert_eq!(default.validate(), Ok(()));
@@ -305,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_that_take_too_much_memory_and_a_wrong_number_of_them_are_refused() {
+    fn too_large_maps_and_a_wrong_number_of_them_are_refused() {
         let field = |maps: Surroundings| maps.validate().unwrap_err().field;
         let few = Surroundings { knobs: Reflections { most: 1024, ..Reflections::default() }, count: 1024 };
         assert_eq!(few.validate(), Ok(()));
@@ -317,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_says_how_its_reflections_came_about() {
+    fn a_device_name_keeps_the_settings_of_its_reflections() {
         let device = Reflections::default().on_device("llvmpipe; triangles by cpu");
         let by = "of 64 from 8 levels, at most 256";
         assert_eq!(Reflections::of_device(&device), ("llvmpipe; triangles by cpu", Some(by)));

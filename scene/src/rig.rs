@@ -1,10 +1,10 @@
 //! Rigs: the rules that place sample cameras.
 //!
-//! A rig is a pure function from an index to a camera, known to every process, so that an order for a
-//! sample is two numbers and no process needs another's word for where a sample was taken.
+//! A rig is a pure function from an index to a camera, known to every process. So a request for a sample is two numbers,
+//! and every process knows the sample's camera.
 //!
-//! Beside its own cameras a rig has *refinements*: cameras of the same kind, level by level denser, that are
-//! taken where the own ones leave pixels that none of them saw.
+//! Beside its own cameras a rig has *refinements*: cameras of the same kind, denser at each level. They fill pixels that
+//! the rig's own samples do not see.
 
 mod greedy;
 mod judged;
@@ -24,11 +24,11 @@ use self::tile::Tile;
 use crate::scene::RigKind;
 use crate::{Bounds, Camera, InvalidField, OmniLayout, SampleCamera, Scene};
 
-/// Where sample cameras stand.
+/// The placement of sample cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Rig {
-    /// The cluster paper's (section 4, figure 3): the ground is divided into tiles, and four cameras above
-    /// the corners of each look at its centre. Index 4·tile + corner.
+    /// The cluster paper's rig (section 4, figure 3): the ground is divided into tiles, and four cameras above the
+    /// corners of each look at its centre. Index: 4·tile + corner.
     TileCorners {
         /// Box around the scene; tiles divide its x and z.
         bounds: Bounds,
@@ -39,11 +39,11 @@ pub enum Rig {
         /// Texels of a sample: width, height.
         size: [u32; 2],
     },
-    /// Omni cameras on a lattice; a viewpoint is served by the corners of the cell it is in. Refinements are the
-    /// points of lattices with half the spacing, a quarter, and so on. The index packs a point's three
-    /// coordinates, 20 bits each, and its level.
+    /// Omni cameras on a lattice; a viewpoint is served by the corners of its cell. Refinements are the points of
+    /// lattices with half the spacing, a quarter, and so on. The index packs a point's three coordinates, 20 bits
+    /// each, and its level.
     Cell {
-        /// Where lattice coordinate (0, 0, 0) lies.
+        /// Position of lattice coordinate (0, 0, 0).
         origin: DVec3,
         /// Edge of a cell, metres.
         spacing: f64,
@@ -52,7 +52,7 @@ pub enum Rig {
     },
 }
 
-/// What a user may say about a rig; what is left open follows from the scene.
+/// A user's settings of a rig; unset ones follow from the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct RigKnobs {
     /// Rule.
@@ -67,18 +67,17 @@ pub struct RigKnobs {
     pub face: Option<u32>,
 }
 
-/// Cameras around a viewpoint of which it is seen how well they serve a view, at least.
+/// Least number of cameras around a viewpoint that are tested for their visibility of a view.
 const CANDIDATES: usize = 16;
 
-/// Refinements have levels 1 to this: a lattice's spacing falls to a sixteenth.
+/// The finest level of refinements: 1 to this. A lattice's spacing falls to a sixteenth.
 pub const MAX_LEVEL: u32 = 4;
 
 impl Rig {
-    /// The rig for a scene: the paper's 400×300 cameras over one tile, or cells a sixteenth as long as the
-    /// scene is wide.
+    /// The rig for a scene: the paper's 400×300 cameras over one tile, or cells a sixteenth of the scene's width.
     ///
     /// # Errors
-    /// A knob that is out of range, by name.
+    /// A setting that is out of range, by name.
     pub fn for_scene(scene: &Scene, knobs: &RigKnobs) -> Result<Self, InvalidField> {
         let bounds = scene.bounds();
         let extent = bounds.size().max_element().max(1e-6);
@@ -137,7 +136,7 @@ impl Rig {
         }
     }
 
-    /// How fine the refinement is that an index stands for; 0 for one of the rig's own cameras, `None` for none.
+    /// The level of an index: 0 for one of the rig's own cameras; `None` if the rig has no such camera.
     pub fn level(&self, index: u64) -> Option<u32> {
         match *self {
             Self::Cell { .. } => Point::from_index(index).map(|point| point.level),
@@ -150,14 +149,14 @@ impl Rig {
         }
     }
 
-    /// The rig's own `count` cameras that serve a viewpoint best, best first; fewer where the rig has fewer.
-    /// Always the same for the same camera.
+    /// The rig's own `count` cameras that serve a viewpoint best, best first; fewer if the rig has fewer. The result
+    /// depends only on the arguments.
     pub fn nearest(&self, camera: &Camera, count: usize) -> Vec<u64> {
         self.nearest_among(camera, count, Among::default())
     }
 
-    /// The `count` cameras that serve a viewpoint best, best first, of the rig's own and of refinements. A function of its
-    /// arguments alone, whatever their order.
+    /// The `count` cameras that serve a viewpoint best, best first, of the rig's own and of refinements. The result
+    /// depends only on the arguments, not on their order.
     pub fn nearest_among(
         &self,
         camera: &Camera,
@@ -167,21 +166,20 @@ impl Rig {
         let Some(sight) = sight.filter(|_| matches!(self, Self::Cell { .. })) else {
             return self.ranked(camera, 2, refined).into_iter().take(count).collect();
         };
-        // A cell's neighbours may see what its own corners do not.
+        // A cell's neighbours may see surfaces that its own corners do not.
         let ranked =
             self.ranked(camera, 4, refined).into_iter().take(CANDIDATES.max(count.saturating_mul(2)));
         let place = |index| self.lattice_point(index).map(|at| (index, at));
         sight.best(camera, &ranked.filter_map(place).collect::<Vec<_>>(), count)
     }
 
-    /// The cameras around a viewpoint, so many of a lattice to a side, and refinements, the nearest first.
+    /// The lattice cameras around a viewpoint, `edge` to a side, and refinements, nearest first.
     fn ranked(&self, camera: &Camera, edge: i32, refined: &[u64]) -> Vec<u64> {
         let mut ranked: Vec<(f64, u64)> = match *self {
             Self::TileCorners { .. } => {
                 let number = self.tile_looked_at(camera);
                 let tile = self.tile(number);
-                // The smaller the angle at the tile's centre between eye and sample camera, the more of the
-                // same surfaces both see.
+                // The smaller the angle at the tile's centre between eye and sample camera, the more surfaces both see.
                 let center = tile.bounds.center();
                 let to_eye = (camera.eye - center).normalize_or(DVec3::Y);
                 let angle = |eye: DVec3| -to_eye.dot((eye - center).normalize_or(DVec3::Y));
@@ -205,9 +203,9 @@ impl Rig {
         ranked.into_iter().map(|(_, index)| index).collect()
     }
 
-    /// The camera of a level, 1 to [`MAX_LEVEL`], that is closest to a viewpoint, of those that see it if any does: where a
-    /// further sample saves it the most holes. It may be one of a coarser level or the rig's own, where those have it;
-    /// `None` where there is none that could be outside of the scene's surfaces.
+    /// The refinement of a level, 1 to [`MAX_LEVEL`], that fills the most holes of a viewpoint: the closest that sees the
+    /// viewpoint, or the closest if none does. A lattice point of a coarser level has that level's index. `None` if a
+    /// tile's camera would stand within the scene's bounds.
     pub fn refinement(&self, camera: &Camera, level: u32, sight: Option<&dyn Sight>) -> Option<u64> {
         let level = level.clamp(1, MAX_LEVEL);
         match *self {
@@ -237,9 +235,9 @@ impl Rig {
         }
     }
 
-    /// The cameras of the aligned block of a lattice, `edge` of them on each side, that the camera of an index belongs
-    /// to, in ascending order: the same for each of them. A refinement's block has those of its own level alone. Of a
-    /// rig without a lattice, the camera itself.
+    /// The cameras of the aligned block of a lattice, `edge` of them on each side, that holds the camera of an index;
+    /// ascending, the same for each of them. A refinement's block has only cameras of its own level. In a rig without a
+    /// lattice, the camera itself.
     pub fn block(&self, index: u64, edge: u32) -> Vec<u64> {
         match (*self, Point::from_index(index)) {
             (Self::Cell { .. }, Some(point)) => point.block(edge).into_iter().map(Point::index).collect(),
@@ -247,7 +245,7 @@ impl Rig {
         }
     }
 
-    /// Metres between a camera of that index and its nearest neighbours of the same level; none in a rig of tiles.
+    /// Metres between the camera of an index and its nearest neighbours of the same level; `None` in a rig of tiles.
     pub fn spacing_of(&self, index: u64) -> Option<f64> {
         let Self::Cell { spacing, .. } = *self else { return None };
         self.level(index).map(|level| spacing / f64::from(1_u32 << level))
@@ -273,14 +271,14 @@ impl Rig {
         }
     }
 
-    /// A viewpoint in units of a level's spacing, kept where indices reach.
+    /// A viewpoint in units of a level's spacing, clamped to the range of indices.
     fn lattice_coordinates(&self, eye: DVec3, level: u32) -> DVec3 {
         let Self::Cell { origin, spacing, .. } = *self else { return DVec3::ZERO };
         let limit = DVec3::splat(lattice::LIMIT);
         ((eye - origin) / spacing * f64::from(1_u32 << level)).clamp(-limit, limit)
     }
 
-    /// Where the point of an index lies, metres.
+    /// Position of the point of an index, metres.
     fn lattice_point(&self, index: u64) -> Option<DVec3> {
         let Self::Cell { origin, spacing, .. } = *self else { return None };
         let point = Point::from_index(index)?;
@@ -292,7 +290,7 @@ impl Rig {
         u64::from(x) * u64::from(z)
     }
 
-    /// The tile that a camera belongs to, and where the camera stands.
+    /// The tile and the position of a tile camera.
     fn tile_camera(&self, index: u64) -> Option<(Tile, DVec3)> {
         let own = 4 * self.tile_count();
         let (number, refined) = match index.checked_sub(own) {
@@ -455,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn refinements_of_other_tiles_and_malformed_indices_serve_nobody() {
+    fn refinements_of_another_tile_and_malformed_indices_are_not_chosen() {
         let rig = tile();
         let view = Camera::look_at(DVec3::new(60.0, 60.0, 60.0), DVec3::new(40.0, 10.0, 40.0));
         let own = rig.nearest(&view, 8);

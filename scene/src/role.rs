@@ -1,5 +1,5 @@
-//! The two roles a process can play, as traits: `sampler` and `compositor` implement them, the cluster's
-//! worker drives them, and neither knows the other.
+//! The two roles of a process, as traits. `sampler` and `compositor` implement them; the cluster's worker drives
+//! them, and neither knows the other.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,23 +11,22 @@ use crate::{
     SampleSetInfo, Stage, Surroundings, Visibility,
 };
 
-/// A flag that whoever waits for a result raises when it no longer does. Renders look at it between
-/// submissions, so a batch ends early rather than at once.
+/// A flag that cancels a render. Renders check it between submissions, so a batch ends early but not at once.
 #[derive(Debug, Clone, Default)]
 pub struct Cancel(Arc<AtomicBool>);
 
 impl Cancel {
-    /// Not cancelled.
+    /// A flag that is not raised.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Says that nobody waits any more.
+    /// Raises the flag: the result is no longer needed.
     pub fn cancel(&self) {
         self.0.store(true, Ordering::Release);
     }
 
-    /// Whether nobody waits any more.
+    /// Whether the flag is raised.
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Acquire)
     }
@@ -36,15 +35,15 @@ impl Cancel {
 /// An order for samples.
 #[derive(Debug, Clone)]
 pub struct SampleJob {
-    /// Scene, rig, epoch, generation and lighting they shall have.
+    /// Scene, rig, epoch, generation and lighting of the samples.
     pub info: Arc<SampleSetInfo>,
-    /// Which cameras of the rig.
+    /// Cameras of the rig.
     pub ids: Vec<SampleId>,
-    /// Whether the planes are to be read back (another process needs them) or stay on the device.
+    /// Whether the planes are read back for another process, or stay on the device.
     pub to_host: bool,
 }
 
-/// An order for one view; validated, its plan complete.
+/// An order for one view; validated, with a complete plan.
 #[derive(Debug, Clone)]
 pub struct ViewJob {
     /// Viewpoint.
@@ -53,20 +52,20 @@ pub struct ViewJob {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Which images.
+    /// Images of the frame.
     pub outputs: Outputs,
-    /// How.
+    /// Method of rendering.
     pub plan: Plan,
-    /// Which moment of the scene.
+    /// Epoch of the scene.
     pub epoch: u64,
     /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
     pub time_secs: f64,
-    /// How triangles are seen, of a view whose plan is [`Plan::Direct`].
+    /// Visibility backend of a view whose plan is [`Plan::Direct`].
     pub visibility: Visibility,
-    /// What such a view's surfaces mirror of the scene.
+    /// Reflections of a view whose plan is [`Plan::Direct`].
     pub reflections: Option<Surroundings>,
-    /// An earlier frame for [`crate::Search::Seeded`] to begin from, where it shows enough of what this view does; other
-    /// searches do not look at it. [`crate::Provenance::history`] says whether it was of use.
+    /// An earlier frame as the start of [`crate::Search::Seeded`], if it shows enough of this view; other searches ignore
+    /// it. [`crate::Provenance::history`] says whether it was used.
     pub history: Option<Arc<History>>,
 }
 
@@ -79,36 +78,36 @@ pub struct PixelJob {
     pub width: u32,
     /// Rows of the whole view.
     pub height: u32,
-    /// Which: row × width + column, ascending.
+    /// Indices of the pixels: row × width + column, ascending.
     pub pixels: Vec<u32>,
-    /// Samples a pixel on a regular grid, a square number.
+    /// Samples per pixel on a regular grid, a square number.
     pub samples_per_pixel: u32,
-    /// Which moment of the scene.
+    /// Epoch of the scene.
     pub epoch: u64,
     /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
     pub time_secs: f64,
-    /// What surfaces mirror of the scene.
+    /// Reflections of the pixels' surfaces.
     pub reflections: Option<Surroundings>,
 }
 
-/// Some pixels of a view, in the order that they were asked for in.
+/// Some pixels of a view, in the order of the request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pixels {
     /// sRGB, 3 bytes a pixel.
     pub color: Bytes,
-    /// f32 little-endian, metres from the eye along the pixel's central ray, +inf where there is nothing.
+    /// f32 little-endian, metres from the eye along the pixel's central ray; +inf without a surface.
     pub range: Bytes,
-    /// What it cost.
+    /// Cost by pass.
     pub stages: Vec<Stage>,
 }
 
-/// Renders from triangles: samples for others, direct views, and pixels that no sample saw.
+/// Renders from triangles: samples, direct views, and pixels that no sample saw.
 pub trait Sampler: Send {
-    /// Kind of device, as [`crate::Provenance::device`] has it.
+    /// Kind of device, as in [`crate::Provenance::device`].
     fn device(&self) -> &str;
 
-    /// The ways to see triangles that this device has, and the milliseconds that each takes for a tile of a sample of
-    /// such a set. One way, as here, need not be measured.
+    /// The device's visibility backends, and the milliseconds that each takes for a tile of a sample of such a set. A
+    /// single backend, as here, need not be measured.
     ///
     /// # Errors
     /// Those of rendering the tile.
@@ -116,7 +115,7 @@ pub trait Sampler: Send {
         Ok(vec![(Visibility::Raster, 0.0)])
     }
 
-    /// The visibility backend that is expected to be best for views on this device, before anything was measured.
+    /// The visibility backend that is probably fastest for views on this device, before any measurement.
     fn usual_visibility(&self) -> Visibility {
         Visibility::default()
     }
@@ -124,8 +123,8 @@ pub trait Sampler: Send {
     /// Renders the samples of `job`, one result each, in order.
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>>;
 
-    /// Renders samples in slices, byte for byte as [`Self::render_samples`] does. `give_way` is called between slices of about
-    /// 20 ms, and may render views with the sampler that it is handed. The default renders everything in one slice.
+    /// Renders samples in slices, with the bytes of [`Self::render_samples`]. `give_way` is called between slices of
+    /// about 20 ms and may render views with the sampler it receives. The default renders everything in one slice.
     fn render_samples_in_slices(
         &mut self,
         job: &SampleJob,
@@ -138,9 +137,9 @@ pub trait Sampler: Send {
     /// Renders views whose plan is [`Plan::Direct`], one result each, in order.
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>>;
 
-    /// Renders some pixels of views, one result each, in order; byte for byte what [`Sampler::render_views`] has
-    /// there, but that a sampler which rasterises its views and traces single rays may find another triangle
-    /// along edges. A sampler that cannot follow single rays renders the whole view, as this does.
+    /// Renders some pixels of views, one result each, in order, with the bytes of [`Sampler::render_views`]. A
+    /// sampler that rasterises its views and traces single rays may find another triangle along edges. The default is
+    /// for samplers that cannot trace single rays: it renders the whole view.
     fn render_pixels(&mut self, jobs: &[PixelJob], cancel: &Cancel) -> Vec<Result<Pixels, RenderError>> {
         let views: Vec<ViewJob> = jobs
             .iter()
@@ -162,7 +161,7 @@ pub trait Sampler: Send {
     }
 }
 
-/// Some pixels of a frame that holds colour and range.
+/// Some pixels of a frame with colour and range.
 fn pick_pixels(pixels: &[u32], frame: &Frame) -> Result<Pixels, RenderError> {
     let pick = |image: &Option<Bytes>, bytes: usize| -> Result<Bytes, RenderError> {
         let image = image.as_deref().unwrap_or_default();
@@ -181,28 +180,27 @@ fn pick_pixels(pixels: &[u32], frame: &Frame) -> Result<Pixels, RenderError> {
 
 /// Reconstructs views from samples; never sees a triangle.
 pub trait Compositor: Send {
-    /// Kind of device, as [`crate::Provenance::device`] has it.
+    /// Kind of device, as in [`crate::Provenance::device`].
     fn device(&self) -> &str;
 
-    /// Takes samples in, replacing those of the same id.
+    /// Takes samples, and replaces those of the same id.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if they do not fit, [`RenderError::Invalid`] if a plane is malformed.
     fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError>;
 
-    /// Does the next slice of [`Self::hold`], of about 10 ms, and returns whether all of the samples are held. Views may be
-    /// composed and other samples held between slices. What a slice did is not done again, as long as the samples live. A
-    /// compositor that knows no slices, as here, holds all at once.
+    /// Does the next slice of [`Self::hold`], of about 10 ms, and returns whether all of the samples are held. Views
+    /// may be composed and other samples held between slices. A finished slice is not repeated while the samples
+    /// live. The default holds everything at once.
     ///
     /// # Errors
-    /// Those of [`Self::hold`]; the samples that are not held yet are then begun anew by the next call.
+    /// Those of [`Self::hold`]; the next call begins again with the samples that are not held yet.
     fn hold_slice(&mut self, set: &SampleSet) -> Result<bool, RenderError> {
         self.hold(set).map(|()| true)
     }
 
-    /// Makes the programs ready that such a view calls for, so that no view waits for a driver that compiles them. `between`
-    /// is called between slices of the work, as small as the driver makes them. The view is composed for it, and thrown
-    /// away.
+    /// Prepares the programs of such a view, so that no view waits for a compiling driver. `between` is called between
+    /// slices of the work, as small as the driver makes them. The view is composed for it, and discarded.
     ///
     /// # Errors
     /// Those of composing the view.
@@ -212,10 +210,10 @@ pub trait Compositor: Send {
         frames.into_iter().try_for_each(|frame| frame.map(drop))
     }
 
-    /// Forgets samples, also those that are held in part; unknown ids are ignored.
+    /// Releases samples, also those held in part; unknown ids are ignored.
     fn release(&mut self, ids: &[SampleId]);
 
-    /// Reconstructs views whose plan is [`Plan::Warp`], one result each, in order. Views of different
-    /// sizes and plans may share a batch; that they do never shows in their bytes.
+    /// Reconstructs views whose plan is [`Plan::Warp`], one result each, in order. Views of different sizes and plans may
+    /// share a batch, which does not change their bytes.
     fn compose(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>>;
 }

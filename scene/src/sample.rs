@@ -1,4 +1,4 @@
-//! Samples: what a sampler rendered, plane by plane, and what a compositor reconstructs views from.
+//! Samples: planes that a sampler renders and a compositor reconstructs views from.
 
 use std::any::Any;
 use std::fmt;
@@ -40,11 +40,11 @@ impl fmt::Display for SampleId {
     }
 }
 
-/// What a plane holds.
+/// Content of a plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum PlaneKind {
-    /// Linear radiance that does not depend on the viewer: diffuse reflection and emission; where there is
-    /// no surface, the sky's.
+    /// Linear radiance that does not depend on the viewer: diffuse reflection and emission; the sky's where there is no
+    /// surface.
     Radiance,
     /// 1 / distance from the sample's centre, 1/metres; 0 where there is no surface.
     InverseRange,
@@ -52,23 +52,23 @@ pub enum PlaneKind {
     Normal,
     /// F0 in rgb, perceptual roughness in a; F0 is 0 where there is no specular lobe. Only with `Normal`.
     Specular,
-    /// Which map of the set's surroundings the surface looks up, and what passes through it; from the lowest bits: 1 + the
-    /// number of the map, 0 for none (11 bits), and the shares of red, green and blue that pass (7 each). Only in sets with
-    /// reflections.
+    /// Map of the set's surroundings that the surface looks up, and the light that passes through it. From the lowest
+    /// bits: 1 + the number of the map, 0 for none (11 bits), and the shares of red, green and blue that pass (7
+    /// each). Only in sets with reflections.
     Reflector,
-    /// Of surroundings alone, a row a map: where it is seen from, as x, y and z from the sample's centre, and how far from
-    /// there its reflector reaches; metres.
+    /// Only in surroundings, one row per map: its viewpoint as x, y and z from the sample's centre, and the radius of its
+    /// reflector around there; metres.
     Place,
 }
 
-/// How a texel is stored. Names, channel order and meaning are those of the wgpu texture format.
+/// Storage of a texel. Names, channel order and meaning are those of the wgpu texture format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum PlaneFormat {
     /// Three mantissas of 9 bits and a shared exponent of 5.
     Rgb9e5Ufloat,
     /// Four halves.
     Rgba16Float,
-    /// One f32. The sampler may have rounded its mantissa, which makes it pack better.
+    /// One f32. The sampler may have rounded its mantissa, which compresses better.
     R32Float,
     /// Two signed 16-bit fractions.
     Rg16Snorm,
@@ -88,12 +88,12 @@ impl PlaneFormat {
     }
 }
 
-/// Where a plane's texels are.
+/// Memory of a plane's texels.
 #[derive(Clone)]
 pub enum PlaneData {
     /// Tightly packed rows, row 0 at the top, little-endian channels.
     Host(Bytes),
-    /// A handle that the GPU crate made and it alone can open; never crosses a process.
+    /// A handle that only the GPU crate makes and opens; never crosses a process.
     Device(Arc<dyn Any + Send + Sync>),
 }
 
@@ -109,9 +109,9 @@ impl fmt::Debug for PlaneData {
 /// One image of a sample.
 #[derive(Debug, Clone)]
 pub struct Plane {
-    /// What it holds.
+    /// Content of a texel.
     pub kind: PlaneKind,
-    /// How a texel is stored.
+    /// Storage of a texel.
     pub format: PlaneFormat,
     /// Texels: width, height.
     pub size: [u32; 2],
@@ -122,19 +122,19 @@ pub struct Plane {
 /// One image of the scene from a sample camera.
 #[derive(Debug, Clone)]
 pub struct Sample {
-    /// Which.
+    /// Identity of the sample.
     pub id: SampleId,
-    /// Where from.
+    /// Camera of the sample.
     pub camera: SampleCamera,
-    /// `Radiance` and `InverseRange` always; `Normal` and `Specular` where the scene is glossy, and `Reflector` where such a
-    /// set has reflections. Surroundings have the first two, and `Place`.
+    /// `Radiance` and `InverseRange` always; `Normal` and `Specular` if the scene is glossy, and `Reflector` if also
+    /// the set has reflections. Surroundings have the first two, and `Place`.
     pub planes: Vec<Plane>,
-    /// What rendering it cost, by pass.
+    /// Cost of its rendering, by pass.
     pub stages: Vec<Stage>,
 }
 
 impl Plane {
-    /// Texels that a plane of that kind has in a sample of that camera.
+    /// Texels of a plane of a kind in a sample of a camera.
     pub fn size_of(kind: PlaneKind, camera: &SampleCamera) -> [u32; 2] {
         match (kind, camera) {
             (PlaneKind::Place, SampleCamera::Omni { layout: OmniLayout::Surroundings { count, .. }, .. }) => {
@@ -146,34 +146,34 @@ impl Plane {
 }
 
 impl Sample {
-    /// The plane of that kind, if the sample has one.
+    /// The plane of a kind, if the sample has one.
     pub fn plane(&self, kind: PlaneKind) -> Option<&Plane> {
         self.planes.iter().find(|plane| plane.kind == kind)
     }
 }
 
-/// What all samples of a set have in common.
+/// Properties that all samples of a set share.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SampleSetInfo {
-    /// Of which scene.
+    /// Hash of the scene.
     pub scene: SceneHash,
     /// Box around everything in the scene: no surface is outside it.
     pub bounds: Bounds,
     /// The placement rule.
     pub rig: Rig,
-    /// Which moment of the scene.
+    /// Epoch of the scene.
     pub epoch: u64,
     /// Seconds of scene time from one epoch to the next; 0 where the scene is held still.
     pub epoch_secs: f64,
-    /// Placement.
+    /// Placement of the rig.
     pub generation: u64,
     /// Lights, sky and exposure that the samples were shaded with.
     pub lighting: Lighting,
-    /// How their triangles are seen: alike in all of them, whoever renders them.
+    /// Visibility backend, the same for all samples of the set on every worker.
     pub visibility: Visibility,
-    /// What they are rendered from.
+    /// Source of the samples.
     pub sampling: Sampling,
-    /// The maps that glossy and transparent surfaces look up; `None` where they reflect lights and the sky alone.
+    /// The maps for glossy and transparent surfaces; `None` if these reflect only lights and the sky.
     pub reflections: Option<Surroundings>,
 }
 
@@ -183,7 +183,7 @@ impl SampleSetInfo {
         self.epoch as f64 * self.epoch_secs
     }
 
-    /// What a device of that kind is called that took samples of this set, as [`crate::Provenance::device`] has it.
+    /// Device name of the set's samples from a kind of device, as in [`crate::Provenance::device`].
     pub fn device(&self, kind: &str) -> String {
         let device = self.sampling.on_device(self.visibility.on_device(kind));
         match self.reflections {
@@ -206,7 +206,7 @@ impl SampleSetInfo {
         }
     }
 
-    /// What a view from these samples of the rig is composed of: them, and the set's surroundings if it has any.
+    /// The samples of a view: these of the rig, and the set's surroundings if it has any.
     pub fn with_surroundings(&self, mut ids: Vec<SampleId>) -> Vec<SampleId> {
         let (epoch, generation) =
             ids.first().map_or((self.epoch, self.generation), |id| (id.epoch, id.generation));
@@ -214,7 +214,7 @@ impl SampleSetInfo {
         ids
     }
 
-    /// The set of the same rig at another epoch, which may be lit otherwise.
+    /// The set of the same rig at another epoch, with the lighting of that epoch.
     pub fn at_epoch(&self, scene: &Scene, epoch: u64) -> Self {
         let mut info = Self { epoch, ..self.clone() };
         info.lighting = scene.at(info.time_secs()).lighting;
@@ -225,8 +225,8 @@ impl SampleSetInfo {
 /// Samples of one rig at one epoch and generation.
 #[derive(Debug, Clone)]
 pub struct SampleSet {
-    /// What they have in common.
+    /// Properties that all of the samples share.
     pub info: Arc<SampleSetInfo>,
-    /// The samples, not necessarily all that the rig could place.
+    /// The samples, not necessarily all of the rig's.
     pub samples: Vec<Arc<Sample>>,
 }

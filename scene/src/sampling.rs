@@ -1,4 +1,4 @@
-//! How samples come about.
+//! Sources of samples: triangles, or an octree of the scene's surfaces.
 
 use std::fmt;
 
@@ -6,43 +6,43 @@ use serde::{Deserialize, Serialize};
 
 use crate::{InvalidField, Reflections, Rig, RigKind, RigKnobs};
 
-/// What a sampler renders samples from: alike in all samples of a set, whoever renders them. Direct views, and single
-/// pixels that no sample saw, come from triangles always.
+/// Source of samples, the same for all samples of a set on every worker. Direct views, and single pixels that no
+/// sample saw, always come from triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sampling {
-    /// The triangles, each sample by itself: exact.
+    /// The triangles, each sample on its own: exact.
     #[default]
     Triangles,
-    /// An octree of the scene's surfaces, which are shaded once for all samples, traversed together with the sample
-    /// cameras (MegaViews, Kol et al. 2018). Omni cameras alone ([`Rig::Cell`]).
+    /// An octree of the scene's surfaces (MegaViews, Kol et al. 2018). Surfaces are shaded once for all samples, and one
+    /// traversal serves many sample cameras. Only for omni cameras ([`Rig::Cell`]).
     MegaViews(MegaViews),
 }
 
-/// What maps of an octree are like; `argus study omni-maps` shows what each of the knobs costs.
+/// Settings of octree maps; `argus study omni-maps` measures the cost of each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct MegaViews {
-    /// Texels on a side of a map's hemisphere, 8 to 1024.
+    /// Texels on a side of a map's hemisphere, 8 to 1024. More are sharper; cost grows with the square.
     pub map_side: u32,
-    /// Levels of the scene's octree below its root, 1 to 10.
+    /// Levels of the scene's octree below its root, 1 to 10. More are sharper and cost time and memory.
     pub levels: u32,
-    /// Cameras along an edge of the block of the rig's lattice whose maps are rendered together and share what looks
-    /// alike from them: 1, where each is traversed by itself, 2 or 4.
+    /// Edge, in cameras, of the block of the rig's lattice whose maps are rendered together and share similar parts:
+    /// 1 (each map on its own), 2 or 4.
     pub block: u32,
 }
 
-/// Most bytes of the maps of one block: what devices bind that bind least, which is 128 MiB an array, in four arrays.
+/// Most bytes of the maps of one block: four arrays of 128 MiB, the smallest limit of devices for a binding.
 const MOST_BLOCK_BYTES: u64 = 512 << 20;
 
 impl Default for MegaViews {
-    /// Texels about twice as wide as those of a cube whose faces have 512, and cells of a five-hundredth of the scene.
+    /// Texels about twice as wide as those of a cube with faces of 512, and cells of 1/500 of the scene.
     fn default() -> Self {
         Self { map_side: 512, levels: 9, block: 1 }
     }
 }
 
 impl fmt::Display for MegaViews {
-    /// All of them in a few words: what a frame's provenance has.
+    /// All settings, short, as in a frame's provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { map_side, levels, block } = self;
         write!(f, "maps of {map_side} from {levels} levels")?;
@@ -50,14 +50,14 @@ impl fmt::Display for MegaViews {
     }
 }
 
-/// Stands in [`crate::Provenance::device`] before the maps that samples come from, where they are no triangles'.
+/// Separator in [`crate::Provenance::device`] before the source of samples other than triangles.
 const SAMPLES_BY: &str = "; samples by ";
 
 impl Sampling {
-    /// Names of all, as users write them.
+    /// All names, as on the command line.
     pub const NAMES: [&str; 2] = ["triangles", "megaviews"];
 
-    /// As users write it, without its knobs.
+    /// Its name on the command line, without settings.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Triangles => Self::NAMES[0],
@@ -65,16 +65,16 @@ impl Sampling {
         }
     }
 
-    /// Samples that it pays to render together, though the first of them is then done no sooner than the last.
+    /// Number of samples that are cheaper to render together. All of them are then finished at the same time.
     pub fn batch(&self) -> usize {
         match self {
             Self::Triangles => 1,
-            // The corners of a cell: what one viewer waits for.
+            // The corners of a cell, for which one viewer waits.
             Self::MegaViews(_) => 8,
         }
     }
 
-    /// What a user said about the rig, with the rule that such samples need where nobody said which.
+    /// The rig settings of a user; if unset, the kind of rig that these samples need.
     pub fn rig_knobs(&self, knobs: RigKnobs) -> RigKnobs {
         match self {
             Self::Triangles => knobs,
@@ -82,10 +82,10 @@ impl Sampling {
         }
     }
 
-    /// Rejects knobs that are out of range, and a rig whose cameras such samples cannot be taken with.
+    /// Rejects settings that are out of range, and rigs whose cameras these samples do not support.
     ///
     /// # Errors
-    /// `sampling` or one of its knobs, by name.
+    /// `sampling` or one of its settings, by name.
     pub fn validate(&self, rig: &Rig) -> Result<(), InvalidField> {
         let Self::MegaViews(MegaViews { map_side, levels, block }) = *self else { return Ok(()) };
         if !matches!(rig, Rig::Cell { .. }) {
@@ -115,7 +115,7 @@ impl Sampling {
         Ok(())
     }
 
-    /// What a device is called that took such samples, by what it is called otherwise.
+    /// A device's name with this source added.
     pub fn on_device(&self, device: String) -> String {
         match self {
             Self::Triangles => device,
@@ -123,7 +123,7 @@ impl Sampling {
         }
     }
 
-    /// A [`crate::Provenance::device`] without how its samples came about, and what it says of that, if anything.
+    /// A [`crate::Provenance::device`] without the source of its samples, and the text about it, if any.
     pub fn of_device(device: &str) -> (&str, Option<&str>) {
         let (device, _) = Reflections::of_device(device);
         match device.split_once(SAMPLES_BY) {
@@ -141,7 +141,7 @@ mod tests {
     use crate::Bounds;
 
     #[test]
-    fn every_knob_out_of_range_is_named_and_so_is_the_wrong_rig() {
+    fn every_setting_out_of_range_and_the_wrong_rig_are_named() {
         let cell = Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 };
         let bounds = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
         let tiles = Rig::TileCorners { bounds, tiles: [1, 1], height: 1.0, size: [4, 4] };
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_says_how_its_samples_came_about() {
+    fn a_device_name_keeps_the_source_of_its_samples() {
         let triangles = Sampling::Triangles.on_device("llvmpipe".to_owned());
         assert_eq!(Sampling::of_device(&triangles), ("llvmpipe", None));
         let maps = Sampling::MegaViews(MegaViews { map_side: 256, levels: 8, block: 2 });

@@ -1,4 +1,4 @@
-//! The scene: what there is to look at, independent of the file it came from.
+//! The scene: triangles, materials, lights and animation, independent of its file format.
 
 use std::fmt;
 use std::sync::Arc;
@@ -35,10 +35,10 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Holds nothing.
+    /// The empty box.
     pub const EMPTY: Self = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
 
-    /// Grows to hold `point`; a non-finite point is ignored.
+    /// Grows to hold `point`; a point that is not finite is ignored.
     pub fn extend(&mut self, point: DVec3) {
         if point.is_finite() {
             self.min = self.min.min(point);
@@ -46,7 +46,7 @@ impl Bounds {
         }
     }
 
-    /// Whether it holds nothing.
+    /// Whether it is empty.
     pub fn is_empty(&self) -> bool {
         !self.min.cmple(self.max).all()
     }
@@ -67,26 +67,25 @@ impl Bounds {
     }
 }
 
-/// Triangles of one material. Positions are relative to `origin`, so that a mesh whose file places it far
-/// from zero keeps its precision.
+/// Triangles of one material. Positions are relative to `origin`, so that a mesh far from zero keeps its precision.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Mesh {
     /// As the file names it, or empty.
     pub name: String,
-    /// Mesh space position of the vertices' zero, metres.
+    /// Position of the vertices' zero in mesh space, metres.
     pub origin: DVec3,
-    /// Relative to `origin`.
+    /// Positions relative to `origin`, metres.
     pub positions: Vec<Vec3>,
-    /// Unit normals, one a position; loaders make them where the file has none.
+    /// Unit normals, one per position; loaders compute missing ones.
     pub normals: Vec<Vec3>,
-    /// Unit tangents with the bitangent's sign in w, one a position, or none where no normal map needs them.
+    /// Unit tangents with the bitangent's sign in w, one per position; empty if no normal map needs them.
     pub tangents: Vec<Vec4>,
-    /// Texture coordinates, one a position, or none.
+    /// Texture coordinates, one per position, or empty.
     pub uvs: Vec<Vec2>,
-    /// Linear vertex colours that multiply the base colour, one a position, or none.
+    /// Linear vertex colours that multiply the base colour, one per position, or empty.
     pub colors: Vec<Vec4>,
-    /// Three a triangle, each less than the number of positions, none of which is NaN. A triangle may have no
-    /// area, or name a vertex twice: files do, and counts are theirs.
+    /// Three per triangle, each a valid index of a position without NaN. A triangle may have no area or use a vertex
+    /// twice, as in its file; such triangles are counted.
     pub indices: Vec<u32>,
     /// Index into [`Scene::materials`].
     pub material: u32,
@@ -104,14 +103,14 @@ impl Mesh {
 pub struct Instance {
     /// Index into [`Scene::meshes`].
     pub mesh: u32,
-    /// Index into [`Scene::nodes`]: the node whose space is mesh space, so that animations move it;
-    /// `None` for what no node places.
+    /// Index into [`Scene::nodes`] of the node whose space is mesh space, and whose animations move the instance; `None`
+    /// without a node.
     pub node: Option<u32>,
-    /// Where mesh space lies in the world at time zero; [`Scene::at`] says where at other times.
+    /// World position of mesh space at time zero; [`Scene::at`] returns it for other times.
     pub world_from_mesh: DAffine3,
 }
 
-/// A viewpoint that the scene's author, or its generator, recommends.
+/// A viewpoint recommended by the scene's author or generator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedCamera {
     /// As the file names it, or empty.
@@ -120,7 +119,7 @@ pub struct NamedCamera {
     pub camera: Camera,
 }
 
-/// Something a scene's looks depend on; passes run only for effects that are present.
+/// A property that a scene's image depends on; passes run only for effects that are present.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Effect {
@@ -138,26 +137,26 @@ pub enum Effect {
     PunctualLights,
     /// A sky that is not black.
     Sky,
-    /// Animation that moves what is seen.
+    /// Animation of visible parts.
     Animation,
 }
 
-/// How sample cameras are placed in a scene unless a user says otherwise.
+/// Default placement of sample cameras in a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RigKind {
-    /// Four cameras above the corners of a tile: height fields seen from outside.
+    /// Four cameras above the corners of a tile: for height fields seen from outside.
     TileCorners,
-    /// Omni cameras on a lattice around the viewpoints: interiors, and anything walked through.
+    /// Omni cameras on a lattice around the viewpoints: for interiors and scenes that are walked through.
     Cell,
 }
 
 /// Triangles, materials, lights and animation, under a name and a hash.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
-    /// What the user called it: a file's path or `terrain:500000`.
+    /// Name from the user: a file's path or `terrain:500000`.
     pub name: String,
-    /// Over the whole bundle of files.
+    /// Hash of the whole bundle of files.
     pub hash: SceneHash,
     /// Triangles by material.
     pub meshes: Vec<Mesh>,
@@ -169,25 +168,25 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Parents before children.
     pub nodes: Vec<Node>,
-    /// What moves.
+    /// Movements of nodes.
     pub animations: Vec<Animation>,
     /// Lights, sky and exposure, at time zero.
     pub lighting: Lighting,
     /// Recommended viewpoints; may be empty.
     pub cameras: Vec<NamedCamera>,
-    /// How sample cameras are placed.
+    /// Default placement of sample cameras.
     pub rig: RigKind,
-    /// What the loader could not honour, one line each.
+    /// Features that the loader ignores, one line each.
     pub warnings: Vec<String>,
 }
 
 impl Scene {
-    /// Triangles drawn: instances counted.
+    /// Number of triangles over all instances.
     pub fn triangles(&self) -> usize {
         self.instances.iter().map(|i| self.meshes[i.mesh as usize].triangles()).sum()
     }
 
-    /// The effects that this scene calls for, in the order of [`Effect`].
+    /// The effects of this scene, in the order of [`Effect`].
     pub fn effects(&self) -> Vec<Effect> {
         let used = |test: fn(&Material) -> bool| {
             self.instances.iter().any(|i| {
@@ -209,8 +208,8 @@ impl Scene {
         present.into_iter().filter_map(|(effect, present)| present.then_some(effect)).collect()
     }
 
-    /// A viewpoint that shows the scene: the first recommended one; else, in a scene that surrounds its own
-    /// middle, one from within, along its longer side; else one from outside its bounds.
+    /// A viewpoint that shows the scene. The first recommended one; else, if the scene surrounds its middle, one from
+    /// within, along its longer side; else one from outside its bounds.
     pub fn default_camera(&self) -> Camera {
         if let Some(named) = self.cameras.first() {
             return named.camera;
@@ -225,8 +224,8 @@ impl Scene {
         Camera::look_at(center + DVec3::new(0.9, 0.6, 1.6).normalize() * radius * 2.7, center)
     }
 
-    /// Whether a surface lies in each of eight level directions and below, as around a point in a room or a
-    /// courtyard. Looks at every triangle: asked once, of scenes whose files recommend no viewpoint.
+    /// Whether a surface lies in each of eight level directions and below a point, as in a room or a courtyard. Tests
+    /// every triangle: called once, for a scene whose file recommends no viewpoint.
     fn surrounds(&self, point: DVec3) -> bool {
         let turn = |i: u32| f64::from(i) * std::f64::consts::FRAC_PI_4 + 0.1;
         let level = (0..8).map(|i| DVec3::new(turn(i).cos(), 0.0, turn(i).sin()));
@@ -245,8 +244,8 @@ impl Scene {
     }
 }
 
-/// Whether a ray from the origin meets a triangle: the signed volumes that its edges span with the direction
-/// agree, and the triangle's plane lies ahead.
+/// Whether a ray from the origin meets a triangle: the signed volumes of its edges with the direction agree, and its
+/// plane lies ahead.
 fn meets(direction: DVec3, a: DVec3, b: DVec3, c: DVec3) -> bool {
     let [u, v, w] = [direction.dot(b.cross(a)), direction.dot(c.cross(b)), direction.dot(a.cross(c))];
     let volume = u + v + w;
@@ -254,7 +253,7 @@ fn meets(direction: DVec3, a: DVec3, b: DVec3, c: DVec3) -> bool {
     one_side && volume != 0.0 && (direction.dot(a * v + b * w + c * u) / volume) > 0.0
 }
 
-/// Scenes are large and shared; everything downstream holds one of these.
+/// A shared scene, since scenes are large.
 pub type SharedScene = Arc<Scene>;
 
 #[cfg(test)]
@@ -290,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_courtyard_is_looked_at_from_within_along_its_longer_side() {
+    fn a_courtyards_default_view_is_from_within_along_its_longer_side() {
         let camera = courtyard(DVec3::new(4.0, 3.0, 20.0)).default_camera();
         camera.validate().unwrap();
         assert_eq!(camera.eye, DVec3::new(2.0, 1.5, 4.0));
@@ -298,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_with_an_open_side_is_looked_at_from_outside() {
+    fn the_default_view_of_a_scene_with_an_open_side_is_from_outside() {
         let mut scene = courtyard(DVec3::ONE);
         scene.meshes[0].indices.drain(..6);
         let camera = scene.default_camera();

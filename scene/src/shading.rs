@@ -1,25 +1,23 @@
-//! The one definition of shading, which the reference, the direct path and the warp share.
+//! The definition of shading, shared by the reference, direct views and warped views.
 //!
-//! `shaders/shared/shading.wgsl` is its twin on the GPU, held to it by test. Radiance leaving a surface is
+//! `shaders/shared/shading.wgsl` is the same on the GPU; tests compare the two. Radiance leaving a surface is
 //!
-//! - **diffuse** ([`diffuse_radiance`]), which does not depend on the viewer and is what samples store:
-//!   emission, Lambert reflection of every light, and Lambert reflection of the sky as [`sky_ambient`];
-//! - plus, for glossy materials alone ([`crate::Material::is_glossy`]), **specular**
-//!   ([`specular_radiance`]), which does, and is added per view: GGX with Smith's height-correlated
-//!   visibility and Schlick's Fresnel for every light, and the sky's reflection with an analytic
-//!   environment BRDF.
+//! - **diffuse** ([`diffuse_radiance`]), which does not depend on the viewer and is stored in samples: emission, Lambert
+//!   reflection of every light, and Lambert reflection of the sky as [`sky_ambient`];
+//! - plus, only for glossy materials ([`crate::Material::is_glossy`]), **specular** ([`specular_radiance`]), which
+//!   depends on the viewer and is added per view: GGX with Smith's height-correlated visibility and Schlick's Fresnel
+//!   for every light, and the sky's reflection with an analytic environment BRDF.
 //!
-//! What is simulated and what is not, stated once:
-//! - lights cast no shadows on what is seen, and the sky is not occluded;
-//! - light that surfaces emit or reflect onto one another is added where a sampler is asked for it (`--indirect`): with
-//!   shadows, both of the lights on the surfaces that reflect and of those surfaces, and without the sky's share;
-//! - glossy surfaces reflect lights and the sky, and transmission keeps the diffuse lobe: glass looks like its base colour
-//!   with a sheen; unless things are to show what is around them (`--reflections`): then smooth ones reflect the scene, and
-//!   what passes through them is refracted once, where it enters ([`crate::reflection`]); what is seen so is diffuse;
-//! - albedo is base colour · (1 − metallic), without Fresnel's attenuation, since that would depend on the
-//!   viewer.
+//! Limits of the model:
+//! - Lights cast no shadows on visible surfaces, and the sky is not occluded.
+//! - Indirect light is optional (`--indirect`). It has shadows from the lights and between surfaces, but lacks the sky's
+//!   share.
+//! - Glossy surfaces reflect only lights and the sky, and transmission keeps the diffuse lobe: glass looks like its base
+//!   colour with a sheen. With `--reflections`, smooth surfaces reflect the scene, and light through them is refracted
+//!   once, where it enters ([`crate::reflection`]); surfaces seen in them are diffuse.
+//! - Albedo is base colour · (1 − metallic), without Fresnel's attenuation, which would depend on the viewer.
 //!
-//! Normals face the side that is seen: a surface seen from behind has both normals flipped.
+//! Normals face the visible side: a surface seen from behind has both normals flipped.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -27,12 +25,12 @@ use glam::{DVec3, Vec3};
 
 use crate::{Light, Lighting, Sky};
 
-/// A visible point of a surface, textures looked up.
+/// A visible point of a surface, with its textures applied.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
     /// World space, metres.
     pub position: DVec3,
-    /// Unit shading normal, world space, on the side that is seen.
+    /// Unit shading normal, world space, on the visible side.
     pub normal: Vec3,
     /// Linear diffuse albedo: base colour · (1 − metallic).
     pub albedo: Vec3,
@@ -54,8 +52,8 @@ pub fn sky_radiance(sky: &Sky, d: Vec3) -> Vec3 {
     }
 }
 
-/// Irradiance of the sky on a surface with unit normal `n`, divided by π: a cosine-weighted mean of
-/// [`sky_radiance`], as the hemispherical blend of its upper and lower halves.
+/// Irradiance of the sky on a surface with unit normal `n`, divided by π. It approximates a cosine-weighted mean of
+/// [`sky_radiance`] by a blend of its upper and lower halves.
 pub fn sky_ambient(sky: &Sky, n: Vec3) -> Vec3 {
     let upper = (sky.zenith + sky.horizon) * 0.5;
     sky.ground.lerp(upper, (0.5 * n.y + 0.5).clamp(0.0, 1.0))
@@ -67,8 +65,8 @@ pub fn dielectric_f0(ior: f32) -> f32 {
     r * r
 }
 
-/// What arrives from a light at `position`: unit direction towards the light, and irradiance on a surface
-/// that faces it. Zero irradiance, with some direction, at the light itself.
+/// Unit direction from `position` towards a light, and irradiance on a surface that faces it. Zero irradiance, with some
+/// direction, at the light itself.
 pub fn incident(light: &Light, position: DVec3) -> (Vec3, Vec3) {
     match *light {
         Light::Directional { direction, irradiance } => (-direction.as_vec3(), irradiance),
@@ -93,13 +91,13 @@ fn towards(light: DVec3, position: DVec3, range: Option<f64>) -> (Vec3, f32) {
     if !(distance > 0.0) {
         return (Vec3::Y, 0.0);
     }
-    // A surface closer than a millimetre is lit as if it were a millimetre away, so that no pixel is infinite.
+    // A surface closer than a millimetre is lit as from a millimetre, so that no pixel is infinite.
     let d = distance.max(1e-3);
     let window = range.map_or(1.0, |r| (1.0 - (d / r).powi(4)).clamp(0.0, 1.0));
     ((to_light / distance).as_vec3(), (window / (d * d)) as f32)
 }
 
-/// Radiance that leaves `surface` in every direction alike.
+/// Radiance of `surface`, equal in all directions.
 pub fn diffuse_radiance(surface: &Surface, lighting: &Lighting) -> Vec3 {
     let mut irradiance_by_pi = sky_ambient(&lighting.sky, surface.normal);
     for light in &lighting.lights {
@@ -109,8 +107,7 @@ pub fn diffuse_radiance(surface: &Surface, lighting: &Lighting) -> Vec3 {
     surface.emissive + surface.albedo * irradiance_by_pi
 }
 
-/// Radiance that leaves `surface` towards the unit direction `to_eye` beyond [`diffuse_radiance`]; zero
-/// where F0 is.
+/// Radiance of `surface` towards the unit direction `to_eye` beyond [`diffuse_radiance`]; zero if F0 is zero.
 pub fn specular_radiance(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -> Vec3 {
     if surface.f0 == Vec3::ZERO {
         return Vec3::ZERO;
@@ -118,7 +115,7 @@ pub fn specular_radiance(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -
     reflected_sky(surface, to_eye, lighting) + reflected_lights(surface, to_eye, lighting)
 }
 
-/// The part of [`specular_radiance`] that is the sky's, as of a surface that nothing else is around.
+/// The sky's part of [`specular_radiance`], for a surface with no other surroundings.
 pub fn reflected_sky(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -> Vec3 {
     let reflected = 2.0 * surface.normal.dot(to_eye) * surface.normal - to_eye;
     let sky = sky_radiance(&lighting.sky, reflected)
@@ -126,13 +123,13 @@ pub fn reflected_sky(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -> Ve
     reflected_around(surface, to_eye, sky)
 }
 
-/// What a glossy surface reflects towards the unit direction `to_eye` of surroundings whose radiance, blurred as the surface
-/// is rough, is `around`.
+/// Radiance of a glossy surface towards the unit direction `to_eye`, reflected from surroundings of radiance
+/// `around`, which is blurred for the surface's roughness.
 pub fn reflected_around(surface: &Surface, to_eye: Vec3, around: Vec3) -> Vec3 {
     around * environment_brdf(surface.f0, surface.roughness, surface.normal.dot(to_eye).max(1e-3))
 }
 
-/// The part of [`specular_radiance`] that is the lights'.
+/// The lights' part of [`specular_radiance`].
 pub fn reflected_lights(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -> Vec3 {
     let n = surface.normal;
     let n_v = n.dot(to_eye).max(1e-3);
@@ -174,8 +171,8 @@ fn smith(alpha: f32, n_v: f32, n_l: f32) -> f32 {
     0.5 / (v + l).max(1e-6)
 }
 
-/// Reflectance of a glossy surface under light from all around: Karis' fit of the split-sum table ("Physically
-/// Based Shading on Mobile", 2014).
+/// Reflectance of a glossy surface under uniform light: Karis' fit of the split-sum table ("Physically Based Shading on
+/// Mobile", 2014).
 fn environment_brdf(f0: Vec3, roughness: f32, n_v: f32) -> Vec3 {
     let r = roughness.clamp(0.0, 1.0);
     let x = 1.0 - r;

@@ -1,7 +1,7 @@
-//! How textures are filtered: mip chains, and the one sampling rule that every renderer follows.
+//! Texture filtering: mip chains, and the sampling rule of every renderer.
 //!
-//! The reference calls [`MipChain::sample`]; the GPU uploads the very same levels and follows the same rule,
-//! so that a texel's colour never depends on who looked it up:
+//! The reference calls [`MipChain::sample`]. The GPU uploads the same levels and follows the same rule, so that a texel's
+//! colour is the same in every renderer:
 //!
 //! 1. `uv` is transformed by [`transform_uv`], its derivatives by the linear part of the same transform.
 //! 2. The level is isotropic: `log2(max(|∂(uv·size)/∂x|, |∂(uv·size)/∂y|))`, `size` in texels of level 0,
@@ -11,13 +11,12 @@
 //! 5. Texel centres lie at half integers. `Repeat` reduces a coordinate to its fraction and wraps texel
 //!    indices; `Mirror` folds it into 0..1, `Clamp` clamps it, and both clamp texel indices. A coordinate that
 //!    is not finite counts as 0.
-//! 6. **Alpha tests read level 0**, bilinearly ([`MipChain::alpha`]), at any distance: what a cut-out covers
-//!    must not depend on how far away it is, and the aliasing is what supersampling is for.
+//! 6. **Alpha tests read level 0**, bilinearly ([`MipChain::alpha`]), at any distance: a cut-out's coverage must not
+//!    depend on its distance. Supersampling removes the aliasing.
 //!
-//! Level l has max(1, ⌊size / 2ˡ⌋) texels a side. Levels are box-filtered by area, so that odd sides lose
-//! nothing, from the unrounded level above. Colours of cut-outs are weighted by alpha, and texels that are
-//! fully transparent take the colour of the coarser level: whatever an artist left under alpha 0 never bleeds
-//! into an edge as a dark fringe.
+//! Level l has max(1, ⌊size / 2ˡ⌋) texels a side. Levels are box-filtered by area from the unrounded level above, so that
+//! odd sides lose nothing. Colours of cut-outs are weighted by alpha, and fully transparent texels take the colour of the
+//! coarser level: an artist's colour under alpha 0 never bleeds into an edge as a dark fringe.
 
 use std::sync::Arc;
 use std::sync::LazyLock;
@@ -28,12 +27,12 @@ use crate::material::Wrap;
 use crate::tone::linear_from_srgb;
 use crate::{Scene, Texture, TextureRef};
 
-/// What a texture's alpha channel means to the materials that use it.
+/// Meaning of a texture's alpha channel for the materials that use it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AlphaUse {
-    /// Nothing: it is one more channel.
+    /// No meaning: one more channel.
     Ignored,
-    /// Coverage: colour counts as far as alpha does.
+    /// Coverage: the weight of the colour.
     Cutout,
 }
 
@@ -44,11 +43,11 @@ pub struct Level {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// RGBA, row 0 first, `width * height * 4` bytes, encoded as the texture is (sRGB or linear).
+    /// RGBA, row 0 first, `width * height * 4` bytes, encoded like the texture (sRGB or linear).
     pub rgba: Arc<[u8]>,
 }
 
-/// A texture at every size down to one texel, ready to be filtered or uploaded.
+/// A texture at every size down to one texel, ready for filtering and upload.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MipChain {
     /// Level 0 first; at least one.
@@ -69,8 +68,8 @@ pub fn level_count(size: [u32; 2]) -> u32 {
     32 - size[0].max(size[1]).max(1).leading_zeros()
 }
 
-/// Where on the texture a mesh's `uv` lies: scale, then rotation, then offset (KHR_texture_transform). The
-/// rotation is counter-clockwise as an image is looked at, whose v points down.
+/// Position of a mesh's `uv` on the texture: scale, then rotation, then offset (KHR_texture_transform). The rotation is
+/// counter-clockwise on the image, whose v points down.
 pub fn transform_uv(reference: &TextureRef, uv: Vec2) -> Vec2 {
     transform_duv(reference, uv) + reference.offset
 }
@@ -121,7 +120,7 @@ impl MipChain {
         Self { levels, srgb: texture.srgb, wrap: texture.wrap }
     }
 
-    /// The texture unfiltered: all that an alpha test needs.
+    /// Only level 0, unfiltered: enough for alpha tests.
     pub fn first_level(texture: &Texture) -> Self {
         let bytes = u128::from(texture.width) * u128::from(texture.height) * 4;
         let level = if bytes == 0 || texture.rgba.len() as u128 != bytes {
@@ -187,7 +186,7 @@ impl MipChain {
     }
 }
 
-/// The two texels of a row or column that a coordinate lies between, and how far it is towards the second.
+/// The two texels of a row or column around a coordinate, and the weight of the second.
 fn taps(coordinate: f32, side: u32, wrap: Wrap) -> ([u32; 2], f32) {
     let c = if coordinate.is_finite() { coordinate } else { 0.0 };
     let c = match wrap {
@@ -255,8 +254,7 @@ impl Linear {
     }
 }
 
-/// For each of `to` texels of a side: the first of the `from` texels that it covers, and how much of it each
-/// of them makes up.
+/// For each of `to` texels of a side: the index of the first of the `from` texels under it, and the weights of those.
 fn box_weights(from: u32, to: u32) -> Vec<(usize, Vec<f32>)> {
     let scale = f64::from(from) / f64::from(to);
     (0..to)

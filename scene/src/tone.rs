@@ -13,7 +13,7 @@ pub fn linear_from_srgb(encoded: f32) -> f32 {
     if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
-/// What a display shows for a linear radiance: exposure, clamp, sRGB, 8 bits, rounded to nearest.
+/// Display value of a linear radiance: exposure, clamp, sRGB, 8 bits, rounded to nearest.
 pub fn display_from_radiance(radiance: Vec3, exposure: f32) -> [u8; 3] {
     let encode = |x: f32| (srgb_from_linear(x * exposure) * 255.0 + 0.5) as u8;
     [encode(radiance.x), encode(radiance.y), encode(radiance.z)]
@@ -24,7 +24,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_byte_survives_linear_and_back_and_nan_is_black() {
+    fn every_byte_survives_decoding_and_encoding_and_nan_is_black() {
         for byte in 0..=255u8 {
             let linear = linear_from_srgb(f32::from(byte) / 255.0);
             assert_eq!(display_from_radiance(Vec3::splat(linear), 1.0), [byte; 3]);

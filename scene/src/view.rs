@@ -1,30 +1,30 @@
-//! Views: what a client asks for, and the plan by which it is answered.
+//! Views: requests of clients, and their plans.
 
 use serde::{Deserialize, Serialize};
 
 use crate::{Camera, InvalidField, Provenance, SampleId};
 
-/// How a compositor finds the depth of a view's pixel before it fetches by depth-corrected inverse warping.
+/// Method of a compositor to find a pixel's depth, before the depth-corrected inverse warping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Search {
     /// Forward splat of the samples' texels into the view, then one filtered fetch per sample.
     #[default]
     Splat,
-    /// The cluster paper's (section 4.2): linear steps along the view ray until it is inside every
-    /// camera's surface, then binary refinement; the most conservative surface wins.
+    /// The cluster paper's search (section 4.2): linear steps along the view ray until it is inside every camera's
+    /// surface, then binary refinement; the most conservative surface wins.
     Linear,
-    /// Fixed-point iteration from the middle of the scene's bounds, each step to where the sample's ray ends;
-    /// linear steps where it does not settle.
+    /// Fixed-point iteration from the middle of the scene's bounds. Each step goes to the end of the sample's ray;
+    /// where it does not converge, linear steps follow.
     FixedPoint,
-    /// A coarse splat gives the start, fixed-point steps refine it, a short linear search is the tail.
+    /// A coarse splat gives the start, fixed-point steps refine it, a short linear search finishes.
     Seeded,
     /// Exact: the ray is followed through a min/max pyramid of each sample's inverse range.
     Pyramid,
 }
 
 impl Search {
-    /// All of them, in the order in which tables show them.
+    /// All searches, in the order of tables.
     pub const ALL: [Self; 5] = [Self::Splat, Self::Linear, Self::FixedPoint, Self::Seeded, Self::Pyramid];
 
     /// Its name on the command line and in JSON.
@@ -38,7 +38,7 @@ impl Search {
         }
     }
 
-    /// Steps where nobody says how many: more of them gain little.
+    /// Default number of steps: more of them gain little.
     pub fn usual_steps(self) -> u32 {
         match self {
             Self::FixedPoint => 8,
@@ -47,7 +47,7 @@ impl Search {
         }
     }
 
-    /// Whether [`Warp::steps`] means something to it.
+    /// Whether it uses [`Warp::steps`].
     pub fn takes_steps(self) -> bool {
         matches!(self, Self::Linear | Self::FixedPoint | Self::Seeded)
     }
@@ -59,20 +59,20 @@ impl Search {
 pub enum Output {
     /// sRGB, 8 bits.
     Color,
-    /// Distance from the eye, metres, +inf where there is nothing.
+    /// Distance from the eye, metres, +inf without a surface.
     Range,
     /// 255 where no sample saw the pixel's surface, else 0.
     Mask,
-    /// Which sample served the pixel: 1 + its position in the plan's list; 0 for none.
+    /// Sample of the pixel: 1 + its position in the plan's list; 0 for none.
     Source,
-    /// How sure the pixel is. 0 where no sample saw it; else the low seven bits are 127 × (1 − residual), the
-    /// residual being the difference between the depth that was looked for and the sample's own, as a share of
-    /// the tolerance; the highest bit is set where a second sample has the same surface there.
+    /// Confidence of the pixel: 0 where no sample saw it; else the low seven bits are 127 × (1 − residual). The
+    /// residual is the difference between the searched depth and the sample's own, as a share of the tolerance. The
+    /// highest bit is set where a second sample has the same surface.
     Confidence,
 }
 
 impl Output {
-    /// All of them.
+    /// All outputs.
     pub const ALL: [Self; 5] = [Self::Color, Self::Range, Self::Mask, Self::Source, Self::Confidence];
 
     /// Its name on the command line.
@@ -105,22 +105,22 @@ pub struct Outputs {
     pub range: bool,
     /// Mask of unresolved pixels.
     pub mask: bool,
-    /// Index of the sample that served each pixel.
+    /// Index of each pixel's sample.
     pub source: bool,
-    /// How sure each pixel is.
+    /// Confidence of each pixel.
     pub confidence: bool,
 }
 
 impl Outputs {
-    /// Colour alone.
+    /// Only colour.
     pub const COLOR: Self = Self { color: true, range: false, mask: false, source: false, confidence: false };
 
-    /// The given output alone.
+    /// Only the given output.
     pub fn only(output: Output) -> Self {
         Self::default().with(output)
     }
 
-    /// With one more.
+    /// The set with one more output.
     pub fn with(mut self, output: Output) -> Self {
         match output {
             Output::Color => self.color = true,
@@ -132,7 +132,7 @@ impl Outputs {
         self
     }
 
-    /// Whether it is among them.
+    /// Whether an output is in the set.
     pub fn has(self, output: Output) -> bool {
         match output {
             Output::Color => self.color,
@@ -144,94 +144,94 @@ impl Outputs {
     }
 }
 
-/// How a view is answered; chosen between frames, never during one.
+/// Method of rendering a view; changes only between frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Plan {
     /// Rendered from the triangles.
     Direct {
-        /// Samples a pixel on a regular grid, a square number: 1, 4, 16, ….
+        /// Samples per pixel on a regular grid, a square number: 1, 4, 16, ….
         samples_per_pixel: u32,
     },
     /// Reconstructed from samples.
     Warp(Warp),
 }
 
-/// How a view is reconstructed from samples.
+/// Settings of a view's reconstruction from samples.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Warp {
-    /// How depth is found.
+    /// Search for a pixel's depth.
     pub search: Search,
     /// Linear or fixed-point steps of the searches that [take them](Search::takes_steps).
     pub steps: u32,
-    /// View pixels are averaged from this many a side.
+    /// Sub-pixels per pixel and side, whose mean is the pixel.
     pub supersampling: u32,
     /// The samples, best first. Their order is part of the plan.
     pub samples: Vec<SampleId>,
-    /// What becomes of pixels that none of the samples saw.
+    /// Treatment of pixels that none of the samples saw.
     pub holes: Holes,
 }
 
 impl Default for Warp {
-    /// The splat of no samples: for `..Warp::default()`.
+    /// The splat without samples: for `..Warp::default()`.
     fn default() -> Self {
         Self { search: Search::Splat, steps: 64, supersampling: 1, samples: Vec::new(), holes: Holes::Mark }
     }
 }
 
-/// What becomes of pixels that no sample saw.
+/// Treatment of pixels that no sample saw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Holes {
-    /// They show what is behind around them, are marked in the mask and counted.
+    /// Fill them with the background around them; mark them in the mask and count them.
     #[default]
     Mark,
-    /// A sampler traces their rays.
+    /// Trace their rays by a sampler.
     Trace,
 }
 
-/// A named wish about quality; what [`PlanRequest`] says beside it goes before.
+/// A named goal for quality; the explicit settings of a [`PlanRequest`] override it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
-    /// As soon as possible: the cheapest plan.
+    /// The cheapest plan, for the shortest wait.
     Interactive,
-    /// The best error for a time of about twice the cheapest.
+    /// The smallest error within about twice the cheapest plan's time.
     Balanced,
-    /// No pixel is guessed: what no sample saw is traced, edges are supersampled.
+    /// No pixel is guessed: holes are traced and edges supersampled.
     Exact,
 }
 
-/// What a client may say of the plan; what it leaves open the service chooses.
+/// A client's settings of the plan; the service chooses those that are unset.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct PlanRequest {
     /// Render from the triangles.
     pub direct: bool,
-    /// How depth is found.
+    /// Search for a pixel's depth.
     pub search: Option<Search>,
     /// Linear steps, 1 to 4096.
     pub steps: Option<u32>,
-    /// A side: 1 to 8.
+    /// Sub-pixels per pixel and side, 1 to 8; the cost grows with the square.
     pub supersampling: Option<u32>,
-    /// At most this many samples, 1 to 8.
+    /// Largest number of samples, 1 to 8.
     pub samples: Option<u32>,
-    /// What becomes of pixels that no sample saw.
+    /// Treatment of pixels that no sample saw.
     pub holes: Option<Holes>,
-    /// A named wish about quality.
+    /// A named goal for quality.
     pub preset: Option<Preset>,
-    /// The greatest mean FLIP against the reference that is accepted, above 0 and up to 1.
+    /// Largest accepted mean FLIP against the reference, above 0 and up to 1.
     pub max_error: Option<f64>,
-    /// Milliseconds that rendering may take, above 0.
+    /// Longest rendering time in milliseconds, above 0 and up to an hour.
     pub deadline_ms: Option<f64>,
 }
 
 impl PlanRequest {
-    /// A view from samples, whether or not they have been rendered yet: the request waits for those that have not.
+    /// A view from samples; the request waits until they are rendered.
     pub fn from_samples() -> Self {
         Self { search: Some(Search::default()), ..Self::default() }
     }
 
-    /// Whether the service may choose how the view is rendered, from triangles or from samples: the request names neither
-    /// and sets no knob that only one of the two has.
+    /// Whether the service may choose between triangles and samples: the request names neither and sets no knob that
+    /// only one of them has.
     pub fn leaves_way_open(&self) -> bool {
         let Self { direct, search, steps, samples, holes, max_error, .. } = *self;
         let names_one = direct || search.is_some() || steps.is_some() || samples.is_some() || holes.is_some();
@@ -239,7 +239,7 @@ impl PlanRequest {
     }
 }
 
-/// What a client asks for.
+/// A client's request for an image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct View {
     /// Viewpoint.
@@ -248,15 +248,15 @@ pub struct View {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Which images.
+    /// Images of the answer.
     pub outputs: Outputs,
-    /// Wishes about the plan.
+    /// Settings of the plan.
     pub plan: PlanRequest,
-    /// Answer with exactly this provenance (its plan, epoch and generation) or not at all.
+    /// Requires exactly this provenance (its plan, epoch and generation); an error if it is not available.
     pub pin: Option<Provenance>,
 }
 
-/// The largest view that is accepted.
+/// The largest accepted view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Limits {
     /// Pixels on a side.
@@ -272,7 +272,7 @@ impl Default for Limits {
 }
 
 impl View {
-    /// Rejects what cannot be rendered, naming the field. Nothing behind this check needs to repeat it.
+    /// Rejects an invalid view by field. Code behind this check need not repeat it.
     pub fn validate(&self, limits: &Limits) -> Result<(), InvalidField> {
         self.camera.validate()?;
         for (field, side) in [("width", self.width), ("height", self.height)] {
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_that_names_a_way_or_one_of_its_knobs_does_not_leave_it_open() {
+    fn a_request_with_a_method_or_one_of_its_knobs_leaves_no_choice() {
         let open = PlanRequest::default();
         let preset = PlanRequest { preset: Some(Preset::Balanced), deadline_ms: Some(20.0), ..open };
         let finer = PlanRequest { supersampling: Some(2), ..open };

@@ -1,33 +1,33 @@
-//! How triangles are seen.
+//! Visibility backends: methods to find visible triangles.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Sampling;
 use crate::frame::INDIRECT_BY;
 
-/// A way to find which triangle each sub-sample sees. All agree but along edges; which is cheapest depends on device,
-/// scene and size, so that it is measured, once, before the first sample of a generation is rendered
+/// Method to find the triangle of each sub-sample. All agree except along edges. Which is cheapest depends on device,
+/// scene and size, so it is measured once, before the first sample of a generation is rendered
 /// ([`crate::Sampler::ways`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Visibility {
-    /// By the device's rasteriser.
+    /// The device's rasteriser.
     #[default]
     Raster,
-    /// By packets of rays in compute, where the device's subgroups have 8 lanes or more; elsewhere by the rasteriser.
+    /// Packets of rays on the GPU, for devices with subgroups of 8 lanes or more; elsewhere the rasteriser.
     Trace,
-    /// By packets of rays on the processor.
+    /// Packets of rays on the processor.
     Cpu,
 }
 
-/// Stands in [`crate::Provenance::device`] between the kind of device and the way in which triangles were seen.
+/// Separator in [`crate::Provenance::device`] between the kind of device and the visibility backend.
 const TRIANGLES_BY: &str = "; triangles by ";
 
 impl Visibility {
-    /// All of them.
+    /// All backends.
     pub const ALL: [Self; 3] = [Self::Raster, Self::Trace, Self::Cpu];
 
-    /// As users write it.
+    /// Its name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Raster => "raster",
@@ -36,7 +36,7 @@ impl Visibility {
         }
     }
 
-    /// As [`crate::Provenance::device`] has it: the kind of device, followed by the way unless that is the rasteriser.
+    /// The kind of device followed by the backend, unless that is the rasteriser, as in [`crate::Provenance::device`].
     pub fn on_device(self, kind: &str) -> String {
         match self {
             Self::Raster => kind.to_owned(),
@@ -44,7 +44,7 @@ impl Visibility {
         }
     }
 
-    /// The kind of device in a [`crate::Provenance::device`], and the way if it names one that is known.
+    /// The kind of device in a [`crate::Provenance::device`], and the backend if it names a known one.
     pub fn of_device(device: &str) -> (&str, Option<Self>) {
         let (device, _) = Sampling::of_device(device);
         let device = device.split_once(INDIRECT_BY).map_or(device, |(device, _)| device);
@@ -61,7 +61,7 @@ mod tests {
     use crate::MegaViews;
 
     #[test]
-    fn a_device_says_the_way_and_gives_it_back() {
+    fn a_device_name_keeps_its_backend() {
         for way in Visibility::ALL {
             let device = way.on_device("llvmpipe");
             assert_eq!(Visibility::of_device(&device), ("llvmpipe", Some(way)));

@@ -1,5 +1,5 @@
-//! Every file of the scene collection that `ARGUS_SCENES` names: real scenes have the triangles and bounds
-//! that are known of them, and deliberately broken ones are answered by a scene or by one line.
+//! Every file of the scene collection in `ARGUS_SCENES`. Real scenes have their known triangles and bounds; deliberately
+//! broken ones give a scene or an error of one line.
 
 #![cfg(feature = "loaders")]
 
@@ -12,15 +12,15 @@ use argus_scene::{AlphaMode, Effect, Material, RigKind, Scene};
 use bytes::Bytes;
 use glam::DVec3;
 
-/// The collection's folder; `None`, with a loud line, where there is none and none is required.
+/// The collection's folder; `None`, with a notice, if it is not set and not required.
 fn collection() -> Option<PathBuf> {
     if let Some(folder) = std::env::var_os("ARGUS_SCENES") {
         return Some(PathBuf::from(folder));
     }
     let required = std::env::var_os("ARGUS_REQUIRE_SCENES").is_some_and(|value| value == "1");
     assert!(!required, "ARGUS_REQUIRE_SCENES=1, but ARGUS_SCENES is not set");
-    // What print macros say in a test that passes is shown to nobody.
-    let _ = writeln!(std::io::stderr(), "SKIPPED, LOUDLY: ARGUS_SCENES is not set");
+    // Print macros of a passing test are not shown.
+    let _ = writeln!(std::io::stderr(), "SKIPPED: ARGUS_SCENES is not set");
     None
 }
 
@@ -30,7 +30,7 @@ fn load(path: &Path) -> Scene {
     scene
 }
 
-/// What every scene promises, whatever its file holds.
+/// Checks the invariants of a scene from any file.
 fn check(scene: &Scene) {
     let name = &scene.name;
     assert!(!scene.materials.is_empty(), "{name}");
@@ -66,7 +66,7 @@ fn check(scene: &Scene) {
         assert_eq!(texture.rgba.len(), texture.width as usize * texture.height as usize * 4, "{name}");
     }
     for camera in &scene.cameras {
-        camera.camera.validate().expect("a camera that can be looked through");
+        camera.camera.validate().expect("a valid camera");
     }
     assert!(scene.warnings.iter().all(|line| !line.contains('\n')), "{name}");
 }
@@ -74,7 +74,7 @@ fn check(scene: &Scene) {
 /// A scene file, its triangles, its bounds, how exactly those are known, and its rig.
 type Known = (&'static str, usize, [f64; 3], [f64; 3], f64, RigKind);
 
-/// From the collection's own page, where each was counted by two other programs.
+/// Counts and bounds from the collection's own page, each taken by two other programs.
 const REAL: [Known; 23] = {
     use RigKind::{Cell, TileCorners};
     const BUNNY: ([f64; 3], [f64; 3]) = ([-0.095, 0.033, -0.062], [0.061, 0.187, 0.059]);
@@ -156,7 +156,7 @@ fn sponza_keeps_its_materials_cut_outs_and_normal_maps() {
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     let effects = scene.effects();
     assert!(effects.contains(&Effect::AlphaCutout) && effects.contains(&Effect::NormalMap));
-    // The file has no tangents: they were made, for the meshes whose materials have normal maps.
+    // The file has no tangents: the loader computes them for meshes with normal maps.
     for mesh in &scene.meshes {
         let mapped = scene.materials[mesh.material as usize].normal_texture.is_some();
         assert_eq!(!mesh.tangents.is_empty(), mapped, "{}", mesh.name);
@@ -200,7 +200,7 @@ fn cornell_boxes_keep_their_colours_and_emitters() {
 }
 
 #[test]
-fn the_pines_texture_cuts_it_out() {
+fn the_pines_are_cut_out_by_their_texture() {
     let Some(folder) = collection() else { return };
     let scene = load(&folder.join("pine/scrubPine.obj"));
     assert_eq!(scene.textures.len(), 2);
@@ -230,7 +230,7 @@ fn a_bundle_in_memory_is_the_scene_on_disk() {
         let (on_disk, mut fetched) = (load(&path), load_bundle(main, &files).unwrap());
         fetched.name.clone_from(&on_disk.name);
         assert!(on_disk == fetched, "{name}");
-        // A changed byte anywhere is another scene.
+        // A changed byte anywhere gives another hash.
         for changed in files.keys() {
             let mut files = files.clone();
             let mut bytes = files[changed].to_vec();
@@ -257,7 +257,7 @@ fn files_below(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
     found
 }
 
-/// Loads a broken file: a scene that keeps its promises, or one line that names the file.
+/// Loads a broken file: a valid scene, or an error of one line that names the file.
 fn answer(path: &Path) -> Option<Scene> {
     match load_path(path) {
         Ok(scene) => {
@@ -274,11 +274,11 @@ fn answer(path: &Path) -> Option<Scene> {
 }
 
 #[test]
-fn every_nasty_gltf_is_answered_and_correct_ones_by_a_scene() {
+fn every_broken_gltf_gives_a_scene_or_an_error_and_correct_ones_a_scene() {
     let Some(folder) = collection() else { return };
     let files = files_below(&folder.join("nasty_gltf"), &["gltf", "glb"]);
     assert_eq!(files.len(), 243);
-    // Correct by the letter, but their meshes' bytes are in no file: "provided by other means".
+    // Valid, but their meshes' bytes are in no file: "provided by other means".
     let absent = ["root/named_objects.gltf", "root/unused_objects.gltf"];
     let (mut scenes, mut animated) = (0, 0);
     for path in files {
@@ -300,7 +300,7 @@ fn every_nasty_gltf_is_answered_and_correct_ones_by_a_scene() {
     assert!(animated > 0, "none of 243 has an animation that can be read");
 }
 
-/// At every time, what is placed is within the bounds, and everything is back after a loop.
+/// Checks that placed meshes stay within the bounds at every time, and return after a loop.
 fn play(scene: &Scene) {
     let bounds = scene.bounds();
     for time_secs in [0.0, 0.1, 1.0, 1e9, -1.0, f64::NAN] {
@@ -320,7 +320,7 @@ fn play(scene: &Scene) {
 }
 
 #[test]
-fn every_nasty_obj_gives_a_scene() {
+fn every_broken_obj_gives_a_scene() {
     let Some(folder) = collection() else { return };
     let files = files_below(&folder.join("nasty_obj"), &["obj"]);
     assert_eq!(files.len(), 47);
@@ -338,7 +338,7 @@ fn every_nasty_obj_gives_a_scene() {
 }
 
 #[test]
-fn files_that_are_no_scene_are_refused() {
+fn files_that_are_not_scenes_are_refused() {
     let Some(folder) = collection() else { return };
     for name in ["SCENES.md", "sponza", "nasty_obj/cube.mtl", "none.glb"] {
         assert!(answer(&folder.join(name)).is_none(), "{name}");

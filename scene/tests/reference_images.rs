@@ -1,4 +1,4 @@
-//! What the reference tracer says surfaces look like: scenes whose radiance is known on paper.
+//! The reference tracer's images of scenes whose radiance is known exactly.
 #![cfg(feature = "reference")]
 
 mod common;
@@ -9,7 +9,7 @@ use argus_scene::{AlphaMode, Camera, Instance, Lighting, Material, Mesh, Scene, 
 use common::{furnace, patch, scene, sphere, sun, texture, textured, tracer, white};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec2, Vec3, Vec4};
 
-/// From (0, 0, `distance`), the patch of [`patch`] as large as it is at that distance.
+/// A camera at (0, 0, `distance`) whose image the patch of [`patch`] fills.
 fn front(distance: f64) -> Camera {
     Camera::look_at(DVec3::new(0.0, 0.0, distance), DVec3::ZERO)
 }
@@ -24,8 +24,8 @@ fn mean(image: &ReferenceImage) -> Vec3 {
 
 #[test]
 fn in_a_furnace_radiance_is_one_everywhere() {
-    // White surfaces, white vertex colours, white textures, mirrored, turned and stretched instances: all of
-    // it must vanish into the white sky.
+    // White surfaces, white vertex colours, white textures, mirrored, turned and stretched instances: all must vanish
+    // into the white sky.
     let mesh = Mesh { colors: vec![Vec4::ONE; patch(4).positions.len()], ..patch(4) };
     let mut scene = scene(vec![sphere(12), mesh], vec![white(), textured(white())], furnace());
     scene.textures = vec![texture(16, |_, _| [255; 4])];
@@ -43,7 +43,7 @@ fn in_a_furnace_radiance_is_one_everywhere() {
     for radiance in &image.radiance {
         assert!((*radiance - Vec3::ONE).abs().max_element() < 1e-5, "{radiance}");
     }
-    // A surface that swallows a hundredth is found out.
+    // A surface that absorbs a hundredth is found.
     scene.materials[0].base_color = Vec4::new(0.99, 0.99, 0.99, 1.0);
     assert!(render(scene, &front(6.0), 4).radiance.iter().any(|r| r.x < 0.995));
 }
@@ -76,7 +76,7 @@ fn single_sided_surfaces_are_open_from_behind_even_if_mirrored() {
 }
 
 #[test]
-fn range_is_the_distance_along_the_central_ray_whatever_the_number_of_samples() {
+fn range_is_along_the_central_ray_for_any_number_of_samples() {
     let camera = Camera { fov_deg: 70.0, ..front(0.5) };
     for samples in [1, 2, 4, 9] {
         let image = render(scene(vec![patch(3)], vec![white()], furnace()), &camera, samples);
@@ -89,7 +89,7 @@ fn range_is_the_distance_along_the_central_ray_whatever_the_number_of_samples() 
 }
 
 #[test]
-fn pixels_at_an_edge_show_what_covers_them() {
+fn a_pixel_at_an_edge_shows_the_covered_share() {
     // A black patch before a white sky; its edge at x = 0 runs through the middle of a pixel's column.
     let mut scene = scene(vec![patch(1)], vec![Material { base_color: Vec4::W, ..white() }], furnace());
     scene.instances[0].world_from_mesh =
@@ -111,8 +111,8 @@ fn cutout_scene() -> Scene {
 }
 
 #[test]
-fn a_cutout_covers_as_much_from_afar_as_from_near() {
-    // Level 0 decides at any distance: half of it is open, also where a mip level would be evenly 0.5.
+fn a_cutouts_coverage_is_the_same_at_any_distance() {
+    // Level 0 decides at any distance: half of it is open, even where a mip level would be 0.5 everywhere.
     for distance in [1.2_f64, 3.0, 20.0, 400.0] {
         let fov_deg = 2.0 * (0.9_f64 / distance).atan().to_degrees();
         let image = tracer(cutout_scene()).render(&Camera { fov_deg, ..front(distance) }, 24, 24, 64, |_| {});
@@ -140,13 +140,13 @@ fn what_is_behind_a_cutout_shows_through_it() {
 }
 
 #[test]
-fn a_texture_seen_from_afar_is_its_mean_without_a_sample_more() {
+fn a_texture_seen_from_afar_is_its_mean_with_one_sample() {
     let checker = texture(64, |x, y| if (x + y).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] });
     let board = |material| Scene {
         textures: vec![checker.clone()],
         ..scene(vec![patch(1)], vec![material], furnace())
     };
-    // One ray a pixel, some forty texels a pixel: every ray must already see the mean.
+    // One ray per pixel, about forty texels per pixel: every ray must return the mean.
     let tracer = tracer(board(textured(white())));
     let image = tracer.render(&Camera { fov_deg: 5.0, ..front(20.0) }, 2, 2, 1, |_| {});
     for radiance in &image.radiance {
@@ -178,7 +178,7 @@ fn detail_fades_continuously_with_distance() {
 }
 
 #[test]
-fn missing_degenerate_and_wild_attributes_still_give_a_colour() {
+fn missing_degenerate_and_extreme_attributes_give_a_finite_colour() {
     let checker = texture(8, |x, y| if (x + y).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] });
     let rich = Material {
         metallic_roughness_texture: Some(TextureRef::new(0)),
@@ -271,7 +271,7 @@ fn a_scene_a_million_metres_away_looks_the_same() {
 }
 
 #[test]
-fn images_are_the_same_whatever_the_number_of_threads() {
+fn images_are_the_same_for_any_number_of_threads() {
     let build = || scene(vec![sphere(20), patch(4)], vec![white()], Lighting::default());
     let image = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -281,7 +281,7 @@ fn images_are_the_same_whatever_the_number_of_threads() {
 }
 
 #[test]
-fn progress_ends_at_one_and_odd_sizes_are_served() {
+fn progress_ends_at_one_and_odd_sizes_are_rendered() {
     let tracer = tracer(scene(vec![patch(1)], vec![white()], furnace()));
     let latest = std::sync::Mutex::new(0.0_f64);
     let image = tracer.render(&front(2.0), 7, 3, 1, |done| {
@@ -306,7 +306,7 @@ fn more_samples_approach_the_truth() {
 }
 
 #[test]
-fn a_cached_image_is_returned_and_a_changed_scene_is_not_answered_with_it() {
+fn a_cached_image_is_reused_only_for_the_same_scene() {
     let folder = tempfile::tempdir().unwrap();
     let tracer = tracer(scene(vec![patch(2)], vec![white()], furnace()));
     let render = |tracer: &Tracer, samples| {
@@ -322,7 +322,7 @@ fn a_cached_image_is_returned_and_a_changed_scene_is_not_answered_with_it() {
     std::fs::write(&files()[0], b"no image").unwrap();
     assert_eq!(render(&tracer, 4), first);
     assert!(std::fs::metadata(&files()[0]).unwrap().len() > 100);
-    // Anything that changes the image changes the name.
+    // Every input of the image changes the name.
     render(&tracer, 16);
     let mut darker = (**tracer.scene()).clone();
     darker.materials[0].base_color.x = 0.5;
@@ -332,7 +332,7 @@ fn a_cached_image_is_returned_and_a_changed_scene_is_not_answered_with_it() {
     moved.meshes[0].positions[0].z += 0.1;
     render(&Tracer::new(moved.into()), 4);
     assert_eq!(files().len(), 4);
-    // A folder that cannot be made costs nothing but time.
+    // A folder that cannot be made costs only time.
     let blocked = files()[0].join("below a file");
     assert_eq!(cache::render(Some(&blocked), &tracer, &front(2.0), [8, 6], 4, |_| {}), first);
 }

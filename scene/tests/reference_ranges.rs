@@ -1,4 +1,4 @@
-//! Where the reference tracer says surfaces are: against geometry that is known on paper.
+//! The reference tracer's hits, against geometry that is known exactly.
 #![cfg(feature = "reference")]
 
 mod common;
@@ -15,7 +15,7 @@ fn placed(mesh: argus_scene::Mesh, world_from_mesh: DAffine3) -> Scene {
     scene
 }
 
-/// The nearest hit by asking every triangle, at twice the work and none of the cleverness.
+/// The nearest hit by a test of every triangle, without a hierarchy.
 fn brute_force(scene: &Scene, origin: DVec3, direction: DVec3) -> Option<f64> {
     let mut nearest = f64::INFINITY;
     for instance in &scene.instances {
@@ -40,7 +40,7 @@ fn brute_force(scene: &Scene, origin: DVec3, direction: DVec3) -> Option<f64> {
 }
 
 #[test]
-fn a_plane_is_where_it_is_from_any_side_and_distance() {
+fn a_plane_has_its_exact_range_from_any_side_and_distance() {
     let tracer = tracer(placed(patch(7), DAffine3::IDENTITY));
     for origin in [DVec3::new(0.1, 0.2, 3.0), DVec3::new(-4.0, 1.0, -0.01), DVec3::new(2e5, -1e5, 3e5)] {
         for target in [DVec3::new(0.3, -0.4, 0.0), DVec3::new(-0.99, 0.99, 0.0)] {
@@ -111,7 +111,7 @@ fn a_scene_a_million_metres_away_is_traced_as_precisely() {
             match (tracer.trace(far + eye, aim).map(|hit| hit.range), expected) {
                 (Some(range), Some(expected)) => assert!((range / expected - 1.0).abs() < 1e-9),
                 (None, None) => {}
-                // A silhouette's ray may fall to either side; its range must then be a grazing one.
+                // A ray at the silhouette may fall to either side; its range must then be a grazing one.
                 (range, expected) => panic!("ray {i}: {range:?}, here {expected:?}"),
             }
         }
@@ -178,7 +178,7 @@ fn degenerate_triangles_and_transforms_are_not_seen_and_hide_nothing() {
 }
 
 #[test]
-fn absurd_sizes_are_traced_or_left_out_and_hide_nothing() {
+fn extreme_sizes_are_traced_or_left_out_and_hide_nothing() {
     let ray = (DVec3::new(0.1, 0.2, 3.0), DVec3::NEG_Z);
     let mut scene = placed(patch(3), DAffine3::IDENTITY);
     for translation in [1e30, -1e149, 1e200, f64::MAX] {
@@ -199,7 +199,7 @@ fn absurd_sizes_are_traced_or_left_out_and_hide_nothing() {
 }
 
 #[test]
-fn rays_that_are_no_rays_meet_nothing() {
+fn rays_without_a_direction_or_not_finite_meet_nothing() {
     let tracer = tracer(placed(patch(2), DAffine3::IDENTITY));
     let origin = DVec3::new(0.1, 0.2, 3.0);
     for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
@@ -208,7 +208,7 @@ fn rays_that_are_no_rays_meet_nothing() {
         assert!(tracer.radiance_along(origin, DVec3::splat(odd), DVec3::ZERO, DVec3::ZERO).is_finite());
     }
     assert_eq!(tracer.trace(origin, DVec3::ZERO), None);
-    // Extreme lengths are directions all the same.
+    // A direction of extreme length is still a direction.
     for scale in [1e-300, 1e300, f64::MAX, 5e-324] {
         assert_eq!(tracer.trace(origin, DVec3::NEG_Z * scale).map(|hit| hit.range), Some(3.0), "{scale}");
     }
@@ -217,7 +217,7 @@ fn rays_that_are_no_rays_meet_nothing() {
 }
 
 #[test]
-fn of_two_surfaces_in_one_place_the_first_is_seen_from_everywhere() {
+fn of_two_surfaces_in_one_place_the_first_is_seen_from_every_side() {
     let mut scene = placed(patch(5), DAffine3::IDENTITY);
     scene.instances = vec![scene.instances[0]; 4];
     let mesh = &mut scene.meshes[0];
@@ -236,7 +236,7 @@ proptest! {
 
     /// Triangles of all sizes, some overlapping, in two instances: the hierarchies lose none of them.
     #[test]
-    fn the_hierarchies_find_what_asking_every_triangle_finds(
+    fn the_hierarchies_find_the_same_hits_as_a_test_of_every_triangle(
         corners in proptest::collection::vec(-1.0f32..1.0, 9 * 40),
         sizes in proptest::collection::vec(1e-4f32..2.0, 40),
         eye in proptest::array::uniform3(-3.0f64..3.0),

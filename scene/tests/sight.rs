@@ -1,4 +1,4 @@
-//! Which cameras of a lattice see what a view shows.
+//! Visibility of a view's surfaces from the cameras of a lattice.
 
 mod common;
 
@@ -26,16 +26,16 @@ fn sight(scene: Scene) -> SceneSight {
     SceneSight::new(&Arc::new(scene))
 }
 
-/// Someone a metre in front of the plane z = 0, who looks at it.
+/// A viewer a metre in front of the plane z = 0, looking at it.
 fn viewer() -> Camera {
     Camera::look_at(DVec3::new(0.1, 0.2, 1.0), DVec3::new(0.1, 0.2, 0.0))
 }
 
 #[test]
-fn who_is_behind_a_wall_serves_nobody_before_it() {
+fn a_camera_behind_a_wall_is_not_chosen_for_a_viewer_before_it() {
     let candidates = [(1, DVec3::new(0.1, 0.2, -0.2)), (2, DVec3::new(1.0, 1.0, 1.4))];
     for double_sided in [false, true] {
-        // From behind a single-sided wall one sees past it, and so nothing of it either.
+        // From behind, a single-sided wall is invisible, and so such a camera shows nothing of it.
         let sight = sight(walls(&[0.0], double_sided));
         assert_eq!(sight.best(&viewer(), &candidates, 1), [2], "double-sided: {double_sided}");
         assert!(!sight.sees(candidates[0].1, viewer().eye));
@@ -44,7 +44,7 @@ fn who_is_behind_a_wall_serves_nobody_before_it() {
 }
 
 #[test]
-fn what_one_camera_shows_already_another_is_not_chosen_for() {
+fn a_second_camera_is_chosen_for_targets_that_the_first_does_not_show() {
     // A ledge hides the left of the view from both nearer cameras.
     let mut scene = walls(&[0.0, 0.5], true);
     scene.instances[1].world_from_mesh.matrix3 = DMat3::from_diagonal(DVec3::new(0.2, 10.0, 1.0));
@@ -56,7 +56,7 @@ fn what_one_camera_shows_already_another_is_not_chosen_for() {
 }
 
 #[test]
-fn of_cameras_that_show_as_much_the_first_are_the_best() {
+fn of_cameras_with_equal_visibility_the_first_is_best() {
     let away = Camera { target: DVec3::new(0.1, 0.2, 9.0), ..viewer() };
     let candidates: Vec<(u64, DVec3)> =
         (0..5).map(|i| (9 - i, DVec3::new(0.0, 0.0, 1.0 + i as f64))).collect();
@@ -68,7 +68,7 @@ fn of_cameras_that_show_as_much_the_first_are_the_best() {
 }
 
 #[test]
-fn a_camera_at_the_eye_is_the_best_and_one_on_a_surface_does_no_harm() {
+fn a_camera_at_the_eye_is_the_best_and_one_on_a_surface_is_harmless() {
     let candidates = [(1, DVec3::new(0.1, 0.2, 0.0)), (2, viewer().eye), (3, DVec3::splat(f64::NAN))];
     assert_eq!(sight(walls(&[0.0], false)).best(&viewer(), &candidates, 1), [2]);
     let on_the_wall = Camera { eye: DVec3::new(0.1, 0.2, 0.0), target: DVec3::ZERO, ..viewer() };
@@ -76,7 +76,7 @@ fn a_camera_at_the_eye_is_the_best_and_one_on_a_surface_does_no_harm() {
 }
 
 #[test]
-fn a_rig_takes_the_cameras_that_see() {
+fn a_rig_chooses_cameras_that_see_the_view() {
     let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 2.0, face: 8 };
     // Between the wall and the lattice's planes at z = 0 and z = 2.
     let viewer = Camera::look_at(DVec3::new(0.1, 0.2, 0.45), DVec3::new(0.1, 0.2, 0.2));
@@ -97,7 +97,7 @@ fn a_rig_takes_the_cameras_that_see() {
 }
 
 #[test]
-fn far_from_the_origin_the_same_cameras_see() {
+fn the_choice_is_the_same_far_from_the_origin() {
     let far = DVec3::splat(1e6);
     let mut moved = walls(&[0.2], true);
     moved.instances[0].world_from_mesh.translation += far;
@@ -108,7 +108,7 @@ fn far_from_the_origin_the_same_cameras_see() {
 }
 
 #[test]
-fn in_a_scene_that_moves_targets_are_where_they_are_at_that_time() {
+fn in_a_moving_scene_targets_are_at_their_positions_of_the_time() {
     let scene = Arc::new(mirrors(5));
     let sight = SceneSight::new(&scene);
     let camera = scene.default_camera();

@@ -1,8 +1,8 @@
-//! One page's WebSocket, bridged to one session of the service.
+//! The bridge between one page's WebSocket and one session of the service.
 //!
-//! The newest camera wins at each step: a camera that waits is replaced, here and in the session. A page acknowledges
-//! each image that it has shown, and at most two images are on their way to it, so that a slow page gets fewer images
-//! and never old ones, and a page that reads nothing makes nothing grow.
+//! The newest camera wins: a waiting camera is replaced, here and in the session. A page acknowledges each image that
+//! it has shown, and at most two images are in flight to it. So a slow page gets fewer images and never old ones, and
+//! a page that reads nothing uses bounded memory.
 
 mod flow;
 
@@ -20,42 +20,42 @@ use self::flow::{Flow, Image};
 use super::messages::{self, Message as Said};
 use super::pages::{Site, jpeg};
 
-/// Bytes of a page's longest message. A camera takes about 200.
+/// Longest message of a page in bytes. A camera takes about 200.
 pub(super) const MAX_MESSAGE_BYTES: usize = 4096;
 
-/// Time a session has to reach the service again before its page is told that there is trouble.
+/// Time for a session to reach the service again before its page is told of trouble.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Pause between two sessions that failed.
+/// Pause between two failed sessions.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// A page that takes a message for longer than this is given up.
+/// A page that takes longer than this to receive a message is closed.
 const SEND_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Pause between pings. Browsers answer them by themselves.
+/// Interval between pings. Browsers answer them automatically.
 const PING: Duration = Duration::from_secs(20);
 
-/// A page that says nothing for this long, not even in answer to pings, is gone.
+/// A page without a message or pong for this long is closed.
 const SILENCE: Duration = Duration::from_secs(60);
 
-/// Longest time that the end of a WebSocket may take, for a page that does not answer.
+/// Longest time to close a WebSocket, for a page that does not answer.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// An image that is being encoded.
+/// A running encoding of an image.
 type Encoding = JoinHandle<anyhow::Result<Image>>;
 
-/// Serves a page until it closes its WebSocket, is silent for too long, or this process stops.
+/// Serves a page until it closes its WebSocket, stops answering, or this process stops.
 pub(super) async fn run(mut socket: WebSocket, site: Arc<Site>) {
     let (code, reason) = Bridge::new(site).serve(&mut socket).await;
     close(&mut socket, code, &reason).await;
 }
 
-/// Tells a page why its WebSocket ends; at most 123 bytes of the reason fit.
+/// Closes a WebSocket with a reason, of which at most 123 bytes fit.
 pub(super) async fn close(socket: &mut WebSocket, code: u16, reason: &str) {
     let frame = CloseFrame { code, reason: reason.into() };
     let told = async {
-        // A connection that is closed with unread bytes is reset, and the page may not hear the reason. So all is read, until the
-        // page closes, too.
+        // Closing a connection with unread bytes resets it, and the page may miss the reason. So read until the page
+        // closes too.
         if socket.send(Message::Close(Some(frame))).await.is_ok() {
             while let Some(Ok(_)) = socket.recv().await {}
         }
@@ -64,7 +64,7 @@ pub(super) async fn close(socket: &mut WebSocket, code: u16, reason: &str) {
     let _ = timeout(CLOSE_TIMEOUT, told).await;
 }
 
-/// Why a bridge ends: a code of RFC 6455, section 7.4.1, and words for the page.
+/// Why a bridge ends: a close code of RFC 6455, section 7.4.1, and a reason for the page.
 type End = (u16, String);
 
 struct Bridge {
@@ -72,11 +72,11 @@ struct Bridge {
     session: Session,
     flow: Flow,
     encoding: Option<Encoding>,
-    /// Nothing is asked of the service before that.
+    /// No request is sent to the service before this time.
     paused_until: Instant,
 }
 
-/// What happens next.
+/// The next event of a bridge.
 enum Step {
     Message(Option<Result<Message, axum::Error>>),
     Event(Result<SessionEvent, ClientError>),
@@ -144,18 +144,18 @@ impl Bridge {
         }
     }
 
-    /// Takes in what the page says; what it is told in reply.
+    /// Handles a message of the page. Returns the reply, if any.
     fn hear(&mut self, message: Option<Result<Message, axum::Error>>) -> Result<Option<Message>, End> {
         let text = match message {
             Some(Ok(Message::Text(text))) => text,
             Some(Ok(Message::Ping(_) | Message::Pong(_))) => return Ok(None),
             Some(Ok(Message::Binary(_))) => {
-                let error = argus_scene::InvalidField::new("message", "text is wanted, not binary");
+                let error = argus_scene::InvalidField::new("message", "must be text, not binary");
                 return Ok(Some(Message::Text(messages::refused(&error).into())));
             }
             Some(Ok(Message::Close(_))) | None => return Err((close_code::NORMAL, String::new())),
             Some(Err(error)) => {
-                // What comes after a message that is too long, or no WebSocket's, cannot be told from it.
+                // After a message that is too long or malformed, the following bytes cannot be parsed.
                 let reason = format!("no message of at most {MAX_MESSAGE_BYTES} bytes: {error}");
                 return Err((close_code::SIZE, reason.chars().take(120).collect()));
             }
@@ -174,7 +174,7 @@ impl Bridge {
         Ok(read.err().map(|error| Message::Text(messages::refused(&error).into())))
     }
 
-    /// Takes in what the service says; what the page is told of it.
+    /// Handles an event of the session. Returns the message for the page, if any.
     fn take(&mut self, event: Result<SessionEvent, ClientError>) -> Option<Message> {
         match event {
             Ok(SessionEvent::Frame { camera_seq, frame, meta }) => {
@@ -214,7 +214,7 @@ fn open(site: &Site) -> Session {
     site.client.session(SessionOptions { patience: PATIENCE, ..SessionOptions::default() })
 }
 
-/// Waits for the image that is being encoded; for ever where none is.
+/// Waits for the running encoding; forever if there is none.
 async fn encoded(encoding: &mut Option<Encoding>) -> anyhow::Result<Image> {
     match encoding {
         Some(encoding) => encoding.await?,
@@ -222,8 +222,8 @@ async fn encoded(encoding: &mut Option<Encoding>) -> anyhow::Result<Image> {
     }
 }
 
-/// Makes an image's message, with what only this process knows in its description: the page's number of the camera, the
-/// milliseconds from the camera's arrival here to the frame's (`bridge_ms`), and those of encoding (`jpeg_ms`).
+/// Encodes an image's message. Adds to its description what only this process knows: the page's number of the camera, the
+/// milliseconds from the camera's arrival to the frame's (`bridge_ms`), and those of encoding (`jpeg_ms`).
 fn encode(number: u64, bridge_ms: f64, frame: &Frame, meta: &FrameMeta) -> anyhow::Result<Image> {
     let begin = std::time::Instant::now();
     let jpeg = jpeg(frame)?;

@@ -1,12 +1,12 @@
-//! Who may talk to the page's server: requests for this machine's own names, and WebSockets of the page itself.
+//! Access control of the page's server: only requests under this machine's names, and only WebSockets of the own page.
 
 use std::net::IpAddr;
 
 use axum::http::{HeaderMap, Uri, header};
 
-/// Whether a request was sent to a name of this machine. DNS rebinding sends requests under another site's name: that
-/// site's page could otherwise see what only this client may see. `authority` is the host of the request's address,
-/// where it has one.
+/// Whether a request names this machine as its host. DNS rebinding sends requests under another site's name, and
+/// would let that site's page see what this client may see. `authority`: the host of the request's URI, if it has
+/// one.
 pub(super) fn is_of_this_machine(headers: &HeaderMap, authority: Option<&str>) -> bool {
     let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let Some(host) = named.or(authority) else { return false };
@@ -18,14 +18,14 @@ pub(super) fn is_of_this_machine(headers: &HeaderMap, authority: Option<&str>) -
     name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }
 
-/// Whether a WebSocket is opened by the page that this server serves. Browsers let every page open a WebSocket to
-/// every server, and say in `Origin` which page does; programs other than browsers send no `Origin`, and may connect.
+/// Whether a WebSocket comes from the page that this server serves. Browsers let any page open a WebSocket to any
+/// server and name the page in `Origin`. Other programs send no `Origin` and may connect.
 pub(super) fn is_of_own_page(headers: &HeaderMap) -> bool {
     let mut origins = headers.get_all(header::ORIGIN).iter();
     let Some(origin) = origins.next() else { return true };
     let (Ok(origin), None) = (origin.to_str(), origins.next()) else { return false };
     let host = headers.get(header::HOST).and_then(|host| host.to_str().ok());
-    // `null` and files have no authority.
+    // `null` and `file:` have no authority.
     let authority = origin.parse::<Uri>().ok().and_then(|uri| uri.scheme().and(uri.authority()).cloned());
     matches!((authority, host), (Some(authority), Some(host)) if authority.as_str().eq_ignore_ascii_case(host))
 }
@@ -44,7 +44,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_may_point_anywhere_are_not_this_machines() {
+    fn host_names_that_may_point_anywhere_are_not_this_machine() {
         for host in ["127.0.0.1:7480", "localhost", "LOCALHOST:7480", "[::1]:7480", "127.8.0.1"] {
             assert!(is_of_this_machine(&headers(host, None), None), "{host}");
         }
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_from_elsewhere_is_not_the_own_page() {
+    fn a_page_of_another_origin_is_not_the_own_page() {
         let own = |origin| is_of_own_page(&headers("127.0.0.1:7480", origin));
         for origin in [None, Some("http://127.0.0.1:7480"), Some("https://127.0.0.1:7480")] {
             assert!(own(origin), "{origin:?}");

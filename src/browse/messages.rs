@@ -1,16 +1,17 @@
 //! Messages between a page and its bridge.
 //!
-//! A page sends text, one JSON object a message: a camera, or the number of the camera whose image it has shown.
+//! A page sends text messages of one JSON object: a camera, or the number of a camera whose image it has shown.
 //!
 //! ```text
-//! {"camera": 7, "eye": [0, 1, 5], "target": [0, 1, 0], "up": [0, 1, 0], "fov_deg": 60, "size": [640, 480], "direct": true}
+//! {"camera": 7, "eye": [0, 1, 5], "target": [0, 1, 0], "up": [0, 1, 0], "fov_deg": 60, "size": [640, 480],
+//! "direct": true}
 //! {"shown": 7}
 //! ```
 //!
-//! Only `camera`, its number, must be there; the rest is as for `/frame`. Numbers ascend. The bridge sends images as
-//! binary messages: the length of a JSON object in 4 bytes, little-endian; the object, see [`about`]; a JPEG. Errors
-//! are text messages with one field: `refused` (the message was not understood), `failed` (a camera has no image) or
-//! `trouble` (the service does not answer).
+//! Only `camera`, an ascending number, is required; the other fields have the defaults of `/frame`. The bridge sends
+//! images as binary messages: the length of a JSON object (4 bytes, little-endian), the object (see [`about`]), and a
+//! JPEG. Errors are text messages with one field: `refused` (the message is invalid), `failed` (a camera has no
+//! image) or `trouble` (the service does not answer).
 
 use argus_client::FrameMeta;
 use argus_scene::{Camera, Frame, Holes, InvalidField, Outputs, Plan, PlanRequest, View};
@@ -18,30 +19,30 @@ use glam::DVec3;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
-/// Pixels of a view whose page does not say.
+/// Default size of a view in pixels.
 pub(super) const USUAL_SIZE: [u32; 2] = [640, 480];
 
-/// What a page says.
+/// A message of a page.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Message {
-    /// Asks for the view of a camera, which replaces those before it.
+    /// Requests the view of a camera, which replaces earlier ones.
     Camera {
-        /// The page's number of it.
+        /// The page's number of the camera.
         number: u64,
-        /// What it sees. Not checked against the service's limits.
+        /// The view. Not yet checked against the service's limits.
         view: Box<View>,
     },
-    /// Has shown the image of the camera with that number, and needs none of those before it.
+    /// The page has shown the image of this camera and needs no earlier one.
     Shown(u64),
 }
 
-/// Reads a message. A camera's fields that are left out are those of `usual`.
+/// Parses a message. Missing fields of a camera are taken from `usual`.
 ///
 /// # Errors
-/// The field at fault, unknown ones too, and what is wrong with it.
+/// The invalid or unknown field, and what is wrong with it.
 pub(super) fn read(text: &str, usual: Camera, plan: &PlanRequest) -> Result<Message, InvalidField> {
     let fields: Map<String, Value> = serde_json::from_str(text)
-        .map_err(|error| InvalidField::new("message", format!("a JSON object is wanted: {error}")))?;
+        .map_err(|error| InvalidField::new("message", format!("must be a JSON object: {error}")))?;
     if let Some(shown) = fields.get("shown") {
         return match fields.len() {
             1 => Ok(Message::Shown(field("shown", shown)?)),
@@ -84,12 +85,15 @@ fn field<T: DeserializeOwned>(name: &'static str, value: &Value) -> Result<T, In
     T::deserialize(value).map_err(|error| InvalidField::new(name, error.to_string()))
 }
 
-/// What a page shows beside an image: how it was made and what it cost.
+/// The description of an image: how it was rendered and what it cost.
 ///
-/// `way` is `direct` (rendered from the triangles), `samples`, or `samples and rays` where rays were traced for
-/// pixels that no sample saw. `because` says why that way, or is null where it was requested. `samples` counts them, 0
-/// for a direct view. `stages` are the timed steps with their `ms`; `rendering_ms` sums up those that are rendering. `age_ms` is the time since the request reached the service.
-/// `predicted` is the expected `error` and `ms`, or null.
+/// - `way`: `direct` (rendered from triangles), `samples`, or `samples and rays` if rays filled pixels that no
+///   sample saw.
+/// - `because`: why the service chose that, or null if it was requested.
+/// - `samples`: their number, 0 for a direct view.
+/// - `stages`: the timed steps with their `ms`; `rendering_ms` is the sum of those that are rendering.
+/// - `age_ms`: the time since the request reached the service.
+/// - `predicted`: the expected `error` and `ms`, or null.
 pub(super) fn about(frame: &Frame, meta: &FrameMeta) -> Map<String, Value> {
     let (search, way, samples) = match &frame.provenance.plan {
         Plan::Direct { .. } => ("direct", "direct", 0),
@@ -118,7 +122,7 @@ pub(super) fn about(frame: &Frame, meta: &FrameMeta) -> Map<String, Value> {
     }
 }
 
-/// Puts an image's message together.
+/// Assembles an image's message.
 pub(super) fn image(about: &Map<String, Value>, jpeg: &[u8]) -> Vec<u8> {
     let about = Value::Object(about.clone()).to_string();
     let mut message = Vec::with_capacity(4 + about.len() + jpeg.len());
@@ -128,17 +132,17 @@ pub(super) fn image(about: &Map<String, Value>, jpeg: &[u8]) -> Vec<u8> {
     message
 }
 
-/// Says what was wrong with a message of the page.
+/// The reply to an invalid message.
 pub(super) fn refused(error: &InvalidField) -> String {
     json!({ "refused": { "field": error.field, "reason": error.reason } }).to_string()
 }
 
-/// Says that there is no image of a camera. `again` says whether it may succeed if it is asked for again.
+/// The message that a camera has no image. `again`: whether another attempt may succeed.
 pub(super) fn failed(number: u64, reason: &str, again: bool) -> String {
     json!({ "failed": { "camera": number, "reason": reason, "again": again } }).to_string()
 }
 
-/// Says that the service does not answer, and that it is asked again.
+/// The message that the service does not answer and is tried again.
 pub(super) fn trouble(reason: &str) -> String {
     json!({ "trouble": reason }).to_string()
 }
@@ -152,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_says_what_differs_from_the_usual_one() {
+    fn a_camera_message_overrides_the_usual_camera() {
         let text =
             r#"{"camera": 7, "eye": [1, -2.5, 3e2], "fov_deg": 45, "size": [320, 200], "direct": true}"#;
         let Message::Camera { number, view } = said(text).unwrap() else { panic!("no camera") };
@@ -169,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_that_cannot_be_understood_is_named_by_its_field() {
+    fn an_invalid_message_is_reported_with_its_field() {
         for (text, name) in [
             ("", "message"),
             ("[]", "message"),
@@ -195,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_comes_after_its_description() {
+    fn an_image_message_is_a_description_and_a_jpeg() {
         let about = Map::from_iter([("camera_seq".to_owned(), json!(3))]);
         let message = image(&about, b"jpeg");
         let length = u32::from_le_bytes(message[..4].try_into().unwrap()) as usize;

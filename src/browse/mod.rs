@@ -1,9 +1,8 @@
 //! `argus browse`: a scene in a web browser.
 //!
-//! A thin client that serves a page. The page says over a WebSocket where its camera is; this process asks the
-//! service for that view in a session, with its own token and over its own connection, and sends the image on. So the
-//! service speaks gRPC only, and what a browser cannot do (TLS by the cluster's own authority, tokens from files)
-//! stays here.
+//! A thin client that serves a page. The page sends its camera over a WebSocket. This process requests the view in a
+//! session, with its own token and connection, and forwards the image. So the service speaks gRPC only. What a
+//! browser cannot do (TLS with the cluster's own authority, tokens from files) stays here.
 
 mod bridge;
 mod guard;
@@ -30,13 +29,12 @@ use crate::{args, output, shutdown};
 /// Serves a page in which a browser shows the scene and walks through it.
 ///
 /// Drag or touch to look around, W A S D or the arrow keys to move, Q and E for down and up, the wheel for the speed,
-/// two fingers to move ahead or back. The page shows how each image was made, what it cost, and how many arrive a
-/// second. While the camera moves and fewer than 10 images a second arrive, smaller images are asked for; a camera at
-/// rest gets one image of the full size. A box renders every image from the triangles, for comparison, and so does
-/// ?direct in the address. The address holds the view: copy it to show others the same view. Up to 16 pages can be
-/// open at a time.
+/// two fingers to move ahead or back. The page shows how each image was rendered, what it cost, and how many arrive a
+/// second. While the camera moves and fewer than 10 images a second arrive, it requests smaller images; a camera at
+/// rest gets one image of the full size. A checkbox renders every image from the triangles, for comparison, and so does
+/// ?direct in the address. The address holds the view: copy it to share the view. Up to 16 pages can be open at a time.
 ///
-/// For scripts: GET /frame?eye=X,Y,Z&target=X,Y,Z&size=WxH is one JPEG, with its description as JSON in the header
+/// For scripts: GET /frame?eye=X,Y,Z&target=X,Y,Z&size=WxH returns one JPEG, with its description as JSON in the header
 /// argus-frame.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -46,13 +44,13 @@ Examples:
 pub(crate) struct Args {
     #[command(flatten)]
     server: args::Server,
-    /// Where the page is
+    /// Address of the page; port 0 takes a free port
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:7480")]
     listen: String,
-    /// Serve the page beyond this machine, to whoever can reach it: they all see what this client may see
+    /// Serve the page beyond this machine: everyone who can reach it sees what this client may see
     #[arg(long)]
     insecure: bool,
-    /// Print one JSON object once the page is there: url, scene
+    /// Print one JSON object once the page is available: url, scene
     #[arg(long)]
     json: bool,
     /// Also stop when standard input ends
@@ -62,10 +60,10 @@ pub(crate) struct Args {
     plan: args::Plan,
 }
 
-/// Connections to the service, which all pages share.
+/// Connections to the service, shared by all pages.
 const CONNECTIONS: usize = 2;
 
-/// How long pages and requests may take to end when this process is asked to stop.
+/// Time for pages and requests to end when this process stops.
 const GRACE: Duration = Duration::from_secs(5);
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
@@ -75,8 +73,8 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let address = listener.local_addr()?;
     if !address.ip().is_loopback() && !args.insecure {
         return Err(bad_arguments(format!(
-            "a page at {address} would show the scene to everybody who can reach this machine: listen on 127.0.0.1, or say \
-             --insecure if that is what you want"
+            "the page at {address} would show the scene to everyone who can reach this machine: listen on 127.0.0.1, or allow \
+            it with --insecure"
         )));
     }
     let client = args.server.connect(sources, CONNECTIONS).await?;
@@ -92,7 +90,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
 async fn serve(site: Site, listener: TcpListener, shutdown: CancellationToken) -> anyhow::Result<()> {
     let (site, stop) = (Arc::new(site), shutdown.clone());
     let listener = listener.tap_io(|stream| {
-        // An image waits for no acknowledgement of the one before.
+        // Send each image at once, without waiting for the acknowledgement of the previous one.
         if let Err(error) = stream.set_nodelay(true) {
             tracing::debug!(%error, "a connection keeps its delay");
         }
@@ -104,7 +102,7 @@ async fn serve(site: Site, listener: TcpListener, shutdown: CancellationToken) -
         () = shutdown.cancelled() => {}
         served = &mut graceful => return served?.context("the page can no longer be served"),
     }
-    // WebSockets are no longer the server's: they are told to end, and get as long as requests do.
+    // WebSockets no longer belong to the server: tell them to end, with the same time limit as requests.
     site.closing.cancel();
     site.open.close();
     let ended = timeout(GRACE, async {

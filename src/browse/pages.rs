@@ -1,4 +1,4 @@
-//! The page, what it needs to know of the scene, its WebSocket, and single frames for scripts.
+//! The page, its scene description, its WebSocket, and single frames for scripts.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,33 +20,33 @@ use tokio_util::task::TaskTracker;
 
 use super::{bridge, guard, messages, query};
 
-/// Single frames that are asked for at a time.
+/// Largest number of single frames in work.
 const MAX_FRAMES: usize = 16;
 
-/// Pages that are open at a time, each with a session of the service.
+/// Largest number of open pages, each with a session of the service.
 const MAX_PAGES: usize = 16;
 
-/// How long a request for a single frame waits: the first one of an interior waits for its samples.
+/// Deadline of a single frame: the first one may wait for samples.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Of a JPEG. Below 90 the edges of textures blur visibly; above it bytes double.
+/// JPEG quality. Below 90 the edges of textures blur visibly; above it the size doubles.
 const QUALITY: u8 = 90;
 
-/// What came with a frame, as JSON: [`messages::about`].
+/// The header with a frame's description, [`messages::about`].
 const ABOUT: HeaderName = HeaderName::from_static("argus-frame");
 
-/// What pages are made from.
+/// State shared by all pages.
 pub(super) struct Site {
     pub(super) client: Client,
-    /// What each view asks of the plan, unless it asks for a direct one.
+    /// The requested plan of each view, unless it asks for a direct one.
     pub(super) plan: PlanRequest,
-    /// Only this machine can reach it.
+    /// Whether only this machine can reach the server.
     local: bool,
     frames: Semaphore,
     pages: Arc<Semaphore>,
-    /// Cancelled when pages are to end.
+    /// Cancelled when pages must end.
     pub(super) closing: CancellationToken,
-    /// The pages' tasks.
+    /// The tasks of open pages.
     pub(super) open: TaskTracker,
 }
 
@@ -63,7 +63,7 @@ impl Site {
         }
     }
 
-    /// The camera of a view whose page does not say: the scene's first one.
+    /// The default camera of a view: the scene's first one.
     pub(super) fn usual_camera(&self) -> Camera {
         let named = self.client.description().cameras.first();
         named.map_or(Camera::look_at(DVec3::ONE, DVec3::ZERO), |named| named.camera)
@@ -76,15 +76,15 @@ pub(super) fn router(site: Arc<Site>) -> Router {
         .route("/scene", get(scene))
         .route("/frame", get(frame))
         .route("/session", get(session))
-        .fallback(async || (StatusCode::NOT_FOUND, "there is /, /scene, /session and /frame\n"))
+        .fallback(async || (StatusCode::NOT_FOUND, "the paths are /, /scene, /session and /frame\n"))
         .layer(middleware::from_fn_with_state(site.clone(), of_this_machine))
         .with_state(site)
 }
 
-/// Refuses requests that were sent to another machine's name: see [`guard::is_of_this_machine`].
+/// Rejects requests with another machine's host name, see [`guard::is_of_this_machine`].
 async fn of_this_machine(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
     if site.local && !guard::is_of_this_machine(request.headers(), request.uri().host()) {
-        let reason = "open the page by the address that it was announced with\n";
+        let reason = "open the page at the address that argus browse printed\n";
         return (StatusCode::MISDIRECTED_REQUEST, reason).into_response();
     }
     next.run(request).await
@@ -93,7 +93,7 @@ async fn of_this_machine(State(site): State<Arc<Site>>, request: Request, next: 
 /// Opens a page's WebSocket.
 async fn session(State(site): State<Arc<Site>>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
     if !guard::is_of_own_page(&headers) {
-        return told(StatusCode::FORBIDDEN, "only the page of this address may open a WebSocket here");
+        return reply(StatusCode::FORBIDDEN, "only the page of this address may open a WebSocket here");
     }
     let place = site.pages.clone().try_acquire_owned();
     let open = site.open.token();
@@ -102,9 +102,9 @@ async fn session(State(site): State<Arc<Site>>, headers: HeaderMap, upgrade: Web
             let _open = open;
             match place {
                 Ok(_place) => bridge::run(socket, site).await,
-                // A page cannot read why an upgrade was refused, but it can read why a WebSocket was closed.
+                // A page cannot read why an upgrade failed, but it can read why a WebSocket was closed.
                 Err(_) => {
-                    let reason = format!("{MAX_PAGES} pages are open already: close one of them");
+                    let reason = format!("{MAX_PAGES} pages are open, the limit: close one of them");
                     bridge::close(&mut socket, close_code::AGAIN, &reason).await;
                 }
             }
@@ -134,20 +134,20 @@ async fn frame(State(site): State<Arc<Site>>, RawQuery(asked): RawQuery) -> Resp
     });
     let view = match view {
         Ok(view) => view,
-        Err(reason) => return told(StatusCode::BAD_REQUEST, reason),
+        Err(reason) => return reply(StatusCode::BAD_REQUEST, reason),
     };
     let Ok(_turn) = site.frames.try_acquire() else {
-        return told(
+        return reply(
             StatusCode::SERVICE_UNAVAILABLE,
-            format!("{MAX_FRAMES} frames are waited for already: try again later"),
+            format!("{MAX_FRAMES} frames are in work, the limit: try again later"),
         );
     };
     let options = RenderOptions { deadline: PATIENCE, ..RenderOptions::default() };
     let answer = match site.client.render(&view, &options).await {
         Ok(answer) => answer,
-        Err(error @ ClientError::Invalid { .. }) => return told(StatusCode::BAD_REQUEST, error),
-        Err(error @ ClientError::Overloaded { .. }) => return told(StatusCode::SERVICE_UNAVAILABLE, error),
-        Err(error) => return told(StatusCode::BAD_GATEWAY, error),
+        Err(error @ ClientError::Invalid { .. }) => return reply(StatusCode::BAD_REQUEST, error),
+        Err(error @ ClientError::Overloaded { .. }) => return reply(StatusCode::SERVICE_UNAVAILABLE, error),
+        Err(error) => return reply(StatusCode::BAD_GATEWAY, error),
     };
     let about = Value::Object(messages::about(&answer.frame, &answer.meta)).to_string();
     let image = tokio::task::spawn_blocking(move || jpeg(&answer.frame)).await;
@@ -160,16 +160,16 @@ async fn frame(State(site): State<Arc<Site>>, RawQuery(asked): RawQuery) -> Resp
             ];
             (headers, image).into_response()
         }
-        Ok(Err(error)) => told(StatusCode::BAD_GATEWAY, error),
-        Err(error) => told(StatusCode::INTERNAL_SERVER_ERROR, error),
+        Ok(Err(error)) => reply(StatusCode::BAD_GATEWAY, error),
+        Err(error) => reply(StatusCode::INTERNAL_SERVER_ERROR, error),
     }
 }
 
-fn told(status: StatusCode, reason: impl ToString) -> Response {
+fn reply(status: StatusCode, reason: impl ToString) -> Response {
     (status, format!("{}\n", reason.to_string())).into_response()
 }
 
-/// Encodes a frame's colour. Takes milliseconds: keep it off an async thread.
+/// Encodes a frame's colour as JPEG. Takes milliseconds: do not call it on an async thread.
 pub(super) fn jpeg(frame: &Frame) -> anyhow::Result<Vec<u8>> {
     let Some(color) = &frame.color else { anyhow::bail!("the frame has no colour") };
     argus_proto::jpeg::encode(color, frame.width, frame.height, QUALITY)

@@ -1,4 +1,4 @@
-//! The query of a single frame's address: the words after the question mark.
+//! The query string of a single frame's address.
 
 use argus_scene::{Camera, InvalidField, Outputs, PlanRequest, View};
 use percent_encoding::percent_decode_str;
@@ -6,16 +6,15 @@ use percent_encoding::percent_decode_str;
 use super::messages::USUAL_SIZE;
 use crate::args;
 
-/// Reads the query of a frame's address. What it leaves out is as `usual` and `plan` say. The view is not checked
-/// against limits.
+/// Parses a query string. Missing words are taken from `usual` and `plan`. The view is not checked against limits.
 ///
 /// # Errors
-/// The word at fault, unknown ones too, and what is wrong with it.
+/// The invalid or unknown word, and what is wrong with it.
 pub(super) fn view(query: &str, usual: Camera, plan: &PlanRequest) -> Result<View, InvalidField> {
     let (mut camera, mut size, mut plan) = (usual, USUAL_SIZE, *plan);
     for word in query.split('&').filter(|word| !word.is_empty()) {
         let (name, value) = word.split_once('=').unwrap_or((word, ""));
-        // What is no UTF-8 is no number either, and is named for that.
+        // Invalid UTF-8 is not a number either, and fails as one.
         let value = percent_decode_str(value).decode_utf8_lossy();
         let at_fault = |name| move |reason: String| InvalidField::new(name, reason);
         match name {
@@ -24,7 +23,7 @@ pub(super) fn view(query: &str, usual: Camera, plan: &PlanRequest) -> Result<Vie
             "up" => camera.up = args::point(&value).map_err(at_fault("up"))?,
             "fov_deg" => {
                 camera.fov_deg =
-                    value.parse().map_err(|_| InvalidField::new("fov_deg", "a number is wanted"))?
+                    value.parse().map_err(|_| InvalidField::new("fov_deg", "must be a number"))?
             }
             "size" => size = args::size(&value).map_err(at_fault("size"))?,
             "direct" => plan = PlanRequest { direct: true, ..PlanRequest::default() },
@@ -49,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn a_query_says_where_the_viewer_is_and_what_it_leaves_out_is_as_usual() {
+    fn a_query_overrides_the_usual_view() {
         let view = asked("eye=1,-2.5,3e2&target=0%2C1%2C0&size=320x200&direct").unwrap();
         assert_eq!((view.camera.eye, view.camera.target), (DVec3::new(1.0, -2.5, 300.0), DVec3::Y));
         assert_eq!(([view.width, view.height], view.plan.direct), ([320, 200], true));
@@ -58,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_understood_is_named() {
+    fn invalid_words_are_named() {
         for (query, name) in [
             ("eye=1,2", "eye"),
             ("target=1,2,x", "target"),

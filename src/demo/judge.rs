@@ -1,4 +1,4 @@
-//! How close each viewer's picture comes to the truth.
+//! Compares the demo's views with their references.
 
 use anyhow::Context;
 use argus_client::Answer;
@@ -7,24 +7,24 @@ use image::RgbImage;
 
 use crate::demo::sheet::Entry;
 
-/// One viewer's pictures and what they are worth.
+/// One viewer's images and their errors.
 pub(crate) struct Judged {
-    /// From samples.
+    /// The view from samples.
     pub(crate) warped: RgbImage,
-    /// From triangles, sixteen samples a pixel: the truth.
+    /// The reference: the view from triangles, sixteen samples a pixel.
     pub(crate) truth: RgbImage,
-    /// FLIP of the two, as a map.
+    /// FLIP map of the two.
     pub(crate) difference: RgbImage,
-    /// FLIP of the picture from samples.
+    /// Mean FLIP of the view from samples.
     pub(crate) flip: f64,
-    /// FLIP of the view from triangles with one sample a pixel: what aliasing alone is worth.
+    /// Mean FLIP of the view from triangles at one sample a pixel: the cost of aliasing alone.
     pub(crate) flip_direct: f64,
     /// Fraction of pixels that no sample saw.
     pub(crate) unresolved_fraction: f64,
 }
 
 impl Judged {
-    /// Its row of the contact sheet.
+    /// The viewer's row of the contact sheet.
     pub(crate) fn entry(&self, index: usize) -> Entry<'_> {
         let unresolved = self.unresolved_fraction * 100.0;
         Entry {
@@ -36,7 +36,7 @@ impl Judged {
     }
 }
 
-/// Judges every view; the three lists are of the same viewers in the same order.
+/// Judges every view. The three lists have the same viewers in the same order.
 pub(crate) fn all(warped: &[Answer], direct: &[Answer], truth: &[Answer]) -> anyhow::Result<Vec<Judged>> {
     let judge = |((warped, direct), truth): ((&Answer, &Answer), &Answer)| {
         let unresolved_fraction = warped.frame.unresolved_fraction;

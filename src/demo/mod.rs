@@ -1,4 +1,4 @@
-//! `argus demo`: a local cluster, its clients, and how close their views come to the truth.
+//! `argus demo`: a local cluster, its clients, and the errors of their views.
 
 mod judge;
 mod sheet;
@@ -20,8 +20,8 @@ use crate::demo::judge::Judged;
 use crate::demo::table::Figures;
 use crate::{args, output, processes};
 
-/// Starts a cluster of processes on this machine, lets clients ask for their views over gRPC, compares each
-/// with the view rendered from the triangles, and leaves pictures, a contact sheet and a table of costs.
+/// Starts a cluster of processes on this machine, lets clients request views over gRPC, compares each view with the one
+/// rendered from the triangles, and writes images, a contact sheet and a table of costs.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -32,16 +32,16 @@ pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
     #[arg(long, value_name = "S", default_value = "terrain")]
     scene: String,
-    /// Clients, each with a viewpoint of its own
+    /// Number of clients, each with its own viewpoint
     #[arg(long, value_name = "N", default_value = "16", value_parser = clap::value_parser!(u16).range(1..=256))]
     views: u16,
-    /// Pixels of a view
+    /// Size of a view in pixels
     #[arg(long, value_name = "WxH", default_value = "200x150", value_parser = args::size)]
     size: [u32; 2],
-    /// Worker processes [default: one a core, at least 2 and at most 4]
+    /// Number of worker processes [default: one a core, at least 2 and at most 4]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
-    /// Folder for the pictures
+    /// Folder for the images
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
     /// Print the figures as one JSON object
@@ -54,24 +54,24 @@ pub(crate) struct Args {
     #[command(flatten)]
     sampling: args::Sampling,
     #[command(flatten)]
-    seeing: args::Seeing,
+    visibility: args::VisibilityArgs,
 }
 
-/// Samples a pixel, a side, of the views that are taken for the truth.
+/// Samples a side of a reference's pixel.
 const TRUTH_SIDE: u32 = 4;
-/// Longer than the interval at which workers report what their work costs.
+/// Longer than the interval between workers' reports of their costs.
 const REPORTS: Duration = Duration::from_millis(600);
 
-/// What sixteen viewers got for one way of answering them.
+/// The views of all clients with one plan.
 struct Round {
     answers: Vec<Answer>,
     /// From the first request to the last frame.
     total: Duration,
-    /// The cluster's own figures, afterwards.
+    /// The cluster's status afterwards.
     status: ClusterStatus,
 }
 
-/// Rounds after the first, which waits for the samples and for the driver to compile: a service's everyday.
+/// Rounds after the first, which waits for samples and for the driver to compile.
 const STEADY_ROUNDS: usize = 4;
 
 pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
@@ -84,7 +84,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     let (scene, mut more) = (args.scene.clone(), args.rig.to_arguments());
     more.extend(args.source.to_arguments());
     more.extend(args.sampling.to_arguments());
-    more.extend(args.seeing.to_arguments());
+    more.extend(args.visibility.to_arguments());
     let starting = move || LocalCluster::start(&program, &scene, workers, &more);
     let cluster = tokio::task::spawn_blocking(starting).await??;
     let first = connect(&cluster, workers).await?;
@@ -106,7 +106,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     }
     let naive = ask("the same views from triangles", direct).await?;
     let truth = PlanRequest { supersampling: Some(TRUTH_SIDE), ..direct };
-    let truth = ask("the truth: sixteen samples a pixel", truth).await?;
+    let truth = ask("references of sixteen samples a pixel", truth).await?;
     tokio::task::spawn_blocking(move || cluster.stop()).await??;
 
     progress.set_message("comparing");
@@ -120,11 +120,11 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
         return output::json(&figures.with_sheet(&sheet));
     }
     print!("{figures}");
-    println!("\nPictures and the contact sheet are in {}", sheet.display());
+    println!("\nThe images and the contact sheet are in {}", sheet.display());
     Ok(())
 }
 
-/// Each client asks for its own view, all at the same time.
+/// All clients request their own view at the same time.
 async fn ask_all(clients: &[Client], views: &[View], progress: &ProgressBar) -> anyhow::Result<Round> {
     let options = patient();
     let begin = Instant::now();
@@ -140,7 +140,7 @@ async fn ask_all(clients: &[Client], views: &[View], progress: &ProgressBar) -> 
     Ok(Round { answers, total, status })
 }
 
-/// Writes every picture, and the contact sheet, whose place it returns.
+/// Writes all images and the contact sheet. Returns the sheet's path.
 fn write_pictures(folder: &Path, title: &str, judged: &[Judged]) -> anyhow::Result<PathBuf> {
     let write = |name: String, image: &image::RgbImage| {
         output::write_rgb_png(&folder.join(name), image.width(), image.height(), image)
@@ -155,7 +155,7 @@ fn write_pictures(folder: &Path, title: &str, judged: &[Judged]) -> anyhow::Resu
     Ok(folder.join("contact-sheet.png"))
 }
 
-/// A bar on standard error, where that is a terminal.
+/// A progress bar on standard error, if that is a terminal.
 fn progress(steps: u64) -> ProgressBar {
     let bar = ProgressBar::new(steps);
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>3}/{len} {msg} ({elapsed})") {

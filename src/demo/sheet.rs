@@ -1,4 +1,4 @@
-//! The contact sheet: what each viewer got, the same view rendered directly, and how they differ.
+//! The contact sheet: each view from samples, the same view from triangles, and their difference.
 
 use std::convert::Infallible;
 
@@ -13,24 +13,24 @@ use image::{GenericImage, Rgb, RgbImage};
 
 /// Pixels between images.
 const GAP: u32 = 4;
-/// Pixels for a line of text.
+/// Height of a line of text in pixels.
 const LINE: u32 = 20;
 const PAPER: Rgb<u8> = Rgb([24, 25, 28]);
 const INK: Rgb888 = Rgb888::new(225, 225, 225);
 
-/// One viewer's row: three images of one size, and a line below them.
+/// One viewer's row: three images of the same size and a caption.
 pub(crate) struct Entry<'a> {
-    /// What the service answered.
+    /// The view from samples.
     pub(crate) warped: &'a RgbImage,
-    /// The same view from the triangles.
+    /// The same view from triangles.
     pub(crate) direct: &'a RgbImage,
     /// Their FLIP map.
     pub(crate) difference: &'a RgbImage,
-    /// A short line; what does not fit is cut off.
+    /// A short caption; the part that does not fit is cut off.
     pub(crate) caption: String,
 }
 
-/// Lays entries of equal image size out under a title, in as many columns as make the sheet nearly square.
+/// Arranges entries of equal image size under a title, in a nearly square sheet.
 pub(crate) fn draw(title: &str, entries: &[Entry<'_>]) -> RgbImage {
     let (width, height) = entries
         .iter()
@@ -60,7 +60,7 @@ pub(crate) fn draw(title: &str, entries: &[Entry<'_>]) -> RgbImage {
     canvas.0
 }
 
-/// The number of columns whose sheet comes closest to a square.
+/// The number of columns that makes the sheet closest to a square.
 fn columns(entries: u32, width: u32, height: u32) -> u32 {
     let stretch = |columns: u32| {
         let rows = entries.max(1).div_ceil(columns);
@@ -69,7 +69,7 @@ fn columns(entries: u32, width: u32, height: u32) -> u32 {
     (1..=entries.max(1)).min_by(|&a, &b| stretch(a).total_cmp(&stretch(b))).unwrap_or(1)
 }
 
-/// An image that letters can be drawn on.
+/// An image for drawing text.
 struct Canvas(RgbImage);
 
 impl Canvas {
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_image_is_on_the_sheet_and_every_caption_left_ink() {
+    fn every_image_and_caption_is_on_the_sheet() {
         let fill = |r| RgbImage::from_pixel(20, 15, Rgb([r, 0, 0]));
         let images: Vec<[RgbImage; 3]> =
             (0..5).map(|i| [fill(50 + i), fill(100 + i), fill(150 + i)]).collect();
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_views_make_a_sheet_that_is_nearly_square() {
+    fn sixteen_views_make_a_nearly_square_sheet() {
         assert_eq!(columns(16, 620, 180), 2);
         assert_eq!(columns(1, 620, 180), 1);
         assert_eq!(columns(0, 620, 180), 1);

@@ -1,4 +1,4 @@
-//! What the views cost, beside what they would have cost without samples.
+//! The cost of the demo's views, from samples and from triangles.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -16,23 +16,23 @@ pub(crate) struct Figures {
     pub(crate) scene: String,
     workers: usize,
     views: usize,
-    /// Samples that the views were reconstructed from: S.
+    /// S: number of samples used.
     samples: usize,
-    /// Cost of one sample: g of the cluster paper.
+    /// g of the cluster paper: cost of one sample.
     sample_ms: f64,
-    /// S·g.
+    /// S·g: cost of all samples.
     samples_ms: f64,
     /// Cost of one view from triangles.
     direct_ms: f64,
-    /// Cost of one view from samples: c.
+    /// c of the cluster paper: cost of one view from samples.
     view_ms: f64,
-    /// c over the cost of a direct view.
+    /// c over the cost of a view from triangles.
     view_per_direct: f64,
-    /// All views from samples, the samples' own cost included.
+    /// Time of all views from samples, including the samples.
     total_ms: f64,
-    /// The same views once more, the samples at hand: median of a few rounds.
+    /// Time of the same views with the samples already rendered: the median of a few rounds.
     steady_ms: f64,
-    /// All views from triangles.
+    /// Time of all views from triangles.
     naive_ms: f64,
     flip: Spread,
     flip_direct: Spread,
@@ -67,7 +67,7 @@ impl Spread {
 }
 
 impl Figures {
-    /// `warped` is the round that began without samples, `steady` those that followed it.
+    /// The figures of a demo. `warped` started without samples; the `steady` rounds followed.
     pub(crate) fn of(
         scene: &str,
         workers: usize,
@@ -85,12 +85,12 @@ impl Figures {
             })
             .collect();
         let sample_ms = warped.status.sample_ms;
-        // The cluster's own figures are running means; the last of them has all but forgotten the first views.
+        // The cluster's costs are running means. The last one hardly includes the first views.
         let view_ms = steady.last().unwrap_or(warped).status.view_ms;
         let steady_ms = Spread::of(steady.iter().map(|round| round.total.as_secs_f64() * 1e3)).median;
         let naive_ms = naive.total.as_secs_f64() * 1e3;
-        // Of few views the cluster has no mean yet, since it leaves out those that programs are compiled for: then by the
-        // clock, as if all workers had been busy throughout.
+        // For few views the cluster has no mean, since it leaves out views during compilation. Then the wall time is
+        // used, as if all workers had been busy throughout.
         let by_the_clock = naive_ms * workers as f64 / judged.len().max(1) as f64;
         let known = naive.status.direct_ms > 0.0;
         let direct_ms = if known { naive.status.direct_ms } else { by_the_clock };

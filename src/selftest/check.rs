@@ -1,17 +1,17 @@
-//! Checks: a figure beside its limit, and how long it took.
+//! Checks: a figure, its limit, and the time it took.
 
 use std::fmt::Write as _;
 use std::time::Instant;
 
 use serde::Serialize;
 
-/// How a check ended.
+/// The outcome of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Outcome {
     Passed,
     Failed,
-    /// The device does not have what is checked, and Argus does without.
+    /// The device lacks the feature, and Argus works without it.
     Absent,
 }
 
@@ -20,13 +20,13 @@ pub(super) enum Outcome {
 pub(super) struct Check {
     pub(super) name: String,
     pub(super) result: Outcome,
-    /// What was measured; `None` where it is a matter of yes or no. Infinite figures are null in JSON.
+    /// The measured figure; `None` for yes-or-no checks. Infinite figures are null in JSON.
     pub(super) figure: Option<f64>,
     pub(super) unit: &'static str,
     pub(super) at_most: Option<f64>,
     pub(super) at_least: Option<f64>,
     pub(super) ms: f64,
-    /// Why it failed or is absent.
+    /// Why the check failed or the feature is absent.
     pub(super) note: Option<String>,
 }
 
@@ -36,19 +36,19 @@ impl Check {
     }
 }
 
-/// What a figure is held to.
+/// The limit of a figure.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Limit {
     AtMost(f64),
     AtLeast(f64),
 }
 
-/// Checks as they are made.
+/// The checks so far.
 #[derive(Default)]
 pub(super) struct Checks(Vec<Check>);
 
 impl Checks {
-    /// Does something that must succeed; the value, if it did.
+    /// Runs work that must succeed. Returns its value if it did.
     pub(super) fn attempt<T>(&mut self, name: &str, work: impl FnOnce() -> anyhow::Result<T>) -> Option<T> {
         let begin = Instant::now();
         let result = work();
@@ -58,7 +58,7 @@ impl Checks {
         result.ok()
     }
 
-    /// Holds a figure that was measured since `begin` to its limit. A figure that is no number fails.
+    /// Checks a figure, measured since `begin`, against its limit. NaN fails.
     pub(super) fn figure(
         &mut self,
         name: &str,
@@ -75,7 +75,7 @@ impl Checks {
         self.push(name, outcome, Some(figure), unit, Some(limit), begin, None);
     }
 
-    /// Says that the device lacks something that Argus does without.
+    /// Records that the device lacks a feature that Argus can do without.
     pub(super) fn absent(&mut self, name: &str, why: String) {
         self.push(name, Outcome::Absent, None, "", None, Instant::now(), Some(why));
     }
@@ -105,12 +105,12 @@ impl Checks {
     }
 }
 
-/// An error and its causes; a driver's message of several lines is folded.
+/// An error and its causes in one line.
 fn one_line(error: &anyhow::Error) -> String {
     format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// The checks for people, a line each.
+/// The checks as text, one per line.
 pub(super) fn table(checks: &[Check]) -> String {
     let mut text = String::new();
     let _ = writeln!(text, "{:<48} {:<7} {:>10} {:>14} {:>8}", "check", "result", "figure", "limit", "ms");
@@ -143,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_figure_at_its_limit_passes_and_beyond_it_or_no_number_fails() {
+    fn a_figure_at_its_limit_passes_and_beyond_it_or_nan_fails() {
         let mut checks = Checks::default();
         let now = Instant::now();
         for (figure, limit) in [
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fails_says_why_and_what_is_absent_is_no_failure() {
+    fn a_failure_states_its_reason_and_an_absent_feature_is_no_failure() {
         let mut checks = Checks::default();
         assert_eq!(checks.attempt("good", || Ok(7)), Some(7));
         assert_eq!(checks.attempt("bad", || anyhow::bail!("two\nlines")), None::<()>);

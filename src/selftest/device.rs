@@ -1,4 +1,4 @@
-//! What the device is and lacks, and what to do where there is none.
+//! Describes the device and its features, and gives advice if no device opens.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -7,7 +7,7 @@ use argus_gpu::wgpu::Features;
 use argus_gpu::{Gpu, GpuError};
 use serde::Serialize;
 
-/// Features that Argus makes use of where they are, with what each is for.
+/// Optional features that Argus uses, by name.
 const USED: [(&str, Features); 6] = [
     ("subgroups", Features::SUBGROUP),
     ("timestamp_queries", Features::TIMESTAMP_QUERY),
@@ -17,28 +17,28 @@ const USED: [(&str, Features); 6] = [
     ("multi_draw_indirect_count", Features::MULTI_DRAW_INDIRECT_COUNT),
 ];
 
-/// The device as users and reports need it.
+/// The device's description for users and reports.
 #[derive(Serialize)]
 pub(super) struct Description {
     adapter: String,
     driver: String,
-    /// Discrete or integrated GPU, virtual GPU, software.
+    /// Discrete, integrated or virtual GPU, or software.
     kind: String,
     backend: String,
-    /// Least and most lanes of a subgroup.
+    /// Smallest and largest subgroup, in lanes.
     subgroup_sizes: [u32; 2],
     has: Vec<&'static str>,
     lacks: Vec<&'static str>,
-    /// Bytes that one binding of a shader can reach.
+    /// Bytes of a buffer that one shader binding can address.
     max_binding_bytes: u64,
     max_buffer_bytes: u64,
     storage_buffers_per_stage: u32,
     workgroup_memory_bytes: u32,
-    /// Ways to see triangles, of raster, trace and cpu.
+    /// Supported visibility backends: raster, trace, cpu.
     pub(super) triangles_by: Vec<&'static str>,
 }
 
-/// Reads what the device says of itself.
+/// Reads the description of a device.
 pub(super) fn describe(gpu: &Gpu) -> Description {
     let (adapter, limits, features) = (gpu.adapter(), gpu.device.limits(), gpu.device.features());
     let named = |present: bool| {
@@ -61,7 +61,7 @@ pub(super) fn describe(gpu: &Gpu) -> Description {
 }
 
 impl Description {
-    /// For people, with an empty line after it.
+    /// The description as text, followed by an empty line.
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
         let list = |names: &[&str]| if names.is_empty() { "nothing".to_owned() } else { names.join(", ") };
@@ -97,7 +97,7 @@ impl Description {
     }
 }
 
-/// What to do about a device that cannot be opened.
+/// Advice for a device that cannot be opened.
 pub(super) fn advice(error: &GpuError) -> String {
     let GpuError::NoAdapter(message) = error else { return error.to_string() };
     if !cfg!(target_os = "linux") || message.starts_with("no adapter matches") {
@@ -124,23 +124,21 @@ const LOADER_FOLDERS: [&str; 6] = [
 const MANIFEST_FOLDERS: [&str; 3] =
     ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d"];
 
-/// What is missing of loader and driver, as far as files tell.
+/// What is missing of the Vulkan loader and driver, judging by their files.
 fn missing(loader: bool, drivers: usize, chosen: Option<(&str, &str)>) -> String {
     if !loader {
-        return "the Vulkan loader (libvulkan.so.1) is in none of the usual folders".to_owned();
+        return "the Vulkan loader (libvulkan.so.1) is not in any of the usual folders".to_owned();
     }
     if let Some((variable, value)) = chosen {
-        return format!(
-            "the loader is there and takes the driver that {variable}={value} names, which does not work"
-        );
+        return format!("the loader is installed but the driver that {variable}={value} names does not work");
     }
     if drivers == 0 {
-        return "the loader is there and no driver's manifest (/usr/share/vulkan/icd.d, /etc/vulkan/icd.d); in a container \
-                with an NVIDIA GPU set NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility, or name a manifest that is \
-                elsewhere by VK_DRIVER_FILES"
+        return "the loader is installed but there is no driver manifest (/usr/share/vulkan/icd.d, /etc/vulkan/icd.d); in a \
+        container with an NVIDIA GPU set NVIDIA_DRIVER_CAPABILITIES=graphics,compute,utility, or name a manifest \
+        elsewhere with VK_DRIVER_FILES"
             .to_owned();
     }
-    format!("the loader and {drivers} drivers' manifests are there, and none of the drivers opens a device")
+    format!("the loader and {drivers} drivers' manifests are installed, but no driver opens a device")
 }
 
 #[cfg(test)]
@@ -156,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn other_errors_are_told_as_they_are() {
+    fn other_errors_are_passed_on_unchanged() {
         let error = GpuError::Lost("gone".to_owned());
         assert_eq!(advice(&error), error.to_string());
         let error = GpuError::NoAdapter("no adapter matches `x`; there is 0: y".to_owned());

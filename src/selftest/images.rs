@@ -1,4 +1,4 @@
-//! Images in every way that Argus has, against the reference.
+//! Image checks: every visibility backend and search against the reference.
 
 use std::time::Instant;
 
@@ -12,15 +12,15 @@ use super::check::{Checks, Limit};
 use super::limits;
 use super::stage::{SIZE, Stage};
 
-/// Views from triangles, seen in each way. The names of the ways that the device has.
+/// Checks views from triangles by each visibility backend. Returns the names of the backends that the device has.
 pub(super) fn triangles(stage: &mut Stage, checks: &mut Checks) -> Vec<&'static str> {
     let mut found = Vec::new();
     let mut rasterised = None;
-    for way in Visibility::ALL {
-        let name = format!("triangles by {}", way.name());
+    for backend in Visibility::ALL {
+        let name = format!("triangles by {}", backend.name());
         let camera = stage.cameras[0];
         let begin = Instant::now();
-        let ids = match stage.sampler.identify(&camera, SIZE, 1, way) {
+        let ids = match stage.sampler.identify(&camera, SIZE, 1, backend) {
             Ok((ids, _)) => ids,
             Err(RenderError::Invalid(reason)) => {
                 checks.absent(&name, reason.to_string());
@@ -31,7 +31,7 @@ pub(super) fn triangles(stage: &mut Stage, checks: &mut Checks) -> Vec<&'static 
                 continue;
             }
         };
-        found.push(way.name());
+        found.push(backend.name());
         match &rasterised {
             None => rasterised = Some(ids),
             Some(first) => {
@@ -42,13 +42,13 @@ pub(super) fn triangles(stage: &mut Stage, checks: &mut Checks) -> Vec<&'static 
             }
         }
         let begin = Instant::now();
-        let judged = stage.direct(way).and_then(|frames| stage.judge(&frames));
+        let judged = stage.direct(backend).and_then(|frames| stage.judge(&frames));
         compare(checks, &name, judged, [limits::DIRECT_FLIP, limits::DIRECT_PSNR_DB], begin);
     }
     found
 }
 
-/// A sample's ranges.
+/// Checks a sample's ranges.
 pub(super) fn samples(stage: &mut Stage, checks: &mut Checks) {
     let name = "a sample: ranges off the reference";
     let begin = Instant::now();
@@ -58,7 +58,7 @@ pub(super) fn samples(stage: &mut Stage, checks: &mut Checks) {
     }
 }
 
-/// Share of a sample's texels whose range is more than a hundredth off the reference's, or sky in one of them alone.
+/// Share of a sample's texels whose range differs from the reference by more than 1%, or where only one of them is sky.
 fn share_off(stage: &Stage, sample: &Sample) -> Result<f64> {
     let SampleCamera::Perspective { camera, width, height } = sample.camera else {
         anyhow::bail!("the terrain's samples are perspective images");
@@ -78,7 +78,7 @@ fn share_off(stage: &Stage, sample: &Sample) -> Result<f64> {
     Ok(off.count() as f64 / truth.len() as f64)
 }
 
-/// Views from samples by each search, and its two programs against each other.
+/// Checks views from samples by each search, and its two programs against each other.
 pub(super) fn searches(stage: &mut Stage, checks: &mut Checks) {
     let compositors = [SearchBackend::Fragment, SearchBackend::Compute]
         .map(|search_backend| stage.compositor(search_backend));
@@ -100,16 +100,16 @@ pub(super) fn searches(stage: &mut Stage, checks: &mut Checks) {
         let begin = Instant::now();
         let name = format!("{}: fragment against compute", search.name());
         match stage.warped(&mut compute, &warp) {
-            Ok(others) => {
+            Ok(again) => {
                 let limit = Limit::AtMost(limits::DIFFERING_BYTES);
-                checks.figure(&name, differing(&frames, &others), "", limit, begin);
+                checks.figure(&name, differing(&frames, &again), "", limit, begin);
             }
             Err(error) => drop(checks.attempt::<()>(&name, || Err(error))),
         }
     }
 }
 
-/// Share of colour bytes that differ; 1 where the images differ in size.
+/// Share of differing colour bytes; 1 if the images differ in size.
 fn differing(a: &[Frame], b: &[Frame]) -> f64 {
     let bytes = |frames: &[Frame]| -> Vec<u8> {
         frames.iter().flat_map(|frame| frame.color.iter().flat_map(|color| color.to_vec())).collect()
@@ -121,7 +121,7 @@ fn differing(a: &[Frame], b: &[Frame]) -> f64 {
     a.iter().zip(&b).filter(|(a, b)| a != b).count() as f64 / a.len() as f64
 }
 
-/// Two lines, of FLIP and PSNR; one that says why where nothing was rendered.
+/// Adds checks of FLIP and PSNR, or one failed check with the reason why nothing was rendered.
 fn compare(checks: &mut Checks, name: &str, judged: Result<Comparison>, limits: [f64; 2], begin: Instant) {
     match judged {
         Ok(judged) => {

@@ -1,4 +1,4 @@
-//! `argus selftest`: whether Argus works on this machine, and right.
+//! `argus selftest`: whether Argus works correctly on this machine.
 
 mod check;
 mod device;
@@ -17,11 +17,11 @@ use self::check::{Check, Checks, Limit};
 use self::stage::Stage;
 use crate::output;
 
-/// Checks that this machine's GPU and driver render what they should.
+/// Checks that this machine's GPU and driver render correctly.
 ///
-/// Says what the device is and what it lacks, renders a small scene in every way that there is, compares each image with a
-/// reference of 64-bit precision, and takes the device away once. Takes some seconds. Exit code 1 if a check fails.
-/// ARGUS_ADAPTER chooses among several GPUs, by part of a name or by number.
+/// Describes the device and what it lacks, renders a small scene with every backend and search, compares each image
+/// with a 64-bit reference, and loses a device once on purpose. Takes some seconds. Exit code 1 if a check fails.
+/// ARGUS_ADAPTER selects one of several GPUs, by a part of its name or by number.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -34,12 +34,12 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// The outcome.
+/// The outcome of the self-test.
 #[derive(Serialize)]
 struct Report {
     passed: bool,
     seconds: f64,
-    /// `None` where no device could be opened.
+    /// `None` if no device could be opened.
     device: Option<device::Description>,
     checks: Vec<Check>,
 }
@@ -57,7 +57,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     anyhow::bail!("{} of {} checks failed, first `{}`: {why}", failed.len(), report.checks.len(), first.name)
 }
 
-/// Runs all checks. What cannot be run because something before it failed is left out.
+/// Runs all checks. A check whose precondition failed is left out.
 fn test() -> Report {
     let begin = Instant::now();
     let mut checks = Checks::default();
@@ -68,9 +68,9 @@ fn test() -> Report {
     if let Some(gpu) = opened {
         description = Some(device::describe(&gpu));
         if let Some(mut stage) = checks.attempt("a scene is uploaded", || Stage::new(&gpu)) {
-            let ways = images::triangles(&mut stage, &mut checks);
+            let backends = images::triangles(&mut stage, &mut checks);
             if let Some(description) = &mut description {
-                description.triangles_by = ways;
+                description.triangles_by = backends;
             }
             images::samples(&mut stage, &mut checks);
             images::searches(&mut stage, &mut checks);
@@ -83,8 +83,8 @@ fn test() -> Report {
     Report { passed, seconds: begin.elapsed().as_secs_f64(), device: description, checks }
 }
 
-/// Drivers take the device away from programs that occupy it for long; no pass of these small images may come near that. The
-/// software driver never does, and its passes wait for other processes.
+/// Checks the longest pass: drivers reset the device for programs that run too long, and these small images must stay far
+/// below that. The software driver has no such limit, and its passes wait for other processes.
 fn longest_pass(gpu: &Gpu, checks: &mut Checks) {
     let Some(pass) = gpu.longest_pass() else {
         return checks.absent("the longest pass", "the device does not time passes".to_owned());

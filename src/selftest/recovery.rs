@@ -1,4 +1,4 @@
-//! A device that is lost on purpose: whoever uses it is told, and the next one renders the same.
+//! Device loss: the loss is reported, and a new device renders the same images.
 
 use anyhow::{Context as _, Result, bail, ensure};
 use argus_gpu::{Gpu, GpuOptions};
@@ -7,15 +7,12 @@ use argus_scene::{Frame, Visibility};
 use super::check::Checks;
 use super::stage::Stage;
 
-/// Loses a device of its own, so that the other checks' device stays.
+/// Loses a device of its own; the other checks keep theirs.
 pub(super) fn check(checks: &mut Checks) {
     let Some(before) = checks.attempt("a device is lost, and that is reported", lose) else { return };
     checks.attempt("the next device renders the same bytes", || {
         let gpu = Gpu::new(&GpuOptions::default())?;
-        ensure!(
-            colors(&render(&mut Stage::without_truth(&gpu)?)?)? == colors(&before)?,
-            "its images are others"
-        );
+        ensure!(colors(&render(&mut Stage::without_truth(&gpu)?)?)? == colors(&before)?, "its images differ");
         Ok(())
     });
 }
@@ -26,14 +23,14 @@ fn lose() -> Result<Vec<Frame>> {
     let before = render(&mut stage)?;
     gpu.device.destroy();
     match render(&mut stage) {
-        Ok(_) => bail!("a device that is gone still renders"),
+        Ok(_) => bail!("a lost device still renders"),
         Err(error) => {
             let cause = error.downcast_ref::<argus_scene::RenderError>();
             let told = matches!(cause, Some(argus_scene::RenderError::DeviceLost(_)));
-            ensure!(told, "the loss is reported as something else: {error:#}");
+            ensure!(told, "the loss is reported as another error: {error:#}");
         }
     }
-    ensure!(gpu.lost().is_some(), "the device does not know that it is lost");
+    ensure!(gpu.lost().is_some(), "the device does not report its loss");
     Ok(before)
 }
 

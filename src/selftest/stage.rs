@@ -1,4 +1,4 @@
-//! The built-in scene with a sampler, a compositor and the reference about it.
+//! The setup of the image checks: the built-in scene with a sampler, compositors and its reference tracer.
 
 use std::sync::Arc;
 
@@ -15,25 +15,25 @@ use argus_scene::{
 };
 use image::RgbImage;
 
-/// Small enough for seconds, with textures, a lake that shines and trees whose leaves hide one another.
+/// Small enough for seconds, with textures, a shining lake, and trees whose leaves hide each other.
 const SCENE: &str = "terrain:20000";
-/// Pixels of a view.
+/// Size of a view in pixels.
 pub(super) const SIZE: [u32; 2] = [160, 120];
-/// Samples a pixel of the reference and of views from triangles.
+/// Samples per pixel of the reference and of views from triangles.
 const SAMPLES_PER_PIXEL: u32 = 16;
-/// Views.
+/// Number of views.
 const VIEWS: usize = 2;
-/// Samples that a view is reconstructed from.
+/// Samples used for each warped view.
 const SAMPLES: usize = 4;
 
-/// What the checks of images share.
+/// State shared by the image checks.
 pub(super) struct Stage {
     pub(super) gpu: Arc<Gpu>,
     pub(super) scene: Arc<Scene>,
     pub(super) sampler: GpuSampler,
     pub(super) cameras: Vec<Camera>,
     pub(super) tracer: Tracer,
-    /// The truth about each view.
+    /// The reference of each view.
     pub(super) truth: Vec<RgbImage>,
     info: Arc<SampleSetInfo>,
 }
@@ -50,7 +50,7 @@ impl Stage {
         Ok(stage)
     }
 
-    /// A stage whose images cannot be judged.
+    /// A stage without references.
     pub(super) fn without_truth(gpu: &Arc<Gpu>) -> Result<Self> {
         let scene = Arc::new(argus_scene::open(SCENE)?);
         let info = Arc::new(SampleSetInfo {
@@ -86,10 +86,11 @@ impl Stage {
         }
     }
 
-    /// All views from triangles.
-    pub(super) fn direct(&mut self, way: Visibility) -> Result<Vec<Frame>> {
+    /// Renders all views from triangles.
+    pub(super) fn direct(&mut self, backend: Visibility) -> Result<Vec<Frame>> {
         let plan = Plan::Direct { samples_per_pixel: SAMPLES_PER_PIXEL };
-        let jobs: Vec<_> = self.cameras.iter().map(|camera| self.job(*camera, plan.clone(), way)).collect();
+        let jobs: Vec<_> =
+            self.cameras.iter().map(|camera| self.job(*camera, plan.clone(), backend)).collect();
         Ok(self
             .sampler
             .render_views(&jobs, &Cancel::new())
@@ -97,7 +98,7 @@ impl Stage {
             .collect::<Result<_, RenderError>>()?)
     }
 
-    /// Samples for all views, each once.
+    /// Renders the samples for all views, each once.
     pub(super) fn samples(&mut self, to_host: bool) -> Result<Vec<Sample>> {
         let mut ids: Vec<SampleId> = self.cameras.iter().flat_map(|camera| self.ids(camera)).collect();
         ids.sort();
@@ -112,7 +113,7 @@ impl Stage {
         self.info.rig.nearest(camera, SAMPLES).into_iter().map(id).collect()
     }
 
-    /// A compositor that holds samples for all views and draws by one kind of program.
+    /// A compositor that holds the samples of all views and uses one kind of program.
     pub(super) fn compositor(&mut self, search_backend: SearchBackend) -> Result<GpuCompositor> {
         let samples = self.samples(false)?.into_iter().map(Arc::new).collect();
         let knobs = CompositorKnobs { search_backend, ..CompositorKnobs::default() };
@@ -121,7 +122,7 @@ impl Stage {
         Ok(compositor)
     }
 
-    /// All views from samples.
+    /// Composes all views from samples.
     pub(super) fn warped(&self, compositor: &mut GpuCompositor, warp: &Warp) -> Result<Vec<Frame>> {
         let job = |camera: &Camera| {
             let plan = Plan::Warp(Warp { samples: self.ids(camera), ..warp.clone() });
@@ -131,12 +132,12 @@ impl Stage {
         Ok(compositor.compose(&jobs, &Cancel::new()).into_iter().collect::<Result<_, RenderError>>()?)
     }
 
-    /// The reference of a camera at one sample a pixel, for its ranges.
+    /// The reference of a camera at one sample per pixel, for its ranges.
     pub(super) fn ranges(&self, camera: &Camera, [width, height]: [u32; 2]) -> ReferenceImage {
         self.tracer.render(camera, width, height, 1, |_| ())
     }
 
-    /// The worst FLIP and the worst PSNR of frames of the views, against the reference.
+    /// The worst FLIP and PSNR of the views' frames against the reference.
     pub(super) fn judge(&self, frames: &[Frame]) -> Result<Comparison> {
         let judge = |(frame, truth): (&Frame, &RgbImage)| -> Result<Comparison> {
             let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();

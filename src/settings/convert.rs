@@ -1,4 +1,4 @@
-//! Settings in the words of those who go by them, and the ranges that they must keep.
+//! Converts settings to the configuration of each part, and checks their ranges.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -9,14 +9,14 @@ use argus_scene::{MegaViews, Reflections, Sampling};
 
 use super::{Coordinator, Limits, Security, Settings, Worker};
 
-/// Longest duration that can be set: a year is for ever, and clocks can count it.
+/// The longest duration that can be set, in seconds: one year, which every clock can represent.
 const MOST_SECS: f64 = 31_536_000.0;
 
 impl Settings {
-    /// The first setting that is out of its range, and the reason.
+    /// The first setting out of its range, and the reason.
     pub(super) fn out_of_range(&self) -> Option<(&'static str, String)> {
         let Self { coordinator, worker, limits, .. } = self;
-        // Written so that NaN is refused.
+        // Written so that NaN is rejected.
         let within = |key, value: f64, least: f64, most: f64| {
             let fits = value >= least && value <= most;
             (!fits).then(|| (key, format!("must be {least} to {most}, not {value}")))
@@ -42,7 +42,7 @@ impl Settings {
             within("coordinator.epoch_ms", coordinator.epoch_ms, 1e-3, 1e3 * MOST_SECS),
             within("coordinator.time_scale", coordinator.time_scale, 0.0, 1e6),
             within("coordinator.lease_secs", coordinator.lease_secs, 1.0, MOST_SECS),
-            // The reason says nothing of what is in it, and so does `argus config`, which shows no setting that is refused.
+            // The reason does not repeat the URL, which may hold a password.
             coordinator.registry.as_ref().and_then(|url| {
                 nats_host(url).err().map(|reason| ("coordinator.registry", reason.to_owned()))
             }),
@@ -82,7 +82,7 @@ impl Settings {
 }
 
 impl Security {
-    /// What a process of this machine needs to be a member of the same cluster.
+    /// Arguments that give another process of this machine the same certificates.
     pub(crate) fn to_arguments(&self) -> Vec<String> {
         let files = [("certificate", &self.certificate), ("key", &self.key), ("ca", &self.ca)];
         let flag = |(name, path): (&str, &Option<PathBuf>)| {
@@ -92,43 +92,43 @@ impl Security {
     }
 }
 
-/// Of a number that was checked.
+/// The duration of a checked number of seconds.
 pub(crate) fn secs(secs: f64) -> Duration {
     Duration::try_from_secs_f64(secs).unwrap_or(Duration::MAX)
 }
 
-/// In bytes.
+/// MiB in bytes.
 pub(crate) fn mib(mib: u64) -> u64 {
     mib.saturating_mul(1 << 20)
 }
 
 impl Coordinator {
-    /// What samples are rendered from; `None` for what has no such name.
+    /// What samples are rendered from; `None` for an unknown name.
     pub(crate) fn sampling(&self) -> Option<Sampling> {
         let maps = MegaViews { map_side: self.map_side, levels: self.octree_levels, block: self.map_block };
         let all = [Sampling::Triangles, Sampling::MegaViews(maps)];
         all.into_iter().find(|sampling| sampling.name() == self.sampling)
     }
 
-    /// What maps of surroundings are like; none where there are none.
+    /// The knobs of reflection probes; `None` if they are off.
     ///
     /// # Errors
-    /// For a word that is none of them.
+    /// An unknown name.
     pub(crate) fn reflections(&self) -> Result<Option<Reflections>, ()> {
         match self.reflections.as_str() {
             "off" => Ok(None),
-            "maps" => Ok(Some(self.maps_around())),
+            "maps" => Ok(Some(self.probe_knobs())),
             _ => Err(()),
         }
     }
 
-    fn maps_around(&self) -> Reflections {
+    fn probe_knobs(&self) -> Reflections {
         Reflections { side: self.reflection_side, levels: self.reflection_levels, most: self.reflectors }
     }
 
-    /// What is wrong with the knobs of such maps, by setting.
+    /// The first invalid knob of reflection probes, by its setting.
     fn reflections_error(&self) -> Option<(&'static str, String)> {
-        let invalid = self.maps_around().validate().err()?;
+        let invalid = self.probe_knobs().validate().err()?;
         let key = match invalid.field {
             "reflections.side" => "coordinator.reflection_side",
             "reflections.levels" => "coordinator.reflection_levels",
@@ -137,14 +137,14 @@ impl Coordinator {
         Some((key, invalid.reason))
     }
 
-    /// The coordinator's part of them.
+    /// The coordinator's configuration.
     pub(crate) fn config(&self, limits: &Limits) -> coordinator::Config {
         let core = core::Config {
             samplers_composite: self.samplers_composite,
             refining_share: self.refining_share,
             epoch: secs(self.epoch_ms * 1e-3),
             lease: secs(self.lease_secs),
-            // Twenty reports a lease, as its default has: silence is told from a pause between two of them.
+            // Twenty reports per lease, as by default, so that a late report is not taken for a lost worker.
             report_interval: (secs(self.lease_secs) / 20).min(core::Config::default().report_interval),
             max_views: limits.views,
             max_views_per_client: limits.views_per_client,
@@ -175,7 +175,7 @@ impl Coordinator {
 }
 
 impl Worker {
-    /// The worker's part of them, for the coordinator at that address.
+    /// The worker's configuration, for the coordinator at that address.
     pub(crate) fn config(&self, coordinator: String, limits: &Limits) -> worker::Config {
         worker::Config {
             advertise: self.advertise.clone(),

@@ -1,7 +1,7 @@
-//! Where settings come from, and which source has the last word.
+//! The sources of settings, and their precedence.
 //!
-//! Every value is looked at alone, on top of the defaults, before the layers are merged: so an error names its source
-//! and its key, and never depends on what another layer says.
+//! Every value is checked alone, on top of the defaults, before the layers are merged. So an error names its source
+//! and key, and never depends on another layer.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -15,16 +15,16 @@ use serde_json::Value;
 use super::Settings;
 use crate::exit::bad_arguments;
 
-/// The file that is looked for where Argus is started.
+/// The configuration file in the current folder.
 const FILE: &str = "argus.toml";
-/// The environment's word for another one.
+/// The environment variable that names another configuration file.
 const FILE_VARIABLE: &str = "ARGUS_CONFIG";
-/// Begins a setting in the environment. What follows has two underscores between section and key, so that what
-/// Kubernetes puts there for a service of a like name (`ARGUS_COORDINATOR_PORT`) is no setting.
+/// Prefix of settings in the environment. Two underscores separate section and key, so that the variables that Kubernetes
+/// sets for a service with a similar name (`ARGUS_COORDINATOR_PORT`) are not settings.
 const PREFIX: &str = "ARGUS_";
-/// Settings that had a variable of their own before there were sections.
+/// Settings with an older variable of their own.
 const ALIASES: [(&str, &str); 1] = [("ARGUS_SERVER", "client.server")];
-/// Settings that are paths: within a file they start from its folder.
+/// Settings that are paths. In a file they are relative to its folder.
 const PATHS: [&str; 11] = [
     "client.ca",
     "client.token_file",
@@ -43,15 +43,15 @@ const PATHS: [&str; 11] = [
 #[derive(clap::Args, Debug, Clone, Default)]
 #[command(next_help_heading = "Configuration")]
 pub(crate) struct Sources {
-    /// File of settings, empty for none [default: ARGUS_CONFIG, else argus.toml if it is there]; `argus config` explains
+    /// Configuration file, empty for none [default: ARGUS_CONFIG, else argus.toml if it exists]; see `argus config`
     #[arg(long, value_name = "FILE", global = true)]
     config: Option<OsString>,
-    /// One setting, such as limits.views=100; may be given more than once, and goes before the file and the environment
+    /// One setting, such as limits.views=100; may be given more than once; overrides the file and the environment
     #[arg(long = "set", value_name = "SECTION.KEY=VALUE", global = true)]
     settings: Vec<String>,
 }
 
-/// Where a value comes from.
+/// The source of a setting.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase", tag = "source", content = "from")]
 pub(crate) enum Source {
@@ -71,7 +71,7 @@ impl fmt::Display for Source {
     }
 }
 
-/// Settings by flags of their own.
+/// Settings that have flags of their own.
 #[derive(Debug, Default)]
 pub(crate) struct Flags(Vec<(&'static str, &'static str, String)>);
 
@@ -93,21 +93,21 @@ pub(crate) fn path(path: Option<&PathBuf>) -> Option<String> {
     path.map(|path| path.display().to_string())
 }
 
-/// What a process was told, all sources taken together.
+/// The settings in effect, merged from all sources.
 #[derive(Debug)]
 pub(crate) struct Effective {
     pub(crate) settings: Settings,
-    /// The file that was read.
+    /// The configuration file, if any.
     pub(crate) file: Option<PathBuf>,
     /// Key, value and source of each setting, in the order of the sections.
     pub(crate) values: Vec<(String, Value, Source)>,
 }
 
 impl Sources {
-    /// Puts the layers together.
+    /// Merges all layers.
     ///
     /// # Errors
-    /// A file that cannot be read, and a setting that is unknown or malformed, with where it stands.
+    /// A file that cannot be read, or a setting that is unknown or invalid, with its source.
     pub(crate) fn load(&self, flags: Flags) -> anyhow::Result<Effective> {
         let mut layers = Layers::default();
         let file = self.file()?;
@@ -117,15 +117,15 @@ impl Sources {
         for (name, value) in std::env::vars_os() {
             let Some(key) = name.to_str().and_then(setting_of_variable) else { continue };
             let name = name.to_string_lossy();
-            let value = value.to_str().with_context(|| format!("{name} is no UTF-8"))?;
-            // `${X:-}` of a compose file says nothing.
+            let value = value.to_str().with_context(|| format!("{name} is not UTF-8"))?;
+            // An empty variable, such as `${X:-}` in a compose file, sets nothing.
             if !value.is_empty() {
                 layers.add_text(&key, value, Source::Environment(name.into_owned()))?;
             }
         }
         for setting in &self.settings {
             let Some((key, value)) = setting.split_once('=') else {
-                return Err(bad_arguments(format!("--set {setting}: SECTION.KEY=VALUE is wanted")));
+                return Err(bad_arguments(format!("--set {setting}: must be SECTION.KEY=VALUE")));
             };
             layers.add_flag(key.trim(), value, format!("--set {}", key.trim()))?;
         }
@@ -135,10 +135,10 @@ impl Sources {
         layers.merge(file)
     }
 
-    /// The same as arguments of a process that this one starts; the environment it has anyway.
+    /// Arguments that give a child process the same settings. It inherits the environment anyway.
     ///
     /// # Errors
-    /// As [`Sources::load`].
+    /// Any error of [`Sources::load`].
     pub(crate) fn to_arguments(&self) -> anyhow::Result<Vec<String>> {
         let file = self.file()?.map(|path| path.display().to_string()).unwrap_or_default();
         Ok(std::iter::once(format!("--config={file}"))
@@ -154,12 +154,12 @@ impl Sources {
             None if Path::new(FILE).is_file() => PathBuf::from(FILE),
             None => return Ok(None),
         };
-        // A process that is started elsewhere finds the same one.
+        // An absolute path, so that a process in another folder finds the same file.
         std::path::absolute(&path).map(Some).with_context(|| format!("{}", path.display()))
     }
 }
 
-/// The setting that a variable of the environment is for.
+/// The setting of an environment variable.
 fn setting_of_variable(name: &str) -> Option<String> {
     if let Some((_, key)) = ALIASES.into_iter().find(|(alias, _)| *alias == name) {
         return Some(key.to_owned());
@@ -168,7 +168,7 @@ fn setting_of_variable(name: &str) -> Option<String> {
     Some(format!("{}.{}", section.to_lowercase(), key.to_lowercase()))
 }
 
-/// The layers so far: of each setting the newest value, as a source above all before it.
+/// The merged layers so far. A later source overrides earlier ones.
 struct Layers {
     defaults: Value,
     set: BTreeMap<String, (Value, Source)>,
@@ -187,7 +187,7 @@ impl Layers {
         let text = std::fs::read_to_string(path)
             .map_err(|e| bad_arguments(format!("the configuration {at} cannot be read: {e}")))?;
         let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
-            bad_arguments(format!("the configuration {at} is no TOML: {}", e.to_string().trim_end()))
+            bad_arguments(format!("the configuration {at} is not TOML: {}", e.to_string().trim_end()))
         })?;
         for (section, keys) in table {
             let toml::Value::Table(keys) = keys else {
@@ -207,7 +207,7 @@ impl Layers {
         Ok(())
     }
 
-    /// Adds a setting by flag; an empty text takes back what lower layers say.
+    /// Adds a setting from a flag. An empty text removes the values of lower layers.
     fn add_flag(&mut self, key: &str, text: &str, flag: String) -> anyhow::Result<()> {
         if text.is_empty() {
             self.known(key).map_err(|reason| bad_arguments(format!("{flag}: {reason}")))?;
@@ -217,14 +217,14 @@ impl Layers {
         self.add_text(key, text, Source::Flag(flag))
     }
 
-    /// Adds a setting that came as text: as it is, or where the setting is no text, as TOML.
+    /// Adds a setting from text: as text, or else parsed as TOML.
     fn add_text(&mut self, key: &str, text: &str, source: Source) -> anyhow::Result<()> {
         let parsed = format!("value = {text}").parse::<toml::Table>().ok();
         let parsed = parsed.and_then(|mut table| from_toml(table.remove("value")?).ok());
         self.add(key, std::iter::once(Value::String(text.to_owned())).chain(parsed), source)
     }
 
-    /// Adds the first of the values that the setting can have.
+    /// Adds the first value that the setting accepts.
     fn add(
         &mut self,
         key: &str,
@@ -245,7 +245,7 @@ impl Layers {
         }
         let reason = fault.unwrap_or_default();
         Err(bad_arguments(match source {
-            // Its name says the key.
+            // The flag's name identifies the setting.
             Source::Flag(flag) => format!("{flag}: {reason}"),
             source => format!("{source}: {key}: {reason}"),
         }))
@@ -271,7 +271,7 @@ impl Layers {
         }
     }
 
-    /// Whether the setting can have that value.
+    /// Whether the setting accepts a value.
     fn tried(&self, key: &str, value: Value) -> Result<(), String> {
         let settings = self.with([(key, &value)])?;
         match settings.out_of_range() {
@@ -306,7 +306,7 @@ impl Layers {
     }
 }
 
-/// A value of a file in the form that settings are read from.
+/// Converts a value of a TOML file to JSON.
 fn from_toml(value: toml::Value) -> Result<Value, String> {
     match value {
         toml::Value::Float(number) if !number.is_finite() => Err(format!("{number} is not finite")),
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flag_goes_before_the_environment_before_the_file_before_the_default() {
+    fn flags_override_the_environment_the_file_and_the_defaults_in_this_order() {
         let mut layers = layers("[limits]\nviews = 1\nsessions = 2\nview_side = 3\n").unwrap();
         let variable = |name: &str| Source::Environment(name.to_owned());
         layers.add_text("limits.sessions", "20", variable("ARGUS_LIMITS__SESSIONS")).unwrap();
@@ -353,14 +353,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unknown_or_malformed_is_refused_with_its_place() {
+    fn unknown_and_invalid_settings_are_rejected_with_their_source() {
         let unknown = reason("[limits]\nveiws = 1\n");
         assert!(unknown.contains("argus.toml: limits.veiws: there is no such setting"), "{unknown}");
         assert!(unknown.contains("views_per_client"), "{unknown}");
         let section = reason("[limit]\nviews = 1\n");
         assert!(section.contains("no such section") && section.contains("security"), "{section}");
         assert!(reason("views = 1\n").contains("no such section"));
-        assert!(reason("[limits\n").contains("is no TOML"));
+        assert!(reason("[limits\n").contains("is not TOML"));
         let kind = reason("[limits]\nviews = \"many\"\n");
         assert!(kind.contains("argus.toml: limits.views: invalid type"), "{kind}");
         for out_of_range in [
@@ -382,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_become_what_the_setting_is() {
+    fn texts_are_parsed_as_the_settings_type() {
         let mut layers = Layers::default();
         for (key, text) in [
             ("client.server", "http://10.0.0.1:7400"),
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_flag_takes_back_what_lower_layers_say() {
+    fn an_empty_flag_removes_the_values_of_lower_layers() {
         let mut layers = layers("[worker]\nadvertise = \"http://a:1\"\n").unwrap();
         layers.add_flag("worker.advertise", "", "--set worker.advertise".to_owned()).unwrap();
         assert_eq!(layers.merge(None).unwrap().settings.worker.advertise, None);
@@ -411,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_of_a_file_start_from_its_folder() {
+    fn paths_in_a_file_are_relative_to_its_folder() {
         let layers = layers("[security]\nca = \"certs/ca.pem\"\nkey = \"/etc/argus/key.pem\"\n").unwrap();
         let security = layers.merge(None).unwrap().settings.security;
         assert!(security.ca.as_ref().is_some_and(|ca| ca.is_absolute() && ca.ends_with("certs/ca.pem")));
@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn only_two_underscores_make_a_setting_of_a_variable() {
+    fn only_variables_with_two_underscores_are_settings() {
         assert_eq!(setting_of_variable("ARGUS_LIMITS__VIEWS").as_deref(), Some("limits.views"));
         assert_eq!(setting_of_variable("ARGUS_SERVER").as_deref(), Some("client.server"));
         for other in ["ARGUS_COORDINATOR_PORT", "ARGUS_SCENES", "LIMITS__VIEWS", "PATH"] {

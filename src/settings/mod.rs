@@ -1,9 +1,9 @@
-//! The one configuration: what can be set, and what it is unless somebody sets it.
+//! The configuration: all settings and their defaults.
 //!
 //! A setting is a section and a key, such as `limits.views`. In rising precedence it comes from the default below, from
-//! the file (`--config`, else `ARGUS_CONFIG`, else `argus.toml` where Argus is started), from the environment
-//! (`ARGUS_LIMITS__VIEWS`) and from flags (one of its own where there is one, else `--set limits.views=…`). `layers.rs`
-//! puts them together; `argus config` prints what came of it. `docs/argus.toml` explains each to users.
+//! the file (`--config`, else `ARGUS_CONFIG`, else `argus.toml` in the current folder), from the environment
+//! (`ARGUS_LIMITS__VIEWS`) and from flags (its own, or `--set limits.views=…`). `layers.rs` merges them; `argus config`
+//! prints the result. `docs/argus.toml` explains each setting to users.
 
 mod convert;
 mod layers;
@@ -27,19 +27,19 @@ pub(crate) struct Settings {
     pub(crate) security: Security,
 }
 
-/// How `view`, `load`, `status` and `health` reach a service.
+/// How client subcommands reach a service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Client {
-    /// Where the service is: `https://` where it has a certificate.
+    /// The service's address: `https://` if it has a certificate.
     pub(crate) server: String,
     /// PEM file of the authority that signed the service's certificate.
     pub(crate) ca: Option<PathBuf>,
-    /// File that holds this client's token and nothing else.
+    /// File with this client's token only.
     pub(crate) token_file: Option<PathBuf>,
-    /// PEM file of a certificate of this client's own, for services that want one.
+    /// PEM file of a client certificate, for services that require one.
     pub(crate) certificate: Option<PathBuf>,
-    /// PEM file of that certificate's private key.
+    /// PEM file of the client certificate's private key.
     pub(crate) key: Option<PathBuf>,
 }
 
@@ -54,61 +54,63 @@ impl Default for Client {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Coordinator {
-    /// A file, `terrain[:TRIANGLES]` or `mirrors[:BALLS]`. Said here or by a flag and never by a request.
+    /// A file, `terrain[:TRIANGLES]` or `mirrors[:BALLS]`. Set here or by a flag, never by a request.
     pub(crate) scene: Option<String>,
-    /// Where to listen. This machine alone: what others reach needs TLS.
+    /// Address to listen on. The default is local: other machines require TLS.
     pub(crate) listen: String,
-    /// Whether samplers that have nothing to sample also compose views: a fifth less time on two workers.
+    /// Whether idle samplers also compose views, which saves a fifth of the time on two workers.
     pub(crate) samplers_composite: bool,
-    /// What samples are rendered from: `triangles`, each by itself, or `megaviews`, maps of an octree of the scene.
+    /// What samples are rendered from: `triangles`, or `megaviews`, maps of a scene octree.
     pub(crate) sampling: String,
-    /// Texels on a side of such a map's hemisphere: about as wide as those of a cube whose faces have half as many.
+    /// Side of a map's hemisphere in texels. Its texels are about as wide as those of a cube face with half the side.
     pub(crate) map_side: u32,
-    /// Levels of the octree: cells of a thousandth of the scene.
+    /// Levels of the octree; the default gives cells of about a thousandth of the scene.
     pub(crate) octree_levels: u32,
-    /// Cameras along an edge of the block whose maps share what looks alike: 1, since neighbours of a lattice see little
-    /// alike at that resolution.
+    /// Cameras along an edge of a block that shares parts of its maps. 1 by default: at this resolution, neighbours
+    /// of a lattice have little in common.
     pub(crate) map_block: u32,
-    /// What glossy and transparent things show of the scene around them: `off`, the sky alone, or `maps` around them.
+    /// Reflections of glossy and transparent objects: `off` (the sky only) or `maps` (reflection probes).
     pub(crate) reflections: String,
-    /// Texels on a side of such a map: of three degrees.
+    /// Side of a reflection probe in texels; the default gives texels of about three degrees.
     pub(crate) reflection_side: u32,
-    /// Levels of the octree that they show: cells of a two-hundred-and-fiftieth of the scene.
+    /// Levels of the octree that probes are rendered from; the default gives cells of about a 250th of the scene.
     pub(crate) reflection_levels: u32,
-    /// Things that have a map, the largest first: a map takes 50 KiB.
+    /// Largest number of objects with a probe, the largest objects first; a probe takes 50 KiB.
     pub(crate) reflectors: u32,
-    /// Share of the samplers' time for samples where views have holes: they wait for everything else, so a half takes
-    /// little from others.
+    /// Share of the samplers' time for samples where views have holes. These wait for all other work, so a half costs
+    /// other views little.
     pub(crate) refining_share: f64,
-    /// What `argus study bounds` calibrated, in place of what it kept on this machine.
+    /// File of a calibrated model, in place of the one that `argus study bounds` kept on this machine.
     pub(crate) model: Option<PathBuf>,
-    /// Milliseconds between two moments of an animated scene, at the least: what samples of a small scene take.
+    /// Shortest interval in milliseconds between two moments of an animated scene: the time of a small scene's samples.
     pub(crate) epoch_ms: f64,
-    /// Seconds that an animated scene moves on in a second.
+    /// Seconds of scene time per second.
     pub(crate) time_scale: f64,
-    /// Silence after which a worker is lost: twenty reports, since a starved machine may be late by seconds.
+    /// Seconds without a report after which a worker is lost: twenty reports, since a starved machine may be
+    /// late by seconds.
     pub(crate) lease_secs: f64,
-    /// How long views in work may take after a shutdown began.
+    /// Seconds for views in work to end after a shutdown began.
     pub(crate) grace_secs: f64,
-    /// Where several coordinators agree who leads, such as `nats://127.0.0.1:4222`; unset: this one is alone.
+    /// Registry through which coordinators elect a leader, such as `nats://127.0.0.1:4222`; unset: this is the only one.
     pub(crate) registry: Option<String>,
-    /// File that holds what the registry knows this process by: a token, or a user and a password.
+    /// File with this process's credentials for the registry: a token, or a user and a password.
     pub(crate) registry_credentials: Option<PathBuf>,
-    /// How long leadership lasts unless renewed: a standby leads at most so long after the leader died, and a leader that
-    /// hears nothing of the registry stops within it. Where the registry knows a lease already, that counts.
+    /// Seconds that leadership lasts unless renewed. A standby takes over within this time after the leader died, and
+    /// a leader that cannot reach the registry stops within it. A lease that the registry already knows takes
+    /// precedence.
     pub(crate) registry_lease_secs: f64,
-    /// How long the registry may be absent at the start before this process gives up; unset: it stands by until
-    /// the registry is there.
+    /// Seconds for the registry to appear at the start before this process gives up; unset: it waits as a standby.
     pub(crate) registry_wait_secs: Option<f64>,
-    /// Samples beside the rig's own that may exist in a worker at the same time; half as much again, second copies of those.
+    /// MiB of additional samples in a worker at the same time; second copies of these may take half as much again.
     pub(crate) refining_mib: u64,
-    /// Where others reach this coordinator, if not where it listens; whoever asks a standby is told.
+    /// Address at which this coordinator is reached, if not where it listens; a standby redirects clients to
+    /// the leader's.
     pub(crate) advertise: Option<String>,
 }
 
 impl Default for Coordinator {
     fn default() -> Self {
-        let (maps, around) = (MegaViews::default(), Reflections::default());
+        let (maps, probes) = (MegaViews::default(), Reflections::default());
         Self {
             scene: None,
             listen: "127.0.0.1:7400".to_owned(),
@@ -118,9 +120,9 @@ impl Default for Coordinator {
             octree_levels: maps.levels,
             map_block: maps.block,
             reflections: "off".to_owned(),
-            reflection_side: around.side,
-            reflection_levels: around.levels,
-            reflectors: around.most,
+            reflection_side: probes.side,
+            reflection_levels: probes.levels,
+            reflectors: probes.most,
             refining_share: 0.5,
             model: None,
             epoch_ms: 100.0,
@@ -137,47 +139,47 @@ impl Default for Coordinator {
     }
 }
 
-/// How a worker joins, and what it may hold.
+/// How a worker joins, and its limits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Worker {
-    /// Where the coordinator is; several with commas between them, of which one leads.
+    /// The coordinator's address; several are separated by commas, of which one leads.
     pub(crate) coordinator: Option<String>,
-    /// How long nobody may answer there at the start before this process gives up; unset: it goes on trying, since processes
-    /// are started in any order.
+    /// Seconds for a coordinator to answer at the start before this process gives up; unset: it keeps trying, since
+    /// processes start in any order.
     pub(crate) coordinator_wait_secs: Option<f64>,
-    /// Where to listen; port 0 takes any that is free, since only the coordinator has to find it.
+    /// Address to listen on. Port 0 takes a free port, since only the coordinator has to know it.
     pub(crate) listen: String,
-    /// Where others reach this worker, if not where it listens.
+    /// Address at which the coordinator and other workers reach this worker, if not where it listens.
     pub(crate) advertise: Option<String>,
-    /// Where clients reach it, whose sessions then fetch their frames there; `advertised`: where others do.
+    /// Address at which clients fetch redirected frames; `advertised`: the address for other workers.
     pub(crate) public_address: Option<String>,
-    /// Folder of scenes; the user's cache unless set.
+    /// Folder of scenes; unset: the user's cache.
     pub(crate) scenes: Option<PathBuf>,
-    /// Samples that are kept, in memory and on the GPU together, before the least recently used one goes; those in use stay
-    /// whatever they take. 2 GiB: forty samples of 2048² texels.
+    /// MiB of samples kept in memory and on the GPU together. Beyond it the least recently used is dropped, but never
+    /// one in use. 2 GiB hold forty samples of 2048² texels.
     pub(crate) samples_mib: u64,
-    /// Of the copies that compositing makes of samples on the GPU, with their coarser levels, likewise.
+    /// MiB of the compositor's copies of samples on the GPU, including their coarser levels, with the same rule.
     pub(crate) gpu_samples_mib: u64,
-    /// Views that wait for the render thread: four batches, beyond which another worker is sooner done.
+    /// Views in the render thread's queue: four batches. Beyond that another worker is faster.
     pub(crate) queued_views: usize,
-    /// Samples that wait for the render thread.
+    /// Samples in the render thread's queue.
     pub(crate) queued_samples: usize,
-    /// Frames that are being made, packed or sent; further views wait. 2 GiB: a hundred and fifty of 1920×1080 pixels, or six
-    /// of the largest with all images.
+    /// MiB of frames that are rendered, packed or sent; further views wait. 2 GiB hold 150 frames of 1920×1080
+    /// pixels, or six of the largest with all images.
     pub(crate) frames_mib: u64,
-    /// Depth that frames leave for the next ones of their sessions, where those ask for that; 0: none. 256 MiB: two thousand
-    /// sessions of 200×150 pixels, or thirty of 1920×1080.
+    /// MiB of depth kept for sessions with reprojection; 0: none. 256 MiB hold two thousand sessions of 200×150
+    /// pixels, or thirty of 1920×1080.
     pub(crate) history_mib: u64,
-    /// Requests in work, of the coordinator and of other workers.
+    /// Requests in work, from the coordinator and other workers.
     pub(crate) requests: usize,
-    /// Open connections. A quarter is for the cluster's own processes.
+    /// Open connections. A quarter is reserved for the cluster's own processes.
     pub(crate) connections: usize,
-    /// What the other role would need is given up after nobody has used it for so long.
+    /// Seconds without use after which the resources of the other role are released.
     pub(crate) rest_secs: f64,
-    /// The largest scene that is fetched from a coordinator.
+    /// MiB of the largest scene that is fetched from a coordinator.
     pub(crate) bundle_mib: u64,
-    /// How long views in work may take after a shutdown began.
+    /// Seconds for views in work to end after a shutdown began.
     pub(crate) grace_secs: f64,
 }
 
@@ -205,40 +207,41 @@ impl Default for Worker {
     }
 }
 
-/// What clients may ask of a coordinator, in all and each. Clients are told apart by their tokens, or else by their
-/// addresses. What is beyond a limit is turned away at once, with a hint when to come again.
+/// Limits of a coordinator's clients, in all and each. Clients are identified by their tokens, or else by their
+/// addresses. Requests beyond a limit are rejected at once with a hint when to retry.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Limits {
-    /// Views waiting or in work: sixteen full batches of two workers.
+    /// Views queued or in work: sixteen full batches of two workers.
     pub(crate) views: usize,
-    /// Views of one client waiting or in work: three quarters of all, so that one client cannot fill the cluster.
+    /// Views of one client queued or in work: three quarters of all, so that one client cannot fill the cluster.
     pub(crate) views_per_client: usize,
     /// Views at one worker: two full batches, so that one is ready when the other is done.
     pub(crate) views_per_worker: usize,
-    /// A view is given up after this long, whatever its deadline: one whose client takes nothing would keep its place.
+    /// Seconds after which a view ends, whatever its deadline: otherwise a client that does not read would
+    /// keep its place.
     pub(crate) view_secs: f64,
-    /// A client that does not read a MiB of its frame for so long loses the frame, or its session.
+    /// Seconds for a client to read one MiB of its frame. After that the frame or its session ends.
     pub(crate) read_secs: f64,
-    /// A view that would wait longer than this for its turn, by measured costs, is turned away: the work before it is
-    /// done for clients who still wait.
+    /// Seconds that a view may wait in the queue, by measured costs. A view that would wait longer is rejected, so
+    /// that workers spend their time on clients that still wait.
     pub(crate) wait_secs: f64,
-    /// Pixels a second; unset: what the workers manage.
+    /// Pixels per second of all clients; unset: no limit.
     pub(crate) pixels_per_sec: Option<f64>,
-    /// Pixels a second of one client; unset: no limit of its own.
+    /// Pixels per second of one client; unset: no limit.
     pub(crate) pixels_per_sec_per_client: Option<f64>,
-    /// Open sessions. Each is a task and two frames on their way.
+    /// Open sessions. Each holds a task and two frames in flight.
     pub(crate) sessions: usize,
     /// Open sessions of one client: three quarters of all.
     pub(crate) sessions_per_client: usize,
-    /// Open connections, of which a quarter is for the cluster's own processes: a machine's file descriptors are many times
-    /// as many.
+    /// Open connections, of which a quarter is reserved for the cluster's own processes. Machines allow many times as
+    /// many file descriptors.
     pub(crate) connections: usize,
-    /// Bytes of a client's request. The largest one that means anything, a view with a pinned plan, is some hundred.
+    /// KiB of a client's request. The largest valid request, a view with a pinned plan, takes some hundred bytes.
     pub(crate) request_kib: usize,
-    /// Pixels on a side of a view.
+    /// Largest side of a view in pixels.
     pub(crate) view_side: u32,
-    /// Pixels of a view.
+    /// Largest number of pixels of a view.
     pub(crate) view_pixels: u64,
 }
 
@@ -264,20 +267,20 @@ impl Default for Limits {
     }
 }
 
-/// Who may listen, join and ask. `argus certs` makes all files.
+/// Certificates and tokens. `argus certs` makes all files.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Security {
-    /// PEM file of this process's certificate; with it, every listener and every connection of it is TLS.
+    /// PEM file of this process's certificate; with it, all of its connections use TLS.
     pub(crate) certificate: Option<PathBuf>,
-    /// PEM file of its key.
+    /// PEM file of the certificate's private key.
     pub(crate) key: Option<PathBuf>,
     /// PEM file of the authority that signs the certificates of the cluster's processes.
     pub(crate) ca: Option<PathBuf>,
-    /// File of clients' tokens, a line each: role (view or admin), name, token.
+    /// File of the clients' tokens, one per line: role (view or admin), name, token.
     pub(crate) tokens: Option<PathBuf>,
-    /// Whether clients must have certificates, too; probes of health then need one as well.
+    /// Whether clients must have certificates too; health probes then need one as well.
     pub(crate) require_client_certificates: bool,
-    /// Whether to listen beyond this machine without TLS all the same.
+    /// Whether to listen beyond this machine without TLS.
     pub(crate) insecure: bool,
 }

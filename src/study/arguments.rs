@@ -1,4 +1,4 @@
-//! Arguments that several studies share. What is left out keeps the study's default.
+//! Arguments that several studies share. Missing arguments keep the study's defaults.
 
 use anyhow::Context as _;
 use argus_studies::Report;
@@ -22,7 +22,7 @@ impl Scene {
     }
 }
 
-/// Scenes, each measured for itself.
+/// Scenes, each measured separately.
 #[derive(clap::Args)]
 pub(super) struct Scenes {
     /// A file, `terrain[:TRIANGLES]` or `mirrors[:BALLS]`; may be given more than once
@@ -38,10 +38,10 @@ impl Scenes {
     }
 }
 
-/// One size of views.
+/// The size of views.
 #[derive(clap::Args)]
 pub(super) struct Size {
-    /// Pixels of a view
+    /// Size of a view in pixels
     #[arg(long, value_name = "WxH", value_parser = args::size)]
     size: Option<[u32; 2]>,
 }
@@ -54,10 +54,10 @@ impl Size {
     }
 }
 
-/// Sizes of views, each measured for itself.
+/// Sizes of views, each measured separately.
 #[derive(clap::Args)]
 pub(super) struct Sizes {
-    /// Pixels of a view; may be given more than once
+    /// Size of a view in pixels; may be given more than once
     #[arg(long = "size", value_name = "WxH", value_parser = args::size)]
     sizes: Vec<[u32; 2]>,
 }
@@ -70,10 +70,10 @@ impl Sizes {
     }
 }
 
-/// Processes of a cluster on this machine.
+/// Worker processes of a cluster on this machine.
 #[derive(clap::Args)]
 pub(super) struct Workers {
-    /// Worker processes [default: 2]
+    /// Number of worker processes [default: 2]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
 }
@@ -86,7 +86,7 @@ impl Workers {
     }
 }
 
-/// Runs a study that waits for the GPU away from the threads that serve I/O.
+/// Runs a study that waits for the GPU on a blocking thread, away from I/O.
 pub(super) async fn blocking<O: Send + 'static>(
     options: O,
     progress: &ProgressBar,

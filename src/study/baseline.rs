@@ -6,7 +6,7 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scenes, Sizes, blocking};
 
-/// What direct views, samples, and the splat and linear searches cost, and how close they come to the reference
+/// Measures the cost of direct views, samples, and the splat and linear searches, and their error against the reference
 ///
 /// Without --scene: terrain of 50000, 500000 and 2000000 triangles; without --size: 200x150 and 640x480.
 #[derive(clap::Args)]

@@ -6,8 +6,8 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scenes, Size, blocking};
 
-/// Bounds on the error: how often they hold in random views, and what they cost against the cheapest setting
-/// that keeps them. The model that it calibrates is kept, and services choose by it from then on
+/// Measures how often error bounds hold in random views, and what they cost against the cheapest setting that keeps them.
+/// The calibrated model is saved, and services on this machine use it from then on
 ///
 /// Without --scene: terrain:500000; without --size: 200x150.
 #[derive(clap::Args)]
@@ -16,10 +16,10 @@ pub(super) struct Bounds {
     scenes: Scenes,
     #[command(flatten)]
     size: Size,
-    /// Random views that bounds are tried on [default: 100]
+    /// Number of random views that test the bounds [default: 100]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
     views: Option<u16>,
-    /// Other random views that the model is calibrated on [default: 100]
+    /// Number of further random views that calibrate the model [default: 100]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=10_000))]
     calibration: Option<u16>,
 }

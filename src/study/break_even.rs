@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 use super::arguments::{Scenes, Size, blocking};
 use crate::args;
 
-/// From how many views on it pays to take samples, against direct views by each way to see triangles
+/// Measures from how many views on samples are cheaper than direct views, for each visibility backend
 ///
 /// Without --scene: terrain:2000000; without --size: 200x150.
 #[derive(clap::Args)]

@@ -6,14 +6,14 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scene, Workers};
 
-/// Many views at once, by gRPC, from a cluster that has no samples yet, against all of them rendered directly
+/// Measures many views at once over gRPC, from a cluster without samples, against rendering them all directly
 ///
 /// Without --scene: terrain:500000.
 #[derive(clap::Args)]
 pub(super) struct Burst {
     #[command(flatten)]
     scene: Scene,
-    /// Views [default: 290]
+    /// Number of views [default: 290]
     #[arg(long, value_name = "N")]
     views: Option<u32>,
     #[command(flatten)]

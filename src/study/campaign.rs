@@ -8,21 +8,21 @@ use indicatif::ProgressBar;
 use super::Form;
 use crate::{args, output, shutdown};
 
-/// The self-test and the studies that need a GPU, in order of worth within a given time, each in a process of its own
+/// Runs the self-test and the studies that need a GPU within a given time, most valuable first, each in its own process
 ///
-/// Results are written to the folder --out (by default out/gpu-campaign) as they come: a JSON object and a log for each
-/// step, and the page results.md. A step that fails or takes too long is a row with its reason. `scripts/gpu-campaign` runs
-/// this on machines that have the program and a driver alone.
+/// Results are written to the folder --out (by default out/gpu-campaign) as they come: a JSON object and a log for
+/// each step, and the page results.md. A step that fails or takes too long is a row with its reason.
+/// `scripts/gpu-campaign` runs this on machines that have only the program and a driver.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   argus study campaign --quick
-  argus study campaign --minutes 20 --out gpu --beside software     beside what another campaign left in `software`")]
+  argus study campaign --minutes 20 --out gpu --beside software     compares with the campaign in the folder `software`")]
 pub(super) struct Campaign {
-    /// Minutes that it may take; the steps of least worth are left out first [default: 30, with --quick 10]
+    /// Time limit in minutes; the least valuable steps are left out first [default: 30, with --quick 10]
     #[arg(long, value_name = "M", value_parser = args::positive)]
     minutes: Option<f64>,
-    /// Folder of another campaign, on another device, whose figures stand beside
+    /// Folder of another campaign, on another device, to compare with
     #[arg(long, value_name = "DIR")]
     beside: Option<PathBuf>,
 }

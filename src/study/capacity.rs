@@ -4,17 +4,17 @@ use argus_studies::capacity::{Options, run};
 use argus_studies::{Effort as _, Report};
 use indicatif::ProgressBar;
 
-/// What one coordinator carries: simulated sessions and workers over real gRPC; its time on a core, memory, relayed
-/// frames, and how soon a lost worker's views are with another
+/// Measures the load that one coordinator carries, with simulated sessions and workers over real gRPC: CPU time, memory,
+/// relayed frames, and the time until a lost worker's views have another worker
 #[derive(clap::Args)]
 pub(super) struct Capacity {
-    /// Sessions open at the same time [default: 10000]
+    /// Number of sessions open at the same time [default: 10000]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     sessions: Option<u32>,
-    /// Connections to the coordinator that they have in all [default: one each, as far as the limit on open files reaches]
+    /// Number of connections to the coordinator that sessions share [default: one each, within the limit of open files]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     connections: Option<u32>,
-    /// Simulated workers [default: 1000]
+    /// Number of simulated workers [default: 1000]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8192))]
     workers: Option<u32>,
 }

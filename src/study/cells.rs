@@ -7,8 +7,8 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, blocking};
 use crate::args;
 
-/// How far a view may be from its samples: error and unresolved pixels against the distance from the sample
-/// cameras, for several spacings of them
+/// Measures error and unresolved pixels of views against their distance from the sample cameras, for several spacings
+/// of these cameras
 ///
 /// Without --scene: terrain:500000; without --size: 200x150.
 #[derive(clap::Args)]
@@ -17,7 +17,7 @@ pub(super) struct Cells {
     scene: Scene,
     #[command(flatten)]
     size: Size,
-    /// Views of the walk [default: 6]
+    /// Number of views in the walk [default: 6]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     views: Option<u16>,
     #[command(flatten)]

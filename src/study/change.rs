@@ -6,8 +6,8 @@ use indicatif::ProgressBar;
 use super::arguments::blocking;
 use super::cluster::Costs;
 
-/// Balance under change, simulated with the coordinator's real core: demand rises and falls, workers differ in speed,
-/// join, leave, hang, are killed and restarted
+/// Simulates how the cluster's balance follows changes, with the real coordinator core: demand rises and falls; workers
+/// differ in speed, join, leave, hang, are killed and restarted
 #[derive(clap::Args)]
 pub(super) struct Change {
     #[command(flatten)]

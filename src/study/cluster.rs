@@ -11,11 +11,11 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size};
 use crate::args;
 
-/// The cluster paper's figures on real local clusters, or simulated: a tick against views and against processes
+/// Measures or simulates the cluster paper's figures: the time of a tick against views and against processes
 ///
-/// Real clusters are separate processes on this machine; each tick renders the samples anew, as in the paper, and again
-/// with samplers that compose in their spare time, with a scene that stands still, and with all views rendered directly.
-/// With --simulate the coordinator's real core drives simulated workers, as many as are wanted.
+/// Real clusters are separate processes on this machine. Each tick renders the samples anew, as in the paper.
+/// Variants let samplers also compose in their spare time, keep the scene still, or render all views directly. With
+/// --simulate the real coordinator core drives any number of simulated workers.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -25,26 +25,26 @@ Examples:
 pub(super) struct Cluster {
     #[command(flatten)]
     scene: Scene,
-    /// Processes: real ones up to this many [default: 3]; simulated exactly so many [default: 2 to 4096]
+    /// Number of processes: real clusters of 1 to P [default: 3], or one simulated cluster of P [default: 2 to 4096]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..=8192))]
     processes: Option<u32>,
-    /// Views a tick, of real clusters; may be given more than once [default: 10 to 1000]
+    /// Views per tick of real clusters; may be given more than once [default: 10 to 1000]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     views: Vec<u32>,
     #[command(flatten)]
     size: Size,
-    /// Simulate
+    /// Simulate the cluster instead of measuring real processes
     #[arg(long)]
     simulate: bool,
     #[command(flatten)]
     costs: Costs,
 }
 
-/// What things cost in a simulation.
+/// Costs of work in a simulation.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Costs of a simulation")]
 pub(super) struct Costs {
-    /// JSON as this study prints it after a real run [default: round numbers of that order]
+    /// JSON file of costs, as this study prints them after a real run [default: round numbers of that order]
     #[arg(long, value_name = "FILE")]
     costs: Option<PathBuf>,
     /// g: milliseconds for a sample
@@ -56,10 +56,10 @@ pub(super) struct Costs {
     /// Milliseconds for a view from the triangles
     #[arg(long, value_name = "MS", value_parser = args::positive)]
     direct_ms: Option<f64>,
-    /// Of each machine's link
+    /// Speed of each machine's network link
     #[arg(long, value_name = "GBIT/S", value_parser = args::positive)]
     link_gbit: Option<f64>,
-    /// One way, between any two machines
+    /// One-way latency between two machines
     #[arg(long, value_name = "MS", value_parser = args::positive)]
     latency_ms: Option<f64>,
 }
@@ -70,7 +70,8 @@ impl Costs {
             None => Parameters::default(),
             Some(path) => {
                 let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-                serde_json::from_slice(&text).with_context(|| format!("{} holds no costs", path.display()))?
+                serde_json::from_slice(&text)
+                    .with_context(|| format!("{} is not a JSON file of costs", path.display()))?
             }
         };
         let Parameters { sample_ms, view_ms, direct_ms, latency_ms, .. } = &mut parameters;

@@ -6,10 +6,10 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scene, Size, blocking};
 
-/// What the device does by itself: scattered atomics, rays, programs in fragments and in compute, readback, encoding; with
-/// targets for a data-centre GPU
+/// Measures parts of the device: scattered atomics, rays, fragment and compute programs, readback, encoding; with targets
+/// for a data-centre GPU
 ///
-/// Without --scene: terrain:500000; without --size: 200x150. Targets stand beside these alone.
+/// Without --scene: terrain:500000; without --size: 200x150. Only these have targets.
 #[derive(clap::Args)]
 pub(super) struct Device {
     #[command(flatten)]

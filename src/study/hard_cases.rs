@@ -9,11 +9,10 @@ use indicatif::ProgressBar;
 
 use super::arguments::blocking;
 
-/// What makes a reconstruction go wrong, case by case: oracle error and tolerance of every search. Fails if one
-/// is out of bounds
+/// Runs difficult cases of image reconstruction: error and limit of every search. Fails if one exceeds its limit
 #[derive(clap::Args)]
 pub(super) struct HardCases {
-    /// Also write the table as a page of the documentation
+    /// Also write the table as a documentation page
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
 }

@@ -7,8 +7,8 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, blocking};
 use crate::args;
 
-/// Where a session's search had better begin, at its frame before or at the samples: time and error against how far the
-/// camera moved, and over a chain of frames
+/// Measures temporal reprojection: whether a session's search should start from its previous frame or from samples,
+/// by time and error against the camera's motion, and over a chain of frames
 ///
 /// Without --scene: terrain:500000; without --size: 200x150.
 #[derive(clap::Args)]
@@ -17,7 +17,7 @@ pub(super) struct History {
     scene: Scene,
     #[command(flatten)]
     size: Size,
-    /// Views of the walk [default: 12]
+    /// Number of views in the walk [default: 12]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     views: Option<u16>,
     #[command(flatten)]

@@ -7,9 +7,9 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scene, blocking};
 
-/// Cuts of many views through a tree of balls and an octree: what it takes to make and fit the hierarchies, to find cuts
-/// at several thresholds, anew or from the last frame's as views or the scene move, and what their maps are worth beside
-/// imperfect and rasterised ones that take as long
+/// Measures cuts of many views through a tree of balls and an octree (ManyLoDs): building and refitting the hierarchies,
+/// finding cuts at several thresholds, anew or from the last frame's, and the error of their maps beside imperfect and
+/// rasterised maps that take as long
 ///
 /// Without --scene: terrain:50000.
 #[derive(clap::Args)]
@@ -20,38 +20,38 @@ Examples:
 pub(super) struct ManyLods {
     #[command(flatten)]
     scene: Scene,
-    /// Views, where light meets surfaces first [default: 1024]
+    /// Number of views, placed where light first meets surfaces [default: 1024]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     views: Option<u32>,
-    /// Texels of a hemisphere's side, a power of two [default: 16]
+    /// Side of a hemisphere's map in texels, a power of two [default: 16]
     #[arg(long, value_name = "TEXELS", value_parser = clap::value_parser!(u32).range(8..=256))]
     resolution: Option<u32>,
     /// Levels of the octree below its root [default: 9]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     levels: Option<u32>,
-    /// Levels of the tree of balls: it has 2^L points [default: 20]
+    /// Levels of the tree of balls, which has 2^L points [default: 20]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=22))]
     ball_levels: Option<u32>,
-    /// How large nodes may appear, texels [default: 1,2,4]
+    /// Largest projected size of a node in texels; larger is faster and coarser [default: 1,2,4]
     #[arg(long, value_name = "TEXELS", value_delimiter = ',', value_parser = clap::value_parser!(f32))]
     threshold: Vec<f32>,
-    /// Motion a frame, percent of the scene's largest extent [default: 0.05,0.1,0.2,0.5,1]
+    /// Motion per frame, in percent of the scene's largest extent [default: 0.05,0.1,0.2,0.5,1]
     #[arg(long, value_name = "PERCENT", value_delimiter = ',', value_parser = crate::args::positive)]
     motion: Vec<f64>,
-    /// Frames of an animation that count [default: 24]
+    /// Number of measured frames of an animation [default: 24]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
-    /// Edges that a lazy cut is followed down in a frame [default: 1]
+    /// Edges that a lazy cut may follow down in a frame; more edges cost time and lag less [default: 1]
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u32).range(1..=32))]
     edges: Option<u32>,
-    /// Motion by which lazy cuts may lag, percent of the scene [default: 0.5]
+    /// How far lazy cuts may lag, in percent of the scene [default: 0.5]
     #[arg(long, value_name = "PERCENT", value_parser = crate::args::positive)]
     lag: Option<f64>,
-    /// Where light comes from: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG [default: the scene's first light that has
-    /// a place, else a spot from above its middle]
+    /// Light that places the views: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG [default: the scene's first point or
+    /// spot light, else a spot light above its middle]
     #[arg(long, value_name = "LIGHT", value_parser = parse_light, allow_hyphen_values = true)]
     light: Option<Emitter>,
-    /// Frames that times are the median of where nothing moves [default: 3]
+    /// Number of measured frames where nothing moves; times are their median [default: 3]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     rounds: Option<u16>,
 }

@@ -9,8 +9,8 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scene, blocking};
 
-/// Maps from very many views at once: MegaViews beside ManyLoDs beside brute force, against the number of views,
-/// their placement, resolution and the levels of the octree
+/// Measures maps of very many views (MegaViews) beside ManyLoDs and brute force, against the number of views, their
+/// placement and resolution, and the levels of the octree
 ///
 /// Without --scene: terrain:50000.
 #[derive(clap::Args)]
@@ -25,52 +25,52 @@ pub(super) struct MegaViews {
     /// Numbers of views, ascending [default: 256,1024,4096,16384,65536]
     #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=4_194_304))]
     views: Vec<u32>,
-    /// Where views are: where light meets surfaces first, there and three bounces on, or anywhere [default: all]
+    /// Placement of views: where light first meets surfaces, also after three bounces, or at random [default: all]
     #[arg(long, value_name = "HOW", value_delimiter = ',', value_parser = placement())]
     placement: Vec<Placement>,
-    /// Texels of a hemisphere's side [default: 16]
+    /// Side of a hemisphere's map in texels [default: 16]
     #[arg(long, value_name = "TEXELS", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(8..=1024))]
     resolution: Vec<u32>,
     /// Levels of the scene's octree below its root [default: 9]
     #[arg(long, value_name = "L", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=10))]
     levels: Vec<u32>,
-    /// Levels of the view octree [default: so few that views still lie within a cell or two of the scene's octree of the
-    /// middle that their map is rendered from]
+    /// Levels of the view octree [default: few enough that each view lies within one or two cells of the scene's
+    /// octree of the point from which its map is rendered]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     view_levels: Option<u32>,
-    /// Leave out the level of the view octree, below the others, that tells views of a cell apart by the way they look; as
-    /// the paper has it
+    /// Leave out the lowest level of the view octree, which groups the views of a cell by direction; the paper has no
+    /// such level
     #[arg(long)]
     no_view_directions: bool,
-    /// What is compared: scene and views traversed together, the scene for each view, each leaf of the scene's octree down
-    /// that over the views, every triangle for every view [default: all but flat-scene]
+    /// Methods to compare: scene and views traversed together, the scene for each view, each leaf of the scene's octree
+    /// through the view octree, every triangle for every view [default: all but flat-scene]
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = method())]
     method: Vec<Method>,
-    /// Where light comes from: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG [default: the scene's first light that has
-    /// a place, else a spot from above its middle]
+    /// Light that places the views: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG [default: the scene's first point or
+    /// spot light, else a spot light above its middle]
     #[arg(long, value_name = "LIGHT", value_parser = parse_light, allow_hyphen_values = true)]
     light: Option<Emitter>,
-    /// Render what no view sees too
+    /// Also render what no view sees
     #[arg(long)]
     no_culling: bool,
-    /// Leave out what is hidden behind what maps already hold (on), or not (off); maps are the same. What could be left
-    /// out if the finished maps were known beforehand (known) [default: off]
+    /// Occlusion culling: on (skip what is hidden behind the maps so far), off, or known (count what the finished
+    /// maps would hide). The maps are the same [default: off]
     #[arg(long, value_name = "HOW", value_delimiter = ',', value_parser = occlusion())]
     occlusion: Vec<Occlusion>,
-    /// What a texel holds: depth and node in 64 bits or in 32, or depth alone in 32 or 16 [default: range-32]
+    /// Texel format: depth and node in 64 or 32 bits, or depth alone in 32 or 16 [default: range-32]
     #[arg(long, value_name = "TEXEL", value_delimiter = ',', value_parser = texel())]
     texel: Vec<Texel>,
-    /// How much of its ball a node covers, in maps of single views and where several share it; 0.8165 leaves no gap in a
-    /// surface [default: 0.5:0.4]
+    /// Radius of a node's disc as a share of its ball, in maps of single views and in shared maps; 0.8165 leaves no
+    /// gap in a surface [default: 0.5:0.4]
     #[arg(long, value_name = "OWN:SHARED", value_delimiter = ',', value_parser = parse_discs)]
     disc: Vec<[f32; 2]>,
-    /// Leave maps sparse, to be looked up texel by texel
+    /// Leave maps sparse, for lookups texel by texel
     #[arg(long)]
     no_fusion: bool,
-    /// Frames that times are the median of, after one that is not counted [default: 3]
+    /// Number of measured frames, after one that is not counted; times are their median [default: 3]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     rounds: Option<u16>,
-    /// Seconds that a frame may take; what would take longer is extrapolated [default: 60]
+    /// Longest expected time of a frame in seconds; slower rows are extrapolated [default: 60]
     #[arg(long, value_name = "SECONDS", value_parser = crate::args::positive)]
     patience: Option<f64>,
 }

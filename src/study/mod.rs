@@ -1,4 +1,4 @@
-//! `argus study`: the experiments behind the figures. One file for each says what may be asked of it.
+//! `argus study`: the experiments behind the figures, with a file for each study's arguments.
 
 mod arguments;
 mod baseline;
@@ -34,10 +34,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::output;
 
-/// Measures what approximations cost and what they are worth, on this machine.
+/// Measures on this machine what approximations cost and how large their errors are.
 ///
-/// Each study prints a Markdown table; with --out it also writes Markdown, CSV, JSON and, where it draws one, a plot. On
-/// the software driver, LP_NUM_THREADS=1 keeps samplers and compositors comparable: only its fragment work uses threads.
+/// Each study prints a Markdown table; with --out it also writes Markdown, CSV, JSON and, if it draws any, plots. On the
+/// software driver, LP_NUM_THREADS=1 keeps samplers and compositors comparable: only its fragment work uses threads.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -80,7 +80,7 @@ enum Study {
     OmniMaps(omni_maps::OmniMaps),
     Particles(particles::Particles),
     Radiosity(radiosity::Radiosity),
-    Reflections(reflections::Mirrors),
+    Reflections(reflections::ReflectionStudy),
     Overload(overload::Overload),
     Service(service::Service),
     Device(device::Device),
@@ -88,13 +88,14 @@ enum Study {
     Campaign(campaign::Campaign),
 }
 
-/// How long a study may take, and what becomes of its figures.
+/// Length of a study, and the form of its output.
 #[derive(clap::Args)]
 struct Form {
-    /// A few seconds, to see that everything works; the figures are noise. `change` and `hard-cases` know one length only
+    /// Run a few seconds only, to see that everything works; the figures are noise. No effect on `change` and
+    /// `hard-cases`
     #[arg(long, global = true)]
     quick: bool,
-    /// Print one JSON object: scene, machine, rows (one object a table row)
+    /// Print one JSON object: scene, machine, rows (one object per table row)
     #[arg(long, global = true)]
     json: bool,
     /// Folder for the figures as Markdown, CSV and JSON, and for plots
@@ -132,7 +133,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Device(study) => ("device", study.run(form.quick, &progress).await?),
         Study::Throughput(study) => ("throughput", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
-        // It writes a folder of its own.
+        // A campaign writes its own folder.
         Study::Campaign(campaign) => return campaign.run(&form, &progress).await,
     };
     progress.finish_and_clear();

@@ -7,8 +7,8 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, blocking};
 use crate::args;
 
-/// Omni samples from triangles beside those from maps of an octree (`argus serve --sampling megaviews`): their cost,
-/// and the error of views that are reconstructed from them
+/// Measures omnidirectional samples from triangles beside those from maps of an octree (`argus serve --sampling
+/// megaviews`): their cost, and the error of views warped from them
 ///
 /// Without --scene: terrain:500000; without --size: 400x300.
 #[derive(clap::Args)]
@@ -20,12 +20,12 @@ pub(super) struct OmniMaps {
     scene: Scene,
     #[command(flatten)]
     size: Size,
-    /// Views of the walk [default: 4]
+    /// Number of views in the walk [default: 4]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     views: Option<u16>,
     #[command(flatten)]
     rig: args::Rig,
-    /// Texels on a side of a map's hemisphere [default: 256,512]
+    /// Side of a map's hemisphere in texels [default: 256,512]
     #[arg(long, value_name = "TEXELS", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(8..=1024))]
     map_side: Vec<u32>,
     /// Levels of the scene's octree below its root [default: 8,9]
@@ -34,7 +34,7 @@ pub(super) struct OmniMaps {
     /// Cameras along an edge of the blocks that share maps: 1, 2 or 4 [default: 1]
     #[arg(long, value_name = "N", value_delimiter = ',', value_parser = block)]
     block: Vec<u32>,
-    /// Rounds that times are the median of, after one that is not counted [default: 3]
+    /// Number of measured rounds, after one that is not counted; times are their median [default: 3]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     rounds: Option<u16>,
 }

@@ -7,9 +7,10 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, Workers};
 use crate::args;
 
-/// More views than a cluster can carry: what it still answers, how late, and what becomes of the rest
+/// Measures a cluster under more load than it can carry: which views it still answers, how late, and what happens
+/// to the rest
 ///
-/// Without --scene: terrain:500000. A load is a multiple of what the cluster was found to carry.
+/// Without --scene: terrain:500000. Loads are multiples of the cluster's measured capacity.
 #[derive(clap::Args)]
 pub(super) struct Overload {
     #[command(flatten)]
@@ -21,7 +22,7 @@ pub(super) struct Overload {
     /// Seconds of each load [default: 15]
     #[arg(long, value_name = "T", value_parser = args::positive)]
     seconds: Option<f64>,
-    /// Seconds that a view may wait for its turn before the service turns it away [default: 1]
+    /// Seconds that a view may wait in the queue before the service rejects it [default: 1]
     #[arg(long, value_name = "SECONDS", value_parser = args::positive)]
     wait: Option<f64>,
 }

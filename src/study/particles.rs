@@ -11,8 +11,8 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, blocking};
 use crate::args;
 
-/// Glowing particles that drift through a scene: time of their maps by MegaViews beside ManyLoDs and exact maps, and how
-/// far shadows by those maps, and a view that they light, are from shadows by rays
+/// Measures glowing particles that drift through a scene: the time of their maps by MegaViews, ManyLoDs and exact
+/// maps, and the error of the shadows and of a view that they light
 ///
 /// Without --scene: terrain:50000; without --size: 192x144.
 #[derive(clap::Args)]
@@ -26,26 +26,26 @@ pub(super) struct Particles {
     /// Numbers of particles, ascending [default: 4096,65536]
     #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     particles: Vec<u32>,
-    /// Texels of a hemisphere's side [default: 16]
+    /// Side of a hemisphere's map in texels [default: 16]
     #[arg(long, value_name = "TEXELS", value_parser = clap::value_parser!(u32).range(8..=256))]
     resolution: Option<u32>,
     /// Levels of the scene's octree below its root [default: 8]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     levels: Option<u32>,
-    /// Levels of the octree over the particles [default: so few that they still lie within a cell or two of the scene's
-    /// octree of the middle that their map is rendered from]
+    /// Levels of the octree over the particles [default: few enough that each particle lies within one or two cells
+    /// of the scene's octree of the point from which its map is rendered]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     view_levels: Option<u32>,
-    /// Frames that times are the median of, after one that is not counted [default: 3]
+    /// Number of measured frames, after one that is not counted; times are their median [default: 3]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     rounds: Option<u16>,
-    /// Particles that light the view that is judged [default: 256]
+    /// Number of particles that light the judged view [default: 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     lights: Option<u32>,
-    /// Where the viewer stands, metres; the scene's first camera otherwise
+    /// Position of the viewer in metres [default: the scene's first camera]
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "target")]
     eye: Option<DVec3>,
-    /// What the viewer looks at
+    /// Point that the viewer looks at
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "eye")]
     target: Option<DVec3>,
     #[command(flatten)]

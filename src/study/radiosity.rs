@@ -12,7 +12,7 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, blocking};
 use crate::args;
 
-/// Indirect light by virtual point lights: error and time over their number, their maps, samples a pixel and filter
+/// Measures indirect light by virtual point lights: error and time over their number, maps, samples per pixel and filter
 ///
 /// Without --scene: terrain:50000; without --size: 192x144.
 #[derive(clap::Args)]
@@ -25,15 +25,15 @@ pub(super) struct Radiosity {
     /// One light in place of the scene's lights and sky: point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG
     #[arg(long, value_name = "LIGHT", value_parser = parse_light, allow_hyphen_values = true)]
     light: Option<Emitter>,
-    /// Where the viewer stands, metres; the scene's first camera otherwise
+    /// Position of the viewer in metres [default: the scene's first camera]
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "target")]
     eye: Option<DVec3>,
-    /// What the viewer looks at
+    /// Point that the viewer looks at
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "eye")]
     target: Option<DVec3>,
     #[command(flatten)]
     size: Size,
-    /// Reflections between the light and what is seen, at most [default: 1]
+    /// Greatest number of reflections between a light and a visible surface [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4))]
     bounces: Option<u32>,
     /// Folder for the images of all rows

@@ -8,34 +8,34 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scene, Size, blocking};
 
-/// Maps of what is around things that mirror it (`argus serve --reflections maps`): their cost, beside brute force, and how
-/// near what is seen comes to rays
+/// Measures reflection probes (`argus serve --reflections maps`): their cost beside brute force, and their error against
+/// traced reflections
 ///
 /// Without --scene: mirrors:60; without --size: 320x240.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example:
   LP_NUM_THREADS=1 argus study reflections --scene mirrors:400 --images pictures --out figures")]
-pub(super) struct Mirrors {
+pub(super) struct ReflectionStudy {
     #[command(flatten)]
     scene: Scene,
     #[command(flatten)]
     size: Size,
-    /// Texels on a side of a map, beside 64: powers of two [default: 16,32,128]
+    /// Side of a probe's map in texels, besides 64: powers of two [default: 16,32,128]
     #[arg(long, value_name = "TEXELS", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(16..=256))]
     side: Vec<u32>,
-    /// Levels of the scene's octree, beside 8 [default: 6,7,9]
+    /// Levels of the scene's octree, besides 8 [default: 6,7,9]
     #[arg(long, value_name = "L", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=10))]
     levels: Vec<u32>,
-    /// Rounds that times are the median of, after one that is not counted [default: 3]
+    /// Number of measured rounds, after one that is not counted; times are their median [default: 3]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     rounds: Option<u16>,
-    /// Folder for a picture of each view of each row, and of the truth
+    /// Folder for images of all views, rows and references
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
 }
 
-impl Mirrors {
+impl ReflectionStudy {
     pub(super) async fn run(self, quick: bool, progress: &ProgressBar) -> anyhow::Result<Report> {
         let mut options = Options::of(quick);
         self.scene.replace(&mut options.scene);

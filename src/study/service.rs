@@ -8,16 +8,16 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, Workers};
 use crate::args;
 
-/// The service as its users meet it: time to the first view, latency and error under an open load, cold and warm; by
-/// default, and with views from triangles or from samples forced
+/// Measures the service from its users' side: time to the first view, latency and error under an open load, cold and
+/// warm; by default, and with direct or warped views forced
 ///
-/// Without --scene: terrain:500000; without --size: 320x240. Each mode has a cluster of its own, started anew. Cold: clients
-/// ask as soon as there is an address. Warm: the same walk again, after it was walked once more and the service had time to
-/// settle. When a view is due is fixed beforehand, and its latency counts from then; one without a frame after 30 s has
-/// failed and counts with that time. Twelve views of a phase are judged, as they came, against direct views of 16 samples a
-/// pixel. Predictions of the planner are judged by what frames took and show: time_predicted is the share of frames within 30%
-/// or 3 ms, error_bounded the share of frames from samples whose error is at most the predicted one, planning_us the
-/// coordinator's microseconds a view. This takes two or three minutes a run, more where views are late.
+/// Without --scene: terrain:500000; without --size: 320x240. Each mode has a new cluster. Cold: clients send as soon
+/// as there is an address. Warm: the same walk again, after a warm-up walk and time to settle. Each view's due time
+/// is fixed beforehand, and its latency counts from then; a view without a frame after 30 s has failed and counts
+/// with that time. Twelve views of each phase are compared with direct views of 16 samples a pixel. The planner's
+/// predictions are compared with the frames: time_predicted is the share of frames within 30% or 3 ms, error_bounded
+/// the share of frames from samples whose error is at most the predicted one, planning_us the coordinator's
+/// microseconds a view. Takes two or three minutes a run, more if views are late.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -30,34 +30,35 @@ pub(super) struct Service {
     scene: Scene,
     #[command(flatten)]
     size: Size,
-    /// Clients at the same time, each on a way of its own [default: 4]
+    /// Number of clients at the same time, each on its own path [default: 4]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     clients: Option<u32>,
-    /// Views a second, of each client [default: 5]
+    /// Views per second of each client [default: 5]
     #[arg(long, value_name = "R", value_parser = args::positive)]
     rate: Option<f64>,
     /// How clients move: smoothly, from the recommended viewpoints through the scene or down to it (steady); to another
     /// place each second (jumps); not at all (stand) [default: steady]
     #[arg(long, value_name = "HOW", value_parser = walk())]
     walk: Option<Walk>,
-    /// Seconds of a phase [default: 10]
+    /// Seconds of each phase [default: 10]
     #[arg(long, value_name = "T", value_parser = args::positive)]
     seconds: Option<f64>,
     #[command(flatten)]
     workers: Workers,
-    /// Repeat everything so often: rows are then medians, and the least and the most stand in `spread` [default: 1]
+    /// Number of repetitions; rows are their medians, and `spread` holds the minima and maxima [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     runs: Option<u16>,
-    /// Start each cluster with empty caches of the user, as on a machine that never ran Argus: drivers then compile every
-    /// program anew, which on the software driver takes seconds. Otherwise a start that is not measured fills them first
+    /// Start each cluster with empty caches, like a machine that never ran Argus. Drivers then compile every program
+    /// anew, which takes the software driver seconds. Otherwise a start that is not measured fills them first
     #[arg(long)]
     empty_caches: bool,
-    /// Render so many views one at a time in every way, to see what the planner's choices cost: `regret` is the time by default
-    /// over that of the best way whose error is within bound, less one. Takes up to 90 s; 0 leaves it out [default: 24]
+    /// Number of views to render one at a time with every method, to measure the planner's regret: the time by
+    /// default over that of the best method within the error bound, minus 1. Takes up to 90 s; 0 skips it [default:
+    /// 24]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10_000))]
     regret_views: Option<u32>,
-    /// Measure twice and four times the load that direct views carry, too, in every mode: `share_of_peak` is the rate of
-    /// answered views over that of the best forced way that is as good. Takes two or three minutes more a run
+    /// Also measure two and four times the capacity for direct views, in every mode: `share_of_peak` is the rate of
+    /// answered views over that of the best forced method that is as good. Takes two or three minutes more a run
     #[arg(long)]
     overload: bool,
     /// Further arguments of `argus serve`

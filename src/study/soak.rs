@@ -9,10 +9,10 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, Workers};
 use crate::args;
 
-/// Many sessions for a long time: all frames answered, latencies, memory over time; with --chaos workers are killed and
-/// paused meanwhile, and frames compared byte by byte with pinned repeats
+/// Runs many sessions for a long time: lost frames, latencies, memory over time; with --chaos, workers are killed and
+/// paused meanwhile, and frames are compared byte by byte with pinned repeats
 ///
-/// The cluster is started for it, on this machine, and ends with it.
+/// The study starts and ends its own cluster on this machine.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -22,30 +22,29 @@ Examples:
 pub(super) struct Soak {
     #[command(flatten)]
     scene: Scene,
-    /// Sessions at the same time [default: 1000]
+    /// Number of sessions at the same time [default: 1000]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     sessions: Option<u32>,
-    /// Cameras a second, all sessions together [default: 0.6 of what the machine is measured to carry, 0.2
-    /// with --chaos]
+    /// Cameras per second of all sessions together [default: 0.6 of the machine's measured capacity, 0.2 with --chaos]
     #[arg(long, value_name = "N", value_parser = args::positive)]
     rate: Option<f64>,
-    /// How long [default: 10]
+    /// Duration in minutes [default: 10]
     #[arg(long, value_name = "M", value_parser = args::positive)]
     minutes: Option<f64>,
     #[command(flatten)]
     size: Size,
     #[command(flatten)]
     workers: Workers,
-    /// Let sessions fetch their frames from the workers, instead of relaying them
+    /// Let sessions fetch their frames from the workers, instead of relaying them through the coordinator
     #[arg(long)]
     redirect: bool,
-    /// Kill and pause workers meanwhile
+    /// Kill and pause workers during the run
     #[arg(long)]
     chaos: bool,
-    /// Which workers, and when: the same for the same seed
+    /// Random seed of the kills and pauses; the same seed repeats them
     #[arg(long, value_name = "N", default_value_t = 1, requires = "chaos")]
     seed: u64,
-    /// Seconds between two of these, while there is somebody to disturb
+    /// Seconds between two kills or pauses; delayed while fewer than two workers run
     #[arg(long, value_name = "SECONDS", default_value = "2.8", value_parser = args::positive, requires = "chaos")]
     chaos_every: f64,
 }

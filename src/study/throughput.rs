@@ -6,7 +6,7 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scene, Sizes, Workers};
 
-/// Views a second of one scene from samples: on the device, read back, and delivered by gRPC
+/// Measures warped views per second of one scene: on the device, read back, and delivered over gRPC
 ///
 /// Without --scene: terrain:500000; without --size: 128x128 and 200x150.
 #[derive(clap::Args)]
@@ -17,7 +17,7 @@ pub(super) struct Throughput {
     sizes: Sizes,
     #[command(flatten)]
     workers: Workers,
-    /// Views of a batch [default: 256]
+    /// Number of views in a batch; larger batches are faster and use more memory [default: 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     batch: Option<u16>,
 }

@@ -6,8 +6,8 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scenes, Sizes, blocking};
 
-/// What each way of seeing triangles costs, for whole views, for single pixels and for samples, and how far the
-/// ways agree
+/// Measures the cost of each visibility backend, for whole views, single pixels and samples, and how far the backends
+/// agree
 ///
 /// Without --scene: terrain of 500000 and 2000000 triangles; without --size: 200x150 and 640x480.
 #[derive(clap::Args)]

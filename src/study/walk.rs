@@ -7,8 +7,8 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, Workers};
 use crate::args;
 
-/// A walk through a scene, lap after lap: pixels that no sample saw, and how they vanish as samples are placed
-/// where views have holes
+/// Measures laps through a scene: pixels that no sample saw, and how they vanish as samples are placed where views have
+/// holes
 ///
 /// Without --scene: terrain:50000; without --size: 200x150.
 #[derive(clap::Args)]
@@ -19,13 +19,13 @@ pub(super) struct Walk {
     size: Size,
     #[command(flatten)]
     workers: Workers,
-    /// Viewpoints of a lap [default: 48]
+    /// Number of viewpoints in a lap [default: 48]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=10_000))]
     views: Option<u16>,
-    /// Laps [default: 6]
+    /// Number of laps [default: 6]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     laps: Option<u16>,
-    /// At most so many seconds between two laps, for samples to be placed [default: 60]
+    /// Longest pause between two laps in seconds, for samples to be placed [default: 60]
     #[arg(long, value_name = "SECONDS", value_parser = args::positive)]
     pause: Option<f64>,
     #[command(flatten)]

@@ -8,8 +8,8 @@ use indicatif::ProgressBar;
 use super::arguments::{Scene, Size, blocking};
 use crate::args;
 
-/// What accuracy costs in time: every search × its steps × samples × supersampling, over a walk past what hides
-/// other things
+/// Measures accuracy against time: every search × its steps × samples × supersampling, over a walk that reveals hidden
+/// surfaces
 ///
 /// Without --scene: terrain:500000; without --size: 200x150.
 #[derive(clap::Args)]
@@ -18,10 +18,10 @@ pub(super) struct Warp {
     scene: Scene,
     #[command(flatten)]
     size: Size,
-    /// Views of the walk [default: 12]
+    /// Number of views in the walk [default: 12]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     views: Option<u16>,
-    /// Searches that are measured, without what samples of other resolutions give
+    /// Searches to measure; leaves out the rows with other sample resolutions
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = args::search())]
     searches: Option<Vec<Search>>,
     #[command(flatten)]

@@ -1,5 +1,5 @@
-//! Joins the crates: the cluster asks for scenes and roles by its own traits, knowing neither file formats
-//! nor a GPU, and these are what it is handed.
+//! Joins the crates. The cluster asks for scenes and roles through its own traits and knows neither file formats nor
+//! GPUs; these are the implementations.
 
 mod opener;
 mod roles;

@@ -1,5 +1,4 @@
-//! How a worker comes by the scene it is told to render: from this machine, or from files that it was sent
-//! and keeps.
+//! Opens the scene that a worker must render: from this machine's files, or from files that the coordinator sent.
 
 use std::ffi::OsStr;
 use std::io;
@@ -10,19 +9,19 @@ use std::thread::JoinHandle;
 use argus_cluster::{BundleFile, SceneOpener, SceneRef};
 use argus_scene::{LoadError, Scene, load, reference};
 
-/// Within a kept bundle, the file that says which of the others to open.
+/// The file of a kept bundle that names the file to open.
 const ROOT: &str = "root";
-/// Within a kept bundle, the folder of its files.
+/// The folder of a kept bundle's files.
 const FILES: &str = "files";
 
-/// A folder of scenes: those that a person put there, by name, and those that were fetched, by hash.
+/// A folder of scenes: the user's by name, fetched ones by hash.
 pub(crate) struct SceneFolder {
     folder: PathBuf,
-    /// A scene that is being opened before anybody named it, and what it is called.
+    /// A scene that is opened in advance, and its name.
     preloaded: Option<(String, Mutex<Option<Preloading>>)>,
 }
 
-/// A scene on its way from its file.
+/// A running load of a scene.
 type Preloading = JoinHandle<Result<Scene, LoadError>>;
 
 impl SceneFolder {
@@ -32,7 +31,7 @@ impl SceneFolder {
         Self { folder: folder.unwrap_or_else(cache), preloaded: None }
     }
 
-    /// Begins to open a scene, which will probably be the one that is asked for.
+    /// Starts to open a scene that will probably be requested.
     pub(crate) fn preloading(self, scene: Option<String>) -> Self {
         let begin = |name: String| {
             let spec = name.clone();
@@ -43,7 +42,7 @@ impl SceneFolder {
         Self { preloaded: scene.map(begin), ..self }
     }
 
-    /// The scene that was opened ahead, if it is the one of that name. Given once: who asks again has it.
+    /// Takes the preloaded scene if it has that name. It can be taken once.
     fn preloaded(&self, name: &str) -> Option<Scene> {
         let (preloaded, opening) = self.preloaded.as_ref().filter(|(preloaded, _)| preloaded == name)?;
         let opening = opening.lock().unwrap_or_else(PoisonError::into_inner).take()?;
@@ -57,26 +56,26 @@ impl SceneFolder {
         }
     }
 
-    /// Where a fetched bundle is kept.
+    /// The folder of a fetched bundle.
     fn kept(&self, reference: &SceneRef) -> PathBuf {
         self.folder.join(reference.hash.to_string())
     }
 
-    /// The file to open of a bundle that was kept.
+    /// The file to open of a kept bundle.
     fn kept_root(&self, reference: &SceneRef) -> Option<PathBuf> {
         let kept = self.kept(reference);
         let root = std::fs::read_to_string(kept.join(ROOT)).ok()?;
         Some(kept.join(FILES).join(root))
     }
 
-    /// Keeps a bundle: written beside its place and renamed into it, so that several workers may share the
-    /// folder and none sees half a scene.
+    /// Keeps a bundle. It is written to a temporary folder and renamed, so that several workers may share the folder
+    /// and none sees half a scene.
     fn keep(&self, reference: &SceneRef, files: &[BundleFile]) -> io::Result<()> {
         let partial = self.folder.join(format!("{}.{}", reference.hash, std::process::id()));
         let _ = std::fs::remove_dir_all(&partial);
         let kept = self.keep_by(&partial, reference, files);
         if kept.is_err() {
-            // A disk that is full is not to be kept full by half a scene.
+            // A partial scene must not fill the disk.
             let _ = std::fs::remove_dir_all(&partial);
         }
         kept
@@ -92,7 +91,7 @@ impl SceneFolder {
         }
         std::fs::write(partial.join(ROOT), &root.name)?;
         if std::fs::rename(partial, &kept).is_err() {
-            // Another worker was first, or what is there is damaged: either way this bundle is whole.
+            // Another worker was first, or the folder is damaged; this bundle is whole in either case.
             let _ = std::fs::remove_dir_all(&kept);
             std::fs::rename(partial, &kept)?;
         }
@@ -106,15 +105,15 @@ impl SceneOpener for SceneFolder {
             return Ok(Some(Arc::new(scene)));
         }
         if argus_scene::is_procedural(&reference.name) {
-            // Its generator is asked for by the coordinator's own word for it.
+            // Procedural scenes are generated in `open_procedural`, by the coordinator's specification.
             return Ok(None);
         }
         let name = Path::new(&reference.name);
         let by_name = name.file_name().map(|file: &OsStr| self.folder.join(file));
         let places = [self.kept_root(reference), by_name, Some(name.to_path_buf())];
         for place in places.into_iter().flatten().filter(|place| place.is_file()) {
-            // A file that cannot be opened, or is another scene by the same name, is no obstacle: the
-            // coordinator has the right one.
+            // A file that cannot be opened, or that holds another scene of the same name, is skipped: the coordinator
+            // has the right one.
             match load::load_path(&place) {
                 Ok(scene) if scene.hash == reference.hash => {
                     return Ok(Some(Arc::new(Scene { name: reference.name.clone(), ..scene })));
@@ -135,10 +134,10 @@ impl SceneOpener for SceneFolder {
 
     fn open_bundle(&self, reference: &SceneRef, files: Vec<BundleFile>) -> Result<Arc<Scene>, String> {
         if let Err(error) = self.keep(reference, &files) {
-            // The scene is here all the same; it will be fetched again next time.
+            // The scene is usable; it will be fetched again next time.
             tracing::warn!("cannot keep the scene in {}: {error}", self.folder.display());
         }
-        let root = files.first().ok_or("the scene came without files")?.name.clone();
+        let root = files.first().ok_or("the scene's bundle has no files")?.name.clone();
         let files = files.into_iter().map(|file| (file.name, file.bytes)).collect();
         let scene = load::load_bundle(&root, &files).map_err(|error| error.to_string())?;
         Ok(Arc::new(Scene { name: reference.name.clone(), ..scene }))

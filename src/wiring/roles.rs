@@ -1,4 +1,4 @@
-//! The two roles over one GPU context.
+//! Creates both roles on one GPU context.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -8,8 +8,7 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::{Compositor, RenderError, Sampler, Scene};
 
-/// This machine's device, opened when the first role asks for it and shared by both, so that in one process
-/// samples stay on it.
+/// This machine's device, opened for the first role and shared by both, so that samples can stay on it.
 pub(crate) struct Device {
     gpu: Mutex<Option<Arc<Gpu>>>,
     knobs: SamplerKnobs,
@@ -17,7 +16,7 @@ pub(crate) struct Device {
 }
 
 impl Device {
-    /// Whose samplers have those knobs, and whose compositor holds so many bytes of samples.
+    /// A device with these sampler knobs, whose compositor holds at most this many bytes of samples.
     pub(crate) fn new(knobs: SamplerKnobs, max_sample_bytes: u64) -> Self {
         let compositing = CompositorKnobs { max_sample_bytes, ..CompositorKnobs::default() };
         Self { gpu: Mutex::default(), knobs, compositing }
@@ -28,7 +27,7 @@ impl Device {
         if let Some(gpu) = held.as_ref().filter(|gpu| gpu.lost().is_none()) {
             return Ok(gpu.clone());
         }
-        // The lost device is let go of first: it may hold the memory that the new one needs.
+        // The lost device is released first: it may hold memory that the new one needs.
         *held = None;
         let gpu = Gpu::new(&GpuOptions::default()).map_err(|error| error.into_render())?;
         tracing::info!("rendering on {}", gpu.kind());

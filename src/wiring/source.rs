@@ -1,4 +1,4 @@
-//! The scene that a coordinator serves, and the files it came from.
+//! The scene that a coordinator serves, and its files.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -9,23 +9,23 @@ use argus_sampler::PacketSight;
 use argus_scene::rig::Sight;
 use argus_scene::{LoadError, Scene, load};
 
-/// A scene that was opened by its specification.
+/// An open scene.
 pub(crate) struct OpenScene {
     scene: Arc<Scene>,
 }
 
 impl OpenScene {
-    /// Opens a file or generates a scene; may take long.
+    /// Opens a file or generates a scene, which may take long.
     pub(crate) fn open(spec: &str) -> Result<Self, LoadError> {
         Ok(Self { scene: Arc::new(argus_scene::open(spec)?) })
     }
 
-    /// What the user called it.
+    /// The name given by the user.
     pub(crate) fn name(&self) -> &str {
         &self.scene.name
     }
 
-    /// Logs what the loader could not honour.
+    /// Logs the scene's size and the loader's warnings.
     pub(crate) fn report(&self) {
         tracing::info!("{}: {} triangles", self.scene.name, self.scene.triangles());
         for warning in &self.scene.warnings {
@@ -53,7 +53,7 @@ impl SceneSource for OpenScene {
         }
         let path = Path::new(&self.scene.name);
         let mut files = load::bundle_files(path).map_err(|error| error.to_string())?;
-        // The one to open comes first; the others stay in order.
+        // The file to open comes first; the rest keep their order.
         files.sort_by_key(|(name, _)| path.file_name() != Some(OsStr::new(name)));
         Ok(files)
     }

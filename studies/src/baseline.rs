@@ -1,9 +1,12 @@
-//! What a direct view, a sample and a reconstructed view cost, and how close each comes to the truth.
+//! Baseline: the cost of direct views, samples and warped views, and their error against the reference.
 //!
-//! For each scene and size of view: g, the time of one direct view; S·g, that of the samples; c for each
-//! search, in a batch and alone; and FLIP, PSNR and SSIM of each against the CPU reference. These are the
-//! cluster paper's quantities (section 3), measured in one process through the two role traits, so that no
-//! network hides in them.
+//! For each scene and view size it measures:
+//! - g, the time of one direct view, and S·g, the time of all samples, in milliseconds;
+//! - c, the time of one warped view for each search, in a batch and alone, in milliseconds;
+//! - FLIP, PSNR and SSIM of each method against the CPU reference.
+//!
+//! These are the quantities of the cluster paper, section 3. Both roles run in one process, so no network time is
+//! included.
 
 use std::sync::Arc;
 
@@ -17,31 +20,31 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-use crate::bench::{Bench, Taken, compare};
+use crate::bench::{Bench, SamplingCost, compare};
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured, and how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scenes, as [`argus_scene::open`] takes them.
     pub scenes: Vec<String>,
-    /// Sizes of view, pixels.
+    /// View sizes in pixels.
     pub sizes: Vec<[u32; 2]>,
-    /// Views of a batch, and of the quality mean.
+    /// Views in a batch.
     pub batch: usize,
-    /// Views whose quality is judged.
+    /// Views compared with the reference.
     pub judged: usize,
-    /// Rounds that medians are taken over.
+    /// Measured rounds; each time is their median.
     pub rounds: usize,
-    /// Samples a pixel of the reference, a square number.
+    /// Reference samples per pixel: a square number.
     pub reference_samples: u32,
-    /// Samples that a view is reconstructed from.
+    /// Samples used for each warped view.
     pub samples: usize,
 }
 
 impl Default for Options {
-    /// The figures of the README: minutes.
+    /// The README's figures; takes minutes.
     fn default() -> Self {
         Self {
             scenes: ["terrain:50000", "terrain:500000", "terrain:2000000"].map(str::to_owned).to_vec(),
@@ -69,7 +72,7 @@ impl Effort for Options {
     }
 }
 
-/// Ways to answer a view, each a row.
+/// The methods compared; each is a row.
 const METHODS: [Method; 5] = [
     Method { name: "direct", plan: |_| Plan::Direct { samples_per_pixel: 1 } },
     Method { name: "direct 16×", plan: |_| Plan::Direct { samples_per_pixel: 16 } },
@@ -108,11 +111,11 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-/// One scene, sampled and held.
+/// One scene with its samples rendered and held.
 struct Subject {
     bench: Bench,
     cameras: Vec<Camera>,
-    taken: Taken,
+    taken: SamplingCost,
 }
 
 impl Subject {
@@ -120,7 +123,7 @@ impl Subject {
         let mut bench = Bench::new(gpu, spec, &RigKnobs::default(), SamplerKnobs::default())?;
         let cameras = path::viewpoints(&bench.suggested(), options.batch);
         let ids = bench.all_ids(&cameras, options.samples);
-        let taken = bench.take(ids, options.rounds.min(3))?;
+        let taken = bench.render_timed(ids, options.rounds.min(3))?;
         Ok(Self { bench, cameras, taken })
     }
 
@@ -143,7 +146,8 @@ impl Subject {
         let mut frames: [Vec<Frame>; METHODS.len()] = Default::default();
         for round in 0..=options.rounds {
             for (method, jobs) in jobs.iter().enumerate() {
-                // Only the splat gains from a batch worth the wait; a linear step costs the same in any.
+                // Only the splat search gains from a batch. A linear step costs the same alone, so fewer views are
+                // enough.
                 let batched = matches!(&jobs[0].plan, Plan::Warp(warp) if warp.search == Search::Splat);
                 let many = if batched { jobs.len() } else { options.judged.min(jobs.len()) };
                 let (ms, answered) = self.bench.time(&jobs[..many])?;
@@ -185,7 +189,7 @@ impl Subject {
         Ok(rows)
     }
 
-    /// The truth for the judged views.
+    /// Reference images of the judged views.
     fn references(&self, size: [u32; 2], options: &Options) -> Vec<RgbImage> {
         let truth = |camera| self.bench.truth(camera, size, options.reference_samples, &[]).image;
         self.cameras.iter().take(options.judged).map(truth).collect()

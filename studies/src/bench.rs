@@ -1,4 +1,4 @@
-//! One scene, its sampler, its compositor and the truth about it: what the studies that need no network share.
+//! The setup that studies without a network share: one scene, its sampler, its compositor and its reference tracer.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use crate::median::{mean, median};
 
-/// Both roles about one scene, in one process and on one device, so that no network hides in a figure.
+/// Both roles for one scene, in one process and on one device, so that no network time is measured.
 pub(crate) struct Bench {
     pub(crate) scene: Arc<Scene>,
     pub(crate) info: Arc<SampleSetInfo>,
@@ -31,45 +31,45 @@ pub(crate) struct Bench {
     sight: Option<SceneSight>,
 }
 
-/// What taking samples cost.
+/// What rendering a set of samples cost.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Taken {
+pub(crate) struct SamplingCost {
     pub(crate) count: usize,
-    /// Milliseconds for all of them, the median of the rounds.
+    /// Milliseconds for all samples: the median of the rounds.
     pub(crate) ms: f64,
 }
 
-/// A frame beside the truth.
+/// A frame's error against the reference.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Judged {
+pub(crate) struct FrameErrors {
     pub(crate) image: Comparison,
     pub(crate) unresolved: f64,
-    /// Share of pixels that show a surface at another range than the truth has.
+    /// Share of pixels whose range differs from the reference by more than [`WRONG_SURFACE`].
     pub(crate) wrong_surface: f64,
 }
 
-/// The truth about a view.
+/// The reference image and ranges of a view.
 pub(crate) struct Truth {
     pub(crate) image: RgbImage,
-    /// Ranges through the places that frames of 1, 2, 3, … sub-pixels a side say theirs of.
+    /// True ranges in metres, for frames with 1, 2, 3, … sub-pixels a side. A frame reports the range of one sub-pixel.
     ranges: Vec<(u32, Vec<f64>)>,
 }
 
-/// Batches after which a compositor has tried both programs of a search as often as it does: four turns of each, and one.
+/// Batches until the compositor's autotuner has tried both programs of a search: four rounds of each, and one more.
 const BATCHES_TO_DECIDE: usize = 9;
 
-/// Relative difference of range from which a pixel counts as another surface.
+/// Relative range error above which a pixel counts as another surface.
 pub(crate) const WRONG_SURFACE: f64 = 0.05;
 
 impl Bench {
     /// Opens a scene and places a rig; holds no samples yet.
     pub(crate) fn new(gpu: &Arc<Gpu>, spec: &str, rig: &RigKnobs, sampler: SamplerKnobs) -> Result<Self> {
         let scene = Arc::new(argus_scene::open(spec)?);
-        Self::of(gpu, scene, rig, sampler)
+        Self::with_scene(gpu, scene, rig, sampler)
     }
 
-    /// Of a scene that is open already.
-    pub(crate) fn of(
+    /// Uses a scene that is already open.
+    pub(crate) fn with_scene(
         gpu: &Arc<Gpu>,
         scene: Arc<Scene>,
         rig: &RigKnobs,
@@ -94,34 +94,34 @@ impl Bench {
         Ok(Self { scene, info, sampler, compositor, tracer, sight })
     }
 
-    /// Has the compositor forget samples.
-    pub(crate) fn forget(&mut self, ids: &[SampleId]) {
+    /// Releases samples held by the compositor.
+    pub(crate) fn release(&mut self, ids: &[SampleId]) {
         self.compositor.release(ids);
     }
 
-    /// Forgets all samples and places them by another rig, as a new generation.
+    /// Releases all samples and places a new rig, as a new generation.
     pub(crate) fn replace_rig(&mut self, rig: &RigKnobs, held: &[SampleId]) -> Result<()> {
-        self.forget(held);
+        self.release(held);
         let rig = Rig::for_scene(&self.scene, rig)?;
         self.info =
             Arc::new(SampleSetInfo { rig, generation: self.info.generation + 1, ..(*self.info).clone() });
         Ok(())
     }
 
-    /// Sees triangles in another way from now on, in samples and in direct views.
-    pub(crate) fn see_by(&mut self, visibility: Visibility) {
+    /// Sets the visibility backend of later samples and direct views.
+    pub(crate) fn set_visibility(&mut self, visibility: Visibility) {
         self.info = Arc::new(SampleSetInfo { visibility, ..(*self.info).clone() });
     }
 
-    /// Takes samples from something else from now on, as a new generation.
-    pub(crate) fn sample_by(&mut self, sampling: Sampling) -> Result<(), InvalidField> {
+    /// Sets what later samples are rendered from, as a new generation.
+    pub(crate) fn set_sampling(&mut self, sampling: Sampling) -> Result<(), InvalidField> {
         sampling.validate(&self.info.rig)?;
         let generation = self.info.generation + 1;
         self.info = Arc::new(SampleSetInfo { sampling, generation, ..(*self.info).clone() });
         Ok(())
     }
 
-    /// The cameras that the scene suggests, or one that shows it.
+    /// The scene's suggested cameras, or its default camera if it suggests none.
     pub(crate) fn suggested(&self) -> Vec<Camera> {
         match self.scene.cameras.as_slice() {
             [] => vec![self.scene.default_camera()],
@@ -129,29 +129,30 @@ impl Bench {
         }
     }
 
-    /// Who knows which of the rig's cameras see what a view shows.
+    /// The visibility test that selects sample cameras for a view; `None` if cameras are selected by distance alone.
     pub(crate) fn sight(&self) -> Option<&dyn Sight> {
         self.sight.as_ref().map(|sight| sight as &dyn Sight)
     }
 
-    /// Chooses the nearest cameras from now on, whatever they see.
-    pub(crate) fn choose_blindly(&mut self) {
+    /// From now on selects sample cameras by distance alone.
+    pub(crate) fn ignore_sight(&mut self) {
         self.sight = None;
     }
 
-    /// Whether cameras are chosen by what they see, and not by how near they are: in a lattice, whose cameras stand anywhere.
+    /// Whether sample cameras are selected by visibility rather than by distance. True for a `Cell` rig: its lattice
+    /// ignores walls, so the nearest camera may see nothing of the view.
     pub(crate) fn chooses_by_sight(&self) -> bool {
         self.sight.is_some() && matches!(self.info.rig, Rig::Cell { .. })
     }
 
-    /// The `count` samples that serve a viewpoint best; fewer where the rig has fewer.
+    /// The `count` best samples for a viewpoint; fewer if the rig has fewer.
     pub(crate) fn sample_ids(&self, camera: &Camera, count: usize) -> Vec<SampleId> {
         let id = |index| SampleId { epoch: self.info.epoch, generation: self.info.generation, index };
         let among = Among { refined: &[], sight: self.sight() };
         self.info.rig.nearest_among(camera, count, among).into_iter().map(id).collect()
     }
 
-    /// All samples that the viewpoints are served from, each once.
+    /// All samples that the viewpoints use, each once, sorted.
     pub(crate) fn all_ids(&self, cameras: &[Camera], count: usize) -> Vec<SampleId> {
         let mut ids: Vec<SampleId> =
             cameras.iter().flat_map(|camera| self.sample_ids(camera, count)).collect();
@@ -160,11 +161,11 @@ impl Bench {
         ids
     }
 
-    /// Takes samples and hands them to the compositor, a few at a time: many large ones at once would need
-    /// their memory twice.
+    /// Renders samples and gives them to the compositor, eight at a time. Rendering all at once would hold large samples
+    /// in memory twice.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] for more than the compositor may hold; it then holds some of them.
+    /// [`RenderError::OutOfMemory`] if they exceed the compositor's budget; it then holds some of them.
     pub(crate) fn hold(&mut self, ids: &[SampleId]) -> Result<(), RenderError> {
         for ids in ids.chunks(8) {
             let job = SampleJob { info: Arc::clone(&self.info), ids: ids.to_vec(), to_host: false };
@@ -175,12 +176,13 @@ impl Bench {
         Ok(())
     }
 
-    /// Takes samples, `rounds` times and once to warm up, and hands them to the compositor: what they cost.
-    pub(crate) fn take(&mut self, ids: Vec<SampleId>, rounds: usize) -> Result<Taken> {
+    ///
+    /// Renders samples `rounds` times after one warm-up, gives them to the compositor, and returns the cost.
+    pub(crate) fn render_timed(&mut self, ids: Vec<SampleId>, rounds: usize) -> Result<SamplingCost> {
         let count = ids.len();
         let job = SampleJob { info: Arc::clone(&self.info), ids, to_host: false };
         let (mut times, mut samples) = (Vec::new(), Vec::new());
-        // The first round also makes the pipelines' machine code.
+        // The first round also compiles the pipelines.
         for round in 0..=rounds {
             let begin = Instant::now();
             let rendered = self.sampler.render_samples(&job, &Cancel::new());
@@ -192,10 +194,10 @@ impl Bench {
         }
         let samples = samples.into_iter().map(Arc::new).collect();
         self.compositor.hold(&SampleSet { info: Arc::clone(&self.info), samples })?;
-        Ok(Taken { count, ms: median(&times) })
+        Ok(SamplingCost { count, ms: median(&times) })
     }
 
-    /// An order for a view.
+    /// A view job with this bench's epoch, visibility and probes.
     pub(crate) fn job(
         &self,
         camera: Camera,
@@ -210,7 +212,7 @@ impl Bench {
         ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }
     }
 
-    /// Milliseconds that a batch takes, and its frames. All jobs are direct, or none is.
+    /// Renders a batch. Returns its milliseconds and its frames. Jobs are all direct or all warped.
     pub(crate) fn time(&mut self, jobs: &[ViewJob]) -> Result<(f64, Vec<Frame>), RenderError> {
         let cancel = Cancel::new();
         let direct = matches!(jobs.first().map(|job| &job.plan), Some(Plan::Direct { .. }));
@@ -223,9 +225,9 @@ impl Bench {
         Ok((ms, frames.into_iter().collect::<Result<_, RenderError>>()?))
     }
 
-    /// Composes a batch until its search has decided which of its two programs it keeps, or is clear that it will not: its
-    /// name. All that a device compiles it has compiled then.
-    pub(crate) fn batches_to_decide(&mut self, jobs: &[ViewJob]) -> Result<&'static str, RenderError> {
+    /// Composes batches until the autotuner has chosen a program for the search. Returns `fragment` or `compute`, or
+    /// `undecided` after [`BATCHES_TO_DECIDE`] batches. By then all pipelines are compiled.
+    pub(crate) fn decide_program(&mut self, jobs: &[ViewJob]) -> Result<&'static str, RenderError> {
         let search = jobs.iter().find_map(|job| match &job.plan {
             Plan::Warp(warp) => Some(warp.search),
             Plan::Direct { .. } => None,
@@ -241,8 +243,8 @@ impl Bench {
         Ok("undecided")
     }
 
-    /// The truth about a view, its colour averaged over `samples` rays a pixel; ranges for frames of the given
-    /// numbers of sub-pixels a side. Images are kept between runs.
+    /// The reference of a view: colour averaged over `samples` rays per pixel, and ranges for each number of sub-pixels a
+    /// side in `sides`. Images are cached between runs.
     pub(crate) fn truth(&self, camera: &Camera, size: [u32; 2], samples: u32, sides: &[u32]) -> Truth {
         let exposure = self.scene.lighting.exposure;
         let folder = cache::directory();
@@ -251,8 +253,8 @@ impl Bench {
         Truth { image: image.display(exposure), ranges }
     }
 
-    /// The true ranges of what a frame of `side` sub-pixels a side says the range of: the middle sub-pixel, of
-    /// an even number the one below and right of the middle.
+    /// True ranges in metres, row by row, through the sub-pixel whose range a frame with `side`² sub-pixels reports: the
+    /// middle one, or the one below and right of the middle if `side` is even.
     fn ranges(&self, camera: &Camera, [width, height]: [u32; 2], side: u32) -> Vec<f64> {
         let middle = DVec2::splat((f64::from(side / 2) + 0.5) / f64::from(side));
         (0..width * height)
@@ -265,9 +267,9 @@ impl Bench {
             .collect()
     }
 
-    /// How far a frame of colour and range is from the truth. `side`: its sub-pixels a side; a direct view
-    /// says the range of its pixels' middles, as one sub-pixel does.
-    pub(crate) fn judge(frame: &Frame, truth: &Truth, side: u32) -> Result<Judged> {
+    /// Compares a frame's colour and range with the reference. `side`: the frame's sub-pixels a side; 1 for a direct
+    /// view, which reports the range at the pixel's centre.
+    pub(crate) fn judge(frame: &Frame, truth: &Truth, side: u32) -> Result<FrameErrors> {
         let range = frame.range.as_ref().context("the frame has no range")?;
         let (_, ranges) =
             truth.ranges.iter().find(|(s, _)| *s == side).context("no true ranges for these sub-pixels")?;
@@ -277,15 +279,15 @@ impl Bench {
             // Equal infinities are the same sky; a NaN is always wrong.
             !(got == **truth || (got / **truth - 1.0).abs() <= WRONG_SURFACE)
         });
-        Ok(Judged {
+        Ok(FrameErrors {
             image: compare(frame, &truth.image)?,
             unresolved: frame.unresolved_fraction,
             wrong_surface: wrong.count() as f64 / ranges.len().max(1) as f64,
         })
     }
 
-    /// A walk of `count` views past what hides other things: it begins at the suggested cameras in turn, goes
-    /// up to half of the way to what they look at, and swings aside, but never through a surface.
+    /// A walk of `count` views that reveals hidden surfaces. It starts at the suggested cameras in turn, moves up to
+    /// half way to their targets and swings sideways, never through a surface.
     pub(crate) fn walk(&self, count: usize) -> Vec<Camera> {
         let suggested = self.suggested();
         (0..count)
@@ -302,7 +304,7 @@ impl Bench {
             .collect()
     }
 
-    /// Where somebody who goes `step` from `from` ends up: at most three quarters of the way to a surface.
+    /// Moves from `from` by `step`, but at most three quarters of the way to a surface.
     pub(crate) fn advance(&self, from: DVec3, step: DVec3) -> DVec3 {
         let length = step.length();
         if !(length > 0.0) {
@@ -313,8 +315,8 @@ impl Bench {
     }
 }
 
-/// Milliseconds of a frame's passes on the device, by its own clock: what compositors do on the host left away. Each frame
-/// of a batch has an even share of the batch. NaN where there is no frame or the device has no clock.
+/// Mean device milliseconds of the frames' passes, without the compositor's work on the host. Frames of a batch share its
+/// time evenly. NaN if there is no frame or the device has no timestamps.
 pub(crate) fn device_ms(frames: &[Frame]) -> f64 {
     const ON_HOST: [&str; 3] = ["prepare views", "record passes", "unpack frames"];
     let passes = |frame: &Frame| {
@@ -324,7 +326,7 @@ pub(crate) fn device_ms(frames: &[Frame]) -> f64 {
     mean(frames.iter().map(passes))
 }
 
-/// FLIP, PSNR and SSIM of a frame.
+/// FLIP, PSNR and SSIM of a frame against the reference image.
 pub(crate) fn compare(frame: &Frame, reference: &RgbImage) -> Result<Comparison> {
     let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
     let image = RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;

@@ -1,8 +1,8 @@
-//! Bounds on the error: how often they hold, and what they cost.
+//! Error bounds: how often frames keep them, and what they cost.
 //!
-//! Random views are answered with every setting; some calibrate a model, and on the others the very choice that
-//! the coordinator makes is played: try, look at the frame, deliver it or go on. What was thrown away is paid
-//! for. The yardstick is whoever knows all errors beforehand: the cheapest setting that keeps the bound.
+//! Random views are rendered with every setting. Some of them calibrate a model. On the rest the coordinator's choice is
+//! replayed: try a setting, judge the frame, deliver it or try the next. Discarded frames count towards the time. The
+//! baseline is an oracle that knows every error beforehand and takes the cheapest setting within the bound.
 
 use anyhow::Result;
 use argus_cluster::core::quality::choose::{self, QualityTarget, Step};
@@ -16,29 +16,29 @@ use crate::calibration::{self, Answers, share, tally};
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scenes, as [`argus_scene::open`] takes them.
     pub scenes: Vec<String>,
-    /// Views that the model is fitted to.
+    /// Views used to fit the model.
     pub calibration: usize,
-    /// Views, none of them among those, that the bounds are tried on.
+    /// Further views used to test the bounds.
     pub views: usize,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
-    /// Samples a pixel of the reference, a square number.
+    /// Reference samples per pixel: a square number.
     pub reference_samples: u32,
-    /// Cells of an omni rig that views are drawn from.
+    /// Cells of a `Cell` rig from which views are drawn.
     pub cells: usize,
-    /// Bounds, as multiples of the median error of calibration views in the default setting.
+    /// Error bounds, as multiples of the calibration views' median error in the default setting.
     pub bounds: Vec<f64>,
-    /// Whether the models are kept for coordinators to choose by.
+    /// Whether fitted models are saved for coordinators to use.
     pub keep: bool,
 }
 
 impl Default for Options {
-    /// The figures of the README: minutes.
+    /// The README's figures; takes minutes.
     fn default() -> Self {
         Self {
             scenes: vec!["terrain:500000".to_owned()],
@@ -67,7 +67,7 @@ impl Effort for Options {
     }
 }
 
-/// The seeds of the two sets of views; what is drawn from different ones has no view in common.
+/// Random seeds of the two disjoint sets of views.
 const CALIBRATION_SEED: u64 = 11;
 const TEST_SEED: u64 = 12;
 
@@ -84,7 +84,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         let mut bench = Answers::open(&gpu, spec, &RigKnobs::default())?;
         let calibrating = bench.views(options.calibration, options.cells, CALIBRATION_SEED);
         let testing = bench.views(options.views, options.cells, TEST_SEED);
-        // All references first: they need the cores that times are taken on.
+        // References first: tracing them would disturb the timings.
         for camera in calibrating.iter().chain(&testing) {
             bench.reference(camera, options.size, options.reference_samples);
         }
@@ -109,20 +109,20 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))
 }
 
-/// What a view with a bound came to.
+/// The outcome of one view with an error bound.
 struct Outcome<'a> {
-    /// The frame that was delivered.
+    /// The delivered frame.
     delivered: &'a Answer,
-    /// Milliseconds of all tries.
+    /// Milliseconds of all tries together.
     ms: f64,
     tries: usize,
-    /// The error that was foretold.
+    /// The predicted error.
     predicted: f64,
-    /// The answer of whoever knows all errors.
+    /// The oracle's choice: the cheapest answer within the bound.
     cheapest: &'a Answer,
 }
 
-/// Plays the coordinator: what is tried, and in the end delivered, of a view's answers.
+/// Replays the coordinator's choice over a view's answers.
 fn play<'a>(model: &Model, trial: &'a Trial, request: &PlanRequest) -> Option<Outcome<'a>> {
     let (target, pace) = (QualityTarget::of(request)?, Pace::new(1.0));
     let bound = target.max_error?;
@@ -153,7 +153,7 @@ fn play<'a>(model: &Model, trial: &'a Trial, request: &PlanRequest) -> Option<Ou
     Some(Outcome { delivered, ms, tries: tried.len(), predicted, cheapest })
 }
 
-/// The row of one bound.
+/// The row of one error bound.
 fn row(scene: &str, model: &Model, tests: &[Trial], factor: f64) -> Map<String, Value> {
     let default =
         Setting::Warp { search: Search::Splat, steps: 0, supersampling: 1, samples: 4, holes: Holes::Mark };

@@ -1,9 +1,8 @@
-//! From how many views on it pays to take samples: N views from samples, samples included, against N views from
-//! triangles, by each way that the sampler has to see them.
+//! Break-even: the number of views from which rendering samples is cheaper than rendering every view directly.
 //!
-//! The cost of N views is S·g + N·c from samples and N·g directly, so two measurements of each give the whole curve;
-//! that it is one is checked by timing the largest number outright. Everything is plainly shaded: effects make direct
-//! views dearer and leave views from samples as they are.
+//! N views cost S·g + N·c from samples and N·g directly, for each visibility backend. Both costs are linear in N, so
+//! two measurements give each curve; the largest N is also timed in full as a check. Shading is plain: effects would
+//! make direct views dearer and leave warped views unchanged. views dearer and leave views from samples as they are.
 
 use std::sync::Arc;
 
@@ -14,34 +13,34 @@ use argus_scene::{Camera, Outputs, Plan, RigKnobs, ViewJob, Visibility, Warp, pa
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use crate::bench::{Bench, Taken};
+use crate::bench::{Bench, SamplingCost};
 use crate::median::median;
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured, and how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scenes, as [`argus_scene::open`] takes them.
     pub scenes: Vec<String>,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// How sample cameras are placed.
     pub rig: RigKnobs,
-    /// Samples that a view is reconstructed from.
+    /// Samples used for each warped view.
     pub samples: usize,
-    /// The greatest number of views: a power of two.
+    /// Largest number of views: a power of two.
     pub most: usize,
-    /// Views that a direct view's cost is measured over.
+    /// Direct views over which their cost is averaged.
     pub direct: usize,
-    /// Views that a batch from samples has.
+    /// Warped views in a batch.
     pub batch: usize,
-    /// Rounds that medians are taken over.
+    /// Measured rounds; each time is their median.
     pub rounds: usize,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scenes: vec!["terrain:2000000".to_owned()],
@@ -70,10 +69,10 @@ impl Effort for Options {
     }
 }
 
-/// One way to see triangles: what its samples and its direct views cost.
-struct Way {
+/// The cost of samples and of direct views by one visibility backend.
+struct BackendCost {
     visibility: Visibility,
-    taken: Taken,
+    taken: SamplingCost,
     direct_ms: Vec<f64>,
 }
 
@@ -100,15 +99,15 @@ fn scene(
     progress: &ProgressBar,
 ) -> Result<()> {
     let opened = Arc::new(argus_scene::open(spec)?);
-    let mut ways = Vec::new();
-    let mut bench = Bench::of(gpu, Arc::clone(&opened), &options.rig, SamplerKnobs::default())?;
+    let mut backends = Vec::new();
+    let mut bench = Bench::with_scene(gpu, Arc::clone(&opened), &options.rig, SamplerKnobs::default())?;
     let cameras: Vec<Camera> = path::viewpoints(&bench.suggested(), options.most);
     let ids = bench.all_ids(&cameras, options.samples);
     for visibility in Visibility::ALL {
-        bench.see_by(visibility);
-        // The samples of the last way are composed from: by any way they are the same but along edges.
-        let taken = bench.take(ids.clone(), 1)?;
-        ways.push(Way { visibility, taken, direct_ms: Vec::new() });
+        bench.set_visibility(visibility);
+        // Views are warped from the last backend's samples; backends differ only along edges.
+        let taken = bench.render_timed(ids.clone(), 1)?;
+        backends.push(BackendCost { visibility, taken, direct_ms: Vec::new() });
     }
     let direct = |bench: &Bench, camera: &Camera, visibility| ViewJob {
         visibility,
@@ -120,21 +119,21 @@ fn scene(
     };
     let mut warp_ms = Vec::new();
     for round in 0..=options.rounds {
-        for way in &mut ways {
+        for backend in &mut backends {
             let jobs: Vec<ViewJob> = cameras
                 .iter()
                 .take(options.direct)
-                .map(|camera| direct(&bench, camera, way.visibility))
+                .map(|camera| direct(&bench, camera, backend.visibility))
                 .collect();
             let (ms, _) = bench.time(&jobs)?;
-            // The first round also makes the pipelines' machine code.
+            // The first round also compiles the pipelines.
             if round > 0 {
-                way.direct_ms.push(ms / jobs.len() as f64);
+                backend.direct_ms.push(ms / jobs.len() as f64);
             }
         }
         let jobs: Vec<ViewJob> = cameras.iter().map(|camera| warped(&bench, camera)).collect();
         let (mut total, mut done) = (0.0, 0);
-        // All of them in the last round, so that the largest number is not an extrapolation.
+        // The last round renders all views, so that the largest number is measured.
         let many = if round == options.rounds { jobs.len() } else { options.batch.min(jobs.len()) };
         for batch in jobs[..many].chunks(options.batch.max(1)) {
             total += bench.time(batch)?.0;
@@ -147,7 +146,7 @@ fn scene(
     }
     let c = median(&warp_ms);
     let cheapest_samples =
-        ways.iter().min_by(|a, b| a.taken.ms.total_cmp(&b.taken.ms)).context("there is a way to see")?;
+        backends.iter().min_by(|a, b| a.taken.ms.total_cmp(&b.taken.ms)).context("there is a backend")?;
     let samples_ms = cheapest_samples.taken.ms;
     let name = &opened.name;
     let counts: Vec<f64> = (0..=options.most.max(1).ilog2()).map(|k| f64::from(1u32 << k)).collect();
@@ -156,9 +155,9 @@ fn scene(
         points: counts.iter().map(|&n| (n, (samples_ms + n * c) / n)).collect(),
         line: true,
     }];
-    for way in &ways {
-        let g = median(&way.direct_ms);
-        let label = way.visibility.name();
+    for backend in &backends {
+        let g = median(&backend.direct_ms);
+        let label = backend.visibility.name();
         for &n in &counts {
             report.rows.push(report::row(json!({
                 "scene": name,
@@ -175,8 +174,8 @@ fn scene(
         report.notes.push(format!(
             "{name}: against direct views by {label} ({g:.2} ms each, its {} samples {:.0} ms), views from samples \
              ({c:.2} ms each after {samples_ms:.0} ms, by {}) {}.",
-            way.taken.count,
-            way.taken.ms,
+            backend.taken.count,
+            backend.taken.ms,
             cheapest_samples.visibility.name(),
             match break_even(samples_ms, c, g) {
                 Some(n) => format!("win from {n} on"),
@@ -198,8 +197,8 @@ fn scene(
     Ok(())
 }
 
-/// The least number of views for which samples and views from them cost less than direct views; `None` if a view
-/// from samples is no cheaper than a direct one, or a cost is not a number.
+/// The smallest number of views for which samples and warped views cost less than direct views. `None` if a warped view
+/// is no cheaper than a direct one, or if a cost is NaN.
 fn break_even(samples_ms: f64, warped_ms: f64, direct_ms: f64) -> Option<u64> {
     let gain = direct_ms - warped_ms;
     (gain > 0.0 && samples_ms >= 0.0).then(|| (samples_ms / gain).floor() as u64 + 1)

@@ -1,5 +1,6 @@
-//! Many views at once, by gRPC, from a cluster that has rendered nothing yet: the cluster paper's 290 views
-//! (section 5), the samples' own cost included, against the same views all rendered directly.
+//! Burst: many views at once over gRPC, from a cluster that has rendered nothing yet.
+//!
+//! The cluster paper's 290 views (section 5). The time includes the samples; the baseline renders every view directly.
 
 use std::path::Path;
 use std::time::Duration;
@@ -15,23 +16,23 @@ use crate::local_cluster::LocalCluster;
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured, and how often.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Views asked for at once.
+    /// Views requested at once.
     pub views: u32,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// Worker processes.
     pub workers: usize,
-    /// Rounds that medians are taken over, each with a cluster of its own.
+    /// Rounds, each with a new cluster; each time is their median.
     pub rounds: usize,
 }
 
 impl Default for Options {
-    /// The cluster paper's views.
+    /// The cluster paper's number and size of views.
     fn default() -> Self {
         Self { scene: "terrain:500000".to_owned(), views: 290, size: [200, 150], workers: 2, rounds: 3 }
     }
@@ -43,18 +44,18 @@ impl Effort for Options {
     }
 }
 
-/// Views in flight at once: enough for full batches on every worker, few enough that none is turned away.
+/// Views in flight at once: enough for full batches on every worker, few enough that none is rejected.
 pub const IN_FLIGHT: usize = 128;
 
-/// Runs the study with clusters of the program `argus`; `progress` counts rounds × ways.
+/// Runs the study with clusters of the program `argus`; `progress` counts rounds × methods.
 ///
 /// # Errors
 /// A cluster that does not come up, or a view that is not answered.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     let direct = PlanRequest { direct: true, ..PlanRequest::default() };
-    // Whole K leaves a sampler idle once the samples are there, unless it may compose as well. Direct views are asked
-    // for by the cheapest way to see triangles, and by the rasteriser.
-    let ways = [
+    // Once the samples are rendered, a sampler is idle unless it may also compose. Direct views are measured with the
+    // cheapest visibility backend and with the rasteriser.
+    let methods = [
         (
             "splat, samplers also compose",
             PlanRequest::from_samples(),
@@ -64,12 +65,12 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         ("direct, cheapest way", direct, ["--samplers-composite=false", "--visibility=auto"]),
         ("direct, rasterised", direct, ["--samplers-composite=false", "--visibility=raster"]),
     ];
-    progress.set_length((ways.len() * options.rounds) as u64);
-    let mut secs = ways.map(|_| Vec::new());
-    let mut unresolved = ways.map(|_| 0.0);
+    progress.set_length((methods.len() * options.rounds) as u64);
+    let mut secs = methods.map(|_| Vec::new());
+    let mut unresolved = methods.map(|_| 0.0);
     let mut device = String::new();
     for _ in 0..options.rounds {
-        for (i, (name, plan, arguments)) in ways.into_iter().enumerate() {
+        for (i, (name, plan, arguments)) in methods.into_iter().enumerate() {
             progress.set_message(name);
             let cluster =
                 LocalCluster::start(argus, &options.scene, options.workers, &arguments.map(str::to_owned))?;
@@ -89,7 +90,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         }
     }
     let (cheapest_secs, rasterised_secs) = (median(&secs[2]), median(&secs[3]));
-    let rows = ways.iter().enumerate().map(|(i, (name, ..))| {
+    let rows = methods.iter().enumerate().map(|(i, (name, ..))| {
         let total_secs = median(&secs[i]);
         let row = json!({
             "scene": options.scene,
@@ -108,16 +109,15 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     Ok(Report::new(options.scene.clone(), Machine::here(&device), rows.collect()))
 }
 
-/// For views that are worth waiting for: in a burst, the last one waits for all others.
+/// Render options with a deadline of ten minutes: the last view of a burst waits for all the rest.
 pub fn patient() -> RenderOptions {
     RenderOptions { deadline: Duration::from_secs(600), ..RenderOptions::default() }
 }
 
-/// Connects, and waits until the workers have joined and opened the scene: a cluster's start is not what is
-/// measured.
+/// Connects and waits until the workers have joined and opened the scene, so that start-up is not measured.
 ///
 /// # Errors
-/// If they do not join within two minutes.
+/// If the workers do not join within two minutes.
 pub async fn connect(cluster: &LocalCluster, workers: usize) -> Result<Client> {
     let options = ConnectOptions { connections: 4, ..ConnectOptions::default() };
     let client = Client::connect_with(cluster.url(), &options).await?;

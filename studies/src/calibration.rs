@@ -1,5 +1,6 @@
-//! Calibration: what each way to answer a view costs and how far it is from the reference, for views all over
-//! a scene, and the [`Model`] that a coordinator chooses by afterwards.
+//! Calibration: the cost and the error of every setting, for views all over a scene.
+//!
+//! The result is the [`Model`] with which a coordinator chooses settings.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -21,18 +22,17 @@ use indicatif::ProgressBar;
 
 use crate::bench::Bench;
 
-/// At most this many samples serve a view of a study.
+/// The most samples that serve a view of a study.
 const MOST_SAMPLES: usize = 8;
-/// Rays a side by which a random view is judged to show anything.
+/// Rays a side that test whether a random view shows anything.
 const PROBES: u32 = 7;
 
-/// Where models are kept: beside the reference images.
+/// The folder of saved models, beside the reference images.
 pub fn directory() -> Option<PathBuf> {
     cache::directory().map(|cache| cache.join("models"))
 }
 
-/// The models that were kept for a scene and rig, of whatever device. Files that cannot be read as one are
-/// passed over.
+/// Saved models for a scene and rig, for any device. Files that are not a model are skipped.
 pub fn kept(scene: SceneHash, rig: &Rig) -> Vec<Model> {
     let entries = directory().and_then(|folder| std::fs::read_dir(folder).ok()).into_iter().flatten();
     let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -44,23 +44,23 @@ pub fn kept(scene: SceneHash, rig: &Rig) -> Vec<Model> {
     paths.into_iter().filter_map(read).filter(|model| model.fits(scene, rig)).collect()
 }
 
-/// Keeps a model; where.
+/// Saves a model. Returns the file's path.
 ///
 /// # Errors
-/// No cache folder, or one that cannot be written to.
+/// There is no cache folder, or it cannot be written to.
 pub fn keep(model: &Model) -> Result<PathBuf> {
     let folder = directory().context("there is no cache folder: set ARGUS_CACHE")?;
     std::fs::create_dir_all(&folder)?;
     let path = folder.join(model.file_name());
-    // Written beside its place and renamed, so that nobody reads half a model.
+    // Written to a temporary file and renamed, so that readers never see half a model.
     let partial = folder.join(format!("{}.{}", model.file_name(), std::process::id()));
     std::fs::write(&partial, serde_json::to_vec(model)?)?;
     std::fs::rename(&partial, &path)?;
     Ok(path)
 }
 
-/// The settings that are worth choosing among: the best search of each kind at a few prices, and direct views.
-/// Those that the compositor refuses are left out when they are tried.
+/// Candidate settings: the best search of each kind at several prices, and direct views. [`Answers::supported`] removes
+/// those that the compositor rejects.
 pub fn settings(rig: &Rig) -> Vec<Setting> {
     let counts: &[u32] = match rig {
         Rig::TileCorners { .. } => &[2, 4],
@@ -87,7 +87,7 @@ pub fn settings(rig: &Rig) -> Vec<Setting> {
     settings
 }
 
-/// One scene on one device, ready to answer views in any setting.
+/// One scene on one device, ready to answer views with any setting.
 pub struct Answers {
     bench: Bench,
     device: String,
@@ -104,13 +104,13 @@ impl Answers {
         Ok(Self { bench, device: gpu.kind().to_owned(), held: BTreeSet::new() })
     }
 
-    /// Where its sample cameras stand.
+    /// The rig that places the sample cameras.
     pub fn rig(&self) -> Rig {
         self.bench.info.rig
     }
 
-    /// `count` random views that stand in the open and show something. Where samples surround the viewer, they
-    /// are drawn from `places` cells of the rig, since every cell costs as many samples as it has corners.
+    /// `count` random views that stand in the open and show something. With a `Cell` rig they are drawn from `places`
+    /// cells, since each new cell costs as many samples as it has corners.
     pub fn views(&self, count: usize, places: usize, seed: u64) -> Vec<Camera> {
         let (bounds, rig) = (self.bench.info.bounds, self.bench.info.rig);
         let kind = match rig {
@@ -119,7 +119,7 @@ impl Answers {
         };
         let open = || path::wandering(bounds, kind, seed).take(10_000).filter(|c| self.shows_something(c));
         let Rig::Cell { origin, spacing, .. } = rig else { return open().take(count).collect() };
-        // Each cell gets views that stand where random ones stood, moved within the cell they stood in.
+        // Each random view is moved into one of the cells, at the same position within the cell.
         let cell_of = |camera: &Camera| ((camera.eye - origin) / spacing).floor();
         let mut cells = Vec::new();
         for camera in path::wandering(bounds, kind, 1).take(10_000).filter(|c| self.shows_something(c)) {
@@ -140,7 +140,7 @@ impl Answers {
         all.filter(|c| self.shows_something(c)).take(count).collect()
     }
 
-    /// Whether a view shows surfaces, most of them from their front, none of them in its face.
+    /// Whether more than half of a view shows surfaces, all of them front faces and none very close.
     fn shows_something(&self, camera: &Camera) -> bool {
         let extent = self.bench.info.bounds.size().max_element();
         let mut seen = 0;
@@ -167,7 +167,7 @@ impl Answers {
         self.bench.scene.meshes[mesh as usize].material as usize
     }
 
-    /// What a view should look like, from the cache or traced.
+    /// The reference image of a view, from the cache or traced.
     pub fn reference(&self, camera: &Camera, size: [u32; 2], samples_per_pixel: u32) -> RgbImage {
         let folder = cache::directory();
         let image =
@@ -175,10 +175,10 @@ impl Answers {
         image.display(self.bench.scene.lighting.exposure)
     }
 
-    /// Renders the samples that any of the views may use and that are not held; milliseconds it took.
+    /// Renders the samples that the views may use and that are not held yet. Returns the milliseconds it took.
     ///
     /// # Errors
-    /// As the sampler or the compositor has them.
+    /// Any error of the sampler or the compositor.
     pub fn hold(&mut self, cameras: &[Camera]) -> Result<f64> {
         let wanted: BTreeSet<SampleId> =
             cameras.iter().flat_map(|camera| self.bench.sample_ids(camera, MOST_SAMPLES)).collect();
@@ -189,10 +189,10 @@ impl Answers {
         Ok(began.elapsed().as_secs_f64() * 1e3)
     }
 
-    /// Renders a view, its samples being held; the frame, and the milliseconds it took.
+    /// Renders a view whose samples are held. Returns the frame and the milliseconds it took.
     ///
     /// # Errors
-    /// As the role has them; `plan.search` for one that the compositor does not know.
+    /// Any error of the sampler or the compositor; an invalid `plan.search` if the compositor has no such search.
     pub fn answer(&mut self, camera: &Camera, size: [u32; 2], setting: Setting) -> Result<(Frame, f64)> {
         let plan = setting.plan(self.bench.sample_ids(camera, setting.samples()));
         let outputs = Outputs { mask: setting.traces(), confidence: !setting.is_direct(), ..Outputs::COLOR };
@@ -210,7 +210,7 @@ impl Answers {
         Ok((frame, began.elapsed().as_secs_f64() * 1e3))
     }
 
-    /// What a worker does about holes: the sampler traces their rays.
+    /// Traces the holes of a frame with the sampler, as a worker does.
     fn trace_holes(&mut self, job: &ViewJob, supersampling: u32, frame: &mut Frame) -> Result<()> {
         let mask = frame.mask.as_ref().context("the frame has no mask")?;
         let holes = mask.iter().enumerate().filter(|(_, m)| **m == 255).map(|(i, _)| i as u32);
@@ -236,10 +236,10 @@ impl Answers {
         Ok(())
     }
 
-    /// Which of the settings this build can answer with, found out on one view, whose samples must be held.
+    /// The settings that this build supports, tested on one view. The view's samples must be held.
     ///
     /// # Errors
-    /// A refusal for any reason but the plan's.
+    /// Any error but an invalid plan.
     pub fn supported(&mut self, camera: &Camera, settings: &[Setting]) -> Result<Vec<Setting>> {
         let mut supported = Vec::new();
         for &setting in settings {
@@ -254,11 +254,11 @@ impl Answers {
         Ok(supported)
     }
 
-    /// Answers views with every setting, one after the other and each alone, as an interactive request would
-    /// be, and compares with the references. `progress` counts views.
+    /// Renders each view alone with every setting, like interactive requests, and compares the frames with the
+    /// references. `progress` counts views.
     ///
     /// # Errors
-    /// As [`Answers::answer`].
+    /// Any error of [`Answers::answer`].
     pub fn trials(
         &mut self,
         cameras: &[Camera],
@@ -267,7 +267,7 @@ impl Answers {
         reference_samples: u32,
         progress: &ProgressBar,
     ) -> Result<Vec<Trial>> {
-        // The first frames of a setting make the machine code of its pipelines.
+        // The first frame of a setting compiles its pipelines.
         if let Some(camera) = cameras.first() {
             for &setting in settings {
                 self.answer(camera, size, setting)?;
@@ -290,10 +290,10 @@ impl Answers {
         Ok(trials)
     }
 
-    /// What settings cost at other sizes: (setting, pixels, milliseconds), each the least of two.
+    /// Times settings at further sizes: (setting, pixels, milliseconds), each the faster of two frames.
     ///
     /// # Errors
-    /// As [`Answers::answer`].
+    /// Any error of [`Answers::answer`].
     pub fn timings(
         &mut self,
         cameras: &[Camera],
@@ -313,28 +313,28 @@ impl Answers {
         Ok(timings)
     }
 
-    /// The model that follows from calibration.
+    /// Fits the model to the calibration.
     pub fn fit(&self, trials: &[Trial], timings: &[(Setting, u64, f64)]) -> Model {
         Model::fit(self.bench.info.scene, self.bench.info.rig, self.device.clone(), trials, timings)
     }
 }
 
-/// Mean FLIP of a frame, at 67 pixels a degree.
+/// Mean FLIP of a frame, at 67 pixels per degree.
 ///
 /// # Errors
-/// A frame without colour or of another size.
+/// The frame has no colour or another size.
 pub fn error(frame: &Frame, reference: &RgbImage) -> Result<f64> {
     let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
     let image = RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;
     Ok(metrics::flip_mean(reference, &image)?)
 }
 
-/// Counts of things by name, for the shares of a table.
+/// The share of items for which `of` holds, 0–1.
 pub(crate) fn share<T>(items: &[T], of: impl Fn(&T) -> bool) -> f64 {
     items.iter().filter(|item| of(item)).count() as f64 / items.len().max(1) as f64
 }
 
-/// How often each setting was the answer, as `name ×count` by falling count.
+/// How often each setting was chosen, as `name ×count` in order of falling count.
 pub(crate) fn tally(settings: impl Iterator<Item = Setting>) -> String {
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     settings.for_each(|setting| *counts.entry(setting.name()).or_default() += 1);

@@ -1,9 +1,8 @@
-//! How far a view may be from the cameras that its samples were taken with: error and unresolved pixels against
-//! that distance, for rigs of several spacings.
+//! Cells: a view's error and unresolved pixels against its distance from the sample cameras, for several rig spacings.
 //!
-//! Each view of a walk is taken again and again on its way from the nearest sample camera that sees it: at none of
-//! the way it is that camera's own view, at all of it it is where samples serve it worst: in the middle of a cell of
-//! a lattice, or at the walk's own place under a rig of tiles.
+//! Each view of a walk is repeated on its way from the nearest sample camera that sees it. At 0 it is that camera's own
+//! position. At 1 it stands where samples serve it worst: in the middle of a lattice cell, or at the walk's own position
+//! under a `TileCorners` rig.
 
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
@@ -13,34 +12,34 @@ use glam::DVec3;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-use crate::bench::{Bench, Judged};
+use crate::bench::{Bench, FrameErrors};
 use crate::median::mean;
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// Views of the walk.
     pub views: usize,
-    /// How sample cameras are placed at a factor of one.
+    /// The rig at spacing factor 1.
     pub rig: RigKnobs,
-    /// Spacings, as factors of the rig's.
+    /// Rig spacings, as factors of the default spacing.
     pub spacings: Vec<f64>,
-    /// Places on the way from a sample camera: 0 is at it.
-    pub ways: Vec<f64>,
-    /// Samples that a view is reconstructed from.
+    /// Positions between a sample camera (0) and the worst-served position (1).
+    pub positions: Vec<f64>,
+    /// Samples used for each warped view.
     pub samples: usize,
-    /// Samples a pixel of the reference, a square number.
+    /// Reference samples per pixel: a square number.
     pub reference_samples: u32,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scene: "terrain:500000".to_owned(),
@@ -48,7 +47,7 @@ impl Default for Options {
             views: 6,
             rig: RigKnobs::default(),
             spacings: vec![0.5, 1.0, 2.0],
-            ways: vec![0.0, 0.125, 0.25, 0.5, 0.75, 1.0],
+            positions: vec![0.0, 0.125, 0.25, 0.5, 0.75, 1.0],
             samples: 4,
             reference_samples: 16,
         }
@@ -62,25 +61,25 @@ impl Effort for Options {
             size: [64, 48],
             views: 2,
             spacings: vec![1.0, 2.0],
-            ways: vec![0.0, 1.0],
+            positions: vec![0.0, 1.0],
             ..Self::default()
         }
     }
 }
 
-/// A view on its way, and how far it is from the sample camera.
+/// A moved view, and its distance from its sample camera in metres.
 struct Step {
     camera: Camera,
     distance: f64,
 }
 
-/// Runs the study; `progress` counts spacings × places.
+/// Runs the study; `progress` counts spacings × positions.
 ///
 /// # Errors
 /// A scene that cannot be opened, no GPU, or a render that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
-    progress.set_length((options.spacings.len() * options.ways.len()) as u64);
+    progress.set_length((options.spacings.len() * options.positions.len()) as u64);
     progress.set_message(options.scene.clone());
     let mut bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
     let base = bench.info.rig;
@@ -89,22 +88,23 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut apart = 0;
     for &factor in &options.spacings {
         bench.replace_rig(&spaced(&base, factor), &held)?;
-        let steps: Vec<Vec<Step>> = options.ways.iter().map(|&way| steps(&bench, &walk, way)).collect();
+        let steps: Vec<Vec<Step>> =
+            options.positions.iter().map(|&position| steps(&bench, &walk, position)).collect();
         apart += walk.len() - steps[0].len();
         let cameras: Vec<Camera> = steps.iter().flatten().map(|step| step.camera).collect();
         held = bench.all_ids(&cameras, options.samples);
         bench.hold(&held)?;
-        for (&way, steps) in options.ways.iter().zip(&steps) {
+        for (&position, steps) in options.positions.iter().zip(&steps) {
             if !steps.is_empty() {
-                rows.push(row(&mut bench, options, way, steps, held.len())?);
+                rows.push(row(&mut bench, options, position, steps, held.len())?);
             }
             progress.inc(1);
         }
     }
     let mut report = Report::new(&bench.scene.name, Machine::here(gpu.kind()), rows);
     report.notes.push(format!(
-        "Up to {} views of {}×{} pixels a row, {} samples a view; way: 0 at a sample camera, 1 where samples serve \
-         a view worst.",
+        "Up to {} views of {}×{} pixels a row, {} samples a view; way: position between a sample camera (0) and \
+         the position with the worst samples (1).",
         options.views, options.size[0], options.size[1], options.samples
     ));
     if apart > 0 {
@@ -118,8 +118,8 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-/// Knobs for a rig like this one, its cameras `factor` times as far apart. A rig of one tile is taken for one of two
-/// by two, so that there is something wider.
+/// Knobs for the same rig with its cameras `factor` times as far apart. A rig of one tile starts from 2 × 2 tiles, so
+/// that it can become wider.
 fn spaced(rig: &Rig, factor: f64) -> RigKnobs {
     match *rig {
         Rig::TileCorners { tiles, size, .. } => {
@@ -143,12 +143,12 @@ fn spacing(rig: &Rig) -> f64 {
     }
 }
 
-/// Where the walk's views are when they have gone `way` of the way from their sample camera.
-fn steps(bench: &Bench, walk: &[Camera], way: f64) -> Vec<Step> {
+/// The walk's views at position `position` (0–1) between their sample camera and the worst-served position.
+fn steps(bench: &Bench, walk: &[Camera], position: f64) -> Vec<Step> {
     let step = |view: &Camera| {
         let centers = bench.info.rig.nearest(view, 8).into_iter();
         let mut centers = centers.filter_map(|index| Some(bench.info.rig.camera(index).ok()?.center()));
-        // A lattice has cameras in walls, too.
+        // Cameras of a lattice may stand inside walls.
         let sees = |from: DVec3| {
             bench.tracer.trace(from, view.eye - from).is_none_or(|hit| hit.range > from.distance(view.eye))
         };
@@ -159,8 +159,8 @@ fn steps(bench: &Bench, walk: &[Camera], way: f64) -> Vec<Step> {
             }
             Rig::TileCorners { .. } => view.eye,
         };
-        let eye = from + (goal - from) * way;
-        // The view turns as little as it can: an interior's looks the way it did, a landscape's at what it did.
+        let eye = from + (goal - from) * position;
+        // The view turns as little as possible: indoors it keeps its direction, on a landscape its target.
         let target = match bench.info.rig {
             Rig::Cell { .. } => eye + (view.target - view.eye),
             Rig::TileCorners { .. } => view.target,
@@ -174,7 +174,7 @@ fn steps(bench: &Bench, walk: &[Camera], way: f64) -> Vec<Step> {
 fn row(
     bench: &mut Bench,
     options: &Options,
-    way: f64,
+    position: f64,
     steps: &[Step],
     held: usize,
 ) -> Result<Map<String, Value>> {
@@ -193,14 +193,14 @@ fn row(
         .collect();
     let truth = |step: &Step| bench.truth(&step.camera, options.size, options.reference_samples, &[1]);
     let truths: Vec<_> = steps.iter().map(truth).collect();
-    let mut judged = |jobs: &[ViewJob]| -> Result<Vec<Judged>> {
+    let mut judged = |jobs: &[ViewJob]| -> Result<Vec<FrameErrors>> {
         let (_, frames) = bench.time(jobs)?;
         frames.iter().zip(&truths).map(|(frame, truth)| Bench::judge(frame, truth, 1)).collect()
     };
     let (warped, direct) = (judged(&jobs)?, judged(&direct)?);
     Ok(report::row(json!({
         "spacing_m": spacing(&bench.info.rig),
-        "way": way,
+        "way": position,
         "distance_m": mean(steps.iter().map(|step| step.distance)),
         "views": steps.len(),
         "samples_held": held,
@@ -211,7 +211,7 @@ fn row(
     })))
 }
 
-/// A quantity against distance, a line for each spacing.
+/// A plot of one column against distance, with a line for each spacing.
 fn plot(bench: &Bench, rows: &[Map<String, Value>], key: &str, label: &str) -> Plot {
     let number =
         |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);

@@ -1,5 +1,5 @@
-//! Balance under change, by simulation with the real core: demand that rises and falls, workers that differ, come, go,
-//! hang and are restarted. See [`crate::simulate::change`].
+//! Change: how the cluster's balance follows changes, simulated with the real coordinator core. See
+//! [`crate::simulate::change`] for the scenarios.
 
 use anyhow::{Context as _, Result};
 use indicatif::ProgressBar;
@@ -11,7 +11,7 @@ use crate::{Machine, Report, report};
 /// Runs every scenario with the given costs.
 ///
 /// # Errors
-/// A row that cannot be written down.
+/// A row that cannot be serialised.
 pub fn run(parameters: &Parameters, progress: &ProgressBar) -> Result<Report> {
     let all = scenarios();
     progress.set_length(all.len() as u64 + 1);
@@ -33,14 +33,16 @@ pub fn run(parameters: &Parameters, progress: &ProgressBar) -> Result<Report> {
         .map(|(scenario, runs, changes)| format!("{scenario}: {changes:.2} (mean of {runs} runs)"))
         .collect();
     report.notes.push(match moved.is_empty() {
-        true => "Changes of role a minute under steady load: 0 wherever it is steady.".to_owned(),
+        true => {
+            "Changes of role a minute under steady load: 0 in every scenario with a steady load.".to_owned()
+        }
         false => {
-            format!("Changes of role a minute under steady load, where 0 are wanted: {}.", moved.join("; "))
+            format!("Changes of role a minute under steady load, with a target of 0: {}.", moved.join("; "))
         }
     });
     report.notes.push(
-        "Configured by default: samplers compose in their spare time, and half of their time may go into refinements; the \
-         others have exclusive roles and no refinements. Simulated views have no holes, so that nothing is refined."
+        "Configured by default: idle samplers compose, and half of their time may go into refinements. The other scenarios \
+         have exclusive roles and no refinements. Simulated views have no holes, so there are no refinements."
             .to_owned(),
     );
     report.notes.push(format!("Costs: {}", serde_json::to_string(parameters)?));

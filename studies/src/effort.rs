@@ -1,11 +1,11 @@
-//! How much a study measures: its options by default, or the least that runs all of it.
+//! How much a study measures: its default options, or the smallest that run all of it.
 
 /// Options of a study.
 pub trait Effort: Default {
-    /// A few seconds, to see that everything works; the figures are noise. The default takes minutes.
+    /// Options that take a few seconds and show that everything works; the figures are noise. The default takes minutes.
     fn quick() -> Self;
 
-    /// One or the other.
+    /// The quick or the default options.
     fn of(quick: bool) -> Self {
         if quick { Self::quick() } else { Self::default() }
     }

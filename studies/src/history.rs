@@ -1,8 +1,8 @@
-//! Where a search had better begin: at a coarse splat of the samples, or at the session's frame before.
+//! Reprojection: whether a search should start from a coarse splat of the samples or from the session's previous frame.
 //!
-//! Views stay where they are and the frame before is what moves, so that each view has one truth and one cost of beginning
-//! at the samples, and rows differ in nothing but how far the camera came. What a row with history takes includes what its
-//! service has to do besides: range and source are read back with the colour, and kept for the next frame.
+//! The views stay fixed and the previous frame's camera varies, so that all rows share the same reference images and the
+//! same cost of starting from samples. The time of a row with reprojection includes what the service does besides: range
+//! and source are read back with the colour, and kept for the next frame.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -17,37 +17,37 @@ use glam::DQuat;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-use crate::bench::{Bench, Judged, Truth, WRONG_SURFACE};
+use crate::bench::{Bench, FrameErrors, Truth, WRONG_SURFACE};
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured, and how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// Views of the walk.
     pub views: usize,
     /// How sample cameras are placed.
     pub rig: RigKnobs,
-    /// Samples that a view is reconstructed from.
+    /// Samples used for each warped view.
     pub samples: usize,
-    /// Turns of the camera between two frames, degrees.
+    /// Camera turns between two frames, in degrees.
     pub turns_deg: Vec<f64>,
-    /// Steps of the camera between two frames, forward and aside, as shares of the median range of what it sees.
+    /// Camera moves between two frames, forward and sideways, as shares of the median visible range.
     pub steps: Vec<f64>,
-    /// Numbers of frames that begin one from the other.
+    /// Lengths of chains: frames that each start from the one before.
     pub chains: Vec<usize>,
-    /// Rounds that medians are taken over.
+    /// Measured rounds; each time is their median.
     pub rounds: usize,
-    /// Samples a pixel of the reference, a square number.
+    /// Reference samples per pixel: a square number.
     pub reference_samples: u32,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scene: "terrain:500000".to_owned(),
@@ -79,16 +79,16 @@ impl Effort for Options {
     }
 }
 
-/// How a camera came from the frame before.
+/// A camera motion since the previous frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Motion {
     turn_deg: f64,
-    /// Of the median range of what is seen.
+    /// Moves, as shares of the median visible range.
     forward: f64,
     aside: f64,
 }
 
-/// From frame to frame of a chain: a degree, and half a per cent of what is seen.
+/// The motion per frame of a chain: one degree, and half a per cent of the visible range sideways.
 const CHAINED: Motion = Motion { turn_deg: 1.0, forward: 0.0, aside: 0.005 };
 
 impl Motion {
@@ -107,7 +107,7 @@ impl Motion {
         Self { turn_deg: self.turn_deg * count, forward: self.forward * count, aside: self.aside * count }
     }
 
-    /// Where a camera that is now at `camera` came from; it never passed through a surface.
+    /// The previous camera of `camera`; the move never passes through a surface.
     fn before(self, bench: &Bench, camera: &Camera, range: f64) -> Camera {
         let axis = camera.target - camera.eye;
         let forward = axis.normalize_or_zero();
@@ -118,18 +118,18 @@ impl Motion {
     }
 }
 
-/// One way to answer the views: a row.
-struct Way {
+/// One way of starting the search: a row.
+struct Variant {
     search: Search,
-    /// How far they came from the frame that they begin from; `None`: they begin at the samples.
+    /// The motion's name and the previous frames; `None` if the search starts from samples.
     motion: Option<(String, Vec<Arc<History>>)>,
-    /// What became of the views: judged once, timed in each round.
-    judged: Vec<Judged>,
+    /// The views' errors; `ms` has one time per round.
+    judged: Vec<FrameErrors>,
     used: f64,
     ms: Vec<f64>,
 }
 
-/// Runs the study; `progress` counts ways × rounds.
+/// Runs the study; `progress` counts variants × rounds.
 ///
 /// # Errors
 /// A scene that cannot be opened, no GPU, or a render that fails.
@@ -137,7 +137,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     progress.set_message(options.scene.clone());
     let mut bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
-    // What chains lead to is what the knob is to be chosen by.
+    // Chains of any length: the study shows where the knob should limit them.
     let knobs = CompositorKnobs { max_reprojections: u32::MAX, ..CompositorKnobs::default() };
     bench.compositor = GpuCompositor::with_knobs(Arc::clone(&gpu), knobs)?;
     let cameras = bench.walk(options.views);
@@ -154,31 +154,36 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let turns = options.turns_deg.iter().map(|&turn_deg| Motion { turn_deg, ..Motion::default() });
     let motions: Vec<Motion> = turns.chain(forward).chain(aside).collect();
     progress.set_length(((motions.len() + options.chains.len() + 2) * (options.rounds + 1)) as u64);
-    let mut ways = vec![
-        study.way(&mut bench, Search::Splat, None, progress)?,
-        study.way(&mut bench, Search::Seeded, None, progress)?,
+    let mut variants = vec![
+        study.variant(&mut bench, Search::Splat, None, progress)?,
+        study.variant(&mut bench, Search::Seeded, None, progress)?,
     ];
     for motion in motions {
         let histories = study.histories(&mut bench, &[motion])?;
-        ways.push(study.way(&mut bench, Search::Seeded, Some((motion.label(), histories.0)), progress)?);
+        variants.push(study.variant(
+            &mut bench,
+            Search::Seeded,
+            Some((motion.label(), histories.0)),
+            progress,
+        )?);
     }
     for &frames in &options.chains {
         let came: Vec<Motion> = (1..=frames).rev().map(|left| CHAINED.times(left as f64)).collect();
         let (histories, begun) = study.histories(&mut bench, &came)?;
         let label = format!("{frames} frames, each {}", CHAINED.label());
-        let mut chain = study.way(&mut bench, Search::Seeded, Some((label, histories)), progress)?;
-        // Those between the first of the chain, which nothing is before, and the view.
+        let mut chain = study.variant(&mut bench, Search::Seeded, Some((label, histories)), progress)?;
+        // Weights the chain's frames with the view's. The first frame of the chain has no previous one.
         chain.used = (begun * (frames - 1) as f64 + chain.used) / frames as f64;
-        ways.push(chain);
+        variants.push(chain);
     }
     for _ in 0..options.rounds {
-        for way in &mut ways {
+        for variant in &mut variants {
             progress.inc(1);
-            let (ms, _) = study.time(&mut bench, way)?;
-            way.ms.push(ms);
+            let (ms, _) = study.time(&mut bench, variant)?;
+            variant.ms.push(ms);
         }
     }
-    Ok(study.report(&bench, &gpu, &ways))
+    Ok(study.report(&bench, &gpu, &variants))
 }
 
 struct Study<'a> {
@@ -187,17 +192,17 @@ struct Study<'a> {
     truths: Vec<Truth>,
     /// Median range of each view, metres.
     ranges: Vec<f64>,
-    /// Samples that were taken.
+    /// Samples that the compositor holds.
     held: BTreeSet<SampleId>,
 }
 
-/// What a frame holds that another may begin from.
+/// Adds the outputs from which a next frame can start.
 fn with_depth(outputs: Outputs) -> Outputs {
     outputs.with(Output::Range).with(Output::Source)
 }
 
 impl Study<'_> {
-    /// Has the samples at hand that the cameras are served from.
+    /// Renders the samples for the cameras that are not held yet.
     fn hold(&mut self, bench: &mut Bench, cameras: &[Camera]) -> Result<()> {
         let ids = bench.all_ids(cameras, self.options.samples);
         let missing: Vec<SampleId> = ids.into_iter().filter(|id| self.held.insert(*id)).collect();
@@ -232,8 +237,8 @@ impl Study<'_> {
         Ok(bench.time(&jobs)?.1)
     }
 
-    /// What frames of cameras that came to the views by these motions leave, each begun from the one before and the first
-    /// at the samples; with the share of those after the first that did begin so.
+    /// The histories of frames along a chain of motions to the views. Each frame starts from the one before, the
+    /// first from the samples. Also returns the share of later frames that did use the one before.
     fn histories(&mut self, bench: &mut Bench, came: &[Motion]) -> Result<(Vec<Arc<History>>, f64)> {
         let (mut last, mut begun): (Vec<Option<Arc<History>>>, Vec<f64>) =
             (vec![None; self.cameras.len()], Vec::new());
@@ -259,28 +264,28 @@ impl Study<'_> {
         Ok((last.into_iter().flatten().collect(), used))
     }
 
-    /// One round for quality, which also makes the pipelines' machine code.
-    fn way(
+    /// Runs one round for quality and one to warm up, which compiles the pipelines.
+    fn variant(
         &self,
         bench: &mut Bench,
         search: Search,
         motion: Option<(String, Vec<Arc<History>>)>,
         progress: &ProgressBar,
-    ) -> Result<Way> {
+    ) -> Result<Variant> {
         progress.inc(1);
         let frames = self.frames(bench, search, motion.as_ref().map(|(_, histories)| &histories[..]))?;
         let judged = frames.iter().zip(&self.truths).map(|(frame, truth)| Bench::judge(frame, truth, 1));
         let judged = judged.collect::<Result<_>>()?;
         let used = mean(frames.iter().map(|frame| f64::from(u8::from(frame.provenance.history))));
-        let way = Way { search, motion, judged, used, ms: Vec::new() };
-        self.time(bench, &way)?;
-        Ok(way)
+        let variant = Variant { search, motion, judged, used, ms: Vec::new() };
+        self.time(bench, &variant)?;
+        Ok(variant)
     }
 
-    /// Milliseconds a view, and the frames: what is kept for the next one included, where the way is one of sessions.
-    fn time(&self, bench: &mut Bench, way: &Way) -> Result<(f64, Vec<Frame>)> {
-        let histories = way.motion.as_ref().map(|(_, histories)| &histories[..]);
-        let mut jobs = self.jobs(bench, way.search, histories);
+    /// Milliseconds per view, and the frames. With reprojection the time includes keeping the frame for the next one.
+    fn time(&self, bench: &mut Bench, variant: &Variant) -> Result<(f64, Vec<Frame>)> {
+        let histories = variant.motion.as_ref().map(|(_, histories)| &histories[..]);
+        let mut jobs = self.jobs(bench, variant.search, histories);
         if histories.is_none() {
             jobs.iter_mut().for_each(|job| job.outputs = Outputs::COLOR);
         }
@@ -297,23 +302,24 @@ impl Study<'_> {
         Ok((ms / jobs.len().max(1) as f64, frames))
     }
 
-    fn report(&self, bench: &Bench, gpu: &Arc<Gpu>, ways: &[Way]) -> Report {
-        let seeded = ways.iter().find(|way| way.search == Search::Seeded && way.motion.is_none());
-        let seeded_ms = seeded.map_or(f64::NAN, |way| median(&way.ms));
-        let rows = ways.iter().map(|way| {
-            let motion = way.motion.as_ref().map(|(label, _)| label);
+    fn report(&self, bench: &Bench, gpu: &Arc<Gpu>, variants: &[Variant]) -> Report {
+        let seeded =
+            variants.iter().find(|variant| variant.search == Search::Seeded && variant.motion.is_none());
+        let seeded_ms = seeded.map_or(f64::NAN, |variant| median(&variant.ms));
+        let rows = variants.iter().map(|variant| {
+            let motion = variant.motion.as_ref().map(|(label, _)| label);
             report::row(json!({
-                "search": way.search.name(),
+                "search": variant.search.name(),
                 "seed": if motion.is_some() { "history" } else { "samples" },
                 "motion": motion,
-                "view_ms": median(&way.ms),
-                "per_seeded": median(&way.ms) / seeded_ms,
-                "flip": mean(way.judged.iter().map(|j| j.image.flip_mean)),
-                "psnr_db": mean(way.judged.iter().map(|j| j.image.psnr_db)),
-                "ssim": mean(way.judged.iter().map(|j| j.image.ssim)),
-                "unresolved_fraction": mean(way.judged.iter().map(|j| j.unresolved)),
-                "wrong_surface_fraction": mean(way.judged.iter().map(|j| j.wrong_surface)),
-                "used_fraction": way.used,
+                "view_ms": median(&variant.ms),
+                "per_seeded": median(&variant.ms) / seeded_ms,
+                "flip": mean(variant.judged.iter().map(|j| j.image.flip_mean)),
+                "psnr_db": mean(variant.judged.iter().map(|j| j.image.psnr_db)),
+                "ssim": mean(variant.judged.iter().map(|j| j.image.ssim)),
+                "unresolved_fraction": mean(variant.judged.iter().map(|j| j.unresolved)),
+                "wrong_surface_fraction": mean(variant.judged.iter().map(|j| j.wrong_surface)),
+                "used_fraction": variant.used,
             }))
         });
         let mut report = Report::new(&bench.scene.name, Machine::here(gpu.kind()), rows.collect());
@@ -321,9 +327,9 @@ impl Study<'_> {
         report.notes = vec![
             format!(
                 "{views} views of {width}×{height} pixels, in one batch, {samples} samples a view; steps are shares \
-                 of the median range of what is seen; reference of {reference_samples} samples a pixel; wrong \
-                 surface: range off by more than {}%. With history, a view's time includes range and source, and \
-                 keeping them.",
+                 of the median range of the visible surfaces; reference of {reference_samples} samples a pixel; wrong \
+                 surface: range off by more than {}%. With history, a view's time includes range, source and \
+                 their storage.",
                 WRONG_SURFACE * 100.0
             ),
             verdict(&report.rows),
@@ -332,7 +338,7 @@ impl Study<'_> {
     }
 }
 
-/// Where it helps, by the rows.
+/// For which motions reprojection is faster or better, by the rows.
 fn verdict(rows: &[Map<String, Value>]) -> String {
     let number =
         |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
@@ -368,7 +374,7 @@ fn verdict(rows: &[Map<String, Value>]) -> String {
     )
 }
 
-/// Of the surfaces that a frame shows, metres; 1 where it shows none.
+/// Median range in metres of the surfaces in a frame; 1 if it shows none.
 fn median_range(frame: &Frame) -> f64 {
     let (ranges, _) = frame.range.as_deref().unwrap_or_default().as_chunks::<4>();
     let all = ranges.iter().map(|range| f64::from(f32::from_le_bytes(*range)));

@@ -1,9 +1,9 @@
-//! The experiments: what accuracy costs in time, and what the cluster does under load.
+//! The experiments: accuracy against time, and the cluster under load.
 //!
-//! One file per experiment. Each returns a [`Report`], which the command prints as a table, as CSV or as JSON;
-//! every figure in the README comes from one of these, by the command that stands beside it. Times are wall
-//! times of whole calls, readback included, and medians over rounds in which the alternatives take turns, so
-//! that a noisy machine disturbs all of them alike.
+//! One file per experiment. Each returns a [`Report`], which the command prints as a table, as CSV or as JSON. Every
+//! figure in the README comes from one of these, by the command beside it. Times are wall times of whole calls,
+//! readback included. They are medians over rounds in which the alternatives alternate, so that noise affects all of
+//! them alike.
 
 pub mod baseline;
 mod bench;

@@ -1,4 +1,4 @@
-//! A whole cluster of processes on this machine, for as long as somebody needs it.
+//! Starts a cluster of processes on this machine for tests and studies.
 
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use serde::Deserialize;
 
-/// How long the processes may take to finish what is in work.
+/// How long the processes may take to finish their work when they are stopped.
 const GRACE: Duration = Duration::from_secs(20);
 
-/// An `argus serve` in a process of its own, with its workers; ends when dropped.
+/// An `argus serve` process with its workers. It ends when dropped.
 #[derive(Debug)]
 pub struct LocalCluster {
     process: Child,
@@ -19,7 +19,7 @@ pub struct LocalCluster {
     pid: u32,
 }
 
-/// The part of what a service prints that is of use here.
+/// The fields of the service's announcement that are used here.
 #[derive(Deserialize)]
 struct Announcement {
     url: String,
@@ -27,22 +27,22 @@ struct Announcement {
 }
 
 impl LocalCluster {
-    /// Starts a coordinator and `workers` worker processes of the program `argus`, on a free port of the
-    /// loopback interface; `more` are further arguments of `argus serve`. Returns as soon as clients can
-    /// connect; views that are asked for before the workers have joined wait for them.
+    /// Starts a coordinator and `workers` worker processes of the program `argus`, on a free port of the loopback
+    /// interface. `more` are further arguments of `argus serve`. Returns as soon as clients can connect; earlier
+    /// requests wait for the workers to join.
     ///
     /// # Errors
-    /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
+    /// The program cannot be started, or ends before it serves. Its reason is on standard error.
     pub fn start(argus: &Path, scene: &str, workers: usize, more: &[String]) -> anyhow::Result<Self> {
         let workers = workers.to_string();
         Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, |_| ())
     }
 
-    /// Starts a cluster like [`Self::start`] whose processes keep in `caches` what they would keep in the user's caches:
-    /// programs that the driver has compiled, scenes, calibrations.
+    /// Starts a cluster like [`Self::start`] whose processes use `caches` in place of the user's cache folders: compiled
+    /// programs of the driver, scenes, calibrations.
     ///
     /// # Errors
-    /// If the program cannot be started, or ends before it serves; what it had to say is on standard error.
+    /// The program cannot be started, or ends before it serves. Its reason is on standard error.
     pub fn with_caches(
         argus: &Path,
         scene: &str,
@@ -52,7 +52,7 @@ impl LocalCluster {
     ) -> anyhow::Result<Self> {
         let workers = workers.to_string();
         Self::spawn(argus, &["serve", "--scene", scene, "--workers", &workers], more, |command| {
-            // Mesa's drivers go by the first of these that is set, NVIDIA's by the last.
+            // Mesa's drivers use the first of these that is set, NVIDIA's the last.
             for name in ["MESA_GLSL_CACHE_DIR", "MESA_SHADER_CACHE_DIR", "ARGUS_CACHE"] {
                 command.env_remove(name);
             }
@@ -60,11 +60,11 @@ impl LocalCluster {
         })
     }
 
-    /// Starts a cluster whose workers' software driver has one thread each, unless the environment says how many: else a worker that is alone
-    /// has those that others would have, and is no measure for them.
+    /// Starts a cluster whose workers' software driver has one thread each, unless `LP_NUM_THREADS` is set. Otherwise
+    /// a lone worker would use the threads that other workers would have, and could not be compared with them.
     ///
     /// # Errors
-    /// As [`Self::start`].
+    /// Any error of [`Self::start`].
     pub fn of_single_threads(
         argus: &Path,
         scene: &str,
@@ -82,7 +82,7 @@ impl LocalCluster {
     /// Starts a coordinator without workers.
     ///
     /// # Errors
-    /// As [`Self::start`].
+    /// Any error of [`Self::start`].
     pub fn coordinator(argus: &Path, scene: &str, more: &[String]) -> anyhow::Result<Self> {
         Self::spawn(argus, &["coordinator", "--scene", scene], more, |_| ())
     }
@@ -96,10 +96,10 @@ impl LocalCluster {
         let mut command = Command::new(argus);
         change(&mut command);
         if std::env::var_os("ARGUS_LOG").is_none() {
-            // Progress is shown by whoever asked for the cluster; its processes report trouble alone.
+            // The study shows progress itself; its processes log warnings only.
             command.env("ARGUS_LOG", "warn");
         }
-        // A cluster of its own goes by no configuration but its arguments, or who started it could not reach it.
+        // Only arguments configure this cluster. Variables of the environment could make it unreachable.
         for (name, _) in std::env::vars_os() {
             if name.to_str().is_some_and(|name| name.starts_with("ARGUS_") && name.contains("__")) {
                 command.env_remove(name);
@@ -115,7 +115,7 @@ impl LocalCluster {
             .spawn()
             .with_context(|| format!("cannot start {}", argus.display()))?;
         let Some(output) = process.stdout.take() else { bail!("the service has no output") };
-        // One object and no more: the stream stays open for as long as the service runs.
+        // Reads one object and no more: the stream stays open while the service runs.
         let mut objects = serde_json::Deserializer::from_reader(output).into_iter::<Announcement>();
         match objects.next() {
             Some(Ok(Announcement { url, pid })) => Ok(Self { process, started, url, pid }),
@@ -123,12 +123,12 @@ impl LocalCluster {
         }
     }
 
-    /// Where clients reach it.
+    /// The URL that clients connect to.
     pub fn url(&self) -> &str {
         &self.url
     }
 
-    /// When its first process was started.
+    /// When the first process was started.
     pub fn started(&self) -> Instant {
         self.started
     }
@@ -138,10 +138,10 @@ impl LocalCluster {
         self.pid
     }
 
-    /// Lets it finish what is in work.
+    /// Stops the cluster after it finishes its work.
     ///
     /// # Errors
-    /// If it did not end in time or did not end well.
+    /// It did not end in time, or ended with an error.
     pub fn stop(mut self) -> anyhow::Result<()> {
         match self.end()? {
             Some(status) if status.success() => Ok(()),
@@ -150,7 +150,7 @@ impl LocalCluster {
         }
     }
 
-    /// Closes its standard input, by which it and its workers know that they are to stop.
+    /// Closes standard input, which stops the coordinator and its workers.
     fn end(&mut self) -> std::io::Result<Option<ExitStatus>> {
         drop(self.process.stdin.take());
         let deadline = Instant::now() + GRACE;
@@ -168,7 +168,7 @@ impl LocalCluster {
 
 impl Drop for LocalCluster {
     fn drop(&mut self) {
-        // Nothing is left to report to; the operating system has the processes' last word.
+        // No receiver for an error is left.
         let _ = self.end();
     }
 }

@@ -1,6 +1,6 @@
-//! The middle of a few measurements.
+//! Median and mean of a few measurements.
 
-/// The median; the mean of the middle two where their number is even, NaN where there are none.
+/// The median; the mean of the middle two for an even number of values, NaN for none.
 pub(crate) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -11,7 +11,7 @@ pub(crate) fn median(values: &[f64]) -> f64 {
     }
 }
 
-/// The mean, NaN where there is nothing.
+/// The mean; NaN for no values.
 pub(crate) fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
     sum / count
@@ -22,7 +22,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_median_of_none_is_not_a_number_and_of_an_even_count_lies_between() {
+    fn the_median_of_nothing_is_nan_and_of_an_even_count_lies_between() {
         assert!(median(&[]).is_nan());
         assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
         assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);

@@ -1,5 +1,5 @@
-//! Omni samples from triangles beside those from maps of an octree (MegaViews): what each costs, and what views that
-//! are reconstructed from them are worth.
+//! Omni maps: omnidirectional samples from triangles against samples from maps of an octree (MegaViews). Measures the
+//! cost of samples and the error of views warped from them.
 
 use std::time::Instant;
 
@@ -13,38 +13,38 @@ use argus_scene::{
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-use crate::bench::{Bench, Judged, Truth};
+use crate::bench::{Bench, FrameErrors, Truth};
 use crate::median::{mean, median};
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// Views of the walk.
     pub views: usize,
-    /// Where the omni cameras stand; the rule is that of cells whatever is said here.
+    /// The rig; its kind is always `Cell`.
     pub rig: RigKnobs,
-    /// Samples that a view is reconstructed from.
+    /// Samples used for each warped view.
     pub samples: usize,
-    /// Texels of a hemisphere's side of the maps.
+    /// Sides of a hemisphere's map in texels.
     pub map_sides: Vec<u32>,
     /// Levels of the octree.
     pub levels: Vec<u32>,
-    /// Cameras along an edge of the blocks that share.
+    /// Cameras along an edge of the blocks that share a traversal.
     pub blocks: Vec<u32>,
-    /// Samples a pixel of the reference, a square number.
+    /// Reference samples per pixel: a square number.
     pub reference_samples: u32,
-    /// Rounds that times are the median of.
+    /// Measured rounds; each time is their median.
     pub rounds: usize,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scene: "terrain:500000".to_owned(),
@@ -77,13 +77,13 @@ impl Effort for Options {
     }
 }
 
-/// Samples as they are taken in one way.
-struct Way {
+/// One source of samples.
+struct Source {
     visibility: Visibility,
     sampling: Sampling,
 }
 
-/// Runs the study; `progress` counts ways.
+/// Runs the study; `progress` counts sources.
 ///
 /// # Errors
 /// A scene that cannot be opened, no GPU, or a render that fails.
@@ -91,22 +91,22 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     let rig = RigKnobs { kind: Some(RigKind::Cell), ..options.rig };
     let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerKnobs::default())?;
-    let ways = ways(options);
-    progress.set_length(ways.len() as u64);
+    let sources = sources(options);
+    progress.set_length(sources.len() as u64);
     progress.set_message(options.scene.clone());
     let walk = bench.walk(options.views);
     let truths: Vec<Truth> =
         walk.iter().map(|view| bench.truth(view, options.size, options.reference_samples, &[1])).collect();
     let mut rows = Vec::new();
-    for way in &ways {
-        rows.push(row(&mut bench, options, way, &walk, &truths)?);
+    for source in &sources {
+        rows.push(row(&mut bench, options, source, &walk, &truths)?);
         progress.inc(1);
     }
     let mut report = Report::new(&bench.scene.name, Machine::here(gpu.kind()), rows);
     report.notes.push(format!(
-        "{} views of {}×{} pixels, each reconstructed from {} omni samples; sample_ms is the time of all samples by their \
-         number, ready_ms what comes before the first one, once for a pose and its lights: the octree is built and its \
-         leaves are shaded; 0 where that of the row before is still good.",
+        "{} views of {}×{} pixels, each warped from {} omnidirectional samples. sample_ms: time per sample. ready_ms: time \
+        before the first sample, once per pose and lights, to build the octree and shade its leaves; 0 if the octree of the \
+        row before is reused.",
         walk.len(),
         options.size[0],
         options.size[1],
@@ -116,30 +116,30 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-/// Triangles in each way that they are seen, then maps from coarse to fine.
-fn ways(options: &Options) -> Vec<Way> {
-    let triangles = Visibility::ALL.map(|visibility| Way { visibility, sampling: Sampling::Triangles });
-    let mut ways = Vec::from(triangles);
+/// Triangles by each visibility backend, then maps from coarse to fine.
+fn sources(options: &Options) -> Vec<Source> {
+    let triangles = Visibility::ALL.map(|visibility| Source { visibility, sampling: Sampling::Triangles });
+    let mut sources = Vec::from(triangles);
     for &block in &options.blocks {
         for &levels in &options.levels {
             for &map_side in &options.map_sides {
                 let sampling = Sampling::MegaViews(MegaViews { map_side, levels, block });
-                ways.push(Way { visibility: Visibility::default(), sampling });
+                sources.push(Source { visibility: Visibility::default(), sampling });
             }
         }
     }
-    ways
+    sources
 }
 
 fn row(
     bench: &mut Bench,
     options: &Options,
-    way: &Way,
+    source: &Source,
     walk: &[Camera],
     truths: &[Truth],
 ) -> Result<Map<String, Value>> {
-    bench.see_by(way.visibility);
-    bench.sample_by(way.sampling)?;
+    bench.set_visibility(source.visibility);
+    bench.set_sampling(source.sampling)?;
     let ids = bench.all_ids(walk, options.samples);
     let (sample_ms, ready_ms) = time(bench, &ids, options.rounds)?;
     let held = ids.clone();
@@ -154,14 +154,14 @@ fn row(
         .collect();
     let (_, frames) = bench.time(&jobs)?;
     let judge = |(frame, truth)| Bench::judge(frame, truth, 1);
-    let judged = frames.iter().zip(truths).map(judge).collect::<Result<Vec<Judged>>>()?;
-    bench.forget(&held);
-    let maps = match way.sampling {
+    let judged = frames.iter().zip(truths).map(judge).collect::<Result<Vec<FrameErrors>>>()?;
+    bench.release(&held);
+    let maps = match source.sampling {
         Sampling::Triangles => None,
         Sampling::MegaViews(maps) => Some(maps),
     };
     Ok(report::row(json!({
-        "way": maps.map_or(way.visibility.name(), |_| way.sampling.name()),
+        "way": maps.map_or(source.visibility.name(), |_| source.sampling.name()),
         "map_side": maps.map(|maps| maps.map_side),
         "levels": maps.map(|maps| maps.levels),
         "block": maps.map(|maps| maps.block),
@@ -175,7 +175,7 @@ fn row(
     })))
 }
 
-/// Milliseconds a sample, the median of the rounds, and of what was made ready before the first.
+/// Milliseconds per sample (median of the rounds), and milliseconds of preparation before the first sample.
 fn time(bench: &mut Bench, ids: &[SampleId], rounds: usize) -> Result<(f64, f64)> {
     let Some((&first, _)) = ids.split_first() else { return Ok((f64::NAN, f64::NAN)) };
     let mut take = |ids: &[SampleId]| -> Result<(f64, Vec<Sample>), RenderError> {
@@ -192,17 +192,17 @@ fn time(bench: &mut Bench, ids: &[SampleId], rounds: usize) -> Result<(f64, f64)
     let mut times = Vec::new();
     for round in 0..=rounds {
         let (ms, _) = take(ids)?;
-        // The first round makes machine code.
+        // The first round also compiles the pipelines.
         if round > 0 {
             times.push(ms / ids.len() as f64);
         }
-        // A sampler keeps the maps of the last traversal: it is given other ones, so that each round has its own.
+        // A sampler keeps the maps of its last traversal. Another request between rounds evicts them.
         take(&[first])?;
     }
     Ok((median(&times), ready_ms))
 }
 
-/// Error against the time of a sample.
+/// A plot of error against the time of a sample.
 fn plot(scene: &str, rows: &[Map<String, Value>]) -> Plot {
     let number =
         |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);

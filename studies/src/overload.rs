@@ -1,8 +1,8 @@
-//! More load than a cluster can carry: what it still answers, how late, and what becomes of the rest.
+//! Overload: what a cluster still answers, and how late, under more load than it can carry.
 //!
-//! First, far more views than it can answer, to see what it carries at its best: batches are then as large as they get. Then
-//! views that fall due whatever becomes of those before them, at fractions and multiples of that. A service that keeps what it cannot answer in time answers ever less
-//! of what is still wanted; one that turns it away at once goes on at its peak.
+//! First a load far above capacity finds the largest throughput, since batches are then fullest. Then open loads at
+//! fractions and multiples of it follow: views fall due regardless of earlier ones. A service that queues what it
+//! cannot answer in time answers fewer and fewer views in time; one that rejects at once keeps its peak throughput.
 
 use std::path::Path;
 use std::time::Duration;
@@ -17,24 +17,24 @@ use crate::burst::{IN_FLIGHT, connect, patient};
 use crate::local_cluster::LocalCluster;
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured, and how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// Worker processes.
     pub workers: usize,
-    /// Views of the burst by which capacity is guessed.
+    /// Views of the burst that estimates capacity.
     pub views: u32,
-    /// Of the capacity that was found: how much is asked for.
+    /// Loads, as factors of the measured capacity.
     pub factors: Vec<f64>,
-    /// Seconds of each.
+    /// Seconds of each load.
     pub seconds: f64,
-    /// Seconds that the service may let a view wait for its turn (`limits.wait_secs`).
+    /// Longest time a view may wait in the service's queue, in seconds (`limits.wait_secs`).
     pub wait_secs: f64,
-    /// Whether the bars are judged: throughput and latency of a few seconds are noise.
+    /// Whether rows pass or fail. Throughput and latency of a few seconds are noise.
     pub judged: bool,
 }
 
@@ -67,23 +67,23 @@ impl Effort for Options {
     }
 }
 
-/// Clients that the views are divided among.
+/// Clients that share the load.
 const CLIENTS: u32 = 16;
-/// Far more than any accepted view may take, so that nothing but the service decides what is turned away.
+/// Far longer than any accepted view takes, so that only the service decides what is rejected.
 const DEADLINE: Duration = Duration::from_secs(30);
-/// Of what a burst showed, to see what it can carry: in a burst there are as many views as clients wait for.
+/// Load of the capacity measurement, as a factor of the burst's rate: a burst alone does not saturate the service.
 const SATURATION: f64 = 4.0;
-/// At this load and more, throughput must stay at [`LEAST_OF_PEAK`]; just at what it can carry, chance decides.
+/// From this load on, throughput must reach [`LEAST_OF_PEAK`]. Just at capacity, chance decides.
 const OVERLOAD: f64 = 1.5;
-/// Least throughput under overload, as a share of the best that any load saw.
+/// Least throughput under overload, as a share of the peak.
 const LEAST_OF_PEAK: f64 = 0.9;
-/// Accepted views may take this many times as long as views may wait: costs are guessed, and a batch is not divided.
+/// The p99 of accepted views may be this many times `wait_secs`: costs are estimates, and a batch is not divided.
 const MOST_WAITS: f64 = 3.0;
 
 /// Runs the study with a cluster of the program `argus`; `progress` counts loads.
 ///
 /// # Errors
-/// A cluster that does not come up, or that answers nothing before it is overloaded.
+/// A cluster that does not start, or that answers nothing before it is overloaded.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_length(options.factors.len() as u64 + 3);
     let more = [format!("--set=limits.wait_secs={}", options.wait_secs)];
@@ -92,7 +92,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let device = client.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
 
     let mut capacity = 0.0;
-    // The first time it renders samples and compiles its shaders.
+    // The first burst renders samples and compiles shaders.
     for message in ["warming up", "finding the capacity"] {
         progress.set_message(message);
         let views = path_views(client.description(), options.views, options.size, PlanRequest::default());
@@ -116,7 +116,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
 
     let mut loads: Vec<(f64, LoadReport)> = Vec::new();
     for &factor in &options.factors {
-        progress.set_message(format!("{factor} of what it can carry"));
+        progress.set_message(format!("load {factor} of capacity"));
         loads.push((factor, load::run(&client, &asked(factor * capacity)).await?));
         progress.inc(1);
     }
@@ -148,8 +148,8 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     });
     let mut report = Report::new(options.scene.clone(), Machine::here(&device), rows.collect());
     report.notes.push(format!(
-        "Capacity: {capacity:.1} views a second, the best of {} views {IN_FLIGHT} at a time and of {SATURATION} times as \
-         many as those a second. The load comes from this machine, too.",
+        "Capacity: {capacity:.1} views a second, the larger of a burst of {} views, {IN_FLIGHT} at a time, and an open load \
+        of {SATURATION} times its rate. The load generator runs on the same machine.",
         options.views
     ));
     Ok(report)

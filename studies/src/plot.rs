@@ -1,8 +1,7 @@
-//! Plots for people who read them at the width of a README: few, large marks, told apart by shape as well as by
-//! colour.
+//! Plots that are readable at the width of a README: few large marks, distinguished by shape and by colour.
 //!
-//! Colours are those of Okabe and Ito ("Color Universal Design", 2008), which stay apart for every common kind
-//! of colour blindness; shapes say the same in print.
+//! The colours are those of Okabe and Ito ("Color Universal Design", 2008), which remain distinct for common kinds of
+//! colour blindness. Shapes make them distinct in print.
 
 use std::ops::Range;
 
@@ -12,65 +11,65 @@ use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// One diagram, with a name for its file.
+/// One plot, with a name for its file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plot {
-    /// What its file is called, after the study.
+    /// The file's name, after the study's.
     pub name: String,
-    /// One line above it.
+    /// One line above the plot.
     pub title: String,
-    /// Across.
+    /// The horizontal axis.
     pub x: Axis,
-    /// Upwards.
+    /// The vertical axis.
     pub y: Axis,
-    /// What is told apart, in the order of the legend.
+    /// The series, in the order of the legend.
     pub series: Vec<Series>,
-    /// A line through the points that nothing beats, with a word on each.
+    /// Points of the Pareto front with labels, joined by a line.
     pub front: Vec<Mark>,
-    /// Vertical lines, each with a word.
+    /// Vertical lines with labels.
     pub guides: Vec<(f64, String)>,
-    /// Whether the legend stands at the upper left, where what rises leaves room, rather than at the upper right.
+    /// Whether the legend is at the upper left, where rising series leave space, or at the upper right.
     pub rises: bool,
 }
 
-/// An axis.
+/// An axis of a plot.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Axis {
     /// Quantity and unit.
     pub label: String,
-    /// Equal ratios are equally far apart; values that are not above 0 are left out.
+    /// Logarithmic scale; values that are not above 0 are dropped.
     pub log: bool,
 }
 
 impl Axis {
-    /// Equal differences are equally far apart.
+    /// A linear axis.
     pub fn linear(label: &str) -> Self {
         Self { label: label.to_owned(), log: false }
     }
 
-    /// Equal ratios are equally far apart.
+    /// A logarithmic axis.
     pub fn log(label: &str) -> Self {
         Self { label: label.to_owned(), log: true }
     }
 }
 
-/// Points of one kind.
+/// One series of points.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Series {
-    /// As the legend has it.
+    /// Name in the legend.
     pub name: String,
-    /// Its points.
+    /// The points as (x, y).
     pub points: Vec<(f64, f64)>,
-    /// Whether a line joins them.
+    /// Whether a line joins the points.
     pub line: bool,
 }
 
-/// A point with a word beside it.
+/// A point with a label.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mark {
-    /// Where.
+    /// The point as (x, y).
     pub at: (f64, f64),
-    /// The word.
+    /// The label.
     pub label: String,
 }
 
@@ -85,7 +84,7 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(86, 180, 233),
 ];
 
-/// An axis on which everything is linear: values are put through `at` first.
+/// The range of an axis. Positions are values after [`Self::at`], so a logarithmic axis becomes linear.
 #[derive(Clone)]
 struct Scale {
     log: bool,
@@ -102,7 +101,7 @@ impl Scale {
         if !(least <= most) {
             return Self { log, least: 0.0, most: 1.0 };
         }
-        // Room for marks and their words; a linear axis begins at 0, so that heights compare.
+        // Space for marks and labels. A linear axis starts at 0, so that heights can be compared.
         let least = if log { least } else { least.min(0.0) };
         let room = (most - least).max(if log { 0.2 } else { 1e-9 * most.abs().max(1e-9) }) * 0.08;
         Self { log, least: if log { least - room } else { least }, most: most + room }
@@ -113,7 +112,7 @@ impl Scale {
         mapped.is_finite().then_some(mapped)
     }
 
-    /// Round values within the axis, as positions on it.
+    /// Positions of round values within the axis.
     fn ticks(&self) -> Vec<f64> {
         let inside = |at: &f64| (self.least..=self.most).contains(at);
         if !self.log {
@@ -150,7 +149,7 @@ impl Ranged for Scale {
     }
 }
 
-/// 1, 2 or 5 times a power of ten, at least `step`.
+/// The smallest of 1, 2 or 5 times a power of ten that is at least `step`.
 fn round_step(step: f64) -> f64 {
     if !(step > 0.0) {
         return 1.0;
@@ -160,10 +159,10 @@ fn round_step(step: f64) -> f64 {
 }
 
 impl Plot {
-    /// The diagram as SVG text.
+    /// The plot as SVG text.
     ///
     /// # Errors
-    /// What the drawing library says.
+    /// An error of the drawing library.
     pub fn svg(&self) -> Result<String> {
         let mut text = String::new();
         {
@@ -233,7 +232,7 @@ impl Plot {
         let mut worded: Option<(f64, f64)> = None;
         for Mark { at, label } in &self.front {
             let Some(at) = place(at) else { continue };
-            // What is beyond the front is empty: words go there. Close neighbours share one.
+            // Labels go beyond the front, where there are no points. Close neighbours share a label.
             let apart = |last: (f64, f64)| {
                 (at.0 - last.0).abs() > 0.12 * (x.most - x.least)
                     || (at.1 - last.1).abs() > 0.03 * (y.most - y.least)
@@ -242,7 +241,7 @@ impl Plot {
                 continue;
             }
             worded = Some(at);
-            // A word at the left border would leave the plot.
+            // A label at the left border goes to the right, or it would leave the plot.
             let near = at.0 < x.least + 0.2 * (x.most - x.least);
             let (right, side) = if near { (8, HPos::Left) } else { (-8, HPos::Right) };
             let style = small.clone().color(&BLACK).pos(Pos::new(side, VPos::Top));
@@ -287,8 +286,8 @@ fn mark(index: usize, (x, y): (i32, i32), size: i32, color: RGBAColor) -> Polygo
     Polygon::new(corners, color.filled())
 }
 
-/// The points that no other one beats in both coordinates, by ascending x: lower is better. Points with a NaN
-/// are beaten by all.
+/// Indices of the points that no other point beats in both coordinates, by ascending x; lower is better. Points with
+/// NaN are left out.
 pub(crate) fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> =
         (0..points.len()).filter(|&i| points[i].0.is_finite() && points[i].1.is_finite()).collect();
@@ -307,14 +306,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_front_is_what_nothing_beats() {
+    fn the_front_has_exactly_the_points_that_no_other_beats() {
         let points = [(2.0, 2.0), (1.0, 3.0), (3.0, 2.0), (4.0, 1.0), (0.5, f64::NAN), (1.0, 2.9)];
         assert_eq!(pareto_front(&points), vec![5, 0, 3]);
         assert!(pareto_front(&[]).is_empty());
     }
 
     #[test]
-    fn plots_of_anything_are_drawn() {
+    fn empty_single_and_infinite_series_are_drawn() {
         let series =
             |points: &[(f64, f64)]| Series { name: "a<b".to_owned(), points: points.to_vec(), line: true };
         for points in [
@@ -341,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_round_and_inside() {
+    fn ticks_are_round_and_within_the_axis() {
         let scale = Scale { log: true, least: 0.1, most: 1.9 };
         let shown: Vec<String> = scale.ticks().iter().map(|&at| scale.label(at)).collect();
         assert_eq!(shown, ["2", "5", "10", "20", "50"]);

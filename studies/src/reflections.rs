@@ -1,8 +1,9 @@
-//! What maps of what is around reflectors cost, and how near they come to rays: `--reflections maps`, ManyLoDs' figure 3.
+//! Reflections: the cost of reflection probes, and their error against traced reflections (`--reflections maps`,
+//! ManyLoDs' figure 3).
 //!
-//! Truth has every reflector's lobe followed by rays. Times of maps are those of an animated scene, for which all of them
-//! are made anew at each moment: the octree, the light of its leaves, and the maps. What brute force takes for the same maps
-//! is measured beside them, every triangle in every map.
+//! The reference traces rays over every reflector's lobe. Probe times are those of an animated scene, where octree,
+//! light of its leaves and probes are rendered anew at each moment. A brute-force render of the same maps is timed
+//! beside them.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -26,31 +27,31 @@ use crate::median::{mean, median};
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
-    /// Where the omni cameras stand that views are reconstructed from.
+    /// The rig of omnidirectional cameras from which views are warped.
     pub rig: RigKnobs,
-    /// What the rows depart from.
+    /// Knobs of the first row; each other row changes one of them.
     pub base: Reflections,
-    /// Texels on a side of a map.
+    /// Sides of a probe's map in texels.
     pub sides: Vec<u32>,
     /// Levels of the octree.
     pub levels: Vec<u32>,
-    /// Rays over a lobe, and samples a pixel, of the truth.
+    /// Rays per lobe and samples per pixel of the reference.
     pub truth: (u32, u32),
-    /// Rounds that times are the median of.
+    /// Measured rounds; each time is their median.
     pub rounds: usize,
-    /// Folder for the pictures of all rows.
+    /// Folder for the images of all rows.
     pub images: Option<std::path::PathBuf>,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scene: "mirrors:60".to_owned(),
@@ -82,14 +83,14 @@ impl Effort for Options {
     }
 }
 
-/// Seconds between moments that maps are made for.
+/// Seconds of scene time between the moments for which probes are rendered.
 const EPOCH_SECS: f64 = 0.1;
-/// Sub-pixels on a side of a pixel, so that what is judged is reflections and not edges.
+/// Sub-pixels a side, so that reflections are judged rather than edges.
 const SUPERSAMPLING: u32 = 2;
-/// Samples that a view is reconstructed from.
+/// Samples used for each warped view.
 const SAMPLES: usize = 4;
 
-/// A scene, the views of it, and what they should show.
+/// A scene, its views and their references.
 struct Subject {
     bench: Bench,
     views: Vec<Camera>,
@@ -101,7 +102,7 @@ struct Subject {
 /// Runs the study; `progress` counts rows.
 ///
 /// # Errors
-/// A scene that cannot be opened or mirrors nothing, no GPU, or a render that fails.
+/// A scene that cannot be opened or has no reflector, no GPU, or a render that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     let rows = rows_of(options);
@@ -111,7 +112,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerKnobs::default())?;
     bench.info = Arc::new(SampleSetInfo { epoch_secs: EPOCH_SECS, ..(*bench.info).clone() });
     let instances = bench.scene.reflectors(options.base.most);
-    anyhow::ensure!(!instances.is_empty(), "nothing in {} mirrors what is around it", options.scene);
+    anyhow::ensure!(!instances.is_empty(), "{} has no reflective object", options.scene);
     let views = bench.suggested();
     let (rays, samples) = options.truth;
     let tracer =
@@ -145,10 +146,10 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let scene = &subject.bench.scene;
     let mut report = Report::new(&scene.name, Machine::here(gpu.kind()), found);
     report.notes.push(format!(
-        "{} views of {width}×{height} pixels at {SUPERSAMPLING}² rays a pixel; {} of {} instances mirror what is around \
-         them, {} triangles in all. maps_ms is the time of all maps at one moment, ready_ms that of the octree and its light \
-         before them, brute_force_ms that of every triangle in every map; view_ms is the time of a view from {SAMPLES} \
-         samples. flip is against rays, {rays} over a lobe.",
+        "{} views of {width}×{height} pixels at {SUPERSAMPLING}² rays a pixel; {} of {} instances are reflectors; {} triangles \
+        in all. maps_ms: all probes at one moment. ready_ms: the octree and its light before them. brute_force_ms: every \
+        triangle rasterised into every probe. view_ms: a view warped from {SAMPLES} samples. flip: against {rays} rays per \
+        lobe.",
         subject.views.len(),
         instances.len(),
         scene.instances.len(),
@@ -159,7 +160,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-/// Without maps, then the base, then each departure from it.
+/// The rows: without probes, the base, and one changed knob each.
 fn rows_of(options: &Options) -> Vec<(&'static str, Option<Reflections>)> {
     let base = options.base;
     let sides = options.sides.iter().map(|&side| ("resolution", Some(Reflections { side, ..base })));
@@ -194,7 +195,7 @@ impl Subject {
 
         let mut ids = self.bench.all_ids(&self.views, SAMPLES);
         ids = self.bench.info.with_surroundings(ids);
-        let taken = self.bench.take(ids.clone(), 0)?;
+        let taken = self.bench.render_timed(ids.clone(), 0)?;
         let plan = |camera: &Camera| {
             let samples = self.bench.info.with_surroundings(self.bench.sample_ids(camera, SAMPLES));
             Plan::Warp(Warp { supersampling: SUPERSAMPLING, samples, ..Warp::default() })
@@ -205,7 +206,7 @@ impl Subject {
         let direct: Vec<ViewJob> = self.views.iter().map(|camera| job(camera, direct.clone())).collect();
         let (view_ms, warped) = self.time_views(&warped)?;
         let (direct_ms, direct) = self.time_views(&direct)?;
-        self.bench.forget(&ids);
+        self.bench.release(&ids);
         let judge = |frames: &[Frame]| -> Result<[f64; 3]> {
             let judged = frames.iter().zip(&self.truths).map(|(frame, truth)| compare(frame, truth));
             let judged = judged.collect::<Result<Vec<_>>>()?;
@@ -239,10 +240,10 @@ impl Subject {
         Ok((row, direct))
     }
 
-    /// Milliseconds of all maps, and of what is made ready before them, at moments that follow one another.
+    /// Milliseconds of all probes and of their preparation, over several moments.
     fn time_maps(&mut self) -> Result<[f64; 2]> {
         let mut times: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
-        // The first makes machine code; the last is the moment that views are of.
+        // The first moment also compiles pipelines. The last one is the moment of the views.
         for epoch in (0..=self.rounds as u64 + 1).rev() {
             let info = self.bench.info.at_epoch(&self.bench.scene, epoch);
             let id = SampleId { epoch, generation: info.generation, index: SampleId::SURROUNDINGS };
@@ -263,7 +264,7 @@ impl Subject {
         Ok(times.map(|times| median(&times)))
     }
 
-    /// Milliseconds of maps as large without any hierarchy: what is seen alone, without its light.
+    /// Milliseconds to rasterise the same maps without a hierarchy: visibility only, without light.
     fn brute_force(&self, gpu: &Arc<Gpu>, maps: Surroundings) -> Result<f64> {
         let scene = &self.bench.scene;
         let (pose, root) = (scene.at(0.0), RootCube::around(&scene.bounds()));
@@ -285,7 +286,7 @@ impl Subject {
         Ok(median(&times))
     }
 
-    /// Milliseconds a view, the median of the rounds, and the frames.
+    /// Milliseconds per view (median of the rounds), and the frames.
     fn time_views(&mut self, jobs: &[ViewJob]) -> Result<(f64, Vec<Frame>)> {
         let (mut times, mut frames) = (Vec::new(), Vec::new());
         for round in 0..=self.rounds {
@@ -299,7 +300,7 @@ impl Subject {
     }
 }
 
-/// Error against the time of the maps.
+/// A plot of error against the time of the probes.
 fn plot(scene: &str, rows: &[Map<String, Value>]) -> Plot {
     let number =
         |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
@@ -315,8 +316,8 @@ fn plot(scene: &str, rows: &[Map<String, Value>]) -> Plot {
     }
     Plot {
         name: "flip".to_owned(),
-        title: format!("{scene}: maps around what mirrors the scene"),
-        x: Axis::log("milliseconds of all maps at a moment, octree and light included"),
+        title: format!("{scene}: reflection probes"),
+        x: Axis::log("milliseconds of all probes at a moment, octree and light included"),
         y: Axis::linear("mean FLIP of direct views against rays"),
         series,
         ..Plot::default()

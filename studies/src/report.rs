@@ -1,4 +1,4 @@
-//! What an experiment found, in the three forms that people and scripts read.
+//! The result of a study, as table, CSV and JSON.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 
 use crate::plot::Plot;
 
-/// Where the figures were taken: they mean little without it.
+/// The machine that produced the figures.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Machine {
     /// Model of the processor.
@@ -21,9 +21,9 @@ pub struct Machine {
     pub cores: usize,
     /// GPU adapter and driver.
     pub gpu: String,
-    /// `LP_NUM_THREADS`: threads of the software driver, empty where it is left to choose.
+    /// `LP_NUM_THREADS`: threads of the software driver; empty if not set.
     pub driver_threads: String,
-    /// Whether the program was built with optimisation for release.
+    /// Whether the program is a release build.
     pub release_build: bool,
 }
 
@@ -42,40 +42,40 @@ impl Machine {
     }
 }
 
-/// The outcome of a study.
+/// The result of a study.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
-    /// Scene, or scenes separated by spaces.
+    /// The scene, or scenes separated by spaces.
     pub scene: String,
-    /// Where it was measured.
+    /// The machine it ran on.
     pub machine: Machine,
-    /// One object a table row, all with the same keys in the same order.
+    /// One object per table row; all have the same keys in the same order.
     pub rows: Vec<Map<String, Value>>,
-    /// What the table does not say: what was left out, and why. A sentence each.
+    /// Sentences about what the table does not show.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// Plots of the rows, written beside them.
+    /// Plots of the rows, written as files beside the table.
     #[serde(skip)]
     pub plots: Vec<Plot>,
 }
 
 impl Report {
-    /// Rows without notes or plots.
+    /// A report without notes or plots.
     pub fn new(scene: impl Into<String>, machine: Machine, rows: Vec<Map<String, Value>>) -> Self {
         Self { scene: scene.into(), machine, rows, notes: Vec::new(), plots: Vec::new() }
     }
 
-    /// Says how long the longest pass was, where the device can tell: drivers end what takes too long.
+    /// Notes the duration of the longest GPU pass, if the device reports it: drivers end passes that take too long.
     pub(crate) fn note_longest_pass(&mut self, gpu: &Gpu) {
         if let Some(Stage { name, ms }) = gpu.longest_pass() {
             let verdict = if ms <= LONGEST_PASS_MS { "within" } else { "BEYOND" };
             self.notes.push(format!(
-                "The longest pass, `{name}`, took {ms:.1} ms: {verdict} the {LONGEST_PASS_MS} ms that a driver surely allows."
+                "The longest pass, `{name}`, took {ms:.1} ms: {verdict} the {LONGEST_PASS_MS} ms that every driver allows."
             ));
         }
     }
 
-    /// The rows as a Markdown table, and the notes.
+    /// The rows as a Markdown table, followed by the notes.
     pub fn markdown(&self) -> String {
         let mut table = Self::table(&self.rows);
         if self.rows.is_empty() {
@@ -87,7 +87,7 @@ impl Report {
         table
     }
 
-    /// Rows as a Markdown table; nothing where there are none.
+    /// Rows as a Markdown table; empty if there are none.
     pub(crate) fn table(rows: &[Map<String, Value>]) -> String {
         let Some(first) = rows.first() else { return String::new() };
         let mut table = String::new();
@@ -111,8 +111,8 @@ impl Report {
         csv
     }
 
-    /// Writes `NAME.md`, `NAME.csv`, `NAME.json` and each plot as `NAME-PLOT.svg` into a folder, which is made if
-    /// need be. Returns the files.
+    /// Writes `NAME.md`, `NAME.csv`, `NAME.json` and each plot as `NAME-PLOT.svg` into a folder, which is created if
+    /// needed. Returns the paths of the files.
     ///
     /// # Errors
     /// The folder cannot be written to.
@@ -135,7 +135,7 @@ impl Report {
     }
 }
 
-/// The row that an object literal (`json!({..})`) describes; empty for any other value.
+/// Turns an object literal (`json!({..})`) into a row; any other value gives an empty row.
 pub(crate) fn row(value: Value) -> Map<String, Value> {
     match value {
         Value::Object(row) => row,
@@ -143,7 +143,7 @@ pub(crate) fn row(value: Value) -> Map<String, Value> {
     }
 }
 
-/// A value with the digits that a reader needs.
+/// Formats a value for a table.
 pub(crate) fn shown(value: &Value) -> String {
     match value {
         Value::Number(n) if n.is_f64() => {
@@ -162,7 +162,7 @@ pub(crate) fn shown(value: &Value) -> String {
     }
 }
 
-/// A value as CSV has it; what has parts is a cell of JSON.
+/// Formats a value for CSV. Arrays and objects become a cell of JSON.
 fn cell(value: &Value) -> String {
     let text = match value {
         Value::Null => String::new(),

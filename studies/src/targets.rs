@@ -1,18 +1,18 @@
-//! What Argus is to reach on a data-centre GPU of the H100's class: every target, in one place, as data.
+//! Performance targets on a data-centre GPU of the H100's class, as data.
 
 use serde_json::{Map, Value};
 
-/// How a figure is held to its target.
+/// A target's limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bound {
-    /// Times: the smaller the better.
+    /// An upper limit, for times.
     AtMost(f64),
-    /// Rates: the greater the better.
+    /// A lower limit, for rates.
     AtLeast(f64),
 }
 
 impl Bound {
-    /// How many times over a figure meets its target: 1 and more does, less does not. `None` for a figure that is not
+    /// How many times over a figure meets the target; 1 or more meets it. `None` if the figure is not
     /// positive and finite.
     pub fn ratio(self, figure: f64) -> Option<f64> {
         if !(figure > 0.0 && figure.is_finite()) {
@@ -31,7 +31,7 @@ impl Bound {
         }
     }
 
-    /// `≤ 10` or `≥ 1000`.
+    /// The limit as text: `≤ 10` or `≥ 1000`.
     pub fn text(self) -> String {
         match self {
             Self::AtMost(most) => format!("≤ {most}"),
@@ -40,33 +40,33 @@ impl Bound {
     }
 }
 
-/// One target and the row of a study that it holds for.
+/// A target, and the row of a study that it judges.
 #[derive(Debug, Clone, Copy)]
 pub struct Target {
-    /// What is to be reached, for people.
+    /// The target in words.
     pub claim: &'static str,
-    /// The study whose rows have the figure.
+    /// The study with the figure.
     pub study: &'static str,
-    /// Columns and values of the row, as text; of several such rows the best counts.
+    /// Columns and values that select the row, as text. The best of several such rows counts.
     pub row: &'static [(&'static str, &'static str)],
-    /// The column of the figure.
+    /// The figure's column.
     pub figure: &'static str,
-    /// What the figure is held to.
+    /// The figure's limit.
     pub bound: Bound,
-    /// Its unit.
+    /// The figure's unit.
     pub unit: &'static str,
-    /// Columns that are shown beside the figure, since it means little without them.
+    /// Columns shown beside the figure, which it means little without.
     pub beside: &'static [&'static str],
 }
 
-/// Measure and variant of the rows of `study device` that have a target.
+/// Measure and variant of the rows of `study device` with a target.
 pub(crate) const WARP: [&str; 2] = ["warp, splat", "best program, 200x150, 64 views"];
-/// See [`WARP`].
+/// Measure and variant, like [`WARP`].
 pub(crate) const SEEN: [&str; 2] = ["triangles seen, 500000", "best backend, 200x150"];
-/// See [`WARP`].
+/// Measure and variant, like [`WARP`].
 pub(crate) const SCATTERED_RAYS: [&str; 2] = ["scattered rays", "on the device"];
 
-/// The targets.
+/// All targets.
 pub const TARGETS: [Target; 5] = [
     Target {
         claim: "1M maps of 16² at 11 levels",
@@ -122,12 +122,12 @@ pub const TARGETS: [Target; 5] = [
 ];
 
 impl Target {
-    /// Whether the target is about a row of its study.
+    /// Whether the target selects a row.
     pub fn is_about(&self, row: &Map<String, Value>) -> bool {
         self.row.iter().all(|(key, value)| row.get(*key).is_some_and(|found| text(found) == *value))
     }
 
-    /// The row with the best figure among a study's rows, and that figure.
+    /// The row with the best figure that the target selects, and that figure.
     pub fn best<'a>(&self, rows: &'a [Map<String, Value>]) -> Option<(&'a Map<String, Value>, f64)> {
         let rows = rows.iter().filter(|row| self.is_about(row));
         let figures = rows.filter_map(|row| Some((row, row.get(self.figure)?.as_f64()?)));
@@ -138,12 +138,12 @@ impl Target {
     }
 }
 
-/// The target for a row of a study, if there is one.
+/// The target that selects a row of a study, if any.
 pub fn of(study: &str, row: &Map<String, Value>) -> Option<&'static Target> {
     TARGETS.iter().find(|target| target.study == study && target.is_about(row))
 }
 
-/// A value as rows are compared by it: numbers and words without quotation marks.
+/// A value as text for comparison; strings without quotation marks.
 pub(crate) fn text(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
@@ -156,7 +156,7 @@ mod tests {
     use crate::report::row;
 
     #[test]
-    fn a_target_that_is_met_has_a_ratio_of_at_least_one() {
+    fn a_met_target_has_a_ratio_of_at_least_one() {
         assert_eq!(Bound::AtMost(10.0).ratio(5.0), Some(2.0));
         assert_eq!(Bound::AtMost(10.0).ratio(40.0), Some(0.25));
         assert_eq!(Bound::AtLeast(1000.0).ratio(1000.0), Some(1.0));
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn the_best_of_the_rows_that_a_target_is_about_counts() {
+    fn the_best_of_the_selected_rows_counts() {
         let views = |views: u32, ms: f64, extrapolated: bool| {
             row(
                 json!({"method": "megaviews", "views": views, "resolution": 16, "levels": 10, "frame_ms": ms, "extrapolated": extrapolated}),

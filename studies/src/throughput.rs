@@ -1,7 +1,7 @@
-//! Views a second of one scene from samples: on the device, read back to the host, and delivered by gRPC.
+//! Throughput: warped views per second of one scene.
 //!
-//! The three differ in what is counted: the passes alone by the device's clock; whole calls of the compositor, frames on
-//! the host at their end; and answers of a service of processes on this machine.
+//! Three rates are measured: the passes alone by the device's clock; whole calls of the compositor, with frames read
+//! back to the host; and answers over gRPC of a service on this machine.
 
 use std::path::Path;
 
@@ -20,26 +20,26 @@ use crate::local_cluster::LocalCluster;
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured, and how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Sizes of views, pixels.
+    /// View sizes in pixels.
     pub sizes: Vec<[u32; 2]>,
-    /// Views of a batch of the compositor.
+    /// Views in a batch of the compositor.
     pub batch: usize,
-    /// Samples that a view is reconstructed from.
+    /// Samples used for each warped view.
     pub samples: usize,
-    /// Views asked of the service at once, in a round.
+    /// Views requested from the service at once, per round.
     pub delivered: u32,
-    /// Worker processes of the service; none leaves it out.
+    /// Worker processes of the service; 0: the service is not measured.
     pub workers: usize,
-    /// Rounds that medians are taken over.
+    /// Measured rounds; each rate is their median.
     pub rounds: usize,
     /// Views of a batch whose error is measured.
     pub judged: usize,
-    /// Samples a pixel of the reference, a square number.
+    /// Reference samples per pixel: a square number.
     pub reference_samples: u32,
 }
 
@@ -92,7 +92,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     Ok(report)
 }
 
-/// Rows of what needs no service.
+/// The rows without the service.
 fn local(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     let mut bench = Bench::new(&gpu, &options.scene, &RigKnobs::default(), SamplerKnobs::default())?;
@@ -103,8 +103,8 @@ fn local(options: &Options, progress: &ProgressBar) -> Result<Report> {
     }
     let mut report = Report::new(options.scene.clone(), Machine::here(gpu.kind()), rows);
     report.notes = vec![format!(
-        "{} views of a walk in a batch, {} samples each, splat; FLIP of {} of them against {} rays a pixel. Delivered: \
-             {} views at once, {IN_FLIGHT} in flight, from {} worker processes, losslessly packed.",
+        "{} views of a walk in a batch, {} samples each, splat search; FLIP of {} of them against {} rays a pixel. Delivered: \
+        {} views requested at once, {IN_FLIGHT} in flight, from {} worker processes, losslessly packed.",
         options.batch,
         options.samples,
         options.judged,
@@ -127,8 +127,8 @@ fn row(bench: &mut Bench, options: &Options, size: [u32; 2]) -> Result<Map<Strin
     let jobs: Vec<_> = cameras.iter().map(job).collect();
     let (mut on_device, mut read_back) = (Vec::new(), Vec::new());
     let (mut errors, mut unresolved) = (Vec::new(), f64::NAN);
-    // The first rounds also make machine code and try both programs of the search.
-    let program = bench.batches_to_decide(&jobs)?;
+    // The first rounds compile pipelines and try both programs of the search.
+    let program = bench.decide_program(&jobs)?;
     for _ in 0..options.rounds {
         let (ms, frames) = bench.time(&jobs)?;
         on_device.push(1e3 / device_ms(&frames));
@@ -155,7 +155,7 @@ fn row(bench: &mut Bench, options: &Options, size: [u32; 2]) -> Result<Map<Strin
     })))
 }
 
-/// Views a second of a service that has its samples.
+/// Views per second of a service whose samples are rendered.
 async fn delivered(argus: &Path, options: &Options, size: [u32; 2]) -> Result<f64> {
     let arguments = ["--samplers-composite=true", "--visibility=auto"].map(str::to_owned);
     let cluster = LocalCluster::start(argus, &options.scene, options.workers, &arguments)?;

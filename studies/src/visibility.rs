@@ -1,8 +1,10 @@
-//! What each way of seeing triangles costs, and how far the ways agree.
+//! Visibility: the cost of each visibility backend, and how far the backends agree.
 //!
-//! For each scene, size of view and number of sub-samples: the time to fill a visibility buffer by the rasteriser,
-//! by packets on the CPU and by packets in compute, and the share of sub-samples whose ids differ from the
-//! rasteriser's; the time of a whole direct view each way; what 1% and 5% of its pixels cost as single rays; and what a sample of the scene's rig costs.
+//! For each scene, view size and number of sub-samples it measures:
+//! - the time to fill a visibility buffer by the rasteriser, by packets on the CPU and by packets in compute;
+//! - the share of sub-samples whose ids differ from the rasteriser's;
+//! - the time of a whole direct view with each backend, and of 1% and 5% of its pixels as single rays;
+//! - the time of a sample of the scene's rig.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -20,23 +22,23 @@ use serde_json::{Map, Value, json};
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report};
 
-/// What is measured, and how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scenes, as [`argus_scene::open`] takes them.
     pub scenes: Vec<String>,
-    /// Sizes of view, pixels.
+    /// View sizes in pixels.
     pub sizes: Vec<[u32; 2]>,
-    /// Samples a pixel: square numbers.
+    /// Samples per pixel: square numbers.
     pub sub_samples: Vec<u32>,
-    /// Viewpoints that times are the mean of.
+    /// Viewpoints over which times are averaged.
     pub views: usize,
-    /// Rounds that medians are taken over.
+    /// Measured rounds; each time is their median.
     pub rounds: usize,
 }
 
 impl Default for Options {
-    /// The figures of the README: a minute a scene.
+    /// The README's figures; takes a minute for each scene.
     fn default() -> Self {
         Self {
             scenes: ["terrain:500000", "terrain:2000000"].map(str::to_owned).to_vec(),
@@ -60,8 +62,8 @@ impl Effort for Options {
     }
 }
 
-/// The ways that are compared, where the device has them; a row names the cheapest.
-const WAYS: [Visibility; 3] = [Visibility::Raster, Visibility::Cpu, Visibility::Trace];
+/// The compared backends, where the device has them. A row names the cheapest.
+const BACKENDS: [Visibility; 3] = [Visibility::Raster, Visibility::Cpu, Visibility::Trace];
 
 /// Runs the study; `progress` counts rows.
 ///
@@ -75,9 +77,11 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         progress.set_message(spec.clone());
         let scene = Arc::new(argus_scene::open(spec)?);
         let mut bench = Bench::new(&gpu, &scene)?;
-        let ways = bench.ways.clone();
-        let sample_ms =
-            ways.into_iter().map(|way| bench.sample_ms(way, options.rounds)).collect::<Result<Vec<_>>>()?;
+        let backends = bench.backends.clone();
+        let sample_ms = backends
+            .into_iter()
+            .map(|backend| bench.sample_ms(backend, options.rounds))
+            .collect::<Result<Vec<_>>>()?;
         let suggested: Vec<Camera> = match scene.cameras.as_slice() {
             [] => vec![scene.default_camera()],
             cameras => cameras.iter().map(|named| named.camera).collect(),
@@ -95,10 +99,10 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-/// One scene, and the ways that the device has.
+/// One scene, and the device's visibility backends.
 struct Bench {
     scene: Arc<Scene>,
-    ways: Vec<Visibility>,
+    backends: Vec<Visibility>,
     sampler: GpuSampler,
     build_ms: f64,
 }
@@ -106,22 +110,23 @@ struct Bench {
 impl Bench {
     fn new(gpu: &Arc<Gpu>, scene: &Arc<Scene>) -> Result<Self> {
         let mut sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(scene))?;
-        // Afresh, so that nothing of the other's work is beside it.
+        // Built first, before other work of the sampler.
         let begin = Instant::now();
         sampler.identify(&scene.default_camera(), [8, 8], 1, Visibility::Cpu)?;
         let build_ms = ms(begin.elapsed());
-        let has = |way: &Visibility| match sampler.identify(&scene.default_camera(), [8, 8], 1, *way) {
-            Ok(_) => Ok(Some(*way)),
+        let has = |backend: &Visibility| match sampler.identify(&scene.default_camera(), [8, 8], 1, *backend)
+        {
+            Ok(_) => Ok(Some(*backend)),
             Err(RenderError::Invalid(_)) => Ok(None),
             Err(error) => Err(error),
         };
-        let ways = WAYS.iter().map(has).collect::<Result<Vec<_>, RenderError>>()?;
-        let ways = ways.into_iter().flatten().collect();
-        Ok(Self { scene: Arc::clone(scene), ways, sampler, build_ms })
+        let backends = BACKENDS.iter().map(has).collect::<Result<Vec<_>, RenderError>>()?;
+        let backends = backends.into_iter().flatten().collect();
+        Ok(Self { scene: Arc::clone(scene), backends, sampler, build_ms })
     }
 
-    /// Time of one sample, in the middle of the scene's rig.
-    fn sample_ms(&mut self, way: Visibility, rounds: usize) -> Result<f64> {
+    /// Median milliseconds of one sample in the middle of the scene's rig.
+    fn sample_ms(&mut self, backend: Visibility, rounds: usize) -> Result<f64> {
         let scene = &self.scene;
         let rig = Rig::for_scene(scene, &RigKnobs::default())?;
         let camera = scene.cameras.first().map_or_else(|| scene.default_camera(), |named| named.camera);
@@ -134,7 +139,7 @@ impl Bench {
             epoch_secs: 0.0,
             generation: 1,
             lighting: scene.lighting.clone(),
-            visibility: way,
+            visibility: backend,
             sampling: Sampling::default(),
             reflections: None,
         };
@@ -155,20 +160,20 @@ impl Bench {
         sample_ms: &[f64],
         rounds: usize,
     ) -> Result<Map<String, Value>> {
-        let ways = self.ways.clone();
-        let mut see = vec![Vec::new(); ways.len()];
-        let mut direct = vec![Vec::new(); ways.len()];
-        let mut differing = vec![Vec::new(); ways.len()];
+        let backends = self.backends.clone();
+        let mut see = vec![Vec::new(); backends.len()];
+        let mut direct = vec![Vec::new(); backends.len()];
+        let mut differing = vec![Vec::new(); backends.len()];
         let (mut few, mut some) = (Vec::new(), Vec::new());
         for camera in cameras {
             let mut found = Vec::new();
-            for (i, &way) in ways.iter().enumerate() {
+            for (i, &backend) in backends.iter().enumerate() {
                 let sampler = &mut self.sampler;
                 let mut times = Vec::new();
                 let mut ids = Vec::new();
-                // Once more than is counted, for what the driver compiles.
+                // The first round is not counted: the driver compiles.
                 for round in 0..=rounds {
-                    let (seen, took) = sampler.identify(camera, size, samples.isqrt(), way)?;
+                    let (seen, took) = sampler.identify(camera, size, samples.isqrt(), backend)?;
                     ids = seen;
                     if round > 0 {
                         times.push(ms(took));
@@ -184,7 +189,7 @@ impl Bench {
                     plan: Plan::Direct { samples_per_pixel: samples },
                     epoch: 0,
                     time_secs: 0.0,
-                    visibility: way,
+                    visibility: backend,
                     reflections: None,
                     history: None,
                 };
@@ -213,8 +218,9 @@ impl Bench {
                 })?);
             }
         }
-        let cheapest = (0..ways.len()).min_by(|&a, &b| mean_of(&direct[a]).total_cmp(&mean_of(&direct[b])));
-        let name = |i: usize| ways[i].name();
+        let cheapest =
+            (0..backends.len()).min_by(|&a, &b| mean_of(&direct[a]).total_cmp(&mean_of(&direct[b])));
+        let name = |i: usize| backends[i].name();
         let mut row = Map::new();
         row.insert("scene".to_owned(), json!(spec));
         row.insert("size".to_owned(), json!(format!("{}x{}", size[0], size[1])));
@@ -239,7 +245,7 @@ impl Bench {
     }
 }
 
-/// Some of a view's pixels, scattered in runs as holes are: where the hash of a square of 4 × 4 says so.
+/// Some of a view's pixels, scattered in 4 × 4 squares as holes are; a hash of each square selects them.
 fn pixels(camera: &Camera, [width, height]: [u32; 2], samples_per_pixel: u32, percent: u32) -> PixelJob {
     let holed = |pixel: &u32| {
         let square =
@@ -252,7 +258,7 @@ fn pixels(camera: &Camera, [width, height]: [u32; 2], samples_per_pixel: u32, pe
     PixelJob { camera, width, height, pixels, samples_per_pixel, epoch: 0, time_secs: 0.0, reflections }
 }
 
-/// Milliseconds of one call, the median of the rounds after the first.
+/// Median milliseconds of a call, without the first round.
 fn timed<T>(rounds: usize, mut call: impl FnMut() -> Result<T, RenderError>) -> Result<f64> {
     let mut times = Vec::new();
     for round in 0..=rounds {
@@ -280,7 +286,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_holes_are_about_as_many_as_said_and_ascend() {
+    fn the_pixels_are_about_as_many_as_asked_and_ascend() {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
         for percent in [1, 5] {
             let job = pixels(&camera, [640, 480], 1, percent);

@@ -1,4 +1,4 @@
-//! A walk through a scene, lap after lap, by gRPC: how many pixels no sample saw, and how they vanish while the
+//! Walk: laps through a scene over gRPC. Measures how many pixels no sample saw, and how they vanish while the
 //! cluster places samples where views have holes.
 
 use std::path::Path;
@@ -18,18 +18,18 @@ use crate::local_cluster::LocalCluster;
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report};
 
-/// What is measured, and for how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scene, as [`argus_scene::open`] takes it.
     pub scene: String,
     /// Viewpoints of a lap.
     pub views: usize,
-    /// Laps; between two of them the cluster may place samples.
+    /// Laps. Between two laps the cluster may place samples.
     pub laps: usize,
-    /// How long it may, seconds; less where it has placed all it wants.
+    /// Longest pause between two laps in seconds; shorter once all wanted samples are placed.
     pub pause_secs: f64,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// Views of a lap whose FLIP is measured.
     pub judged: usize,
@@ -37,7 +37,7 @@ pub struct Options {
     pub workers: usize,
     /// Further arguments of `argus serve`, such as the rig's.
     pub serve: Vec<String>,
-    /// Wishes about the plan.
+    /// The requested plan.
     pub plan: PlanRequest,
 }
 
@@ -71,13 +71,13 @@ impl Effort for Options {
     }
 }
 
-/// Samples a pixel, a side, of the direct views that FLIP is measured against.
+/// Samples a side of a reference's pixel.
 const REFERENCE_SIDE: u32 = 4;
 
 /// Runs the study with a cluster of the program `argus`; `progress` counts laps.
 ///
 /// # Errors
-/// A cluster that does not come up, or a view that is not answered.
+/// A cluster that does not start, or a view that is not answered.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_length(options.laps as u64);
     let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
@@ -138,11 +138,11 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     Ok(Report::new(options.scene.clone(), Machine::here(&device), rows))
 }
 
-/// What a view should show.
+/// The reference of a view.
 struct Truth {
-    /// Directly rendered, with many samples a pixel.
+    /// A direct view with many samples per pixel.
     reference: RgbImage,
-    /// FLIP of the same view with one sample a pixel: what no reconstruction can be asked to be better than.
+    /// FLIP of the direct view with one sample per pixel, which no warp can be expected to beat.
     direct_flip: f64,
 }
 
@@ -172,7 +172,7 @@ fn image_of(answer: &Answer) -> Result<RgbImage> {
     RgbImage::from_raw(frame.width, frame.height, color.to_vec()).context("the frame is not of its size")
 }
 
-/// Waits until the cluster has placed all it wants, at most so long.
+/// Waits until the cluster has placed all wanted samples, for at most `secs` seconds.
 async fn settle(client: &Client, secs: f64) -> Result<()> {
     let until = tokio::time::Instant::now() + Duration::from_secs_f64(secs);
     let mut calm = 0;
@@ -185,9 +185,8 @@ async fn settle(client: &Client, secs: f64) -> Result<()> {
     Ok(())
 }
 
-/// Viewpoints along a closed way at the height of eyes: an oval of two fifths of the scene's extent in x and a
-/// tenth of it in z, so that in Sponza it goes up the nave and comes back in it, past columns, curtains and plants.
-/// Looking ahead, and now and then aside.
+/// Viewpoints along a closed oval at eye height, 56% of the scene's extent in x and 12% in z. In Sponza it leads up
+/// the nave and back, past columns, curtains and plants. Views look ahead and sometimes aside.
 fn walk(bounds: &Bounds, count: usize) -> Vec<Camera> {
     let (center, size) = (bounds.center(), bounds.size());
     let height = bounds.min.y + 0.21 * size.y;
@@ -199,7 +198,7 @@ fn walk(bounds: &Bounds, count: usize) -> Vec<Camera> {
         .map(|i| {
             let turn = i as f64 / count as f64;
             let (eye, ahead) = (at(turn), at(turn + 0.05) - at(turn));
-            // 50° to either side, slower than a step, so that a lap sees the walls as well as the way.
+            // 50° to either side, slower than a step, so that a lap sees the walls too.
             let aside = 50.0_f64.to_radians() * (turn * 7.0 * std::f64::consts::TAU).sin();
             let look = glam::DQuat::from_rotation_y(aside) * ahead.normalize_or(DVec3::X);
             Camera { fov_deg: 60.0, ..Camera::look_at(eye, eye + look + DVec3::Y * 0.1) }

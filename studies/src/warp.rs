@@ -1,10 +1,9 @@
-//! What accuracy costs in time: every search, with its knobs, over a walk past what hides other things.
+//! Warp: accuracy against time of every search and its knobs, over a walk that reveals hidden surfaces.
 //!
-//! A view is judged against the reference tracer's: its colour by FLIP, PSNR and SSIM against a supersampled
-//! image, its range pixel by pixel (a pixel shows the *wrong surface* where its range differs by more than
-//! [`WRONG_SURFACE`] of the truth, or one of them is sky). The direct render's own error stands beside, since no
-//! warp can be asked to be better than what it replaces, and so does the time of a pass that makes one colour
-//! fetch a pixel, since none can be cheaper.
+//! Colour is judged against a supersampled reference image by FLIP, PSNR and SSIM. Range is judged pixel by pixel: a
+//! pixel shows the *wrong surface* if its range differs from the reference by more than [`WRONG_SURFACE`], or if only
+//! one of them is sky. Two bounds stand beside: the error of direct views, which no warp can be expected to beat, and
+//! the time of a pass with one colour fetch per pixel.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,42 +17,42 @@ use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Rig, RigKno
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use crate::bench::{Bench, Judged, Truth, WRONG_SURFACE};
+use crate::bench::{Bench, FrameErrors, Truth, WRONG_SURFACE};
 use crate::median::{mean, median};
 use crate::plot::{Axis, Mark, Plot, Series, pareto_front};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured, and how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// Views of the walk.
     pub views: usize,
     /// How sample cameras are placed.
     pub rig: RigKnobs,
-    /// Numbers of samples that a view is reconstructed from.
+    /// Numbers of samples used for each warped view.
     pub samples: Vec<usize>,
     /// Sub-pixels a side.
     pub supersampling: Vec<u32>,
-    /// Searches that are measured.
+    /// Searches to measure.
     pub searches: Vec<Search>,
-    /// Steps of each search that takes them.
+    /// Steps to measure for each search that takes them.
     pub steps: fn(Search) -> &'static [u32],
-    /// Resolutions of the samples, as factors of the rig's, that the default search is measured with besides.
+    /// Further sample resolutions for the default search, as factors of the rig's.
     pub resolutions: Vec<f64>,
-    /// Rounds that medians are taken over.
+    /// Measured rounds; each time is their median.
     pub rounds: usize,
-    /// Milliseconds that a setting may take in a round; slow ones are timed over fewer views.
+    /// Target milliseconds of a setting in a round; slow settings are timed over fewer views.
     pub round_ms: f64,
-    /// Samples a pixel of the reference, a square number.
+    /// Reference samples per pixel: a square number.
     pub reference_samples: u32,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scene: "terrain:500000".to_owned(),
@@ -94,14 +93,14 @@ impl Effort for Options {
     }
 }
 
-/// One way to answer views: a row.
+/// One setting for rendering views: a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Way {
+enum Setting {
     Direct { samples_per_pixel: u32 },
     Warp { search: Search, steps: Option<u32>, samples: usize, side: u32 },
 }
 
-impl Way {
+impl Setting {
     fn plan(self, bench: &Bench, camera: &Camera) -> Plan {
         match self {
             Self::Direct { samples_per_pixel } => Plan::Direct { samples_per_pixel },
@@ -115,7 +114,7 @@ impl Way {
         }
     }
 
-    /// Sub-pixels a side whose range the frame has.
+    /// Sub-pixels a side of the frame's range.
     fn side(self) -> u32 {
         match self {
             Self::Direct { .. } => 1,
@@ -130,7 +129,7 @@ impl Way {
         }
     }
 
-    /// A few words for a plot.
+    /// A short name for plots.
     fn label(self) -> String {
         match self {
             Self::Direct { samples_per_pixel } => format!("direct ×{samples_per_pixel}"),
@@ -143,17 +142,17 @@ impl Way {
     }
 }
 
-/// A way, what it took and what it is worth.
+/// A setting's times and errors.
 struct Measured {
-    way: Way,
+    setting: Setting,
     rig: Rig,
-    /// Its samples were chosen by what they see of a view, and not by how near they are.
+    /// Whether sample cameras were selected by visibility rather than by distance.
     by_sight: bool,
     ms: Vec<f64>,
-    /// Milliseconds a view by stage, in each round.
+    /// Milliseconds per view of each stage, in each round.
     stages: BTreeMap<String, Vec<f64>>,
-    judged: Vec<Judged>,
-    /// Views that it is timed over.
+    judged: Vec<FrameErrors>,
+    /// Views over which it is timed.
     timed: usize,
 }
 
@@ -162,21 +161,21 @@ impl Measured {
         median(&self.ms)
     }
 
-    /// A round of so many milliseconds a view.
+    /// Adds a round with its milliseconds per view.
     fn add_round(&mut self, view_ms: f64, frames: &[Frame]) {
         self.ms.push(view_ms);
         let mut round: BTreeMap<&str, f64> = BTreeMap::new();
         for stage in frames.iter().flat_map(|frame| &frame.stages) {
             *round.entry(&stage.name).or_default() += stage.ms / frames.len() as f64;
         }
-        // What its stages leave is submission, and waiting for the device.
+        // The rest is submission, and waiting for the device.
         round.insert("rest", view_ms - round.values().sum::<f64>());
         for (name, ms) in round {
             self.stages.entry(name.to_owned()).or_default().push(ms);
         }
     }
 
-    /// What a view is made of, the longest first.
+    /// Milliseconds of a view's stages, the longest first.
     fn made_of(&self) -> String {
         let mut stages: Vec<(f64, &str)> =
             self.stages.iter().map(|(name, ms)| (median(ms), name.as_str())).collect();
@@ -185,16 +184,18 @@ impl Measured {
         shown.map(|(ms, name)| format!("{name} {ms:.2}")).collect::<Vec<_>>().join(", ")
     }
 
-    /// How its samples were chosen.
+    /// How sample cameras were selected.
     fn cameras(&self) -> &'static str {
         if self.by_sight { "seen" } else { "nearest" }
     }
 
-    /// Its way and, where there are any, its samples' texels.
+    /// The setting's name, with the size of its samples if it has any.
     fn label(&self) -> String {
-        match self.way {
-            Way::Direct { .. } => self.way.label(),
-            Way::Warp { .. } => format!("{} {} of {}", self.way.label(), self.cameras(), texels(&self.rig)),
+        match self.setting {
+            Setting::Direct { .. } => self.setting.label(),
+            Setting::Warp { .. } => {
+                format!("{} {} of {}", self.setting.label(), self.cameras(), texels(&self.rig))
+            }
         }
     }
 
@@ -203,31 +204,32 @@ impl Measured {
     }
 }
 
-/// Runs the study; `progress` counts ways × rounds.
+/// Runs the study; `progress` counts settings × rounds.
 ///
 /// # Errors
-/// A scene that cannot be opened, no GPU, or a render that fails for another reason than a search that the
-/// compositor does not have.
+/// A scene that cannot be opened, no GPU, or a render that fails. A search that the compositor does not have is left out.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     progress.set_message(options.scene.clone());
     let mut bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
     let mut study = Study::new(&bench, options);
-    let directs = [1, 4, 16].map(|samples_per_pixel| Way::Direct { samples_per_pixel });
-    let ways: Vec<Way> = directs.into_iter().chain(study.grid(&bench)).collect();
+    let directs = [1, 4, 16].map(|samples_per_pixel| Setting::Direct { samples_per_pixel });
+    let settings: Vec<Setting> = directs.into_iter().chain(study.grid(&bench)).collect();
     let rigs = options.resolutions.iter().map(|&factor| finer(&bench.info.rig, factor)).collect::<Vec<_>>();
     let few = |samples| {
-        let way = move |&side: &u32| Way::Warp { search: Search::default(), steps: None, samples, side };
-        options.supersampling.iter().map(way)
+        let setting =
+            move |&side: &u32| Setting::Warp { search: Search::default(), steps: None, samples, side };
+        options.supersampling.iter().map(setting)
     };
-    let few: Vec<Way> = few(2).chain(few(4)).collect();
+    let few: Vec<Setting> = few(2).chain(few(4)).collect();
     let most = options.samples.iter().copied().max().unwrap_or(1);
-    let blindly = |way: &&Way| matches!(way, Way::Warp { samples, side: 1, .. } if *samples == most);
-    let blindly: Vec<Way> =
-        ways.iter().filter(blindly).copied().filter(|_| bench.chooses_by_sight()).collect();
-    let count = ways.len() + few.len() * rigs.len() + blindly.len();
+    let nearest =
+        |setting: &&Setting| matches!(setting, Setting::Warp { samples, side: 1, .. } if *samples == most);
+    let nearest: Vec<Setting> =
+        settings.iter().filter(nearest).copied().filter(|_| bench.chooses_by_sight()).collect();
+    let count = settings.len() + few.len() * rigs.len() + nearest.len();
     progress.set_length((count * (options.rounds + 1)) as u64);
-    let fetch_ms = study.measure(&mut bench, &ways, progress)?;
+    let fetch_ms = study.measure(&mut bench, &settings, progress)?;
     for rig in rigs {
         bench.replace_rig(&rig, &study.held)?;
         match study.measure(&mut bench, &few, progress) {
@@ -235,15 +237,15 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
             Err(error) => study.leave_out_samples(&bench, error)?,
         }
     }
-    if !blindly.is_empty() {
-        bench.choose_blindly();
+    if !nearest.is_empty() {
+        bench.ignore_sight();
         bench.replace_rig(&options.rig, &study.held)?;
-        study.measure(&mut bench, &blindly, progress)?;
+        study.measure(&mut bench, &nearest, progress)?;
     }
     Ok(study.report(&bench, &gpu, fetch_ms))
 }
 
-/// Knobs for the same cameras with `factor` times the texels a side.
+/// Knobs for the same cameras with `factor` times as many texels a side.
 fn finer(rig: &Rig, factor: f64) -> RigKnobs {
     let scaled = |n: u32| ((f64::from(n) * factor).round() as u32).max(8);
     match *rig {
@@ -256,7 +258,7 @@ fn finer(rig: &Rig, factor: f64) -> RigKnobs {
     }
 }
 
-/// What choosing so many samples for each of the cameras takes, milliseconds, median.
+/// Median milliseconds to select the samples of a view.
 fn choosing_ms(bench: &Bench, cameras: &[Camera], count: usize) -> f64 {
     let chosen = cameras.iter().map(|camera| {
         let begin = Instant::now();
@@ -272,9 +274,9 @@ struct Study<'a> {
     truths: Vec<Truth>,
     measured: Vec<Measured>,
     held: Vec<argus_scene::SampleId>,
-    /// Searches and samples that the compositor refused, and its reason.
+    /// Searches and samples that the compositor refused, with its reason.
     refused: BTreeMap<String, String>,
-    /// What choosing a view's samples takes, median.
+    /// Median milliseconds to select the samples of a view.
     choosing_ms: f64,
 }
 
@@ -296,12 +298,12 @@ impl<'a> Study<'a> {
         }
     }
 
-    /// Every search × its steps × samples × supersampling; no product twice where a rig has fewer samples.
-    fn grid(&self, bench: &Bench) -> Vec<Way> {
+    /// Every search × its steps × samples × supersampling, without duplicates where the rig has fewer samples.
+    fn grid(&self, bench: &Bench) -> Vec<Setting> {
         let most = self.cameras.iter().map(|camera| bench.sample_ids(camera, usize::MAX).len()).max();
         let mut counts: Vec<usize> = self.options.samples.iter().map(|&n| n.min(most.unwrap_or(n))).collect();
         counts.dedup();
-        let mut ways = Vec::new();
+        let mut settings = Vec::new();
         for &search in &self.options.searches {
             let steps = (self.options.steps)(search);
             let steps: Vec<Option<u32>> =
@@ -309,35 +311,36 @@ impl<'a> Study<'a> {
             for steps in steps {
                 for &samples in &counts {
                     for &side in &self.options.supersampling {
-                        ways.push(Way::Warp { search, steps, samples, side });
+                        settings.push(Setting::Warp { search, steps, samples, side });
                     }
                 }
             }
         }
-        ways
+        settings
     }
 
-    fn jobs(&self, bench: &Bench, way: Way, outputs: Outputs) -> Vec<ViewJob> {
-        let job = |camera: &Camera| bench.job(*camera, self.options.size, outputs, way.plan(bench, camera));
+    fn jobs(&self, bench: &Bench, setting: Setting, outputs: Outputs) -> Vec<ViewJob> {
+        let job =
+            |camera: &Camera| bench.job(*camera, self.options.size, outputs, setting.plan(bench, camera));
         self.cameras.iter().map(job).collect()
     }
 
-    /// Judges each way in a first round, then times them in turns. Returns the median time of a view with one
-    /// fetch a pixel.
-    fn measure(&mut self, bench: &mut Bench, ways: &[Way], progress: &ProgressBar) -> Result<f64> {
+    /// Judges each setting in a first round, then times all in turns. Returns the median milliseconds of a view with
+    /// one fetch per pixel.
+    fn measure(&mut self, bench: &mut Bench, settings: &[Setting], progress: &ProgressBar) -> Result<f64> {
         let most = self.options.samples.iter().copied().max().unwrap_or(1);
         self.held = bench.all_ids(&self.cameras, most);
         bench.hold(&self.held)?;
         let first = self.measured.len();
-        for &way in ways {
+        for &setting in settings {
             progress.inc(1);
-            progress.set_message(way.label());
-            if self.refused.contains_key(way.search()) {
+            progress.set_message(setting.label());
+            if self.refused.contains_key(setting.search()) {
                 continue;
             }
-            match self.judge(bench, way) {
+            match self.judge(bench, setting) {
                 Ok(measured) => self.measured.push(measured),
-                Err(error) => self.leave_out(way, error)?,
+                Err(error) => self.leave_out(setting, error)?,
             }
         }
         let mut bare_fetch = BareFetch::default();
@@ -346,10 +349,10 @@ impl<'a> Study<'a> {
         for _ in 0..self.options.rounds {
             fetch_ms.push(self.one_fetch(bench, &mut bare_fetch)?);
             for at in first..self.measured.len() {
-                let Measured { way, timed, .. } = self.measured[at];
+                let Measured { setting, timed, .. } = self.measured[at];
                 progress.inc(1);
-                progress.set_message(way.label());
-                let jobs = every(self.jobs(bench, way, Outputs::COLOR), timed);
+                progress.set_message(setting.label());
+                let jobs = every(self.jobs(bench, setting, Outputs::COLOR), timed);
                 let (ms, frames) = bench.time(&jobs)?;
                 self.measured[at].add_round(ms / jobs.len() as f64, &frames);
             }
@@ -357,21 +360,21 @@ impl<'a> Study<'a> {
         Ok(median(&fetch_ms))
     }
 
-    /// One round for quality, which also makes the pipelines' machine code.
-    fn judge(&self, bench: &mut Bench, way: Way) -> Result<Measured> {
-        let jobs = self.jobs(bench, way, Outputs { range: true, ..Outputs::COLOR });
+    /// Runs one round for quality, which also compiles the pipelines.
+    fn judge(&self, bench: &mut Bench, setting: Setting) -> Result<Measured> {
+        let jobs = self.jobs(bench, setting, Outputs { range: true, ..Outputs::COLOR });
         let (_, frames) = bench.time(&jobs)?;
         let judged =
-            frames.iter().zip(&self.truths).map(|(frame, truth)| Bench::judge(frame, truth, way.side()));
+            frames.iter().zip(&self.truths).map(|(frame, truth)| Bench::judge(frame, truth, setting.side()));
         let judged = judged.collect::<Result<_>>()?;
-        let jobs = self.jobs(bench, way, Outputs::COLOR);
+        let jobs = self.jobs(bench, setting, Outputs::COLOR);
         bench.time(&jobs[..1])?;
         let (ms, _) = bench.time(&jobs[..1])?;
         let timed = ((self.options.round_ms / ms) as usize).clamp(2, jobs.len().max(2));
-        // Views of other sizes of pixels take other programs.
+        // Batches of other sizes use other programs.
         bench.time(&every(jobs, timed))?;
         Ok(Measured {
-            way,
+            setting,
             rig: bench.info.rig,
             by_sight: bench.chooses_by_sight(),
             ms: Vec::new(),
@@ -381,18 +384,18 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// A search that the compositor does not have is left out, with its reason; anything else is an error.
-    fn leave_out(&mut self, way: Way, error: anyhow::Error) -> Result<()> {
+    /// Leaves out a search that the compositor does not have, with its reason. Returns any other error.
+    fn leave_out(&mut self, setting: Setting, error: anyhow::Error) -> Result<()> {
         match error.downcast_ref::<RenderError>() {
             Some(RenderError::Invalid(invalid)) if invalid.field == "plan.search" => {
-                self.refused.insert(way.search().to_owned(), invalid.reason.clone());
+                self.refused.insert(setting.search().to_owned(), invalid.reason.clone());
                 Ok(())
             }
-            _ => Err(error).with_context(|| way.label()),
+            _ => Err(error).with_context(|| setting.label()),
         }
     }
 
-    /// So are samples that are more than a compositor may hold.
+    /// Leaves out samples that exceed the compositor's memory, with the reason. Returns any other error.
     fn leave_out_samples(&mut self, bench: &Bench, error: anyhow::Error) -> Result<()> {
         let samples = format!("samples of {}", texels(&bench.info.rig));
         match error.downcast_ref::<RenderError>() {
@@ -404,10 +407,10 @@ impl<'a> Study<'a> {
         }
     }
 
-    /// Milliseconds a view of the pass that makes one colour fetch a pixel.
+    /// Milliseconds per view of a pass with one colour fetch per pixel.
     fn one_fetch(&self, bench: &mut Bench, bare_fetch: &mut BareFetch) -> Result<f64> {
-        let way = Way::Warp { search: Search::default(), steps: None, samples: 1, side: 1 };
-        let jobs = self.jobs(bench, way, Outputs::COLOR);
+        let setting = Setting::Warp { search: Search::default(), steps: None, samples: 1, side: 1 };
+        let jobs = self.jobs(bench, setting, Outputs::COLOR);
         let begin = Instant::now();
         let frames = bare_fetch.compose(&mut bench.compositor, &jobs, &Cancel::new());
         let ms = begin.elapsed().as_secs_f64() * 1e3;
@@ -416,15 +419,15 @@ impl<'a> Study<'a> {
     }
 
     fn report(&self, bench: &Bench, gpu: &Arc<Gpu>, fetch_ms: f64) -> Report {
-        let direct = self.measured.iter().find(|m| m.way == Way::Direct { samples_per_pixel: 1 });
+        let direct = self.measured.iter().find(|m| m.setting == Setting::Direct { samples_per_pixel: 1 });
         let direct_ms = direct.map_or(f64::NAN, Measured::view_ms);
         let rows = self.measured.iter().map(|m| {
-            let (steps, samples, side) = match m.way {
-                Way::Direct { samples_per_pixel } => (None, None, samples_per_pixel.isqrt()),
-                Way::Warp { steps, samples, side, .. } => (steps, Some(samples), side),
+            let (steps, samples, side) = match m.setting {
+                Setting::Direct { samples_per_pixel } => (None, None, samples_per_pixel.isqrt()),
+                Setting::Warp { steps, samples, side, .. } => (steps, Some(samples), side),
             };
             report::row(json!({
-                "search": m.way.search(),
+                "search": m.setting.search(),
                 "steps": steps,
                 "samples": samples,
                 "supersampling": side,
@@ -456,12 +459,15 @@ impl<'a> Study<'a> {
         )];
         notes.push(format!("One fetch a pixel: {fetch_ms:.3} ms a view."));
         let most = self.options.samples.iter().copied().max().unwrap_or(1);
-        let whole = |m: &&Measured| matches!(m.way, Way::Warp { samples, side: 1, .. } if samples == most);
+        let whole =
+            |m: &&Measured| matches!(m.setting, Setting::Warp { samples, side: 1, .. } if samples == most);
         for m in self.measured.iter().filter(whole).filter(|m| m.by_sight == self.measured[0].by_sight) {
-            notes.push(format!("A view by {}, milliseconds: {}.", m.way.label(), m.made_of()));
+            notes.push(format!("A view by {}, milliseconds: {}.", m.setting.label(), m.made_of()));
         }
-        notes
-            .push(format!("A core of a coordinator chooses a view's samples in {:.3} ms.", self.choosing_ms));
+        notes.push(format!(
+            "A coordinator selects a view's samples in {:.3} ms on one core.",
+            self.choosing_ms
+        ));
         notes.extend(self.refused.iter().map(|(search, reason)| format!("Left out: {search} ({reason}).")));
         notes
     }
@@ -471,7 +477,7 @@ impl<'a> Study<'a> {
         let names = ["direct"].into_iter().chain(Search::ALL.map(Search::name));
         let series = names.map(|name| Series {
             name: name.to_owned(),
-            points: self.measured.iter().filter(|m| m.way.search() == name).map(point).collect(),
+            points: self.measured.iter().filter(|m| m.setting.search() == name).map(point).collect(),
             line: false,
         });
         let points: Vec<(f64, f64)> = self.measured.iter().map(point).collect();
@@ -490,14 +496,14 @@ impl<'a> Study<'a> {
     }
 }
 
-/// `count` of them, evenly spaced.
+/// `count` jobs, evenly spaced.
 fn every(jobs: Vec<ViewJob>, count: usize) -> Vec<ViewJob> {
     let (all, count) = (jobs.len(), count.min(jobs.len()));
     let taken = |i: &usize| (i * count) / all != ((i + 1) * count) / all;
     jobs.into_iter().enumerate().filter(|(i, _)| taken(i)).map(|(_, job)| job).collect()
 }
 
-/// Texels of a rig's sample: `400x300`, or `6x512x512`.
+/// The size of a rig's sample in texels: `400x300`, or `6x512x512`.
 fn texels(rig: &Rig) -> String {
     match rig {
         Rig::TileCorners { size: [width, height], .. } => format!("{width}x{height}"),
@@ -513,7 +519,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn views_that_are_timed_are_spread_over_the_walk() {
+    fn timed_views_are_spread_over_the_walk() {
         let job = |i: u32| ViewJob {
             camera: Camera::look_at(DVec3::ZERO, DVec3::X),
             width: i,

@@ -1,4 +1,4 @@
-//! Containers: the compose cluster, brought up for real where an engine is there.
+//! Containers: the compose cluster, started with a real container engine.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -12,35 +12,35 @@ const BASE: &str = "argus-test-base:bookworm";
 const IMAGE: &str = "argus-test";
 const PROJECT: &str = "argustest";
 
-/// One cluster after the other: cores are few, and the image and the project have one name.
+/// One cluster at a time: cores are few, and the names of image and project are fixed.
 static TURN: Mutex<()> = Mutex::new(());
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Whether containers can be had; where an engine is there, CI says that they must.
+/// Whether a container engine is available; CI requires it.
 fn engine() -> bool {
     let all = [("docker", "info"), ("docker-compose", "version"), ("debootstrap", "--version")];
     all.iter().all(|(program, argument)| there("ARGUS_REQUIRE_ENGINE", program, &[argument]))
 }
 
-/// A base with the software driver in it.
+/// Builds a base image with the software driver.
 fn base() {
     succeed(Command::new(root().join("deploy/base-image")).arg(BASE));
 }
 
-/// The cluster, taken down with its owner.
+/// The compose cluster; it is taken down when dropped.
 struct Compose {
     folder: tempfile::TempDir,
     port: u16,
-    /// What it is made of, below `deploy/`.
+    /// Its compose files, below `deploy/`.
     files: &'static [&'static str],
     _turn: MutexGuard<'static, ()>,
 }
 
 impl Compose {
-    /// Builds the image from the very files of this repository and the program under test, and starts the cluster.
+    /// Builds the image from this repository's files and the program under test, and starts the cluster.
     fn up(files: &'static [&'static str], workers: &str) -> Self {
         let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         base();
@@ -52,7 +52,7 @@ impl Compose {
         let binary = tree.join("deploy/bin/argus");
         std::fs::create_dir_all(binary.parent().unwrap()).unwrap();
         std::fs::copy(env!("CARGO_BIN_EXE_argus"), &binary).unwrap();
-        // Debugging information is ten times the program.
+        // Debugging information is ten times the size of the program.
         let _ = Command::new("strip").arg("--strip-debug").arg(&binary).status();
         let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let compose = Self { folder, port, files, _turn: turn };
@@ -70,7 +70,7 @@ impl Compose {
         command.args(arguments);
         command.env("ARGUS_IMAGE", IMAGE).env("ARGUS_BASE_IMAGE", BASE).env("ARGUS_BUILD_IMAGE", BASE);
         command.env("ARGUS_SCENE", crate::support::SMALL).env("ARGUS_PORT", self.port.to_string());
-        // The old builder: newer ones are not everywhere.
+        // The old builder: newer ones are not available everywhere.
         command.env("DOCKER_BUILDKIT", "0").env("COMPOSE_DOCKER_CLI_BUILD", "0");
         command
     }
@@ -83,7 +83,7 @@ impl Compose {
         format!("http://127.0.0.1:{}", self.port)
     }
 
-    /// Ids of a service's containers, stopped ones included.
+    /// Ids of a service's containers, including stopped ones.
     fn containers(&self, service: &str) -> Vec<String> {
         let ids = self.run(&["ps", "-a", "-q", service]);
         ids.lines().map(str::to_owned).collect()
@@ -93,7 +93,7 @@ impl Compose {
         self.wait_for(count, &["--server", &self.url()])
     }
 
-    /// Waits for so many workers, as a client that connects with these flags sees them.
+    /// Waits for `count` workers in the status that a client with these flags reads.
     fn wait_for(&self, count: u64, how: &[&str]) -> Value {
         let deadline = Instant::now() + 2 * crate::support::PATIENCE;
         loop {
@@ -156,7 +156,7 @@ fn a_compose_cluster_loses_no_frame_while_workers_are_killed_paused_and_cut_off(
     assert_eq!(report["answered"], report["sent"], "{report:#}");
     assert_eq!(report["failed"], 0, "{report:#}");
 
-    // More workers and fewer: those that are there share the roles.
+    // With more or fewer workers, the present ones share the roles.
     docker(&["network", "connect", &network, &workers[2]]);
     cluster.run(&["up", "-d", "--no-build", "--scale", "worker=4"]);
     let status = cluster.wait_for_workers(4);
@@ -174,7 +174,7 @@ fn a_compose_cluster_loses_no_frame_while_workers_are_killed_paused_and_cut_off(
 }
 
 #[test]
-fn a_compose_cluster_by_tls_serves_whoever_has_a_token_and_nobody_else() {
+fn a_compose_cluster_by_tls_serves_only_clients_with_a_token() {
     if !engine() {
         return;
     }

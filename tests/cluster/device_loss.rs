@@ -1,5 +1,5 @@
-//! A device that is really gone, under the real roles and in the middle of their work: what was asked for is answered all
-//! the same, on the next device, and looks as it did.
+//! Loss of a real device under the real roles, during their work. Every request is still answered, on the next device,
+//! with the same image.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -20,7 +20,7 @@ use tokio_util::sync::CancellationToken;
 const SCENE: &str = "terrain:20000";
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A machine whose device can be taken away.
+/// A machine whose device can be destroyed.
 #[derive(Default)]
 struct Machine {
     gpu: Mutex<Option<Arc<Gpu>>>,
@@ -39,7 +39,7 @@ impl Machine {
         Ok(gpu)
     }
 
-    /// What a driver's reset leaves: nothing of what was on the device, and nothing that can be done with it.
+    /// Imitates a driver's reset: the device's memory is lost, and the device refuses all work.
     fn lose(&self) {
         let gpu = self.gpu.lock().unwrap().clone().unwrap();
         gpu.device.destroy();
@@ -56,7 +56,7 @@ impl RoleFactory for Machine {
     }
 }
 
-/// The one scene, wherever it is asked for.
+/// A source of a single scene.
 struct Served(Arc<Scene>);
 
 impl SceneSource for Served {
@@ -87,13 +87,13 @@ impl SceneOpener for Served {
     }
 }
 
-/// A coordinator and one worker in this process, and a client of theirs.
+/// A coordinator, one worker and a client in this process.
 async fn cluster(machine: &Arc<Machine>, ending: &CancellationToken) -> Client {
     let served = Arc::new(Served(Arc::new(argus_scene::open(SCENE).unwrap())));
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
     let registry = Arc::new(LocalRegistry::alone());
-    // Samples that are added where views have holes would make other frames of the same views.
+    // Samples added for holes would change the frames of the same views.
     let core = core::Config { refining_share: 0.0, ..core::Config::default() };
     let config = coordinator::Config { core, ..coordinator::Config::default() };
     tokio::spawn(coordinator::serve(config, listener, served.clone(), registry, ending.clone()));
@@ -111,12 +111,12 @@ async fn cluster(machine: &Arc<Machine>, ending: &CancellationToken) -> Client {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn views_in_flight_outlive_the_device_and_look_the_same_on_the_next_one() {
+async fn views_in_flight_survive_the_loss_of_the_device_with_the_same_image() {
     let machine = Arc::new(Machine::default());
     let ending = CancellationToken::new();
     let client = cluster(&machine, &ending).await;
     let cameras: Vec<_> = client.description().cameras.iter().map(|named| named.camera).collect();
-    // Reconstructed, with pixels that a sampler traces, and directly from triangles: each way has state on the device.
+    // From samples, with traced pixels, and directly from triangles: each method has state on the device.
     let plans = [
         PlanRequest::from_samples(),
         PlanRequest { holes: Some(Holes::Trace), ..PlanRequest::default() },
@@ -145,7 +145,7 @@ async fn views_in_flight_outlive_the_device_and_look_the_same_on_the_next_one() 
                 answers.spawn(async move { (i, round, client.render(&view, &patient).await) });
             }
         }
-        // Some are answered, some in work, some wait.
+        // Some views are answered, some in work, some queued.
         let first = answers.join_next().await.unwrap().unwrap();
         first.2.unwrap();
         machine.lose();

@@ -1,4 +1,4 @@
-//! Pixels that no sample saw, across processes: traced on request, and never the reason that a frame is lost.
+//! Pixels that no sample saw, across processes: they are traced on request, and never cost a frame.
 
 use std::process::Stdio;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use argus_scene::{Camera, Frame, Holes, Output, Outputs, Plan, PlanRequest, View
 use glam::DVec3;
 use serde_json::Value;
 
-/// Of what no sample saw: guessed, and traced.
+/// Mask values of pixels that no sample saw: guessed, and traced.
 const GUESSED: u8 = 255;
 const TRACED: u8 = 128;
 
@@ -29,8 +29,8 @@ fn pixels_of(frame: &Frame) -> u64 {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn traced_holes_are_the_direct_views_pixels_and_nothing_else_changes() {
-    // Frames are compared, so no sample may be placed between them where the first had holes.
+async fn traced_holes_equal_the_direct_view_and_other_pixels_stay_the_same() {
+    // Frames are compared, so no sample may be added between them for the holes of the first.
     let coordinator = Coordinator::start(SMALL, &["--refining-share", "0"]);
     let _workers = coordinator.workers(2);
     coordinator.wait_for_workers(2);
@@ -78,16 +78,16 @@ async fn traced_holes_are_the_direct_views_pixels_and_nothing_else_changes() {
                 }
             }
         }
-        // Another way to see triangles may find another one along an edge.
+        // Another visibility backend may find another triangle along an edge.
         assert!(equal * 100 >= holes * 97, "{equal} of {holes} have the direct view's colour");
         assert!(same_range * 100 >= holes * 97, "{same_range} of {holes} have the direct view's range");
     }
-    // Demand is counted at once, its cost when the worker next reports.
+    // Demand is counted at once, its cost with the worker's next report.
     let is_some = |status: &Value, key: &str| status[key].as_f64() > Some(0.0);
     let rays = |status: &Value| is_some(status, "rays_per_tick") && is_some(status, "ray_ms");
     coordinator.wait_until("the rays are accounted for", rays);
 
-    // The same by the command, without asking for the mask.
+    // The same by the command, without the mask.
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("view.png");
     let place = ["--eye", "60,12,60", "--target", "0,4,0", "--size", "96x72", "--samples", "1"];
@@ -99,7 +99,7 @@ async fn traced_holes_are_the_direct_views_pixels_and_nothing_else_changes() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn the_only_worker_traces_for_itself() {
+async fn a_single_worker_traces_its_own_holes() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let _worker = coordinator.worker(&[]);
     coordinator.wait_for_workers(1);
@@ -111,7 +111,7 @@ async fn the_only_worker_traces_for_itself() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_sampler_that_dies_while_it_traces_costs_no_frame() {
+async fn a_sampler_killed_while_tracing_costs_no_frame() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let mut workers = coordinator.workers(3);
     let sampler = |status: &Value| {

@@ -1,4 +1,4 @@
-//! Indirect light, across processes: a worker that is told of it shows it in samples and in direct views alike.
+//! Indirect light across processes: it is in samples and in direct views.
 
 use crate::support::wire::{Wire, small_view};
 use crate::support::{Coordinator, SMALL, run, stderr};
@@ -39,7 +39,7 @@ async fn light_from_surface_to_surface_is_in_samples_and_in_direct_views() {
 }
 
 #[test]
-fn particles_that_nothing_would_gather_are_refused_before_anything_is_served() {
+fn particles_without_indirect_light_are_refused_at_the_start() {
     for command in ["serve", "worker"] {
         let mut arguments = vec![command, "--indirect", "points", "--particles", "8"];
         if command == "worker" {

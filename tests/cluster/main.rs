@@ -1,4 +1,4 @@
-//! Clusters of real processes on this machine: what they answer, what they survive, and what the browser page gets.
+//! Clusters of real processes on this machine: their answers, their failures, and the browser page.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod browse;

@@ -1,10 +1,10 @@
-//! Samples from maps of an octree, across processes: views are reconstructed from them as from any sample.
+//! Samples from maps of an octree, across processes: views are reconstructed from them like from any samples.
 
 use crate::support::wire::{Wire, small_view};
 use crate::support::{Coordinator, SMALL, run, stderr};
 use argus_scene::{Outputs, Plan, PlanRequest, View};
 
-/// With triangles seen one way: on a busy machine two clusters may find different ways to be the cheapest.
+/// With a fixed visibility backend: on a busy machine two clusters may measure different ones as cheapest.
 const MAPS: [&str; 6] = [
     "--sampling=megaviews",
     "--map-side=256",
@@ -28,7 +28,7 @@ async fn views_come_from_shared_maps_and_two_workers_give_the_bytes_of_one() {
     assert!(device.ends_with("; samples by megaviews maps of 256 from 8 levels"), "{device}");
     assert!(frame.unresolved_fraction < 0.1, "{}", frame.unresolved_fraction);
 
-    // A direct view comes from the triangles, and is much the same picture.
+    // A direct view comes from the triangles, and is nearly the same image.
     let direct = View { plan: PlanRequest { direct: true, ..PlanRequest::default() }, ..small_view(camera) };
     let direct = View { outputs: Outputs::COLOR, ..direct };
     let (exact, _) = of_many.render((&direct).into()).await.unwrap();
@@ -40,7 +40,7 @@ async fn views_come_from_shared_maps_and_two_workers_give_the_bytes_of_one() {
     let compared = argus_scene::metrics::compare(&image(&exact), &image(&frame)).unwrap();
     assert!(compared.flip_mean > 0.0 && compared.flip_mean < 0.2, "{compared:?}");
 
-    // One process whose first samples are these: the same bytes, whatever was in which batch.
+    // A single process gives the same bytes for these samples, in any batches.
     let single = Coordinator::start(SMALL, &MAPS);
     let _worker = single.worker(&[]);
     single.wait_for_workers(1);
@@ -49,7 +49,7 @@ async fn views_come_from_shared_maps_and_two_workers_give_the_bytes_of_one() {
     assert_eq!(alone.provenance, frame.provenance);
     assert!(alone.color == frame.color && alone.range == frame.range && alone.mask == frame.mask);
 
-    // Samples from triangles are others, and whoever pins these is told so.
+    // Samples from triangles differ, and a request pinned to maps is refused.
     let triangles = Coordinator::start(SMALL, &["--rig=cell", "--face=128", "--visibility=raster"]);
     let _other = triangles.worker(&[]);
     triangles.wait_for_workers(1);
@@ -58,7 +58,7 @@ async fn views_come_from_shared_maps_and_two_workers_give_the_bytes_of_one() {
 }
 
 #[test]
-fn what_maps_cannot_be_taken_of_is_said_before_anything_is_served() {
+fn maps_that_cannot_be_rendered_are_refused_at_the_start() {
     let refused = |more: &[&str]| {
         let output = run(&[&["coordinator", "--scene", SMALL, "--listen", "127.0.0.1:0"], more].concat());
         assert!(!output.status.success());

@@ -1,4 +1,4 @@
-//! A scene that moves, from its file to the frames of a session: a real coordinator and real workers.
+//! A moving scene, from its file to the frames of a session, with a real coordinator and real workers.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,10 +16,10 @@ use image::RgbImage;
 use serde_json::{Value, json};
 
 const SIZE: [u32; 2] = [160, 120];
-/// Δt here, milliseconds: as short as this machine renders four small samples in, with luck.
+/// Interval of epochs, milliseconds: about the time in which this machine renders four small samples.
 const EPOCH_MS: u32 = 200;
 
-/// A floor and two boxes; the red one goes from x = −3 to 3 and back in four seconds.
+/// Writes a scene of a floor and two boxes; the red one moves from x = −3 to 3 and back in four seconds.
 fn write_scene(folder: &Path) -> PathBuf {
     let corner = |i: u32| [i & 1, i >> 1 & 1, i >> 2].map(|bit| bit as f32 * 2.0 - 1.0);
     let faces = [[0u16, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
@@ -87,7 +87,7 @@ fn flip(truth: &RgbImage, ours: &RgbImage) -> f64 {
     compare(truth, ours).unwrap().flip_mean
 }
 
-/// Where the moving box is at an epoch.
+/// Position of the moving box at an epoch.
 fn true_x(epoch: u64) -> f64 {
     let phase = (epoch as f64 * f64::from(EPOCH_MS) * 1e-3).rem_euclid(4.0);
     3.0 - 3.0 * (phase - 2.0).abs()
@@ -109,7 +109,7 @@ fn start(folder: &Path, more: &[&str]) -> Coordinator {
     Coordinator::start(scene.to_str().unwrap(), &[&arguments, more].concat())
 }
 
-/// What the frames of a session were, by camera: so many of them, asked for one after the other.
+/// Frames of a session, requested one after the other.
 async fn session(url: &str, frames: usize) -> Vec<Frame> {
     let client = Client::connect(url).await.unwrap();
     let mut session = client.session(SessionOptions::default());
@@ -131,7 +131,7 @@ fn direct_at(epoch: u64, like: &Provenance) -> View {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn frames_of_a_session_follow_a_moving_scene_and_each_is_of_one_moment() {
+async fn a_sessions_frames_follow_a_moving_scene_and_each_shows_one_epoch() {
     let folder = tempfile::tempdir().unwrap();
     let coordinator = start(folder.path(), &[]);
     let _workers = coordinator.workers(2);
@@ -150,7 +150,7 @@ async fn frames_of_a_session_follow_a_moving_scene_and_each_is_of_one_moment() {
     }
     assert!(by_epoch.len() >= 4, "{epochs:?}");
 
-    // The box is where the animation puts it.
+    // The box is at its animated position.
     let seen: Vec<(u64, f64)> =
         by_epoch.iter().map(|(epoch, frame)| (*epoch, red_column(&image(frame)))).collect();
     for (a, column_a) in &seen {
@@ -165,7 +165,7 @@ async fn frames_of_a_session_follow_a_moving_scene_and_each_is_of_one_moment() {
     let columns = || seen.iter().map(|(_, column)| *column);
     assert!(columns().fold(0.0, f64::max) - columns().fold(f64::MAX, f64::min) > 15.0, "{seen:?}");
 
-    // Every frame is the direct frame of its own epoch, as far as a warp can be, and no other's.
+    // Every frame is the direct frame of its own epoch, within the error of a warp, and of no other.
     let mut wire = Wire::connect(&coordinator.url).await;
     let mut truth: BTreeMap<u64, RgbImage> = BTreeMap::new();
     for (&epoch, frame) in by_epoch.iter().take(8) {
@@ -186,7 +186,7 @@ async fn frames_of_a_session_follow_a_moving_scene_and_each_is_of_one_moment() {
         }
     }
 
-    // What was served long ago is refused by name; what is served now is not.
+    // An epoch that is no longer held is refused by name; the current one is not.
     let first = &frames[0].provenance;
     let gone = View { pin: Some(first.clone()), ..view() };
     let status = wire.render((&gone).into()).await.unwrap_err();
@@ -195,12 +195,12 @@ async fn frames_of_a_session_follow_a_moving_scene_and_each_is_of_one_moment() {
     assert!(status["epoch"].as_u64().unwrap() >= *epochs.last().unwrap(), "{status:#}");
     assert!(status["samples_per_tick"].as_f64().unwrap() > 0.5, "each epoch is sampled anew: {status:#}");
     let held = |worker: &Value| worker["samples_held"].as_u64().unwrap();
-    // Four cameras: those of an epoch or two in work, the one before, the one that is got ready.
+    // Samples of four cameras: epochs in work, the one before, and the one in preparation.
     assert!(status["workers"].as_array().unwrap().iter().all(|worker| held(worker) <= 24), "{status:#}");
 }
 
 #[test]
-fn a_moment_can_be_asked_for_and_is_the_references() {
+fn a_view_of_a_given_time_equals_the_reference() {
     let folder = tempfile::tempdir().unwrap();
     let coordinator = start(folder.path(), &[]);
     let _worker = coordinator.worker(&[]);
@@ -240,7 +240,7 @@ async fn time_can_be_held_still() {
 }
 
 #[tokio::test]
-async fn particles_drift_from_epoch_to_epoch_though_the_scene_stands_still() {
+async fn particles_drift_from_epoch_to_epoch_in_a_still_scene() {
     let with = ["--particles", "60", "--vpl-maps", "megaviews"];
     let serve = Coordinator::start("terrain:2000", &["--particles", "--epoch-ms", "100"]);
     let _worker = serve.worker(&with);

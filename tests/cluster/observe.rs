@@ -1,4 +1,4 @@
-//! How a cluster of processes is watched: probes, a live table, and a view's trace through all of them.
+//! Observation of a cluster of processes: probes, a live table, and a view's trace through all processes.
 
 use std::collections::BTreeSet;
 use std::process::{Command, Stdio};
@@ -18,10 +18,10 @@ use tokio::sync::Mutex;
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::{Request, Response, Status};
 
-/// A span, and the service that it is of.
+/// The name of a service, and one of its spans.
 type Received = (String, Span);
 
-/// Keeps what is exported to it.
+/// A collector that keeps received spans.
 #[derive(Clone, Default)]
 struct Collector(Arc<Mutex<Vec<Received>>>);
 
@@ -42,13 +42,13 @@ impl TraceService for Collector {
     }
 }
 
-/// The process, exporting to `url` soon after each span ends.
+/// Makes a process export to `url` soon after each span ends.
 fn exporting(command: &mut Command, url: &str) {
     command.env("OTEL_EXPORTER_OTLP_ENDPOINT", url).env("OTEL_BSP_SCHEDULE_DELAY", "100");
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_views_trace_runs_from_the_client_through_coordinator_compositor_and_sampler() {
+async fn a_views_trace_includes_client_coordinator_compositor_and_sampler() {
     let collector = Collector::default();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
@@ -63,7 +63,7 @@ async fn a_views_trace_runs_from_the_client_through_coordinator_compositor_and_s
         exporting(&mut command, &url);
         workers.push(Process::start(command));
     }
-    // A worker that plays both roles fetches no sample.
+    // A worker with both roles fetches no sample.
     let roles = |status: &serde_json::Value| status["samplers"] == 1 && status["compositors"] == 1;
     coordinator.wait_until("a sampler and a compositor", roles);
     let mut view = argus(&["view", "--server", &coordinator.url, "--eye", "0,200,300", "--target", "0,0,0"]);
@@ -83,14 +83,14 @@ async fn a_views_trace_runs_from_the_client_through_coordinator_compositor_and_s
     let services: BTreeSet<&String> = of_it.iter().map(|(service, _)| service).collect();
     assert_eq!(services.len(), 3, "client, coordinator and workers: {services:?}");
 
-    // A sample's way from one worker to the other is one trace: the view's, or its own if it was fetched ahead of the view.
+    // The transfer of a sample between workers is one trace: the view's, or its own if it was fetched before the view.
     let begin = Instant::now();
     while !has_trace(&collector, &["fetch sample", "serve samples", "sample", "render sample"]).await {
         assert!(begin.elapsed() < PATIENCE, "no sample has a trace through both workers");
         tokio::time::sleep(Duration::from_millis(100)).await;
     }
 
-    // A session's camera has one, too, from the client on.
+    // A session's camera has a trace too, from the client on.
     let mut load =
         argus(&["load", "--server", &coordinator.url, "--clients", "1", "--seconds", "2", "--sessions"]);
     exporting(&mut load, &url);
@@ -124,7 +124,7 @@ async fn has_trace(collector: &Collector, wanted: &[&str]) -> bool {
     spans.iter().any(|(_, span)| wanted.iter().all(|name| has(&span.trace_id, name)))
 }
 
-/// The spans of a view's trace once their names are as wanted; all of them hang together.
+/// The spans of a view's trace once it has the wanted names; all of them have their parents.
 async fn trace_with(collector: &Collector, wanted: impl Fn(&BTreeSet<&str>) -> bool) -> Vec<Received> {
     let begin = Instant::now();
     let mut lacking = String::new();
@@ -153,7 +153,7 @@ async fn trace_with(collector: &Collector, wanted: impl Fn(&BTreeSet<&str>) -> b
 }
 
 #[test]
-fn health_says_by_its_exit_code_whether_views_can_be_answered() {
+fn health_tells_by_its_exit_code_whether_views_can_be_answered() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let health = |more: &[&str]| run(&[&["health", "--server", &coordinator.url], more].concat());
     let live = health(&["--live"]);
@@ -173,7 +173,7 @@ fn health_says_by_its_exit_code_whether_views_can_be_answered() {
 }
 
 #[test]
-fn watching_shows_the_table_again_and_again_and_logs_are_json_on_request() {
+fn watching_prints_the_table_repeatedly_and_logs_are_json_on_request() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let mut command = argus(&["status", "--server", &coordinator.url, "--watch", "0.05"]);
     let mut watching = command.stdout(Stdio::piped()).spawn().unwrap();

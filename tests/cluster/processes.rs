@@ -12,20 +12,20 @@ use serde_json::Value;
 use tokio::sync::{Mutex, MutexGuard};
 use tonic::Code;
 
-/// Clusters share few cores: one test's roles must not move for another test's load.
+/// Lock for tests whose roles another test's load would change: cores are few.
 async fn alone() -> MutexGuard<'static, ()> {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::const_new(());
     ONE_AT_A_TIME.lock().await
 }
 
-/// An `argus load` in the background.
+/// Starts an `argus load` in the background.
 fn load(url: &str, more: &[&str]) -> Child {
     let mut command = argus(&["load", "--server", url, "--json", "--size", "96x72"]);
     command.args(more).stdout(Stdio::piped());
     command.spawn().unwrap()
 }
 
-/// Its report; every view that it sent must have been answered.
+/// Checks a load's report: every sent view is answered.
 fn all_answered(load: Child) {
     let output = load.wait_with_output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
@@ -40,7 +40,7 @@ fn all_answered(load: Child) {
 #[tokio::test(flavor = "multi_thread")]
 async fn roles_follow_demand_and_every_frame_is_answered() {
     let _alone = alone().await;
-    // Where samplers compose in their spare time, any split of a light load is as good as another.
+    // Where samplers also compose, every split of a light load is equally good.
     let coordinator = Coordinator::start(SMALL, &["--samplers-composite=false"]);
     let _workers = coordinator.workers(3);
     let status = coordinator.wait_for_workers(3);
@@ -50,12 +50,12 @@ async fn roles_follow_demand_and_every_frame_is_answered() {
         "{status:#}"
     );
 
-    // Views from triangles are samplers' work: with nothing else to do, more than one must sample.
+    // Views from triangles are samplers' work: without other work, more than one worker must sample.
     let direct = [(); 2]
         .map(|()| load(&coordinator.url, &["--clients", "2", "--seconds", "12", "--rate", "10", "--direct"]));
     let several = |status: &Value| status["samplers"].as_u64() >= Some(2);
     coordinator.wait_until("several samplers under direct views", several);
-    // What the formula says of a tick and what the busiest worker was at are found apart: by demand and costs, and by clocks.
+    // The predicted and the measured tick come from separate sources: demand and costs, and clocks.
     coordinator.wait_until("a tick that takes what is predicted", |status| {
         let ms = |key: &str| status[key].as_f64().unwrap();
         let (predicted, measured) = (ms("tick_predicted_ms"), ms("tick_measured_ms"));
@@ -63,14 +63,14 @@ async fn roles_follow_demand_and_every_frame_is_answered() {
     });
     direct.into_iter().for_each(all_answered);
 
-    // Views from samples are compositors' work; the samples are there, so one sampler is enough.
+    // Views from samples are compositors' work; the samples exist, so one sampler is enough.
     let warped = [(); 2].map(|()| {
         load(&coordinator.url, &["--clients", "4", "--seconds", "12", "--rate", "15", "--search", "splat"])
     });
     coordinator.wait_until("two compositors under warped views", |status| status["compositors"] == 2);
     warped.into_iter().for_each(all_answered);
 
-    // And back, once the views from samples fall away.
+    // And back, once the views from samples end.
     let direct = load(&coordinator.url, &["--clients", "4", "--seconds", "12", "--rate", "10", "--direct"]);
     let status = coordinator.wait_until("several samplers again", several);
     all_answered(direct);
@@ -96,7 +96,7 @@ async fn roles_follow_demand_and_every_frame_is_answered() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_worker_killed_under_load_costs_no_view() {
+async fn a_worker_killed_under_load_loses_no_view() {
     let _alone = alone().await;
     let coordinator = Coordinator::start(SMALL, &[]);
     let mut workers = coordinator.workers(3);
@@ -126,11 +126,11 @@ async fn a_worker_killed_under_load_costs_no_view() {
     }
 }
 
-/// What each rejected input changes in a view that is fine.
+/// The change that makes a valid view invalid.
 type Spoil = fn(&mut v1::View);
 
 #[tokio::test(flavor = "multi_thread")]
-async fn bad_input_is_rejected_by_field_and_the_server_goes_on() {
+async fn invalid_input_is_rejected_by_field_and_the_server_goes_on() {
     let _alone = alone().await;
     let coordinator = Coordinator::start(SMALL, &[]);
     let _workers = coordinator.workers(2);
@@ -184,7 +184,7 @@ async fn bad_input_is_rejected_by_field_and_the_server_goes_on() {
         assert!(at.starts_with(field), "case {i}: {at} instead of {field}");
         assert!(!reason.is_empty(), "case {i}, {field}");
     }
-    // A pin on another scene is well formed and can still not be met.
+    // A pin on another scene is well formed but cannot be met.
     let (frame, _) = wire.render(good.clone()).await.expect("the server goes on");
     let mut elsewhere = frame.provenance.clone();
     elsewhere.scene = argus_scene::SceneHash([7; 32]);
@@ -192,7 +192,7 @@ async fn bad_input_is_rejected_by_field_and_the_server_goes_on() {
     assert!(matches!(status.code(), Code::InvalidArgument | Code::FailedPrecondition), "{status}");
     wire.render(good).await.expect("the server goes on");
 
-    // The same through the command: the field and the reason, and exit code 2.
+    // The same by the command: the field and the reason, and exit code 2.
     for (wrong, field) in [
         (["--eye", "nan,0,0", "--target", "0,0,0"].as_slice(), "eye"),
         (&["--eye", "1,2,3", "--target", "1,2,3"], "target"),
@@ -207,7 +207,7 @@ async fn bad_input_is_rejected_by_field_and_the_server_goes_on() {
     }
 }
 
-/// The plans whose bytes must not depend on who answers.
+/// The plans whose bytes must not depend on the worker.
 fn plans() -> [PlanRequest; 5] {
     let default = PlanRequest::default();
     [
@@ -231,7 +231,7 @@ fn same_pixels(a: &Frame, b: &Frame, what: &str) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn with_pinned_provenance_a_cluster_and_one_process_give_the_same_bytes() {
+async fn with_a_pinned_provenance_a_cluster_and_one_process_give_the_same_bytes() {
     let _alone = alone().await;
     let cluster = Coordinator::start(SMALL, &["--visibility=raster"]);
     let _workers = cluster.workers(3);
@@ -253,18 +253,18 @@ async fn with_pinned_provenance_a_cluster_and_one_process_give_the_same_bytes() 
         let (alone, _) = of_one.render((&pinned).into()).await.unwrap();
         assert_eq!(alone.provenance, frame.provenance, "plan {i}");
         same_pixels(&alone, &frame, &format!("plan {i}, one process"));
-        // And again from the cluster, where another worker may answer.
+        // Again from the cluster, where another worker may answer.
         let (again, _) = of_many.render((&pinned).into()).await.unwrap();
         same_pixels(&again, &frame, &format!("plan {i}, again"));
     }
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_worker_without_the_scene_takes_it_from_the_coordinator_and_keeps_it() {
+async fn a_worker_without_the_scene_fetches_it_from_the_coordinator_and_keeps_it() {
     let _alone = alone().await;
     let folder = tempfile::tempdir().unwrap();
     let kept = folder.path().join("kept");
-    // A bundle of two files, in a folder that only the coordinator starts from.
+    // A bundle of two files, in a folder that only the coordinator knows.
     let models = folder.path().join("models");
     std::fs::create_dir(&models).unwrap();
     std::fs::write(models.join("paint.mtl"), "newmtl paint\nKd 0.8 0.2 0.1\n").unwrap();
@@ -282,7 +282,7 @@ async fn a_worker_without_the_scene_takes_it_from_the_coordinator_and_keeps_it()
     let bundle = kept.join(description.scene_hash.to_string());
     assert!(bundle.is_dir(), "the worker kept what it fetched");
 
-    // Another time it finds the scene in its folder, and the picture is the same.
+    // A second start finds the scene in the worker's folder, with the same image.
     worker.stop();
     coordinator.wait_for_workers(0);
     let _worker = coordinator.worker(&scenes);
@@ -297,16 +297,16 @@ async fn a_worker_without_the_scene_takes_it_from_the_coordinator_and_keeps_it()
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn where_the_disk_is_full_a_worker_serves_what_it_could_not_keep_and_cannot_log() {
+async fn with_a_full_disk_a_worker_still_serves_a_scene_it_cannot_store_and_cannot_log() {
     let _alone = alone().await;
     let folder = tempfile::tempdir().unwrap();
     let kept = folder.path().join("kept");
-    // Larger than what the worker may write to any file.
+    // Larger than the limit of the worker's files.
     let quad = "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nf 4 3 2 1\n";
     let padding = "# nothing to see here\n".repeat(20_000);
     std::fs::write(folder.path().join("quad.obj"), format!("{quad}{padding}")).unwrap();
     let coordinator = Coordinator::start_in(folder.path(), "quad.obj", &[]);
-    // Signals that a shell ignores stay ignored, so that a write beyond the limit fails, as on a full disk.
+    // Ignored signals stay ignored in child processes, so a write beyond the limit fails, as on a full disk.
     let limited = "trap '' XFSZ; ulimit -f 64; exec \"$0\" \"$@\" 2>/dev/full";
     let mut command = std::process::Command::new("sh");
     command.args(["-c", limited, argus(&[]).get_program().to_str().unwrap(), "worker"]);
@@ -322,7 +322,7 @@ async fn where_the_disk_is_full_a_worker_serves_what_it_could_not_keep_and_canno
 }
 
 #[test]
-fn a_picture_for_a_full_disk_is_an_error_that_names_the_file() {
+fn an_image_that_a_full_disk_refuses_is_an_error_with_the_files_name() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let _worker = coordinator.worker(&[]);
     coordinator.wait_for_workers(1);

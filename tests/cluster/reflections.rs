@@ -1,4 +1,4 @@
-//! Things that show the scene around them, across processes: maps of surroundings travel like samples.
+//! Objects that reflect the scene, across processes: reflection maps are transferred like samples.
 
 use crate::support::wire::Wire;
 use crate::support::{Coordinator, run, stderr};
@@ -6,7 +6,7 @@ use argus_scene::{Outputs, Plan, PlanRequest, View};
 
 const SCENE: &str = "mirrors:6";
 
-/// Held still, and with triangles seen one way: on a busy machine two clusters may find different ways to be the cheapest.
+/// Held still, with a fixed visibility backend: on a busy machine two clusters may measure different ones as cheapest.
 const STILL: [&str; 5] =
     ["--time-scale=0", "--face=192", "--cell=1", "--refining-share=0", "--visibility=raster"];
 
@@ -18,7 +18,7 @@ fn image(frame: &argus_scene::Frame) -> image::RgbImage {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn views_show_things_that_mirror_the_scene_and_two_workers_give_the_bytes_of_one() {
+async fn views_show_reflections_and_two_workers_give_the_bytes_of_one() {
     let cluster = Coordinator::start(SCENE, &[&STILL[..], &MAPS].concat());
     let _workers = cluster.workers(2);
     cluster.wait_for_workers(2);
@@ -39,7 +39,7 @@ async fn views_show_things_that_mirror_the_scene_and_two_workers_give_the_bytes_
     let device = &frame.provenance.device;
     assert!(device.ends_with("; reflections by maps of 32 from 7 levels, at most 256"), "{device}");
 
-    // A direct view looks the same maps up.
+    // A direct view uses the same maps.
     let direct = PlanRequest { direct: true, supersampling: Some(2), ..PlanRequest::default() };
     let (exact, _) = of_many.render((&View { plan: direct, ..view.clone() }).into()).await.unwrap();
     assert!(exact.provenance.device.contains("reflections by maps"), "{}", exact.provenance.device);
@@ -48,7 +48,7 @@ async fn views_show_things_that_mirror_the_scene_and_two_workers_give_the_bytes_
     };
     let off = flip(&exact, &frame);
 
-    // Without them, things are others.
+    // Without maps, reflectors look different.
     let plain = Coordinator::start(SCENE, &STILL);
     let _worker = plain.worker(&[]);
     plain.wait_for_workers(1);
@@ -69,7 +69,7 @@ async fn views_show_things_that_mirror_the_scene_and_two_workers_give_the_bytes_
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn things_that_move_show_where_they_are() {
+async fn moving_objects_are_reflected_at_their_positions() {
     let flags = ["--face=96", "--cell=2", "--refining-share=0", "--visibility=raster", "--epoch-ms=1500"];
     let cluster = Coordinator::start(SCENE, &[&flags[..], &MAPS].concat());
     let _workers = cluster.workers(2);
@@ -94,7 +94,7 @@ async fn things_that_move_show_where_they_are() {
 }
 
 #[test]
-fn what_maps_cannot_be_made_of_is_said_before_anything_is_served() {
+fn maps_that_cannot_be_rendered_are_refused_at_the_start() {
     let refused = |more: &[&str]| {
         let scene = ["coordinator", "--scene", SCENE, "--listen", "127.0.0.1:0"];
         let output = run(&[&scene[..], more].concat());

@@ -1,4 +1,4 @@
-//! All workers of a real cluster are restarted in turn while views are asked for, singly and by sessions: none is lost.
+//! A restart of all workers in turn, under load by single views and by sessions, loses no view.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,16 +10,16 @@ use argus_client::{Client, RenderOptions, SessionEvent, SessionOptions};
 use argus_scene::{PlanRequest, Stage, View};
 use tokio::task::JoinSet;
 
-/// Single views that are in flight all the time.
+/// Single views in flight at all times.
 const VIEWS: usize = 16;
 
 /// Sessions of each kind.
 const SESSIONS: usize = 2;
 
-/// Whether whoever asks is to ask no more.
+/// Whether the load shall end.
 type Done = Arc<AtomicBool>;
 
-/// Who asks.
+/// The kind of load.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     View,
@@ -29,15 +29,15 @@ enum Kind {
     Redirected,
 }
 
-/// What somebody got.
+/// Counts of one source of load.
 #[derive(Debug, Clone, Copy, Default)]
 struct Got {
     answered: u64,
-    /// Those that were fetched from a worker.
+    /// Frames that were fetched from a worker.
     fetched: u64,
 }
 
-/// Asks for one view after the other.
+/// Requests one view after the other.
 async fn views(client: Client, views: Vec<View>, done: Done) -> Got {
     let options = RenderOptions { deadline: Duration::from_secs(60), ..RenderOptions::default() };
     let mut got = Got::default();
@@ -52,7 +52,7 @@ async fn views(client: Client, views: Vec<View>, done: Done) -> Got {
     got
 }
 
-/// Moves a camera whenever a frame has come: each must be answered by a frame.
+/// Moves a camera whenever a frame has arrived: each move must be answered by a frame.
 async fn session(client: Client, views: Vec<View>, redirect: bool, done: Done) -> Got {
     let mut session = client.session(SessionOptions { redirect, ..SessionOptions::default() });
     let mut got = Got::default();
@@ -87,7 +87,7 @@ fn a_rolling_restart_of_all_workers_loses_no_frame_and_repeats_none() {
         let client = Client::connect(&coordinator.url).await.unwrap();
         let all = path_views(client.description(), 50, [96, 72], PlanRequest::default());
         for i in 0..VIEWS + 2 * SESSIONS {
-            // Each begins elsewhere.
+            // Each source begins with another view.
             let mut mine = all.clone();
             mine.rotate_left(3 * i % all.len());
             let (client, done) = (client.clone(), done.clone());
@@ -107,7 +107,7 @@ fn a_rolling_restart_of_all_workers_loses_no_frame_and_repeats_none() {
         }
     });
     for place in &mut workers {
-        // The new one first: then there is always one for each role.
+        // The new worker starts first, so that every role always has a worker.
         let newcomer = worker();
         coordinator.wait_for_workers(4);
         let mut old = std::mem::replace(place, newcomer);

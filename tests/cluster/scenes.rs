@@ -1,11 +1,11 @@
-//! Real scenes, end to end; found through `ARGUS_SCENES`.
+//! Real scenes in a real cluster, from the collection in `ARGUS_SCENES`.
 
 use std::process::{Command, Stdio};
 
 use crate::support::wire::{Wire, small_view};
 use crate::support::{Coordinator, json, real_folder, real_scene, run, stderr};
 
-/// Where somebody stands in Sponza's nave, looking along it.
+/// A viewpoint in Sponza's nave, looking along it.
 const EYE: &str = "-11,3,0";
 const TARGET: &str = "0,4,0";
 
@@ -34,7 +34,7 @@ async fn sponza_is_served_over_grpc_and_looks_like_its_direct_view() {
     let comparison = json(&["compare", &path("warped.png"), &path("direct.png"), "--json"]);
     assert!(comparison["flip_mean"].as_f64().unwrap() < 0.2, "{comparison:#}");
 
-    // Inside a building, everything is near, and most of it is not sky.
+    // Inside a building, surfaces are near, and most pixels are not sky.
     let range = exr::prelude::read_first_flat_layer_from_file(path("range.exr")).unwrap();
     let [channel] = &range.layer_data.channel_data.list[..] else { panic!("one channel: {range:?}") };
     assert_eq!(channel.name.to_string(), "Z");
@@ -54,9 +54,9 @@ fn sponza_is_described() {
     assert!(scene["effects"].as_array().unwrap().iter().any(|effect| effect == "alpha-cutout"), "{scene:#}");
 }
 
-/// Every file that was made to break loaders, through the command: a scene, or one line that names the file.
+/// Loads every deliberately broken file by the command: a scene, or an error of one line that names the file.
 #[test]
-fn nasty_files_are_answered_by_a_scene_or_by_one_line() {
+fn every_broken_file_gives_a_scene_or_an_error_of_one_line() {
     for (folder, refused_at_least) in [("nasty_gltf", 20), ("nasty_obj", 0)] {
         let Some(folder) = real_folder(folder) else { return };
         let (mut opened, mut refused) = (0, 0);
@@ -82,16 +82,16 @@ fn nasty_files_are_answered_by_a_scene_or_by_one_line() {
     }
 }
 
-/// The tests capture what they print, and show it of those that fail.
+/// Test output is captured, and shown only for failures.
 #[test]
-fn what_is_skipped_for_want_of_scenes_is_said_although_the_test_passes() {
+fn a_test_skipped_for_want_of_scenes_says_so_although_it_passes() {
     let mut tests = Command::new(std::env::current_exe().unwrap());
     tests
-        .args(["--exact", "scenes::nasty_files_are_answered_by_a_scene_or_by_one_line"])
+        .args(["--exact", "scenes::every_broken_file_gives_a_scene_or_an_error_of_one_line"])
         .stdin(Stdio::null());
     let without = tests.env_remove("ARGUS_SCENES").env_remove("ARGUS_REQUIRE_SCENES").output().unwrap();
     assert!(without.status.success(), "{}", stderr(&without));
-    assert!(stderr(&without).contains("SKIPPED, LOUDLY: ARGUS_SCENES is not set"), "{}", stderr(&without));
+    assert!(stderr(&without).contains("SKIPPED: ARGUS_SCENES is not set"), "{}", stderr(&without));
     let required = tests.env("ARGUS_REQUIRE_SCENES", "1").output().unwrap();
     assert!(!required.status.success(), "{}", stderr(&required));
 }

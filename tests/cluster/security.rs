@@ -1,4 +1,4 @@
-//! A cluster by TLS, each part of it a process: who is let in, and what the others are told.
+//! A cluster by TLS, each part in its own process: access, and messages for refused clients.
 
 use std::future::poll_fn;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ use tonic::metadata::MetadataValue;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint, Identity};
 use tonic::{Code, Request, Status};
 
-/// What `argus certs` makes, once for all tests, and once more for strangers.
+/// Folders from `argus certs`: one for all tests, and one of another authority.
 static CERTS: LazyLock<(tempfile::TempDir, tempfile::TempDir)> = LazyLock::new(|| (certs(), certs()));
 
 fn certs() -> tempfile::TempDir {
@@ -44,7 +44,7 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// Flags of a member that is known by these files.
+/// Flags of a member with these files.
 fn member(certificate: &Path, key: &Path, ca: &Path) -> Vec<String> {
     [("--certificate", certificate), ("--key", key), ("--ca", ca)]
         .into_iter()
@@ -52,7 +52,7 @@ fn member(certificate: &Path, key: &Path, ca: &Path) -> Vec<String> {
         .collect()
 }
 
-/// A whole cluster by TLS: `argus serve` with two workers.
+/// A cluster by TLS: `argus serve` with two workers.
 struct Cluster {
     process: Process,
     url: String,
@@ -71,7 +71,7 @@ impl Cluster {
         Self { process, url }
     }
 
-    /// What a client's command says and does, with this authority and this token.
+    /// Output of a client's command with this authority and this token.
     fn client(&self, command: &[&str], ca: Option<&Path>, token: Option<&Path>) -> Output {
         let mut all = [command, &["--server", &self.url]].concat();
         for (flag, path) in [("--ca", ca), ("--token-file", token)] {
@@ -82,7 +82,7 @@ impl Cluster {
         run(&all)
     }
 
-    /// A connection without any of our own client's care.
+    /// A connection without the checks of our own client.
     async fn raw(&self, identity: Option<(&Path, &Path)>) -> Channel {
         raw(&self.url, identity).await.unwrap()
     }
@@ -106,7 +106,7 @@ fn with_token<T>(message: T, file: &Path) -> Request<T> {
     request
 }
 
-/// A page: its status code and what is on it.
+/// A page: its status code and its text.
 async fn page(channel: &Channel, path: &str, token: Option<&Path>) -> (u16, String) {
     let mut request = http::Request::get(path).body(Body::empty()).unwrap();
     let dressed = token.map(|token| with_token((), token).into_parts().0.into_headers());
@@ -133,12 +133,12 @@ fn refused(output: &Output, words: &[&str]) {
 }
 
 #[test]
-fn a_cluster_by_tls_answers_those_it_knows_and_tells_others_why_not() {
+fn a_cluster_by_tls_answers_known_clients_and_gives_others_a_reason() {
     let mut cluster = Cluster::start(&[]);
     let (ca, view, admin) = (ours("ca.pem"), ours("view.token"), ours("admin.token"));
     let seen = cluster.client(&VIEW, Some(&ca), Some(&view));
     assert!(seen.status.success(), "{}", stderr(&seen));
-    // The first view is answered as soon as one of the two is ready.
+    // The first view is answered as soon as one of the two workers is ready.
     let begin = Instant::now();
     let status = loop {
         let status = cluster.client(&["status", "--json"], Some(&ca), Some(&admin));
@@ -169,7 +169,7 @@ fn a_cluster_by_tls_answers_those_it_knows_and_tells_others_why_not() {
     );
     let said = stderr(&cluster.client(&VIEW, Some(&ca), Some(&wrong_token)));
     assert!(!said.contains(&wrong), "a token is printed: {said}");
-    // What makes no sense is told apart from what is refused.
+    // A request that makes no sense has another error than a refused one.
     let plain = cluster.url.replace("https", "http");
     for (arguments, word) in [
         (["--server", &cluster.url, "--token-file", text(&view)], "--ca"),
@@ -185,14 +185,14 @@ fn a_cluster_by_tls_answers_those_it_knows_and_tells_others_why_not() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn only_members_reach_what_is_the_clusters_own() {
+async fn only_members_reach_the_services_within_a_cluster() {
     let cluster = Cluster::start(&[]);
     let admin = ours("admin.token");
     let hash = vec![0; 32];
     let stranger = cluster.raw(None).await;
     let client = cluster.raw(Some((&ours("client.pem"), &ours("client.key")))).await;
     for channel in [stranger, client] {
-        // Health is for probes, which have neither.
+        // Health is for probes, which have neither certificate nor token.
         let mut health = tonic_health::pb::health_client::HealthClient::new(channel.clone());
         let asked = tonic_health::pb::HealthCheckRequest { service: String::new() };
         assert!(health.check(asked).await.is_ok());
@@ -214,7 +214,7 @@ async fn only_members_reach_what_is_the_clusters_own() {
             denied(ScenesClient::new(channel.clone()).fetch(dressed(fetch, token)).await.err().unwrap());
         }
     }
-    // A worker's own services, which clients have no business with.
+    // A worker's own services are closed to clients.
     let ca = std::fs::read(ours("ca.pem")).unwrap();
     let token = Token::parse(&std::fs::read_to_string(&admin).unwrap()).unwrap();
     let credentials = Credentials { ca: Some(ca), token: Some(token), identity: None };
@@ -229,7 +229,7 @@ async fn only_members_reach_what_is_the_clusters_own() {
         }
     };
     let worker = tokio::time::timeout(PATIENCE, joined).await.unwrap();
-    // Metrics are an operator's, and a member's: workers know no tokens. Probes ask without either.
+    // Metrics are for operators and members: workers know no tokens. Probes need neither.
     let (stranger, of_worker) = (cluster.raw(None).await, raw(&worker, None).await.unwrap());
     assert_eq!(page(&stranger, "/metrics", Some(&ours("view.token"))).await.0, 403);
     assert_eq!(page(&of_worker, "/metrics", Some(&admin)).await.0, 401);
@@ -249,7 +249,7 @@ async fn only_members_reach_what_is_the_clusters_own() {
     let render = v1::RenderRequest::default();
     let status = ViewsClient::new(channel).render(with_token(render, &admin)).await;
     assert_eq!(status.err().unwrap().code(), Code::PermissionDenied);
-    // A member is let through to where the request itself is judged.
+    // A member passes to the check of the request itself.
     let channel = raw(&worker, Some((&ours("worker.pem"), &ours("worker.key")))).await.unwrap();
     let subscribe = v1::SubscribeRequest { scene_hash: hash.into(), ..Default::default() };
     let status = SamplesClient::new(channel).subscribe(subscribe).await.err().unwrap();
@@ -263,7 +263,7 @@ async fn only_members_reach_what_is_the_clusters_own() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_session_fetches_its_frames_from_a_worker_that_only_members_may_ask_for_more() {
+async fn a_session_fetches_frames_from_a_worker_that_refuses_its_other_requests() {
     let cluster = Cluster::start(&["--redirect"]);
     let read = |file: &str| std::fs::read(ours(file)).unwrap();
     let token = Token::parse(&String::from_utf8(read("view.token")).unwrap()).unwrap();
@@ -281,7 +281,7 @@ async fn a_session_fetches_its_frames_from_a_worker_that_only_members_may_ask_fo
                 session.send(&view);
                 match session.next().await.unwrap() {
                     SessionEvent::Frame { frame, .. } => return frame,
-                    // Workers are still on their way.
+                    // Workers are still starting.
                     SessionEvent::Failed { .. } => tokio::time::sleep(Duration::from_millis(200)).await,
                 }
             }
@@ -295,7 +295,7 @@ async fn a_session_fetches_its_frames_from_a_worker_that_only_members_may_ask_fo
 }
 
 #[test]
-fn a_worker_that_is_no_member_cannot_join() {
+fn a_worker_without_a_members_certificate_cannot_join() {
     let cluster = Cluster::start(&[]);
     let join = |flags: &[String]| {
         let mut command = argus(&["worker", "--coordinator", &cluster.url, "--config="]);
@@ -305,22 +305,22 @@ fn a_worker_that_is_no_member_cannot_join() {
     };
     let without = join(&[]);
     assert!(without.contains("TLS needs a certificate"), "{without}");
-    // Signed by the same authority, for clients.
+    // Signed by the same authority, but for clients.
     let client = join(&member(&ours("client.pem"), &ours("client.key"), &ours("ca.pem")));
     assert!(client.contains("turned this worker away"), "{client}");
     assert!(client.contains("cluster.argus.internal"), "{client}");
-    // Of another authority, whichever side notices.
+    // Signed by another authority, on either side.
     for ca in [ours("ca.pem"), strangers("ca.pem")] {
         let stranger = join(&member(&strangers("worker.pem"), &strangers("worker.key"), &ca));
         assert!(stranger.contains("do not trust each other"), "{stranger}");
     }
-    // A member does not take another service for its coordinator.
+    // A member refuses a coordinator of another authority.
     let impostor = member(&ours("worker.pem"), &ours("worker.key"), &strangers("ca.pem"));
     assert!(join(&impostor).contains("do not trust each other"));
 }
 
 #[test]
-fn beyond_this_machine_nothing_listens_without_tls_unless_told_so() {
+fn without_tls_a_service_listens_only_on_this_machine_unless_allowed() {
     for command in
         [&["coordinator", "--scene", SMALL][..], &["worker", "--coordinator", "http://127.0.0.1:9"]]
     {
@@ -346,7 +346,7 @@ fn beyond_this_machine_nothing_listens_without_tls_unless_told_so() {
 }
 
 #[test]
-fn settings_that_do_not_go_together_are_refused() {
+fn contradictory_settings_are_refused() {
     let (certificate, key, ca) = (ours("server.pem"), ours("server.key"), ours("ca.pem"));
     let all = member(&certificate, &key, &ca);
     let says = |flags: &[String], word: &str| {
@@ -367,7 +367,7 @@ fn settings_that_do_not_go_together_are_refused() {
 }
 
 #[test]
-fn certificates_are_made_once_and_secrets_are_the_owners_alone() {
+fn certificates_are_made_only_once_and_secrets_are_readable_only_by_the_owner() {
     let again = run(&["certs", text(CERTS.0.path())]);
     assert_eq!(again.status.code(), Some(2));
     assert!(stderr(&again).contains("is there already"), "{}", stderr(&again));
@@ -384,7 +384,7 @@ fn certificates_are_made_once_and_secrets_are_the_owners_alone() {
 }
 
 #[test]
-fn where_clients_need_certificates_a_token_is_not_enough() {
+fn with_required_client_certificates_a_token_is_not_enough() {
     let cluster = Cluster::start(&["--set", "security.require_client_certificates=true"]);
     let (ca, view) = (ours("ca.pem"), ours("view.token"));
     refused(&cluster.client(&VIEW, Some(&ca), Some(&view)), &["trust"]);
@@ -399,7 +399,7 @@ fn where_clients_need_certificates_a_token_is_not_enough() {
 }
 
 #[test]
-fn a_workers_certificate_has_no_host_of_the_coordinator() {
+fn a_workers_certificate_lacks_the_coordinators_host_names() {
     let folder = tempfile::tempdir().unwrap();
     let made = run(&["certs", text(folder.path()), "--host", "render.example.org"]);
     assert!(made.status.success(), "{}", stderr(&made));
@@ -418,7 +418,7 @@ fn a_workers_certificate_has_no_host_of_the_coordinator() {
 }
 
 #[test]
-fn a_registry_beyond_this_machine_is_spoken_to_by_tls_and_no_address_holds_a_password() {
+fn a_remote_registry_needs_tls_and_an_address_without_a_password() {
     for (url, word) in [
         ("nats://nats.example.org:4222", "--insecure"),
         ("nats://argus:s3cret@127.0.0.1:4222", "coordinator.registry_credentials"),

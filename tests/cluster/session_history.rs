@@ -1,4 +1,4 @@
-//! Sessions whose searches begin from their frame before, across processes and on a device.
+//! Sessions whose searches begin from their previous frame, across processes and on a device.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ async fn next(session: &mut Session, view: &View) -> Result<Frame, ClientError> 
     }
 }
 
-/// A view of the scene's camera, turned a little more each time.
+/// A view of the scene's camera, turned by a number of steps.
 fn turned(camera: &Camera, steps: u32) -> View {
     let axis = camera.target - camera.eye;
     let turn = glam::DQuat::from_axis_angle(camera.up.normalize(), f64::from(steps) * 0.01);
@@ -35,7 +35,7 @@ fn image_of(frame: &Frame) -> RgbImage {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_session_with_history_shows_what_one_without_does_and_outlives_its_worker() {
+async fn a_session_with_history_shows_the_same_image_and_survives_its_worker() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let mut workers = coordinator.workers(1);
     coordinator.wait_for_workers(1);
@@ -56,12 +56,12 @@ async fn a_session_with_history_shows_what_one_without_does_and_outlives_its_wor
         let error = |of: &Frame| metrics::flip_mean(&exact, &image_of(of)).unwrap();
         // Pixels on silhouettes may fall to either side.
         assert!(error(&frame) < 1.1 * error(&fresh), "frame {i}: {} {}", error(&frame), error(&fresh));
-        // Equal they would be if nothing had begun anywhere else.
+        // They would be equal if every search began in the same place.
         let apart = metrics::flip_mean(&image_of(&fresh), &image_of(&frame)).unwrap();
         assert!(apart < 0.05 && (apart > 0.0) == (i > 0), "frame {i}: {apart}");
     }
 
-    // Elsewhere nobody has its frame.
+    // The other worker lacks the session's frame.
     workers[0].kill();
     let _another = coordinator.workers(1);
     coordinator.wait_for_workers(1);
@@ -72,7 +72,7 @@ async fn a_session_with_history_shows_what_one_without_does_and_outlives_its_wor
     assert_eq!((frame.color, frame.provenance), (fresh.color, fresh.provenance));
     assert!(next(&mut session, &turned(&camera, 6)).await.unwrap().provenance.history);
 
-    // A camera that turns away has nothing of it, and says so.
+    // A camera that turns away gains nothing from history, and its frame says so.
     let away = turned(&camera, 200);
     assert!(!next(&mut session, &away).await.unwrap().provenance.history);
     let linear = PlanRequest { search: Some(Search::Linear), ..PlanRequest::default() };

@@ -1,11 +1,11 @@
-//! Requests that state what they want, from calibration to the frame, each part in a process of its own.
+//! Requests with an error bound or a deadline, from calibration to the frame, each part in its own process.
 
 use std::path::Path;
 
 use crate::support::{Coordinator, SMALL, argus, json, run, stderr};
 use serde_json::Value;
 
-/// A model of the small scene, from few and small views: its predictions are crude, and still predictions.
+/// Calibrates a model of the small scene from few, small views: its predictions are crude.
 fn calibrate(cache: &Path) -> String {
     let mut study = argus(&["study", "bounds", "--scene", SMALL, "--size", "64x48", "--json"]);
     let output =
@@ -24,9 +24,8 @@ fn calibrate(cache: &Path) -> String {
     models[0].to_str().unwrap().to_owned()
 }
 
-/// Makes direct views twenty seconds dearer than they are, so much that what they do take is not believed. So
-/// small a view of so small a scene may be traced sooner than it is reconstructed, and which is cheaper must not
-/// depend on the machine that tests.
+/// Makes direct views twenty seconds more expensive in the model than they are, far beyond any measurement. Such a small
+/// view may be traced faster than it is reconstructed, and the cheapest plan must not depend on the test's machine.
 fn dear_triangles(path: &Path) {
     let mut model: Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
     for calibrated in model["settings"].as_array_mut().unwrap() {
@@ -39,7 +38,7 @@ fn dear_triangles(path: &Path) {
 }
 
 #[test]
-fn a_tight_bound_is_rendered_or_traced_a_loose_one_is_warped_and_the_truth_keeps_both() {
+fn a_tight_error_bound_is_met_by_rays_and_a_loose_one_by_a_warp() {
     let folder = tempfile::tempdir().unwrap();
     let model = calibrate(folder.path());
     let coordinator = Coordinator::start(SMALL, &["--model", &model]);
@@ -58,7 +57,7 @@ fn a_tight_bound_is_rendered_or_traced_a_loose_one_is_warped_and_the_truth_keeps
         |report: &Value, key: &str| report[key].as_f64().unwrap_or_else(|| panic!("{key}: {report:#}"));
 
     let loose = view(&["--max-error", "0.9", "--verify"]);
-    // Which search, depends on what these few views happen to show and take.
+    // The search depends on what these few views show and cost.
     let is_warped = |report: &Value| report["search"] != "direct" && report["served"]["traced"] == 0;
     assert!(is_warped(&loose), "{loose:#}");
     let predicted = &loose["predicted"];

@@ -1,4 +1,4 @@
-//! The command as scripts and people meet it: help, exit codes, JSON, and errors that say what to do.
+//! The command line: help, exit codes, JSON, and errors with a remedy.
 
 use std::net::TcpListener;
 use std::process::Stdio;
@@ -21,7 +21,7 @@ const SUBCOMMANDS: [&str; 13] = [
     "study",
 ];
 
-/// An address that nobody listens on: it was free a moment ago.
+/// An unused address: its port was free a moment ago.
 fn unused_url() -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     format!("http://{}", listener.local_addr().unwrap())
@@ -38,7 +38,7 @@ fn fails_with(arguments: &[&str], code: i32, words: &[&str]) {
     }
 }
 
-/// A failure that is no misuse of the command line is told in one line.
+/// Checks that a failure is an error of one line with these words.
 #[track_caller]
 fn fails_in_one_line(arguments: &[&str], code: i32, words: &[&str]) {
     fails_with(arguments, code, words);
@@ -47,7 +47,7 @@ fn fails_in_one_line(arguments: &[&str], code: i32, words: &[&str]) {
 }
 
 #[test]
-fn every_subcommand_teaches_itself() {
+fn every_subcommand_has_help() {
     let overview = run(&["--help"]);
     assert!(overview.status.success());
     let overview = String::from_utf8(overview.stdout).unwrap();
@@ -61,7 +61,7 @@ fn every_subcommand_teaches_itself() {
 }
 
 #[test]
-fn bad_arguments_end_with_2_before_anything_is_done() {
+fn invalid_arguments_end_with_2_before_any_work() {
     fails_with(&["view"], 2, &["--eye", "--target", "--out"]);
     fails_with(&["view", "--eye", "1,2", "--target", "0,0,0", "--out", "x.png"], 2, &["three numbers"]);
     let view = ["view", "--eye", "1,2,3", "--target", "-1,-2,-3", "--out", "x.png"];
@@ -82,7 +82,7 @@ fn bad_arguments_end_with_2_before_anything_is_done() {
 }
 
 #[test]
-fn nobody_listening_is_told_in_one_line_that_says_what_to_do() {
+fn an_unreachable_service_is_an_error_of_one_line_with_a_remedy() {
     let url = unused_url();
     for subcommand in [
         ["status"].as_slice(),
@@ -91,14 +91,14 @@ fn nobody_listening_is_told_in_one_line_that_says_what_to_do() {
     ] {
         fails_in_one_line(&[subcommand, &["--server", &url]].concat(), 1, &["argus serve", &url]);
     }
-    // Else it goes on trying.
+    // By default a worker keeps trying.
     let at_once = ["worker", "--set", "worker.coordinator_wait_secs=0", "--coordinator", &url];
     fails_with(&at_once, 1, &["argus coordinator", &url]);
     fails_in_one_line(&["status", "--server", "not an address"], 2, &["not an address"]);
 }
 
 #[test]
-fn a_taken_port_is_told_in_one_line() {
+fn a_port_in_use_is_an_error_of_one_line() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     fails_in_one_line(&["coordinator", "--scene", SMALL, "--listen", &address], 1, &[&address, "--listen"]);
@@ -145,7 +145,7 @@ fn images_are_compared() {
 }
 
 #[test]
-fn the_self_test_passes_here_and_says_what_it_measured() {
+fn the_self_test_passes_and_reports_its_measurements() {
     let report = json(&["selftest", "--json"]);
     assert_eq!(report["passed"], true, "{report:#}");
     let device = &report["device"];
@@ -157,7 +157,7 @@ fn the_self_test_passes_here_and_says_what_it_measured() {
         let found = checks.iter().filter(|check| check["name"].as_str().unwrap().contains(word)).count();
         assert_eq!(found, count, "{word}: {report:#}");
     }
-    // Images that equal the reference to the last bit were not rendered, but copied.
+    // Images equal to the reference to the last bit would be copies, not renderings.
     for check in checks.iter().filter(|check| check["name"].as_str().unwrap().ends_with(": FLIP")) {
         assert!(check["figure"].as_f64() > Some(0.0) && check["at_most"].as_f64() < Some(0.2), "{check:#}");
     }
@@ -165,7 +165,7 @@ fn the_self_test_passes_here_and_says_what_it_measured() {
 }
 
 #[test]
-fn without_a_driver_the_self_test_fails_and_says_what_to_install() {
+fn without_a_driver_the_self_test_fails_and_names_the_package_to_install() {
     let mut command = argus(&["selftest", "--json"]);
     for variable in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
         command.env(variable, "/no/such/driver.json");
@@ -186,7 +186,7 @@ fn without_a_driver_the_self_test_fails_and_says_what_to_install() {
     assert!(stderr(&output).contains("no such adapter"), "{}", stderr(&output));
 }
 
-/// Both ways to be asked to stop: a signal, and the end of the input of whoever started it.
+/// Two requests to stop: a signal, and the end of standard input.
 #[cfg(unix)]
 #[test]
 fn a_service_that_is_asked_to_stop_exits_with_0() {

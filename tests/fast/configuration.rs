@@ -1,4 +1,4 @@
-//! The configuration as people meet it: which source has the last word, and what is said of mistakes.
+//! The configuration: precedence of its sources, and errors for mistakes.
 
 use std::path::Path;
 use std::process::Output;
@@ -12,7 +12,7 @@ fn run_in(folder: &Path, variables: &[(&str, &str)], arguments: &[&str]) -> Outp
     command.current_dir(folder).envs(variables.iter().copied()).output().unwrap()
 }
 
-/// What `argus config --json` says of one setting.
+/// One setting's entry in `argus config --json`.
 fn setting(folder: &Path, variables: &[(&str, &str)], arguments: &[&str], key: &str) -> Value {
     let output = run_in(folder, variables, &[&["config", "--json"], arguments].concat());
     assert!(output.status.success(), "{}", stderr(&output));
@@ -22,7 +22,7 @@ fn setting(folder: &Path, variables: &[(&str, &str)], arguments: &[&str], key: &
 }
 
 #[test]
-fn each_source_goes_before_those_below_it_and_is_named() {
+fn each_source_overrides_those_below_it_and_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let views = |variables: &[(&str, &str)], arguments: &[&str]| {
         setting(folder.path(), variables, arguments, "limits.views")
@@ -41,17 +41,17 @@ fn each_source_goes_before_those_below_it_and_is_named() {
 
     let by_flag = views(&[variable], &["--set", "limits.views=30"]);
     assert_eq!((&by_flag["value"], &by_flag["source"]), (&30.into(), &"flag".into()));
-    // A file that is named goes before the one that is found, and an empty name means none.
+    // A named file overrides the found one, and an empty name means no file.
     std::fs::write(folder.path().join("other.toml"), "[limits]\nviews = 40\n").unwrap();
     assert_eq!(views(&[("ARGUS_CONFIG", "other.toml")], &[])["value"], 40);
     assert_eq!(views(&[("ARGUS_CONFIG", "argus.toml")], &["--config", "other.toml"])["value"], 40);
     assert_eq!(views(&[], &["--config="])["source"], "default");
-    // What a compose file leaves empty is not set.
+    // A variable that a compose file leaves empty is not set.
     assert_eq!(views(&[("ARGUS_LIMITS__VIEWS", "")], &[])["value"], 10);
 }
 
 #[test]
-fn what_is_printed_is_a_configuration_of_the_same_effect() {
+fn a_printed_configuration_has_the_same_effect() {
     let folder = tempfile::tempdir().unwrap();
     let printed = |arguments: &[&str]| {
         let output = run_in(folder.path(), &[], &[&["config"], arguments].concat());
@@ -82,7 +82,7 @@ fn mistakes_end_with_2_and_name_source_and_key() {
         (&[], &["--set", "limits.views=ten"], ["--set limits.views", "invalid"]),
         (&[], &["--set", "limits.views"], ["--set", "SECTION.KEY=VALUE"]),
     ] {
-        // Every subcommand that has settings says so before it does anything.
+        // Every subcommand with settings rejects them before any work.
         for command in [&["config"][..], &["status"], &["coordinator", "--scene", SMALL]] {
             let output = run_in(folder.path(), variables, &[command, arguments].concat());
             let message = stderr(&output);
@@ -95,7 +95,7 @@ fn mistakes_end_with_2_and_name_source_and_key() {
 }
 
 #[test]
-fn clients_and_services_go_by_it() {
+fn clients_and_services_use_the_configuration() {
     let folder = tempfile::tempdir().unwrap();
     let text = "[client]\nserver = \"ftp://x\"\n[coordinator]\nlisten = \"256.0.0.1:1\"\n";
     std::fs::write(folder.path().join("argus.toml"), text).unwrap();

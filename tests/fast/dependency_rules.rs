@@ -1,7 +1,7 @@
-//! The shape of the workspace: who may depend on whom, and where shaders live.
+//! Rules of the workspace: allowed dependencies between crates, and the place of shaders.
 //!
-//! Dependencies are judged as `cargo metadata` resolves them, transitively and without dev-dependencies, so
-//! that a rule cannot be got round through a third crate.
+//! Dependencies are those that `cargo metadata` resolves, transitively and without dev-dependencies, so that a third
+//! crate cannot bypass a rule.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// Names of packages, and for each the names of all that it is built with, directly or not.
+/// Names of packages, and for each the names of its direct and indirect dependencies.
 struct Graph {
     reached: BTreeMap<String, BTreeSet<String>>,
     metadata: Value,
@@ -17,7 +17,7 @@ struct Graph {
 
 impl Graph {
     fn of_this_workspace() -> Self {
-        // This platform's packages are all here, since this test was built; the others' would be downloaded.
+        // This platform's packages are all here, since this test was built; other platforms' would be downloaded.
         let version = cargo(&["-vV"]);
         let host = version.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
         let metadata = cargo(&["metadata", "--format-version", "1", "--locked", "--filter-platform", host]);
@@ -26,7 +26,7 @@ impl Graph {
         let name_of: BTreeMap<&str, &str> = list(&metadata["packages"])
             .map(|package| (text(&package["id"]), text(&package["name"])))
             .collect();
-        // A dependency that is only ever a dev-dependency is not part of what is built.
+        // A dev-dependency is not part of the built program.
         let built_with: BTreeMap<&str, Vec<&str>> = list(&metadata["resolve"]["nodes"])
             .map(|node| {
                 let deps = list(&node["deps"])
@@ -55,7 +55,7 @@ impl Graph {
         Self { reached, metadata }
     }
 
-    /// What `package` is built with, by name.
+    /// The dependencies of `package`, by name.
     fn of(&self, package: &str) -> &BTreeSet<String> {
         self.reached.get(package).unwrap_or_else(|| panic!("the workspace has no package {package}"))
     }
@@ -70,7 +70,7 @@ impl Graph {
     }
 }
 
-/// What cargo prints.
+/// Standard output of cargo.
 fn cargo(arguments: &[&str]) -> String {
     let output = Command::new(env!("CARGO")).args(arguments).current_dir(root()).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -89,7 +89,7 @@ fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Every file of the tree that is ours: build outputs and hidden folders left out.
+/// Every file of the repository, without build outputs and hidden folders.
 fn files() -> Vec<PathBuf> {
     walkdir::WalkDir::new(root())
         .into_iter()
@@ -108,7 +108,7 @@ fn is_shader(path: &Path) -> bool {
 }
 
 #[test]
-fn the_two_roles_know_neither_each_other_nor_the_network() {
+fn the_two_roles_depend_on_neither_each_other_nor_the_network() {
     let graph = Graph::of_this_workspace();
     let network = ["argus-proto", "argus-cluster", "argus-client", "tonic", "prost", "tokio"];
     for (role, other) in [("argus-sampler", "argus-compositor"), ("argus-compositor", "argus-sampler")] {
@@ -118,7 +118,7 @@ fn the_two_roles_know_neither_each_other_nor_the_network() {
 }
 
 #[test]
-fn what_runs_without_a_gpu_is_built_without_one() {
+fn crates_that_run_without_a_gpu_are_built_without_one() {
     let graph = Graph::of_this_workspace();
     let gpu = ["wgpu", "argus-gpu", "argus-shaders", "argus-sampler", "argus-compositor"];
     for package in ["argus-cluster", "argus-client", "argus-proto", "argus-scene"] {
@@ -147,7 +147,7 @@ fn dependencies_within_the_workspace_point_one_way() {
 }
 
 #[test]
-fn the_thin_client_compiles_the_vocabulary_alone() {
+fn the_thin_client_builds_only_the_vocabulary_of_the_scene_crate() {
     let graph = Graph::of_this_workspace();
     for package in list(&graph.metadata["packages"]) {
         if !["argus-client", "argus-proto", "argus-cluster"].contains(&text(&package["name"])) {
@@ -163,7 +163,7 @@ fn the_thin_client_compiles_the_vocabulary_alone() {
 }
 
 #[test]
-fn gpu_programs_live_in_the_shaders_crate_alone() {
+fn gpu_programs_are_only_in_the_shaders_crate() {
     let files = files();
     assert!(
         files.iter().any(|path| is_shader(path)),
@@ -187,7 +187,7 @@ fn gpu_programs_live_in_the_shaders_crate_alone() {
 }
 
 #[test]
-fn a_pass_and_its_program_share_a_stem() {
+fn a_pass_and_its_program_have_the_same_stem() {
     let files = files();
     for user in ["sampler", "compositor", "gpu"] {
         let passes = Path::new(user).join("src/passes");

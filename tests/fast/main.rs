@@ -1,4 +1,4 @@
-//! What needs no cluster: the command line, the configuration, the rules of the workspace, the files that are deployed.
+//! Tests without a cluster: the command line, the configuration, the rules of the workspace, the deployed files.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod cli;

@@ -1,5 +1,5 @@
-//! What is deployed, as it stands in files: it keeps to the published schemas, and names what exists. No cluster and no engine
-//! is needed for that, but the tools of scripts/manifest-tools.
+//! Deployed files: they follow the published schemas and name only what exists. The tests need the tools of
+//! scripts/manifest-tools, but no cluster and no container engine.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -8,11 +8,11 @@ use std::process::{Command, Stdio};
 use crate::support::{argus, json, run, skip, stderr, succeed, there};
 use serde_json::Value;
 
-/// Prints the documents of files of YAML as one list.
+/// Prints all documents of YAML files as one list.
 const AS_JSON: &str = "import json, sys, yaml
 print(json.dumps([document for path in sys.argv[1:] for document in yaml.safe_load_all(open(path))]))";
 
-/// What KEDA's documentation of its Prometheus trigger names; in its schema that is a map of anything.
+/// Fields of KEDA's Prometheus trigger, by its documentation; its schema allows any.
 const PROMETHEUS_TRIGGER: [&str; 11] = [
     "serverAddress",
     "query",
@@ -35,7 +35,7 @@ fn deploy(path: &str) -> PathBuf {
 struct Tools(PathBuf);
 
 impl Tools {
-    /// `None`, and a loud line, where they cannot be installed.
+    /// `None`, with a notice, if they cannot be installed.
     fn ready() -> Option<Self> {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/manifest-tools");
         let output = Command::new(script).stdin(Stdio::null()).output().unwrap();
@@ -52,7 +52,7 @@ impl Tools {
         Command::new(self.0.join("bin").join(program))
     }
 
-    /// All documents of files of YAML.
+    /// All documents of YAML files.
     fn documents(&self, files: &[&Path]) -> Vec<Value> {
         let printed = succeed(self.command("python").args(["-c", AS_JSON]).args(files));
         serde_json::from_str(&printed).unwrap()
@@ -63,7 +63,7 @@ impl Tools {
         document
     }
 
-    /// What the kustomization of a folder comes to, as a file and as its documents.
+    /// The rendered kustomization of a folder, as a file and as its documents.
     fn rendered(&self, folder: &Path) -> (tempfile::NamedTempFile, Vec<Value>) {
         let text = succeed(self.command("kubectl").arg("kustomize").arg(folder));
         let file = tempfile::NamedTempFile::new().unwrap();
@@ -73,7 +73,7 @@ impl Tools {
     }
 }
 
-/// An overlay with both components, as deploy/README.md says to make one.
+/// An overlay with both components, built as deploy/README.md describes.
 fn with_components(overlay: &str) -> (tempfile::TempDir, PathBuf) {
     let tree = tempfile::tempdir().unwrap();
     succeed(Command::new("cp").arg("-r").arg(deploy("kubernetes")).arg(tree.path()));
@@ -88,7 +88,7 @@ fn with_components(overlay: &str) -> (tempfile::TempDir, PathBuf) {
     (tree, folder)
 }
 
-/// Files of YAML below a folder, kustomizations or all others.
+/// YAML files below a folder: kustomizations or all others.
 fn files(folder: &Path, kustomizations: bool) -> Vec<PathBuf> {
     let files = walkdir::WalkDir::new(folder).into_iter().map(|entry| entry.unwrap().into_path());
     let wanted = |path: &PathBuf| {
@@ -102,7 +102,7 @@ fn find<'d>(documents: &'d [Value], kind: &str, name: &str) -> Option<&'d Value>
     documents.iter().find(|document| document["kind"] == kind && document["metadata"]["name"] == name)
 }
 
-/// The entries of a list; none where there is none.
+/// The entries of a list; none if the value is not a list.
 fn list(value: &Value) -> impl Iterator<Item = &Value> {
     value.as_array().into_iter().flatten()
 }
@@ -111,28 +111,28 @@ fn strings(value: &Value) -> Vec<&str> {
     list(value).map(|entry| entry.as_str().unwrap()).collect()
 }
 
-/// The one pod of a Deployment or StatefulSet, and its one container.
+/// The pod of a Deployment or StatefulSet, and its single container.
 fn pod(document: &Value) -> (&Value, &Value) {
     let pod = &document["spec"]["template"]["spec"];
     assert_eq!(list(&pod["containers"]).count(), 1, "{pod:#}");
     (pod, &pod["containers"][0])
 }
 
-/// What `argus certs` makes.
+/// Names of the files that `argus certs` makes.
 fn certificates() -> BTreeSet<String> {
     let folder = tempfile::tempdir().unwrap();
     let made = json(&["certs", folder.path().join("certs").to_str().unwrap(), "--json"]);
     strings(&made["files"]).into_iter().map(str::to_owned).collect()
 }
 
-/// Names of files in /certs that a text has.
+/// Names of files in /certs within a text.
 fn in_certs(text: &str) -> BTreeSet<String> {
     let name =
         |rest: &str| rest.split(|c: char| !c.is_ascii_alphanumeric() && c != '.').next().map(str::to_owned);
     text.split("/certs/").skip(1).filter_map(name).filter(|name| !name.is_empty()).collect()
 }
 
-/// That a command line of argus has a subcommand and flags that exist.
+/// Checks that a command line of argus has an existing subcommand and existing flags.
 fn exists(command: &[&str], whence: &str) {
     let help = run(&[command[0], "--help"]);
     assert!(help.status.success(), "{whence}: argus has no {}", command[0]);
@@ -144,7 +144,7 @@ fn exists(command: &[&str], whence: &str) {
     }
 }
 
-/// That a variable of the environment is a setting, where it is meant as one.
+/// Checks that a variable of the environment with the prefix of settings is one.
 fn is_a_setting(name: &str, value: &str, whence: &str) {
     if name.starts_with("ARGUS_") && name.contains("__") {
         let output = argus(&["config"]).env(name, value).output().unwrap();
@@ -153,7 +153,7 @@ fn is_a_setting(name: &str, value: &str, whence: &str) {
 }
 
 #[test]
-fn kubernetes_manifests_keep_to_the_published_schemas() {
+fn kubernetes_manifests_follow_the_published_schemas() {
     let Some(tools) = Tools::ready() else { return };
     let validate = |file: &Path| {
         let output = tools.command("kubernetes-validate").args(["--strict", "--quiet"]).arg(file).output();
@@ -173,13 +173,13 @@ fn kubernetes_manifests_keep_to_the_published_schemas() {
             rendered.extend(documents);
         }
     }
-    // A field that there is not is found.
+    // An unknown field is found.
     let text = std::fs::read_to_string(deploy("kubernetes/base/worker.yaml")).unwrap();
     let wrong = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(wrong.path(), text.replace("replicas:", "replica:")).unwrap();
     assert!(!validate(wrong.path()).0);
 
-    // All that is there was rendered, but for what others' operators read.
+    // Every file was rendered, except those for other operators.
     for file in files(&deploy("kubernetes"), false) {
         for document in tools.documents(&[&file]) {
             let (kind, name) =
@@ -188,7 +188,7 @@ fn kubernetes_manifests_keep_to_the_published_schemas() {
             assert!(of_operators || find(&rendered, kind, name).is_some(), "{}: {name}", file.display());
         }
     }
-    // A patch without a target would change nothing and say nothing.
+    // A patch without a target changes nothing without an error.
     for file in files(&deploy("kubernetes"), true) {
         for patch in list(&tools.document(&file)["patches"]) {
             let target = |key: &str| patch["target"][key].as_str().unwrap();
@@ -199,7 +199,7 @@ fn kubernetes_manifests_keep_to_the_published_schemas() {
 }
 
 #[test]
-fn overlays_and_components_change_what_they_are_for() {
+fn overlays_and_components_change_what_they_are_named_for() {
     let Some(tools) = Tools::ready() else { return };
     let worker = |documents: &[Value]| find(documents, "Deployment", "argus-worker").unwrap().clone();
     let roll_out = |worker: &Value| {
@@ -212,7 +212,7 @@ fn overlays_and_components_change_what_they_are_for() {
     assert_eq!(roll_out(&on_cpu), (Some(0), Some(1)));
     let (pod_on_cpu, container) = pod(&on_cpu);
     assert!(list(&container["env"]).any(|variable| variable["name"] == "LP_NUM_THREADS"), "{container:#}");
-    // A worker's pod has nobody else's secrets.
+    // A worker's pod has only its own secrets.
     let secret = list(&pod_on_cpu["volumes"]).find(|volume| volume["name"] == "certs").unwrap();
     let items: BTreeSet<&str> =
         list(&secret["secret"]["items"]).map(|item| item["path"].as_str().unwrap()).collect();
@@ -220,14 +220,14 @@ fn overlays_and_components_change_what_they_are_for() {
 
     let (_, gpu) = tools.rendered(&deploy("kubernetes/overlays/gpu"));
     let on_gpu = worker(&gpu);
-    // Where all GPUs are taken, one more worker than there shall be would wait for ever.
+    // With all GPUs in use, an additional worker would wait forever.
     assert_eq!(roll_out(&on_gpu), (Some(1), Some(0)));
     assert_eq!(pod(&on_gpu).1["resources"]["limits"]["nvidia.com/gpu"], "1");
 
     let (_tree, both) = with_components("cpu");
     let (_, both) = tools.rendered(&both);
     let redirecting = worker(&both);
-    // A port of a node is taken likewise.
+    // A node's port is exclusive too.
     assert_eq!(roll_out(&redirecting), (Some(1), Some(0)));
     let (_, container) = pod(&redirecting);
     let port = &container["ports"][0];
@@ -269,7 +269,7 @@ fn kubernetes_manifests_name_only_arguments_settings_and_files_that_exist() {
                 assert!(known, "{name}: {argument} is of no variable");
             }
         }
-        // Files come from `argus certs`, and those that are named from the volume.
+        // Files come from `argus certs`; named ones come from the volume.
         let secret = list(&pod["volumes"]).find(|volume| volume["name"] == "certs").unwrap();
         let item = |key: &'static str| {
             list(&secret["secret"]["items"]).map(move |item| item[key].as_str().unwrap().to_owned())
@@ -288,7 +288,7 @@ fn kubernetes_manifests_name_only_arguments_settings_and_files_that_exist() {
 }
 
 #[test]
-fn what_operators_read_keeps_to_their_schemas_and_is_about_what_is_there() {
+fn files_for_other_operators_follow_their_schemas_and_name_existing_objects() {
     let Some(tools) = Tools::ready() else { return };
     let check = |files: &[&Path]| {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/custom_resources.py");
@@ -298,7 +298,7 @@ fn what_operators_read_keeps_to_their_schemas_and_is_about_what_is_there() {
         ["scaledobject.yaml", "podmonitor.yaml"].map(|file| deploy("kubernetes/keda").join(file));
     let checked = check(&[&scaling, &collecting]);
     assert!(checked.status.success(), "{}", stderr(&checked));
-    // A field that there is not is found.
+    // An unknown field is found.
     let wrong = tempfile::NamedTempFile::new().unwrap();
     let text = std::fs::read_to_string(&scaling).unwrap();
     std::fs::write(wrong.path(), text.replace("pollingInterval", "pollInterval")).unwrap();
@@ -348,7 +348,7 @@ fn compose_files_name_only_services_arguments_and_files_that_exist() {
         if let ["CMD", "argus", probe @ ..] = &strings(&service["healthcheck"]["test"])[..] {
             exists(probe, name);
         }
-        // `sh -c` of commands of which one is argus's.
+        // A shell script with commands, one of which is argus's.
         if let ["sh", "-c", script] = &strings(&service["entrypoint"])[..] {
             let words: Vec<&str> = script.split_whitespace().collect();
             let begin = words.iter().position(|&word| word == "argus").unwrap() + 1;
@@ -359,7 +359,7 @@ fn compose_files_name_only_services_arguments_and_files_that_exist() {
             let source = volume.split(':').next().unwrap();
             let there = match source {
                 file if file.starts_with('.') => deploy(file).exists(),
-                // A variable with its default, or a place in the container alone.
+                // A variable with its default, or a path in the container.
                 other if other.starts_with(['$', '/']) => true,
                 named => tls["volumes"].as_object().unwrap().contains_key(named),
             };
@@ -375,7 +375,7 @@ fn compose_files_name_only_services_arguments_and_files_that_exist() {
     named.extend(services(&tls).values().flat_map(|service| in_certs(&service.to_string())));
     assert!(named.len() >= 5 && named.is_subset(&certificates), "{named:?}");
 
-    // Compose itself, where it is there, takes them one over the other.
+    // Compose itself, if it is installed, merges the files.
     if there("ARGUS_REQUIRE_ENGINE", "docker-compose", &["version"]) {
         let mut command = Command::new("docker-compose");
         for file in ["compose.yaml", "compose.tls.yaml"] {
@@ -387,7 +387,7 @@ fn compose_files_name_only_services_arguments_and_files_that_exist() {
 }
 
 #[test]
-fn the_image_is_built_from_every_part_of_the_workspace() {
+fn the_image_is_built_from_every_crate_of_the_workspace() {
     let read =
         |file: &str| std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).unwrap();
     let workspace: toml::Table = read("Cargo.toml").parse().unwrap();

@@ -1,4 +1,4 @@
-//! What is built in from elsewhere: its licences and sources, and all that cargo-deny knows where it can be had.
+//! Third-party packages: their licences and sources, and the checks of cargo-deny if it is installed.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -10,7 +10,7 @@ fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Packages that this platform's build may need, as cargo resolves them.
+/// Packages of this platform's build, as cargo resolves them.
 fn packages() -> Vec<Value> {
     let cargo = |arguments: &[&str]| {
         let output = Command::new(env!("CARGO")).args(arguments).current_dir(root()).output().unwrap();
@@ -24,7 +24,7 @@ fn packages() -> Vec<Value> {
     metadata["packages"].as_array().unwrap().clone()
 }
 
-/// The licences of deny.toml.
+/// The licences that deny.toml allows.
 fn allowed() -> BTreeSet<String> {
     let text = std::fs::read_to_string(root().join("deny.toml")).unwrap();
     let table: toml::Table = text.parse().unwrap();
@@ -32,7 +32,7 @@ fn allowed() -> BTreeSet<String> {
     allowed.iter().map(|licence| licence.as_str().unwrap().to_owned()).collect()
 }
 
-/// Whether an expression of SPDX holds with these licences: `/` is an old word for OR.
+/// Whether an SPDX expression is satisfied by these licences; `/` is an old form of OR.
 fn holds(expression: &str, allowed: &BTreeSet<String>) -> bool {
     let spaced = expression.replace('(', " ( ").replace(')', " ) ").replace('/', " OR ");
     let words: Vec<&str> = spaced.split_whitespace().collect();
@@ -74,7 +74,7 @@ fn one<'a>(words: &'a [&'a str], allowed: &BTreeSet<String>) -> (bool, &'a [&'a 
 }
 
 #[test]
-fn expressions_of_licences_are_read_as_they_are_meant() {
+fn licence_expressions_are_evaluated_correctly() {
     let allowed: BTreeSet<String> =
         ["MIT", "Zlib", "Apache-2.0 WITH LLVM-exception"].map(str::to_owned).into();
     for fine in ["MIT", "GPL-3.0 OR MIT", "GPL-3.0/MIT", "MIT AND Zlib", "(MIT OR GPL-3.0) AND Zlib"] {
@@ -89,14 +89,14 @@ fn expressions_of_licences_are_read_as_they_are_meant() {
 }
 
 #[test]
-fn all_that_is_built_in_is_licensed_permissively_and_comes_from_one_registry() {
+fn all_packages_have_permissive_licences_and_come_from_one_registry() {
     let allowed = allowed();
     let mut sources = BTreeSet::new();
     for package in packages() {
         let name = package["name"].as_str().unwrap();
         let licence = package["license"].as_str().unwrap_or_else(|| panic!("{name} has no licence"));
         assert!(holds(licence, &allowed), "{name}: {licence} is not allowed by deny.toml");
-        // The workspace's own packages have none.
+        // The workspace's own packages have no source.
         sources.extend(package["source"].as_str().map(str::to_owned));
     }
     assert!(
@@ -106,7 +106,7 @@ fn all_that_is_built_in_is_licensed_permissively_and_comes_from_one_registry() {
 }
 
 #[test]
-fn cargo_deny_finds_nothing_and_would_find_what_is_forbidden() {
+fn cargo_deny_accepts_the_build_and_finds_forbidden_packages() {
     let deny = |arguments: &[&str]| {
         let mut command = Command::new(root().join("scripts/deny"));
         let output = command.args(arguments).env("CARGO_TERM_COLOR", "never").output().unwrap();
@@ -119,7 +119,7 @@ fn cargo_deny_finds_nothing_and_would_find_what_is_forbidden() {
     if said.contains("deny: SKIPPED") {
         return;
     }
-    // A rule that half of all packages break, and one that a package breaks that nothing works without.
+    // One rule that half of all packages break, and one that an indispensable package breaks.
     let rules = std::fs::read_to_string(root().join("deny.toml")).unwrap();
     let stricter = rules.replace("    \"MIT\",\n", "").replace("\"openssl-sys\"", "\"tokio\"");
     let folder = tempfile::tempdir().unwrap();

@@ -1,9 +1,9 @@
-//! What somebody runs first, and the studies behind the figures, each in its short form.
+//! The demo, and the studies without a folder of results, in their short forms.
 
 use crate::support::{SMALL, json};
 
 #[test]
-fn the_demo_leaves_every_picture_a_contact_sheet_and_its_figures() {
+fn the_demo_leaves_every_image_a_contact_sheet_and_its_figures() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let figures =
@@ -12,7 +12,7 @@ fn the_demo_leaves_every_picture_a_contact_sheet_and_its_figures() {
     for key in ["view_ms", "direct_ms", "sample_ms", "total_ms", "naive_ms", "samples"] {
         assert!(figures[key].as_f64().is_some_and(|figure| figure > 0.0), "{key}: {figures:#}");
     }
-    // Close to the truth, and not equal to it: that would mean that nothing was reconstructed.
+    // Close to the reference, but not equal: an equal image would not be reconstructed.
     let flip = figures["flip"]["mean"].as_f64().unwrap();
     assert!(flip > 0.001 && flip < 0.15, "{figures:#}");
     for i in 0..3 {
@@ -26,7 +26,7 @@ fn the_demo_leaves_every_picture_a_contact_sheet_and_its_figures() {
 }
 
 #[test]
-fn the_studies_report_one_object_a_row() {
+fn each_study_prints_one_object_with_its_rows() {
     let baseline = json(&["study", "baseline", "--quick", "--json"]);
     let methods: Vec<_> = baseline["rows"].as_array().unwrap().iter().map(|row| &row["method"]).collect();
     assert!(methods.len() >= 3, "{baseline:#}");
@@ -34,7 +34,7 @@ fn the_studies_report_one_object_a_row() {
         assert!(row["view_ms"].as_f64().unwrap() > 0.0 && row["flip"].as_f64().unwrap() > 0.0, "{row:#}");
     }
     let burst = json(&["study", "burst", "--quick", "--json"]);
-    // From samples in two divisions of the work, and directly in two ways to see triangles.
+    // From samples with two divisions of the work, and directly with two visibility backends.
     assert_eq!(burst["rows"].as_array().unwrap().len(), 4, "{burst:#}");
     for study in [&baseline, &burst] {
         assert!(study["scene"].is_string() && study["machine"]["cores"].is_u64(), "{study:#}");

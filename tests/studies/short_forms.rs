@@ -1,4 +1,4 @@
-//! The studies of the reconstruction, each in its short form: their rows, and the files that they leave.
+//! The studies of reconstruction in their short forms: their rows and files.
 
 use std::time::{Duration, Instant};
 
@@ -35,13 +35,13 @@ fn the_warp_study_has_every_search_its_figures_and_its_plot() {
     }
     let of = |search: &str| rows(&study).iter().filter(|row| row["search"] == search).collect::<Vec<_>>();
     assert_eq!(of("direct").len(), 3, "one, four and sixteen samples a pixel");
-    // More samples a pixel come closer to the reference.
+    // More samples per pixel come closer to the reference.
     let errors: Vec<f64> = of("direct").iter().map(|row| number(row, "flip")).collect();
     assert!(errors[0] > errors[1] && errors[1] > errors[2], "{errors:?}");
     for search in ["splat", "linear"] {
         assert_eq!(of(search).len(), 2, "{search}: one and four sub-pixels");
     }
-    // Close to the truth, and not equal to it: that would mean that nothing was reconstructed.
+    // Close to the reference, but not equal: an equal image would not be reconstructed.
     assert!(of("splat").iter().all(|row| number(row, "flip") > 0.001 && number(row, "flip") < 0.15));
     let plot = std::fs::read_to_string(folder.path().join("warp-pareto.svg")).unwrap();
     assert!(plot.starts_with("<svg") && plot.contains("Pareto front") && plot.contains("splat"));
@@ -50,7 +50,7 @@ fn the_warp_study_has_every_search_its_figures_and_its_plot() {
 }
 
 #[test]
-fn the_cells_study_goes_from_the_sample_camera_to_where_samples_serve_worst() {
+fn the_cells_study_compares_the_sample_camera_with_the_worst_position_between_samples() {
     let study = json(&["study", "cells", "--quick", "--json"]);
     for pair in rows(&study).chunks(2) {
         let [at, away] = pair else { panic!("two places for each spacing: {study:#}") };
@@ -63,7 +63,7 @@ fn the_cells_study_goes_from_the_sample_camera_to_where_samples_serve_worst() {
 }
 
 #[test]
-fn the_history_study_has_both_beginnings_and_says_where_the_frame_before_helps() {
+fn the_history_study_has_both_starts_and_shows_where_the_previous_frame_helps() {
     let study = json(&["study", "history", "--quick", "--json"]);
     let of = |seed: &str| rows(&study).iter().filter(|row| row["seed"] == seed).collect::<Vec<_>>();
     let searches: Vec<&Value> = of("samples").into_iter().map(|row| &row["search"]).collect();
@@ -82,10 +82,10 @@ fn the_history_study_has_both_beginnings_and_says_where_the_frame_before_helps()
         (number(after("none"), "used_fraction"), number(after("turn 2°"), "used_fraction")),
         (1.0, 1.0)
     );
-    // Where the frame before showed something else, it is left, and the view is that from samples.
+    // If the previous frame showed something else, it is ignored, and the view equals that from samples.
     let left = after("turn 90°");
     assert_eq!((number(left, "used_fraction"), number(left, "flip")), (0.0, number(fresh, "flip")));
-    // A beginning is all that it is, also after a chain of them.
+    // The previous frame changes only the start of the search, even after many frames.
     for row in of("history") {
         assert!(number(row, "flip") < 1.2 * number(fresh, "flip"), "{row:#}");
     }
@@ -95,7 +95,7 @@ fn the_history_study_has_both_beginnings_and_says_where_the_frame_before_helps()
 }
 
 #[test]
-fn the_omni_maps_study_has_triangles_and_maps_side_by_side() {
+fn the_omni_maps_study_compares_triangles_and_maps() {
     let study = json(&["study", "omni-maps", "--quick", "--json"]);
     let of = |way: &str| rows(&study).iter().filter(|row| row["way"] == way).collect::<Vec<_>>();
     assert_eq!(of("raster").len(), 1);
@@ -109,7 +109,7 @@ fn the_omni_maps_study_has_triangles_and_maps_side_by_side() {
 }
 
 #[test]
-fn the_reflections_study_has_maps_beside_the_sky_and_brute_force() {
+fn the_reflections_study_compares_maps_with_the_sky_and_with_brute_force() {
     let study = json(&["study", "reflections", "--quick", "--json"]);
     let sky = &rows(&study)[0];
     assert_eq!(number(sky, "maps"), 0.0);
@@ -127,7 +127,7 @@ fn the_reflections_study_has_maps_beside_the_sky_and_brute_force() {
 }
 
 #[test]
-fn the_break_even_study_says_from_how_many_views_samples_pay() {
+fn the_break_even_study_gives_the_number_of_views_from_which_samples_are_cheaper() {
     let study = json(&["study", "break-even", "--quick", "--json"]);
     for row in rows(&study) {
         let views = number(row, "views");
@@ -142,7 +142,7 @@ fn the_break_even_study_says_from_how_many_views_samples_pay() {
 }
 
 #[test]
-fn the_radiosity_study_departs_in_each_knob_and_light_brings_images_closer_to_the_path_traced_one() {
+fn the_radiosity_study_varies_each_knob_and_light_brings_images_closer_to_path_tracing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let study = json(&["study", "radiosity", "--quick", "--json", "--out", out, "--light", "point:0,60,0"]);
@@ -181,7 +181,7 @@ fn the_radiosity_study_departs_in_each_knob_and_light_brings_images_closer_to_th
 }
 
 #[test]
-fn the_megaviews_study_counts_fewer_pairs_than_manylods_and_says_what_it_extrapolates() {
+fn the_megaviews_study_tests_fewer_pairs_than_manylods_and_marks_extrapolated_rows() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let study = json(&["study", "megaviews", "--quick", "--json", "--out", out]);
@@ -206,12 +206,12 @@ fn the_megaviews_study_counts_fewer_pairs_than_manylods_and_says_what_it_extrapo
             assert!(number(&row["bytes"], "maps") > 0.0 && number(row, "frame_ms") > 0.0);
             assert!(row["stages_ms"].as_object().unwrap().contains_key("divide scene"), "{row:#}");
         }
-        // Leaves go down the view octree one by one, and share no less.
+        // Leaves descend the view octree one by one, and share no less.
         let flat = of("flat-scene", placement, 256);
         assert!(number(flat, "pairs_processed") > 0.0 && number(flat, "views_per_node") > 1.0, "{flat:#}");
         assert_eq!(flat["fell_back"], false);
         assert!(!flat["stages_ms"].as_object().unwrap().contains_key("divide scene"), "{flat:#}");
-        // Exact maps of low resolution err too, and less.
+        // Exact maps of low resolution have errors too, but smaller ones.
         let exact = of("raster", placement, 256);
         assert_eq!(exact["extrapolated"], true, "of 96 views");
         assert!(number(exact, "wrong_shadow_fraction") < number(alone, "wrong_shadow_fraction"));
@@ -221,7 +221,7 @@ fn the_megaviews_study_counts_fewer_pairs_than_manylods_and_says_what_it_extrapo
 }
 
 #[test]
-fn the_megaviews_study_shows_what_occlusion_leaves_out_at_equal_maps() {
+fn the_megaviews_study_counts_pairs_that_occlusion_culls_at_equal_maps() {
     let arguments = ["study", "megaviews", "--quick", "--json", "--placement", "random", "--method"];
     let study = json(&[&arguments[..], &["megaviews,manylods", "--occlusion", "off,on,known"]].concat());
     for method in ["megaviews", "manylods"] {
@@ -240,7 +240,7 @@ fn the_megaviews_study_shows_what_occlusion_leaves_out_at_equal_maps() {
 }
 
 #[test]
-fn the_megaviews_study_sets_accuracy_beside_memory_for_every_texel() {
+fn the_megaviews_study_gives_accuracy_and_memory_for_every_texel_format() {
     let arguments = ["study", "megaviews", "--quick", "--json", "--placement", "four-bounce", "--method"];
     let texels = ["node-64", "node-32", "range-32", "range-16"];
     let study = json(&[&arguments[..], &["megaviews,manylods", "--texel", &texels.join(",")]].concat());
@@ -265,7 +265,7 @@ fn the_megaviews_study_sets_accuracy_beside_memory_for_every_texel() {
 }
 
 #[test]
-fn a_light_that_is_none_is_refused_with_what_it_should_be() {
+fn an_invalid_light_is_refused_with_the_valid_form() {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_argus"))
         .args(["study", "megaviews", "--light", "spot:0,1:0,0,0"])
         .output()
@@ -276,7 +276,7 @@ fn a_light_that_is_none_is_refused_with_what_it_should_be() {
 }
 
 #[test]
-fn the_overload_study_turns_away_what_is_too_much_and_loses_nothing() {
+fn the_overload_study_refuses_excess_load_and_loses_no_view() {
     let study = json(&["study", "overload", "--quick", "--json"]);
     let rows = rows(&study);
     for row in rows {
@@ -284,7 +284,7 @@ fn the_overload_study_turns_away_what_is_too_much_and_loses_nothing() {
         assert!(number(row, "answered") > 0.0 && number(row, "per_peak") <= 1.0, "{row:#}");
         assert_eq!(row["sent"], number(row, "answered") as u64 + number(row, "rejected") as u64, "{row:#}");
     }
-    // Capacity is noise in so short a time; that it is stated, and that twice as much is more, is not.
+    // Capacity is noise in so short a time; only its presence and the ratio of the loads are tested.
     let [half, twice] = &rows[..] else { panic!("two loads: {study:#}") };
     assert_eq!((number(half, "load"), number(twice, "load")), (0.5, 2.0));
     assert!((number(twice, "asked_per_sec") / number(half, "asked_per_sec") - 4.0).abs() < 1e-9);
@@ -292,7 +292,7 @@ fn the_overload_study_turns_away_what_is_too_much_and_loses_nothing() {
 }
 
 #[test]
-fn the_service_study_sets_the_default_beside_forced_ways_cold_and_warm() {
+fn the_service_study_compares_the_default_with_forced_methods_cold_and_warm() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let study = json(&["study", "service", "--quick", "--json", "--runs", "2", "--out", out]);
@@ -300,7 +300,7 @@ fn the_service_study_sets_the_default_beside_forced_ways_cold_and_warm() {
     for (i, row) in rows(&study).iter().enumerate() {
         assert_eq!(row["mode"], ["default", "direct", "warp"][i / 2], "{row:#}");
         assert_eq!(row["phase"], ["cold", "warm"][i % 2], "{row:#}");
-        // Two clients, five views a second, two seconds; how many are answered in time is the machine's affair.
+        // Two clients, five views a second, two seconds; the number answered in time depends on the machine.
         assert_eq!(row["sent"], 20, "{row:#}");
         assert_eq!(number(row, "answered") + number(row, "failed"), 20.0, "{row:#}");
         assert!(number(row, "answered") > 0.0 && number(row, "failed") >= number(row, "rejected"), "{row:#}");
@@ -312,7 +312,7 @@ fn the_service_study_sets_the_default_beside_forced_ways_cold_and_warm() {
         assert!(number(row, "excess_tile") >= number(row, "excess_flip"), "{row:#}");
         let ways = row["ways"].as_object().unwrap();
         assert!((ways.values().filter_map(Value::as_f64).sum::<f64>() - 1.0).abs() < 1e-9, "{row:#}");
-        // Only views whose way is left open are planned.
+        // Only views without a forced method are planned.
         let is_planned = row["mode"] == "default";
         assert_eq!(row["planning_us"].as_f64().is_some_and(|us| us > 0.0), is_planned, "{row:#}");
         assert!(is_planned || row["time_predicted"].is_null(), "{row:#}");
@@ -323,14 +323,14 @@ fn the_service_study_sets_the_default_beside_forced_ways_cold_and_warm() {
     let of = |mode: &str| rows(&study).iter().filter(|row| row["mode"] == mode).collect::<Vec<_>>();
     for direct in of("direct") {
         assert_eq!(direct["ways"]["direct"], 1.0, "{direct:#}");
-        // A direct view is no further off than a direct view, but for edges where triangles are seen in another way.
+        // Direct views have equal error, except along edges with another visibility backend.
         assert!(number(direct, "excess_flip").abs() < 0.002, "{direct:#}");
         assert_eq!(number(direct, "samples_rendered"), 0.0, "{direct:#}");
     }
     for warp in of("warp") {
         assert!(warp["ways"]["direct"].is_null(), "{warp:#}");
         assert!(number(warp, "samples_rendered") > 0.0 && number(warp, "samples_mib") > 0.0, "{warp:#}");
-        // Reconstructed from samples: close to the truth, and not equal to a direct view.
+        // From samples: close to the reference, but not equal to a direct view.
         assert!(number(warp, "excess_flip").abs() > 1e-4 && number(warp, "flip") < 0.3, "{warp:#}");
     }
     let plot = std::fs::read_to_string(folder.path().join("service-error-against-latency.svg")).unwrap();
@@ -340,11 +340,11 @@ fn the_service_study_sets_the_default_beside_forced_ways_cold_and_warm() {
 }
 
 #[test]
-fn the_service_study_judges_frames_of_a_moving_scene_at_their_own_moment() {
+fn the_service_study_compares_frames_of_a_moving_scene_at_their_own_time() {
     let arguments = ["study", "service", "--quick", "--json", "--scene", "mirrors:6", "--walk", "stand"];
     let study = json(&arguments);
     for row in rows(&study).iter().filter(|row| row["mode"] == "direct") {
-        // A reference of another moment would show every ball elsewhere.
+        // A reference of another time would show every ball elsewhere.
         assert!(number(row, "judged") > 0.0 && number(row, "excess_flip").abs() < 0.002, "{row:#}");
         assert!(number(row, "excess_tile").abs() < 0.05, "{row:#}");
     }
@@ -392,7 +392,7 @@ fn the_cluster_study_measures_and_simulates_the_same_ticks_and_splits_them_into_
 }
 
 #[test]
-fn the_simulated_cluster_states_the_bound_and_the_papers_figures_beside_its_efficiency() {
+fn the_simulated_cluster_gives_the_bound_and_the_papers_figures_beside_its_efficiency() {
     let study = json(&["study", "cluster", "--simulate", "--quick", "--json"]);
     let of = |processes: u64, way: &str, cores: u64| {
         let is = |row: &&Value| {
@@ -424,7 +424,7 @@ fn the_simulated_cluster_states_the_bound_and_the_papers_figures_beside_its_effi
     }
 }
 
-/// A short soak with chaos and what else is given; its one row, of which nothing is lost or wrong.
+/// Runs a short soak with chaos and further flags; returns its row, and checks that no frame is lost or wrong.
 fn soak_with_chaos(more: &[&str]) -> Value {
     let chaos = ["study", "soak", "--quick", "--json", "--chaos", "--chaos-every", "0.7", "--minutes", "0.2"];
     let study = json(&[&chaos, more].concat());
@@ -444,41 +444,41 @@ fn soak_with_chaos(more: &[&str]) -> Value {
 }
 
 #[test]
-fn a_short_soak_with_chaos_loses_no_frame_and_none_is_wrong() {
+fn a_short_soak_with_chaos_has_no_lost_and_no_wrong_frame() {
     let row = soak_with_chaos(&[]);
     assert_eq!((number(&row, "redirected"), &row["bar_redirected"]), (0.0, &Value::Null), "{row:#}");
 }
 
 #[test]
-fn nor_does_one_of_sessions_that_fetch_their_frames_from_the_workers() {
+fn a_short_soak_of_redirected_sessions_has_no_lost_and_no_wrong_frame() {
     let row = soak_with_chaos(&["--redirect"]);
     assert!(number(&row, "redirected") > 0.0, "{row:#}");
     assert!(number(&row, "redirected") <= number(&row, "answered"), "{row:#}");
 }
 
 #[test]
-fn the_capacity_study_counts_what_a_coordinator_relays_and_how_soon_a_lost_view_moves() {
+fn the_capacity_study_measures_the_coordinators_relay_and_the_reassignment_of_lost_views() {
     let study = json(&["study", "capacity", "--quick", "--json"]);
     let row = &rows(&study)[0];
     assert!(number(row, "relayed_per_sec") > 0.0 && number(row, "us_per_frame") > 0.0, "{row:#}");
     assert_eq!(number(row, "connections"), number(row, "sessions"), "{row:#}");
     assert!(number(row, "camera_every_secs") > 0.0, "{row:#}");
     assert!(number(row, "assigned_after_break_ms") < 1000.0, "{row:#}");
-    // One that hangs is suspected after a while, and not before.
+    // A hanging worker is suspected after a while, not before.
     let hang = number(row, "assigned_after_hang_ms");
     assert!((500.0..5000.0).contains(&hang), "{row:#}");
     assert!(number(row, "resident_mb") < 500.0, "{row:#}");
 }
 
 #[test]
-fn the_manylods_study_finds_the_same_cuts_with_fewer_operations_and_compares_maps_that_take_as_long() {
+fn the_manylods_study_finds_the_same_cuts_with_fewer_operations_and_compares_maps_of_equal_time() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let study = json(&["study", "manylods", "--quick", "--json", "--out", out]);
     let of = |part: &str| rows(&study).iter().filter(|row| row["part"] == part).collect::<Vec<_>>();
     let [balls, octree] = of("hierarchy")[..] else { panic!("a tree of balls and an octree: {study:#}") };
     assert!(number(balls, "update_ms") < number(balls, "build_ms") && number(octree, "build_ms") > 0.0);
-    // Larger thresholds, smaller cuts.
+    // Larger thresholds give smaller cuts.
     for pair in of("threshold").chunks(2) {
         let [fine, coarse] = pair else { panic!("two thresholds: {study:#}") };
         assert!(number(fine, "nodes") > number(coarse, "nodes"));
@@ -507,7 +507,7 @@ fn the_manylods_study_finds_the_same_cuts_with_fewer_operations_and_compares_map
 }
 
 #[test]
-fn the_particles_study_shows_that_maps_bring_views_closer_to_those_with_shadows_by_rays() {
+fn the_particles_study_shows_that_maps_come_closer_to_ray_traced_shadows() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let study = json(&["study", "particles", "--quick", "--json", "--out", out, "--images", out]);
@@ -523,7 +523,7 @@ fn the_particles_study_shows_that_maps_bring_views_closer_to_those_with_shadows_
             assert!(wrong < number(without, "wrong_shadow_fraction"), "{method}: {study:#}");
             assert!(number(of(method), "flip") < number(without, "flip"), "{method}: {study:#}");
         }
-        // The same cuts, the same maps.
+        // The same cuts give the same maps.
         let off = number(of("manylods"), "flip") - number(of("manylods, incremental"), "flip");
         assert!(off.abs() < 1e-3, "{off}");
     }

@@ -1,4 +1,4 @@
-//! Starts and stops the processes that the tests talk to; no child outlives its test.
+//! Starts and stops the processes under test; no child outlives its test.
 #![allow(dead_code)] // each test binary uses its own part
 
 pub(crate) mod wire;
@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-/// A small scene that is generated, so that no test needs a file: quick to sample, yet with every effect.
+/// A small generated scene, so that no test needs a file: quick to sample, yet with every effect.
 pub(crate) const SMALL: &str = "terrain:20000";
-/// How long anything may take that should take a moment; generous, since tests share few cores.
+/// Longest wait for a quick operation; generous, since tests share few cores.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The program under test, with the arguments given.
@@ -28,12 +28,12 @@ pub(crate) fn argus(arguments: &[&str]) -> Command {
     command
 }
 
-/// Runs it to its end.
+/// Runs the program to its end.
 pub(crate) fn run(arguments: &[&str]) -> Output {
     argus(arguments).stdin(Stdio::null()).output().expect("argus starts")
 }
 
-/// Runs it to its end, which must be a good one, and takes its one JSON object.
+/// Runs the program to its end, which must be a success, and returns its single JSON object.
 pub(crate) fn json(arguments: &[&str]) -> Value {
     let output = run(arguments);
     assert!(output.status.success(), "argus {arguments:?}: {}", stderr(&output));
@@ -42,24 +42,24 @@ pub(crate) fn json(arguments: &[&str]) -> Value {
     })
 }
 
-/// What it said to a person.
+/// Standard error of a process, as text.
 pub(crate) fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Says a line to whoever runs the tests. What `eprintln!` says in a test that passes is shown to nobody.
+/// Prints a line even if the test passes, where `eprintln!` is captured.
 pub(crate) fn say(line: &str) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }
 
-/// Says loudly why a test is skipped; where this variable is 1, that is a failure.
+/// Prints why a test is skipped; fails if this variable is 1.
 pub(crate) fn skip(required_by: &str, why: &str) {
     let required = std::env::var(required_by).is_ok_and(|value| value == "1");
     assert!(!required, "{required_by}=1, yet {why}");
-    say(&format!("SKIPPED, LOUDLY: {why}"));
+    say(&format!("SKIPPED: {why}"));
 }
 
-/// Whether a program is there and works; that it is not is said loudly, or a failure where this variable is 1.
+/// Whether a program is installed and works; if not, prints that, or fails if this variable is 1.
 pub(crate) fn there(required_by: &str, program: &str, arguments: &[&str]) -> bool {
     let answer = Command::new(program).args(arguments).stdin(Stdio::null()).output();
     let there = answer.is_ok_and(|output| output.status.success());
@@ -69,7 +69,7 @@ pub(crate) fn there(required_by: &str, program: &str, arguments: &[&str]) -> boo
     there
 }
 
-/// What a command prints, which must succeed.
+/// Standard output of a command, which must succeed.
 pub(crate) fn succeed(command: &mut Command) -> String {
     let output = command.stdin(Stdio::null()).output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
     let printed = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -77,11 +77,11 @@ pub(crate) fn succeed(command: &mut Command) -> String {
     printed
 }
 
-/// A child process that ends with its owner.
+/// A child process that ends when dropped.
 pub(crate) struct Process(Child);
 
 impl Process {
-    /// Starts a service that runs until its standard input closes, which the death of this test does too.
+    /// Starts a service that runs until its standard input closes, which the end of this test also does.
     pub(crate) fn start(mut command: Command) -> Self {
         command.arg("--exit-with-stdin").stdin(Stdio::piped());
         Self(command.spawn().expect("argus starts"))
@@ -99,19 +99,19 @@ impl Process {
         self.0.stderr.take().expect("stderr is piped")
     }
 
-    /// Asks it to stop by the end of its input.
+    /// Stops it by the end of its input.
     pub(crate) fn stop(&mut self) -> ExitStatus {
         drop(self.0.stdin.take());
         self.wait()
     }
 
-    /// Ends it without a word, as a crash would.
+    /// Kills it, like a crash.
     pub(crate) fn kill(&mut self) {
         self.0.kill().expect("the process can be killed");
         self.0.wait().expect("the process ends");
     }
 
-    /// Waits for its end.
+    /// Waits for its end, and returns the status.
     pub(crate) fn wait(&mut self) -> ExitStatus {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -131,7 +131,7 @@ impl Drop for Process {
     }
 }
 
-/// A coordinator in a process of its own.
+/// A coordinator in its own process.
 pub(crate) struct Coordinator {
     pub(crate) process: Process,
     pub(crate) url: String,
@@ -142,12 +142,12 @@ impl Coordinator {
         Self::start_in(Path::new(env!("CARGO_MANIFEST_DIR")), scene, more)
     }
 
-    /// With changes to its environment.
+    /// Starts with changes to its environment.
     pub(crate) fn start_with(scene: &str, more: &[&str], change: impl FnOnce(&mut Command)) -> Self {
         Self::start_changed(Path::new(env!("CARGO_MANIFEST_DIR")), scene, more, change)
     }
 
-    /// With the working directory that relative paths of scenes start from.
+    /// Starts in a working directory, from which relative paths of scenes begin.
     pub(crate) fn start_in(folder: &Path, scene: &str, more: &[&str]) -> Self {
         Self::start_changed(folder, scene, more, |_| {})
     }
@@ -164,7 +164,7 @@ impl Coordinator {
         Self { process, url }
     }
 
-    /// A worker of this coordinator, in a process of its own.
+    /// Starts a worker of this coordinator, in its own process.
     pub(crate) fn worker(&self, more: &[&str]) -> Process {
         let mut command = argus(&["worker", "--coordinator", &self.url, "--listen", "127.0.0.1:0"]);
         command.args(more);
@@ -175,7 +175,7 @@ impl Coordinator {
         (0..count).map(|_| self.worker(&[])).collect()
     }
 
-    /// What `argus status --json` says.
+    /// The object of `argus status --json`.
     pub(crate) fn status(&self) -> Value {
         json(&["status", "--server", &self.url, "--json"])
     }
@@ -198,13 +198,13 @@ impl Coordinator {
     }
 }
 
-/// A file of the real scenes, or `None` (and a loud line) where this machine has none. Under
-/// `ARGUS_REQUIRE_SCENES=1` having none is a failure.
+/// A file of the real scenes, or `None` with a notice if this machine has none. With `ARGUS_REQUIRE_SCENES=1`, that is a
+/// failure.
 pub(crate) fn real_scene(path: &str) -> Option<PathBuf> {
     real(path).inspect(|file| assert!(file.is_file(), "ARGUS_SCENES has no file {path}"))
 }
 
-/// A folder of the real scenes, likewise.
+/// A folder of the real scenes, like [`real_scene`].
 pub(crate) fn real_folder(path: &str) -> Option<PathBuf> {
     real(path).inspect(|folder| assert!(folder.is_dir(), "ARGUS_SCENES has no folder {path}"))
 }

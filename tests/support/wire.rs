@@ -1,4 +1,4 @@
-//! Requests as any gRPC client would send them, so that a test can send what our own client never would.
+//! Requests over plain gRPC, so that a test can send what our own client never sends.
 
 use argus_proto::chunks::{FrameAssembler, FrameMeta};
 use argus_proto::v1::views_client::ViewsClient;
@@ -23,7 +23,7 @@ impl Wire {
         self.views.describe(request).await.unwrap().into_inner().try_into().unwrap()
     }
 
-    /// The answer to one view, whatever it holds.
+    /// The complete answer to one view.
     pub(crate) async fn render(&mut self, view: v1::View) -> Result<(Frame, FrameMeta), Status> {
         let request =
             v1::RenderRequest { view_id: "a test's view".into(), view: Some(view), ..Default::default() };
@@ -38,7 +38,7 @@ impl Wire {
     }
 }
 
-/// A small view of everything a frame can hold.
+/// A small view with every output.
 pub(crate) fn small_view(camera: Camera) -> View {
     View {
         camera,

@@ -1,4 +1,4 @@
-//! A number of views at once, as a whole: the cluster paper's measure.
+//! Bursts: many views at once, as in the cluster paper.
 
 use std::time::Instant;
 
@@ -11,25 +11,24 @@ use super::path::CameraPath;
 use super::report::{Latencies, LatencyMs};
 use crate::{Answer, Client, ClientError, RenderOptions};
 
-/// What a burst took.
+/// The result of a burst.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BurstReport {
-    /// Views asked for.
+    /// Views requested.
     pub views: u64,
     /// Views that ended in an error.
     pub failed: u64,
-    /// From the first request to the last answer, milliseconds.
+    /// Milliseconds from the first request to the last answer.
     pub total_ms: f64,
-    /// Answered views by that time.
+    /// Answered views per second of that time.
     pub views_per_sec: f64,
-    /// Of each view, from its own request on.
+    /// Latency of each view from its own request.
     pub latency_ms: LatencyMs,
-    /// The first failure, for its words.
+    /// The first failure's message.
     pub first_error: Option<String>,
 }
 
-/// Renders all `views`, at most `concurrency` at once, and hands each answer to `receive` with the view's
-/// position in the list, in the order in which they arrive.
+/// Renders all `views`, at most `concurrency` at once. Calls `receive` with each view's index and answer as they arrive.
 pub async fn burst(
     client: &Client,
     views: Vec<View>,
@@ -41,10 +40,10 @@ pub async fn burst(
     let mut latencies = Latencies::new();
     let (mut failed, mut first_error) = (0, None);
     let begin = Instant::now();
-    // A task each, so that answers are unpacked on all cores.
+    // One task per view, so that answers are unpacked on all cores.
     let mut answers = futures::stream::iter(views.into_iter().enumerate())
         .map(|(i, view)| {
-            // One id for all would make them one view.
+            // A shared id would make all of them the same view.
             let (client, options) = (client.clone(), RenderOptions { view_id: None, ..options.clone() });
             let render = tokio::spawn(async move { client.render(&view, &options).await });
             async move { (i, render.await) }
@@ -75,7 +74,7 @@ pub async fn burst(
     }
 }
 
-/// The first view of each of `count` clients' paths: the same list for the same scene.
+/// The first view of each of `count` clients' paths. Equal scenes give equal lists.
 pub fn path_views(description: &Description, count: u32, size: [u32; 2], plan: PlanRequest) -> Vec<View> {
     let view = |index| View {
         camera: CameraPath::new(description, index).camera(0.0),

@@ -1,8 +1,8 @@
-//! Load that does not wait for the service.
+//! Open-loop load generator.
 //!
-//! The generator is open-loop: when each view is due is fixed before the first is sent, and latency is counted
-//! from when it was due. A closed loop, which sends the next view when the last one is answered, stops
-//! asking exactly while the service stalls, and so leaves the stall out of its percentiles.
+//! The time at which each view is due is fixed beforehand, and latency counts from then. A closed loop, which sends
+//! the next view after the last answer, sends nothing while the service stalls, and so hides the stall from its
+//! percentiles.
 
 mod burst;
 mod path;
@@ -28,37 +28,37 @@ use tokio::time::Instant;
 use crate::{Client, ClientError};
 use report::Tally;
 
-/// How each client asks.
+/// How the clients of a load send views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
-    /// Each view a request of its own, every one of which is to be answered.
+    /// Each view is a request of its own, and must be answered.
     #[default]
     Requests,
-    /// A session: newer cameras supersede older ones.
+    /// Each client has a session: newer cameras supersede older ones.
     Sessions,
 }
 
-/// What to load a service with.
+/// Options of a load.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadOptions {
-    /// Clients, each on a path of its own.
+    /// Number of clients, each on its own path.
     pub clients: u32,
-    /// Views are sent for this long; answers are waited for until their deadline.
+    /// How long views are sent. Answers are awaited until their deadline.
     pub duration: Duration,
-    /// Views a second, of each client.
+    /// Views per second of each client.
     pub rate: f64,
-    /// Pixels: width, height.
+    /// View size in pixels: width, height.
     pub size: [u32; 2],
-    /// Wishes about the plan, such as direct views.
+    /// The requested plan, such as direct views.
     pub plan: PlanRequest,
-    /// Whether views are requests or cameras of sessions.
+    /// Whether views are requests or session cameras.
     pub mode: Mode,
-    /// Whether the searches of sessions may begin from the frame before.
+    /// Whether sessions' searches may start from the previous frame (reprojection).
     pub history: bool,
-    /// How images travel.
+    /// Encoding of images on the wire.
     pub encoding: Encoding,
-    /// A view without an answer for this long has failed.
+    /// A view without an answer after this time has failed.
     pub deadline: Duration,
 }
 
@@ -79,51 +79,53 @@ impl Default for LoadOptions {
 }
 
 impl LoadOptions {
-    /// Views that each client asks for: at least 1.
+    /// Views that each client sends: at least 1.
     pub fn views_per_client(&self) -> u64 {
         (self.duration.as_secs_f64() * self.rate).ceil().max(1.0) as u64
     }
 }
 
-/// Where each client of a load looks: client, from 0, and seconds since its first view was due, to camera.
+/// Cameras of a load, by client (from 0) and seconds since its first view was due.
 ///
-/// It must be the same for the same arguments, since the load is compared with others of the same cameras.
+/// The function must be deterministic, since loads with the same cameras are compared.
 pub type Cameras = Arc<dyn Fn(u32, f64) -> Camera + Send + Sync>;
 
 /// How one view of a load ended.
 #[derive(Debug, Clone)]
 pub struct Ended {
-    /// The client that asked for it, from 0.
+    /// The client, counted from 0.
     pub client: u32,
-    /// Its number among that client's views, from 0.
+    /// The view's number within its client, counted from 0.
     pub index: u64,
-    /// What was asked for.
+    /// The view that was requested.
     pub view: View,
     /// When it was due.
     pub due: Instant,
-    /// When its frame had arrived whole, or its failure was known.
+    /// When its frame was whole or its failure known.
     pub at: Instant,
-    /// The frame, or why there is none.
+    /// The frame, or its error.
     pub outcome: Result<Frame, ClientError>,
 }
 
-/// Loads a service for as long as the options say, and counts. Clients are on the paths of [`CameraPath`].
+/// Runs a load and counts the outcomes. Clients move along the paths of [`CameraPath`].
 ///
 /// # Errors
-/// [`ClientError::Invalid`] for options that name no load or views that the service would not accept. What
-/// goes wrong under the load is counted and not returned.
+/// [`ClientError::Invalid`] for options without load or views that the service cannot accept. Failures under load
+/// are counted
+/// instead.
 pub async fn run(client: &Client, options: &LoadOptions) -> Result<LoadReport, ClientError> {
     let description = client.description().clone();
     let cameras = move |index, secs| CameraPath::new(&description, index).camera(secs);
     run_along(client, options, Arc::new(cameras), |_| ()).await
 }
 
-/// Loads a service with cameras of the caller's choice, and hands each view to `ended` as it ends. Cameras of sessions
-/// that newer ones overtook are counted and not handed over.
+/// Runs a load with the given cameras, and calls `ended` with each view as it ends. Superseded session cameras are
+/// counted only.
 ///
 /// # Errors
-/// [`ClientError::Invalid`] for options that name no load or views that the service would not accept. What
-/// goes wrong under the load is counted and handed to `ended`, and not returned.
+/// [`ClientError::Invalid`] for options without load or views that the service cannot accept. Failures under load
+/// are counted
+/// and passed to `ended` instead.
 pub async fn run_along(
     client: &Client,
     options: &LoadOptions,
@@ -133,7 +135,7 @@ pub async fn run_along(
     let schedules = check(client, options, &cameras)?;
     let begin = Instant::now();
     let (report, mut endings) = mpsc::unbounded_channel();
-    // Ends the clients with this call, should its caller drop it.
+    // Dropping the set ends the clients if the caller drops this future.
     let mut clients = JoinSet::new();
     for schedule in schedules {
         let (client, options, report) = (client.clone(), options.clone(), report.clone());
@@ -155,14 +157,14 @@ pub async fn run_along(
     Ok(total.report(options.duration))
 }
 
-/// When one client's views are due, and what they show.
+/// The times and cameras of one client's views.
 #[derive(Clone)]
 struct Schedule {
     client: u32,
     cameras: Cameras,
     size: [u32; 2],
     plan: PlanRequest,
-    /// After the beginning, so that the clients' views are spread over an interval.
+    /// Offset from the start, so that the clients' views are spread over an interval.
     phase: Duration,
     rate: f64,
     views: u64,
@@ -176,7 +178,7 @@ impl fmt::Debug for Schedule {
 }
 
 impl Schedule {
-    /// Each view with when it is due after the beginning, ascending.
+    /// Each view and when it is due after the start, ascending.
     fn due(&self) -> impl Iterator<Item = (Duration, View)> {
         (0..self.views).map(|i| {
             let secs = i as f64 / self.rate;

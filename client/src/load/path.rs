@@ -1,4 +1,4 @@
-//! Where a load's clients look: paths around the viewpoints that a scene recommends.
+//! Camera paths of a load's clients around a scene's recommended viewpoints.
 
 use std::f64::consts::TAU;
 
@@ -6,31 +6,28 @@ use argus_proto::Description;
 use argus_scene::Camera;
 use glam::{DQuat, DVec3};
 
-/// A viewpoint that moves: the same for the same scene, client and time, on every machine up to the last bits
-/// of sines.
+/// A moving camera, deterministic in scene, client and time (up to the last bits of sines on other machines).
 ///
-/// From outside a scene's bounds it swings about what it looks at, as far as ±25° and a tenth nearer or farther;
-/// from inside it stays within a hundredth of the scene's size, so that it does not leave the room, and turns
-/// its head.
+/// Outside the scene's bounds it swings about its target by up to ±25° and 10% of its distance. Inside, it stays
+/// within 1% of the scene's size, so that it does not leave the room, and turns its head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraPath {
     base: Camera,
     inside: bool,
-    /// How far an eye inside the bounds strays, metres.
+    /// Radius in metres of the movement inside the bounds.
     stray: f64,
-    /// Of this client, in turns.
+    /// This client's phase, in turns.
     phase: f64,
 }
 
-/// Full swings take this long: fast enough that no two frames of a second are alike, slow enough that
-/// consecutive ones are, as with a person's hand.
+/// Seconds of a full swing: fast enough that all frames of a second differ, slow enough that consecutive ones are
+/// similar, as with a person's hand.
 const PERIOD_SECS: f64 = 12.0;
-/// Each client is this part of a turn after the one before: the golden ratio, which spreads any number of
-/// clients evenly.
+/// Phase between consecutive clients, in turns: the golden ratio spreads any number of clients evenly.
 const GOLDEN: f64 = 0.618_033_988_749_895;
 
 impl CameraPath {
-    /// The path of client `index`; clients take turns among the recommended viewpoints.
+    /// The path of client `index`. Clients use the recommended viewpoints in turn.
     pub fn new(description: &Description, index: u32) -> Self {
         let cameras = &description.cameras;
         let base = cameras[index as usize % cameras.len().max(1)].camera;
@@ -42,7 +39,7 @@ impl CameraPath {
         }
     }
 
-    /// The camera at a time, seconds.
+    /// The camera at a time in seconds.
     pub fn camera(&self, secs: f64) -> Camera {
         let turn = TAU * (secs / PERIOD_SECS + self.phase);
         let up = self.base.up.normalize_or(DVec3::Y);
@@ -57,7 +54,7 @@ impl CameraPath {
             let eye = self.base.target - swing * axis * (1.0 + 0.1 * (2.0 * turn).cos());
             Camera { eye, ..self.base }
         };
-        // A viewpoint at the edge of what is possible may be moved beyond it.
+        // Extreme viewpoints may become invalid when moved.
         if moved.validate().is_ok() { moved } else { self.base }
     }
 }

@@ -1,4 +1,4 @@
-//! What a load is measured by.
+//! Counts and latencies of a load.
 
 use std::time::Duration;
 
@@ -7,43 +7,43 @@ use serde::{Deserialize, Serialize};
 
 use crate::ClientError;
 
-/// Latencies of answered views, milliseconds from when each was due; 0 where none was answered.
+/// Latencies in milliseconds of answered views, from when each was due; 0 if none was answered.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct LatencyMs {
-    /// Half are faster.
+    /// Median.
     pub p50: f64,
-    /// Nine of ten are faster.
+    /// 90th percentile.
     pub p90: f64,
-    /// 99 of a hundred are faster.
+    /// 99th percentile.
     pub p99: f64,
-    /// The slowest.
+    /// Maximum.
     pub max: f64,
 }
 
-/// What became of a load. `sent` = `answered` + `failed` + `rejected` + `superseded`.
+/// The outcome of a load. `sent` = `answered` + `failed` + `rejected` + `superseded`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LoadReport {
     /// Views that fell due.
     pub sent: u64,
     /// Views whose frame arrived whole within its deadline.
     pub answered: u64,
-    /// Views that got an error or nothing: those that are lost.
+    /// Views that ended in an error or without an answer.
     pub failed: u64,
-    /// Views that the service turned away because of overload.
+    /// Views rejected because of overload.
     pub rejected: u64,
-    /// Cameras of sessions that a newer one overtook.
+    /// Session cameras superseded by a newer one.
     pub superseded: u64,
-    /// Answered views whose search began from the frame before.
+    /// Answered views whose search started from the previous frame (reprojection).
     pub from_history: u64,
-    /// Answered views by the time from the first view to the last answer, at least the load's duration.
+    /// Answered views per second from the first view to the last answer, over at least the load's duration.
     pub views_per_sec: f64,
-    /// From due to answered.
+    /// Latency from when a view was due.
     pub latency_ms: LatencyMs,
-    /// The first failure, for its words.
+    /// The first failure's message.
     pub first_error: Option<String>,
 }
 
-/// Latencies, three significant digits from a microsecond to ten minutes; what is longer counts as that.
+/// Latency histogram with three significant digits, from a microsecond to ten minutes; longer ones count as ten minutes.
 #[derive(Debug)]
 pub(super) struct Latencies(Histogram<u64>);
 
@@ -66,7 +66,7 @@ impl Latencies {
     }
 }
 
-/// Counts of one client, or of several together.
+/// Counts of one or several clients.
 #[derive(Debug)]
 pub(super) struct Tally {
     pub(super) sent: u64,
@@ -76,7 +76,7 @@ pub(super) struct Tally {
     failed: u64,
     rejected: u64,
     latencies: Latencies,
-    /// Since the load's beginning.
+    /// Time of the last answer since the load's start.
     last_answer: Duration,
     first_error: Option<String>,
 }
@@ -96,14 +96,14 @@ impl Tally {
         }
     }
 
-    /// A frame that arrived `now`, due at `due`, both since the beginning.
+    /// Counts a frame that was due at `due` and arrived at `now`, both since the start.
     pub(super) fn answer(&mut self, due: Duration, now: Duration) {
         self.answered += 1;
         self.latencies.record(now.saturating_sub(due));
         self.last_answer = self.last_answer.max(now);
     }
 
-    /// A view that will not be answered.
+    /// Counts a view that will not be answered.
     pub(super) fn fail(&mut self, error: &ClientError) {
         match error {
             ClientError::Overloaded { .. } => self.rejected += 1,

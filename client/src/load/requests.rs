@@ -1,4 +1,4 @@
-//! One client of a load whose views are requests.
+//! A load's client that sends single requests.
 
 use tokio::sync::mpsc::UnboundedSender;
 use tokio::task::JoinSet;
@@ -8,8 +8,8 @@ use super::report::Tally;
 use super::{Ended, LoadOptions, Schedule};
 use crate::{Client, RenderOptions};
 
-/// Sends each view when it is due, whatever has become of those before; a view that could not be sent in time
-/// has the less left of its deadline. Each view goes to `report` as it ends.
+/// Sends each view when it is due, regardless of earlier ones. A view that is sent late has less time until its
+/// deadline. Each view is passed to `report` as it ends.
 pub(super) async fn run(
     client: Client,
     options: LoadOptions,
@@ -31,11 +31,11 @@ pub(super) async fn run(
             let outcome = client.render(&view, &render).await.map(|answer| answer.frame);
             let at = Instant::now();
             let counted = outcome.as_ref().map(drop).map_err(Clone::clone);
-            // A caller that is gone wants to know nothing.
+            // The receiver may be gone, if the caller dropped the load.
             let _ = report.send(Ended { client: number, index, view, due: begin + due, at, outcome });
             (due, at - begin, counted)
         });
-        // What has come already need not be kept until the end.
+        // Free the results that have already arrived.
         while let Some(outcome) = flying.try_join_next() {
             count(&mut tally, outcome);
         }
@@ -52,7 +52,7 @@ fn count(tally: &mut Tally, outcome: Result<Outcome, tokio::task::JoinError>) {
     match outcome {
         Ok((due, now, Ok(()))) => tally.answer(due, now),
         Ok((_, _, Err(error))) => tally.fail(&error),
-        // Nothing cancels these tasks, so one that does not return has panicked.
+        // These tasks are never cancelled, so an error is a panic.
         Err(error) => std::panic::resume_unwind(error.into_panic()),
     }
 }

@@ -1,4 +1,4 @@
-//! One client of a load whose views are cameras of a session.
+//! A load's client that moves the camera of a session.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,9 +11,8 @@ use super::report::Tally;
 use super::{Ended, LoadOptions, Schedule};
 use crate::{Client, ClientError, SessionEvent, SessionOptions};
 
-/// Moves the camera when it is due and counts the frames that come. The newest camera, when no more follow, is
-/// to be answered; that it is not is a failure, while those that newer ones overtook are superseded. Each view that is
-/// answered or fails goes to `report`.
+/// Sends each camera when it is due and counts frames. The last camera must be answered, or it has failed. Cameras
+/// overtaken by a newer answer are superseded. Each answered or failed view is passed to `report`.
 pub(super) async fn run(
     client: Client,
     options: LoadOptions,
@@ -26,8 +25,8 @@ pub(super) async fn run(
     let mut session = open();
     let mut tally = Tally::new();
     let number = schedule.client;
-    let end_one = |tally: &mut Tally, asked: Asked, outcome: Result<Frame, ClientError>| {
-        let Asked { index, due, view } = asked;
+    let end_one = |tally: &mut Tally, asked: SentCamera, outcome: Result<Frame, ClientError>| {
+        let SentCamera { index, due, view } = asked;
         let (due, at) = (begin + due, Instant::now());
         match &outcome {
             Ok(frame) => {
@@ -36,11 +35,11 @@ pub(super) async fn run(
             }
             Err(error) => tally.fail(error),
         }
-        // A caller that is gone wants to know nothing.
+        // The receiver may be gone, if the caller dropped the load.
         let _ = report.send(Ended { client: number, index, view, due, at, outcome });
     };
-    // Cameras that may still be answered, by their number within the session.
-    let mut unanswered: BTreeMap<u64, Asked> = BTreeMap::new();
+    // Cameras that may still be answered, by their number in the session.
+    let mut unanswered: BTreeMap<u64, SentCamera> = BTreeMap::new();
     let mut schedule = (0..).zip(schedule.due()).peekable();
     let mut end = begin + options.deadline;
     loop {
@@ -50,12 +49,12 @@ pub(super) async fn run(
             break;
         }
         tokio::select! {
-            // A camera that is due goes first: the schedule does not wait for frames.
+            // Due cameras first: the schedule does not wait for frames.
             biased;
             () = sleep_until(next_due.unwrap_or(end)) => {
                 let Some((index, (due, view))) = schedule.next() else {
                     let last = "the session's newest camera was not answered".to_owned();
-                    // Of what is open, the newest has failed.
+                    // The newest open camera has failed.
                     let error = ClientError::Deadline { after: options.deadline, last };
                     match unanswered.pop_last() {
                         Some((_, asked)) => end_one(&mut tally, asked, Err(error)),
@@ -63,7 +62,7 @@ pub(super) async fn run(
                     }
                     break;
                 };
-                unanswered.insert(session.send(&view), Asked { index, due, view });
+                unanswered.insert(session.send(&view), SentCamera { index, due, view });
                 tally.sent += 1;
                 end = begin + due + options.deadline;
             }
@@ -79,7 +78,7 @@ pub(super) async fn run(
                     }
                 }
                 Err(error) => {
-                    // The newest camera is lost with the session; the next one begins another.
+                    // The newest camera fails with the session. The next camera opens another one.
                     if let Some((_, asked)) = unanswered.pop_last() {
                         end_one(&mut tally, asked, Err(error));
                     }
@@ -95,16 +94,16 @@ pub(super) async fn run(
 }
 
 /// A camera that was sent.
-struct Asked {
-    /// Its number among the client's views.
+struct SentCamera {
+    /// Its number within the client.
     index: u64,
-    /// After the load's beginning.
+    /// When it was due, after the load's start.
     due: Duration,
     view: View,
 }
 
-/// Takes the camera that is answered out of those that are open; those before it are superseded.
-fn settle(tally: &mut Tally, open: &mut BTreeMap<u64, Asked>, camera_seq: u64) -> Option<Asked> {
+/// Removes and returns the answered camera. Older open cameras are counted as superseded.
+fn settle(tally: &mut Tally, open: &mut BTreeMap<u64, SentCamera>, camera_seq: u64) -> Option<SentCamera> {
     let newer = open.split_off(&(camera_seq + 1));
     let mut settled = std::mem::replace(open, newer);
     let asked = settled.remove(&camera_seq);

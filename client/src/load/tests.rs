@@ -26,7 +26,7 @@ fn description(eyes: &[DVec3]) -> Description {
 }
 
 #[test]
-fn camera_paths_are_deterministic_valid_and_differ_between_clients_and_times() {
+fn camera_paths_are_deterministic_valid_and_distinct() {
     let description = description(&[DVec3::new(4.0, 1.0, 3.0), DVec3::new(30.0, 20.0, 40.0)]);
     let mut seen = Vec::new();
     for index in 0..100 {
@@ -36,14 +36,14 @@ fn camera_paths_are_deterministic_valid_and_differ_between_clients_and_times() {
             let camera = path.camera(secs);
             camera.validate().unwrap();
             assert_eq!(camera, path.camera(secs));
-            assert!(!seen.contains(&camera), "client {index} at {secs} s sees what another one saw");
+            assert!(!seen.contains(&camera), "client {index} at {secs} s repeats a camera");
             seen.push(camera);
         }
     }
 }
 
 #[test]
-fn paths_inside_a_room_stay_inside_and_outside_ones_look_at_the_same_point() {
+fn paths_inside_stay_inside_and_paths_outside_keep_their_target() {
     let (inside, outside) = (DVec3::new(9.7, 0.0, 9.7), DVec3::new(0.0, 25.0, 40.0));
     let description = description(&[inside, outside]);
     for secs in (0..200).map(|i| f64::from(i) * 0.1) {
@@ -56,7 +56,7 @@ fn paths_inside_a_room_stay_inside_and_outside_ones_look_at_the_same_point() {
 }
 
 #[test]
-fn a_camera_that_looks_almost_straight_down_still_has_a_path() {
+fn a_camera_that_looks_almost_straight_down_has_a_valid_path() {
     let down = DVec3::new(1e-5, 30.0, 0.5);
     let description = description(&[down]);
     for secs in [0.0, 1.0, 2.0] {

@@ -1,4 +1,4 @@
-//! Batches: what does not come is asked for again, and every camera is told of once.
+//! Batches: missing frames are requested again, and every camera is reported once.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
@@ -16,7 +16,7 @@ fn batch(count: usize) -> Batch {
 }
 
 #[tokio::test]
-async fn frames_that_a_broken_stream_left_out_are_asked_for_again_and_come_once() {
+async fn frames_missing_after_a_broken_stream_are_requested_again_and_arrive_once() {
     let server = Fake { unavailable: 1.into(), truncate: 2.into(), ..Fake::default() }.serve().await;
     let client = server.client().await;
     let frames: Vec<_> = client.render_batch(batch(9), Encoding::Zstd).collect().await;
@@ -32,7 +32,7 @@ async fn frames_that_a_broken_stream_left_out_are_asked_for_again_and_come_once(
 }
 
 #[tokio::test]
-async fn a_server_that_is_gone_fails_every_camera_that_is_left() {
+async fn a_lost_server_fails_every_remaining_camera() {
     let server = Fake::default().serve().await;
     let client = server.client().await;
     server.kill().await;
@@ -44,7 +44,7 @@ async fn a_server_that_is_gone_fails_every_camera_that_is_left() {
 }
 
 #[tokio::test]
-async fn a_field_that_is_wrong_for_all_is_not_asked_for_again() {
+async fn a_field_that_is_invalid_for_all_cameras_is_not_retried() {
     let server = Fake::default().serve().await;
     let client = server.client().await;
     let results: Vec<_> =

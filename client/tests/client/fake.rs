@@ -33,46 +33,46 @@ use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tonic::transport::Server;
 use tonic::{Request, Response, Status, Streaming};
 
-/// What the server does wrong, and how often.
+/// The server's misbehaviour.
 #[derive(Debug, Default)]
 pub(crate) struct Fake {
-    /// Reported by `Describe` instead of ours.
+    /// Protocol version in `Describe`; `None`: the current one.
     pub(crate) version: Option<u32>,
-    /// So many renders are refused with `UNAVAILABLE` first.
+    /// Number of first renders rejected with `UNAVAILABLE`.
     pub(crate) unavailable: AtomicU32,
-    /// So many frames, or frames of sessions, lose their last chunk first.
+    /// Number of first frames that lose their last chunk.
     pub(crate) truncate: AtomicU32,
-    /// So many sessions end in the middle of a frame first.
+    /// Number of first sessions that end in the middle of a frame.
     pub(crate) end_sessions: AtomicU32,
-    /// Every render is refused as too much.
+    /// Whether every render is rejected because of overload.
     pub(crate) overloaded: bool,
-    /// Sessions take this long to open.
+    /// Time that a session takes to open.
     pub(crate) opening: Duration,
-    /// Each frame takes this long.
+    /// Time that each frame takes.
     pub(crate) frame_time: Duration,
-    /// Between a frame's header and the rest of it.
+    /// Pause between a frame's header and the rest of it.
     pub(crate) dawdle: Duration,
-    /// Between these times after the first render, no render is answered before the second.
+    /// A time span after the first render in which no render is answered.
     pub(crate) stall: Option<(Duration, Duration)>,
-    /// Set by the first render.
+    /// When the first render arrived.
     pub(crate) first_render: Mutex<Option<Instant>>,
     /// View ids of all renders, in order.
     pub(crate) view_ids: Mutex<Vec<String>>,
-    /// Acknowledgements that sessions received.
+    /// Acknowledgements received from sessions.
     pub(crate) acks: AtomicU64,
-    /// Those of them that came with a worker's receipt.
+    /// Acknowledgements with a worker's receipt.
     pub(crate) receipts: AtomicU64,
-    /// Where sessions are sent for their frames.
+    /// The worker to which sessions are redirected.
     pub(crate) elsewhere: Mutex<Option<String>>,
-    /// Frames that sessions sent whole.
+    /// Frames that sessions sent completely.
     pub(crate) session_frames: AtomicU64,
 }
 
-/// A running fake, which stops when dropped.
+/// A running fake server. It stops when dropped.
 pub(crate) struct Running {
     pub(crate) fake: Arc<Fake>,
     pub(crate) address: SocketAddr,
-    /// Its own, so that whatever the server has spawned ends with it.
+    /// A runtime of its own, so that all tasks of the server end with it.
     runtime: Option<Runtime>,
 }
 
@@ -85,7 +85,7 @@ impl Drop for Running {
 }
 
 impl Running {
-    /// Breaks all connections and frees the port, as when the process is killed.
+    /// Breaks all connections and frees the port, like a killed process.
     pub(crate) async fn kill(mut self) {
         self.runtime.take().expect("runs until it is killed").shutdown_background();
         while TcpListener::bind(self.address).await.is_err() {
@@ -108,7 +108,7 @@ impl Fake {
         serve_at(Arc::new(self), "127.0.0.1:0".parse().unwrap()).await
     }
 
-    /// Answers a view, or refuses it, as the fields say.
+    /// Answers or rejects a view, as the fields say.
     async fn chunks(&self, view: &View, view_id: &str, encoding: i32) -> Result<Vec<v1::FrameChunk>, Status> {
         view.validate(&Limits::default()).map_err(status::invalid)?;
         let first = *lock(&self.first_render).get_or_insert_with(Instant::now);
@@ -154,7 +154,7 @@ pub(crate) fn view(x: f64) -> View {
     }
 }
 
-/// A frame that depends on the view, so that a mix-up shows.
+/// A frame that depends on the view, so that tests notice mix-ups.
 pub(crate) fn frame(view: &View) -> Frame {
     let pixels = (view.width * view.height) as usize;
     let shade = (view.camera.eye.x * 16.0) as u8;
@@ -227,7 +227,7 @@ impl Views for Handler {
     ) -> Result<Response<Self::RenderStream>, Status> {
         let request = request.into_inner();
         lock(&self.0.view_ids).push(request.view_id.clone());
-        assert!(request.deadline_ms > 0, "a client always says how long it waits");
+        assert!(request.deadline_ms > 0, "a client always sends its timeout");
         if self.0.overloaded {
             let (what, retry_after) = ("64 views wait".to_owned(), Duration::from_millis(100));
             return Err(Fault::Overloaded { what, retry_after }.into());
@@ -248,8 +248,8 @@ impl Views for Handler {
 
     type RenderBatchStream = Chunks<v1::RenderBatchResponse>;
 
-    /// The last camera's frame comes first, and chunks of all frames alternate. Where the server is to be unavailable, it is
-    /// after a few chunks.
+    /// Sends the frames in reverse order with alternating chunks. If the server is to be unavailable, the stream
+    /// breaks after two thirds of them.
     async fn render_batch(
         &self,
         request: Request<v1::RenderBatchRequest>,
@@ -281,7 +281,7 @@ impl Views for Handler {
         &self,
         request: Request<v1::RedeemRequest>,
     ) -> Result<Response<Self::RedeemStream>, Status> {
-        // Its tickets are the requests themselves.
+        // The tickets are the encoded requests.
         let ticket = request.into_inner().ticket.unwrap_or_default();
         let request = v1::RenderRequest::decode(ticket.body).map_err(|e| Status::internal(e.to_string()))?;
         let view: View = request.view.unwrap_or_default().try_into().map_err(status::invalid)?;
@@ -412,7 +412,7 @@ impl Cluster for Handler {
     }
 }
 
-/// Takes one off a counter that is not yet 0.
+/// Decrements a counter unless it is 0. Returns whether it did.
 fn take_one(counter: &AtomicU32) -> bool {
     counter.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |n| n.checked_sub(1)).is_ok()
 }

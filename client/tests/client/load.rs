@@ -1,4 +1,4 @@
-//! The load generator and bursts, against a server that stalls, refuses or supersedes.
+//! The load generator and bursts, against a server that stalls, rejects or supersedes.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
@@ -23,7 +23,7 @@ fn options() -> LoadOptions {
 }
 
 #[tokio::test]
-async fn a_load_sends_its_whole_schedule_and_every_view_is_accounted_for() {
+async fn a_load_sends_its_whole_schedule_and_counts_every_view() {
     let server = Fake::default().serve().await;
     let report = load::run(&server.client().await, &options()).await.unwrap();
     assert_eq!((report.sent, report.answered, report.failed), (80, 80, 0), "{report:?}");
@@ -39,11 +39,11 @@ async fn a_load_sends_its_whole_schedule_and_every_view_is_accounted_for() {
 }
 
 #[tokio::test]
-async fn a_stall_shows_in_every_view_that_was_due_during_it() {
+async fn a_stall_delays_every_view_that_was_due_during_it() {
     let stall = (Duration::from_millis(200), Duration::from_millis(800));
     let server = Fake { stall: Some(stall), ..Fake::default() }.serve().await;
     let report = load::run(&server.client().await, &options()).await.unwrap();
-    // A closed loop would have counted one slow view a client, four in all, and sent 32 rather than 80.
+    // A closed loop would have counted one slow view per client and sent 32 views instead of 80.
     assert_eq!((report.sent, report.answered), (80, 80));
     assert!(report.latency_ms.max >= 550.0, "{report:?}");
     assert!(report.latency_ms.p90 >= 400.0, "{report:?}");
@@ -51,7 +51,7 @@ async fn a_stall_shows_in_every_view_that_was_due_during_it() {
 }
 
 #[tokio::test]
-async fn what_the_service_turns_away_is_rejected_and_what_it_fails_is_failed() {
+async fn rejections_and_failures_are_counted_apart() {
     let server = Fake { overloaded: true, ..Fake::default() }.serve().await;
     let report = load::run(&server.client().await, &options()).await.unwrap();
     assert_eq!((report.sent, report.rejected, report.answered, report.failed), (80, 80, 0, 0));
@@ -65,7 +65,7 @@ async fn what_the_service_turns_away_is_rejected_and_what_it_fails_is_failed() {
 }
 
 #[tokio::test]
-async fn sessions_under_load_supersede_and_lose_nothing() {
+async fn sessions_under_load_supersede_cameras_and_lose_none() {
     let fake =
         Fake { frame_time: Duration::from_millis(120), end_sessions: AtomicU32::new(1), ..Fake::default() };
     let server = fake.serve().await;
@@ -77,7 +77,7 @@ async fn sessions_under_load_supersede_and_lose_nothing() {
 }
 
 #[tokio::test]
-async fn sessions_that_never_answer_lose_exactly_their_newest_camera() {
+async fn sessions_without_answers_lose_exactly_their_newest_camera() {
     let server = Fake { frame_time: Duration::from_secs(60), ..Fake::default() }.serve().await;
     let sessions = LoadOptions { mode: Mode::Sessions, deadline: Duration::from_millis(300), ..options() };
     let report = load::run(&server.client().await, &sessions).await.unwrap();
@@ -85,7 +85,7 @@ async fn sessions_that_never_answer_lose_exactly_their_newest_camera() {
     assert_eq!(report.superseded, 76, "{report:?}");
 }
 
-/// A camera that says which client's and when.
+/// A camera that encodes the client and the time.
 fn telling(client: u32, secs: f64) -> Camera {
     Camera::look_at(DVec3::new(1.0 + f64::from(client), secs, 20.0), DVec3::ZERO)
 }
@@ -99,7 +99,7 @@ async fn endings(fake: Fake, options: &LoadOptions) -> (load::LoadReport, Vec<En
 }
 
 #[tokio::test]
-async fn every_view_of_a_load_is_handed_over_once_with_its_camera_and_its_times() {
+async fn every_view_of_a_load_is_reported_once_with_its_camera_and_times() {
     let stall = Some((Duration::from_millis(200), Duration::from_millis(400)));
     let (report, mut endings) = endings(Fake { stall, ..Fake::default() }, &options()).await;
     assert_eq!((report.answered, endings.len()), (80, 80));
@@ -115,14 +115,14 @@ async fn every_view_of_a_load_is_handed_over_once_with_its_camera_and_its_times(
 }
 
 #[tokio::test]
-async fn views_that_fail_are_handed_over_with_their_reason() {
+async fn failed_views_are_reported_with_their_error() {
     let (report, endings) = endings(Fake { overloaded: true, ..Fake::default() }, &options()).await;
     assert_eq!((report.rejected, endings.len()), (80, 80));
     assert!(endings.iter().all(|e| matches!(e.outcome, Err(ClientError::Overloaded { .. }))), "{endings:?}");
 }
 
 #[tokio::test]
-async fn of_sessions_the_cameras_that_are_answered_or_fail_are_handed_over() {
+async fn answered_and_failed_session_cameras_are_reported() {
     let sessions = LoadOptions { mode: Mode::Sessions, ..options() };
     let slow = Fake { frame_time: Duration::from_millis(120), ..Fake::default() };
     let (report, answered) = endings(slow, &sessions).await;
@@ -139,7 +139,7 @@ async fn of_sessions_the_cameras_that_are_answered_or_fail_are_handed_over() {
 }
 
 #[tokio::test]
-async fn loads_that_make_no_sense_are_refused_by_name() {
+async fn invalid_load_options_are_rejected_by_name() {
     let server = Fake::default().serve().await;
     let client = server.client().await;
     let field = async |options: LoadOptions| match load::run(&client, &options).await.unwrap_err() {
@@ -154,7 +154,7 @@ async fn loads_that_make_no_sense_are_refused_by_name() {
 }
 
 #[tokio::test]
-async fn a_burst_brings_every_frame_to_its_place() {
+async fn a_burst_returns_every_frame_at_its_index() {
     let server = Fake { unavailable: AtomicU32::new(3), ..Fake::default() }.serve().await;
     let client = server.client().await;
     let views: Vec<_> = (0..40).map(|i| view(f64::from(i % 12) + 1.0)).collect();
@@ -171,7 +171,7 @@ async fn a_burst_brings_every_frame_to_its_place() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_the_wire_alone_costs_290_views_is_printed() {
+async fn the_cost_of_the_wire_for_290_views_is_printed() {
     let server = Fake::default().serve().await;
     let client = server.client().await;
     let plan = PlanRequest::default();

@@ -1,4 +1,4 @@
-//! The client against a server in the same process that is slow, breaks off, lies or is gone.
+//! The client against a server in the same process that is slow, breaks off, misbehaves or is gone.
 
 #![allow(clippy::unwrap_used, reason = "clippy knows tests by their attribute, not the server they share")]
 

@@ -1,4 +1,4 @@
-//! Sessions, against a server that is slow or breaks off.
+//! Sessions against a slow or breaking server.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -47,7 +47,7 @@ async fn the_newest_camera_wins_and_every_frame_is_acknowledged() {
 }
 
 #[tokio::test]
-async fn a_session_opens_although_nobody_waits_as_long_as_that_takes() {
+async fn a_session_opens_even_if_every_wait_is_shorter_than_opening() {
     let server = Fake { opening: Duration::from_millis(200), ..Fake::default() }.serve().await;
     let mut session = server.client().await.session(SessionOptions::default());
     let begin = Instant::now();
@@ -61,7 +61,7 @@ async fn a_session_opens_although_nobody_waits_as_long_as_that_takes() {
 }
 
 #[tokio::test]
-async fn sessions_that_break_or_are_damaged_are_opened_again_and_lose_no_newest_camera() {
+async fn broken_or_damaged_sessions_are_reopened_and_lose_no_newest_camera() {
     let fake = Fake { end_sessions: AtomicU32::new(2), truncate: AtomicU32::new(1), ..Fake::default() };
     let server = fake.serve().await;
     let mut session = server.client().await.session(SessionOptions::default());
@@ -76,7 +76,7 @@ async fn sessions_that_break_or_are_damaged_are_opened_again_and_lose_no_newest_
 }
 
 #[tokio::test]
-async fn a_view_that_cannot_be_rendered_fails_alone() {
+async fn an_invalid_view_fails_alone() {
     let server = Fake::default().serve().await;
     let mut session = server.client().await.session(SessionOptions::default());
     let mut bad = view(1.0);
@@ -93,7 +93,7 @@ async fn a_view_that_cannot_be_rendered_fails_alone() {
 }
 
 #[tokio::test]
-async fn a_session_whose_server_is_gone_is_given_up_when_patience_ends() {
+async fn a_session_of_a_lost_server_fails_when_patience_ends() {
     let server = Fake::default().serve().await;
     let patience = Duration::from_millis(300);
     let mut session = server.client().await.session(SessionOptions { patience, ..SessionOptions::default() });
@@ -106,7 +106,7 @@ async fn a_session_whose_server_is_gone_is_given_up_when_patience_ends() {
 }
 
 #[tokio::test]
-async fn frames_are_fetched_where_the_server_says_and_acknowledged_with_the_receipt() {
+async fn redirected_frames_are_fetched_and_acknowledged_with_the_receipt() {
     let worker = Fake::default().serve().await;
     let server = Fake { elsewhere: Mutex::new(Some(worker.url())), ..Fake::default() }.serve().await;
     let mut session = server.client().await.session(SessionOptions::default());
@@ -118,7 +118,7 @@ async fn frames_are_fetched_where_the_server_says_and_acknowledged_with_the_rece
         assert_eq!(came.color, frame(&view(f64::from(i))).color);
         let detour = came.stages.iter().find(|stage| stage.name == "detour").expect("the way to the worker");
         assert!(detour.ms > 990.0, "{detour:?}");
-        // The server said that the request was a second old, to which the detour adds.
+        // The server said that the request was one second old; the redirect adds to it.
         assert!(meta.age_ms > 1000.0 && meta.age_ms < 5000.0, "{}", meta.age_ms);
     }
     timeout(Duration::from_secs(5), async {
@@ -129,7 +129,7 @@ async fn frames_are_fetched_where_the_server_says_and_acknowledged_with_the_rece
     .await
     .expect("each receipt is brought back");
     assert_eq!(server.fake.session_frames.load(Ordering::SeqCst), 0, "nothing was relayed");
-    // A client that wants them relayed is not sent anywhere.
+    // A client that turns redirection off gets its frames relayed.
     let options = SessionOptions { redirect: false, ..SessionOptions::default() };
     let mut session = server.client().await.session(options);
     session.send(&view(1.0));
@@ -139,7 +139,7 @@ async fn frames_are_fetched_where_the_server_says_and_acknowledged_with_the_rece
 
 #[tokio::test]
 async fn a_frame_that_cannot_be_fetched_is_relayed() {
-    // Nobody listens there; there is no address; it breaks off in the middle of a frame.
+    // An unused port, an invalid address, and a server that breaks off in the middle of a frame.
     let broken = Fake { truncate: AtomicU32::new(1), ..Fake::default() }.serve().await;
     for elsewhere in ["http://127.0.0.1:9".to_owned(), "nowhere".to_owned(), broken.url()] {
         let server = Fake { elsewhere: Mutex::new(Some(elsewhere.clone())), ..Fake::default() }.serve().await;
@@ -154,14 +154,14 @@ async fn a_frame_that_cannot_be_fetched_is_relayed() {
 }
 
 #[tokio::test]
-async fn a_worker_that_hangs_is_given_up_within_three_seconds_and_its_frame_relayed() {
-    // What stands in its place answers for its connection, and nothing says that it is at work.
+async fn a_hung_worker_is_given_up_within_three_seconds_and_its_frame_relayed() {
+    // The server accepts the connection but never sends a message.
     let hung = Fake { frame_time: Duration::from_secs(60), ..Fake::default() }.serve().await;
     let server = Fake { elsewhere: Mutex::new(Some(hung.url())), ..Fake::default() }.serve().await;
     let mut session = server.client().await.session(SessionOptions::default());
     session.send(&view(1.0));
     let began = Instant::now();
-    // An application that looks at something else between gives it no more time.
+    // Short waits of the application do not prolong the limit.
     let answer = loop {
         if let Ok(event) = timeout(Duration::from_millis(50), session.next()).await {
             break event.unwrap();
@@ -173,7 +173,7 @@ async fn a_worker_that_hangs_is_given_up_within_three_seconds_and_its_frame_rela
 }
 
 #[tokio::test]
-async fn a_frame_is_as_old_as_its_last_byte() {
+async fn the_age_of_a_frame_includes_its_reception() {
     let dawdle = Duration::from_millis(250);
     let server = Fake { dawdle, ..Fake::default() }.serve().await;
     let client = server.client().await;

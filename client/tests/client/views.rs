@@ -11,7 +11,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpListener;
 
 #[tokio::test]
-async fn where_nobody_listens_one_line_says_so_at_once() {
+async fn a_port_without_a_server_is_reported_at_once_in_one_line() {
     // A port that was free a moment ago.
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
@@ -20,13 +20,13 @@ async fn where_nobody_listens_one_line_says_so_at_once() {
     let error = Client::connect(&url).await.unwrap_err();
     assert!(begin.elapsed() < Duration::from_secs(2));
     let text = error.to_string();
-    assert!(matches!(error, ClientError::NobodyListens { .. }), "{error:?}");
+    assert!(matches!(error, ClientError::Unreachable { .. }), "{error:?}");
     assert!(text.contains(&url) && text.contains("argus serve") && !text.contains('\n'), "{text}");
     assert!(text.contains("refused"), "{text}");
 }
 
 #[tokio::test]
-async fn what_is_no_address_is_said_to_be_none() {
+async fn an_invalid_address_is_reported_with_an_example() {
     for url in ["127.0.0.1:7400", "localhost", "ftp://127.0.0.1", "http://", "", "not an url"] {
         let error = Client::connect(url).await.unwrap_err();
         assert!(matches!(error, ClientError::Address { .. }), "{url}: {error:?}");
@@ -35,7 +35,7 @@ async fn what_is_no_address_is_said_to_be_none() {
 }
 
 #[tokio::test]
-async fn what_is_no_argus_server_is_said_to_be_none() {
+async fn a_server_that_is_not_argus_is_reported() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
     tokio::spawn(async move {
@@ -45,12 +45,12 @@ async fn what_is_no_argus_server_is_said_to_be_none() {
         }
     });
     let error = Client::connect(&url).await.unwrap_err();
-    let is_told = matches!(error, ClientError::NotArgus { .. } | ClientError::NobodyListens { .. });
+    let is_told = matches!(error, ClientError::NotArgus { .. } | ClientError::Unreachable { .. });
     assert!(is_told, "{error:?}");
 }
 
 #[tokio::test]
-async fn a_server_of_another_version_is_refused_with_both_numbers() {
+async fn a_server_of_another_version_is_rejected_with_both_numbers() {
     let server = Fake { version: Some(99), ..Fake::default() }.serve().await;
     let error = Client::connect(&server.url()).await.unwrap_err();
     let text = error.to_string();
@@ -60,7 +60,7 @@ async fn a_server_of_another_version_is_refused_with_both_numbers() {
 }
 
 #[tokio::test]
-async fn a_view_is_answered_with_its_frame_and_who_made_it() {
+async fn a_view_is_answered_with_its_frame_and_worker() {
     let server = Fake::default().serve().await;
     let client = server.client().await;
     assert_eq!(client.description().scene_name, "fake");
@@ -73,7 +73,7 @@ async fn a_view_is_answered_with_its_frame_and_who_made_it() {
 }
 
 #[tokio::test]
-async fn an_unavailable_service_is_asked_again_under_the_same_view_id() {
+async fn an_unavailable_service_is_retried_under_the_same_view_id() {
     let server = Fake { unavailable: AtomicU32::new(2), ..Fake::default() }.serve().await;
     let client = server.client().await;
     let answer = client.render(&view(1.0), &RenderOptions::default()).await.unwrap();
@@ -85,7 +85,7 @@ async fn an_unavailable_service_is_asked_again_under_the_same_view_id() {
 }
 
 #[tokio::test]
-async fn a_service_that_stays_unavailable_ends_with_the_deadline_and_the_reason() {
+async fn a_service_that_stays_unavailable_ends_with_the_deadline_and_its_reason() {
     let server = Fake { unavailable: AtomicU32::new(u32::MAX), ..Fake::default() }.serve().await;
     let client = server.client().await;
     let deadline = Duration::from_millis(200);
@@ -96,7 +96,7 @@ async fn a_service_that_stays_unavailable_ends_with_the_deadline_and_the_reason(
 }
 
 #[tokio::test]
-async fn a_server_that_stalls_costs_no_more_than_the_deadline() {
+async fn a_stalled_server_costs_no_more_than_the_deadline() {
     let server = Fake { frame_time: Duration::from_secs(60), ..Fake::default() }.serve().await;
     let client = server.client().await;
     let deadline = Duration::from_millis(150);
@@ -108,7 +108,7 @@ async fn a_server_that_stalls_costs_no_more_than_the_deadline() {
 }
 
 #[tokio::test]
-async fn a_truncated_frame_is_asked_for_again_and_a_faulty_server_is_given_up() {
+async fn a_truncated_frame_is_retried_and_a_faulty_server_is_given_up() {
     let server = Fake { truncate: AtomicU32::new(1), ..Fake::default() }.serve().await;
     let answer = server.client().await.render(&view(2.0), &RenderOptions::default()).await.unwrap();
     assert_eq!((answer.attempts, answer.frame), (2, frame(&view(2.0))));
@@ -120,7 +120,7 @@ async fn a_truncated_frame_is_asked_for_again_and_a_faulty_server_is_given_up() 
 }
 
 #[tokio::test]
-async fn bad_views_and_overload_are_answered_at_once_and_not_repeated() {
+async fn invalid_views_and_overload_are_reported_without_a_retry() {
     let server = Fake::default().serve().await;
     let client = server.client().await;
     let mut bad = view(1.0);
@@ -141,21 +141,21 @@ async fn bad_views_and_overload_are_answered_at_once_and_not_repeated() {
 }
 
 #[tokio::test]
-async fn a_client_that_waits_for_room_comes_back_no_sooner_than_told() {
+async fn a_client_that_waits_for_capacity_retries_no_sooner_than_told() {
     let server = Fake { overloaded: true, ..Fake::default() }.serve().await;
     let client = server.client().await;
     let begin = Instant::now();
     let options = RenderOptions { deadline: Duration::from_millis(450), ..RenderOptions::default() };
     let error = client.render(&view(1.0), &options).await.unwrap_err();
     assert!(matches!(error, ClientError::Overloaded { .. }), "{error:?}");
-    // The hint is 100 ms, and up to half as much is added.
+    // The hint is 100 ms; up to 50% is added.
     let asked = lock(&server.fake.view_ids).len();
     assert!((2..=5).contains(&asked), "asked {asked} times in {:?}", begin.elapsed());
     assert!(begin.elapsed() < Duration::from_millis(450), "it waited though no time was left to ask again");
 }
 
 #[tokio::test]
-async fn a_server_that_is_killed_and_replaced_costs_latency_and_no_view() {
+async fn a_killed_and_replaced_server_costs_latency_but_no_view() {
     let server = Fake { frame_time: Duration::from_millis(200), ..Fake::default() }.serve().await;
     let (client, address) = (server.client().await, server.address);
     let rendering = tokio::spawn({

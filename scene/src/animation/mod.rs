@@ -1,11 +1,10 @@
-//! Motion: nodes whose animations move the instances and lights that hang from them.
+//! Motion: animated nodes move the instances and lights that hang from them.
 //!
-//! [`Scene::at`] is a pure function of time, so every process that has the scene has the same pose. All
-//! animations of a file play together, each over and over: an animation's length is its last key, and time
-//! is taken modulo that. A channel that begins later than its animation holds its first value until then; one
-//! that ends earlier holds its last. Where two animations move the same property of a node, which glTF leaves
-//! open, the first one in the file counts. What is not played: skins, morph targets and the cameras of the
-//! file, which stay where they are at time zero; the loader says so.
+//! [`Scene::at`] is a pure function of time, so every process with the scene has the same pose. All animations of a
+//! file play together in loops: an animation's length is its last key, and time is taken modulo that. Before its
+//! first key a channel holds its first value, after its last key its last. If two animations move the same property
+//! of a node, which glTF leaves open, the first one in the file counts. Skins, morph targets and the file's cameras
+//! are not animated; the loader warns.
 
 mod sweep;
 mod track;
@@ -16,16 +15,16 @@ use glam::{DAffine3, DQuat, DVec3, Quat, Vec3};
 
 use crate::{Instance, Light, Lighting, Scene};
 
-/// A node of the file's hierarchy, kept so that animations can move what hangs from it.
+/// A node of the file's hierarchy, kept so that animations can move its children, instances and lights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Node {
     /// As the file names it, or empty.
     pub name: String,
     /// Index of its parent in [`Scene::nodes`], always smaller than its own.
     pub parent: Option<u32>,
-    /// Where it lies in its parent while nothing moves it.
+    /// Its transform when no animation moves it.
     pub rest: Rest,
-    /// Indices into [`Lighting::lights`] of what stands at its origin and shines along its -z.
+    /// Indices into [`Lighting::lights`] of the lights at its origin, which shine along its −z.
     pub lights: Vec<u32>,
 }
 
@@ -34,18 +33,18 @@ pub struct Node {
 pub enum Rest {
     /// Scaled first, then rotated, then translated; channels replace one of the three.
     Parts(Parts),
-    /// A matrix, which may shear: no channel moves such a node (glTF 2.0, section 3.6.3.2).
+    /// A matrix, which may shear; no channel moves such a node (glTF 2.0, section 3.6.3.2).
     Matrix(DAffine3),
 }
 
-/// What a node's transform is made of.
+/// Translation, rotation and scale of a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parts {
     /// Metres.
     pub translation: DVec3,
     /// Unit quaternion.
     pub rotation: DQuat,
-    /// Factors.
+    /// Scale factors.
     pub scale: DVec3,
 }
 
@@ -56,14 +55,14 @@ impl Default for Parts {
 }
 
 impl Parts {
-    /// Node to parent.
+    /// The transform from node to parent.
     pub fn parent_from_node(&self) -> DAffine3 {
         DAffine3::from_scale_rotation_translation(self.scale, self.rotation, self.translation)
     }
 }
 
 impl Rest {
-    /// Node to parent.
+    /// The transform from node to parent.
     pub fn parent_from_node(&self) -> DAffine3 {
         match self {
             Self::Parts(parts) => parts.parent_from_node(),
@@ -79,14 +78,14 @@ pub enum Track {
     Translation(Vec<Vec3>),
     /// Unit quaternions, but for the tangents of a cubic spline.
     Rotation(Vec<Quat>),
-    /// Factors.
+    /// Scale factors.
     Scale(Vec<Vec3>),
 }
 
-/// How values between two keys are found.
+/// Interpolation between two keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interpolation {
-    /// The earlier key's.
+    /// The earlier key's value.
     Step,
     /// On the line (translation, scale) or the shorter arc (rotation) between them.
     Linear,
@@ -99,11 +98,11 @@ pub enum Interpolation {
 pub struct Channel {
     /// Index into [`Scene::nodes`].
     pub node: u32,
-    /// Key times, seconds, ascending; several may be equal, and then the last of them counts.
+    /// Key times in seconds, ascending. Of equal times the last key counts.
     pub times_secs: Vec<f32>,
     /// Values at the keys.
     pub track: Track,
-    /// Between the keys.
+    /// Interpolation between the keys.
     pub interpolation: Interpolation,
 }
 
@@ -112,43 +111,39 @@ pub struct Channel {
 pub struct Animation {
     /// As the file names it, or empty.
     pub name: String,
-    /// What it moves.
+    /// The animated properties.
     pub channels: Vec<Channel>,
 }
 
 impl Animation {
-    /// How long it plays before it begins again, seconds: its last key. 0 where it has none above zero, and then
-    /// it holds its first pose.
+    /// Seconds until it repeats: the time of its last key. 0 if no key is above zero; it then holds its first pose.
     pub fn length_secs(&self) -> f64 {
         let last = |channel: &Channel| channel.times_secs.last().map_or(0.0, |&t| f64::from(t));
-        // `max` passes a NaN over.
+        // `max` ignores NaN.
         self.channels.iter().map(last).fold(0.0, f64::max)
     }
 
-    /// Where in its loop it is at a scene time; 0 for a time that is not finite.
+    /// Time within its loop in seconds; 0 if the scene time is not finite.
     fn phase(&self, time_secs: f64) -> f64 {
         let phase = time_secs.rem_euclid(self.length_secs());
         if phase.is_finite() { phase } else { 0.0 }
     }
 }
 
-/// Everything of a scene that depends on time.
+/// The instances and lights of a scene at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pose {
-    /// As many as the scene has, in its order. A transform that overflowed is not finite, and its instance is
-    /// then nowhere.
+    /// Same number and order as in the scene. An instance whose transform overflowed is not finite and is not drawn.
     pub instances: Vec<Instance>,
     /// Lights, sky and exposure.
     pub lighting: Lighting,
 }
 
-/// The channels that count: for each node that any moves, its translation's, rotation's and scale's, with the
-/// animation that each belongs to.
+/// The active channels: for each moved node, those of translation, rotation and scale, each with its animation.
 type Drivers<'a> = BTreeMap<u32, [Option<(&'a Animation, &'a Channel)>; 3]>;
 
 impl Scene {
-    /// Whether time changes what there is to see: a channel of an animation that lasts moves an instance or a
-    /// light.
+    /// Whether time changes the image: an animation of some length moves an instance or a light.
     pub fn is_animated(&self) -> bool {
         let lasting = self.animations.iter().filter(|animation| animation.length_secs() > 0.0);
         let mut moved = vec![false; self.nodes.len()];
@@ -163,8 +158,8 @@ impl Scene {
             || self.nodes.iter().zip(&moved).any(|(node, &moved)| moved && !node.lights.is_empty())
     }
 
-    /// The scene at a time, seconds. What no animation moves is exactly what the scene's own lists hold; so is all
-    /// of it at time zero, if a loader made the scene.
+    /// The scene at a time in seconds. Parts without animation equal the scene's own lists; at time zero, so
+    /// does everything in a scene made by a loader.
     pub fn at(&self, time_secs: f64) -> Pose {
         let mut pose = Pose { instances: self.instances.clone(), lighting: self.lighting.clone() };
         let drivers = self.drivers();
@@ -192,7 +187,7 @@ impl Scene {
         pose
     }
 
-    /// Where each node lies in the world at a time.
+    /// The transform from each node to the world at a time.
     fn world_from_nodes(&self, drivers: &Drivers<'_>, time_secs: f64) -> Vec<DAffine3> {
         let mut world: Vec<DAffine3> = Vec::with_capacity(self.nodes.len());
         for (index, node) in (0u32..).zip(&self.nodes) {
@@ -206,7 +201,7 @@ impl Scene {
         world
     }
 
-    /// The channels that count.
+    /// The active channels.
     fn drivers(&self) -> Drivers<'_> {
         let mut drivers = Drivers::new();
         for animation in &self.animations {
@@ -221,7 +216,7 @@ impl Scene {
         drivers
     }
 
-    /// Marks what hangs from marked nodes.
+    /// Marks all descendants of marked nodes.
     fn inherit(&self, marked: &mut [bool]) {
         for (index, node) in self.nodes.iter().enumerate() {
             marked[index] |= node.parent.is_some_and(|parent| marked[parent as usize]);
@@ -229,7 +224,7 @@ impl Scene {
     }
 }
 
-/// A node's parts at a time: what no channel drives is as at rest.
+/// A node's transform at a time: parts without a channel are as at rest.
 fn posed(rest: Parts, driven: &[Option<(&Animation, &Channel)>; 3], time_secs: f64) -> Parts {
     let [translation, rotation, scale] = driven;
     let vector = |driver: &Option<(&Animation, &Channel)>, rest: DVec3| {
@@ -243,7 +238,7 @@ fn posed(rest: Parts, driven: &[Option<(&Animation, &Channel)>; 3], time_secs: f
     }
 }
 
-/// Puts a light where its node is. Without a direction left, where the node's scale is zero, it keeps the last.
+/// Moves a light to its node. If the node's scale is zero, the light keeps its last direction.
 fn place_light(light: &mut Light, world_from_node: &DAffine3) {
     let at = world_from_node.translation;
     let along = world_from_node.transform_vector3(DVec3::NEG_Z);

@@ -1,8 +1,8 @@
-//! The box around everything that a scene shows at any time.
+//! The bounds of everything that a scene shows at any time.
 //!
-//! Each animated node is asked for the box that it sweeps in its parent, whatever the phases of the other
-//! animations are: animations of different lengths meet in every combination sooner or later. So the box is never
-//! too small, and it is as tight as boxes in the nodes' own axes are.
+//! The box that each animated node sweeps in its parent is found independently of other animations, since animations
+//! of different lengths meet in every combination. So the bounds are never too small, and as tight as boxes in the
+//! nodes' own axes can be.
 
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -10,11 +10,11 @@ use super::track::{arc, slerp, unit};
 use super::{Animation, Channel, Interpolation, Parts, Rest, Track};
 use crate::{Bounds, Scene};
 
-/// Rotations are looked at in steps of at most this angle, radians: between two steps a point leaves the hull of both
-/// by half a per cent of its distance.
+/// Largest step in radians between tested rotations. Between two steps a point leaves the hull of both by half a per
+/// cent of its distance.
 const STEP: f64 = std::f64::consts::PI / 16.0;
 
-/// What lies still about a node: the nearest node above it, or itself, that moves, or the world.
+/// The closest ancestor that moves (or the node itself), or the world.
 #[derive(Clone, Copy)]
 struct Anchor {
     node: Option<u32>,
@@ -22,7 +22,7 @@ struct Anchor {
 }
 
 impl Scene {
-    /// The box around every placed triangle's vertices, at all times of an animated scene.
+    /// The box around all vertices of placed triangles, at all times of an animated scene.
     pub fn bounds(&self) -> Bounds {
         let drivers = self.drivers();
         let mut anchors: Vec<Anchor> = Vec::with_capacity(self.nodes.len());
@@ -53,7 +53,7 @@ impl Scene {
                 bounds.extend(transform.transform_point3(mesh.origin + position.as_dvec3()));
             }
         }
-        // Children come after their parents, so what a node holds is complete when it is swept.
+        // Children come after their parents, so a node's box is complete when it is swept.
         for (&node, driven) in drivers.iter().rev() {
             let Rest::Parts(rest) = self.nodes[node as usize].rest else { continue };
             let swept = sweep(about[node as usize], rest, driven);
@@ -92,7 +92,7 @@ fn sweep(of: Bounds, rest: Parts, driven: &[Option<(&Animation, &Channel)>; 3]) 
     Bounds { min: turned.min + moved.min, max: turned.max + moved.max }
 }
 
-/// The box around all values of a translation or scale: a line lies between its ends, a Hermite curve within its
+/// The box around all values of a translation or scale. A line lies between its ends, and a Hermite curve within its
 /// Bézier points.
 fn hull(channel: &Channel) -> Option<Bounds> {
     let (Track::Translation(values) | Track::Scale(values)) = &channel.track else { return None };
@@ -129,7 +129,7 @@ fn turned(of: Bounds, channel: &Channel) -> Bounds {
             }
             all
         }
-        // Between its keys a spline may turn any way.
+        // Between keys, a spline may take any rotation.
         Interpolation::CubicSpline => {
             let radius = reach(of);
             if of.is_empty() { of } else { Bounds { min: DVec3::splat(-radius), max: DVec3::splat(radius) } }
@@ -137,7 +137,7 @@ fn turned(of: Bounds, channel: &Channel) -> Bounds {
     }
 }
 
-/// The box around a box in some orientations, grown by a share of its reach.
+/// The box around a box in several orientations, grown by a share of its reach.
 fn rotated(of: Bounds, orientations: impl IntoIterator<Item = DQuat>, share: f64) -> Bounds {
     let mut all = Bounds::EMPTY;
     for orientation in orientations {
@@ -158,7 +158,7 @@ fn union(a: Bounds, b: Bounds) -> Bounds {
     Bounds { min: a.min.min(b.min), max: a.max.max(b.max) }
 }
 
-/// The corners of a box; none of an empty one.
+/// The corners of a box; none if it is empty.
 fn corners(of: Bounds) -> impl Iterator<Item = DVec3> {
     let pick = move |bit: usize, axis: usize| if bit >> axis & 1 == 0 { of.min[axis] } else { of.max[axis] };
     (0..if of.is_empty() { 0 } else { 8 }).map(move |i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2)))

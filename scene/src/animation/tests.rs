@@ -77,7 +77,7 @@ fn steps_hold_the_earlier_key() {
 }
 
 #[test]
-fn lines_are_followed_and_held_at_both_ends() {
+fn lines_are_interpolated_and_held_at_both_ends() {
     let channel = slide(&[1.0, 2.0, 4.0], &[10.0, 20.0, 40.0], Interpolation::Linear);
     for (time, x) in
         [(-3.0, 10.0), (0.5, 10.0), (1.25, 12.5), (2.0, 20.0), (3.5, 35.0), (4.0, 40.0), (9.0, 40.0)]
@@ -87,7 +87,7 @@ fn lines_are_followed_and_held_at_both_ends() {
 }
 
 #[test]
-fn cubics_have_their_values_and_slopes_at_the_keys() {
+fn cubics_have_the_keys_values_and_slopes() {
     // In-tangent, value, out-tangent: from 0 at 3 m/s to 8 at −1 m/s in two seconds.
     let values = [7.0, 0.0, 3.0, -1.0, 8.0, 5.0];
     let channel = slide(&[1.0, 3.0], &values, Interpolation::CubicSpline);
@@ -100,7 +100,7 @@ fn cubics_have_their_values_and_slopes_at_the_keys() {
 }
 
 #[test]
-fn rotations_keep_their_speed_on_the_shorter_arc() {
+fn rotations_turn_at_constant_speed_along_the_shorter_arc() {
     let channel = turn(&[0.0, 1.0], &[0.0, FRAC_PI_2], Interpolation::Linear);
     for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
         let q = channel.rotation_at(share).unwrap();
@@ -115,7 +115,7 @@ fn rotations_keep_their_speed_on_the_shorter_arc() {
 }
 
 #[test]
-fn opposite_rotations_and_cubic_ones_stay_rotations() {
+fn opposite_and_cubic_rotations_stay_rotations() {
     let half = turn(&[0.0, 1.0], &[0.0, PI], Interpolation::Linear);
     for share in [0.0, 0.25, 0.5, 1.0] {
         let q = half.rotation_at(share).unwrap();
@@ -132,7 +132,7 @@ fn opposite_rotations_and_cubic_ones_stay_rotations() {
 }
 
 #[test]
-fn keys_that_mean_little_do_no_harm() {
+fn malformed_keys_do_no_harm() {
     for interpolation in [Interpolation::Step, Interpolation::Linear] {
         let single = slide(&[2.0], &[5.0], interpolation);
         assert_eq!([0.0, 2.0, 7.0].map(|t| x_at(&single, t)), [5.0; 3]);
@@ -154,7 +154,7 @@ fn keys_that_mean_little_do_no_harm() {
 }
 
 #[test]
-fn an_animation_begins_again_after_its_last_key() {
+fn an_animation_repeats_after_its_last_key() {
     let scene = scene(
         vec![node(None)],
         vec![animation(vec![slide(&[0.0, 4.0], &[0.0, 8.0], Interpolation::Linear)])],
@@ -172,7 +172,7 @@ fn an_animation_begins_again_after_its_last_key() {
 }
 
 #[test]
-fn what_hangs_from_a_moved_node_moves_and_nothing_else_does() {
+fn only_descendants_of_a_moved_node_move() {
     let quarter = Rest::Parts(Parts { rotation: about_y(FRAC_PI_2), ..Parts::default() });
     let mut nodes = vec![node(None), node(Some(0)), node(None)];
     nodes[1].rest = Rest::Parts(Parts { translation: DVec3::new(0.0, 3.0, 0.0), ..Parts::default() });
@@ -193,7 +193,7 @@ fn what_hangs_from_a_moved_node_moves_and_nothing_else_does() {
 }
 
 #[test]
-fn the_first_of_two_animations_of_a_property_counts_and_each_has_its_own_length() {
+fn of_two_animations_of_a_property_the_first_counts_with_its_own_length() {
     let rise = |times: &[f32]| {
         let values = times.iter().map(|&t| Vec3::new(1.0, 1.0 + t, 1.0)).collect();
         channel(times, Track::Scale(values), Interpolation::Linear)
@@ -224,7 +224,7 @@ fn scenes_whose_animations_move_nothing_are_still() {
 }
 
 #[test]
-fn lights_go_with_their_nodes() {
+fn lights_move_with_their_nodes() {
     let mut lamp = node(None);
     lamp.lights = vec![0, 1];
     let channels = vec![
@@ -259,14 +259,14 @@ fn sampled(scene: &Scene, secs: f64) -> Bounds {
 }
 
 #[test]
-fn bounds_hold_every_moment_and_are_tight_where_motion_is_simple() {
+fn bounds_hold_every_moment_and_are_tight_for_simple_motion() {
     let linear = Interpolation::Linear;
     let sliding = scene(vec![node(None)], vec![animation(vec![slide(&[0.0, 4.0], &[0.0, 8.0], linear)])]);
     assert_eq!(sliding.bounds(), Bounds { min: DVec3::ZERO, max: DVec3::new(9.0, 1.0, 0.0) });
 
     let spin = turn(&[0.0, 1.0, 2.0, 3.0], &[0.0, 2.0, 4.0, 2.0 * PI], linear);
     let spinning = scene(vec![node(None)], vec![animation(vec![spin.clone()])]).bounds();
-    // The triangle's box turns about y: the circle of x, within the margin of the steps that it is followed in.
+    // The triangle's box turns about y: the circle of x, within the margin of the tested steps.
     assert!(
         (spinning.max - DVec3::ONE).abs().max_element() < 0.01 && (spinning.min.y).abs() < 0.01,
         "{spinning:?}"

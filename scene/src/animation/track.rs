@@ -6,12 +6,12 @@ use glam::{DQuat, DVec3, DVec4};
 
 use super::{Channel, Interpolation, Track};
 
-/// Where a time lies among keys.
+/// The position of a time among the keys.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Place {
-    /// At or held from a key.
+    /// Exactly at a key, or before the first or after the last.
     At(usize),
-    /// Between a key and the next: what share of the way, and how long all of it is, seconds.
+    /// After a key: the share of the way to the next one, and the span's length in seconds.
     After(usize, f64, f64),
 }
 
@@ -25,7 +25,7 @@ impl Channel {
         }
     }
 
-    /// Whether it has keys, and a value for each.
+    /// Whether it has keys and as many values as needed.
     pub(super) fn is_whole(&self) -> bool {
         let values = match &self.track {
             Track::Translation(values) | Track::Scale(values) => values.len(),
@@ -38,8 +38,8 @@ impl Channel {
         if self.interpolation == Interpolation::CubicSpline { 3 } else { 1 }
     }
 
-    /// Translation or scale at a time, seconds from the animation's beginning; `None` for a rotation's channel and
-    /// where what the keys say is not finite.
+    /// The translation or scale at a time in seconds from the animation's start. `None` for a rotation channel or a
+    /// value that is not finite.
     pub fn vector_at(&self, time_secs: f64) -> Option<DVec3> {
         let (Track::Translation(values) | Track::Scale(values)) = &self.track else { return None };
         let value = |at: usize| values.get(at).map(|v| v.as_dvec3());
@@ -57,7 +57,7 @@ impl Channel {
         found.filter(|vector| vector.is_finite())
     }
 
-    /// Rotation at a time, likewise, of unit length; no rotation where keys say zero.
+    /// The rotation at a time in seconds, of unit length; the identity if the keys are zero. `None` for other channels.
     pub fn rotation_at(&self, time_secs: f64) -> Option<DQuat> {
         let Track::Rotation(values) = &self.track else { return None };
         let value = |at: usize| values.get(at).map(|q| q.as_dquat());
@@ -77,8 +77,8 @@ impl Channel {
         found.is_finite().then(|| unit(found))
     }
 
-    /// The first key's before it, the last one's after it. Of equal times the last counts, so that no span of
-    /// zero seconds is ever divided by.
+    /// Finds the keys around a time. Before the first key it is the first, after the last the last. Of equal times
+    /// the last key counts, so that no span has zero length.
     fn place(&self, time_secs: f64) -> Place {
         let times = &self.times_secs;
         let later = times.partition_point(|&t| f64::from(t) <= time_secs);
@@ -90,21 +90,22 @@ impl Channel {
     }
 }
 
-/// Scaled to unit length; no rotation where there is nothing to scale.
+/// Scales to unit length; the identity if that is impossible.
 pub(super) fn unit(q: DQuat) -> DQuat {
     let most = q.x.abs().max(q.y.abs()).max(q.z.abs()).max(q.w.abs());
-    // Scaled first, since squares of what is very small are zero. Written so that NaN fails.
+    // Divided by the largest part first, since squares of tiny numbers are zero. Written so that NaN fails.
     if most > 0.0 && most.is_finite() { (q / most).normalize() } else { DQuat::IDENTITY }
 }
 
-/// The angle between two unit quaternions on the shorter arc, radians, and the second one's representative there.
-/// By the tangent, which is exact where the cosine of the textbook's formula is flat.
+/// The angle in radians between two unit quaternions along the shorter arc, and the sign of the second one on that
+/// arc. Uses the tangent, which stays exact where the textbook's cosine is flat.
 pub(super) fn arc(a: DQuat, b: DQuat) -> (f64, DQuat) {
     let b = if a.dot(b) < 0.0 { -b } else { b };
     (2.0 * (a - b).length().atan2((a + b).length()), b)
 }
 
-/// Along the shorter arc between two unit quaternions (Shoemake, "Animating rotation with quaternion curves", 1985).
+/// Interpolates along the shorter arc between unit quaternions (Shoemake, "Animating rotation with quaternion
+/// curves", 1985).
 pub(super) fn slerp(a: DQuat, b: DQuat, share: f64) -> DQuat {
     let (angle, b) = arc(a, b);
     let sine = angle.sin();
@@ -114,8 +115,7 @@ pub(super) fn slerp(a: DQuat, b: DQuat, share: f64) -> DQuat {
     unit(a * (((1.0 - share) * angle).sin() / sine) + b * ((share * angle).sin() / sine))
 }
 
-/// The cubic through a value and another, given the tangents there times the span's length, in the order value,
-/// tangent, tangent, value.
+/// Cubic Hermite interpolation. The inputs are value, tangent, tangent, value, with tangents times the span's length.
 fn hermite<V: Copy + Mul<f64, Output = V> + Add<Output = V>>([from, out, into, to]: [V; 4], t: f64) -> V {
     let (t2, t3) = (t * t, t * t * t);
     from * (2.0 * t3 - 3.0 * t2 + 1.0)

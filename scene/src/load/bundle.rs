@@ -1,7 +1,6 @@
-//! The bundle of a scene: its main file and every file that it refers to, by name relative to its folder.
+//! The bundle of a scene: its main file and every file it refers to, by names relative to its folder.
 //!
-//! A scene file may come from anybody. A name in it that is absolute, climbs out of the folder (`..`) or
-//! carries a scheme is never opened.
+//! Scene files are untrusted. A name that is absolute, leaves the folder (`..`) or has a scheme is never opened.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -12,7 +11,7 @@ use bytes::Bytes;
 use super::{Format, LoadError, gltf, obj};
 use crate::SceneHash;
 
-/// Where the files of a bundle are read from.
+/// A source of a bundle's files.
 pub(super) trait Files {
     /// The whole content of a file, by its name relative to the scene's folder.
     fn read(&self, name: &str) -> io::Result<Bytes>;
@@ -24,7 +23,7 @@ pub(super) struct Folder(pub(super) PathBuf);
 impl Files for Folder {
     fn read(&self, name: &str) -> io::Result<Bytes> {
         let path = self.0.join(name);
-        // A device or a pipe might never end.
+        // Reading a device or a pipe might never end.
         if !std::fs::metadata(&path)?.is_file() {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a file"));
         }
@@ -41,21 +40,21 @@ impl Files for InMemory<'_> {
     }
 }
 
-/// A main file and what it refers to.
+/// A main file and the files it refers to.
 pub(super) struct Bundle {
     /// Name of the main file.
     pub(super) main: String,
-    /// What the main file is.
+    /// The main file's format.
     pub(super) format: Format,
     /// Every file that could be read, by relative name.
     pub(super) files: BTreeMap<String, Bytes>,
-    /// Why each of the others could not.
+    /// Why each of the remaining files could not be read.
     missing: BTreeMap<String, String>,
 }
 
 impl Bundle {
-    /// Reads the main file and, following its references, all others. A missing one is only remembered:
-    /// whether the scene can do without is the loader's to say.
+    /// Reads the main file and, following its references, all others. Missing ones are recorded; the loader decides
+    /// whether the scene can do without.
     pub(super) fn collect(files: &dyn Files, main: &str) -> Result<Self, LoadError> {
         let bytes = files.read(main).map_err(|error| LoadError::new(main, error.to_string()))?;
         let format = Format::detect(main, &bytes).map_err(|reason| LoadError::new(main, reason))?;
@@ -75,8 +74,8 @@ impl Bundle {
                 let candidates =
                     libraries.iter().flatten().filter_map(|name| relative("", name).ok()).collect();
                 bundle.add(files, candidates);
-                // A line's words are files of their own only where the whole line is not one; those that
-                // are neither were guesses.
+                // If the whole line names a file, its words are not files of their own. Words that name no file were
+                // guesses.
                 bundle.missing.clear();
                 let libraries: Vec<(String, Bytes)> = bundle
                     .files
@@ -114,7 +113,7 @@ impl Bundle {
         &self.files[&self.main]
     }
 
-    /// A file of the bundle, or why it is not there.
+    /// A file of the bundle, or why it is missing.
     pub(super) fn get(&self, name: &str) -> Result<&Bytes, String> {
         self.files.get(name).ok_or_else(|| match self.missing.get(name) {
             Some(reason) => format!("{name}: {reason}"),
@@ -131,7 +130,7 @@ impl Bundle {
     pub(super) fn hash(&self) -> SceneHash {
         let mut hasher = blake3::Hasher::new();
         for (name, bytes) in &self.files {
-            // Lengths first, so that no two bundles run together into the same stream.
+            // Lengths first, so that different bundles never hash the same bytes.
             hasher.update(&(name.len() as u64).to_le_bytes());
             hasher.update(name.as_bytes());
             hasher.update(&(bytes.len() as u64).to_le_bytes());
@@ -141,10 +140,10 @@ impl Bundle {
     }
 }
 
-/// The name of a referenced file relative to the scene's folder, `reference` being relative to `folder`.
+/// The name of a referenced file relative to the scene's folder. `reference` is relative to `folder`.
 ///
 /// # Errors
-/// Why the name is not one within the folder.
+/// Why the name is not within the folder.
 pub(super) fn relative(folder: &str, reference: &str) -> Result<String, String> {
     // Files written on Windows use backslashes.
     let unified = reference.replace('\\', "/");
@@ -167,7 +166,7 @@ pub(super) fn relative(folder: &str, reference: &str) -> Result<String, String> 
 /// Splits a path into its folder and the name of the file in it.
 ///
 /// # Errors
-/// A path without a file name, or one that is not Unicode: names are part of the scene's hash.
+/// A path without a file name, or a name that is not Unicode: names are part of the scene's hash.
 pub(super) fn split(path: &Path) -> Result<(PathBuf, String), LoadError> {
     let shown = path.display().to_string();
     let name = path.file_name().ok_or_else(|| LoadError::new(&shown, "is not the name of a file"))?;
@@ -175,12 +174,11 @@ pub(super) fn split(path: &Path) -> Result<(PathBuf, String), LoadError> {
     Ok((path.parent().map(Path::to_owned).unwrap_or_default(), name.to_owned()))
 }
 
-/// Every file of a scene's bundle: name relative to its folder, and path on this machine. The main file is
-/// among them. References that cannot be read, or that point outside the folder, are left out, as
-/// [`super::load_path`] leaves them out.
+/// Every file of a scene's bundle: its name relative to the folder, and its path on this machine. Includes the main file.
+/// References that cannot be read or point outside the folder are left out, as in [`super::load_path`].
 ///
 /// # Errors
-/// The main file cannot be read or is of no known format.
+/// The main file cannot be read or has an unknown format.
 pub fn bundle_files(path: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, LoadError> {
     let path = path.as_ref();
     let (folder, main) = split(path)?;
@@ -194,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_outside_the_folder_are_refused() {
+    fn names_outside_the_folder_are_rejected() {
         for name in
             ["../secret", "a/../../b", "/etc/passwd", "C:\\x.png", "http://x/y", "file:x", "a\0b", "", "."]
         {

@@ -1,6 +1,6 @@
-//! Why a scene could not be had.
+//! Loading errors.
 
-/// One line that names the file, or the scene's name as the user wrote it, and the reason.
+/// One line with the file, or the scene's name as given by the user, and the reason.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: {reason}")]
 pub struct LoadError {
@@ -11,14 +11,13 @@ pub struct LoadError {
 }
 
 impl LoadError {
-    /// Names the file and the reason; what a file smuggles into either (line breaks, control characters) is
-    /// replaced, so that the message stays one line.
+    /// An error for this file. Line breaks and control characters are replaced, so that the message stays one line.
     pub fn new(file: impl AsRef<str>, reason: impl AsRef<str>) -> Self {
         Self { file: one_line(file.as_ref()), reason: one_line(reason.as_ref()) }
     }
 }
 
-/// Text from a file, made fit for one line of a message: at most 300 characters, none of them control.
+/// Makes a file's text fit into one line: at most 300 characters, without control characters.
 pub(super) fn one_line(text: &str) -> String {
     text.trim().chars().take(300).map(|c| if c.is_control() { ' ' } else { c }).collect()
 }

@@ -1,39 +1,39 @@
-//! From what a file says of a mesh to a [`Mesh`] that keeps its promises.
+//! Converts a file's mesh to a valid [`Mesh`].
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use super::{Warnings, normals, tangents};
 use crate::Mesh;
 
-/// How normals are made where a file has none.
+/// How missing normals are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum MissingNormals {
-    /// Each triangle its own, as glTF wants it.
+    /// One normal per triangle, as glTF requires.
     Flat,
     /// Averaged around each vertex, weighted by area.
     Smooth,
 }
 
-/// A mesh as a file has it, nothing checked but that its arrays were really there.
+/// A mesh as read from a file. Only the existence of its arrays has been checked.
 #[derive(Debug, Default)]
 pub(super) struct RawMesh {
     pub(super) name: String,
     pub(super) origin: DVec3,
-    /// Relative to `origin`; may hold NaN and infinities.
+    /// Relative to `origin`; may contain NaN and infinities.
     pub(super) positions: Vec<Vec3>,
-    /// As many as positions, or ignored; so are the next three.
+    /// Ignored unless there are as many as positions; so are the next three.
     pub(super) normals: Vec<Vec3>,
     pub(super) tangents: Vec<Vec4>,
     pub(super) uvs: Vec<Vec2>,
     pub(super) colors: Vec<Vec4>,
-    /// Three a triangle; may point anywhere.
+    /// Three per triangle; may be out of range.
     pub(super) indices: Vec<u32>,
     pub(super) material: u32,
 }
 
 impl RawMesh {
-    /// Drops what cannot be drawn and unreferenced vertices, and makes the normals, and where `normal_mapped`
-    /// the tangents, that are missing. `None` where no triangle is left.
+    /// Drops triangles that cannot be drawn and unreferenced vertices, and makes missing normals and, if
+    /// `normal_mapped`, missing tangents. `None` if no triangle is left.
     pub(super) fn finish(
         mut self,
         missing: MissingNormals,
@@ -131,8 +131,7 @@ impl RawMesh {
         }
     }
 
-    /// Forgets vertices that no triangle uses: NaN ones among them, and those of the other primitives that
-    /// share the same arrays.
+    /// Drops vertices that no triangle uses, including NaN ones and those of other primitives that share the arrays.
     fn compact(&mut self) {
         let mut new_index = vec![u32::MAX; self.positions.len()];
         let mut order = Vec::new();
@@ -155,15 +154,15 @@ impl RawMesh {
     }
 }
 
-/// Element `order[i]` comes to `i`; an empty array stays empty.
+/// Moves element `order[i]` to `i`; an empty array stays empty.
 pub(super) fn pick<T: Copy>(values: &mut Vec<T>, order: &[u32]) {
     if !values.is_empty() {
         *values = order.iter().map(|&i| values[i as usize]).collect();
     }
 }
 
-/// Positions in full precision as `f32` about an origin: the middle of their box where they lie far from
-/// zero in relation to their extent, else zero.
+/// Converts positions to `f32` about an origin: the middle of their box if they are far from zero compared with their
+/// extent, else zero.
 pub(super) fn about_an_origin(positions: &[DVec3]) -> (DVec3, Vec<Vec3>) {
     let mut bounds = crate::Bounds::EMPTY;
     positions.iter().for_each(|p| bounds.extend(*p));
@@ -185,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_that_cannot_be_drawn_are_dropped_with_a_warning_each_kind() {
+    fn undrawable_triangles_are_dropped_with_a_warning_per_kind() {
         let mut raw = square();
         raw.positions.push(Vec3::new(f32::NAN, 0.0, 0.0));
         raw.positions.push(Vec3::new(0.0, f32::INFINITY, 0.0));

@@ -1,4 +1,4 @@
-//! Image files into textures, in parallel; a bad one costs its texture and a warning.
+//! Decodes image files into textures, in parallel. A bad one costs its texture and a warning.
 
 use std::collections::HashMap;
 use std::io::Cursor;
@@ -12,15 +12,15 @@ use super::Warnings;
 use crate::material::Wrap;
 use crate::{Material, Texture, TextureRef};
 
-/// Longest side of an image, in texels.
+/// Largest side of an image in texels.
 const MOST_TEXELS: u32 = 16384;
-/// No image format here packs more than this many bytes of pixels into a byte of file: deflate, the densest,
-/// reaches 1032. An image that claims more is cut short or lies, and gets no memory.
+/// Largest ratio of decoded bytes to file bytes. Deflate, the densest format here, reaches 1032. An image that claims
+/// more is truncated or malicious, and gets no memory.
 const MOST_BYTES_A_BYTE: u64 = 1100;
-/// Decoded bytes of one scene's textures; those beyond are dropped.
+/// Limit in bytes of a scene's decoded textures; further ones are dropped.
 const MOST_DECODED: u64 = 8 << 30;
 
-/// An image as RGBA.
+/// An image in RGBA.
 struct Pixels {
     width: u32,
     height: u32,
@@ -36,13 +36,13 @@ pub(super) struct Textures {
 }
 
 impl Textures {
-    /// Adds an image file by its name for messages; returns its number.
+    /// Adds an image file under a name for messages; returns its number.
     pub(super) fn add_image(&mut self, name: String, bytes: Bytes) -> usize {
         self.images.push((name, bytes));
         self.images.len() - 1
     }
 
-    /// The texture that reads an image as sRGB or linear, addressed in one way.
+    /// The texture that reads an image as sRGB or linear with this addressing.
     pub(super) fn texture(&mut self, image: usize, srgb: bool, wrap: [Wrap; 2]) -> u32 {
         *self.known.entry((image, srgb, wrap)).or_insert_with(|| {
             self.wanted.push((image, srgb, wrap));
@@ -50,7 +50,8 @@ impl Textures {
         })
     }
 
-    /// Decodes what is wanted and points the materials at it; what cannot be decoded is taken out of them.
+    /// Decodes the used images and assigns textures to the materials. Images that cannot be decoded are
+    /// removed from them.
     pub(super) fn decode(self, materials: &mut [Material], warnings: &mut Warnings) -> Vec<Texture> {
         let mut used = vec![false; self.images.len()];
         self.wanted.iter().for_each(|&(image, ..)| used[image] = true);
@@ -105,9 +106,9 @@ impl Textures {
     }
 }
 
-/// Decodes one image file, with memory bounded by what its size can hold.
+/// Decodes one image file, with memory limited by the file's size.
 fn decode(name: &str, bytes: &[u8]) -> Result<Pixels, String> {
-    // A TGA file does not say what it is.
+    // A TGA file has no signature.
     let format = image::guess_format(bytes).or_else(|error| match ImageFormat::from_path(name) {
         Ok(ImageFormat::Tga) => Ok(ImageFormat::Tga),
         _ => Err(error),

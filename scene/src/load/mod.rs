@@ -1,8 +1,7 @@
 //! Scene files: glTF 2.0, OBJ + MTL and PLY become a [`Scene`].
 //!
-//! Files are untrusted. Whatever is in one, the answer is a scene or a [`LoadError`] of one line; memory is
-//! bounded by the bundle's size, not by the counts that it claims; and a bad texture costs that texture and
-//! a warning.
+//! Files are untrusted. Any content gives a scene or a [`LoadError`] of one line. Memory is bounded by the bundle's size
+//! rather than by the counts that it claims. A bad texture costs that texture and a warning.
 
 mod bundle;
 mod error;
@@ -37,7 +36,7 @@ enum Format {
 }
 
 impl Format {
-    /// By the first bytes where they tell, else by the extension.
+    /// Detects the format by the first bytes, or else by the extension.
     fn detect(name: &str, bytes: &[u8]) -> Result<Self, String> {
         if bytes.is_empty() {
             return Err("the file is empty".to_owned());
@@ -58,7 +57,7 @@ impl Format {
     }
 }
 
-/// What a format's loader finds in a file.
+/// The content of a file, as read by a format's loader.
 #[derive(Default)]
 struct Parts {
     meshes: Vec<Mesh>,
@@ -71,7 +70,7 @@ struct Parts {
     cameras: Vec<NamedCamera>,
 }
 
-/// Warnings, of which a hostile file could cause any number.
+/// Warnings, bounded in number since a hostile file could cause any number.
 #[derive(Default)]
 struct Warnings {
     lines: Vec<String>,
@@ -111,8 +110,8 @@ pub fn load_path(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
     Ok(scene)
 }
 
-/// Loads a scene from files in memory; `name` is the main one's. The same bundle has the same hash and gives
-/// the same scene as on disk, but for the scene's name.
+/// Loads a scene from files in memory; `name` is the main file. The same bundle has the same hash and gives the same
+/// scene as on disk, except for the scene's name.
 ///
 /// # Errors
 /// One line that names the file and the reason.
@@ -153,7 +152,7 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
         rig: RigKind::Cell,
         warnings: Vec::new(),
     };
-    // The file's own transforms are those at rest, which need not be any moment of an animation.
+    // The file's transforms are those at rest, which may not be any moment of an animation.
     let Pose { instances, lighting } = scene.at(0.0);
     (scene.instances, scene.lighting) = (instances, lighting);
     scene.rig = rig_of(&scene);
@@ -161,8 +160,8 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
     Ok(scene)
 }
 
-/// A scene is taken for a height field, to be seen from above, where it is eight times as long and as wide
-/// as it is high and nobody placed a camera in it; every other scene is one to walk through.
+/// The rig for a scene. A scene without cameras that is eight times as long and wide as it is high counts as a height
+/// field seen from above; any other scene is walked through.
 fn rig_of(scene: &Scene) -> RigKind {
     let size = scene.bounds().size();
     let flat = size.y * 8.0 < size.x.min(size.z);

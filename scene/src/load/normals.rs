@@ -1,17 +1,17 @@
-//! Normals: made where a file has none, repaired where it has bad ones.
+//! Makes missing normals and repairs bad ones.
 
 use glam::{DVec3, Vec3};
 
 use super::geometry::pick;
 use crate::Mesh;
 
-/// Normal of a triangle, its length twice the area; in f64, since squares of large coordinates overflow.
+/// Normal of a triangle with twice its area as length, in f64, since squares of large coordinates overflow.
 fn area_normal(mesh: &Mesh, triangle: [u32; 3]) -> DVec3 {
     let [a, b, c] = triangle.map(|i| mesh.positions[i as usize].as_dvec3());
     (b - a).cross(c - a)
 }
 
-/// The direction of `n`, or up where it has none.
+/// The direction of `n`, or up if it has none.
 fn unit(n: DVec3) -> Vec3 {
     n.try_normalize().unwrap_or(DVec3::Y).as_vec3()
 }
@@ -47,7 +47,7 @@ pub(super) fn make_flat(mesh: &mut Mesh) {
     mesh.indices = (0..order.len() as u32).collect();
 }
 
-/// Brings normals to unit length; those that have no direction are made from the triangles around them.
+/// Normalises all normals. Those without a direction are made from the triangles around them.
 pub(super) fn repair(mesh: &mut Mesh) {
     let mut broken = Vec::new();
     for (i, normal) in mesh.normals.iter_mut().enumerate() {
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_without_an_area_and_those_larger_than_f32_have_unit_normals() {
+    fn degenerate_and_huge_triangles_have_unit_normals() {
         let mut mesh = roof();
         mesh.positions = vec![Vec3::ZERO, Vec3::X, Vec3::X * 2.0, Vec3::splat(f32::MAX)];
         make_flat(&mut mesh);

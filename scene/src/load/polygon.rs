@@ -1,12 +1,12 @@
-//! Polygons into triangles.
+//! Triangulates polygons.
 
 use glam::{DVec2, DVec3};
 
-/// Polygons with more corners than this are cut as fans: ear clipping takes time with their cube.
+/// Polygons with more corners than this become fans, since ear clipping takes cubic time.
 const MOST_EARS: usize = 64;
 
-/// Cuts a polygon into triangles of its corners' positions in `points`; none where there are fewer than
-/// three. A convex one becomes a fan; from others ears are clipped (Meisters 1975).
+/// Cuts a polygon into triangles of positions in `points`; none if it has fewer than three corners. A convex polygon
+/// becomes a fan; of others ears are clipped (Meisters 1975).
 pub(super) fn triangulate(points: &[DVec3], mut triangle: impl FnMut([usize; 3])) {
     let count = points.len();
     let fan = 1..count.saturating_sub(1);
@@ -31,7 +31,7 @@ pub(super) fn triangulate(points: &[DVec3], mut triangle: impl FnMut([usize; 3])
             let inside = |p: usize| turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 && turn(c, a, p) >= 0.0;
             turn(a, b, c) > 0.0 && !left.iter().any(|&p| p != a && p != b && p != c && inside(p))
         };
-        // A polygon that crosses itself may have no ear: any corner will do.
+        // A self-intersecting polygon may have no ear: any corner will do.
         let i = (0..n).find(|&i| is_ear(i)).unwrap_or(0);
         triangle([left[(i + n - 1) % n], left[i], left[(i + 1) % n]]);
         left.remove(i);
@@ -39,7 +39,7 @@ pub(super) fn triangulate(points: &[DVec3], mut triangle: impl FnMut([usize; 3])
     triangle([left[0], left[1], left[2]]);
 }
 
-/// The polygon in the plane that suits it best, anticlockwise; `None` where it has no area.
+/// Projects the polygon onto its best plane, anticlockwise; `None` if it has no area.
 fn flatten(points: &[DVec3]) -> Option<Vec<DVec2>> {
     // Newell's normal, about the first corner so that distant coordinates do not cancel.
     let at = |i: usize| points[i % points.len()] - points[0];

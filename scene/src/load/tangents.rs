@@ -1,11 +1,11 @@
-//! Tangents for normal maps, as every baker makes them (MikkTSpace).
+//! Tangents for normal maps, by MikkTSpace as in common bakers.
 
 use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
 use glam::{Vec3, Vec4};
 
 use crate::Mesh;
 
-/// Keeps, makes or removes tangents: a mesh has them where it is `normal_mapped` and has texture coordinates.
+/// Keeps, makes or removes tangents: a mesh has them if it is `normal_mapped` and has texture coordinates.
 pub(super) fn complete(mesh: &mut Mesh, normal_mapped: bool) {
     if !normal_mapped || mesh.uvs.is_empty() {
         mesh.tangents = Vec::new();
@@ -22,7 +22,7 @@ pub(super) fn complete(mesh: &mut Mesh, normal_mapped: bool) {
     }
 }
 
-/// A mesh with one tangent a corner.
+/// A mesh with one tangent per corner.
 struct Corners<'a> {
     mesh: &'a Mesh,
     tangents: Vec<Vec4>,
@@ -57,14 +57,14 @@ impl Geometry for Corners<'_> {
 
     fn set_tangent(&mut self, space: Option<TangentSpace>, face: usize, corner: usize) {
         if let Some(space) = space {
-            // glTF's bitangent has the opposite sign of MikkTSpace's, whose v points up.
+            // glTF's bitangent has the opposite sign of MikkTSpace's, where v points up.
             let [x, y, z, w] = space.tangent_encoded();
             self.tangents[3 * face + corner] = Vec4::new(x, y, z, -w);
         }
     }
 }
 
-/// Makes tangents; a vertex at which triangles disagree, as along the seam of a mirrored texture, becomes two.
+/// Makes tangents. A vertex whose triangles disagree, as along the seam of a mirrored texture, is split.
 fn make(mesh: &mut Mesh) {
     let mut corners = Corners { mesh, tangents: vec![Vec4::ZERO; mesh.indices.len()] };
     if generate_tangents(&mut corners).is_err() {
@@ -74,7 +74,7 @@ fn make(mesh: &mut Mesh) {
     let count = mesh.positions.len();
     mesh.tangents = vec![Vec4::ZERO; count];
     let mut given = vec![false; count];
-    // The next copy of each vertex, copies included: a chain, ended by u32::MAX.
+    // The next copy of each vertex, including copies: a chain ended by u32::MAX.
     let mut next = vec![u32::MAX; count];
     for (corner, tangent) in by_corner.into_iter().enumerate() {
         let mut at = mesh.indices[corner] as usize;
@@ -99,7 +99,7 @@ fn make(mesh: &mut Mesh) {
     }
 }
 
-/// Whether two tangents are one: same handedness, within 2°.
+/// Whether two tangents are equal within 2° and have the same handedness.
 fn agree(a: Vec4, b: Vec4) -> bool {
     a.w == b.w && (a == b || Vec3::dot(a.truncate(), b.truncate()) > 0.9994)
 }
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn no_texture_coordinates_or_useless_ones_are_survived() {
+    fn missing_or_degenerate_texture_coordinates_do_no_harm() {
         let mut mesh = Mesh { uvs: Vec::new(), ..square() };
         complete(&mut mesh, true);
         assert!(mesh.tangents.is_empty());

@@ -10,13 +10,13 @@ use crate::Mesh;
 pub(super) const HALF: f64 = 100.0;
 /// Height of the lake's surface.
 pub(super) const WATER: f64 = 0.0;
-/// Where the tree stands (x, z).
+/// Position of the tree (x, z).
 pub(super) const TREE: DVec2 = DVec2::new(20.0, 6.0);
 /// The lake's middle (x, z) and radius.
 pub(super) const LAKE: (DVec2, f64) = (DVec2::new(-24.0, 14.0), 36.0);
-/// Where the sides of the block end.
+/// Height of the lower end of the block's sides, metres.
 const BOTTOM: f64 = -14.0;
-/// Metres that one repeat of the ground's texture covers.
+/// Edge of one repeat of the ground's texture, metres.
 const TEXTURE_METRES: f64 = 9.0;
 
 /// Height of the ground at (x, z), metres.
@@ -69,7 +69,7 @@ pub(super) fn mesh(cells: usize, occlusion: &GroundOcclusion, material: u32) -> 
     let row = cells + 1;
     let step = 2.0 * HALF / cells as f64;
     let at = |i: usize, j: usize| DVec2::new(i as f64, j as f64) * step - HALF;
-    // One sample beyond each border, so that border normals are central differences as well.
+    // One more sample beyond each border, so that border normals are central differences too.
     let wide = row + 2;
     let mut heights = Vec::with_capacity(wide * wide);
     for j in 0..wide {

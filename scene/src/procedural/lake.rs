@@ -1,4 +1,4 @@
-//! The lake: smooth water, so that the scene has something whose look depends on the viewer.
+//! The lake: smooth water, whose look depends on the viewer.
 
 use glam::{DVec2, DVec3, Vec2, Vec4};
 
@@ -6,7 +6,7 @@ use super::ground;
 use super::noise::{fbm, smoothstep};
 use crate::{Material, Mesh};
 
-/// The water's surface: where a grid of `cells`² squares over the lake's surroundings is above ground.
+/// The water's surface: a grid of `cells`² squares around the lake, where it is above ground.
 pub(super) fn mesh(cells: usize, material: u32) -> Mesh {
     let (center, radius) = ground::LAKE;
     let half = radius * 1.6;
@@ -40,7 +40,7 @@ pub(super) fn mesh(cells: usize, material: u32) -> Mesh {
 
 fn push(mesh: &mut Mesh, p: DVec2, depth: f64) {
     mesh.positions.push(DVec3::new(p.x, ground::WATER, p.y).as_vec3());
-    // Ripples tilt the normal alone: by up to 3°, a few metres long, so that samples can hold them.
+    // Ripples tilt only the normal, by up to 3°, and are a few metres long, so that samples can resolve them.
     let ripple = |seed| fbm(p / DVec2::new(7.0, 4.5), 2, seed) * 0.07;
     mesh.normals.push(DVec3::new(ripple(91), 1.0, ripple(92)).normalize().as_vec3());
     let shallow = DVec3::new(0.070, 0.190, 0.170);

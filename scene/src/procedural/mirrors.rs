@@ -1,5 +1,5 @@
-//! A room full of things that mirror it and each other, after ManyLoDs' figure 3: chrome, brushed metal and glass balls that
-//! rise and sink between coloured walls.
+//! A room of mirroring objects, after ManyLoDs' figure 3: chrome, brushed metal and glass balls that rise and sink
+//! between coloured walls.
 
 use std::ops::RangeInclusive;
 
@@ -10,28 +10,28 @@ use crate::animation::{Animation, Channel, Interpolation, Node, Parts, Rest, Tra
 use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Camera, Light, Lighting, Material, Mesh, Scene, SceneHash, Sky};
 
-/// How many balls [`mirrors`] can have.
+/// Allowed numbers of balls of [`mirrors`].
 pub const MIRRORS: RangeInclusive<u32> = 1..=1000;
-/// How many it has unless a user says otherwise.
+/// Default number of balls.
 pub const DEFAULT_MIRRORS: u32 = 60;
 /// Part of the scene's hash; raise it with every change of geometry, colour, lighting or cameras.
 const MIRRORS_VERSION: u32 = 1;
 
-/// The room, metres: from its floor's middle.
+/// Size of the room, metres, from the middle of its floor.
 const ROOM: DVec3 = DVec3::new(8.0, 5.0, 8.0);
 /// Squares on the edge of a ball's six faces.
 const FACE_CELLS: u32 = 8;
-/// Seconds from where a ball is to its highest place and back.
+/// Seconds from a ball's lowest place to its highest and back.
 const PERIOD_SECS: f32 = 6.0;
-/// How far balls rise, in radii.
+/// Height of a ball's rise, in radii.
 const RISE: f64 = 0.8;
 
-/// Materials in the order of the scene's: walls first, then what mirrors.
+/// Indices of the reflecting materials; the walls' come first.
 const CHROME: u32 = 5;
 const BRUSHED: u32 = 6;
 const GLASS: u32 = 7;
 
-/// A room with `balls` balls in it, clamped to [`MIRRORS`]. Uses no operation that differs between machines.
+/// A room with `balls` balls, clamped to [`MIRRORS`]. Uses no operation that differs between machines.
 pub fn mirrors(balls: u32) -> Scene {
     let balls = balls.clamp(*MIRRORS.start(), *MIRRORS.end());
     let name = format!("mirrors:{balls}");
@@ -43,7 +43,7 @@ pub fn mirrors(balls: u32) -> Scene {
     meshes
         .extend([("chrome", CHROME), ("brushed", BRUSHED), ("glass", GLASS)].map(|(name, m)| ball(name, m)));
 
-    // A lattice of cells, as many as balls or a few more, in the middle of the room.
+    // A lattice with at least as many cells as balls, in the middle of the room.
     let side = (1u32..).find(|side| side.pow(3) >= balls).unwrap_or(10);
     let spacing = DVec3::new(6.0, 3.4, 6.0) / f64::from(side);
     let radius = 0.34 * spacing.min_element();
@@ -51,7 +51,7 @@ pub fn mirrors(balls: u32) -> Scene {
     let mut nodes = Vec::new();
     let mut channels = Vec::new();
     for number in 0..balls {
-        // Every so many cells, so that balls fill the room however many there are.
+        // Cells at even steps, so that any number of balls fills the room.
         let cell = number * side.pow(3) / balls;
         let at =
             DVec3::new(f64::from(cell % side), f64::from(cell / side % side), f64::from(cell / side.pow(2)));
@@ -61,7 +61,7 @@ pub fn mirrors(balls: u32) -> Scene {
         nodes.push(Node { name: String::new(), parent: None, rest: Rest::Parts(parts), lights: Vec::new() });
         let rise = (DVec3::Y * (RISE * radius)).as_vec3();
         let (low, high) = (middle.as_vec3(), middle.as_vec3() + rise);
-        // Half of them sink while the others rise.
+        // Half of the balls sink while the rest rise.
         let [from, to] = if number % 2 == 0 { [low, high] } else { [high, low] };
         channels.push(Channel {
             node: number,
@@ -143,7 +143,7 @@ fn cameras() -> Vec<NamedCamera> {
     ]
 }
 
-/// Two triangles about a middle, spanned by half edges, that face their cross product.
+/// Two triangles about a middle, spanned by half edges; their front is towards the edges' cross product.
 fn quad(mesh: &mut Mesh, middle: DVec3, right: DVec3, up: DVec3) {
     let first = mesh.positions.len() as u32;
     let corners = [middle - right - up, middle + right - up, middle + right + up, middle - right + up];
@@ -152,7 +152,7 @@ fn quad(mesh: &mut Mesh, middle: DVec3, right: DVec3, up: DVec3) {
     mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|corner| first + corner));
 }
 
-/// The room from within: floor and ceiling and the wall behind white, the others coloured.
+/// The room's inside: floor, ceiling and back wall are white, the other walls coloured.
 fn walls() -> Vec<Mesh> {
     let (half, middle) = (ROOM * 0.5, DVec3::Y * (ROOM.y * 0.5));
     let (x, y, z) = (DVec3::X * half.x, DVec3::Y * half.y, DVec3::Z * half.z);
@@ -169,7 +169,7 @@ fn walls() -> Vec<Mesh> {
     ]
 }
 
-/// Four pillars in the corners, so that walls are not all that there is to mirror.
+/// Four pillars in the corners: something more for the balls to mirror.
 fn pillars() -> Vec<Mesh> {
     let mut mesh = Mesh { name: "pillars".to_owned(), material: 4, ..Mesh::default() };
     let (half, up) = (0.25, DVec3::Y * (ROOM.y * 0.5));
@@ -182,7 +182,7 @@ fn pillars() -> Vec<Mesh> {
     vec![mesh]
 }
 
-/// A ball of radius 1: a cube's faces, drawn out to the sphere.
+/// A ball of radius 1: the faces of a cube, projected onto the sphere.
 fn ball(name: &str, material: u32) -> Mesh {
     let mut mesh = Mesh { name: name.to_owned(), material, ..Mesh::default() };
     for normal in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z] {
@@ -210,7 +210,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn balls_are_reflectors_within_the_room_and_nothing_else_is() {
+    fn all_balls_and_only_balls_are_reflectors_and_stay_within_the_room() {
         for balls in [1, 7, 60, 400] {
             let scene = mirrors(balls);
             assert_eq!(scene.reflectors(1024).len(), balls as usize);
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn instances_lie_where_the_animation_begins() {
+    fn instances_lie_at_the_animations_first_pose() {
         let scene = mirrors(5);
         for (posed, placed) in scene.at(0.0).instances.iter().zip(&scene.instances) {
             assert!(posed.world_from_mesh.abs_diff_eq(placed.world_from_mesh, 1e-6));

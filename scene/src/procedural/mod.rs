@@ -1,7 +1,7 @@
 //! Generated scenes, the same triangles on every machine.
 //!
-//! [`terrain`] and [`mirrors`] are the scenes that need no file. The first is after the cluster paper's (section 5): one highly
-//! tessellated tree over a height-field terrain, with a lake for a surface whose look depends on the viewer.
+//! [`terrain`] and [`mirrors`] need no file. The first follows the cluster paper (section 5): one highly tessellated
+//! tree over a height-field terrain, with a lake whose look depends on the viewer.
 
 mod ground;
 mod lake;
@@ -21,9 +21,9 @@ pub use mirrors::{DEFAULT_MIRRORS, MIRRORS, mirrors};
 use noise::Random;
 use occlusion::{Crown, GroundOcclusion};
 
-/// How many triangles [`terrain`] can be made of.
+/// Allowed numbers of triangles of [`terrain`].
 pub const TERRAIN_TRIANGLES: RangeInclusive<u64> = 2_000..=20_000_000;
-/// How many it is made of unless a user says otherwise: as many as the cluster paper's.
+/// Default number of triangles: the cluster paper's.
 pub const DEFAULT_TERRAIN_TRIANGLES: u64 = 500_000;
 /// Part of the scene's hash; raise it with every change of geometry, colour, lighting or cameras.
 const TERRAIN_VERSION: u32 = 2;
@@ -34,7 +34,7 @@ const TREE_HEIGHT: f64 = 28.0;
 /// A valley of 200 m × 200 m with a lake, mountains along its rim and one tree, in `triangles` triangles
 /// (exactly, or one fewer), clamped to [`TERRAIN_TRIANGLES`].
 ///
-/// About two fifths of them are the ground's, an eighth the bark's, the rest leaves of two triangles each.
+/// About two fifths of them belong to the ground, an eighth to the bark, and the rest to leaves of two triangles each.
 /// Uses no operation that differs between machines, so the same number gives the same scene everywhere.
 pub fn terrain(triangles: u64) -> Scene {
     let triangles = triangles.clamp(*TERRAIN_TRIANGLES.start(), *TERRAIN_TRIANGLES.end());
@@ -46,7 +46,7 @@ pub fn terrain(triangles: u64) -> Scene {
     let mut random = Random::new(2);
     let foot = DVec3::new(ground::TREE.x, ground::height(ground::TREE), ground::TREE.y);
     let branches = tree::grow(foot, TREE_HEIGHT, &mut random);
-    // The crown's shade is surveyed from a fixed number of leaves, so that it does not depend on the budget.
+    // The crown's shade comes from a fixed number of leaves, so that it does not depend on the triangle budget.
     let survey = tree::Leaves::new(&branches, 20_000, &mut random);
     let crown = Crown::new(&survey.centers, survey.area);
 
@@ -100,10 +100,10 @@ fn materials() -> Vec<Material> {
     ]
 }
 
-/// Viewpoints that show the scene well; the first is the one it is known by.
+/// Viewpoints that show the scene well; the first is its default view.
 ///
-/// All look down on the tile, as the cluster paper's views do: four samples from above its corners hold what
-/// such views see. Views from the ground ask for samples nearer by (the `Cell` rig).
+/// All look down on the tile, as the cluster paper's views do: four samples from above its corners show the same
+/// surfaces. Views from the ground need closer samples (the `Cell` rig).
 fn cameras() -> Vec<NamedCamera> {
     let camera = |name: &str, eye: DVec3, target: DVec3, fov_deg: f64| NamedCamera {
         name: name.to_owned(),
@@ -150,14 +150,14 @@ mod tests {
 
     #[test]
     fn the_same_number_of_triangles_is_the_same_scene_on_every_machine() {
-        // Pinned: where this fails without a change of the scene, some operation is not portable; with one,
-        // TERRAIN_VERSION must rise.
+        // Pinned. If it fails without a change of the scene, some operation is not portable; after a change of the
+        // scene, raise TERRAIN_VERSION.
         assert_eq!(fingerprint(&terrain(2_000)), "886cda0b68564a88");
         assert_eq!(fingerprint(&terrain(50_000)), "69a0564e90cdac18");
     }
 
     #[test]
-    fn as_many_triangles_as_asked_for_or_one_fewer() {
+    fn the_terrain_has_the_requested_number_of_triangles_or_one_fewer() {
         for count in [2_000, 2_001, 3_333, 10_000, 50_000, 123_457, 500_000] {
             let triangles = terrain(count).triangles() as u64;
             assert!(triangles == count || triangles + 1 == count, "{count}: {triangles}");
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn every_part_keeps_the_promises_of_a_mesh() {
+    fn every_part_of_the_terrain_keeps_the_invariants_of_a_mesh() {
         for count in [2_000, 50_000] {
             let scene = terrain(count);
             for mesh in &scene.meshes {
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn its_cameras_are_valid_above_ground_and_see_something() {
+    fn the_terrains_cameras_are_valid_above_ground_and_see_something() {
         let scene = terrain(20_000);
         let bounds = scene.bounds();
         for NamedCamera { name, camera } in &scene.cameras {
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lake_is_glossy_and_nothing_else_is() {
+    fn only_the_lake_is_glossy() {
         let scene = terrain(5_000);
         let glossy: Vec<&str> =
             scene.materials.iter().filter(|m| m.is_glossy()).map(|m| m.name.as_str()).collect();

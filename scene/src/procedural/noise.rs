@@ -1,8 +1,7 @@
 //! Noise and randomness from integers and IEEE basic arithmetic alone.
 //!
-//! Sine, cosine, powers and the like come from each platform's library and differ in their last bits; what
-//! is here uses only `+ − × ÷ √`, which IEEE 754 rounds alike everywhere, so that every process of a
-//! cluster generates the very same triangles.
+//! Sine, cosine and powers come from each platform's library and differ in their last bits. This module uses only
+//! `+ − × ÷ √`, which IEEE 754 rounds alike everywhere, so every process of a cluster generates the same triangles.
 
 use glam::{DVec2, DVec3};
 
@@ -86,7 +85,7 @@ pub(super) fn circle(turns: f64) -> (f64, f64) {
     }
 }
 
-/// Gradients at lattice points: with their opposites sixteen directions, 22.5° apart, so that no axis stands out.
+/// Gradients at lattice points: sixteen directions with their opposites, 22.5° apart, so that no axis stands out.
 const GRADIENTS: [(f64, f64); 8] = [
     (0.980_785, 0.195_090),
     (0.831_470, 0.555_570),
@@ -128,7 +127,7 @@ pub(super) fn tiling_fbm(p: DVec2, octaves: u32, seed: u32, period: i64) -> f64 
     octave_sum(octaves, |octave, scale| gradient_noise(p * scale, seed + octave, period << octave))
 }
 
-/// Ridges where the noise crosses zero, sharper the higher (Musgrave's ridged multifractal); about 0..1.
+/// Ridges at the noise's zero crossings, sharper the higher (Musgrave's ridged multifractal); about 0..1.
 pub(super) fn ridged(p: DVec2, octaves: u32, seed: u32) -> f64 {
     let (mut sum, mut weight, mut scale, mut strength) = (0.0, 1.0, 1.0, 0.5);
     for octave in 0..octaves {

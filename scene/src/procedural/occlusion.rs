@@ -1,7 +1,7 @@
-//! How much of the sky the ground and the tree see, baked into their vertex colours.
+//! Visibility of the sky from the ground and the tree, baked into their vertex colours.
 //!
-//! The shading model has no shadows; without this a crown of leaves is a flat disc of one green. It is part
-//! of the scene's colours, as an artist would paint it, and depends on no light.
+//! The shading model has no shadows, and a crown without them is a flat disc of one green. The baked factor is part of
+//! the scene's colours and depends on no light.
 
 use glam::{DVec2, DVec3, IVec3};
 
@@ -35,14 +35,14 @@ pub(super) struct Crown {
     min: DVec3,
     cell: f64,
     size: IVec3,
-    /// Square metres of leaf a cubic metre, halved: the mean projection of randomly turned leaves.
+    /// Square metres of leaf per cubic metre, halved: the mean projection of randomly turned leaves.
     extinction: Vec<f64>,
     /// Share of the sky's light that reaches the middle of each cell.
     visible: Vec<f64>,
 }
 
 impl Crown {
-    /// From leaves' middles, each of `leaf_area` square metres.
+    /// A crown of leaves with these middles, each of `leaf_area` square metres.
     pub(super) fn new(leaves: &[DVec3], leaf_area: f64) -> Self {
         let (mut min, mut max) = (DVec3::splat(f64::MAX), DVec3::splat(f64::MIN));
         for leaf in leaves {
@@ -88,14 +88,14 @@ impl Crown {
         sum
     }
 
-    /// Share of the sky's light that reaches `from`, wherever it is, through the leaves.
+    /// Share of the sky's light that reaches any point `from` through the leaves.
     pub(super) fn survey(&self, from: DVec3) -> f64 {
         SKY.iter().map(|&(direction, weight)| weight * self.transmittance(from, direction)).sum()
     }
 
     fn transmittance(&self, from: DVec3, direction: DVec3) -> f64 {
         let max = self.min + self.size.as_dvec3() * self.cell;
-        // The stretch of the ray that lies within the grid. Nudged, so that no axis divides zero by zero.
+        // The part of the ray within the grid. Nudged, so that no axis divides zero by zero.
         let nudged = direction + 1e-9;
         let (a, b) = ((self.min - from) / nudged, (max - from) / nudged);
         let enter = a.min(b).max_element().max(0.5 * self.cell);
@@ -107,13 +107,13 @@ impl Crown {
             depth += self.index(c).map_or(0.0, |i| self.extinction[i]) * self.cell;
             t += self.cell;
         }
-        // Beer–Lambert, by the reciprocal of the exponential's series: the library's own is not the same
-        // everywhere.
+        // Beer–Lambert, with the reciprocal of the exponential's series: the library's exponential differs between
+        // platforms.
         1.0 / (1.0 + depth + 0.5 * depth * depth)
     }
 }
 
-/// Sky visibility over the ground: what mountains and the crown leave of it.
+/// Visibility of the sky from the ground, past the mountains and the crown.
 #[derive(Debug)]
 pub(super) struct GroundOcclusion {
     visible: Vec<f64>,
@@ -135,7 +135,7 @@ impl GroundOcclusion {
             for i in 0..row {
                 let (p, y) = (at(i, j), heights[j * row + i]);
                 let shade = crown.survey(DVec3::new(p.x, y + 0.3, p.y));
-                // Squared: what comes past the leaves is green and low.
+                // Squared: light that passes the leaves is green and low.
                 visible.push(horizon(&heights, i, j) * shade * shade);
             }
         }
@@ -156,7 +156,7 @@ impl GroundOcclusion {
     }
 }
 
-/// Mean share of the sky above the horizon in eight directions around a sample, 1 on a plain.
+/// Mean share of the sky above the horizon in eight directions around a sample; 1 on a plain.
 fn horizon(heights: &[f64], i: usize, j: usize) -> f64 {
     let row = GROUND_CELLS + 1;
     let cell = 2.0 * ground::HALF / GROUND_CELLS as f64;

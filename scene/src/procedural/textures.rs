@@ -1,4 +1,4 @@
-//! Small textures that tile: detail below the size of a triangle.
+//! Small tiling textures, with detail below the size of a triangle.
 
 use std::sync::Arc;
 
@@ -21,7 +21,7 @@ pub(super) fn ground() -> Texture {
     })
 }
 
-/// Cracked bark; laid on four times as long as it is wide, its cells become furrows.
+/// Cracked bark; stretched four times along the branch, its cells become furrows.
 pub(super) fn bark() -> Texture {
     tile("bark", |p| {
         let crack = tiling_fbm(p * 9.0, 4, 111, 9).abs().min(tiling_fbm(p * 7.0, 3, 112, 7).abs());

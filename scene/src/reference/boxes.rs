@@ -1,12 +1,11 @@
 //! Hierarchies of boxes that never lose a surface.
 //!
-//! A [`BoxTree`] is an obvhs BVH2 in f32 about the middle of what it holds, scaled to unit size, so that neither
-//! overflows nor underflows. Rays come in f64; they are moved to where they enter the tree's box before they are
-//! rounded, so that nothing f32 is larger than the tree itself however far away the eye or the world's origin
-//! is. What remains is bounded:
-//! rounding of the origin, the direction times the length travelled, and the slab test are each a few units of
-//! 2⁻²⁴ of the tree's size, and obvhs replaces direction components below 2⁻²³ by that. Boxes are padded by
-//! [`PADDING`], 2⁻¹⁸ of the size, which is more than all of these together.
+//! A [`BoxTree`] is an obvhs BVH2 in f32 about the middle of its boxes, scaled to unit size, so that it neither
+//! overflows nor underflows. Rays come in f64. Before rounding, their origin moves to the entry into the tree's box,
+//! so no f32 is larger than the tree, at any distance of the eye or the world's origin. The remaining error is
+//! bounded: rounding of the origin, the direction times the length travelled, and the slab test are each a few units
+//! of 2⁻²⁴ of the tree's size, and obvhs replaces direction components below 2⁻²³ by that. Boxes are padded by
+//! [`PADDING`], 2⁻¹⁸ of the size, which exceeds the sum of these errors.
 
 use glam::{DVec3, Vec3A};
 use obvhs::BvhBuildParams;
@@ -21,25 +20,25 @@ use obvhs::ray::{Ray, RayHit};
 
 use crate::Bounds;
 
-/// How far boxes are grown, as a share of the longest edge of the box around all of them.
+/// Padding of each box, as a share of the longest edge of the box around all of them.
 const PADDING: f64 = 1.0 / (1 << 18) as f64;
 
-/// A hierarchy over boxes, by their position in the list it was built from.
+/// A hierarchy over boxes; a box is known by its position in the list passed to [`Self::new`].
 pub(super) struct BoxTree {
     bvh: Bvh2,
-    /// Middle of everything: zero of the f32 coordinates.
+    /// Middle of all boxes: the origin of the f32 coordinates.
     center: DVec3,
-    /// The padded box around everything, relative to `center`.
+    /// Half edges of the padded box around all boxes.
     half: DVec3,
-    /// Metres that every box was grown by.
+    /// Padding of every box, metres.
     padding: f64,
-    /// From metres to the f32 coordinates.
+    /// Factor from metres to the f32 coordinates.
     scale: f64,
 }
 
 impl BoxTree {
-    /// Over boxes that are neither empty nor infinite, at most `a_leaf` (1 to 255) to a leaf: few where visiting
-    /// one costs much.
+    /// A tree over boxes that are neither empty nor infinite, at most `a_leaf` (1 to 255) per leaf: few where a visit is
+    /// expensive.
     pub(super) fn new(boxes: &[Bounds], a_leaf: u32) -> Self {
         let mut all = Bounds::EMPTY;
         for b in boxes {
@@ -63,14 +62,14 @@ impl BoxTree {
         Self { bvh: build(&grown, a_leaf), center, half, padding, scale }
     }
 
-    /// For a leaf's position in [`Self::visit`]: which of the boxes given to [`Self::new`] it is.
+    /// The index of the box at each position of [`Self::visit`], in the list passed to [`Self::new`].
     pub(super) fn order(&self) -> &[u32] {
         &self.bvh.primitive_indices
     }
 
-    /// Calls `leaf` with positions in [`Self::order`] of boxes that the ray may meet before `limit`, near ones
-    /// first as far as the tree's shape allows. `leaf` returns a new limit; like t, it is in units of
-    /// `direction`, which must be finite and not zero.
+    /// Calls `leaf` with the positions in [`Self::order`] of boxes that the ray may meet before `limit`, roughly from
+    /// near to far. `leaf` returns a new limit in units of `direction`, like t. `direction` must be finite and not
+    /// zero.
     pub(super) fn visit(
         &self,
         origin: DVec3,
@@ -122,8 +121,8 @@ fn entry(origin: DVec3, unit: DVec3, half: DVec3) -> Option<f64> {
     (enter <= leave).then_some(enter)
 }
 
-/// obvhs' "medium" build, step by step: its helper function also validates the tree whenever debug assertions
-/// are on, which takes longer than the build.
+/// Obvhs' "medium" build, step by step: its helper function also validates the tree under debug assertions, which
+/// takes longer than the build.
 fn build(boxes: &[Aabb], a_leaf: u32) -> Bvh2 {
     let params = BvhBuildParams::medium_build();
     let mut bvh = PlocBuilder::with_capacity(boxes.len()).build(
@@ -138,7 +137,7 @@ fn build(boxes: &[Aabb], a_leaf: u32) -> Bvh2 {
     optimizer.run(&mut bvh, ratio, None);
     collapse(&mut bvh, a_leaf, params.collapse_traversal_cost);
     optimizer.run(&mut bvh, ratio * params.post_collapse_reinsertion_batch_ratio_multiplier, None);
-    // Reinsertion can deepen the tree beyond what the builder noted, and the traversal's stack is sized by it.
+    // Reinsertion can deepen the tree beyond the builder's figure, which sizes the traversal's stack.
     bvh.max_depth = depth(&bvh) + 1;
     bvh
 }

@@ -1,10 +1,9 @@
-//! Reference images are kept between runs, outside the repository.
+//! Reference images on disk, kept between runs outside the repository.
 //!
-//! An image's name is a hash of everything that it is a function of: the scene's content as the tracer sees it
-//! (not its file, so that a better loader is not answered with a worse loader's image), camera, size, samples
-//! a pixel, lighting and [`REFERENCE_VERSION`]. Files can be deleted at any time; one that is damaged is
-//! rendered again. They are written beside their place and renamed into it, so that processes may share the
-//! folder.
+//! An image's name is a hash of all its inputs: the scene's content (not its file, so that an image of an older loader
+//! is not used), camera, size, samples per pixel, lighting and [`REFERENCE_VERSION`]. Files can be deleted at any
+//! time; a damaged one is rendered again. A file is written under a temporary name beside its own and renamed, so
+//! processes may share the folder.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -19,11 +18,11 @@ use crate::{Camera, Pose, Scene};
 const MAGIC: &[u8; 8] = b"argusref";
 /// Magic, width, height.
 const HEADER: usize = 16;
-/// Three of radiance, one of range, f32 each.
+/// Bytes of a pixel: three f32 of radiance, one of range.
 const PIXEL: usize = 16;
 
-/// Where images are kept: `$ARGUS_CACHE`, else `argus` in the user's cache folder (XDG base directory
-/// specification); `None` where there is neither.
+/// The folder of images: `$ARGUS_CACHE`, else `argus` in the user's cache folder (XDG base directory specification);
+/// `None` if neither is set.
 pub fn directory() -> Option<PathBuf> {
     let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     std::env::var_os("ARGUS_CACHE")
@@ -33,7 +32,7 @@ pub fn directory() -> Option<PathBuf> {
         .or_else(|| absolute("HOME").map(|path| path.join(".cache/argus")))
 }
 
-/// [`Tracer::render`], answered as [`render_with`] is.
+/// [`Tracer::render`], with the cache of [`render_with`].
 pub fn render(
     directory: Option<&Path>,
     tracer: &Tracer,
@@ -45,8 +44,8 @@ pub fn render(
     render_with(directory, tracer, camera, size, samples_per_pixel, None, progress)
 }
 
-/// [`Tracer::render_with`], answered from `directory` where it was rendered before. A folder that cannot be read or
-/// written costs the time to render again, nothing else.
+/// [`Tracer::render_with`], read from `directory` if it was rendered before. With a folder that cannot be read or
+/// written, every image is rendered again.
 pub fn render_with(
     directory: Option<&Path>,
     tracer: &Tracer,
@@ -64,7 +63,7 @@ pub fn render_with(
         return image;
     }
     let image = render();
-    // Not being able to keep the image is no reason not to return it.
+    // An image that cannot be stored is still returned.
     let _ = store(&path, &image);
     image
 }
@@ -102,7 +101,7 @@ fn name_with(
 }
 
 impl Tracer {
-    /// Hash over all of the scene that an image depends on; taken when it is first asked for.
+    /// Hash over all parts of the scene that an image depends on; computed once, on first use.
     pub fn content_hash(&self) -> blake3::Hash {
         *self.content_hash.get_or_init(|| content_hash(&self.scene, &self.pose))
     }
@@ -110,7 +109,7 @@ impl Tracer {
 
 fn content_hash(scene: &Scene, pose: &Pose) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
-    // Lengths separate what follows one another, so that no two scenes feed the same bytes.
+    // Lengths separate consecutive parts, so that no two scenes feed the same bytes.
     let mut part = |bytes: &[u8]| {
         hasher.update(&(bytes.len() as u64).to_le_bytes());
         hasher.update(bytes);
@@ -135,14 +134,14 @@ fn content_hash(scene: &Scene, pose: &Pose) -> blake3::Hash {
         part(format!("{described:?}").as_bytes());
         part(&texture.rgba);
     }
-    // Debug prints every field, and each float so that it reads back as the same one: a struct that gains a
-    // field changes the hash by itself.
+    // Debug prints every field, and each float with full precision: a new field changes the hash without code
+    // here.
     part(format!("{:?}", scene.materials).as_bytes());
     part(format!("{:?}", pose.lighting).as_bytes());
     hasher.finalize()
 }
 
-/// The image in a file; `None` if there is none, or it is not whole, or of another size.
+/// The image in a file; `None` if there is no file, or it is damaged or of another size.
 fn load(path: &Path, [width, height]: [u32; 2]) -> Option<ReferenceImage> {
     let file = std::fs::read(path).ok()?;
     let pixels = width as usize * height as usize;
@@ -189,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_stored_is_loaded_bit_for_bit() {
+    fn a_stored_image_is_loaded_bit_for_bit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("deep/er/x.ref");
         store(&path, &image()).unwrap();
@@ -200,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_and_missing_files_are_no_image() {
+    fn damaged_and_missing_files_are_not_loaded() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.ref");
         assert_eq!(load(&path, [2, 1]), None);

@@ -9,7 +9,7 @@ use super::{Indirect, Tracer};
 use crate::Camera;
 use crate::tone::display_from_radiance;
 
-/// What a view should look like.
+/// The exact image of a view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceImage {
     /// Pixels in a row.
@@ -18,13 +18,12 @@ pub struct ReferenceImage {
     pub height: u32,
     /// Linear radiance, averaged over each pixel; row 0 first.
     pub radiance: Vec<Vec3>,
-    /// Distance from the eye to what the ray through the pixel's centre meets, metres; +inf where it meets
-    /// nothing.
+    /// Distance from the eye to the surface on the ray through the pixel's centre, metres; +inf without a surface.
     pub range: Vec<f32>,
 }
 
 impl ReferenceImage {
-    /// What a display shows: exposure, clamp, sRGB. Pass the scene's [`crate::Lighting::exposure`].
+    /// The image of a display: exposure, clamp, sRGB. Pass the scene's [`crate::Lighting::exposure`].
     pub fn display(&self, exposure: f32) -> RgbImage {
         let bytes = self.radiance.iter().flat_map(|&radiance| display_from_radiance(radiance, exposure));
         let bytes: Vec<u8> = bytes.collect();
@@ -33,19 +32,18 @@ impl ReferenceImage {
     }
 }
 
-/// The side of the regular grid of samples in a pixel: the smallest whose square is at least `samples`, so that
-/// numbers which are no squares are rounded up.
+/// The side of the regular grid of samples in a pixel: the smallest whose square is at least `samples_per_pixel`.
 pub(super) fn grid_side(samples_per_pixel: u32) -> u32 {
     let root = samples_per_pixel.isqrt();
     (if root * root < samples_per_pixel { root + 1 } else { root }).max(1)
 }
 
 impl Tracer {
-    /// The view through a camera that passed [`Camera::validate`], on all of rayon's threads.
+    /// The view of a camera that passed [`Camera::validate`], on all of rayon's threads.
     ///
-    /// A pixel is the mean of the radiance along `samples_per_pixel` rays on a regular grid (1, 4, 9, 16, …);
-    /// textures are filtered for the spacing of that grid, not of the pixels. `progress` is called, from any
-    /// thread, with the fraction of rows that are done.
+    /// A pixel is the mean of the radiance along `samples_per_pixel` rays on a regular grid (1, 4, 9, 16, …; other
+    /// numbers are rounded up). Textures are filtered for the spacing of that grid, not of the pixels. `progress` is
+    /// called from any thread with the share of finished rows.
     pub fn render(
         &self,
         camera: &Camera,
@@ -57,8 +55,8 @@ impl Tracer {
         self.render_with(camera, [width, height], samples_per_pixel, None, progress)
     }
 
-    /// The same with indirect diffuse light, if any is asked for. What does not depend on the viewer is then direct
-    /// light without shadows, as [`crate::shading`] has it, and indirect light with them.
+    /// [`Tracer::render`] with optional indirect diffuse light. Direct light has no shadows, as in [`crate::shading`];
+    /// indirect light has them.
     pub fn render_with(
         &self,
         camera: &Camera,
@@ -103,7 +101,7 @@ impl Tracer {
                 let seed = pixel << 16 | u64::from(i);
                 sum += surface.albedo * self.indirect_by_pi(hit, &surface, direction, indirect, seed);
             }
-            // A grid of odd side has the pixel's centre as its middle sample; one of even side has not.
+            // Only a grid of odd side has a sample at the pixel's centre.
             if 2 * i + 1 == rays.side * rays.side {
                 range = Some(hit);
             }
@@ -117,9 +115,9 @@ impl Tracer {
 /// A camera's rays.
 struct Pinhole {
     eye: DVec3,
-    /// From the eye to the image's top left corner, on the plane at unit depth.
+    /// From the eye to the image's top left corner, on the plane at depth 1.
     top_left: DVec3,
-    /// From one pixel to the next, on that plane.
+    /// From one pixel to the next on that plane.
     right: DVec3,
     down: DVec3,
     /// Samples along each side of a pixel.
@@ -139,7 +137,7 @@ impl Pinhole {
         }
     }
 
-    /// Unit direction through an image position in pixels, and its change to the next sample to the right and
+    /// Unit direction through an image position in pixels, and the differences to the next samples to the right and
     /// below.
     fn through(&self, pixel: DVec2) -> (DVec3, DVec3, DVec3) {
         let on_plane = self.top_left + self.right * pixel.x + self.down * pixel.y;

@@ -1,12 +1,12 @@
 //! Indirect diffuse light, by path tracing.
 //!
-//! Light that a visible point receives after it was emitted by a surface, or after it was reflected diffusely by
-//! one surface or more. Lights without extent are sampled at every vertex of a path, with a shadow ray: what
-//! arrives at a *second* surface is shadowed, whatever [`crate::shading`] says of the first one. The sky lights
-//! the visible point alone, as shading has it, and is not reflected on.
+//! Indirect light reaches a visible point after emission by a surface or diffuse reflection at one surface or more.
+//! Point lights are sampled at every vertex of a path, with a shadow ray: light on a *second* surface is shadowed,
+//! although direct light in [`crate::shading`] is not. The sky lights only the visible point, as in shading, and is
+//! not reflected further.
 //!
-//! Every estimate is unbiased; its noise falls with the root of [`Indirect::paths`]. Random numbers follow from
-//! pixel and path alone, so an image is the same whenever it is rendered.
+//! Every estimate is unbiased; its noise falls with the root of [`Indirect::paths`]. Random numbers follow from pixel
+//! and path, so an image is the same at every rendering.
 
 use std::f64::consts::TAU;
 
@@ -17,20 +17,20 @@ use super::{Hit, Tracer};
 use crate::shading::{Surface, incident};
 use crate::{InvalidField, Light};
 
-/// What of the indirect light is looked for, and how hard.
+/// Settings of the path tracer for indirect light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Indirect {
-    /// Paths from each visible point.
+    /// Paths per visible point, at least 1; the noise falls with their root.
     pub paths: u32,
-    /// Reflections between light and visible point, at most; 0 leaves what surfaces emit.
+    /// Reflections between light and visible point, at most 64; with 0 only emission counts.
     pub bounces: u32,
 }
 
 impl Indirect {
-    /// Rejects what cannot be traced.
+    /// Rejects settings that cannot be traced.
     ///
     /// # Errors
-    /// The field.
+    /// The field out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
         match self {
             Self { paths: 0, .. } => Err(InvalidField::new("indirect.paths", "must be at least 1")),
@@ -40,13 +40,13 @@ impl Indirect {
     }
 }
 
-/// A path starts this share of its coordinates off the surface that it leaves: more than intersection rounds, less
-/// than anything that is modelled.
+/// Distance of a path's start from its surface, as a share of its coordinates: more than the error of an
+/// intersection, less than any modelled detail.
 const OFF_SURFACE: f64 = 1e-10;
 
 impl Tracer {
-    /// Irradiance by π of indirect light at a visible point, met along the unit `direction`; `seed` sets the random
-    /// numbers apart.
+    /// Irradiance by π of indirect light at a visible point, met along the unit `direction`; `seed` selects the random
+    /// numbers.
     pub fn indirect_by_pi(
         &self,
         hit: &Hit,
@@ -66,13 +66,13 @@ impl Tracer {
         (sum / f64::from(indirect.paths.max(1))).as_vec3()
     }
 
-    /// Radiance along one path that leaves a surface by the cosine of its normal.
+    /// Radiance along one path that leaves a surface with cosine distribution about its normal.
     fn radiance_from(&self, start: Start, first: DVec2, bounces: u32, mut random: Random) -> Vec3 {
         let (mut radiance, mut throughput) = (Vec3::ZERO, Vec3::ONE);
         let (mut from, mut square) = (start, first);
         for bounce in 0..=bounces {
             let direction = by_cosine(from.normal, square);
-            // Interpolated normals lead below the triangle, where nothing can come from.
+            // Interpolated normals allow directions below the triangle, from which no light comes.
             if !(direction.dot(from.side) > 0.0) {
                 break;
             }
@@ -93,7 +93,7 @@ impl Tracer {
         radiance
     }
 
-    /// Irradiance by π that lights without extent bring to a surface, shadowed.
+    /// Irradiance by π of point lights on a surface, with shadows.
     fn direct_by_pi(&self, surface: &Surface, start: Start) -> Vec3 {
         let mut sum = Vec3::ZERO;
         for light in &self.pose.lighting.lights {
@@ -118,10 +118,10 @@ impl Tracer {
     }
 }
 
-/// Where a path leaves a surface.
+/// Start of a path at a surface.
 #[derive(Debug, Clone, Copy)]
 struct Start {
-    /// A hair off the surface, on the side that is seen.
+    /// Just off the surface, on the visible side.
     position: DVec3,
     /// Unit shading normal.
     normal: DVec3,
@@ -130,7 +130,7 @@ struct Start {
 }
 
 impl Start {
-    /// None where the triangle has no normal in the world.
+    /// `None` if the triangle has no normal in world space.
     fn new(tracer: &Tracer, hit: &Hit, surface: &Surface, direction: DVec3) -> Option<Self> {
         let instance = &tracer.pose.instances[hit.instance as usize];
         let mesh = &tracer.scene.meshes[instance.mesh as usize];
@@ -144,7 +144,7 @@ impl Start {
     }
 }
 
-/// A direction about a unit normal, with a probability that goes with its cosine.
+/// A direction about a unit normal, with a probability proportional to its cosine.
 fn by_cosine(normal: DVec3, square: DVec2) -> DVec3 {
     let (tangent, bitangent) = normal.any_orthonormal_pair();
     let (radius, turn) = (square.x.sqrt(), TAU * square.y);
@@ -165,7 +165,7 @@ impl Random {
         Self(seed)
     }
 
-    /// In 0..1.
+    /// The next number in 0..1.
     fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -183,7 +183,7 @@ mod tests {
     use super::*;
     use crate::{Instance, Lighting, Material, Mesh, RigKind, Scene, SceneHash, Sky};
 
-    /// A ball seen from within, of triangles: `rings` × 2·`rings` patches.
+    /// A ball of triangles with its front inside: `rings` × 2·`rings` patches.
     fn hollow_ball(rings: u32) -> Mesh {
         let mut mesh = Mesh::default();
         for i in 0..=rings {
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn in_a_furnace_every_path_brings_the_sum_of_its_reflections() {
+    fn in_a_furnace_radiance_is_the_sum_of_all_reflections() {
         let material = Material { emissive: Vec3::splat(2.0), ..grey(0.5) };
         for offset in [DVec3::ZERO, DVec3::new(1e6, -2e6, 3e6)] {
             let scene = scene(hollow_ball(12), material.clone(), Vec::new(), offset);
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_in_the_middle_of_a_ball_returns_its_albedo_at_each_reflection() {
+    fn light_from_a_balls_middle_is_scaled_by_the_albedo_at_each_reflection() {
         let lit =
             Light::Point { position: DVec3::ZERO, intensity: Vec3::splat(std::f32::consts::PI), range: None };
         let scene = scene(hollow_ball(48), grey(0.6), vec![lit], DVec3::ZERO);
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_before_the_light_keeps_it_from_being_reflected() {
+    fn an_occluder_before_the_light_blocks_its_reflection() {
         // Floor and wall; a light behind the wall as seen from the floor.
         let square = |o: Vec3, x: Vec3, y: Vec3| [o - x - y, o + x - y, o + x + y, o - x + y];
         let floor = square(Vec3::ZERO, Vec3::X * 4.0, Vec3::Z * -4.0);
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn no_path_or_too_long_ones_are_rejected_by_field() {
+    fn zero_paths_and_too_many_bounces_are_rejected_by_field() {
         let field = |paths, bounces| Indirect { paths, bounces }.validate().map_err(|e| e.field);
         assert_eq!(field(1, 0), Ok(()));
         assert_eq!(field(0, 1).unwrap_err(), "indirect.paths");

@@ -1,21 +1,21 @@
-//! The CPU ray tracer that every image is judged against.
+//! The CPU ray tracer: the reference for every image.
 //!
-//! [`Tracer`] finds the nearest surface along a ray with f64 intersections, looks its textures up by the rule
-//! of [`crate::texture`], and shades it with [`crate::shading`]: the same definitions as the GPU's, in other
-//! code, at a precision at which the GPU's roundings show. Nothing is random but the paths of indirect light, which
-//! only [`Indirect`] asks for, and their numbers follow from pixel and path: an image depends on the scene, the
-//! camera, the size, the number of samples a pixel and of paths alone.
+//! [`Tracer`] finds the nearest surface along a ray with f64 intersections, reads its textures by the rule of
+//! [`crate::texture`], and shades it with [`crate::shading`]. The definitions are the GPU's, the code is separate, and
+//! the precision shows the GPU's rounding. Only the paths of indirect light ([`Indirect`]) use random numbers, which
+//! follow from pixel and path. An image depends only on the scene, the camera, the size, and the numbers of samples
+//! per pixel and of paths.
 //!
-//! How it stays exact:
-//! - Boxes of the hierarchies are f32 about their own centre and padded by more than traversal can round
-//!   (`boxes`), so that at 10⁶ m no surface is culled; every triangle in a box that is met is intersected in
-//!   f64, in mesh space (`triangle`).
-//! - The triangle test is watertight between triangles of an instance that share vertices. Between instances
-//!   it is exact to rounding, which is some 10⁻¹⁶ of the distance.
-//! - Of surfaces at equal range the lowest (instance, triangle) is seen, whatever the hierarchy looks like.
+//! Its exactness:
+//! - Boxes of the hierarchies are f32 about their own centre and padded by more than the rounding of a traversal
+//!   (`boxes`), so that no surface is culled even at 10⁶ m. Every triangle in a visited box is intersected in f64, in
+//!   mesh space (`triangle`).
+//! - The triangle test is watertight between triangles of an instance that share vertices. Between instances it is
+//!   exact to rounding, about 10⁻¹⁶ of the distance.
+//! - Of surfaces at equal range the lowest (instance, triangle) is seen, for any hierarchy.
 //!
-//! What is not seen: triangles without area, triangles with a corner that is not finite, and instances whose
-//! transform cannot be inverted or that reach beyond 10¹⁵⁰ m. A ray that is not finite or has no direction meets nothing.
+//! Not seen: triangles without area, triangles with a corner that is not finite, and instances whose transform has no
+//! inverse or that reach beyond 10¹⁵⁰ m. A ray that is not finite or has no direction meets nothing.
 
 mod boxes;
 pub mod cache;
@@ -33,6 +33,6 @@ pub use reflection::Reflecting;
 pub use sight::SceneSight;
 pub use tracer::{Hit, Tracer};
 
-/// Changes whenever the same scene and camera would give another image, so that stored images of an older
-/// tracer are not taken for this one's.
+/// Version of the tracer's images. Raise it when the same scene and camera give another image: stored images of an
+/// older version are not used.
 pub const REFERENCE_VERSION: u32 = 1;

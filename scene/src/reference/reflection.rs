@@ -1,9 +1,9 @@
-//! What glossy and transparent things show of the scene around them, by rays: what maps of surroundings
-//! ([`crate::reflection`]) stand for.
+//! Reflection and refraction of the surrounding scene in glossy and transparent objects, by rays. Maps of the
+//! surroundings ([`crate::reflection`]) approximate it.
 //!
-//! A surface reflects the mean of what arrives over its lobe (GGX about its normal, Karis 2013), by the environment BRDF
-//! that the sky's reflection has, and lets through what arrives from the refracted direction, as if the thing ended where
-//! it begins: refracted once. What is met shows what does not depend on the viewer.
+//! A surface reflects the mean radiance over its lobe (GGX about its normal, Karis 2013), weighted by the environment
+//! BRDF of the sky's reflection. It transmits the radiance of the refracted direction, as if the object had no far
+//! side: light is refracted once. Surfaces seen in it show only their colour that does not depend on the viewer.
 
 use std::f64::consts::TAU;
 
@@ -12,28 +12,29 @@ use glam::{DVec3, Vec3};
 use super::{Hit, Tracer};
 use crate::shading::{Surface, dielectric_f0, diffuse_radiance, reflected_around, sky_radiance};
 
-/// Which things show what is around them, and how hard it is looked for.
+/// Instances that reflect and refract the scene, and the number of rays.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Reflecting {
-    /// Rays over a lobe.
+    /// Rays per lobe.
     pub rays: u32,
-    /// Instances that do, ascending; others reflect the sky.
+    /// Reflecting instances, ascending; the rest reflect only the sky.
     pub instances: Vec<u32>,
 }
 
-/// A ray leaves its surface by this share of the distance from the eye.
+/// Distance of a ray's start from its surface, as a share of the distance from the eye.
 const OFF_SURFACE: f64 = 1e-7;
-/// Surfaces of the same thing that a refracted ray passes at most.
+/// Most surfaces of the same object that a refracted ray passes through.
 const MOST_PASSED: u32 = 64;
 
 impl Tracer {
-    /// The same scene, with things that show what is around them.
+    /// The same scene, with instances that reflect and refract it.
     pub fn reflecting(mut self, reflecting: Reflecting) -> Self {
         self.reflecting = Some(reflecting);
         self
     }
 
-    /// A visible surface without what passes through it, and that share; nothing passes where nobody looks behind.
+    /// A visible surface without its transmitted light, and the transmitted share: zero for an instance
+    /// outside [`Reflecting::instances`].
     pub(super) fn without_transmitted(&self, hit: &Hit, surface: &Surface) -> (Surface, Vec3) {
         let transmission = self.material_of(hit).transmission;
         if surface.f0 == Vec3::ZERO || self.reflects(hit).is_none() {
@@ -43,8 +44,8 @@ impl Tracer {
         (Surface { albedo: surface.albedo - transmitted, ..*surface }, transmitted)
     }
 
-    /// What a thing sends of its surroundings along the reverse of a ray's unit direction; `None` for what reflects the sky
-    /// alone.
+    /// Radiance of the surroundings that an object sends against a ray's unit direction; `None` if it reflects only the
+    /// sky.
     pub(super) fn sent_of_around(
         &self,
         hit: &Hit,
@@ -71,7 +72,7 @@ impl Tracer {
         let mut sent = reflected_around(surface, to_eye, sum / weights.max(1e-6));
         if transmitted != Vec3::ZERO {
             let ior = f64::from(self.material_of(hit).ior);
-            // As maps know it, from reflectance.
+            // From the reflectance, as in the maps.
             let root = f64::from(dielectric_f0(ior as f32)).clamp(0.0, 0.5).sqrt();
             let inward = refracted(direction, normal, (1.0 - root) / (1.0 + root));
             let through = self.met(hit.position - off, inward, Some(hit.instance));
@@ -85,7 +86,7 @@ impl Tracer {
         self.reflecting.as_ref().filter(found)
     }
 
-    /// Radiance that arrives from a unit direction, past what belongs to one instance.
+    /// Radiance from a unit direction, past the surfaces of one instance.
     fn met(&self, from: DVec3, direction: DVec3, past: Option<u32>) -> Vec3 {
         let lighting = &self.pose.lighting;
         let mut origin = from;
@@ -102,15 +103,15 @@ impl Tracer {
     }
 }
 
-/// The direction in which a unit direction goes on in a medium, `eta` times as fast there as before; along the surface
-/// where it would not get in.
+/// The refracted direction of a unit direction in a medium, `eta` times as fast there as before; along the surface at
+/// total reflection.
 fn refracted(direction: DVec3, normal: DVec3, eta: f64) -> DVec3 {
     let cosine = -direction.dot(normal);
     let squared = 1.0 - eta * eta * (1.0 - cosine * cosine);
     direction * eta + normal * (eta * cosine - squared.max(0.0).sqrt())
 }
 
-/// One of `count` half vectors about a normal that fill the lobe of that α evenly.
+/// Half vector `index` of `count` about a normal, which fill the lobe of α evenly.
 fn half_vector(normal: DVec3, alpha: f64, index: u32, count: u32) -> DVec3 {
     if count == 1 {
         return normal;
@@ -129,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn light_bends_towards_the_normal_and_goes_straight_where_nothing_changes() {
+    fn light_bends_towards_the_normal_and_stays_straight_without_a_change_of_medium() {
         let (direction, normal) = (DVec3::new(0.6, -0.8, 0.0), DVec3::Y);
         assert!((refracted(direction, normal, 1.0) - direction).length() < 1e-12);
         let bent = refracted(direction, normal, 1.0 / 1.5);
@@ -138,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn half_vectors_are_unit_and_narrow_where_a_surface_is_smooth() {
+    fn half_vectors_are_unit_and_close_to_the_normal_on_a_smooth_surface() {
         for index in 0..64 {
             let wide = half_vector(DVec3::Z, 0.8, index, 64);
             assert!((wide.length() - 1.0).abs() < 1e-12);

@@ -1,11 +1,13 @@
-//! Which cameras see what a view shows, by rays.
+//! Traces which cameras see the surfaces of a view.
 //!
-//! The nearest camera may stand in a wall or behind it, and then shows what is behind. So some rays of the view find what it shows, and
-//! rays from the nearest cameras find which of them see it too. Single-sided surfaces count from their front alone, as in samples.
-//! Cameras are taken greedily by what they add; what is seen from aside, from afar or from far beside the viewer is worth less. How much
-//! nearness counts is a compromise, measured by `argus study warp` (rows for cameras that were chosen blindly) and `study walk`: without it,
-//! views from where the scene's own cameras stand are worse than from the nearest cameras; with four times as much, the first lap of
-//! `study walk` in Sponza has a FLIP of 0.051 in place of 0.043, since cameras inside of columns are near, too.
+//! The nearest camera may stand inside a wall or behind it. So some rays of the view find its surfaces, and rays from the
+//! nearest cameras test which of them see these too. Single-sided surfaces count from their front, as in samples.
+//!
+//! Cameras are chosen greedily by their gain. A surface seen at a low angle, from afar, or far beside the viewer counts
+//! less. The weight of nearness is a compromise, measured by `argus study warp` (rows of cameras that were chosen
+//! without sight) and `study walk`. Without it, views from the scene's own cameras are worse than from the nearest
+//! cameras. With four times as much, the first lap of `study walk` in Sponza has a FLIP of 0.051 instead of 0.043, since
+//! cameras inside columns are near too.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,20 +18,20 @@ use super::Tracer;
 use crate::Scene;
 use crate::rig::{Sight, Target};
 
-/// A ray meets a point if it ends within this share of the way to it.
+/// A ray meets a point if it ends within this share of the distance to it.
 const SLACK: f64 = 1e-3;
 
-/// Rays through the triangles of a scene, cut-outs left out.
+/// Rays through the triangles of a scene, without cut-outs.
 ///
-/// What a camera is worth to a view is judged by what it shows of the surfaces that the view's own rays meet, with single-sided
-/// ones seen from their front alone, as samples have them: one that stands inside of a column shows what is around it and
-/// nothing of the column. Choices of cameras are those of time zero: they are for scenes that stand still.
+/// A camera's worth to a view is its visibility of the surfaces that the view's rays meet, with single-sided surfaces
+/// seen from their front, as in samples. A camera inside a column shows the surroundings of the column and nothing of
+/// the column. [`Sight::best`] uses time zero.
 pub struct SceneSight {
-    /// What a viewer sees, at time zero.
+    /// The visible triangles, at time zero.
     seen: Arc<Tracer>,
-    /// The same triangles, seen from behind as well: nobody walks out of a wall.
+    /// The same triangles, visible from both sides: a path through a wall is blocked.
     solid: Tracer,
-    /// What a viewer sees at the time that was asked for last; only of a scene that moves.
+    /// The visible triangles at the last requested time; only of a scene that moves.
     posed: Mutex<Option<(f64, Arc<Tracer>)>>,
 }
 
@@ -47,7 +49,7 @@ impl SceneSight {
         Self { seen, solid, posed: Mutex::new(None) }
     }
 
-    /// The triangles where they are at a time, seconds.
+    /// The triangles at a time in seconds.
     fn at(&self, time_secs: f64) -> Arc<Tracer> {
         if time_secs == 0.0 || !self.seen.scene().is_animated() {
             return self.seen.clone();
@@ -60,7 +62,7 @@ impl SceneSight {
     }
 }
 
-/// What a ray meets.
+/// The target that a ray meets.
 fn met(seen: &Tracer, eye: DVec3, direction: DVec3) -> Target {
     seen.trace(eye, direction).map_or(Target::Sky(direction), |hit| Target::Surface(hit.position))
 }

@@ -1,4 +1,4 @@
-//! What a visible point of a surface is made of: normals, textures, reflectance.
+//! Attributes of a visible surface point: normals, textures, reflectance.
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
@@ -8,7 +8,7 @@ use crate::shading::{Surface, dielectric_f0};
 use crate::texture::{transform_duv, transform_uv};
 use crate::{Material, Mesh, TextureRef};
 
-/// Where on a mesh's textures a sample looks, and how far its neighbours' looks are away.
+/// Position of a sample on a mesh's textures, and its differences to the neighbouring samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Footprint {
     uv: Vec2,
@@ -69,8 +69,8 @@ impl Tracer {
         chain.sample(transform_uv(&reference, at.uv), level)
     }
 
-    /// Interpolated, and perturbed by the normal map, on the triangle's front; mesh space, not a unit vector
-    /// in general. `None` where the mesh's own normals say nothing.
+    /// Interpolated, and perturbed by the normal map, on the triangle's front; mesh space, not necessarily a unit vector.
+    /// `None` if the mesh has no usable normals.
     fn shading_normal(
         &self,
         mesh: &Mesh,
@@ -82,7 +82,7 @@ impl Tracer {
         if material.normal_texture.is_none() {
             return Some(normal);
         }
-        // A normal map without tangents, or where they cancel out, says nothing.
+        // A normal map without tangents, or with tangents that cancel out, has no effect.
         let Some([first, ..]) = corners.each(&mesh.tangents) else { return Some(normal) };
         let tangent = corners.blend(&mesh.tangents)?.truncate().as_dvec3();
         let Some(tangent) = tangent.try_normalize() else { return Some(normal) };
@@ -94,8 +94,8 @@ impl Tracer {
     }
 }
 
-/// Texture coordinates and their derivatives. `rays` are the direction and its two differences, in mesh space,
-/// where the range is the same number as in the world: t in units of the world's unit direction.
+/// Texture coordinates and their derivatives. `rays` are the direction and its two differences in mesh space, where t
+/// counts the world's unit direction, so that ranges equal the world's.
 fn footprint(
     mesh: &Mesh,
     corners: &Corners,

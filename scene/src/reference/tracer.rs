@@ -17,7 +17,7 @@ use crate::{Bounds, Instance, Material, Mesh, Pose, Scene};
 pub struct Hit {
     /// Index into [`Scene::instances`].
     pub instance: u32,
-    /// Which triangle of the instance's mesh.
+    /// Index of the triangle in the instance's mesh.
     pub triangle: u32,
     /// Weights of the triangle's second and third corner; the first has what remains to 1.
     pub barycentric: DVec2,
@@ -25,48 +25,48 @@ pub struct Hit {
     pub range: f64,
     /// World space, metres.
     pub position: DVec3,
-    /// Whether the side is seen from which the mesh's corners run counter-clockwise. A mirroring transform
-    /// does not change which side of a mesh is its front (glTF 2.0, section 3.7.2.1).
+    /// Whether the front is seen: the mesh's corners run counter-clockwise. A mirroring transform does not change a
+    /// mesh's front (glTF 2.0, section 3.7.2.1).
     pub front: bool,
 }
 
-/// A scene made ready to be asked what a ray sees.
+/// A scene prepared for rays.
 ///
-/// Building takes about a second for two million triangles; rays may then come from any number of threads.
+/// Building takes about a second for two million triangles. Rays may come from any number of threads.
 pub struct Tracer {
     pub(super) scene: Arc<Scene>,
     pub(super) pose: Pose,
     pub(super) textures: Arc<Vec<MipChain>>,
-    /// One a mesh; those that no instance places have no triangles.
+    /// One per mesh; a mesh without instances has no triangles.
     meshes: Arc<Vec<MeshTree>>,
-    /// Around each mesh's triangles, mesh space relative to its origin.
+    /// Box of each mesh's triangles, mesh space relative to its origin.
     boxes: Arc<Vec<Bounds>>,
-    /// In the order of `top`.
+    /// Placed instances in the order of `top`.
     placed: Vec<Placed>,
     top: BoxTree,
     pub(super) content_hash: OnceLock<blake3::Hash>,
-    /// Things that show what is around them.
+    /// Instances that reflect and refract the scene.
     pub(super) reflecting: Option<Reflecting>,
 }
 
-/// Triangles of one mesh in the order of their tree, so that a leaf's lie side by side.
+/// Triangles of one mesh in the order of their tree, so that a leaf's triangles are adjacent.
 struct MeshTree {
     tree: BoxTree,
     corners: Vec<[Vec3; 3]>,
     triangles: Vec<u32>,
 }
 
-/// What is looked for along a ray, and what was found so far; metres.
+/// The limits of a search along a ray, and its hit so far; metres.
 struct Search {
     nearest: Option<Hit>,
-    /// Nothing beyond is looked for.
+    /// The search ends at this range.
     reach: f64,
-    /// Once something was found that is nearer, nothing else is looked for.
+    /// A hit nearer than this ends the search.
     enough: f64,
 }
 
 impl Search {
-    /// How far along the ray it is still worth looking.
+    /// Range from which a further hit no longer matters.
     fn limit(&self) -> f64 {
         match self.nearest {
             None => self.reach,
@@ -89,8 +89,7 @@ struct Placed {
 }
 
 impl Tracer {
-    /// Builds the hierarchies and the textures' mip chains, on all of rayon's threads; the scene is as at time
-    /// zero.
+    /// Builds the hierarchies and the textures' mip chains on all of rayon's threads, for the scene at time zero.
     pub fn new(scene: Arc<Scene>) -> Self {
         let textures = mip_chains(&scene);
         Self::of(scene, textures)
@@ -108,12 +107,12 @@ impl Tracer {
         Self { scene, pose, textures, meshes, boxes, placed, top, content_hash, reflecting: None }
     }
 
-    /// The scene's triangles without textures, as at time zero; cut-outs are not there at all.
+    /// The scene's triangles at time zero, without textures and without cut-outs.
     pub(super) fn of_shapes(scene: Arc<Scene>) -> Self {
         Self::of(scene, Vec::new()).without_cutouts()
     }
 
-    /// The scene's triangles without textures, as at another time, seconds; cut-outs are not there at all.
+    /// The scene's triangles at another time in seconds, without textures and without cut-outs.
     pub(super) fn shapes_at(&self, time_secs: f64) -> Self {
         self.at(time_secs).without_cutouts()
     }
@@ -132,8 +131,7 @@ impl Tracer {
         both
     }
 
-    /// The same scene at another time, seconds. What does not move is shared, so that this takes as long as there
-    /// are instances.
+    /// The same scene at another time in seconds. Unmoved parts are shared, so the cost follows the number of instances.
     pub fn at(&self, time_secs: f64) -> Self {
         let pose = self.scene.at(time_secs);
         let (placed, top) = place(&self.scene, &pose, &self.boxes);
@@ -154,13 +152,13 @@ impl Tracer {
         }
     }
 
-    /// The scene that it traces.
+    /// The traced scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// The nearest surface at a range above 0 along a ray, which need not be a unit vector. Cut-outs are seen
-    /// through where their alpha is below the cutoff, single-sided triangles from behind.
+    /// The nearest surface at a range above 0 along a ray, whose direction need not be a unit vector. Cut-outs are open
+    /// where their alpha is below the cutoff, and single-sided triangles from behind.
     pub fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
         let mut search = Search { nearest: None, reach: f64::INFINITY, enough: 0.0 };
         let unit = self.search(origin, direction, &mut search)?;
@@ -173,8 +171,8 @@ impl Tracer {
         self.search(origin, direction, &mut search).is_some() && search.nearest.is_none()
     }
 
-    /// The range of the first surface on the way from one point to another, and on by a share `slack` of it; if there are any
-    /// closer than by that share, of one of these.
+    /// The range of a surface on the way from one point to another, and beyond by a share `slack` of the distance. It is
+    /// the nearest, or one of those closer than that share.
     pub(super) fn range_towards(&self, from: DVec3, to: DVec3, slack: f64) -> Option<f64> {
         let way = to - from;
         let length = way.length();
@@ -184,7 +182,7 @@ impl Tracer {
         search.nearest.map(|hit| hit.range)
     }
 
-    /// Searches along a ray, and returns its unit direction; `None` for one that is not finite, or has none.
+    /// Searches along a ray, and returns its unit direction; `None` for a direction that is zero or not finite.
     fn search(&self, origin: DVec3, direction: DVec3, search: &mut Search) -> Option<DVec3> {
         // Scaled first, since the square of a direction may overflow where the direction does not.
         let unit = (direction / direction.abs().max_element()).normalize();
@@ -250,14 +248,13 @@ impl Tracer {
 
     /// Linear radiance that arrives at `origin` from the unit direction `direction`.
     ///
-    /// `direction + dx` and `direction + dy` are the neighbouring samples' directions, up to their length: how
-    /// far they are apart decides which mip levels are read. Zero reads textures unfiltered.
+    /// `direction + dx` and `direction + dy` are the neighbouring samples' directions, up to their length. Their distance
+    /// selects the mip levels. Zero reads textures unfiltered.
     pub fn radiance_along(&self, origin: DVec3, direction: DVec3, dx: DVec3, dy: DVec3) -> Vec3 {
         self.radiance_of(self.trace(origin, direction).as_ref(), direction, dx, dy)
     }
 
-    /// Linear radiance that comes from what a ray met: a surface, or the sky; arguments as in
-    /// [`Self::radiance_along`].
+    /// Linear radiance of a ray's hit, or of the sky without one; arguments as in [`Self::radiance_along`].
     pub fn radiance_of(&self, hit: Option<&Hit>, direction: DVec3, dx: DVec3, dy: DVec3) -> Vec3 {
         let lighting = &self.pose.lighting;
         let Some(hit) = hit else { return sky_radiance(&lighting.sky, direction.as_vec3()) };
@@ -274,14 +271,14 @@ impl Tracer {
         diffuse_radiance(&surface, lighting) + shining
     }
 
-    /// The material of what a ray met.
+    /// The material at a hit.
     pub(super) fn material_of(&self, hit: &Hit) -> &Material {
         let instance = &self.pose.instances[hit.instance as usize];
         &self.scene.materials[self.scene.meshes[instance.mesh as usize].material as usize]
     }
 }
 
-/// The instances that can be seen, in the order of the hierarchy over them.
+/// The instances that can be seen, in the order of their hierarchy.
 fn place(scene: &Scene, pose: &Pose, boxes: &[Bounds]) -> (Vec<Placed>, BoxTree) {
     let (boxes, unordered): (Vec<Bounds>, Vec<Placed>) = (0u32..)
         .zip(&pose.instances)
@@ -297,7 +294,7 @@ fn place(scene: &Scene, pose: &Pose, boxes: &[Bounds]) -> (Vec<Placed>, BoxTree)
     (placed, top)
 }
 
-/// The nearer one; of equally near ones the lower (instance, triangle).
+/// Whether `a` is nearer; of equal ranges, whether it has the lower (instance, triangle).
 fn precedes(a: &Hit, b: &Hit) -> bool {
     a.range < b.range || (a.range == b.range && (a.instance, a.triangle) < (b.instance, b.triangle))
 }
@@ -306,7 +303,7 @@ fn precedes(a: &Hit, b: &Hit) -> bool {
 const TRIANGLES_A_LEAF: u32 = 8;
 
 impl MeshTree {
-    /// Takes the triangles that can be seen, and returns the box around them beside; none if not `used`.
+    /// The triangles that can be seen, and their box; none if not `used`.
     fn new(mesh: &Mesh, used: bool) -> (Self, Bounds) {
         let count = if used { mesh.triangles() as u32 } else { 0 };
         let mut all = Bounds::EMPTY;
@@ -356,7 +353,7 @@ impl Placed {
 /// Coordinates beyond this, metres, are not seen: their squares would overflow.
 const FARTHEST: f64 = 1e150;
 
-/// The box around a mesh's box once placed; `None` if it holds nothing or reaches beyond [`FARTHEST`].
+/// The world's box of a placed mesh's box; `None` if it is empty or reaches beyond [`FARTHEST`].
 fn placed_bounds(scene: &Scene, instance: &Instance, in_mesh: Bounds) -> Option<Bounds> {
     if in_mesh.is_empty() {
         return None;
@@ -382,7 +379,7 @@ fn triangle_indices(mesh: &Mesh, triangle: u32) -> [u32; 3] {
     [mesh.indices[first], mesh.indices[first + 1], mesh.indices[first + 2]]
 }
 
-/// A point on a triangle, for reading attributes there.
+/// A point on a triangle, at which attributes are read.
 pub(super) struct Corners {
     pub(super) indices: [u32; 3],
     weights: [f32; 3],

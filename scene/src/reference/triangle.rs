@@ -5,8 +5,8 @@ use glam::{DVec2, DVec3, Vec3};
 /// A ray prepared for triangle tests: sheared so that it runs along one axis (Woop, Benthin, Wald:
 /// "Watertight Ray/Triangle Intersection", JCGT 2013).
 ///
-/// Edge functions of two triangles that share an edge are computed from the same products, in which rounding
-/// can change the value but not the agreement on its sign: a ray through the edge meets at least one of them.
+/// Edge functions of two triangles that share an edge come from the same products. Rounding can change their value, but
+/// both triangles see the same sign, so a ray through the edge meets at least one of them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ShearedRay {
     origin: DVec3,
@@ -19,7 +19,7 @@ pub(super) struct ShearedRay {
 /// Where a ray meets a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Crossing {
-    /// In units of the ray's direction.
+    /// Range in units of the ray's direction.
     pub(super) t: f64,
     /// Weights of the second and third corner.
     pub(super) barycentric: DVec2,
@@ -28,7 +28,7 @@ pub(super) struct Crossing {
 }
 
 impl ShearedRay {
-    /// `direction` must be finite and not zero.
+    /// Prepares a ray; `direction` must be finite and not zero.
     pub(super) fn new(origin: DVec3, direction: DVec3) -> Self {
         let axis = direction.abs().max_position();
         let [x, y, z] = [1, 2, 0].map(|next| direction[(axis + next) % 3]);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_behind_beside_edge_on_or_without_area_is_not_crossed() {
+    fn a_triangle_behind_beside_edge_on_or_without_area_is_not_crossed() {
         assert_eq!(cross(DVec3::new(0.25, 0.5, -5.0), DVec3::NEG_Z, &CORNERS), None);
         assert_eq!(cross(DVec3::new(0.25, 0.5, -4.0), DVec3::NEG_Z, &CORNERS), None, "at t = 0");
         assert_eq!(cross(DVec3::new(0.6, 0.5, 0.0), DVec3::NEG_Z, &CORNERS), None);

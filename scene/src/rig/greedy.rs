@@ -1,4 +1,4 @@
-//! The greedy choice of cameras by what they show of a view, with few rays.
+//! Greedy choice of cameras by their visibility of a view, with few rays.
 
 use glam::{DVec2, DVec3};
 
@@ -6,28 +6,28 @@ use super::sight::Sight;
 use super::survey::{Target, added};
 use crate::Camera;
 
-/// Rays of a view by which cameras are told apart: columns and rows, of an image of [`SIZE`]. 8×6 of them tell no more.
+/// Columns and rows of the view's rays, over an image of [`SIZE`]. A grid of 8×6 distinguishes cameras no better.
 const GRID: [u32; 2] = [5, 4];
 
-/// Proportions that a view is taken to have.
+/// Assumed proportions of a view.
 const SIZE: [u32; 2] = [4, 3];
 
 /// A camera that may be chosen.
 struct Candidate {
     index: u64,
     at: DVec3,
-    /// What it is worth to each target: at most, until rays told what it sees.
+    /// Its worth for each target: an upper bound until its rays are sent.
     worths: Vec<f64>,
     is_known: bool,
 }
 
 impl Candidate {
-    /// What it adds, at most, to what others show.
+    /// Upper bound of its gain over the cameras chosen so far.
     fn gain(&self, shown: &[f64]) -> f64 {
         self.worths.iter().zip(shown).map(|(worth, shown)| added(*worth, *shown)).sum()
     }
 
-    /// Has rays tell which of the targets that it is worth something to it shows; `false` if that is known.
+    /// Sends rays to the targets for which it has a worth; `false` if that is done already.
     fn ask(&mut self, sight: &(impl Sight + ?Sized), targets: &[Target]) -> bool {
         if std::mem::replace(&mut self.is_known, true) {
             return false;
@@ -44,8 +44,8 @@ impl Candidate {
     }
 }
 
-/// The cameras, of candidates with their places, that together show most of a view at time zero: each the one that adds most
-/// to those before it. Rays are sent only for one that may be the next: what a camera is worth at most is known without any.
+/// The cameras, among candidates with positions, that together show most of a view at time zero. Each adds most to those
+/// before it. Rays are sent only for a camera that may be next: the upper bound of its gain needs none.
 pub(super) fn best(
     sight: &(impl Sight + ?Sized),
     camera: &Camera,
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_that_are_not_sent_change_no_choice() {
+    fn the_choice_is_the_same_as_with_every_ray() {
         let scene = Arc::new(terrain(3000));
         let sight = SceneSight::new(&scene);
         let bounds = scene.bounds();

@@ -1,4 +1,4 @@
-//! A sample camera, judged by what a view shows.
+//! A sample camera, judged by the targets of a view.
 
 use glam::DVec3;
 
@@ -12,19 +12,19 @@ use crate::camera::{Face, OmniLayout};
 pub(super) struct Judged {
     pub(super) index: u64,
     at: DVec3,
-    /// Targets that the camera would show if nothing stood before them.
+    /// Targets that the camera would show without occluders.
     pub(super) framed: u64,
-    /// Targets for which its texels are fine.
+    /// Targets at which its texels are fine.
     pub(super) near: u64,
-    /// Targets to which a ray was sent.
+    /// Targets that it has sent a ray to.
     asked: u64,
-    /// Targets that it was found to show.
+    /// Targets that it shows, by its rays.
     pub(super) seen: u64,
-    /// What it is worth to each target where it sees it.
+    /// Its worth for each target, if it shows it.
     worths: Vec<f64>,
 }
 
-/// What rays have told of a camera.
+/// Results of a camera's rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Known {
     pub(super) asked: u64,
@@ -32,8 +32,8 @@ pub(super) struct Known {
 }
 
 impl Judged {
-    /// A camera of which so much is known. `texel_pixels` says how many pixels of the view a texel covers at a target, to a side,
-    /// and `most_pixels` how many are fine.
+    /// A camera with results of earlier rays. `texel_pixels` returns the pixels of the view that a texel covers at a
+    /// target, to a side. A texel that covers at most `most_pixels` is fine.
     pub(super) fn new(
         (index, camera): (u64, &SampleCamera),
         (eye, targets): (DVec3, &[Target]),
@@ -61,7 +61,7 @@ impl Judged {
         judged
     }
 
-    /// What rays have told.
+    /// Results of its rays.
     pub(super) fn known(&self) -> Known {
         Known { asked: self.asked, seen: self.seen }
     }
@@ -71,8 +71,8 @@ impl Judged {
         self.seen & self.near
     }
 
-    /// Share of the rays that met their targets, for what no ray was sent to; by Laplace's rule of succession: two rays that
-    /// miss do not tell that all will.
+    /// Share of the rays that met their targets, as an estimate for the other targets. By Laplace's rule of
+    /// succession: two rays that miss do not prove that all will.
     fn share(&self) -> f64 {
         match self.asked {
             0 => 1.0,
@@ -80,7 +80,7 @@ impl Judged {
         }
     }
 
-    /// What it is worth to each target, as far as that is known.
+    /// Its worth for each target, as far as it is known.
     pub(super) fn worths(&self) -> impl Iterator<Item = f64> {
         let share = self.share();
         self.worths.iter().enumerate().map(move |(i, worth)| {
@@ -92,12 +92,12 @@ impl Judged {
         })
     }
 
-    /// What it adds to those that show each target so well.
+    /// Its gain over cameras that show each target as well as `shown`.
     pub(super) fn gain(&self, shown: &[f64]) -> f64 {
         self.worths().zip(shown).map(|(worth, shown)| added(worth, *shown)).sum()
     }
 
-    /// Sends rays to some of the targets, unless that was done; whether any was sent.
+    /// Sends rays to `some` of the targets, unless that is done already; returns whether any was sent.
     pub(super) fn ask(&mut self, some: u64, targets: &[Target], sight: &dyn Sight, time_secs: f64) -> bool {
         let open = self.framed & some & !self.asked;
         let asked: Vec<usize> = (0..targets.len()).filter(|target| open >> target & 1 == 1).collect();
@@ -119,7 +119,7 @@ fn sees_all_around(camera: &SampleCamera) -> bool {
     matches!(camera, SampleCamera::Omni { layout: OmniLayout::CubeFaces { .. }, .. })
 }
 
-/// Whether a target lies within one of the faces of a camera at a place, whatever stands before it.
+/// Whether a target lies within one of the faces of a camera at a position, without occluders.
 fn frames(faces: &[Face], at: DVec3, target: &Target) -> bool {
     let direction = target.direction_from(at);
     faces.iter().any(|face| {
@@ -135,7 +135,7 @@ mod tests {
     use crate::Camera;
 
     #[test]
-    fn a_perspective_sample_covers_what_lies_within_its_image_alone() {
+    fn a_perspective_sample_frames_only_targets_within_its_image() {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
         let sample = SampleCamera::Perspective { camera, width: 40, height: 30 };
         let faces = sample.faces();
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_frames_every_direction_and_nothing_where_it_stands() {
+    fn a_cube_frames_every_direction_but_not_its_own_position() {
         let cube = SampleCamera::Omni { center: DVec3::ONE, layout: OmniLayout::CubeFaces { face: 8 } };
         let targets = [DVec3::ZERO, DVec3::ONE, DVec3::new(1.0, 9.0, 1.0), DVec3::NAN].map(Target::Surface);
         let judged = Judged::new((1, &cube), (DVec3::Y * 3.0, &targets), Known::default(), |_| 1.0, 2.0);

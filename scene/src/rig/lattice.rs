@@ -1,4 +1,4 @@
-//! Points of nested lattices, packed into an index: level 0 is the rig's own, each further one half as wide.
+//! Points of nested lattices, packed into an index: level 0 is the rig's own; each next level halves the spacing.
 
 use glam::IVec3;
 
@@ -8,21 +8,20 @@ use super::MAX_LEVEL;
 const BIAS: i32 = 1 << 19;
 const MASK: u64 = (1 << 20) - 1;
 
-/// Coordinates stay within this, so that those of neighbours, and of theirs, still fit.
+/// Largest coordinate: the neighbours' neighbours still fit.
 pub(super) const LIMIT: f64 = (BIAS - 4) as f64;
 
-/// A point of a lattice. A point that a coarser level has as well belongs to that one, so that every point has
-/// one index.
+/// A point of a lattice. A point of two levels belongs to the coarser one, so that every point has one index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Point {
     /// 0 to [`MAX_LEVEL`].
     pub(super) level: u32,
-    /// In units of the level's own spacing, each within ±2¹⁹.
+    /// In units of the level's spacing, each within ±2¹⁹.
     pub(super) at: IVec3,
 }
 
 impl Point {
-    /// The point as the coarsest level that has it names it.
+    /// The same point at its coarsest level.
     pub(super) fn coarsest(mut self) -> Self {
         while self.level > 0 && (self.at & IVec3::ONE) == IVec3::ZERO {
             // Halves exactly, being even.
@@ -31,8 +30,7 @@ impl Point {
         self
     }
 
-    /// The points of its level in the aligned block of `edge` of them on each side that it lies in, itself among them,
-    /// by ascending index.
+    /// The points of its level in its aligned block of `edge` points on each side, with itself, by ascending index.
     pub(super) fn block(self, edge: u32) -> Vec<Self> {
         let edge = edge.max(1) as i32;
         let first = self.at.map(|v| v.div_euclid(edge) * edge);
@@ -50,7 +48,7 @@ impl Point {
         pack(at.x) | pack(at.y) << 20 | pack(at.z) << 40 | u64::from(level) << 60
     }
 
-    /// Inverse of [`Point::index`]; `None` for what it never makes of a coarsest point.
+    /// Inverse of [`Point::index`]; `None` for an index that no point has.
     pub(super) fn from_index(index: u64) -> Option<Self> {
         let unpack = |shift: u32| ((index >> shift) & MASK) as i32 - BIAS;
         let point = Self { level: (index >> 60) as u32, at: IVec3::new(unpack(0), unpack(20), unpack(40)) };
@@ -58,7 +56,7 @@ impl Point {
     }
 }
 
-/// The points of level 0 in the block of `edge` of them on each side that begins at a point, by its coordinates.
+/// The points of level 0 in the block of `edge` points on each side that begins at `first`.
 pub(super) fn block(first: IVec3, edge: i32) -> Vec<u64> {
     let offset = |i: i32| IVec3::new(i % edge, i / edge % edge, i / (edge * edge));
     (0..edge.pow(3)).map(|i| Point { level: 0, at: first + offset(i) }.index()).collect()
@@ -77,7 +75,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn points_survive_and_have_one_index_each(
+        fn an_index_gives_back_its_point_and_a_point_has_one_index(
             level in 0..=MAX_LEVEL,
             at in prop::array::uniform3(-BIAS..BIAS),
         ) {
@@ -88,7 +86,7 @@ mod tests {
         }
 
         #[test]
-        fn all_points_of_a_block_have_the_same(
+        fn all_points_of_a_block_have_the_same_block(
             level in 0..=MAX_LEVEL,
             at in prop::array::uniform3(-100..100),
             edge in prop::sample::select(vec![1, 2, 4]),

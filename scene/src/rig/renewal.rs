@@ -1,9 +1,9 @@
-//! A survey of a view that goes by what was found out about another view near it.
+//! A survey of a view that reuses the survey of an earlier view near it.
 //!
-//! What a camera shows of a point depends on neither viewer. So the points that both views show, and what rays have told of
-//! them, are taken over, and new rays are sent for the rest alone: a viewer who walks or turns sees mostly what was seen a
-//! moment ago. A point may meanwhile be hidden from the viewer. So it is taken over only as long as the viewer has moved
-//! little against its distance.
+//! A camera's visibility of a point does not depend on the viewer. So points in both views keep the results of their
+//! rays, and new rays are sent only for the rest of the view. A viewer who walks or turns mostly sees the same points
+//! as a moment ago. A point may become hidden from the viewer, so it is kept only while the viewer has moved little
+//! relative to its distance.
 
 use glam::{DVec2, DVec3};
 
@@ -12,12 +12,12 @@ use super::judged::Known;
 use super::survey::{GRID, RAYS, Survey, Target, place, ray_at};
 use crate::Camera;
 
-/// A point is good until the viewer has moved by this share of its distance: nearer things then hide others by less than a
-/// cell of the grid, which is 0.13 wide at unit distance for a field of view of 60°.
+/// A point is kept until the viewer has moved by this share of its distance. Nearer surfaces then hide it by less than a
+/// cell of the grid, which is 0.13 wide at distance 1 for a field of view of 60°.
 const MOST_MOVED: f64 = 0.1;
 
 impl Survey {
-    /// The survey of another view, at a time, seconds, that goes by this one as far as it can.
+    /// The survey of another view, at a time in seconds, with as many kept targets as possible.
     pub fn renewed(&self, camera: &Camera, size: [u32; 2], sight: &dyn Sight, time_secs: f64) -> Self {
         let kept = match time_secs == self.time_secs {
             true => self.kept(camera, size),
@@ -33,7 +33,7 @@ impl Survey {
         for (ray, before) in kept.iter().enumerate() {
             let (target, from) = match before {
                 Some(before) => (self.targets[*before], self.met_from[*before]),
-                // Of a sight that says too little, the rest of the view is taken for sky.
+                // If a sight returns too few targets, the rest counts as sky.
                 None => {
                     let direction = || camera.direction((place(ray as u32) + 0.5) * cell, width, height);
                     (new.next().unwrap_or_else(|| Target::Sky(direction())), camera.eye)
@@ -57,7 +57,7 @@ impl Survey {
         survey
     }
 
-    /// Which target of this survey each ray of another view takes over: one in the ray's cell of the view.
+    /// For each ray of another view, the index of a target of this survey in the ray's cell of the view.
     fn kept(&self, camera: &Camera, [width, height]: [u32; 2]) -> [Option<usize>; RAYS] {
         let mut kept = [None; RAYS];
         let (view_from_world, half) = (camera.view_from_world(), camera.tan_half_fov(width, height));
@@ -65,7 +65,7 @@ impl Survey {
             let direction = target.direction_from(camera.eye);
             let distance = match target {
                 Target::Surface(_) => direction.length(),
-                // Sky is hidden by what is around.
+                // Sky is hidden by the surfaces around it.
                 Target::Sky(_) => self.reach,
             };
             if !(camera.eye.distance(*from) <= MOST_MOVED * distance) {
@@ -82,7 +82,7 @@ impl Survey {
         kept
     }
 
-    /// Mean distance of the surfaces in sight; 0 where there is none.
+    /// Mean distance of the visible surfaces; 0 without any.
     fn mean_range(&self) -> f64 {
         let range = |target: &Target| match target {
             Target::Surface(point) => Some(point.distance(self.eye)),
@@ -93,7 +93,7 @@ impl Survey {
         if count > 0.0 { sum / count } else { 0.0 }
     }
 
-    /// How far a view is from that of this survey: 0 for the same one; less is nearer.
+    /// Distance of a view from this survey's view; 0 for the same view.
     pub fn apart(&self, camera: &Camera) -> f64 {
         let moved = self.eye.distance(camera.eye) / (MOST_MOVED * self.reach).max(f64::MIN_POSITIVE);
         let turned = self.ahead.distance((camera.target - camera.eye).normalize());
@@ -109,7 +109,7 @@ mod tests {
     use super::*;
     use crate::Rig;
 
-    /// A room of ten metres about the world's zero, moved away, with a pillar in its midst, whose rays are counted.
+    /// A room of ten metres with a pillar in its middle, at any distance from the world's zero; it counts rays.
     #[derive(Debug)]
     struct Room {
         middle: DVec3,
@@ -122,7 +122,7 @@ mod tests {
             Self { middle, met: AtomicUsize::new(0), shown: AtomicUsize::new(0) }
         }
 
-        /// Metres along a unit direction.
+        /// Range along a unit direction, metres.
         fn range(&self, from: DVec3, unit: DVec3) -> f64 {
             let from = from - self.middle;
             let wall = (DVec3::splat(5.0) * unit.signum() - from) / unit;
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_view_again_sends_no_ray_and_finds_the_same() {
+    fn the_same_view_again_sends_no_ray_and_gives_the_same_survey() {
         let room = Room::at(DVec3::ZERO);
         let here = camera(&room, 0.0);
         let first = judged(Survey::new(&here, SIZE, &room, 0.0), &room, &here);
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_viewer_who_walks_and_turns_sends_a_few_rays_and_is_told_as_much_as_by_all() {
+    fn a_viewer_who_walks_and_turns_sends_few_rays_for_the_same_coverage() {
         for middle in [DVec3::ZERO, DVec3::new(1e6, -2e6, 3e6)] {
             let room = Room::at(middle);
             let mut survey = Survey::new(&camera(&room, 0.0), SIZE, &room, 0.0);
@@ -203,14 +203,14 @@ mod tests {
                 apart = apart.max((known.covered - whole.covered).abs().max((known.fine - whole.fine).abs()));
                 assert!(survey.known.len() < 64);
             }
-            // Of 48 rays and about 60 more by a survey that knows nothing.
+            // A survey without an earlier one sends 48 rays and about 60 more.
             assert!(rays < 20 * 50, "{rays} rays at {middle}");
             assert!(apart <= 6.0 / RAYS as f64, "{apart} at {middle}");
         }
     }
 
     #[test]
-    fn at_another_time_or_elsewhere_nothing_is_taken_over() {
+    fn at_another_time_or_place_no_target_is_kept() {
         let room = Room::at(DVec3::ZERO);
         let here = camera(&room, 0.0);
         let first = judged(Survey::new(&here, SIZE, &room, 0.0), &room, &here);

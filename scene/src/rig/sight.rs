@@ -1,4 +1,4 @@
-//! What a rig asks about the scene that its cameras stand in.
+//! Visibility in the scene around a rig's cameras.
 
 use std::fmt::Debug;
 
@@ -8,13 +8,13 @@ use super::greedy;
 use super::survey::Target;
 use crate::Camera;
 
-/// Who knows what stands between viewers and cameras.
+/// Visibility between viewers and cameras.
 ///
-/// A rig knows nothing of the scene that it is placed in: some of its cameras come to stand in walls, others behind them. Their
-/// samples show little of what a viewer sees, and where surfaces are single-sided, one in a wall sees past all that is solid.
+/// A rig knows only the bounds of its scene, so some of its cameras stand inside walls or behind them. Their samples show
+/// few of a viewer's surfaces. Where surfaces are single-sided, a camera in a wall sees through everything solid.
 pub trait Sight: Debug + Send + Sync {
-    /// The `count` cameras, of these at these places, that together see most of what a view shows, the best first; fewer where
-    /// there are fewer. A function of its arguments alone; of scenes that move, at time zero.
+    /// The `count` of the candidate cameras with their positions that together see most of a view, best first; fewer
+    /// if there are fewer. The result depends only on the arguments. A moving scene counts at time zero.
     fn best(&self, camera: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
         greedy::best(self, camera, candidates, count)
     }
@@ -22,18 +22,18 @@ pub trait Sight: Debug + Send + Sync {
     /// Whether no surface is between two points.
     fn sees(&self, from: DVec3, to: DVec3) -> bool;
 
-    /// What rays from a viewer meet in some directions, one target each, at a time of the scene in seconds.
+    /// The targets of rays from a viewer, one per direction, at a time of the scene in seconds.
     fn targets(&self, eye: DVec3, directions: &[DVec3], time_secs: f64) -> Vec<Target>;
 
-    /// Which of a view's targets a sample camera at a place shows, one answer each, at a time of the scene in seconds.
+    /// Whether a sample camera at a position shows each of a view's targets, at a time of the scene in seconds.
     fn shows(&self, camera: DVec3, targets: &[Target], time_secs: f64) -> Vec<bool>;
 }
 
-/// What a view's cameras are chosen by.
+/// The input for a choice of a view's cameras.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Among<'a> {
-    /// Refinements that there are samples of, beside the rig's own cameras.
+    /// Refinements with samples, beside the rig's own cameras.
     pub refined: &'a [u64],
-    /// Without it the nearest ones are the best.
+    /// Without it the nearest cameras count as best.
     pub sight: Option<&'a dyn Sight>,
 }

@@ -1,8 +1,8 @@
-//! What a view will show, told by a coarse grid of rays, and how well samples would cover that.
+//! Survey of a view by a coarse grid of rays, and how well samples would cover it.
 //!
-//! A survey answers two questions before anything is rendered. *Coverage*: which share of what the view shows do the
-//! samples see at all? *Fineness*: for which share is a texel of a sample, projected into the view, no larger than a few
-//! pixels? Both are estimates from few rays: whoever renders the frame looks at its pixels as well.
+//! A survey estimates two shares before a render. *Coverage*: the share of the view's surfaces that the samples see
+//! at all. *Fineness*: the share where a sample's texel, projected into the view, is no larger than a few pixels.
+//! Both come from few rays; the rendered frame's pixels are counted as well.
 
 use glam::{DVec2, DVec3};
 
@@ -10,31 +10,31 @@ use super::Sight;
 use super::judged::{Judged, Known};
 use crate::{Camera, Rig, SampleCamera};
 
-/// Rays of a survey: columns and rows. Their number is that of the bits of a [`u64`], less some.
+/// Columns and rows of a survey's rays: fewer rays than the bits of a [`u64`].
 pub(super) const GRID: [u32; 2] = [8, 6];
 
-/// Rays are listed by blocks of so many columns and rows: neighbours in the list are neighbours in the view, which helps a
-/// [`Sight`] that traces several rays at once.
+/// Rays are listed by blocks of this many columns and rows. Neighbours in the list are neighbours in the view, which
+/// helps a [`Sight`] that traces several rays at once.
 const BLOCK: [u32; 2] = [4, 2];
 
-/// Rays of a survey.
+/// Number of a survey's rays.
 pub(super) const RAYS: usize = (GRID[0] * GRID[1]) as usize;
 
-/// A camera is worth this share of what it shows for what others show already: between the rays, near the edges of
-/// things, it sees what they do not.
+/// Share of a camera's worth that still counts for a target shown by other cameras: between the rays, near edges, it sees
+/// surfaces that they do not.
 pub(crate) const BESIDES: f64 = 0.3;
 
-/// What a ray of a view meets.
+/// The end of a view's ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Target {
     /// A surface at a point, metres, world space.
     Surface(DVec3),
-    /// Nothing, in this direction.
+    /// No surface, in this direction.
     Sky(DVec3),
 }
 
 impl Target {
-    /// Which way it is from a place: not of unit length, and zero or not finite where there is no way.
+    /// Direction from a position: not of unit length; zero or not finite at the target itself.
     pub(super) fn direction_from(&self, at: DVec3) -> DVec3 {
         match *self {
             Self::Surface(point) => point - at,
@@ -42,8 +42,8 @@ impl Target {
         }
     }
 
-    /// How well a camera shows this target to a viewer, 0 to 1, where it sees it: less from aside and from afar, and less
-    /// the farther the camera is from the viewer, since more between the rays is hidden from it.
+    /// Worth of a camera that sees this target, 0 to 1. It falls at a low angle and with distance from the target. It
+    /// also falls with distance from the viewer, since more between the rays is hidden from the camera.
     pub fn worth(&self, camera: DVec3, eye: DVec3) -> f64 {
         let Self::Surface(point) = *self else { return 1.0 };
         let (from_camera, from_eye) = (point - camera, point - eye);
@@ -56,32 +56,32 @@ impl Target {
     }
 }
 
-/// What samples would show of a view.
+/// Estimated shares of a view that samples would show.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coverage {
     /// Share of the targets that one of the samples sees.
     pub covered: f64,
-    /// Share of the targets that one of the samples sees with texels as fine as was asked for.
+    /// Share of the targets that one of the samples sees with texels of the requested fineness.
     pub fine: f64,
 }
 
-/// A view's targets, and the sample cameras that were judged by them.
+/// A view's targets, and the sample cameras judged by them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Survey {
     pub(super) eye: DVec3,
     /// Unit vector of the direction of view.
     pub(super) ahead: DVec3,
-    /// Of the scene, when it was taken, seconds.
+    /// Scene time of the survey, seconds.
     pub(super) time_secs: f64,
     /// Angle of a pixel in the middle of the view, radians.
     pixel_angle: f64,
-    /// Mean distance of the surfaces in sight, metres; 0 where there is none.
+    /// Mean distance of the visible surfaces, metres; 0 without any.
     pub(super) reach: f64,
     pub(super) targets: Vec<Target>,
-    /// From where each target was met: this view's eye, or that of one before.
+    /// Eye from which each target was met: this view's or an earlier one's.
     pub(super) met_from: Vec<DVec3>,
     pub(super) judged: Vec<Judged>,
-    /// What earlier surveys tell of cameras that this one has not judged.
+    /// Ray results of earlier surveys for cameras that this one has not judged.
     pub(super) known: Vec<(u64, Known)>,
 }
 
@@ -91,7 +91,7 @@ impl Survey {
         Self::without_targets(camera, size, time_secs).renewed(camera, size, sight, time_secs)
     }
 
-    /// A survey that knows nothing.
+    /// A survey without targets.
     pub(super) fn without_targets(camera: &Camera, [width, height]: [u32; 2], time_secs: f64) -> Self {
         Self {
             eye: camera.eye,
@@ -106,7 +106,7 @@ impl Survey {
         }
     }
 
-    /// Judges one of the rig's cameras by all targets, unless it has been judged. A texel counts as fine where it covers at most
+    /// Judges one of the rig's cameras by all targets, unless it is judged already. A texel is fine if it covers at most
     /// `most_pixels` pixels of the view to a side.
     pub fn judge(&mut self, rig: &Rig, index: u64, sight: &dyn Sight, time_secs: f64, most_pixels: f64) {
         let Some(mut judged) = self.introduced(rig, index, most_pixels) else { return };
@@ -114,9 +114,9 @@ impl Survey {
         self.judged.push(judged);
     }
 
-    /// Judges cameras by no more rays than it takes to choose `count` of them: each is asked only for what those before it do
-    /// not show with fine texels. [`Self::coverage`] of those that [`Self::choose`] takes of all is as exact as after
-    /// [`Self::judge`]; of others it may be less than theirs, never more.
+    /// Judges cameras with only the rays needed to choose `count` of them: each gets rays to targets that those
+    /// before it do not show with fine texels. For cameras that [`Self::choose`] takes, [`Self::coverage`] is as
+    /// exact as after [`Self::judge`]; for other cameras it may be too low, never too high.
     pub fn judge_few(
         &mut self,
         rig: &Rig,
@@ -130,7 +130,7 @@ impl Survey {
             self.judged.extend(self.introduced(rig, index, most_pixels));
         }
         let mut left: Vec<usize> = (begin..self.judged.len()).collect();
-        // Where nobody has fine texels, coarse ones are the best there are.
+        // Where no camera has fine texels, coarse ones are the best.
         let attainable = self.judged[begin..].iter().fold(0, |all, judged| all | judged.near & judged.framed);
         let (mut shown, mut open) = (vec![0.0; self.targets.len()], u64::MAX);
         for _ in 0..count {
@@ -148,7 +148,7 @@ impl Survey {
         }
     }
 
-    /// A camera to which no ray was sent yet; `None` of one that has been judged, and of one that is none.
+    /// A camera without rays so far; `None` if it is judged already or the rig has no such camera.
     fn introduced(&self, rig: &Rig, index: u64, most_pixels: f64) -> Option<Judged> {
         if self.judged.iter().any(|judged| judged.index == index) {
             return None;
@@ -161,22 +161,22 @@ impl Survey {
         Some(Judged::new((index, &camera), view, known.unwrap_or_default(), texel_pixels, most_pixels))
     }
 
-    /// Pixels of the view, to a side, that a texel of a sample from a place covers at a target.
+    /// Pixels of the view, to a side, that a texel of a sample at a position covers at a target.
     fn texel_pixels(&self, at: DVec3, texel_angle: f64, target: &Target) -> f64 {
         let nearer = match *target {
             Target::Sky(_) => 1.0,
             Target::Surface(point) => point.distance(at) / point.distance(self.eye),
         };
-        // A target at the eye itself gives NaN or infinity, which no limit admits.
+        // A target at the eye gives NaN or infinity, which exceeds every limit.
         nearer * texel_angle / self.pixel_angle
     }
 
-    /// The cameras that were judged.
+    /// The judged cameras.
     pub fn cameras(&self) -> impl Iterator<Item = u64> {
         self.judged.iter().map(|judged| judged.index)
     }
 
-    /// The cameras, of those that were judged and are allowed, that together show most of the view, best first.
+    /// The cameras, among those judged and allowed, that together show most of the view, best first.
     pub fn choose(&self, allowed: impl Fn(u64) -> bool, count: usize) -> Vec<u64> {
         let mut left: Vec<&Judged> = self.judged.iter().filter(|judged| allowed(judged.index)).collect();
         let mut shown = vec![0.0; self.targets.len()];
@@ -190,12 +190,12 @@ impl Survey {
         best
     }
 
-    /// How well these cameras together cover the view; a camera that was not judged covers nothing.
+    /// Coverage of the view by these cameras together; a camera that is not judged covers nothing.
     pub fn coverage(&self, indices: &[u64]) -> Coverage {
         let of = |mask: fn(&Judged) -> u64| {
             let chosen = self.judged.iter().filter(|judged| indices.contains(&judged.index));
             let together = chosen.fold(0, |all, judged| all | mask(judged));
-            // A view without targets shows nothing that could be missed.
+            // A view without targets misses nothing.
             f64::from(together.count_ones()) / (self.targets.len().max(1)) as f64
         };
         match self.targets.is_empty() {
@@ -205,12 +205,12 @@ impl Survey {
     }
 }
 
-/// Which is the most; of equals the first, which was judged first.
+/// Index of the largest gain; of equals the first, which was judged first.
 fn first_of_most(gains: &[f64]) -> Option<usize> {
     (0..gains.len()).rev().max_by(|&a, &b| gains[a].total_cmp(&gains[b]))
 }
 
-/// What a camera that shows a target so well adds to others.
+/// Gain of a camera that shows a target with a worth, over cameras that show it with `shown`.
 pub(crate) fn added(worth: f64, shown: f64) -> f64 {
     (worth - shown).max(0.0) + BESIDES * worth
 }
@@ -223,7 +223,7 @@ impl SampleCamera {
     }
 }
 
-/// The ray whose cell of the view holds a position: shares of its width and height, from the top left, below 1.
+/// Index of the ray whose cell holds a position, given as shares of width and height from the top left, below 1.
 pub(super) fn ray_at(share: DVec2) -> u32 {
     let [column, row] = (share * DVec2::from(GRID.map(f64::from))).to_array().map(|x| x as u32);
     let [columns, rows] = BLOCK;
@@ -246,7 +246,7 @@ mod tests {
     use super::*;
     use crate::Bounds;
 
-    /// A plane at x = `at`, seen from either side, and nothing else.
+    /// A single plane at x = `at`, visible from both sides.
     #[derive(Debug)]
     struct Wall(f64);
 
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_at_the_viewers_side_cover_a_wall_and_those_behind_it_nothing() {
+    fn samples_beside_the_viewer_cover_a_wall_and_those_behind_it_nothing() {
         let here = Camera::look_at(DVec3::new(0.3, 0.4, 0.5), DVec3::new(9.0, 0.4, 0.5));
         let (survey, near) = survey(&here, &rig(512), 4.0);
         assert_eq!(survey.coverage(&near), Coverage { covered: 1.0, fine: 1.0 });
@@ -294,19 +294,19 @@ mod tests {
     }
 
     #[test]
-    fn a_viewer_that_walks_up_to_a_wall_finds_texels_too_coarse() {
+    fn a_viewer_close_to_a_wall_sees_too_coarse_texels() {
         let at = |x| Camera::look_at(DVec3::new(x, 0.1, 0.2), DVec3::new(20.0, 0.1, 0.2));
         let fine = |x, most_pixels| {
             let (survey, _) = survey(&at(x), &rig(512), most_pixels);
             survey.coverage(&survey.choose(|_| true, 4)).fine
         };
         assert_eq!(fine(1.1, 2.0), 1.0);
-        // From a tenth of a metre, the nearest camera at the wall's side is some two metres away.
+        // From a tenth of a metre, the nearest camera on the viewer's side is about two metres away.
         assert!(fine(9.95, 2.0) < 0.1, "{}", fine(9.95, 2.0));
     }
 
     #[test]
-    fn the_choice_holds_no_more_than_is_asked_for_and_only_what_is_allowed() {
+    fn the_choice_holds_at_most_the_requested_number_of_allowed_cameras() {
         let here = Camera::look_at(DVec3::new(0.3, 0.4, 0.5), DVec3::X * 9.0);
         let (survey, near) = survey(&here, &rig(64), 4.0);
         assert_eq!(survey.choose(|_| true, 3).len(), 3);
@@ -314,7 +314,7 @@ mod tests {
         assert_eq!(survey.choose(|_| false, 3), [0; 0]);
     }
 
-    /// A wall, with one sphere before it that hides a part from each camera and answers are counted.
+    /// A wall behind one sphere, which hides a part of it from each camera; it counts rays.
     #[derive(Debug)]
     struct Counted(std::sync::atomic::AtomicUsize);
 
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn fewer_rays_choose_the_same_cameras_and_tell_the_same_of_them() {
+    fn few_rays_choose_the_same_cameras_with_the_same_coverage() {
         let mut sent = [0; 2];
         for (place, face) in [(0.3, 512), (0.7, 512), (1.4, 256), (2.6, 1024), (4.9, 512)] {
             let eye = DVec3::new(place, 0.4, 0.9 - place * 0.1);
@@ -353,7 +353,7 @@ mod tests {
             let chosen = by_few.choose(|_| true, 4);
             assert_eq!(chosen.len(), 4);
             assert_eq!(chosen[0], by_all.choose(|_| true, 1)[0], "{place}");
-            // No less is known of what was chosen than by all rays; of single cameras it may be less.
+            // The chosen cameras' coverage is exact; a single camera's may be too low.
             let (known, whole) = (by_few.coverage(&chosen), by_all.coverage(&chosen));
             assert_eq!(known.fine, whole.fine, "{place}: {known:?} {whole:?}");
             assert!(known.covered <= whole.covered && known.covered >= whole.fine);
@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn hard_cases_give_shares_between_0_and_1() {
+    fn extreme_views_give_shares_between_0_and_1() {
         let bounds = Bounds { min: DVec3::splat(-1.0), max: DVec3::splat(1.0) };
         let tiles = Rig::TileCorners { bounds, tiles: [1, 1], height: 1.0, size: [40, 30] };
         let far = DVec3::splat(1e6);
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rays_of_a_survey_are_each_at_a_place_of_their_own() {
+    fn each_ray_of_a_survey_has_its_own_cell() {
         let mut places: Vec<[u32; 2]> =
             (0..RAYS as u32).map(|ray| place(ray).to_array().map(|x| x as u32)).collect();
         assert_eq!(places[..5], [[0, 0], [1, 0], [2, 0], [3, 0], [0, 1]]);

@@ -1,5 +1,4 @@
-//! Cameras around one tile: the paper's four above its corners, and finer and finer ones on the hemisphere that
-//! those lie on.
+//! Cameras around one tile: the paper's four above its corners, and denser ones on the hemisphere through those.
 
 use glam::DVec3;
 
@@ -16,8 +15,8 @@ pub(super) const REFINED: u64 = {
     sum
 };
 
-/// Elevations stay this far from the horizon, where a camera sees the tile's edge, and from the zenith, where
-/// all azimuths are one.
+/// Elevations keep this distance from the horizon, where a camera sees the tile's edge, and from the zenith, where all
+/// azimuths coincide.
 const MARGIN_DEG: f64 = 5.0;
 
 const fn azimuths(level: u32) -> u64 {
@@ -28,7 +27,7 @@ const fn elevations(level: u32) -> u64 {
     1 << level
 }
 
-/// The level that a slot belongs to.
+/// The level of a slot.
 pub(super) fn level_of(slot: u64) -> u32 {
     let mut end = 0;
     let mut levels = 1..=MAX_LEVEL;
@@ -40,7 +39,7 @@ pub(super) fn level_of(slot: u64) -> u32 {
         .unwrap_or(MAX_LEVEL)
 }
 
-/// A tile: its box, the scene's full height, and how far above that its corner cameras are.
+/// A tile: its box with the scene's full height, and the height of its corner cameras above that.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tile {
     pub(super) bounds: Bounds,
@@ -48,7 +47,7 @@ pub(super) struct Tile {
 }
 
 impl Tile {
-    /// Where the camera above one corner stands.
+    /// Position of the camera above one corner.
     pub(super) fn corner(&self, corner: u64) -> DVec3 {
         let Bounds { min, max } = self.bounds;
         let x = if corner & 1 == 0 { min.x } else { max.x };
@@ -56,7 +55,7 @@ impl Tile {
         DVec3::new(x, max.y + self.above, z)
     }
 
-    /// Where a refined camera stands: as far from the tile's centre as those above the corners.
+    /// Position of a refined camera, at the corner cameras' distance from the tile's centre.
     pub(super) fn refined(&self, slot: u64) -> Option<DVec3> {
         let mut rest = slot;
         for level in 1..=MAX_LEVEL {
@@ -74,7 +73,7 @@ impl Tile {
         None
     }
 
-    /// The slot of that level which lies in the direction of an eye, as seen from the tile's centre.
+    /// The slot of a level nearest to an eye's direction, seen from the tile's centre.
     pub(super) fn nearest_slot(&self, eye: DVec3, level: u32) -> u64 {
         let direction = (eye - self.bounds.center()).normalize_or(DVec3::Y);
         let (around, up) = (azimuths(level), elevations(level));
@@ -90,8 +89,8 @@ impl Tile {
         (self.corner(0) - self.bounds.center()).length()
     }
 
-    /// The smallest vertical field of view, degrees, within which an image of `width` × `height` pixels shows
-    /// the whole box; at most 150° where the camera is too close.
+    /// The smallest vertical field of view, degrees, that shows the whole box in an image of `width` × `height`
+    /// pixels; at most 150°, for cameras that are too close.
     pub(super) fn fov_around(&self, camera: &Camera, width: u32, height: u32) -> f64 {
         let view_from_world = camera.view_from_world();
         let aspect = f64::from(width) / f64::from(height);

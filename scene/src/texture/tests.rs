@@ -28,7 +28,7 @@ fn levels_have_the_sizes_that_graphics_interfaces_expect() {
 }
 
 #[test]
-fn a_checkerboard_of_black_and_white_is_half_as_bright_not_byte_128() {
+fn a_checkerboards_mean_is_taken_in_linear_light() {
     let checker =
         |srgb| texture(4, 4, srgb, |x, y| if (x + y).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] });
     let byte = |srgb| chain(&checker(srgb)).levels[2].rgba[0];
@@ -86,7 +86,7 @@ fn texel_centres_return_the_texel_and_midpoints_their_mean_in_linear_light() {
 }
 
 #[test]
-fn wrap_modes_continue_the_texture_as_they_say() {
+fn every_wrap_mode_continues_the_texture_across_its_border() {
     let ramp = texture(4, 1, false, |x, _| [x as u8 * 60, 0, 0, 255]);
     let read = |wrap, u: f32| {
         let chain = MipChain::new(&Texture { wrap: [wrap; 2], ..ramp.clone() }, AlphaUse::Ignored);
@@ -142,7 +142,7 @@ fn colour_is_continuous_in_the_level() {
 }
 
 #[test]
-fn the_transform_shows_the_quadrant_that_the_extensions_own_example_names() {
+fn the_transform_gives_the_quadrant_of_the_extensions_own_example() {
     // KHR_texture_transform's example: "the lower left quadrant of the source image, rotated clockwise 90°".
     let half_turn = std::f32::consts::FRAC_PI_2;
     let example =
@@ -156,7 +156,7 @@ fn the_transform_shows_the_quadrant_that_the_extensions_own_example_names() {
 }
 
 #[test]
-fn textures_that_lie_about_their_size_become_a_white_texel() {
+fn textures_with_a_wrong_size_become_a_white_texel() {
     let good = texture(2, 2, true, noise);
     for broken in [
         Texture { width: 0, ..good.clone() },
@@ -168,7 +168,7 @@ fn textures_that_lie_about_their_size_become_a_white_texel() {
 }
 
 #[test]
-fn the_table_encodes_as_the_formula_does() {
+fn the_encoding_table_agrees_with_the_formula() {
     for i in 0..=100_000 {
         let x = i as f32 / 100_000.0;
         let formula = srgb_from_linear(x) * 255.0 + 0.5;

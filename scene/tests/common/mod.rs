@@ -1,4 +1,4 @@
-//! Scenes whose looks are known on paper.
+//! Scenes whose radiance and ranges are known exactly.
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
 use std::sync::Arc;
@@ -8,14 +8,13 @@ use argus_scene::{
 };
 use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 
-/// White from everywhere, no lights: a white surface has radiance 1.
+/// White light from everywhere, no lights: a white surface has radiance 1.
 pub(crate) fn furnace() -> Lighting {
     let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE };
     Lighting { lights: Vec::new(), sky, exposure: 1.0 }
 }
 
-/// Nothing but an unlit sky and one sun along `direction` of irradiance π: a white surface that faces it has
-/// radiance 1.
+/// A black sky and one sun along `direction` of irradiance π: a white surface that faces it has radiance 1.
 pub(crate) fn sun(direction: DVec3) -> Lighting {
     let irradiance = Vec3::splat(std::f32::consts::PI);
     Lighting { lights: vec![Light::Directional { direction, irradiance }], sky: Sky::BLACK, exposure: 1.0 }

@@ -17,7 +17,7 @@ fn a_square_is_two_triangles_with_flat_normals_under_sun_and_sky() {
 }
 
 #[test]
-fn references_to_what_does_not_exist_are_named() {
+fn references_to_missing_objects_are_named() {
     for (pointer, value, reason) in [
         ("/nodes/0/mesh", json!(7), "mesh 7 does not exist"),
         ("/scenes/0/nodes", json!([9]), "node 9 does not exist"),
@@ -54,14 +54,14 @@ fn counts_and_lengths_beyond_the_file_are_refused_before_memory_is_taken() {
         let line = refused(&changed(pointer, value.clone()));
         assert!(line.contains(reason), "{pointer} = {value}: {line}");
     }
-    // An accessor of zeros has no bytes at all to show for its count.
+    // An accessor of zeros has no bytes that limit its count.
     let mut zeros = square();
     zeros["accessors"][0] = json!({"componentType": 5126, "count": 1_000_000_000, "type": "VEC3"});
     assert!(refused(&zeros).contains("claims more"));
 }
 
 #[test]
-fn arrays_that_many_meshes_share_do_not_multiply_without_end() {
+fn arrays_shared_by_many_meshes_are_limited_in_total() {
     let mut document = square();
     let bytes = vec![0u8; 3 << 20];
     document["buffers"][0] = json!({"byteLength": bytes.len(), "uri": "a.bin"});
@@ -75,7 +75,7 @@ fn arrays_that_many_meshes_share_do_not_multiply_without_end() {
 }
 
 #[test]
-fn vertices_that_are_nan_or_out_of_range_cost_their_triangles() {
+fn only_triangles_with_vertices_that_are_nan_or_out_of_range_are_dropped() {
     let mut document = square();
     let mut bytes: Vec<u8> =
         [f32::NAN, 0., 0., 1., 0., 0., 1., 1., 0., 0., 1., 0.].iter().flat_map(|x| x.to_le_bytes()).collect();

@@ -1,4 +1,4 @@
-//! glTF documents made here, one for each thing that a loader can get wrong.
+//! glTF documents made here, one for each possible error of a loader.
 
 #![cfg(feature = "loaders")]
 

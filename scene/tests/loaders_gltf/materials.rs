@@ -13,7 +13,7 @@ fn png() -> Vec<u8> {
     bytes
 }
 
-/// A square whose material names one texture for everything.
+/// A square whose material uses one texture for every channel.
 fn textured(image: Value) -> Value {
     let mut document = square();
     document["images"] = json!([image]);
@@ -28,12 +28,12 @@ fn textured(image: Value) -> Value {
 }
 
 #[test]
-fn textures_are_decoded_addressed_and_given_tangents() {
+fn textures_are_decoded_with_their_wrap_modes_and_get_tangents() {
     let bytes = png();
     let scene =
         load_with(&textured(json!({"uri": "wood%20grain.png"})), &[("wood grain.png", &bytes)]).unwrap();
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
-    // Colour and data read the same image differently.
+    // Colour and data decode the same image differently.
     assert_eq!(scene.textures.len(), 2);
     assert_eq!(scene.textures[0].rgba[..4], [200, 100, 50, 255]);
     use argus_scene::material::Wrap;
@@ -42,7 +42,7 @@ fn textures_are_decoded_addressed_and_given_tangents() {
 }
 
 #[test]
-fn a_bad_texture_costs_that_texture_and_a_warning() {
+fn a_bad_texture_is_dropped_with_a_warning() {
     let whole = png();
     let cases: [(Value, &[u8]); 5] = [
         (json!({"uri": "x.png"}), &whole[..40]),
@@ -88,7 +88,7 @@ fn materials_keep_their_extensions() {
 }
 
 #[test]
-fn extensions_and_occlusion_textures_that_are_ignored_are_warned_of_once_each() {
+fn ignored_extensions_and_occlusion_textures_are_warned_of_once_each() {
     let bytes = png();
     let mut document = textured(json!({"uri": "wood.png"}));
     document["extensionsUsed"] =

@@ -1,4 +1,4 @@
-//! The hierarchy and what hangs from it: instances, lights, cameras, animations.
+//! The hierarchy and its objects: instances, lights, cameras, animations.
 
 use argus_scene::animation::Track;
 use argus_scene::{Effect, Light, RigKind};
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{data_uri, load, refused, square};
 
 #[test]
-fn loops_second_parents_and_doubly_listed_nodes() {
+fn loops_are_refused_and_nodes_with_two_parents_or_listed_twice_are_drawn_once() {
     let mut document = square();
     document["nodes"] = json!([{"children": [1]}, {"children": [2]}, {"children": [0]}]);
     assert!(refused(&document).contains("own ancestor"));
@@ -67,7 +67,7 @@ fn a_mesh_of_two_nodes_is_stored_once() {
 }
 
 #[test]
-fn lights_and_cameras_stand_where_their_nodes_do() {
+fn lights_and_cameras_have_their_nodes_transforms() {
     let mut document = square();
     document["cameras"] = json!([
         {"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}},
@@ -141,7 +141,7 @@ fn animations_follow_the_nodes_and_bad_channels_are_left_out() {
 }
 
 #[test]
-fn height_fields_are_sampled_from_above_unless_somebody_placed_a_camera() {
+fn height_fields_without_a_camera_are_sampled_from_above() {
     let mut document = square();
     // The square, laid down: 100 m × 100 m and no height.
     document["nodes"][0] =

@@ -1,25 +1,25 @@
-//! Which camera is asked for next, and which image is sent next: the bridge's rules, without its sockets.
+//! Flow control of a bridge: which camera to request next and which image to send next, without I/O.
 
 use std::collections::VecDeque;
 
 use argus_scene::{InvalidField, View};
 use tokio::time::Instant;
 
-/// Images that are on their way to a page, sent and not acknowledged: one arrives while the next one leaves.
+/// Largest number of unacknowledged images in flight to a page: one arrives while the next is sent.
 pub(super) const WINDOW: usize = 2;
 
-/// Cameras that may wait for the service's answer. Nearly all of them were replaced by newer ones in the session.
+/// Largest number of cameras that wait for an answer. Newer ones have superseded nearly all of them.
 const MAX_ASKED: usize = 4096;
 
-/// The message of an image.
+/// An encoded image message.
 pub(super) struct Image {
     /// The page's number of the camera.
     pub(super) number: u64,
-    /// As it is sent.
+    /// The message's bytes.
     pub(super) message: Vec<u8>,
 }
 
-/// A page's camera.
+/// The camera of a page.
 struct Camera {
     number: u64,
     view: View,
@@ -27,33 +27,33 @@ struct Camera {
     since: Instant,
 }
 
-/// A camera that the service was asked for.
-struct Asked {
+/// A camera that was requested from the service.
+struct Request {
     camera_seq: u64,
     number: u64,
     since: Instant,
 }
 
-/// What a page wants, waits for and has got.
+/// State of a page's cameras and images.
 #[derive(Default)]
 pub(super) struct Flow {
     /// The page's newest camera.
     newest: Option<Camera>,
-    /// Whether the service has not been asked for the newest camera.
+    /// Whether the newest camera was not requested yet.
     unasked: bool,
-    /// Cameras that the service has not answered, oldest first.
-    asked: VecDeque<Asked>,
+    /// Cameras without an answer, oldest first.
+    asked: VecDeque<Request>,
     /// Images that the page has not acknowledged, oldest first.
     unshown: VecDeque<u64>,
-    /// An image that waits until the page has room for it.
+    /// An image that waits until the page has capacity.
     made: Option<Image>,
 }
 
 impl Flow {
-    /// The page's camera moves.
+    /// Sets the page's newest camera.
     ///
     /// # Errors
-    /// If the number is not above that of the camera before.
+    /// The number is not above that of the previous camera.
     pub(super) fn wants(&mut self, number: u64, view: View, since: Instant) -> Result<(), InvalidField> {
         if let Some(newest) = self.newest.as_ref().filter(|newest| number <= newest.number) {
             let reason = format!("numbers must ascend: {number} came after {}", newest.number);
@@ -64,9 +64,8 @@ impl Flow {
         Ok(())
     }
 
-    /// The view that the service is to be asked for now, if there is one: the newest, and only if the page will have
-    /// room for its image. While no image is on its way to the page the session may hold two views, one in work and
-    /// one that waits; the one that waits is replaced.
+    /// The view to request now, if any: the newest one, and only if the page will have capacity for its image. While
+    /// no image is in flight, the session may hold two views: one in work and one that waits and may be replaced.
     pub(super) fn to_ask(&self) -> Option<&View> {
         let room = match self.unshown.len() {
             _ if self.made.is_some() => false,
@@ -78,38 +77,39 @@ impl Flow {
         newest.map(|camera| &camera.view)
     }
 
-    /// The service was asked for the newest camera, under this number of the session.
+    /// Records that the newest camera was requested, under this number of the session.
     pub(super) fn asked(&mut self, camera_seq: u64) {
         if let Some(Camera { number, since, .. }) = self.newest {
-            self.asked.push_back(Asked { camera_seq, number, since });
+            self.asked.push_back(Request { camera_seq, number, since });
         }
         self.unasked = false;
     }
 
-    /// Whether the service owes an answer.
+    /// Whether an answer is due from the service.
     pub(super) fn is_waiting(&self) -> bool {
         !self.asked.is_empty()
     }
 
-    /// The service answered a camera, and none before it will be: the page's number of it, and when the page sent it.
+    /// Records an answer; earlier cameras will not be answered. Returns the page's number and when the page
+    /// sent the camera.
     pub(super) fn answered(&mut self, camera_seq: u64) -> Option<(u64, Instant)> {
         let end = self.asked.iter().take_while(|asked| asked.camera_seq <= camera_seq).count();
         let last = self.asked.drain(..end).next_back()?;
         (last.camera_seq == camera_seq).then_some((last.number, last.since))
     }
 
-    /// The session is lost with all that was asked: the newest camera is asked for again, unless it was answered.
+    /// Records the loss of the session. The newest camera is requested again unless it was answered.
     pub(super) fn ask_again(&mut self) {
         self.unasked |= !self.asked.is_empty();
         self.asked.clear();
     }
 
-    /// An image is ready to be sent.
+    /// Stores an encoded image.
     pub(super) fn made(&mut self, image: Image) {
         self.made = Some(image);
     }
 
-    /// The image that is to be sent now, if there is one and the page has room. It counts as on its way from now on.
+    /// The image to send now, if there is one and the page has capacity. It then counts as in flight.
     pub(super) fn next_to_send(&mut self) -> Option<Vec<u8>> {
         if self.unshown.len() >= WINDOW {
             return None;
@@ -119,8 +119,8 @@ impl Flow {
         Some(image.message)
     }
 
-    /// The page has shown this image, and needs none of those before it. An image that waited for that is dropped if
-    /// the page has a newer camera by now.
+    /// Records that the page has shown this image and needs no earlier one. A waiting image is dropped if the page
+    /// has a newer camera.
     pub(super) fn shown(&mut self, number: u64) {
         self.unshown.retain(|unshown| *unshown > number);
         let unasked = self.unasked;
@@ -141,9 +141,9 @@ mod tests {
         View { camera, width: 8, height: 6, outputs: Outputs::COLOR, plan: PlanRequest::default(), pin: None }
     }
 
-    /// A flow with a service that answers when it is told to, as a session does: one view in work, one that waits.
+    /// A flow and a simulated service with one view in work and one that waits, as in a session.
     #[derive(Default)]
-    struct Played {
+    struct SimulatedService {
         flow: Flow,
         sent: u64,
         in_work: Option<u64>,
@@ -152,7 +152,7 @@ mod tests {
         last_shown: u64,
     }
 
-    impl Played {
+    impl SimulatedService {
         fn settle(&mut self) {
             if self.flow.to_ask().is_some() {
                 self.sent += 1;
@@ -169,7 +169,7 @@ mod tests {
             self.settle();
         }
 
-        /// The service finishes what is in work; the page's number of it.
+        /// Finishes the view in work. Returns the page's number of it.
         fn finishes(&mut self) -> Option<u64> {
             let camera_seq = self.in_work.take()?;
             let (number, _) = self.flow.answered(camera_seq).unwrap();
@@ -190,30 +190,30 @@ mod tests {
 
     #[test]
     fn the_newest_camera_replaces_the_one_that_waits() {
-        let mut played = Played::default();
-        (1..=5).for_each(|number| played.wants(number));
-        assert_eq!(played.finishes(), Some(1));
-        assert_eq!(played.finishes(), Some(5));
-        assert_eq!(played.finishes(), None);
+        let mut service = SimulatedService::default();
+        (1..=5).for_each(|number| service.wants(number));
+        assert_eq!(service.finishes(), Some(1));
+        assert_eq!(service.finishes(), Some(5));
+        assert_eq!(service.finishes(), None);
     }
 
     #[test]
-    fn a_page_that_shows_nothing_is_sent_two_images_and_asks_for_no_third() {
-        let mut played = Played::default();
+    fn a_page_that_shows_nothing_gets_two_images_and_no_third_request() {
+        let mut service = SimulatedService::default();
         for number in 1..=20 {
-            played.wants(number);
-            played.finishes();
+            service.wants(number);
+            service.finishes();
         }
-        assert_eq!(played.on_their_way.len(), WINDOW);
-        assert!(played.in_work.is_none() && played.waits.is_none());
-        assert_eq!(played.sent, WINDOW as u64);
-        // What it gets once it has shown one is of its newest camera.
-        played.shows();
-        assert_eq!(played.finishes(), Some(20));
+        assert_eq!(service.on_their_way.len(), WINDOW);
+        assert!(service.in_work.is_none() && service.waits.is_none());
+        assert_eq!(service.sent, WINDOW as u64);
+        // After showing one image, it gets one of its newest camera.
+        service.shows();
+        assert_eq!(service.finishes(), Some(20));
     }
 
     #[test]
-    fn numbers_that_do_not_ascend_are_refused() {
+    fn numbers_that_do_not_ascend_are_rejected() {
         let mut flow = Flow::default();
         flow.wants(7, view(), Instant::now()).unwrap();
         for number in [7, 6, 0] {
@@ -222,23 +222,23 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_session_asks_for_the_newest_camera_again_and_only_if_it_is_unanswered() {
-        let mut played = Played::default();
-        played.wants(1);
-        played.wants(2);
-        played.flow.ask_again();
-        assert!(played.flow.to_ask().is_some() && !played.flow.is_waiting());
-        let mut answered = Played::default();
+    fn a_lost_session_requests_the_newest_camera_again_only_if_it_is_unanswered() {
+        let mut service = SimulatedService::default();
+        service.wants(1);
+        service.wants(2);
+        service.flow.ask_again();
+        assert!(service.flow.to_ask().is_some() && !service.flow.is_waiting());
+        let mut answered = SimulatedService::default();
         answered.wants(1);
         answered.finishes();
         answered.flow.ask_again();
         assert!(answered.flow.to_ask().is_none());
-        // An answer to a camera of the session before means nothing.
+        // An answer from the previous session is ignored.
         assert!(answered.flow.answered(1).is_none());
     }
 
     #[test]
-    fn a_service_that_answers_nothing_makes_no_bridge_grow() {
+    fn memory_is_bounded_while_the_service_does_not_answer() {
         let mut flow = Flow::default();
         for number in 1..=10 * MAX_ASKED as u64 {
             flow.wants(number, view(), Instant::now()).unwrap();
@@ -250,26 +250,25 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the order of events, no more than two images are on their way, and the newest camera is shown in
-        /// the end.
+        /// In any order of events, at most two images are in flight, and the newest camera is shown at the end.
         #[test]
         fn the_newest_camera_is_shown_in_the_end(steps in prop::collection::vec(0_u8..3, 0..200)) {
-            let mut played = Played::default();
+            let mut service = SimulatedService::default();
             let mut newest = 0;
             for step in steps {
                 match step {
-                    0 => { newest += 1; played.wants(newest); }
-                    1 => { played.finishes(); }
-                    _ => played.shows(),
+                    0 => { newest += 1; service.wants(newest); }
+                    1 => { service.finishes(); }
+                    _ => service.shows(),
                 }
             }
             for _ in 0..4 {
-                played.finishes();
-                played.shows();
+                service.finishes();
+                service.shows();
             }
-            prop_assert_eq!(played.last_shown, newest);
-            prop_assert!(played.flow.to_ask().is_none() && !played.flow.is_waiting());
-            prop_assert!(played.flow.made.is_none() && played.on_their_way.is_empty());
+            prop_assert_eq!(service.last_shown, newest);
+            prop_assert!(service.flow.to_ask().is_none() && !service.flow.is_waiting());
+            prop_assert!(service.flow.made.is_none() && service.on_their_way.is_empty());
         }
     }
 }

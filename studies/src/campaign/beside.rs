@@ -1,4 +1,4 @@
-//! Rows of one study from two campaigns, side by side.
+//! Compares the rows of one study from two campaigns, side by side.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -11,15 +11,15 @@ use crate::targets::text;
 /// A row of a study.
 pub(super) type Row = Map<String, Value>;
 
-/// What a figure's size says.
+/// Whether a smaller or a larger figure is better.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Better {
     Less,
     More,
 }
 
-/// A table of what both have: a row's keys, then each figure as `here / beside (how many times better here)`. Rows that
-/// only one of them has stand alone.
+/// A Markdown table: a row's keys, then each figure as `here / beside (how many times better here)`. A row that only one
+/// campaign has stands alone.
 pub(super) fn table(keys: &[&str], here: &[Row], other: &[Row]) -> String {
     let keys: Vec<&str> =
         keys.iter().copied().filter(|key| here.iter().any(|row| row.contains_key(*key))).collect();
@@ -48,20 +48,20 @@ pub(super) fn table(keys: &[&str], here: &[Row], other: &[Row]) -> String {
     table
 }
 
-/// What a row goes by.
+/// A row's key values, as text.
 fn named(keys: &[&str], row: &Row) -> Vec<String> {
     keys.iter()
         .map(|key| row.get(*key).filter(|value| !value.is_null()).map(text).unwrap_or_default())
         .collect()
 }
 
-/// Columns that are times, rates, errors or the figure of a row that says its unit, in their order.
+/// Columns that can be compared, in their order: times, rates, errors, and `figure`, whose row names its unit.
 fn figures(rows: &[Row]) -> Vec<String> {
     let first = rows.first().into_iter().flat_map(|row| row.keys());
     first.filter(|key| better(key, "").is_some()).cloned().collect()
 }
 
-/// What is better in a column; `None` where it is no figure that can be compared.
+/// Whether less or more is better in a column; `None` if it cannot be compared.
 fn better(column: &str, unit: &str) -> Option<Better> {
     let ends = |ends: &[&str]| ends.iter().any(|end| column.ends_with(end));
     match column {
@@ -97,7 +97,7 @@ mod tests {
     use crate::report::row;
 
     #[test]
-    fn rows_meet_by_their_keys_whatever_their_order_and_repeated_ones_in_turn() {
+    fn rows_match_by_key_in_any_order_and_repeated_keys_in_turn() {
         let of = |way: &str, ms: f64, rate: f64| {
             row(json!({"way": way, "n": 3, "view_ms": ms, "views_per_sec": rate}))
         };
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn the_unit_says_whether_more_of_a_figure_is_better_and_nothing_has_no_ratio() {
+    fn the_unit_decides_whether_more_is_better_and_a_missing_figure_has_no_ratio() {
         let of = |figure: Option<f64>, unit: &str| row(json!({"figure": figure, "unit": unit}));
         assert!(pair("figure", &of(Some(2.0), "G/s"), Some(&of(Some(1.0), "G/s"))).ends_with("(2.00×)"));
         assert!(pair("figure", &of(Some(2.0), "µs"), Some(&of(Some(1.0), "µs"))).ends_with("(0.50×)"));

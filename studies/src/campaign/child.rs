@@ -1,4 +1,4 @@
-//! A step's process: what it prints goes to files, and all that it started ends with it.
+//! Runs one step's process: its output goes to files, and its whole process group ends with it.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -12,18 +12,18 @@ use tokio_util::sync::CancellationToken;
 /// How a process ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Ended {
-    /// By itself, or by somebody else's signal.
+    /// It exited by itself, or by a signal from outside the campaign.
     Exit(ExitStatus),
-    /// It was killed since it took too long.
+    /// It was killed because it exceeded its time limit.
     TimedOut,
-    /// It was killed since the campaign was stopped.
+    /// It was killed because the campaign was stopped.
     Stopped,
 }
 
-/// Runs a program to its end, at most for `most`; standard output and error go to files.
+/// Runs a program to its end or for at most `most`. Standard output and error go to files.
 ///
 /// # Errors
-/// The program cannot be started, or a file cannot be made.
+/// The program cannot be started, or a file cannot be created.
 pub(super) async fn run(
     program: &Path,
     arguments: &[String],
@@ -34,7 +34,7 @@ pub(super) async fn run(
     let file = |path: &Path| File::create(path).with_context(|| format!("cannot write {}", path.display()));
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null()).stdout(file(output)?).stderr(file(log)?);
-    // A group of its own: a study's cluster ends with the study.
+    // A process group of its own, so that a study's cluster ends with the study.
     #[cfg(unix)]
     command.process_group(0);
     let mut child =
@@ -53,18 +53,18 @@ pub(super) async fn run(
     Ok(ended)
 }
 
-/// Ends what a process left of its group.
+/// Kills the rest of a process group.
 fn kill_group(group: Option<u32>) {
     #[cfg(unix)]
     if let Some(pid) = group.and_then(|id| rustix::process::Pid::from_raw(id.cast_signed())) {
-        // Mostly nothing is left.
+        // Usually the group is empty.
         let _ = rustix::process::kill_process_group(pid, rustix::process::Signal::KILL);
     }
     #[cfg(not(unix))]
     let _ = group;
 }
 
-/// Why a process failed, by how it ended and the last line that it wrote.
+/// Why a process failed: its signal, or the last line of its log.
 pub(super) fn reason(status: ExitStatus, log: &Path) -> String {
     #[cfg(unix)]
     if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {
@@ -98,7 +98,7 @@ mod tests {
     const LONG: Duration = Duration::from_secs(30);
 
     #[tokio::test]
-    async fn a_failure_says_the_last_line_and_a_killed_process_its_signal() {
+    async fn a_failure_reports_the_last_log_line_or_the_signal() {
         let stop = CancellationToken::new();
         let (ended, output, why) =
             shell("echo found; echo first >&2; echo last >&2; exit 3", LONG, &stop).await;
@@ -110,14 +110,14 @@ mod tests {
 
     #[tokio::test]
     #[cfg(target_os = "linux")]
-    async fn what_takes_too_long_ends_with_all_that_it_started() {
+    async fn a_step_that_exceeds_its_time_is_killed_with_its_children() {
         let begin = Instant::now();
         let script = "sleep 60 & echo $!; wait";
         let (ended, output, _) = shell(script, Duration::from_millis(300), &CancellationToken::new()).await;
         assert_eq!(ended, Ended::TimedOut);
         assert!(begin.elapsed() < LONG);
         let pid: u32 = output.trim().parse().unwrap();
-        // Its parent is gone, so that whoever adopts it has to reap it: at most it is a zombie, and soon.
+        // The orphan is reaped by init: at most it is a zombie for a moment.
         let ended = || {
             let status = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
             status.is_empty() || status.contains(") Z") || status.contains(") X")
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_campaign_that_is_stopped_does_not_wait_for_its_step() {
+    async fn a_stopped_campaign_does_not_wait_for_its_step() {
         let stop = CancellationToken::new();
         stop.cancel();
         let begin = Instant::now();
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_program_that_is_not_there_is_named() {
+    async fn a_missing_program_is_named_in_the_error() {
         let folder = tempfile::tempdir().unwrap();
         let [output, log] = ["out", "log"].map(|name| folder.path().join(name));
         let missing = folder.path().join("argus");

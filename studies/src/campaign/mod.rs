@@ -1,7 +1,7 @@
-//! A campaign: the steps that need a GPU, each in a process of its own, in order of worth within a given time.
+//! Campaign: runs the steps that need a GPU within a given time, the most valuable first, each in its own process.
 //!
-//! A machine with a GPU is at hand for minutes at a time. Results are written as they come, so that a campaign that is cut
-//! off loses nothing; a step that fails, is killed or takes too long is a row with its reason.
+//! Results are written after every step, so an interrupted campaign loses nothing. A step that fails, is killed or runs
+//! out of time becomes a row with the reason.
 
 mod beside;
 mod child;
@@ -24,25 +24,25 @@ pub use self::record::{Outcome, PAGE, Record, Results, StepRecord};
 use self::steps::SELFTEST;
 pub use self::steps::{STEPS, Step};
 
-/// What a campaign does.
+/// What a campaign runs and where it writes.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The least that runs every step.
+    /// Whether every step runs with its smallest options.
     pub quick: bool,
-    /// Minutes that it may take.
+    /// Time limit in minutes.
     pub minutes: f64,
-    /// The folder for its results.
+    /// Folder for the results.
     pub out: PathBuf,
-    /// The folder of another campaign, whose figures stand beside.
+    /// Folder of another campaign to compare with.
     pub beside: Option<PathBuf>,
 }
 
-/// Runs a campaign of the program `argus`; `progress` counts steps. Once `stop` is cancelled the step that runs is ended,
-/// and no other begins.
+/// Runs a campaign of the program `argus`; `progress` counts steps. Cancelling `stop` ends the running step, and no
+/// further step starts.
 ///
 /// # Errors
-/// A folder that cannot be written to, another campaign that cannot be read, a program that cannot be started. Steps that
-/// fail are in the results.
+/// The folder cannot be written to, the other campaign cannot be read, or the program cannot be started. A failed step is
+/// part of the results.
 pub async fn run(
     argus: &Path,
     options: &Options,
@@ -80,12 +80,12 @@ pub async fn run(
     Ok(results)
 }
 
-/// To the millisecond, which decimals carry without loss.
+/// Seconds, rounded to milliseconds so that JSON stores them without loss.
 fn seconds(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e3).round() / 1e3
 }
 
-/// Runs one step and takes over what it printed, also where it failed.
+/// Runs one step and keeps the JSON that it printed, even if it failed.
 async fn run_step(
     argus: &Path,
     step: &Step,
@@ -113,7 +113,7 @@ async fn run_step(
     })
 }
 
-/// Why no further step is begun: the campaign was stopped, or there is no device.
+/// Why no further step may start: the campaign was stopped, or no device opens.
 fn reason_to_skip(results: &Results, stop: &CancellationToken) -> Option<String> {
     if stop.is_cancelled() {
         return Some("the campaign was stopped".to_owned());
@@ -131,7 +131,7 @@ mod tests {
 
     use super::*;
 
-    /// A program that does for each step what a shell script says; `$1` is `selftest` or `study`, `$2` the study.
+    /// Writes a program that runs a shell script; `$1` is `selftest` or `study`, `$2` the study's name.
     fn program(folder: &Path, script: &str) -> PathBuf {
         let path = folder.join("argus");
         fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
@@ -150,7 +150,7 @@ mod tests {
         let options = Options { quick: true, minutes, out: out.clone(), beside: None };
         let results = run(&argus, &options, &ProgressBar::hidden(), stop).await.unwrap();
         let page = fs::read_to_string(out.join(PAGE)).unwrap();
-        assert_eq!(Results::read(&out).unwrap(), results, "the folder holds all that there is");
+        assert_eq!(Results::read(&out).unwrap(), results, "the folder holds the whole result");
         (results, page, folder)
     }
 
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_step_that_fails_is_a_row_with_its_reason_and_the_others_go_on() {
+    async fn a_failed_step_becomes_a_row_with_its_reason_and_later_steps_run() {
         let script = r#"
             case "$2" in
                 warp) echo "argus: no such thing" >&2; exit 1;;
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn without_a_device_nothing_else_is_begun() {
+    async fn without_a_device_no_further_step_starts() {
         let script =
             r#"echo '{"passed": false, "device": null, "checks": []}'; echo "argus: no driver" >&2; exit 1"#;
         let (results, page, _folder) = campaign(script, 5.0, &CancellationToken::new()).await;
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_campaign_that_is_cut_off_leaves_its_page_and_its_results() {
+    async fn an_interrupted_campaign_leaves_its_page_and_results() {
         let folder = tempfile::tempdir().unwrap();
         let argus = program(
             folder.path(),
@@ -200,7 +200,7 @@ mod tests {
         let out = folder.path().join("results");
         let options = Options { quick: true, minutes: 5.0, out: out.clone(), beside: None };
         let (progress, stop) = (ProgressBar::hidden(), CancellationToken::new());
-        // Dropped in the middle of its second step, as a process that is killed.
+        // The future is dropped in its second step, as if the process were killed.
         let whole = run(&argus, &options, &progress, &stop);
         let cut = tokio::time::timeout(Duration::from_secs(5), whole).await;
         assert!(cut.is_err(), "the second step sleeps");
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_campaign_that_is_stopped_says_so_and_ends() {
+    async fn a_stopped_campaign_reports_it_and_ends() {
         let stop = CancellationToken::new();
         let ends = stop.clone();
         tokio::spawn(async move {
@@ -230,14 +230,14 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn steps_beyond_the_time_are_left_out() {
+    async fn steps_without_time_left_are_skipped() {
         let (results, page, _folder) = campaign("echo '{}'", 0.01, &CancellationToken::new()).await;
         assert!(results.record.steps.iter().all(|step| matches!(step.outcome, Outcome::Skipped { .. })));
         assert!(page.contains("left out: no time left"), "{page}");
     }
 
     #[tokio::test]
-    async fn a_program_that_is_missing_is_an_error_that_names_it() {
+    async fn a_missing_program_is_named_in_the_error() {
         let folder = tempfile::tempdir().unwrap();
         let argus = folder.path().join("argus");
         let out = folder.path().join("results");

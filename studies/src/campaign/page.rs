@@ -1,5 +1,5 @@
-//! A campaign's page: targets first, then what became of each step, then every step's rows; another campaign's figures
-//! beside them where there is one.
+//! A campaign's Markdown page: targets first, then the outcome of each step, then every step's rows. Figures of another
+//! campaign stand beside them if there is one.
 
 use std::fmt::Write as _;
 
@@ -34,13 +34,13 @@ pub(super) fn page(here: &Results, other: Option<&Results>) -> String {
     page
 }
 
-/// How to run what a campaign does not.
+/// How to run the tests that a campaign does not run.
 const TESTS: &str = "\n## Tests of the crates\n\n\
     `argus selftest` tests the device through the whole of Argus. The crates' own tests are programs as well: `cargo test \
     --release --no-run -p argus-gpu -p argus-sampler -p argus-compositor` builds them and prints their paths; copied to this \
     machine each runs by itself, without arguments.\n";
 
-/// The device that a campaign ran on: as studies say it, or else the self-test.
+/// The device of a campaign, from a study's report or else from the self-test.
 fn device(results: &Results) -> String {
     let machine = results.printed.values().find_map(|printed| printed.get("machine"));
     let text = |value: Option<&Value>| value.and_then(Value::as_str).unwrap_or_default().to_owned();
@@ -73,7 +73,7 @@ fn targets(page: &mut String, here: &Results, other: Option<&Results>) {
     }
 }
 
-/// A target's cells.
+/// A target's table cells.
 #[derive(Debug, PartialEq)]
 struct Cells {
     figure: String,
@@ -87,7 +87,7 @@ fn figure(target: &Target, results: &Results) -> Cells {
     let rows: Vec<Row> =
         printed.filter_map(|step| results.printed.get(step.name)).flat_map(rows_of).collect();
     let Some((row, figure)) = target.best(&rows) else {
-        // A row without a figure may still say why.
+        // A row without the figure may still hold a note with the reason.
         let row = rows.iter().find(|row| target.is_about(row));
         let with = row.map_or_else(|| "not measured".to_owned(), |row| beside_figure(target, row));
         return Cells { figure: nothing.clone(), ratio: nothing, with };
@@ -110,11 +110,15 @@ fn steps(page: &mut String, here: &Results) {
             _ => (format!("{secs:.1}"), format!("{most_secs:.0}")),
         };
         let command = command.join(" ");
-        let _ = writeln!(page, "| {name} | {} | {secs} | {most} | `argus {command}` |", cell(&told(outcome)));
+        let _ = writeln!(
+            page,
+            "| {name} | {} | {secs} | {most} | `argus {command}` |",
+            cell(&outcome_text(outcome))
+        );
     }
 }
 
-fn told(outcome: &Outcome) -> String {
+fn outcome_text(outcome: &Outcome) -> String {
     match outcome {
         Outcome::Waiting => "not begun".to_owned(),
         Outcome::Begun => "begun, and not ended when this page was written".to_owned(),
@@ -125,7 +129,7 @@ fn told(outcome: &Outcome) -> String {
     }
 }
 
-/// The device as it describes itself, and the checks that failed.
+/// The device's description, and the checks that failed.
 fn selftest(page: &mut String, here: &Results, other: Option<&Results>) {
     let Some(printed) = here.printed.get(SELFTEST) else { return };
     *page += "\n## Device\n\n";
@@ -156,7 +160,7 @@ fn selftest(page: &mut String, here: &Results, other: Option<&Results>) {
     }
 }
 
-/// A value of the device's description.
+/// A value of the device's description, as text.
 fn listed(value: &Value) -> String {
     cell(&match value {
         Value::Array(parts) if parts.is_empty() => "nothing".to_owned(),
@@ -189,7 +193,7 @@ fn fragments(page: &mut String) {
     }
 }
 
-/// The rows of a report.
+/// The rows of a printed report.
 fn rows_of(printed: &Value) -> Vec<Row> {
     printed.get("rows").map(objects).unwrap_or_default()
 }
@@ -198,7 +202,7 @@ fn objects(value: &Value) -> Vec<Row> {
     value.as_array().into_iter().flatten().filter_map(Value::as_object).cloned().collect()
 }
 
-/// Text that does not end its cell.
+/// Escapes text for a table cell.
 fn cell(text: &str) -> String {
     text.replace('|', "\\|").replace('\n', " ")
 }
@@ -221,13 +225,13 @@ mod tests {
         results
     }
 
-    /// Lines of the page that begin so.
+    /// Lines of the page that start with `begin`.
     fn lines<'a>(page: &'a str, begin: &str) -> Vec<&'a str> {
         page.lines().filter(|line| line.starts_with(begin)).collect()
     }
 
     #[test]
-    fn a_target_stands_with_its_ratio_and_what_it_means_little_without() {
+    fn a_target_shows_its_ratio_and_the_figures_beside_it() {
         let page = page(&results(40.0, "soft"), None);
         let row = lines(&page, "| 1M maps")[0];
         assert_eq!(
@@ -239,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn two_campaigns_stand_side_by_side() {
+    fn two_campaigns_are_compared_side_by_side() {
         let page = page(&results(5.0, "fast"), Some(&results(40.0, "soft")));
         let target = lines(&page, "| 1M maps")[0];
         assert!(target.contains("| 5.000 | 2.000 | 40.000 | 0.250 |"), "{target}");
@@ -248,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn what_failed_is_a_row_with_its_reason_and_cells_stay_whole() {
+    fn a_failed_step_is_a_row_with_its_reason_and_cells_are_escaped() {
         let mut results = results(1.0, "soft");
         results.record.steps[2].outcome = Outcome::Failed { reason: "a | b".to_owned() };
         results.record.steps[3].outcome = Outcome::Skipped { reason: "no time left".to_owned() };
@@ -260,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn the_self_test_tells_the_device_and_what_failed_or_is_absent() {
+    fn the_page_describes_the_device_and_lists_failed_and_absent_checks() {
         let mut results = Results { record: Record::new(true, 1.0), ..Results::default() };
         let check =
             |name: &str, result: &str| json!({"name": name, "result": result, "figure": 0.5, "note": "why"});
@@ -279,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_of_nothing_still_says_what_is_missing() {
+    fn an_empty_campaign_still_lists_all_targets() {
         let page = page(&Results::default(), None);
         assert!(page.contains("whose device is not known") && page.contains("## Targets"), "{page}");
         assert!(lines(&page, "| compositor/resolve")[0].contains("| none |"));

@@ -1,6 +1,6 @@
-//! What became of each step, and the folder that holds a campaign's results.
+//! The outcome of each step, and the folder that holds a campaign's results.
 //!
-//! Every file is replaced as a whole, so that a campaign that is cut off at any moment leaves results that can be read.
+//! Every file is replaced as a whole, so that an interrupted campaign leaves readable results.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -18,16 +18,16 @@ use super::steps::STEPS;
 pub enum Outcome {
     /// Not begun yet.
     Waiting,
-    /// Begun, and not ended when this was written.
+    /// Begun; not ended when this was written.
     Begun,
-    /// Its results are there.
+    /// Ended; its results were written.
     Done,
     /// It ended with an error, or was killed.
     Failed {
-        /// The last thing it said, or the signal.
+        /// The last line that it logged, or the signal.
         reason: String,
     },
-    /// It took longer than it might.
+    /// It exceeded its time limit.
     TimedOut,
     /// It was not begun.
     Skipped {
@@ -36,48 +36,48 @@ pub enum Outcome {
     },
 }
 
-/// One step of a campaign.
+/// One step and its outcome.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StepRecord {
-    /// [`super::Step::name`].
+    /// The step's name, [`super::Step::name`].
     pub name: String,
     /// Arguments of `argus`.
     pub command: Vec<String>,
     /// How it ended.
     #[serde(flatten)]
     pub outcome: Outcome,
-    /// Seconds that it took.
+    /// Seconds that it ran.
     pub secs: f64,
-    /// Seconds that it might take.
+    /// Its time limit in seconds.
     pub most_secs: f64,
 }
 
-/// A campaign.
+/// All steps of a campaign.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Record {
-    /// Whether its figures are noise.
+    /// Whether the campaign was quick, so that its figures are noise.
     pub quick: bool,
-    /// Minutes that it had.
+    /// Time limit in minutes.
     pub minutes: f64,
-    /// In order of worth.
+    /// The steps, the most valuable first.
     pub steps: Vec<StepRecord>,
 }
 
-/// A campaign and what its steps printed, by step.
+/// A campaign and the output of its steps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Results {
-    /// What became of its steps.
+    /// The steps and their outcomes.
     pub record: Record,
-    /// One JSON object of each step that printed one.
+    /// The JSON object that each step printed, by the step's name.
     pub printed: BTreeMap<String, Value>,
 }
 
 const RECORD: &str = "steps.json";
-/// The page's name.
+/// The page's file name.
 pub const PAGE: &str = "results.md";
 
 impl Record {
-    /// All steps, none begun.
+    /// All steps; none has begun.
     pub(super) fn new(quick: bool, minutes: f64) -> Self {
         let step = |step: &super::Step| StepRecord {
             name: step.name.to_owned(),
@@ -91,10 +91,10 @@ impl Record {
 }
 
 impl Results {
-    /// Reads what a campaign left in a folder, also one that was cut off. What a step printed that is no JSON is left out.
+    /// Reads a campaign's folder, even of an interrupted campaign. A step's output that is not JSON is skipped.
     ///
     /// # Errors
-    /// The folder holds no campaign.
+    /// The folder holds no campaign, or its record cannot be read.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(RECORD);
         let text = fs::read_to_string(&path)
@@ -112,35 +112,35 @@ impl Results {
     }
 }
 
-/// The folder of a campaign that is under way.
+/// The folder of a running campaign.
 #[derive(Debug, Clone)]
 pub(super) struct Folder(PathBuf);
 
 impl Folder {
-    /// Makes the folder if need be, and removes what an earlier campaign's steps printed there.
+    /// Creates the folder if needed, and removes the step files of an earlier campaign.
     pub(super) fn new(path: &Path) -> Result<Self> {
         fs::create_dir_all(path).with_context(|| format!("cannot make {}", path.display()))?;
         for step in &STEPS {
             for kind in ["json", "part", "log"] {
-                // Mostly there is none.
+                // Usually the file does not exist.
                 let _ = fs::remove_file(path.join(format!("{}.{kind}", step.name)));
             }
         }
         Ok(Self(path.to_owned()))
     }
 
-    /// A file of a step.
+    /// The path of a step's file.
     pub(super) fn file(&self, step: &str, kind: &str) -> PathBuf {
         self.0.join(format!("{step}.{kind}"))
     }
 
-    /// Replaces record and page.
+    /// Replaces the record and the page.
     pub(super) fn write(&self, record: &Record, page: &str) -> Result<()> {
         self.replace(RECORD, &serde_json::to_string_pretty(record)?)?;
         self.replace(PAGE, page)
     }
 
-    /// Takes over what a step printed, if it is JSON.
+    /// Keeps a step's output if it is JSON; deletes it otherwise.
     pub(super) fn take_over(&self, step: &str) -> Result<Option<Value>> {
         let part = self.file(step, "part");
         let text = fs::read_to_string(&part).unwrap_or_default();
@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_survive_their_folder_and_half_a_result_counts_as_none() {
+    fn results_are_read_back_and_an_incomplete_output_is_dropped() {
         let folder = tempfile::tempdir().unwrap();
         let own = Folder::new(folder.path()).unwrap();
         let mut record = Record::new(true, 1.5);
@@ -180,7 +180,7 @@ mod tests {
         let read = Results::read(folder.path()).unwrap();
         assert_eq!(read.record, record);
         assert_eq!(read.printed.keys().collect::<Vec<_>>(), ["selftest"]);
-        // The next campaign in the same folder begins with nothing.
+        // The next campaign in the same folder starts empty.
         Folder::new(folder.path()).unwrap();
         assert!(Results::read(folder.path()).unwrap().printed.is_empty());
     }

@@ -1,13 +1,13 @@
-//! How the time of a campaign is divided: the step that is worth most takes what it may, the next what is left.
+//! Divides a campaign's time: each step gets up to its limit, in order of value, from the time that is left.
 
 use std::time::Duration;
 
 use super::Step;
 
-/// A step that would have less is not begun: processes take some seconds to start.
+/// A step with less time than this is skipped: processes take some seconds to start.
 const LEAST: Duration = Duration::from_secs(10);
 
-/// How long a step may take, `left` being what the campaign has left; or why it is not begun.
+/// A step's time limit, given the campaign's remaining time; or the reason why it is skipped.
 pub(super) fn allot(step: &Step, quick: bool, left: Duration) -> Result<Duration, String> {
     if left < LEAST {
         return Err(format!("no time left: {:.0} s; give more --minutes", left.as_secs_f64()));
@@ -20,7 +20,7 @@ mod tests {
     use super::super::STEPS;
     use super::*;
 
-    /// What steps get that each take all they may.
+    /// The time limits of all steps, if each step uses all of its time.
     fn run_through(total: Duration, quick: bool) -> Vec<Option<Duration>> {
         let mut left = total;
         let mut next = |step: &Step| {
@@ -32,7 +32,7 @@ mod tests {
     }
 
     #[test]
-    fn a_campaign_never_takes_longer_than_it_may_and_leaves_out_the_last_steps_first() {
+    fn a_campaign_keeps_its_time_and_skips_its_last_steps_first() {
         for (minutes, quick) in [(1.0, false), (10.0, true), (30.0, false), (0.0, true)] {
             let total = Duration::from_secs_f64(minutes * 60.0);
             let limits = run_through(total, quick);
@@ -42,7 +42,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_gets_what_is_left_and_none_begins_in_the_last_seconds() {
+    fn a_step_gets_the_time_that_is_left_and_is_skipped_in_the_last_seconds() {
         let step = &STEPS[1];
         assert_eq!(allot(step, false, Duration::from_secs(1000)), Ok(step.most(false)));
         assert_eq!(allot(step, false, Duration::from_secs(42)), Ok(Duration::from_secs(42)));

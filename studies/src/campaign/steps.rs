@@ -1,28 +1,28 @@
-//! What a campaign does, in order of worth.
+//! The steps of a campaign, the most valuable first.
 
 use std::time::Duration;
 
 /// One step: a command of `argus` in a process of its own.
 #[derive(Debug, Clone, Copy)]
 pub struct Step {
-    /// Names the step's files.
+    /// Name of the step and of its files.
     pub name: &'static str,
-    /// The study; `None` for the self-test.
+    /// The study's name; `None` for the self-test.
     pub study: Option<&'static str>,
-    /// Further arguments.
+    /// Further arguments of a full campaign.
     pub arguments: &'static [&'static str],
-    /// Further arguments of a quick campaign, in place of those.
+    /// Further arguments of a quick campaign.
     pub quick_arguments: &'static [&'static str],
-    /// Seconds that the step may take, unless the campaign is quick.
+    /// Time limit in seconds of a full campaign.
     pub most_secs: u64,
-    /// Columns by which a row is found again in another campaign's results.
+    /// Columns that identify a row when two campaigns are compared.
     pub keys: &'static [&'static str],
 }
 
-/// Seconds that a step of a quick campaign may take.
+/// Time limit in seconds of a step in a quick campaign.
 const QUICK_SECS: u64 = 120;
 
-/// The self-test's name.
+/// Name of the self-test's step.
 pub(super) const SELFTEST: &str = "selftest";
 
 impl Step {
@@ -31,7 +31,7 @@ impl Step {
         Self { name, study: Some(name), arguments: &[], quick_arguments: &[], most_secs, keys }
     }
 
-    /// The same step with arguments where the campaign is not quick.
+    /// Adds arguments for a full campaign.
     const fn with(self, arguments: &'static [&'static str]) -> Self {
         Self { arguments, ..self }
     }
@@ -48,13 +48,13 @@ impl Step {
         words.into_iter().map(str::to_owned).collect()
     }
 
-    /// How long the step may take at most.
+    /// The step's time limit.
     pub fn most(&self, quick: bool) -> Duration {
         Duration::from_secs(if quick { self.most_secs.min(QUICK_SECS) } else { self.most_secs })
     }
 }
 
-/// All steps, the most worth first. A study that is added later is a line at the end.
+/// All steps, the most valuable first. A new study is appended at the end.
 pub const STEPS: [Step; 12] = [
     Step { study: None, ..Step::study(SELFTEST, 180, &[]) },
     Step::study("device", 240, &["measure", "variant", "unit"]),
@@ -64,7 +64,7 @@ pub const STEPS: [Step; 12] = [
     Step::study("visibility", 180, &["scene", "size", "sub_samples"]).with(&["--scene", "terrain:500000"]),
     Step::study("burst", 180, &["scene", "method", "views", "size", "workers"]),
     Step::study("throughput", 180, &["scene", "size", "batch"]),
-    // Ten levels below the root are eleven of them.
+    // Ten levels below the root make eleven.
     Step::study(
         "megaviews",
         300,
@@ -94,7 +94,7 @@ mod tests {
     use crate::targets::TARGETS;
 
     #[test]
-    fn steps_have_names_of_their_own_and_the_device_comes_first() {
+    fn step_names_are_unique_and_the_device_is_tested_first() {
         let names: BTreeSet<&str> = STEPS.iter().map(|step| step.name).collect();
         assert_eq!(names.len(), STEPS.len());
         assert_eq!((STEPS[0].name, STEPS[0].study), (SELFTEST, None));
@@ -102,14 +102,14 @@ mod tests {
     }
 
     #[test]
-    fn every_target_is_a_figure_of_a_step() {
+    fn every_target_belongs_to_a_step() {
         for target in TARGETS {
             assert!(STEPS.iter().any(|step| step.study == Some(target.study)), "{}", target.claim);
         }
     }
 
     #[test]
-    fn a_quick_step_is_short_and_a_whole_one_has_its_arguments() {
+    fn a_quick_step_is_short_and_a_full_step_has_its_arguments() {
         let megaviews = STEPS.iter().find(|step| step.name == "megaviews").unwrap();
         assert_eq!(megaviews.command(true), ["study", "megaviews", "--quick", "--json"]);
         assert_eq!(megaviews.most(true), Duration::from_secs(QUICK_SECS));

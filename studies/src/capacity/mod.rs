@@ -1,4 +1,4 @@
-//! What one coordinator process carries: thousands of sessions and a thousand workers, simulated peers over real gRPC.
+//! Capacity: the load that one coordinator process carries. Simulated sessions and workers talk to it over real gRPC.
 
 mod peer;
 
@@ -18,28 +18,29 @@ use serde_json::json;
 use tokio::sync::watch;
 use tokio::task::{AbortHandle, JoinSet};
 
-use self::peer::Shared;
+use self::peer::PeerState;
 use crate::burst::patient;
 use crate::local_cluster::LocalCluster;
 use crate::processes::{cpu_secs, most_open_files, open_files, resident_bytes};
 use crate::{Effort, Machine, Report, report};
 
-/// How many peers there are.
+/// How many simulated peers there are, and how long each phase lasts.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Sessions that are open at the same time.
+    /// Sessions open at the same time.
     pub sessions: usize,
-    /// Connections to the coordinator that they have in all; `None`: one each, as far as this process may have files open.
+    /// Connections to the coordinator that the sessions share. `None`: one for each session, within this process's
+    /// limit of open files.
     pub connections: Option<usize>,
-    /// Workers.
+    /// Simulated workers.
     pub workers: usize,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
-    /// How often the camera of a session moves, once they do.
+    /// Interval between two camera moves of a session.
     pub camera_every: Duration,
-    /// How long each of the phases is that measure time on a core.
+    /// Duration of each phase in which CPU time is measured.
     pub phase: Duration,
-    /// Workers that are lost, one after the other.
+    /// Workers lost one after another, for each kind of loss.
     pub losses: usize,
 }
 
@@ -64,27 +65,27 @@ impl Effort for Options {
     }
 }
 
-/// Nothing is rendered; the smallest scene there is will do.
+/// The smallest scene: nothing is rendered.
 const SCENE: &str = "terrain:2000";
 
-/// Files that each simulated worker opens here: its stream, the connections on which it gets orders and tickets, and the
-/// client's end of that of tickets.
+/// Files that each simulated worker opens in this process: its stream, the connections that carry its orders and redirect
+/// tickets, and the client's end of the ticket connection.
 const FILES_A_WORKER: usize = 4;
 
-/// Other open files of the process.
+/// Further open files of this process.
 const OTHER_FILES: usize = 256;
 
-/// How long a lost view may take to be given to another worker before the study gives up.
+/// How long a lost view may wait for another worker before the study fails.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Runs it against a coordinator of the program `argus`.
+/// Runs the study against a coordinator of the program `argus`.
 ///
 /// # Errors
-/// A coordinator that does not come up, or a peer that it does not answer.
+/// The coordinator does not start, or does not answer a peer.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_length(5);
     progress.set_message("workers join");
-    // Before the coordinator starts, which inherits what files it may open.
+    // The limit must be raised before the coordinator starts, since it inherits it.
     let files = most_open_files();
     let spare = files.saturating_sub(FILES_A_WORKER * options.workers + OTHER_FILES).max(1);
     let wanted = options.connections.unwrap_or(options.sessions).max(1);
@@ -93,7 +94,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let pid = coordinator.pid();
     let mut pixels = vec![0; (options.size[0] * options.size[1] * 3) as usize];
     SmallRng::seed_from_u64(1).fill_bytes(&mut pixels);
-    let shared = Shared::new(pixels);
+    let shared = PeerState::new(pixels);
     let (port, _serving) = peer::serve(shared.clone()).await?;
     let watching = Client::connect(coordinator.url()).await?;
     let leads = async {
@@ -130,14 +131,14 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let opened_secs = began.elapsed().as_secs_f64();
     let connected =
         open_files(pid).context("the coordinator is gone")?.saturating_sub(open_before).min(wanted);
-    // Sessions are open and quiet; workers report.
+    // Sessions are open but idle; workers report.
     let idle_cores = cores(pid, options.phase).await?;
     progress.inc(1);
 
     progress.set_message("frames are fetched from workers");
     let fetching = moving_sessions(pid, &shared, &moving, options.phase).await?;
     let resident_mb = resident_bytes(pid).unwrap_or(0) as f64 / 1e6;
-    // Quiet again.
+    // Wait until the sessions are idle again.
     tokio::time::sleep(Duration::from_secs(1)).await;
     progress.inc(1);
 
@@ -152,16 +153,16 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let frames = (shared.answered.load(Ordering::Relaxed) - answered) as f64;
     let relaying =
         cpu_secs(pid).zip(before).map(|(after, before)| after - before).context("no time on a core")?;
-    // What the workers' reports take goes on meanwhile.
+    // Subtract the cost of the workers' reports, which continue meanwhile.
     let of_frames = (relaying - idle_cores * relayed_secs).max(1e-9);
     let busy_mb = resident_bytes(pid).unwrap_or(0) as f64 / 1e6;
     progress.inc(1);
 
     progress.set_message("workers are lost");
     let mut worst = [Duration::ZERO; 2];
-    for (way, worst) in [Way::Breaks, Way::Hangs].into_iter().zip(&mut worst) {
+    for (loss, worst) in [Loss::Breaks, Loss::Hangs].into_iter().zip(&mut worst) {
         for _ in 0..options.losses {
-            *worst = (*worst).max(lose(&client, &shared, &mut workers, options, way).await?);
+            *worst = (*worst).max(lose(&client, &shared, &mut workers, options, loss).await?);
         }
     }
     let [after_break_ms, after_hang_ms] = worst.map(|worst| worst.as_secs_f64() * 1e3);
@@ -197,28 +198,28 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     });
     let mut report = Report::new("peers", Machine::here("none"), vec![report::row(row)]);
     report.notes.push(format!(
-        "Sessions are redirected: they get tickets from the coordinator, fetch their frames from the workers, and say so. \
-         connections: those to the coordinator that came with the sessions; those to workers are one each, which all \
-         sessions share, since what they cost is not the coordinator's. idle_cores: while sessions ask for nothing; \
-         redirected_cores: while each moves its camera every {} s, redirected_per_sec frames a second in all; relayed_*: \
-         single views besides, raw and relayed unopened, at us_per_frame each.",
+        "Sessions are redirected: they get tickets from the coordinator, fetch their frames from the workers, and return \
+         receipts. connections: the sessions' connections to the coordinator; all sessions share one connection to each \
+         worker, whose cost is not the coordinator's. idle_cores: while sessions request nothing. redirected_cores: while each \
+         moves its camera every {} s, at redirected_per_sec frames a second in all. relayed_*: additional single views, \
+         uncompressed and relayed undecoded, at us_per_frame each.",
         options.camera_every.as_secs_f64()
     ));
     report.notes.push(
-        "assigned_after_break_ms: the longest from the end of a worker's stream, as a process that dies ends it, until all \
-         of its views were with another worker; assigned_after_hang_ms: the same from when a worker fell silent with its \
-         stream open, which is noticed by suspicion, after three reports that did not come."
+        "assigned_after_break_ms: the longest time from the end of a worker's stream, as after a crash, until all of its \
+         views were at another worker. assigned_after_hang_ms: the same from a worker's silence with its stream open, which \
+         is suspected after three missing reports."
             .to_owned(),
     );
     if connected < wanted {
         report.notes.push(format!(
-            "{wanted} connections were wanted and {connected} made: this process may have {files} files open."
+            "only {connected} of {wanted} connections were made: this process may open {files} files."
         ));
     }
     Ok(report)
 }
 
-/// Time on a core that a process takes, as a share of one.
+/// CPU time of a process over `time`, in cores.
 async fn cores(pid: u32, time: Duration) -> Result<f64> {
     let (before, began) = (cpu_secs(pid).context("the coordinator is gone")?, Instant::now());
     tokio::time::sleep(time).await;
@@ -226,16 +227,16 @@ async fn cores(pid: u32, time: Duration) -> Result<f64> {
     Ok((after - before) / began.elapsed().as_secs_f64())
 }
 
-/// What redirected sessions cost.
+/// The rate and CPU cost of redirected frames.
 struct Fetching {
     per_sec: f64,
     cores: f64,
 }
 
-/// Cameras move for a while.
+/// Moves the sessions' cameras for `time`, and measures what that costs.
 async fn moving_sessions(
     pid: u32,
-    shared: &Shared,
+    shared: &PeerState,
     moving: &watch::Sender<bool>,
     time: Duration,
 ) -> Result<Fetching> {
@@ -248,11 +249,11 @@ async fn moving_sessions(
     Ok(Fetching { per_sec: redeemed as f64 / began.elapsed().as_secs_f64(), cores })
 }
 
-/// Opens the sessions, each with one frame, which it fetches from its worker. While they are told to, their cameras move.
+/// Opens the sessions, each with one redirected frame. Their cameras move while `moving` is true.
 async fn open(
     client: &Client,
     options: &Options,
-    shared: &Shared,
+    shared: &PeerState,
     moving: watch::Receiver<bool>,
 ) -> Result<JoinSet<()>> {
     let view = path_views(client.description(), 1, [16, 12], PlanRequest::from_samples());
@@ -271,7 +272,7 @@ async fn open(
     let mut sessions = JoinSet::new();
     let mut random = SmallRng::seed_from_u64(2);
     while let Some(session) = opened.next().await {
-        // Cameras move one after the other, not all at once.
+        // The cameras' first moves are spread over the interval.
         let first = options.camera_every.mul_f64(random.random());
         sessions.spawn(keep(session?, view.clone(), first, options.camera_every, moving.clone()));
     }
@@ -280,7 +281,7 @@ async fn open(
     Ok(sessions)
 }
 
-/// One session, until it ends.
+/// Runs one session until it ends.
 async fn keep(
     mut session: Session,
     view: View,
@@ -297,7 +298,7 @@ async fn keep(
                 event = session.next() => if event.is_err() { return },
             }
         }
-        // What is still on its way holds room at its worker.
+        // A frame still in flight holds memory at its worker.
         while !session.is_idle() {
             if session.next().await.is_err() {
                 return;
@@ -308,22 +309,22 @@ async fn keep(
 
 /// How a worker is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Way {
+enum Loss {
     /// Its stream ends.
     Breaks,
     /// Its stream stays open, and nothing comes.
     Hangs,
 }
 
-/// A worker that has views is lost: how long until others have all of them.
+/// Loses a worker that has views. Returns the time until all of its views have another worker.
 async fn lose(
     client: &Client,
-    shared: &Shared,
+    shared: &PeerState,
     workers: &mut [AbortHandle],
     options: &Options,
-    way: Way,
+    loss: Loss,
 ) -> Result<Duration> {
-    // Whoever gets the next view keeps it.
+    // The worker that gets the next view stops answering.
     shared.silence_next();
     let views =
         path_views(client.description(), 2 * options.workers as u32, [16, 12], PlanRequest::from_samples());
@@ -333,25 +334,25 @@ async fn lose(
     });
     let reached = until(|| shared.silent());
     let worker = tokio::time::timeout(PATIENCE, reached).await.context("no view reaches any worker")?;
-    // The others' answers are in by now; what is open is what the silent one has.
+    // By now all other views are answered; the silent worker holds the open ones.
     tokio::time::sleep(Duration::from_millis(500)).await;
     let lost = Instant::now();
-    match way {
-        Way::Breaks => workers[worker].abort(),
-        Way::Hangs => shared.hang(),
+    match loss {
+        Loss::Breaks => workers[worker].abort(),
+        Loss::Hangs => shared.hang(),
     }
     let moved = until(|| shared.moved());
     let moved =
-        tokio::time::timeout(PATIENCE, moved).await.context("a lost worker's views went to nobody")?;
+        tokio::time::timeout(PATIENCE, moved).await.context("a lost worker's views were not reassigned")?;
     let outcome = asking.await?;
-    // One that hung is not to come back among the next one's.
+    // A hung worker must not return during the next loss.
     workers[worker].abort();
     shared.end_silence();
     anyhow::ensure!(outcome.failed == 0, "a view was lost with its worker: {:?}", outcome.first_error);
     Ok(moved.saturating_duration_since(lost))
 }
 
-/// Waits until there is something.
+/// Polls until `there` returns a value.
 async fn until<T>(mut there: impl FnMut() -> Option<T>) -> T {
     loop {
         if let Some(found) = there() {

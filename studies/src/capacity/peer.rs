@@ -25,45 +25,45 @@ use tonic::transport::server::TcpConnectInfo;
 use tonic::transport::{Endpoint, Server};
 use tonic::{Request, Response, Status, Streaming};
 
-/// How often each reports: what the coordinator asks workers for.
+/// Interval between a worker's reports, as the coordinator requests it.
 const REPORT: Duration = Duration::from_millis(250);
 
-/// What all simulated workers share.
+/// State that all simulated workers share.
 #[derive(Debug, Default)]
-pub(super) struct Shared {
+pub(super) struct PeerState {
     pub(super) answered: AtomicU64,
-    /// Those of them that clients fetched.
+    /// Answers that clients fetched with a redirect ticket.
     pub(super) redeemed: AtomicU64,
     silence: Mutex<Silence>,
-    /// With which each worker's tickets are sealed, by its number.
+    /// Each worker's key for redirect tickets, by the worker's number.
     keys: Mutex<HashMap<usize, SealKey>>,
-    /// Random pixels: nothing packs them.
+    /// Random pixels, which no codec can pack.
     pixels: Bytes,
 }
 
-/// A worker that answers nothing, and what becomes of the views that it has.
+/// A worker that stopped answering, and where its views went.
 #[derive(Debug, Default)]
 struct Silence {
     who: Silent,
-    /// Whether it says nothing to the coordinator either.
+    /// Whether the worker also stopped reporting to the coordinator.
     hangs: bool,
-    /// The views that it has, and when each came to another worker.
+    /// The views that it holds, and when each reached another worker.
     kept: HashMap<String, Option<Instant>>,
 }
 
-/// Who answers nothing.
+/// Which worker answers nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Silent {
     #[default]
-    Nobody,
-    /// Whoever gets the next order.
+    None,
+    /// The worker that gets the next order.
     Next,
-    /// The worker of that number.
+    /// The worker with this number.
     Worker(usize),
 }
 
 impl Silence {
-    /// Whether an order for a view is answered by the worker that it came to.
+    /// Whether a worker answers an order for a view. Records views of the silent worker.
     fn answers(&mut self, worker: usize, view_id: &str) -> bool {
         if self.who == Silent::Next {
             self.who = Silent::Worker(worker);
@@ -83,25 +83,25 @@ impl Silence {
     }
 }
 
-impl Shared {
+impl PeerState {
     pub(super) fn new(pixels: Vec<u8>) -> Arc<Self> {
         Arc::new(Self { pixels: pixels.into(), ..Self::default() })
     }
 
-    /// Whoever gets the next order falls silent.
+    /// The worker that gets the next order stops answering.
     pub(super) fn silence_next(&self) {
         *self.silence.lock() = Silence { who: Silent::Next, ..Silence::default() };
     }
 
-    /// The silent worker, once there is one.
+    /// The silent worker's number, once there is one.
     pub(super) fn silent(&self) -> Option<usize> {
         match self.silence.lock().who {
             Silent::Worker(worker) => Some(worker),
-            Silent::Nobody | Silent::Next => None,
+            Silent::None | Silent::Next => None,
         }
     }
 
-    /// The silent worker reports no more, while its stream stays open.
+    /// The silent worker stops reporting; its stream stays open.
     pub(super) fn hang(&self) {
         self.silence.lock().hangs = true;
     }
@@ -111,19 +111,19 @@ impl Shared {
         silence.hangs && silence.who == Silent::Worker(worker)
     }
 
-    /// All answer from here on.
+    /// All workers answer again.
     pub(super) fn end_silence(&self) {
         *self.silence.lock() = Silence::default();
     }
 
-    /// When the last of the silent worker's views came to another one; `None` while one has not.
+    /// When the last of the silent worker's views reached another worker; `None` while one has not.
     pub(super) fn moved(&self) -> Option<Instant> {
         let silence = self.silence.lock();
         let all: Option<Vec<Instant>> = silence.kept.values().copied().collect();
         all?.into_iter().max()
     }
 
-    /// What a worker sends of a frame: the header and all of its bytes.
+    /// The chunks of a frame: the header, then all pixels.
     fn frame(
         &self,
         worker: usize,
@@ -160,7 +160,7 @@ impl Shared {
     }
 }
 
-/// The address of a worker: each has one of its own in 127.0.0.0/8, all lead to one listener.
+/// The address of a worker. Each has its own in 127.0.0.0/8; all lead to one listener.
 fn address(worker: usize, port: u16) -> SocketAddr {
     let [high, low] = (worker as u16).to_be_bytes();
     ([127, 1, high, low], port).into()
@@ -173,14 +173,14 @@ fn number(local: SocketAddr) -> usize {
     }
 }
 
-/// Which worker a request went to.
+/// The worker to which a request was sent, by its local address.
 fn worker_of<T>(request: &Request<T>) -> usize {
     let local = request.extensions().get::<TcpConnectInfo>().and_then(TcpConnectInfo::local_addr);
     local.map_or(usize::MAX, number)
 }
 
-/// Serves views for all simulated workers; the port.
-pub(super) async fn serve(shared: Arc<Shared>) -> Result<(u16, AbortHandle)> {
+/// Serves views for all simulated workers. Returns the port.
+pub(super) async fn serve(shared: Arc<PeerState>) -> Result<(u16, AbortHandle)> {
     let listener = TcpListener::bind(("0.0.0.0", 0)).await.context("cannot listen for simulated workers")?;
     let port = listener.local_addr()?.port();
     let service = ViewsServer::new(Answering { shared });
@@ -192,7 +192,7 @@ pub(super) async fn serve(shared: Arc<Shared>) -> Result<(u16, AbortHandle)> {
 }
 
 struct Answering {
-    shared: Arc<Shared>,
+    shared: Arc<PeerState>,
 }
 
 #[tonic::async_trait]
@@ -235,7 +235,7 @@ impl Views for Answering {
     ) -> Result<Response<Self::RedeemStream>, Status> {
         let worker = worker_of(&request);
         let sealed = request.into_inner().ticket.unwrap_or_default();
-        let unknown = || Status::invalid_argument("a ticket of nobody here");
+        let unknown = || Status::invalid_argument("the ticket is unknown");
         let key = self.shared.keys.lock().get(&worker).cloned().ok_or_else(unknown)?;
         let ticket: v1::Ticket = key.open(Kind::Ticket, &sealed).ok_or_else(unknown)?;
         self.shared.redeemed.fetch_add(1, Ordering::Relaxed);
@@ -258,9 +258,14 @@ impl Views for Answering {
     }
 }
 
-/// Joins as worker `number` and reports until it is aborted, by which its stream breaks. Holds every sample that it was
-/// ever told of, so that views go to all alike.
-pub(super) async fn join(shared: Arc<Shared>, coordinator: String, worker: usize, port: u16) -> Result<()> {
+/// Joins as worker `number` and reports until it is aborted, which breaks its stream. It claims to hold every sample
+/// of its assignments, so that views go to all workers alike.
+pub(super) async fn join(
+    shared: Arc<PeerState>,
+    coordinator: String,
+    worker: usize,
+    port: u16,
+) -> Result<()> {
     let channel = Endpoint::from_shared(coordinator)?.tcp_nodelay(true).connect().await?;
     let (reports, receiver) = mpsc::channel(4);
     let hello = v1::Hello {
@@ -306,13 +311,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_silent_workers_own_views_count_as_moved_and_all_of_them_must() {
-        let shared = Shared::new(Vec::new());
+    fn a_loss_ends_when_all_views_of_the_silent_worker_have_moved() {
+        let shared = PeerState::new(Vec::new());
         let order = |worker, view: &str| shared.silence.lock().answers(worker, view);
         assert!(order(3, "before"));
         shared.silence_next();
         assert_eq!((order(5, "a"), order(5, "b"), shared.silent()), (false, false, Some(5)));
-        assert!(order(4, "c"), "others answer");
+        assert!(order(4, "c"), "order 4 is answered");
         assert_eq!(shared.moved(), None, "of the views that wait, none has moved");
         assert!(order(4, "a") && shared.moved().is_none(), "one of two");
         let before = Instant::now();

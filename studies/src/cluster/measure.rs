@@ -1,4 +1,4 @@
-//! One run of a real cluster: tick after tick of the same views, and what a tick takes.
+//! Measures one real cluster: the same views tick after tick, and the time of a tick.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,12 +16,12 @@ use parking_lot::Mutex;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 
-use super::Way;
+use super::Method;
 use crate::burst::{connect, patient};
 use crate::local_cluster::LocalCluster;
 use crate::processes::cpu_secs;
 
-/// What is run.
+/// One run of a cluster.
 #[derive(Debug, Clone)]
 pub(super) struct Run<'a> {
     pub(super) argus: &'a Path,
@@ -29,78 +29,78 @@ pub(super) struct Run<'a> {
     pub(super) processes: usize,
     pub(super) views: u32,
     pub(super) size: [u32; 2],
-    pub(super) way: Way,
-    /// Ticks that are measured.
+    pub(super) method: Method,
+    /// Ticks to measure.
     pub(super) ticks: usize,
-    /// Roles must not have changed for so long before that begins.
+    /// Time without role changes before measuring starts.
     pub(super) settle: Duration,
 }
 
-/// What came of it; times are seconds a tick.
+/// The result of a run; times are seconds per tick unless noted.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Measured {
     pub(super) tick_secs: f64,
     pub(super) samplers: u32,
     pub(super) device: String,
-    /// g, g_direct and c as the workers measured them, seconds.
+    /// g, g_direct and c in seconds, as the workers measured them.
     pub(super) sample_secs: f64,
     pub(super) direct_secs: f64,
     pub(super) view_secs: f64,
     pub(super) sampling: f64,
-    /// What a sample's time is made of, as far as its stages say.
+    /// How a sample's time divides, by its reported stages.
     pub(super) sampling_shares: Option<Shares>,
-    /// By the frames' stages.
+    /// How frames' time divides, by their reported stages.
     pub(super) parts: Parts,
-    /// What c has beyond its stages, or a direct view's stages beyond its passes: submission, and waiting for the device
-    /// and for pixels to be read back.
+    /// Time beyond the stages: submission, and waiting for the device and for readback. For views from samples it is
+    /// the rest of c; for direct views it is their stage `other`.
     pub(super) rest: f64,
-    /// Samples that were rendered anew.
+    /// Samples rendered per tick.
     pub(super) samples: f64,
-    /// Samples that came to other workers, unpacking them, and taking them up on the thread that renders.
+    /// Samples received by other workers per tick, and the seconds to unpack them and to hold them on the render thread.
     pub(super) received: f64,
     pub(super) unpacking: f64,
     pub(super) holding: f64,
-    /// Seconds on a core a tick: samplers, compositors, the coordinator, this process.
+    /// CPU seconds per tick: samplers, compositors, coordinator, this process.
     pub(super) cpu: [f64; 4],
 }
 
-/// Shares of a sample's time.
+/// Shares of a sample's time, 0–1.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Shares {
-    /// What its stages call `other`: submission, and waiting for the device and for its planes to be read back.
+    /// The stage `other`: submission, and waiting for the device and for readback.
     pub(super) rest: f64,
-    /// Rays on the processor, on all of its cores.
+    /// CPU rays on all cores.
     pub(super) pooled: f64,
 }
 
-/// What views were at, summed over views: the first ones are work, waits of many views pass at the same time.
+/// Seconds of frames' stages, summed over views. Stages from `passes` to `encode` are work; waits of many views overlap.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Parts {
-    /// On the device.
+    /// Passes on the device.
     pub(super) passes: f64,
-    /// Rays on the processor, on all of its cores.
+    /// CPU rays on all cores.
     pub(super) pooled: f64,
-    /// On the host: views are prepared and uploaded, passes recorded.
+    /// Host work: preparing and uploading views, recording passes.
     pub(super) record: f64,
-    /// On the host: pixels that were read back are put in their places.
+    /// Host work: putting read-back pixels in their places.
     pub(super) unpack: f64,
-    /// Of direct views, what no other stage has.
+    /// Stage `other` of direct views.
     other: f64,
     pub(super) encode: f64,
-    /// Beside the coordinator's relaying, the way of a frame from its worker to the client is in it.
+    /// The coordinator's relaying, and the frame's transfer from its worker to the client.
     pub(super) relay: f64,
-    /// Until a view's samples were at hand.
+    /// Waiting for a view's samples.
     pub(super) await_samples: f64,
-    /// Until a view's batch began.
+    /// Waiting for a view's batch to start.
     pub(super) queue: f64,
 }
 
-/// What sees triangles by rays on the processor calls that stage.
+/// The stage name of the CPU visibility backend.
 const POOLED: &str = "trace on the CPU";
 
 impl Parts {
-    /// The share of direct views' work that is done on all of the processor's cores, where each of as many processes as
-    /// there are is busy.
+    /// The share of direct views' work that runs on all cores at once, when `processes` busy processes share
+    /// `cores` cores.
     pub(super) fn pooled_share(&self, processes: usize, cores: u32) -> f64 {
         let pooled = self.pooled * (f64::from(cores) / processes as f64).max(1.0);
         let all = pooled + self.passes + self.record + self.unpack + self.other;
@@ -138,24 +138,24 @@ impl Parts {
     }
 }
 
-/// Sums over frames.
+/// Sums over all frames.
 #[derive(Debug, Default)]
 struct Sums {
     frames: u64,
     parts: Parts,
-    /// By tick: views answered.
+    /// Views answered, by tick.
     ticks: BTreeMap<usize, u32>,
     failure: Option<String>,
 }
 
-/// Starts a cluster, lets its roles settle under the load, and measures.
+/// Starts a cluster, waits until its roles settle under the load, and measures.
 pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
-    let refresh = match run.way {
-        Way::Proposed | Way::Helping => run.views,
-        Way::Naive | Way::Still => 0,
+    let refresh = match run.method {
+        Method::Proposed | Method::Helping => run.views,
+        Method::Naive | Method::Still => 0,
     };
     let arguments = [
-        format!("--samplers-composite={}", run.way == Way::Helping),
+        format!("--samplers-composite={}", run.method == Method::Helping),
         "--refining-share=0".to_owned(),
         "--visibility=auto".to_owned(),
         format!("--refresh-views={refresh}"),
@@ -163,8 +163,8 @@ pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
     ];
     let cluster = LocalCluster::of_single_threads(run.argus, run.scene, run.processes, &arguments)?;
     let client = connect(&cluster, run.processes).await?;
-    let plan = match run.way {
-        Way::Naive => PlanRequest { direct: true, ..PlanRequest::default() },
+    let plan = match run.method {
+        Method::Naive => PlanRequest { direct: true, ..PlanRequest::default() },
         _ => PlanRequest::from_samples(),
     };
     let views = path_views(client.description(), run.views, run.size, plan);
@@ -174,7 +174,7 @@ pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
     asking.abort();
     let _ = asking.await;
     let mut measured = measured?;
-    if run.way != Way::Naive {
+    if run.method != Method::Naive {
         measured.sampling_shares = shares_of_samples(&client, run.size).await;
     }
     drop(client);
@@ -183,14 +183,14 @@ pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
 }
 
 impl Sums {
-    /// Whole ticks that are answered, up to the first that is not.
+    /// The number of complete ticks before the first incomplete one.
     fn whole(&self, views: u32) -> usize {
         self.ticks.values().take_while(|answered| **answered == views).count()
     }
 }
 
-/// Asks for the views, tick after tick, until it is aborted. As in the paper's pipeline, a tick's views are asked for
-/// while those of the one before are composed, and are not composed from that one's samples.
+/// Requests the views tick after tick until aborted. As in the paper's pipeline, a tick's views are requested while the
+/// previous tick is composed, and are composed from newer samples.
 async fn ask(client: Client, views: Vec<View>, processes: usize, refreshed: bool, sums: Arc<Mutex<Sums>>) {
     let room = Arc::new(Semaphore::new((128 * processes).min(2 * views.len()).min(1024)));
     let mut epochs: Vec<u64> = Vec::new();
@@ -225,7 +225,7 @@ async fn ask(client: Client, views: Vec<View>, processes: usize, refreshed: bool
     }
 }
 
-/// Whole ticks that are answered.
+/// The number of complete ticks.
 fn whole(sums: &Mutex<Sums>, views: u32) -> Result<usize> {
     let sums = sums.lock();
     if let Some(error) = &sums.failure {
@@ -241,12 +241,12 @@ async fn watch(
     sums: &Mutex<Sums>,
 ) -> Result<Measured> {
     let pause = || tokio::time::sleep(Duration::from_millis(50));
-    // Programs are compiled with the first views; roles follow costs. In a still scene the last samples are rendered, and
-    // reported, some time after the first views are answered.
+    // Wait until pipelines are compiled and roles are stable. In a still scene also wait until no more samples are
+    // rendered: the last ones come after the first views.
     let begin = Instant::now();
     let state = |status: &ClusterStatus| {
         let rendered = status.workers.iter().map(|worker| worker.samples_rendered).sum::<u64>();
-        (status.counters.roles_changed, if run.way == Way::Still { rendered } else { 0 })
+        (status.counters.roles_changed, if run.method == Method::Still { rendered } else { 0 })
     };
     let mut settled = (state(&client.status().await?), Instant::now());
     loop {
@@ -274,8 +274,8 @@ async fn watch(
     }
     let after = snapshot(client, cluster).await?;
     let sums = sums.lock();
-    // What was counted between the two looks, by as many ticks as that were. Two ticks' views are on their way at a time, and
-    // the end of a few of them, which is that of their last view, says less.
+    // Count ticks by frames between the two snapshots. Two ticks are in flight at a time, so the ends of single ticks
+    // would be less exact.
     let ticks = (sums.frames - frames_before) as f64 / f64::from(run.views);
     let tick_secs = begin.elapsed().as_secs_f64() / ticks;
     let parts = sums.parts.per(ticks);
@@ -305,8 +305,8 @@ async fn watch(
         view_secs: status.view_ms * 1e-3,
         sampling: samples * status.sample_ms * 1e-3,
         sampling_shares: None,
-        rest: match run.way {
-            Way::Naive => parts.other,
+        rest: match run.method {
+            Method::Naive => parts.other,
             _ => (f64::from(run.views) * status.view_ms * 1e-3 - parts.passes - parts.record - parts.unpack)
                 .max(0.0),
         },
@@ -319,7 +319,7 @@ async fn watch(
     })
 }
 
-/// A look at the cluster.
+/// The cluster's status and CPU times at one moment.
 struct Snapshot {
     status: ClusterStatus,
     cpu: BTreeMap<u32, f64>,
@@ -332,7 +332,7 @@ async fn snapshot(client: &Client, cluster: &LocalCluster) -> Result<Snapshot> {
     Ok(Snapshot { status, cpu })
 }
 
-/// What the samples of one view are made of, as whoever has them says; `None` where nobody does.
+/// How the time of one view's samples divides, as the workers that hold them report it; `None` if none does.
 async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
     let view = path_views(client.description(), 1, size, PlanRequest::from_samples()).pop()?;
     let frame = client.render(&view, &patient()).await.ok()?.frame;
@@ -346,7 +346,7 @@ async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
                 epoch: id.epoch,
                 generation: id.generation,
                 indices: vec![id.index],
-                // Nobody waits for it: what a worker does not have it is not to render.
+                // A worker that does not hold the sample must not render it.
                 ahead: true,
                 ..v1::SubscribeRequest::default()
             };
@@ -370,7 +370,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_stage_is_a_part_and_what_has_no_other_name_is_a_pass() {
+    fn every_stage_belongs_to_a_part_and_unknown_stages_are_passes() {
         let mut parts = Parts::default();
         let names = ["samples", "queue", "prepare views", "record passes", "splat samples", "mend"];
         names.iter().for_each(|name| parts.add(&Stage::new(*name, 1000.0)));
@@ -383,7 +383,7 @@ mod tests {
         let Parts { passes, pooled, record, unpack, other, encode, relay, await_samples, queue } = parts;
         assert_eq!((await_samples, queue, record, passes), (0.5, 0.5, 1.0, 1.0));
         assert_eq!((unpack, other, encode, relay, pooled), (1.5, 2.5, 3.5, 5.5, 6.5));
-        // Alone on two, each millisecond of the pool is worth two.
+        // With two cores per process, each millisecond of pooled rays counts twice.
         assert_eq!(parts.pooled_share(2, 2), 6.5 / (6.5 + 1.0 + 1.0 + 1.5 + 2.5));
         assert_eq!(parts.pooled_share(1, 2), 13.0 / (13.0 + 1.0 + 1.0 + 1.5 + 2.5));
         assert_eq!(Parts::default().pooled_share(1, 2), 0.0);

@@ -1,9 +1,11 @@
-//! The cluster paper's measurements (section 5, figures 5 to 8, table 1) on real local clusters: separate processes that
-//! talk over the loopback interface, each with one core at best; and the same by simulation, for as many as one likes.
+//! Cluster: the cluster paper's measurements (section 5, figures 5 to 8, table 1).
 //!
-//! *Naive* is fair: all P workers render the triangles directly, each view by the cheapest way there is. *Proposed*
-//! renders S samples anew each tick, as in the paper; *helping* lets samplers compose in their spare time; *still* is the
-//! proposed way where the scene stands still, so that samples are rendered once.
+//! Real local clusters of separate processes talk over the loopback interface; larger clusters are simulated.
+//!
+//! - *Naive* is a fair baseline: all P workers render every view directly, with the cheapest visibility backend.
+//! - *Proposed* renders S new samples each tick, as in the paper.
+//! - *Helping* also lets samplers compose in their spare time.
+//! - *Still* is *proposed* in a scene that does not move, so samples are rendered once.
 
 mod measure;
 mod row;
@@ -28,18 +30,18 @@ use crate::{Effort, Machine, Report};
 
 /// How views are answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Way {
-    /// All render all views directly.
+pub enum Method {
+    /// All workers render all views directly.
     Naive,
-    /// K sample anew each tick, the others compose.
+    /// K workers render samples anew each tick; the rest compose.
     Proposed,
-    /// As proposed, and samplers compose in their spare time.
+    /// Like [`Self::Proposed`], but samplers also compose in their spare time.
     Helping,
-    /// Samples are rendered once.
+    /// Samples are rendered once; the scene does not move.
     Still,
 }
 
-impl Way {
+impl Method {
     const ALL: [Self; 4] = [Self::Naive, Self::Proposed, Self::Helping, Self::Still];
 
     fn name(self) -> &'static str {
@@ -52,30 +54,30 @@ impl Way {
     }
 }
 
-/// What is measured or simulated.
+/// What the study measures or simulates.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Processes that time against views is measured with; efficiency is measured with 1 to as many.
+    /// Processes for time against views. Efficiency is measured with 1 to this many.
     pub processes: u32,
-    /// Views a tick; the last is that of efficiency against processes.
+    /// Numbers of views per tick. The largest is used for efficiency against processes.
     pub views: Vec<u32>,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
-    /// Ticks that are measured, at least.
+    /// Smallest number of measured ticks.
     pub ticks: usize,
-    /// Views that are measured at least, where ticks have few.
+    /// Smallest number of measured views; small ticks are repeated to reach it.
     pub measured_views: usize,
-    /// How long roles must not have changed before that.
+    /// Time without role changes before measuring starts.
     pub settle: Duration,
-    /// Simulate this many processes and no real ones, by these costs.
+    /// Simulate with these costs instead of measuring.
     pub simulate: Option<Parameters>,
-    /// Processes that are simulated.
+    /// Numbers of simulated processes.
     pub simulated: Vec<u32>,
-    /// Views that are simulated of each case in which things go wrong.
+    /// Simulated views of each case with a trouble.
     pub troubled_views: u64,
-    /// Whether agreement of simulation and measurement is judged: ticks of a moment are noise.
+    /// Whether the agreement of simulation and measurement is judged. Very short ticks are noise.
     pub judged: bool,
 }
 
@@ -115,7 +117,7 @@ impl Effort for Options {
     }
 }
 
-/// Table 1 of the paper: efficiency at 1000 views.
+/// Table 1 of the paper, at 1000 views: processes, efficiency proposed, efficiency naive.
 const PAPER: [(u32, f64, f64); 7] = [
     (5, 0.715, 0.103),
     (6, 0.757, 0.105),
@@ -126,19 +128,19 @@ const PAPER: [(u32, f64, f64); 7] = [
     (11, 0.829, 0.110),
 ];
 
-/// Ticks of few views that are measured at most.
+/// The most ticks measured to reach [`Options::measured_views`].
 const MOST_TICKS: usize = 60;
 
-/// Views of a tick that are simulated for each process beyond the paper's eleven, whose 1000 would be one for each.
+/// Simulated views per process and tick beyond the paper's eleven processes.
 const VIEWS_EACH: u64 = 100;
 
-/// Ticks of more views than this are fewer: they take minutes and differ little.
+/// Ticks with more views than this are simulated fewer times: they take minutes and vary little.
 const MANY_VIEWS: u64 = 100_000;
 
 /// Runs the study with clusters of the program `argus`.
 ///
 /// # Errors
-/// A cluster that does not come up, or a view that is not answered.
+/// A cluster that does not start, or a view that is not answered.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     match options.simulate.clone() {
         Some(parameters) => simulated(options, parameters, progress).await,
@@ -148,26 +150,26 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
 
 async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     let most = options.views.iter().copied().max().unwrap_or(1);
-    let mut cases: Vec<(usize, u32, Way)> = Vec::new();
+    let mut cases: Vec<(usize, u32, Method)> = Vec::new();
     let p = options.processes.max(2) as usize;
-    cases.extend(options.views.iter().flat_map(|v| Way::ALL.map(|way| (p, *v, way))));
-    cases.extend((1..=options.processes as usize).flat_map(|q| Way::ALL.map(|way| (q, most, way))));
-    let mut unique: Vec<(usize, u32, Way)> = Vec::new();
+    cases.extend(options.views.iter().flat_map(|v| Method::ALL.map(|method| (p, *v, method))));
+    cases.extend((1..=options.processes as usize).flat_map(|q| Method::ALL.map(|method| (q, most, method))));
+    let mut unique: Vec<(usize, u32, Method)> = Vec::new();
     for case in cases {
-        // One process has no samplers beside compositors.
-        if !(unique.contains(&case) || (case.0 == 1 && case.2 == Way::Helping)) {
+        // One process cannot have samplers beside compositors.
+        if !(unique.contains(&case) || (case.0 == 1 && case.2 == Method::Helping)) {
             unique.push(case);
         }
     }
     progress.set_length(unique.len() as u64 + 1);
-    let mut runs: Vec<(usize, u32, Way, Measured)> = Vec::new();
-    for (processes, views, way) in unique {
-        progress.set_message(format!("P = {processes}, V = {views}, {}", way.name()));
-        // Views are answered a batch at a time: enough of them that one batch more or less does not show.
+    let mut runs: Vec<(usize, u32, Method, Measured)> = Vec::new();
+    for (processes, views, method) in unique {
+        progress.set_message(format!("P = {processes}, V = {views}, {}", method.name()));
+        // Views are answered in batches: enough views that one batch more or less does not matter.
         let ticks = options.ticks.max((options.measured_views / views as usize).min(MOST_TICKS));
         let Options { scene, size, settle, .. } = options;
-        let run = Run { argus, scene, processes, views, size: *size, way, ticks, settle: *settle };
-        runs.push((processes, views, way, measure(&run).await?));
+        let run = Run { argus, scene, processes, views, size: *size, method, ticks, settle: *settle };
+        runs.push((processes, views, method, measure(&run).await?));
         progress.inc(1);
     }
     progress.set_message("quality");
@@ -175,21 +177,24 @@ async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Re
     progress.inc(1);
     let parameters = parameters_of(&runs, options);
     let mut rows = Vec::new();
-    for (processes, views, way, measured) in &runs {
-        let simulation = simulate_one(*processes as u32, u64::from(*views), *way, &parameters, options.ticks);
-        let of = |processes: usize, way: Way| {
-            let found = runs.iter().find(|run| (run.0, run.1, run.2) == (processes, *views, way));
+    for (processes, views, method, measured) in &runs {
+        let simulation =
+            simulate_one(*processes as u32, u64::from(*views), *method, &parameters, options.ticks);
+        let of = |processes: usize, method: Method| {
+            let found = runs.iter().find(|run| (run.0, run.1, run.2) == (processes, *views, method));
             found.map(|run| &run.3)
         };
         let beside = Beside {
-            proposed: of(*processes, Way::Proposed).unwrap_or(measured),
-            // One process has no samplers to help.
-            alone_secs: of(1, if *way == Way::Helping { Way::Proposed } else { *way }).map(|m| m.tick_secs),
+            proposed: of(*processes, Method::Proposed).unwrap_or(measured),
+            // One process has no helping samplers.
+            alone_secs: of(1, if *method == Method::Helping { Method::Proposed } else { *method })
+                .map(|m| m.tick_secs),
             simulated_secs: simulation.tick_secs,
-            calibrates: (*processes, *views) == (p, most) && matches!(way, Way::Proposed | Way::Naive),
+            calibrates: (*processes, *views) == (p, most)
+                && matches!(method, Method::Proposed | Method::Naive),
             judged: options.judged,
         };
-        rows.push(Row::measured(*processes as u32, *views, *way, measured, &beside));
+        rows.push(Row::measured(*processes as u32, *views, *method, measured, &beside));
     }
     let device = runs.first().map(|run| run.3.device.clone()).unwrap_or_default();
     let mut report = Report::new(options.scene.clone(), Machine::here(&device), row::table(&rows));
@@ -203,8 +208,8 @@ async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Re
     let cores = report.machine.cores;
     if options.processes as usize + 2 > cores {
         report.notes.push(format!(
-            "{} workers, the coordinator and the client share {cores} cores: measured ticks are those of processes \
-             without a core of their own, and simulated ones likewise.",
+            "{} workers, the coordinator and the client share {cores} cores: the measured and the simulated processes have \
+             less than one core each.",
             options.processes
         ));
     }
@@ -213,10 +218,10 @@ async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Re
     Ok(report)
 }
 
-/// Views that are compared.
+/// Views compared for image quality.
 const JUDGED: usize = 4;
 
-/// FLIP and PSNR of warped views against direct ones.
+/// Mean FLIP and PSNR (dB) of warped views against direct ones.
 async fn quality(argus: &Path, options: &Options) -> Result<(f64, f64)> {
     let cluster =
         LocalCluster::of_single_threads(argus, &options.scene, 1, &["--refining-share=0".to_owned()])?;
@@ -242,19 +247,19 @@ async fn quality(argus: &Path, options: &Options) -> Result<(f64, f64)> {
     Ok((flip, psnr))
 }
 
-/// What a run took of cores, in the simulation's terms: free of what processes that share cores wait for each other.
-fn parameters_of(runs: &[(usize, u32, Way, Measured)], options: &Options) -> Parameters {
+/// The simulation's costs, from the runs' CPU times: they exclude waiting between processes that share cores.
+fn parameters_of(runs: &[(usize, u32, Method, Measured)], options: &Options) -> Parameters {
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
     let most = options.views.iter().copied().max().unwrap_or(1);
     let p = options.processes.max(2) as usize;
-    let of = |way| runs.iter().find(|run| (run.0, run.1, run.2) == (p, most, way)).map(|run| &run.3);
+    let of = |method| runs.iter().find(|run| (run.0, run.1, run.2) == (p, most, method)).map(|run| &run.3);
     let mut parameters =
         Parameters { machines: Machines::Shared { cores }, latency_ms: 0.1, ..Parameters::default() };
     parameters.link_bytes_per_sec = 2e9;
     let views = f64::from(most);
-    if let Some(measured) = of(Way::Proposed) {
+    if let Some(measured) = of(Method::Proposed) {
         let [sampling, compositing, coordinator, client] = measured.cpu.map(|secs| secs * 1e3);
-        // Packing happens beside rendering; the rest of a compositor's time is the render thread's.
+        // Packing runs beside rendering. The rest of a compositor's CPU time is its render thread's.
         let encode = (measured.parts.encode * 1e3 / views).min(0.9 * compositing / views);
         parameters.encode_ms = encode;
         let received = measured.received.max(1.0);
@@ -269,7 +274,7 @@ fn parameters_of(runs: &[(usize, u32, Way, Measured)], options: &Options) -> Par
         parameters.relay_ms = coordinator / views;
         parameters.client_ms = client / views;
     }
-    if let Some(measured) = of(Way::Naive) {
+    if let Some(measured) = of(Method::Naive) {
         let workers = (measured.cpu[0] + measured.cpu[1]) * 1e3;
         parameters.direct_ms = (workers / views - parameters.encode_ms).max(0.01);
         parameters.direct_pooled = measured.parts.pooled_share(p, cores);
@@ -280,53 +285,54 @@ fn parameters_of(runs: &[(usize, u32, Way, Measured)], options: &Options) -> Par
 fn simulate_one(
     processes: u32,
     views: u64,
-    way: Way,
+    method: Method,
     parameters: &Parameters,
     ticks: usize,
 ) -> efficiency::Outcome {
     let case = Case {
         processes,
         views,
-        refreshed: matches!(way, Way::Proposed | Way::Helping),
-        direct: way == Way::Naive,
-        helping: way == Way::Helping,
-        // A few ticks of few views are chance: which batch a sampler was at when the next samples were due.
+        refreshed: matches!(method, Method::Proposed | Method::Helping),
+        direct: method == Method::Naive,
+        helping: method == Method::Helping,
+        // Short ticks depend on chance: on the batch in work when the next samples become due. So they are repeated.
         ticks: ticks.max((40_000 / views as usize).min(40)),
     };
     efficiency::run(&case, parameters)
 }
 
-/// A tick that is simulated.
+/// One simulated tick.
 struct Tick {
     processes: u32,
     views: u64,
-    way: Way,
+    method: Method,
     relayed: bool,
     cores: Option<u32>,
 }
 
-/// The ticks of the paper's figures, and beyond.
+/// All simulated ticks: those of the paper's figures, and larger clusters.
 fn ticks(simulated: &[u32]) -> Vec<Tick> {
     let mut ticks = Vec::new();
-    let mut add = |processes, views, way, relayed, cores| {
-        ticks.push(Tick { processes, views, way, relayed, cores });
+    let mut add = |processes, views, method, relayed, cores| {
+        ticks.push(Tick { processes, views, method, relayed, cores });
     };
     for &p in simulated {
         let views = if p <= 11 { 1000 } else { VIEWS_EACH * u64::from(p) };
-        for way in Way::ALL {
-            // Of thousands, only those whose samples are rendered anew: each of the others is millions of views more.
-            if p <= 1024 || matches!(way, Way::Proposed | Way::Helping) {
-                add(p, views, way, p <= 11, None);
+        for method in Method::ALL {
+            // Beyond 1024 processes only the methods that render samples anew: each further method adds millions of
+            // views.
+            if p <= 1024 || matches!(method, Method::Proposed | Method::Helping) {
+                add(p, views, method, p <= 11, None);
             }
         }
-        // One coordinator cannot relay what hundreds make; clients are then connected to workers.
+        // One coordinator cannot relay for hundreds of workers, so clients then connect to workers.
         if p > 11 && p <= 256 {
-            add(p, views, Way::Proposed, true, None);
+            add(p, views, Method::Proposed, true, None);
         }
-        // The paper's processes have no second core on which frames and samples are packed.
+        // The paper's processes have no second core that packs frames and samples.
         if [5, 11, 1024].contains(&p) {
-            add(p, views, Way::Proposed, p <= 11, Some(1));
-            add(p, views, Way::Helping, p <= 11, Some(1));
+            add(p, views, Method::Proposed, p <= 11, Some(1));
+            add(p, views, Method::Helping, p <= 11, Some(1));
         }
     }
     // Time against views.
@@ -334,14 +340,14 @@ fn ticks(simulated: &[u32]) -> Vec<Tick> {
     for views in [10, 100, 10_000, 100_000, 1_000_000] {
         for p in [5, 1024] {
             if p <= most && views <= 2000 * u64::from(p) {
-                add(p, views, Way::Proposed, p <= 11, None);
+                add(p, views, Method::Proposed, p <= 11, None);
             }
         }
     }
     ticks
 }
 
-/// Clusters in which things go wrong.
+/// Simulated clusters with a trouble.
 fn troubles(options: &Options) -> Vec<trouble::Case> {
     let mut cases = Vec::new();
     let sizes = [(2, 10), (11, 1000), (64, 10_000), (256, 100_000), (1024, 1_000_000), (4096, 1_000_000)];
@@ -357,16 +363,16 @@ async fn simulated(options: &Options, parameters: Parameters, progress: &Progres
     let (ticks, troubles) = (ticks(&options.simulated), troubles(options));
     progress.set_length((ticks.len() + troubles.len()) as u64);
     let mut rows = Vec::new();
-    for Tick { processes, views, way, relayed, cores } in ticks {
-        progress.set_message(format!("P = {processes}, V = {views}, {}", way.name()));
+    for Tick { processes, views, method, relayed, cores } in ticks {
+        progress.set_message(format!("P = {processes}, V = {views}, {}", method.name()));
         let machines = cores.map_or(parameters.machines, |cores| Machines::Each { cores });
         let parameters = Parameters { relayed, machines, ..parameters.clone() };
         let work = {
             let parameters = parameters.clone();
             let ticks = if views > MANY_VIEWS { 2 } else { 4 };
-            tokio::task::spawn_blocking(move || simulate_one(processes, views, way, &parameters, ticks))
+            tokio::task::spawn_blocking(move || simulate_one(processes, views, method, &parameters, ticks))
         };
-        rows.push(Row::simulated(processes, views, way, &parameters, &work.await?));
+        rows.push(Row::simulated(processes, views, method, &parameters, &work.await?));
         progress.inc(1);
     }
     for case in troubles {
@@ -384,41 +390,40 @@ async fn simulated(options: &Options, parameters: Parameters, progress: &Progres
     report.plots = row::plots_of_simulated(&rows);
     report.notes = row::notes(&rows);
     report.notes.push(format!(
-        "Rows with a trouble: clients that ask at random for ten seconds at six tenths of what the cluster can do, in a scene \
-         that stands still; stragglers: one process of eight at half the speed; losses: one of sixteen killed, one after the \
-         other; waves: demand that rises and falls by half. Where that would be more than {} views, each costs as many times \
-         as much (view_ms), and so do its latencies: the load of each process is the same, what the coordinator does in a \
-         second is less, and of more clients than views not every one asks. Left out: troubles while samples are rendered \
-         anew each tick, and several at once; the naive way and still scenes beyond 1024 processes; the relaying coordinator \
-         beyond 256.",
+        "Rows with a trouble: random requests for ten seconds at six tenths of the cluster's capacity, in a still scene. \
+         stragglers: one process of eight at half the speed; losses: one of sixteen killed, one after the other; waves: \
+         demand that rises and falls by half. Beyond {} views, a simulated view stands for several: its cost (view_ms) and \
+         its latencies grow by that factor. The load of each process stays the same, the coordinator's work per second falls, \
+         and some clients request nothing. Left out: troubles while samples are rendered anew each tick, and several troubles \
+         at once; the naive method and still scenes beyond 1024 processes; the relaying coordinator beyond 256.",
         options.troubled_views
     ));
     report.notes.push(format!("Costs: {}", serde_json::to_string(&parameters)?));
     Ok(report)
 }
 
-/// The paper's efficiency for as many processes, if it has it.
-fn paper(processes: u32, way: Way) -> Option<f64> {
+/// The paper's efficiency for this many processes, if it has one.
+fn paper(processes: u32, method: Method) -> Option<f64> {
     let (_, proposed, naive) = PAPER.into_iter().find(|row| row.0 == processes)?;
-    Some(if way == Way::Naive { naive } else { proposed })
+    Some(if method == Method::Naive { naive } else { proposed })
 }
 
-/// What a tick is predicted to take with so many samplers.
-fn predicted_secs(load: balance::Load, processes: u32, samplers: u32, way: Way) -> f64 {
-    let split = match way {
+/// The predicted seconds of a tick with the given number of samplers.
+fn predicted_secs(load: balance::Load, processes: u32, samplers: u32, method: Method) -> f64 {
+    let split = match method {
         _ if processes < 2 => Split::Alone,
-        Way::Naive => Split::AllDirect,
+        Method::Naive => Split::AllDirect,
         _ => Split::Divided(samplers.clamp(1, processes - 1)),
     };
-    match way {
-        Way::Helping => balance::helping_tick_secs(load, processes, split),
+    match method {
+        Method::Helping => balance::helping_tick_secs(load, processes, split),
         _ => balance::tick_secs(load, processes, split),
     }
 }
 
-/// The work of a tick by given costs, milliseconds.
-fn load(views: u64, way: Way, (sample_ms, direct_ms, view_ms): (f64, f64, f64)) -> balance::Load {
+/// The work of a tick, from costs in milliseconds.
+fn load(views: u64, method: Method, (sample_ms, direct_ms, view_ms): (f64, f64, f64)) -> balance::Load {
     let costs = Parameters { sample_ms, direct_ms, view_ms, ..Parameters::default() };
-    let (refreshed, direct) = (matches!(way, Way::Proposed | Way::Helping), way == Way::Naive);
+    let (refreshed, direct) = (matches!(method, Method::Proposed | Method::Helping), method == Method::Naive);
     load_of(&Case { processes: 1, views, refreshed, direct, helping: false, ticks: 1 }, &costs)
 }

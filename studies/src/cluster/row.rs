@@ -7,24 +7,25 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::measure::Measured;
-use super::{Way, load, paper, predicted_secs};
+use super::{Method, load, paper, predicted_secs};
 use crate::report;
 use crate::simulate::efficiency::Outcome;
 use crate::simulate::{Parameters, trouble};
 
 pub(super) use self::figures::{notes, notes_of_measured, plots_of_measured, plots_of_simulated};
 
-/// One figure of the table; times are milliseconds a tick.
+/// One row of the table; times are milliseconds per tick.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Row {
     kind: &'static str,
-    way: &'static str,
-    /// What goes wrong meanwhile, of simulated rows.
+    #[serde(rename = "way")]
+    method: &'static str,
+    /// The trouble of a simulated row.
     trouble: Option<&'static str>,
     processes: u32,
-    /// Of each simulated machine.
+    /// Cores of each simulated machine.
     cores: Option<u32>,
-    /// A tick, or in all where something goes wrong.
+    /// Views per tick, or all views of a row with a trouble.
     views: u64,
     clients: Option<u64>,
     samplers: u32,
@@ -32,7 +33,7 @@ pub(super) struct Row {
     tick_ms: Option<f64>,
     predicted_ms: Option<f64>,
     per_predicted: Option<f64>,
-    /// What the simulation says of a measured tick, how far that is from it, and whether the simulation's costs were taken
+    /// The simulated tick, its relative difference from the measured one, and whether the simulation's costs come
     /// from this very row.
     simulated_ms: Option<f64>,
     agreement_fraction: Option<f64>,
@@ -53,12 +54,13 @@ pub(super) struct Row {
     relay_ms: Option<f64>,
     await_samples_ms: Option<f64>,
     queue_ms: Option<f64>,
-    /// The work of a tick from samples by g and c, and of rendering all views directly, by what the tick took.
+    /// Speedups of a tick by g and c over sampling and compositing one after another, and over rendering all
+    /// views directly.
     speedup_by_costs: Option<f64>,
     speedup_over_direct: Option<f64>,
-    /// T(1) of the same way, measured, by T(P).
+    /// T(1) of the same method, measured, divided by T(P).
     speedup_over_alone: Option<f64>,
-    /// Each by the processes.
+    /// The speedups divided by the number of processes.
     efficiency: Option<f64>,
     efficiency_over_alone: Option<f64>,
     bound: Option<f64>,
@@ -75,14 +77,14 @@ pub(super) struct Row {
     passed: Option<bool>,
 }
 
-/// Agreement that is asked of simulation and measurement.
+/// Largest accepted relative difference of simulation and measurement.
 const AGREEMENT: f64 = 0.15;
 
 /// What a measured row is compared with.
 pub(super) struct Beside<'a> {
-    /// The run with samples, by whose costs the work of a tick is reckoned where there are none.
+    /// The run from samples whose costs apply if this run has none.
     pub(super) proposed: &'a Measured,
-    /// T(1) of the same way and as many views, if that was run.
+    /// T(1) of the same method and number of views, if it was run.
     pub(super) alone_secs: Option<f64>,
     pub(super) simulated_secs: f64,
     pub(super) calibrates: bool,
@@ -90,22 +92,22 @@ pub(super) struct Beside<'a> {
 }
 
 impl Row {
-    /// A row of a tick.
+    /// The row of one tick.
     fn new(
         kind: &'static str,
-        (processes, views, way): (u32, u64, Way),
+        (processes, views, method): (u32, u64, Method),
         samplers: u32,
         tick_secs: f64,
         costs: (f64, f64, f64),
     ) -> Self {
-        let load_of_way = load(views, way, costs);
-        let proposed = load(views, if way == Way::Naive { Way::Proposed } else { way }, costs);
+        let load_of_method = load(views, method, costs);
+        let proposed = load(views, if method == Method::Naive { Method::Proposed } else { method }, costs);
         let serial = proposed.sampling_secs + proposed.compositing_secs;
-        let predicted = predicted_secs(load_of_way, processes, samplers, way);
+        let predicted = predicted_secs(load_of_method, processes, samplers, method);
         let efficiency = serial / (f64::from(processes) * tick_secs);
-        let bound = match way {
-            Way::Helping => 1.0,
-            Way::Naive => serial / (f64::from(processes) * predicted),
+        let bound = match method {
+            Method::Helping => 1.0,
+            Method::Naive => serial / (f64::from(processes) * predicted),
             _ => balance::efficiency_bound(proposed, processes),
         };
         Self {
@@ -117,21 +119,21 @@ impl Row {
             efficiency: Some(efficiency),
             bound: Some(bound),
             per_bound: Some(efficiency / bound),
-            paper_efficiency: paper(processes, way).filter(|_| views == 1000),
-            ..Self::empty(kind, (processes, views, way), samplers, costs)
+            paper_efficiency: paper(processes, method).filter(|_| views == 1000),
+            ..Self::empty(kind, (processes, views, method), samplers, costs)
         }
     }
 
-    /// A row of nothing yet.
+    /// A row with its costs only.
     fn empty(
         kind: &'static str,
-        (processes, views, way): (u32, u64, Way),
+        (processes, views, method): (u32, u64, Method),
         samplers: u32,
         costs: (f64, f64, f64),
     ) -> Self {
         Self {
             kind,
-            way: way.name(),
+            method: method.name(),
             trouble: None,
             processes,
             cores: None,
@@ -181,8 +183,14 @@ impl Row {
         }
     }
 
-    pub(super) fn measured(processes: u32, views: u32, way: Way, m: &Measured, beside: &Beside<'_>) -> Self {
-        let of_samples = if way == Way::Naive { beside.proposed } else { m };
+    pub(super) fn measured(
+        processes: u32,
+        views: u32,
+        method: Method,
+        m: &Measured,
+        beside: &Beside<'_>,
+    ) -> Self {
+        let of_samples = if method == Method::Naive { beside.proposed } else { m };
         let costs = (of_samples.sample_secs * 1e3, m.direct_secs * 1e3, of_samples.view_secs * 1e3);
         let ms = |secs: f64| Some(secs * 1e3);
         let agreement = (m.tick_secs / beside.simulated_secs - 1.0).abs();
@@ -206,34 +214,34 @@ impl Row {
             queue_ms: ms(m.parts.queue),
             speedup_over_alone: over_alone,
             efficiency_over_alone: over_alone.map(|speedup| speedup / f64::from(processes)),
-            // Costs that were taken from a row agree with it for that reason alone.
+            // A row cannot be judged by costs that were taken from it.
             passed: (beside.judged && !beside.calibrates).then_some(agreement <= AGREEMENT),
-            ..Self::new("measured", (processes, u64::from(views), way), m.samplers, m.tick_secs, costs)
+            ..Self::new("measured", (processes, u64::from(views), method), m.samplers, m.tick_secs, costs)
         }
     }
 
     pub(super) fn simulated(
         processes: u32,
         views: u64,
-        way: Way,
+        method: Method,
         costs: &Parameters,
         outcome: &Outcome,
     ) -> Self {
-        let of = costs.by_the_clock(processes).into();
+        let of = costs.wall_ms(processes).into();
         Self {
             relayed: costs.relayed,
             cores: Some(costs.machines.cores()),
             core_us_per_view: Some(outcome.core_us_per_view),
-            ..Self::new("simulated", (processes, views, way), outcome.samplers, outcome.tick_secs, of)
+            ..Self::new("simulated", (processes, views, method), outcome.samplers, outcome.tick_secs, of)
         }
     }
 
-    /// A cluster in which something goes wrong; a view that is lost is out of bounds.
+    /// A row of a simulated cluster with a trouble. It passes if no view is lost.
     pub(super) fn troubled(costs: &Parameters, outcome: &trouble::Outcome) -> Self {
         let trouble::Outcome { processes, asked, samplers, .. } = *outcome;
-        let of = costs.by_the_clock(processes).into();
+        let of = costs.wall_ms(processes).into();
         Self {
-            way: "still scene, samplers compose",
+            method: "still scene, samplers compose",
             trouble: Some(outcome.trouble.name()),
             clients: Some(outcome.clients),
             relayed: costs.relayed,
@@ -247,7 +255,7 @@ impl Row {
             rejected: Some(outcome.rejected),
             lost: Some(outcome.lost),
             passed: Some(outcome.lost == 0),
-            ..Self::empty("simulated", (processes, asked, Way::Still), samplers, of)
+            ..Self::empty("simulated", (processes, asked, Method::Still), samplers, of)
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Scattered atomics, of 32 and of 64 bits, within the caches and beyond them.
+//! Scattered atomics of 32 and 64 bits, in buffers that fit the caches and in larger ones.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use crate::median::median;
 
 /// Operations of the first dispatch.
 const FIRST: u64 = 1 << 16;
-/// Operations of a dispatch at most.
+/// Largest number of operations of a dispatch.
 const MOST: u64 = 1 << 30;
 
 pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
@@ -30,7 +30,7 @@ fn one(gpu: &Arc<Gpu>, options: &Options, word: Word, bytes: u64) -> Result<Meas
         atomics => atomics?,
     };
     let mut operations = FIRST;
-    // The first dispatch also makes machine code.
+    // The first dispatch also compiles the pipeline.
     atomics.run(operations)?;
     loop {
         let (ms, _) = atomics.run(operations)?;
@@ -48,8 +48,8 @@ fn one(gpu: &Arc<Gpu>, options: &Options, word: Word, bytes: u64) -> Result<Meas
         .noting(format!("{operations} operations a dispatch")))
 }
 
-/// Operations of the next dispatch: eight times as many at most, and none where this one was long enough. A dispatch stays
-/// well below a second even if the rate falls with its size.
+/// Operations of the next dispatch, at most eight times as many; `None` if this one was long enough. The factor keeps a
+/// dispatch well below a second even if the rate falls with its size.
 fn grown(operations: u64, ms: f64, wanted_ms: f64) -> Option<u64> {
     if ms >= 0.5 * wanted_ms || operations >= MOST {
         return None;
@@ -71,13 +71,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dispatches_grow_until_they_last_and_never_beyond_what_is_numbered() {
+    fn dispatches_grow_until_they_are_long_enough_or_reach_the_limit() {
         assert_eq!(grown(1 << 16, 0.0, 50.0), Some(1 << 19));
         assert_eq!(grown(1 << 16, 20.0, 50.0), Some(163_840));
         assert_eq!(grown(1 << 16, 25.0, 50.0), None);
         assert_eq!(grown(MOST / 2, 0.001, 50.0), Some(MOST));
         assert_eq!(grown(MOST, 0.001, 50.0), None);
-        // A clock that gives no number ends the growth at the latest at the bound.
+        // A clock without timestamps also ends the growth at the limit.
         assert_eq!(grown(MOST, f64::NAN, 50.0), None);
     }
 

@@ -1,20 +1,20 @@
-//! Which program has a backend in compute as well as in fragments.
+//! The programs with fragment entry points, and their compute backends.
 //!
-//! On a data-centre GPU few units draw, so that fragments can be many times slower than compute. Where both exist, which
-//! one runs is measured on the device: [`argus_compositor::SearchBackend::Auto`], `--visibility auto`.
+//! A data-centre GPU has few raster units, so fragment programs can be many times slower than compute. Where both exist,
+//! the faster one is measured on the device: [`argus_compositor::SearchBackend::Auto`], `--visibility auto`.
 
 /// A program with fragment entry points.
 #[derive(Debug, Clone, Copy)]
 pub struct FragmentProgram {
-    /// Its place among the shaders.
+    /// The program's label in the `shaders` crate.
     pub label: &'static str,
-    /// What does the same in compute; `None` where nothing does.
+    /// The compute backend; `None` if there is none.
     pub compute: Option<&'static str>,
-    /// How one of the two is chosen, or why there is no other.
+    /// How one of the two is chosen, or why there is no compute backend.
     pub note: &'static str,
 }
 
-/// All of them.
+/// All programs with fragment entry points.
 pub const FRAGMENTS: [FragmentProgram; 8] = [
     search("compositor/fixed_point"),
     search("compositor/linear"),
@@ -24,7 +24,7 @@ pub const FRAGMENTS: [FragmentProgram; 8] = [
     FragmentProgram {
         label: "sampler/visibility",
         compute: Some("sampler/trace, sampler/trace_cutouts"),
-        note: "tried on the scene by `--visibility auto`; packets on the CPU take part",
+        note: "measured on the scene by `--visibility auto`, as are packets on the CPU",
     },
     FragmentProgram {
         label: "compositor/resolve",
@@ -34,11 +34,11 @@ pub const FRAGMENTS: [FragmentProgram; 8] = [
     FragmentProgram {
         label: "compositor/floor",
         compute: None,
-        note: "one fetch a pixel, which studies compare with; no view uses it",
+        note: "one fetch a pixel, a baseline of studies; no view uses it",
     },
 ];
 
-/// One of the searches, whose two programs share their source.
+/// A search; its two programs share their source.
 const fn search(label: &'static str) -> FragmentProgram {
     FragmentProgram {
         label,
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_program_with_fragments_is_listed_and_no_other() {
+    fn the_list_names_exactly_the_programs_with_fragment_entry_points() {
         let of = |stage: Stage| {
             let has = move |program: &&&argus_shaders::Program| {
                 program.entry_points.iter().any(|entry| entry.stage == stage)
@@ -65,7 +65,7 @@ mod tests {
         };
         let listed: BTreeSet<&str> = FRAGMENTS.iter().map(|program| program.label).collect();
         assert_eq!(of(Stage::Fragment), listed);
-        // What is said to have both has both.
+        // Programs that claim their own compute entry points have them.
         let twins = FRAGMENTS.iter().filter(|p| p.compute.is_some_and(|with| with.starts_with("its own")));
         for program in twins {
             assert!(of(Stage::Compute).contains(program.label), "{}", program.label);

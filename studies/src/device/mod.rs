@@ -1,5 +1,5 @@
-//! What a device does by itself, measured part by part: atomics, rays, each program that has two backends, readback and
-//! encoding. Each figure that has a target stands beside it.
+//! Device: the speed of a device's parts, namely atomics, rays, programs with two backends, readback and encoding. Rows
+//! with a target show it beside the figure.
 
 mod atomics;
 mod backends;
@@ -17,28 +17,28 @@ use serde_json::{Map, Value, json};
 pub use self::backends::{FRAGMENTS, FragmentProgram};
 use crate::{Effort, Machine, Report, report, targets};
 
-/// What is measured, and how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
-    /// Views of a batch that is warped.
+    /// Warped views in a batch.
     pub batch: usize,
-    /// Samples that a view is reconstructed from.
+    /// Samples used for each warped view.
     pub samples: usize,
-    /// Pixels on a side of the image that coherent rays are counted in.
+    /// Side in pixels of the image whose coherent rays are timed.
     pub rays_side: u32,
-    /// Rays without anything in common.
+    /// Number of incoherent rays.
     pub scattered_rays: usize,
-    /// Bytes of the buffers that atomics are scattered over.
+    /// Sizes in bytes of the buffers for scattered atomics.
     pub buffers: Vec<u64>,
-    /// Milliseconds that a dispatch of atomics is grown to.
+    /// Target duration of a dispatch of atomics, in milliseconds.
     pub dispatch_ms: f64,
-    /// Bytes that are read back at once.
+    /// Sizes in bytes of the readbacks.
     pub readbacks: Vec<u64>,
-    /// Rounds that medians are taken over.
+    /// Measured rounds; each figure is their median.
     pub rounds: usize,
 }
 
@@ -51,10 +51,10 @@ impl Default for Options {
             samples: 4,
             rays_side: 1024,
             scattered_rays: 1 << 20,
-            // What the caches of a data-centre GPU hold, and what they do not.
+            // Within and beyond the caches of a data-centre GPU.
             buffers: vec![15_000_000, 4_000_000_000],
             dispatch_ms: 50.0,
-            // A view of 128², one of 200×150, a batch of large ones: four bytes a pixel.
+            // A view of 128², one of 200×150, and a batch of large ones, at four bytes per pixel.
             readbacks: vec![65_536, 120_000, 64 << 20],
             rounds: 5,
         }
@@ -77,7 +77,7 @@ impl Effort for Options {
     }
 }
 
-/// One row. A figure that could not be had is `None`, and the note says why.
+/// One row. `figure` is `None` if it could not be measured; `note` then gives the reason.
 #[derive(Debug, Clone, PartialEq)]
 struct Measure {
     measure: String,
@@ -93,7 +93,7 @@ impl Measure {
         Self { measure: measure.into(), variant: variant.into(), figure, unit, note: String::new() }
     }
 
-    /// What is not there, and why.
+    /// A figure that could not be measured, with the reason.
     fn absent(
         measure: impl Into<String>,
         variant: impl Into<String>,
@@ -137,7 +137,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut report = Report::new(options.scene.clone(), Machine::here(gpu.kind()), rows);
     report.notes = vec![
         "ratio: how many times over the target is met, for a data-centre GPU of the H100's class.".to_owned(),
-        "Times of programs are the device's own where it can tell them, of readbacks and encoders wall times.".to_owned(),
+        "Times of programs are device times where it has timestamps; times of readbacks and encoders are wall times.".to_owned(),
     ];
     report.note_longest_pass(&gpu);
     Ok(report)
@@ -146,7 +146,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
 /// A part of the study.
 type Part = fn(&Arc<Gpu>, &Options) -> Result<Vec<Measure>>;
 
-/// The parts, in order of worth.
+/// The parts, the most valuable first.
 const PARTS: [(&str, Part); 4] = [
     ("atomics", atomics::measure),
     ("programs", programs::measure),
@@ -159,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_row_with_a_target_has_its_ratio_and_others_have_none() {
+    fn only_a_row_with_a_target_has_a_ratio() {
         let [measure, variant] = targets::WARP;
         let row = Measure::new(measure, variant, 30.0, "µs").row();
         assert_eq!((row["target"].as_str(), row["ratio"].as_f64()), (Some("≤ 15"), Some(0.5)));
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn what_could_not_be_measured_has_a_reason_and_no_ratio() {
+    fn a_figure_that_could_not_be_measured_has_a_reason_and_no_ratio() {
         let [measure, variant] = targets::SCATTERED_RAYS;
         let row = Measure::absent(measure, variant, "M/s", "there is none".to_owned()).row();
         assert!(row["figure"].is_null() && row["ratio"].is_null());
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn the_default_measures_what_the_targets_are_about() {
+    fn the_default_options_measure_the_targets_figures() {
         let options = Options::default();
         assert_eq!(
             programs::names(&options),

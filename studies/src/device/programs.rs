@@ -1,4 +1,4 @@
-//! Programs that have a backend in fragments and one in compute, each measured.
+//! Times programs that have both a fragment and a compute backend.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>>
     Ok(rows)
 }
 
-/// Measure and variant of the rows that are about the best of several backends.
+/// Measure and variant of the rows for the best of several backends.
 pub(super) fn names(options: &Options) -> [[String; 2]; 2] {
     let [width, height] = options.size;
     let triangles = options.scene.split_once(':').map_or(options.scene.as_str(), |(_, count)| count);
@@ -36,7 +36,7 @@ fn warp_name(search: Search) -> String {
     format!("warp, {}", search.name())
 }
 
-/// Microseconds a view of a search by each of its programs, and by the better one.
+/// Microseconds per view of a search: by each of its programs, and by the faster one.
 fn warps(gpu: &Arc<Gpu>, bench: &mut Bench, options: &Options, search: Search) -> Result<Vec<Measure>> {
     let cameras = bench.walk(options.batch);
     let ids = bench.all_ids(&cameras, options.samples);
@@ -54,7 +54,7 @@ fn warps(gpu: &Arc<Gpu>, bench: &mut Bench, options: &Options, search: Search) -
     }
     replace_compositor(gpu, bench, SearchBackend::Auto)?;
     bench.hold(&ids)?;
-    let kept = format!("kept by default: {}", bench.batches_to_decide(&jobs)?);
+    let kept = format!("kept by default: {}", bench.decide_program(&jobs)?);
     rows.extend(best_of(&rows, &warp_name(search), &variant("best program"), &kept));
     Ok(rows)
 }
@@ -79,24 +79,24 @@ fn warp_job(bench: &Bench, camera: &Camera, options: &Options, search: Search) -
     bench.job(*camera, options.size, Outputs::COLOR, plan)
 }
 
-/// Microseconds of the passes that find triangles, by each backend that the device has and by the best, and of shading.
+/// Microseconds of the visibility passes by each backend of the device and by the fastest, and of shading.
 fn triangles(bench: &mut Bench, options: &Options) -> Result<Vec<Measure>> {
     let [_, [name, best]] = names(options);
     let variant = |backend: &str| best.replace("best backend", backend);
     let camera = bench.suggested()[0];
     let mut rows = Vec::new();
     let mut shading = Vec::new();
-    for way in Visibility::ALL {
-        // Whether the device has it; and the tracer is built.
-        match bench.sampler.identify(&camera, options.size, 1, way) {
+    for backend in Visibility::ALL {
+        // Tests whether the device has the backend, and builds its tracer.
+        match bench.sampler.identify(&camera, options.size, 1, backend) {
             Ok(_) => {}
             Err(RenderError::Invalid(why)) => {
-                rows.push(Measure::absent(&name, variant(way.name()), "µs", why.to_string()));
+                rows.push(Measure::absent(&name, variant(backend.name()), "µs", why.to_string()));
                 continue;
             }
             Err(error) => return Err(error.into()),
         }
-        bench.see_by(way);
+        bench.set_visibility(backend);
         let job = bench.job(camera, options.size, Outputs::COLOR, Plan::Direct { samples_per_pixel: 1 });
         let mut frames: Vec<Frame> = Vec::new();
         for round in 0..=options.rounds {
@@ -109,29 +109,29 @@ fn triangles(bench: &mut Bench, options: &Options) -> Result<Vec<Measure>> {
             };
             frames.iter().map(frame).collect()
         };
-        let seen = Measure::new(&name, variant(way.name()), median(&sum(finds_triangles)) * 1e3, "µs");
-        rows.push(match way {
-            Visibility::Cpu => seen.noting("all cores, without the upload of what was found"),
+        let seen = Measure::new(&name, variant(backend.name()), median(&sum(finds_triangles)) * 1e3, "µs");
+        rows.push(match backend {
+            Visibility::Cpu => seen.noting("all cores, without the upload of visibility"),
             _ => seen,
         });
         shading.extend(sum(|stage| stage.starts_with("shade")));
     }
-    let kept = "which one runs is measured by `--visibility auto`";
+    let kept = "`--visibility auto` measures which one runs";
     rows.extend(best_of(&rows, &name, &variant("best backend"), kept));
     let [width, height] = options.size;
     rows.push(
         Measure::new("shade", format!("compute, {width}x{height}"), median(&shading) * 1e3, "µs")
-            .noting("in compute alone: there is no fragment program"),
+            .noting("compute only: there is no fragment program"),
     );
     Ok(rows)
 }
 
-/// Passes by which a direct view finds what its pixels see.
+/// Whether a stage is a visibility pass of a direct view.
 fn finds_triangles(stage: &str) -> bool {
     ["rasterise", "trace", "trace cut-outs", "trace on the CPU"].contains(&stage)
 }
 
-/// The row with the least time, under another name.
+/// The fastest row, under another name.
 fn best_of(rows: &[Measure], name: &str, variant: &str, kept: &str) -> Option<Measure> {
     let timed = rows.iter().filter_map(|row| Some((row, row.figure.filter(|&figure| figure > 0.0)?)));
     let (best, figure) = timed.min_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -139,7 +139,7 @@ fn best_of(rows: &[Measure], name: &str, variant: &str, kept: &str) -> Option<Me
     Some(Measure::new(name, variant, figure, best.unit).noting(format!("{which}; {kept}")))
 }
 
-/// What rounds take, after one that is not counted.
+/// The results of `rounds` rounds, after one warm-up round.
 fn timed(rounds: usize, mut round: impl FnMut() -> Result<f64>) -> Result<Vec<f64>> {
     round()?;
     (0..rounds).map(|_| round()).collect()
@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_best_backend_is_the_one_of_least_time_and_none_where_none_was_timed() {
+    fn the_best_backend_is_the_fastest_timed_one() {
         let row = |variant: &str, figure| Measure::new("m", variant, figure, "µs");
         let rows =
             [row("fragment, x", 3.0), row("compute, x", 2.0), row("cpu, x", f64::NAN), row("odd, x", 0.0)];
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_that_find_triangles_are_told_from_those_that_shade_them() {
+    fn visibility_passes_are_told_from_shading_passes() {
         assert!(finds_triangles("rasterise") && finds_triangles("trace cut-outs"));
         assert!(!finds_triangles("shade view") && !finds_triangles("trace rays"));
     }

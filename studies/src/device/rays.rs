@@ -1,4 +1,4 @@
-//! Rays a second of each tracer: through the pixels of an image, and without anything in common.
+//! Rays per second of each tracer: coherent rays of an image, and incoherent rays.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -23,13 +23,13 @@ pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>>
     let camera = scene.cameras.first().map_or_else(|| scene.default_camera(), |named| named.camera);
     let mut rows = Vec::new();
     let side = options.rays_side;
-    for way in Visibility::ALL {
-        let (name, variant) = ("coherent rays", format!("{}, {side}x{side}", backend(way)));
+    for backend in Visibility::ALL {
+        let (name, variant) = ("coherent rays", format!("{}, {side}x{side}", backend_name(backend)));
         let mut rates = Vec::new();
         let mut refused = None;
-        // The first round also makes machine code.
+        // The first round also compiles pipelines.
         for round in 0..=options.rounds {
-            match sampler.identify(&camera, [side; 2], 1, way) {
+            match sampler.identify(&camera, [side; 2], 1, backend) {
                 Ok((ids, took)) if round > 0 => rates.push(ids.len() as f64 / took.as_secs_f64() * 1e-6),
                 Ok(_) => {}
                 Err(RenderError::Invalid(why)) => {
@@ -62,8 +62,8 @@ pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>>
     Ok(rows)
 }
 
-fn backend(way: Visibility) -> &'static str {
-    match way {
+fn backend_name(backend: Visibility) -> &'static str {
+    match backend {
         Visibility::Raster => "raster (fragments)",
         Visibility::Trace => "trace (compute)",
         Visibility::Cpu => "cpu (packets, all cores)",
@@ -89,13 +89,13 @@ fn rate(
     Measure::new(name, variant, median(&rates), "M/s").noting(format!("{share:.0}% meet a surface"))
 }
 
-/// Rays from anywhere in the bounds in any direction, the same for the same number.
+/// Incoherent rays: uniform origins within the bounds and uniform directions. Equal counts give equal rays.
 fn scattered(bounds: &Bounds, count: usize) -> Vec<[DVec3; 2]> {
     let mut random = SmallRng::seed_from_u64(1);
     let ray = |_| {
         let unit = |random: &mut SmallRng| DVec3::from_array(std::array::from_fn(|_| random.random::<f64>()));
         let origin = bounds.center() + bounds.size() * (unit(&mut random) - 0.5);
-        // Even over the sphere: a cube's points within it.
+        // A uniform direction: a point of the cube that lies within the unit sphere, normalised.
         loop {
             let direction = unit(&mut random) * 2.0 - 1.0;
             if (1e-6..=1.0).contains(&direction.length_squared()) {
@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scattered_rays_begin_within_the_bounds_go_everywhere_and_repeat() {
+    fn scattered_rays_are_uniform_and_repeatable() {
         let bounds = Bounds { min: DVec3::new(-1.0, 2.0, 3.0), max: DVec3::new(1.0, 2.0, 9.0) };
         let rays = scattered(&bounds, 2000);
         assert_eq!(rays, scattered(&bounds, 2000));

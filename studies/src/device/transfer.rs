@@ -1,4 +1,4 @@
-//! From the device to the network: readback, and the encoders that frames go through.
+//! Readback from the device, and the encoders of frames.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -16,9 +16,9 @@ use image::{ExtendedColorType, ImageEncoder as _};
 use super::{Measure, Options};
 use crate::median::median;
 
-/// Readbacks or encodings that one round times together: one alone can be shorter than a clock's noise.
+/// Readbacks or encodings timed together in a round: a single one may be shorter than the clock's noise.
 const AT_ONCE: usize = 8;
-/// Of a JPEG, as the page of `argus browse` has it.
+/// JPEG quality that the page of `argus browse` uses.
 const JPEG_QUALITY: u8 = 90;
 
 pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
@@ -30,7 +30,7 @@ pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>>
     Ok(rows)
 }
 
-/// Microseconds from a submission that copies bytes out to the bytes on the host.
+/// Microseconds from the submission of a copy until the bytes are on the host.
 fn readback(gpu: &Arc<Gpu>, options: &Options, bytes: u64) -> Result<Measure> {
     let buffer = gpu.buffer("to be read back", bytes, BufferUsages::COPY_SRC);
     let mut times = Vec::new();
@@ -51,7 +51,7 @@ fn readback(gpu: &Arc<Gpu>, options: &Options, bytes: u64) -> Result<Measure> {
     Ok(Measure::new("readback", format!("{bytes} bytes"), secs * 1e6, "µs").noting(rate))
 }
 
-/// Microseconds of a core to encode a view, by each encoder.
+/// CPU microseconds of each encoder for one view.
 fn encoders(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
     let scene = Arc::new(argus_scene::open(&options.scene)?);
     let mut sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?;
@@ -80,14 +80,14 @@ fn encoders(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
     Ok(encoders.map(|(name, raw, encode)| encoder(options, name, raw, encode)).into())
 }
 
-/// Encodes an image; its bytes, `None` where it does not.
+/// Encodes an image. Returns its size in bytes; `None` if the encoder does not make it smaller.
 type Encode<'a> = &'a dyn Fn(&[u8]) -> Option<usize>;
 
 fn encoder(options: &Options, name: &str, raw: &[u8], encode: Encode<'_>) -> Measure {
     let [width, height] = options.size;
     let variant = format!("{name}, {width}x{height}");
     let Some(bytes) = encode(raw) else {
-        return Measure::absent("encoding", variant, "µs", "it makes the image no smaller".to_owned());
+        return Measure::absent("encoding", variant, "µs", "does not make the image smaller".to_owned());
     };
     let round = |_| {
         let begin = Instant::now();
@@ -102,7 +102,7 @@ fn encoder(options: &Options, name: &str, raw: &[u8], encode: Encode<'_>) -> Mea
     Measure::new("encoding", variant, secs * 1e6, "µs").noting(note)
 }
 
-/// As `argus view` writes it.
+/// Encodes a PNG as `argus view` does.
 fn png(raw: &[u8], width: u32, height: u32) -> Option<usize> {
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);

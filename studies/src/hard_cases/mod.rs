@@ -1,13 +1,12 @@
-//! The conformance suite: what makes a reconstruction go wrong, case by case, against the f64 ray tracer.
+//! Hard cases: the conformance suite of image reconstruction, judged by the f64 ray tracer.
 //!
-//! Every case is a small scene built in code, sampled by the sampler, a view of it, and what the view may get
-//! wrong. Each search composes it by both of its programs, whose bytes must be equal. A pixel is *wrong* if it
-//! claims to be resolved and shows neither the surface (range within [`oracle::RANGE`]) nor the place on it
-//! (colour within [`oracle::COLOR`] steps) that its own ray or one of the eight around it meets. What no sample
-//! saw must be said to be unresolved: that is never wrong, but it is bounded too.
+//! Every case is a small scene built in code, a view of it, and limits on the view's error. Each search composes it with
+//! both of its programs, whose bytes must be equal. A pixel is *wrong* if it claims to be resolved but shows neither the
+//! surface (range within [`oracle::RANGE`]) nor the position on it (colour within [`oracle::COLOR`] steps) that its own
+//! ray or one of the eight around it meets. A pixel that no sample saw must be marked unresolved; that is never wrong,
+//! but its share is limited too.
 //!
-//! The command that prints the table, the page in `docs/` and the test all run the same cases, so that none of
-//! them can say what another does not.
+//! The command, the page in `docs/` and the test run the same cases.
 
 mod omni;
 mod oracle;
@@ -30,33 +29,33 @@ use crate::{Machine, Report, report};
 pub use page::{claims, page};
 pub use stage::Stages;
 
-/// What cases have in common.
+/// What the cases of a group have in common.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Theme {
-    /// Where the viewer stands.
+    /// Positions of the viewer.
     Poses,
-    /// Rays that run along what a search is made of.
+    /// Rays along the planes and borders of a search's data structures.
     Rays,
-    /// What there is to see.
+    /// Difficult surfaces.
     Surfaces,
-    /// Images of uncommon shape.
+    /// Images of unusual shape.
     Sizes,
-    /// Scenes far from zero, very small and very large.
+    /// Scenes far from the origin, very small and very large.
     Precision,
-    /// Seams, poles and rims of samples that look everywhere.
+    /// Seams, poles and rims of omnidirectional samples.
     Omni,
 }
 
 impl Theme {
-    /// All of them, in the order of the table.
+    /// All themes, in the order of the table.
     pub const ALL: [Self; 6] =
         [Self::Poses, Self::Rays, Self::Surfaces, Self::Sizes, Self::Precision, Self::Omni];
 
-    /// Runs its cases.
+    /// Runs the theme's cases.
     ///
     /// # Errors
-    /// No GPU, or a render that fails; a frame that is wrong is a row that did not pass.
+    /// No GPU, or a render that fails. A wrong frame is not an error, but a row that did not pass.
     pub fn run(self, stages: &mut Stages) -> Result<Vec<Row>> {
         let rows = match self {
             Self::Poses => poses::run(stages),
@@ -70,42 +69,42 @@ impl Theme {
     }
 }
 
-/// One case by one search.
+/// The result of one case with one search.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// What it belongs to.
+    /// The case's theme.
     pub theme: Option<Theme>,
-    /// Its name.
+    /// The case's name.
     pub case: String,
-    /// By which search.
+    /// The search's name.
     pub search: &'static str,
-    /// What the error is a share or a number of.
+    /// What `oracle_error` counts.
     pub measure: &'static str,
-    /// How far from the oracle it is.
+    /// The error against the oracle.
     pub oracle_error: f64,
-    /// How far it may be.
+    /// The largest accepted error.
     pub tolerance: f64,
     /// Share of pixels that no sample saw.
     pub unresolved: f64,
-    /// The greatest share that may be.
+    /// The largest accepted share of unresolved pixels.
     pub unresolved_tolerance: f64,
-    /// Pixels that contradict themselves; none may.
+    /// Pixels whose outputs contradict each other; must be 0.
     pub malformed: usize,
-    /// Bytes in which the search's two programs differ; none may.
+    /// Bytes that differ between the search's two programs; must be 0.
     pub twin_bytes: usize,
-    /// Milliseconds of the slower program, less than [`MOST_MS`].
+    /// Milliseconds of the slower program; must be below [`MOST_MS`].
     pub ms: f64,
-    /// Why the limits are wide, or not those of the other searches; mostly empty.
+    /// Why the limits are wide or differ from other searches; usually empty.
     pub why: &'static str,
-    /// Whether it is within all of these.
+    /// Whether all limits are kept.
     pub passed: bool,
 }
 
-/// No case may take longer, whatever its rays run along: a loop that does not end would.
+/// Time limit of a case in milliseconds. Only a loop that does not end exceeds it.
 pub const MOST_MS: f64 = 20_000.0;
 
 impl Row {
-    /// Says whether it passed. Written so that a NaN did not.
+    /// Sets `passed`. NaN does not pass.
     fn judged(self) -> Self {
         let within = self.oracle_error <= self.tolerance && self.unresolved <= self.unresolved_tolerance;
         let passed = within && self.malformed == 0 && self.twin_bytes == 0 && self.ms < MOST_MS;
@@ -116,7 +115,7 @@ impl Row {
 /// Runs all cases; `progress` counts themes.
 ///
 /// # Errors
-/// As [`Theme::run`].
+/// Any error of [`Theme::run`].
 pub fn run(progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     let mut stages = Stages::new(&gpu)?;

@@ -1,5 +1,5 @@
-//! Samples that look everywhere: seams between faces, their poles and the corners where three of them meet; and
-//! that the rim of a paraboloid is refused by name, since its texels are no projection onto planes.
+//! Omnidirectional samples: seams between faces, poles, and corners of three faces. A dual paraboloid must be refused by
+//! name, since its texels are not a planar projection.
 
 use std::sync::Arc;
 
@@ -34,8 +34,8 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             Limits::new(0.03, 0.06),
         ),
     ];
-    let mut rows = stages.play(room.clone(), &views)?;
-    // Face +x of a cube begins at its first texel; the ring around it repeats its neighbours.
+    let mut rows = stages.run(room.clone(), &views)?;
+    // Face +x starts at the cube's first texel. The ring around a face repeats its neighbours.
     let own = Camera { fov_deg: 90.0, ..Camera::look_at(origin, origin + DVec3::X) };
     let face = Pose::new("a face of a sample, from its centre", own, Limits::new(0.0, 0.0))
         .sized([FACE - 2, FACE - 2])
@@ -45,9 +45,9 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// A sample that is a dual paraboloid must be refused by the field at fault, whatever search would use it.
+/// Every search must refuse a dual paraboloid, naming the field at fault.
 fn paraboloid(stages: &mut Stages) -> Result<Row> {
-    let stage = stages.set(world::sky(), &[])?;
+    let stage = stages.prepare(world::sky(), &[])?;
     let camera = SampleCamera::Omni { center: DVec3::ZERO, layout: OmniLayout::DualParaboloid { side: 16 } };
     let plane = |kind, format| {
         let data = PlaneData::Host(vec![0; 32 * 16 * 4].into());

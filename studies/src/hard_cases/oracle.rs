@@ -1,4 +1,4 @@
-//! What a view should show, by the f64 ray tracer, and how a frame is held against it.
+//! The expected view, by the f64 ray tracer, and the comparison of a frame with it.
 
 use argus_scene::reference::Tracer;
 use argus_scene::tone::display_from_radiance;
@@ -7,9 +7,9 @@ use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
-/// Relative difference of range up to which a pixel shows the right surface.
+/// Largest relative range difference of a right surface.
 pub(super) const RANGE: f64 = 0.03;
-/// Difference of a shown channel, in steps of 255, up to which it shows the right place of it.
+/// Largest difference of a colour channel, in steps of 255, of a right position on the surface.
 pub(super) const COLOR: u8 = 24;
 
 /// Range and colour of every pixel's central ray.
@@ -17,18 +17,18 @@ pub(super) struct Truth {
     size: [u32; 2],
     range: Vec<f64>,
     color: Vec<[u8; 3]>,
-    /// Which instance is met; `None` is the sky.
+    /// The instance that each ray meets; `None` is the sky.
     instance: Vec<Option<u32>>,
 }
 
-/// A frame beside it.
+/// A frame's errors.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Judged {
-    /// Share of pixels that claim to be resolved and are not what any of the nine rays around them meets.
+    /// Share of resolved pixels that match none of the nine rays around them.
     pub(super) wrong: f64,
     /// Share of pixels that no sample saw.
     pub(super) unresolved: f64,
-    /// Pixels that contradict themselves: NaN, a range without source, a source that the plan does not have.
+    /// Pixels that contradict themselves: NaN, a range without a source, a source that the plan does not have.
     pub(super) malformed: usize,
 }
 
@@ -47,7 +47,7 @@ impl Truth {
         Self { size, range, color, instance }
     }
 
-    /// `colors`: whether a right surface in a wrong colour is wrong.
+    /// Judges a frame. `colors`: whether a right surface with a wrong colour is wrong.
     pub(super) fn judge(&self, frame: &Frame, samples: usize, colors: bool) -> Judged {
         let image = |output| frame.image(output).map(|bytes| bytes.as_ref()).unwrap_or_default();
         let (color, range) = (image(Output::Color), image(Output::Range));
@@ -77,9 +77,8 @@ impl Truth {
         Judged { wrong: wrong as f64 / pixels as f64, unresolved: claimed, malformed }
     }
 
-    /// Whether a pixel shows what its own ray or one of the eight around it meets, since an edge may be off by a
-    /// pixel; or, where several of them meet one instance, what lies between: a plane that is seen at a grazing
-    /// angle goes on between two rays.
+    /// Whether a pixel matches its own ray or one of the eight around it: an edge may be off by a pixel. If several
+    /// of them meet the same instance, any value between theirs matches: a grazing plane continues between two rays.
     fn agrees(&self, i: usize, range: f64, color: Option<[u8; 3]>) -> bool {
         let [width, height] = self.size.map(|n| n as usize);
         let (x, y) = (i % width, i / width);
@@ -102,7 +101,7 @@ impl Truth {
         })
     }
 
-    /// The truth, the frame, and where it is wrong (white) or unresolved (grey), side by side.
+    /// The oracle's image, the frame, and its wrong (white) and unresolved (grey) pixels, side by side.
     pub(super) fn picture(&self, frame: &Frame, colors: bool) -> RgbImage {
         let [width, height] = self.size;
         let image = |output| frame.image(output).map(|bytes| bytes.as_ref()).unwrap_or_default();

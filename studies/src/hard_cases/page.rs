@@ -1,23 +1,22 @@
-//! The table as a page of the documentation.
+//! Writes the table of hard cases as a documentation page.
 
 use std::fmt::Write as _;
 
 use super::oracle::{COLOR, RANGE};
 use crate::Report;
 
-/// The page, from the rows of a run.
+/// The page, from a report's rows.
 pub fn page(report: &Report) -> String {
     let mut page = format!(
         "# Hard cases\n\n\
-         What makes a reconstruction go wrong, case by case, and how far each search is from the f64 ray tracer \
-         there.\n\
-         Written by `argus study hard-cases --page docs/hard-cases.md`; `cargo test --test studies hard_cases` plays the \
+         Difficult cases of image reconstruction, and the error of each search against the f64 ray tracer.\n\
+         Written by `argus study hard-cases --page docs/hard-cases.md`; `cargo test --test studies hard_cases` runs the \
          same cases.\n\n\
          A *wrong* pixel claims to be resolved, and its range differs by more than {:.0}% or its colour by more \
          than {COLOR}\nof 255 steps from what its own ray and each of the eight around it meet. *Unresolved* \
-         pixels say that no sample\nsaw them. Shares are of all pixels; beside each is the most that the suite \
-         accepts. Besides, in every case no\npixel may contradict itself (NaN, a range without a source), and a \
-         search's fragment and compute programs give\nequal bytes.\n",
+         pixels say that no sample\nsaw them. Shares are of all pixels; the largest accepted share stands beside each. \
+         In every case, no\npixel may contradict itself (NaN, a range without a source), and a search's fragment and \
+         compute programs must give\nequal bytes.\n",
         RANGE * 100.0
     );
     let mut theme = None;
@@ -53,12 +52,12 @@ pub fn page(report: &Report) -> String {
     page
 }
 
-/// A bound as the page shows it.
+/// A limit, as the page shows it.
 fn bound(value: f64) -> String {
     format!("{value:.3}")
 }
 
-/// Cases and searches, in the order of a page, as the page has them.
+/// The cases and searches of a page, in their order.
 pub fn claims(page: &str) -> Vec<(String, String)> {
     let row = |line: &str| {
         let mut cells = line.strip_prefix("| ")?.split(" | ");

@@ -1,5 +1,4 @@
-//! Where the viewer stands: at a sample camera, outside the rig, behind it, looking away, with a field of view
-//! of one degree and of 179.
+//! Viewer positions: at a sample camera, outside and behind the rig, looking away, and fields of view of 1° and 179°.
 
 use anyhow::{Context as _, Result};
 use argus_scene::tone::display_from_radiance;
@@ -7,30 +6,30 @@ use argus_scene::{Camera, Output, PlaneData, PlaneKind, Sample, SampleCamera, Se
 use glam::{DVec3, Vec3};
 
 use super::oracle::Judged;
-use super::stage::{Excuse, Limits, Pose, Stages};
+use super::stage::{Exception, Limits, Pose, Stages};
 use super::{Row, world};
 
-/// A search that looks for solids takes a sheet for one that begins at its lit side.
-const SHEETS: &[Excuse] = &[
-    Excuse {
+/// A search for solids takes the lit side of a sheet for the start of a solid.
+const SHEETS: &[Exception] = &[
+    Exception {
         search: Search::Linear,
         wrong: 0.7,
         unresolved: 0.1,
         why: "from behind, a sheet is the end of a solid and not its beginning",
     },
-    Excuse {
+    Exception {
         search: Search::Pyramid,
         wrong: 0.7,
         unresolved: 0.1,
         why: "from behind, a sheet is the end of a solid and not its beginning",
     },
-    Excuse {
+    Exception {
         search: Search::FixedPoint,
         wrong: 0.65,
         unresolved: 0.1,
         why: "where it does not settle, its tail is the linear search, which sees no sheet from behind",
     },
-    Excuse {
+    Exception {
         search: Search::Seeded,
         wrong: 0.4,
         unresolved: 0.1,
@@ -79,7 +78,7 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             Limits::new(0.01, 0.01),
         ),
     ];
-    let mut rows = stages.play(garden.clone(), &poses)?;
+    let mut rows = stages.run(garden.clone(), &poses)?;
     let alone = Pose::new("at a sample camera, that sample alone", own, Limits::new(0.0, 0.0))
         .sized([width, height])
         .of_samples(1);
@@ -87,8 +86,8 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// A view with a sample's own rays, one a texel, is that sample within one colour step: the error is the share of
-/// pixels that are not. The sample is the stage's only one; its texels from `first` on, across and down, are the view's.
+/// A view with exactly a sample's rays must equal the sample within one colour step. The error is the share of pixels
+/// that do not. `first`: the column and row of the sample's texel that is the view's first pixel.
 pub(super) fn comes_back(
     stages: &mut Stages,
     world: world::World,
@@ -96,7 +95,7 @@ pub(super) fn comes_back(
     first: u32,
 ) -> Result<Vec<Row>> {
     let exposure = world.scene.lighting.exposure;
-    let stage = stages.set(world, poses)?;
+    let stage = stages.prepare(world, poses)?;
     let mut rows = Vec::new();
     for pose in poses {
         let sample = stage.samples.first().context("the stage has a sample")?;
@@ -114,11 +113,11 @@ pub(super) fn comes_back(
             rows.push(Row { measure: "pixels off by more than a step", ..answer.row(pose, search, judged) });
         }
     }
-    stages.strike(&stage);
+    stages.release(&stage);
     Ok(rows)
 }
 
-/// What a display shows of a part of a sample.
+/// The displayed colours of a rectangle of a sample's texels.
 fn shown(sample: &Sample, [width, height]: [u32; 2], first: u32, exposure: f32) -> Result<Vec<[u8; 3]>> {
     let plane = sample.plane(PlaneKind::Radiance).context("samples have radiance")?;
     let PlaneData::Host(bytes) = &plane.data else { anyhow::bail!("the plane is on the device") };

@@ -1,4 +1,4 @@
-//! The same view of the same scene far from zero, very small and very large: no worse than at the origin.
+//! Precision: the same view far from the origin, very small and very large must be as good as at the origin.
 
 use anyhow::Result;
 use argus_scene::{Camera, Search};
@@ -8,7 +8,7 @@ use super::Row;
 use super::stage::{Limits, Pose, Stages};
 use super::world::{self, World};
 
-/// A pixel or two may fall on the other side of an edge, since not every rounding is the same elsewhere.
+/// A pixel or two may fall on the other side of an edge, since rounding differs.
 const ROUNDING: f64 = 0.002;
 
 pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
@@ -28,12 +28,12 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     ];
     for (what, name, world, camera) in scenes {
         let pose = Pose::new(name, camera, Limits::new(0.02, 0.05));
-        let here = stages.play(world.clone(), std::slice::from_ref(&pose))?;
+        let here = stages.run(world.clone(), std::slice::from_ref(&pose))?;
         for (place, scale, offset) in places {
             let at = |p: DVec3| p * scale + offset;
             let camera = Camera { eye: at(camera.eye), target: at(camera.target), ..camera };
             let moved = Pose { camera, ..pose.clone() };
-            let there = stages.play(world.clone().placed(scale, offset), &[moved])?;
+            let there = stages.run(world.clone().placed(scale, offset), &[moved])?;
             rows.extend(there.into_iter().filter_map(|row| {
                 let origin = here.iter().find(|origin| origin.search == row.search)?;
                 let case = format!("{what} {place}");

@@ -1,21 +1,22 @@
-//! Rays that run along what a search is made of: planes of the bounds and of tiles, borders of the lattice, edges
-//! of the texels that a pyramid's cells are made of.
+//! Rays along the planes and borders of a search's data structures: of the bounds, of tiles, of the lattice, and of the
+//! texels under a pyramid's cells.
 
 use anyhow::Result;
 use argus_scene::{Camera, Rig, Search};
 use glam::DVec3;
 
 use super::Row;
-use super::stage::{Excuse, Limits, Pose, Stages};
+use super::stage::{Exception, Limits, Pose, Stages};
 use super::world::{self, FACE, World};
 
-/// Past an edge the iteration may settle on either of its sides.
-const EDGE: &[Excuse] = &[Excuse { search: Search::FixedPoint, wrong: 0.09, unresolved: 0.08, why: SETTLES }];
+/// Past an edge the iteration may settle on either side.
+const EDGE: &[Exception] =
+    &[Exception { search: Search::FixedPoint, wrong: 0.09, unresolved: 0.08, why: SETTLES }];
 
 const SETTLES: &str = "the surface that the iteration settles on depends on where it starts";
 
-/// Half of the view is nobody's, which this search does not notice.
-const BESIDE: &[Excuse] = &[Excuse {
+/// No sample covers half of the view, which this search does not notice.
+const BESIDE: &[Exception] = &[Exception {
     search: Search::Seeded,
     wrong: 0.37,
     unresolved: 0.2,
@@ -37,7 +38,7 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
         ..garden.clone()
     };
     let grazing = Limits::new(0.05, 0.05).but(EDGE);
-    let mut rows = stages.play(
+    let mut rows = stages.run(
         garden,
         &[
             Pose::new("along the top of the bounds", along(DVec3::new(-14.0, top, 0.0), DVec3::X), grazing),
@@ -49,7 +50,7 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
         ],
     )?;
     rows.extend(
-        stages.play(
+        stages.run(
             tiled,
             &[
                 Pose::new(
@@ -69,14 +70,14 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     );
     let room = world::room();
     let Rig::Cell { origin, spacing, .. } = room.rig else { return Ok(rows) };
-    // One pixel less than the face has texels, and as much less wide: pixel centres lie on the edges of texels, and a
-    // move along the image keeps every ray on a row or column of them.
+    // One pixel fewer than the face has texels, and a field of view that is narrower by as much. Pixel centres then
+    // lie on edges of texels, and a sideways move keeps every ray on a row or column of them.
     let edge = FACE - 1;
     let fov_deg = 2.0 * (f64::from(edge) / (f64::from(FACE) - 2.0)).atan().to_degrees();
     let straight = |eye: DVec3| Camera { fov_deg, ..look(eye, eye - DVec3::Z) };
     let close = Limits::new(0.02, 0.08);
     rows.extend(
-        stages.play(
+        stages.run(
             room,
             &[
                 Pose::new("along rows of texels", straight(origin + DVec3::X * 0.3), close)

@@ -1,4 +1,4 @@
-//! Images of uncommon shape, and that the pieces in which large ones are worked off do not show.
+//! Images of unusual shape. Splitting large images into pieces must not change their bytes.
 
 use std::sync::Arc;
 
@@ -9,11 +9,11 @@ use argus_scene::{Camera, Compositor as _, Search};
 use glam::DVec3;
 
 use super::oracle::Truth;
-use super::stage::{Excuse, Limits, Pose, Stages, compose_one, differing};
+use super::stage::{Exception, Limits, Pose, Stages, compose_one, differing};
 use super::{Row, world};
 
-/// Past an edge the iteration may settle on either of its sides, and an image a few pixels wide has many edges.
-const THIN: &[Excuse] = &[Excuse {
+/// Past an edge the iteration may settle on either side, and a narrow image has many edges.
+const THIN: &[Exception] = &[Exception {
     search: Search::FixedPoint,
     wrong: 0.05,
     unresolved: 0.03,
@@ -28,8 +28,8 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
         )
         .but(THIN);
     let flat = Camera { fov_deg: 0.2, ..usual };
-    // The colour of a pixel that shows all of the scene is its footprint's, not its central ray's.
-    let one = Limits::ranges(0.0, 0.0).but(&[Excuse {
+    // A pixel that shows the whole scene has the colour of its footprint, not of its central ray.
+    let one = Limits::ranges(0.0, 0.0).but(&[Exception {
         search: Search::Splat,
         wrong: 0.0,
         unresolved: 1.0,
@@ -40,8 +40,8 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
         Pose::new("8192×8 pixels", flat, limits).sized([8192, 8]),
         Pose::new("8×8192 pixels", Camera { fov_deg: 70.0, ..usual }, limits).sized([8, 8192]),
     ];
-    let stage = stages.set(world::garden(), &poses)?;
-    // In tiles of 512 and, at most, four of them a submission.
+    let stage = stages.prepare(world::garden(), &poses)?;
+    // Tiles of 512 pixels, at most four per submission.
     let knobs = CompositorKnobs {
         piece_side: 512,
         chunk_pixels: 4 * 512 * 8,
@@ -68,6 +68,6 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             rows.extend([row, same.judged()]);
         }
     }
-    stages.strike(&stage);
+    stages.release(&stage);
     Ok(rows)
 }

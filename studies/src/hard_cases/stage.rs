@@ -1,4 +1,4 @@
-//! Where cases are played: a scene, its samples in two compositors (one for each program), and its oracle.
+//! The setup of a case: a scene, its samples in two compositors (one for each program), and its oracle.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,51 +19,51 @@ use super::Row;
 use super::oracle::{Judged, Truth};
 use super::world::World;
 
-/// The device, and the compositors that all cases share: making a program takes longer than most cases.
+/// The device and the compositors that all cases share. Compiling a program takes longer than most cases.
 pub struct Stages {
     gpu: Arc<Gpu>,
     compositors: [GpuCompositor; 2],
     generation: u64,
-    /// Searches that the compositor refused, and its reason.
+    /// Searches that the compositor rejected, with its reason.
     refused: BTreeMap<&'static str, String>,
 }
 
-/// A scene with its samples held.
+/// A scene whose samples are held.
 pub(super) struct Stage {
     pub(super) info: Arc<SampleSetInfo>,
     pub(super) tracer: Tracer,
     pub(super) samples: Vec<Arc<Sample>>,
 }
 
-/// A view, and what it may get wrong.
+/// A view and its error limits.
 #[derive(Clone)]
 pub(super) struct Pose {
     pub(super) name: &'static str,
     pub(super) camera: Camera,
     pub(super) size: [u32; 2],
-    /// Samples that it is reconstructed from.
+    /// Samples from which the view is composed.
     pub(super) samples: usize,
     pub(super) limits: Limits,
 }
 
-/// What a view may get wrong.
+/// Largest accepted errors of a view.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
     /// Share of wrong pixels.
     pub(super) wrong: f64,
     /// Share of unresolved pixels.
     pub(super) unresolved: f64,
-    /// Whether a right surface in a wrong colour is wrong: not where a side is seen that no sample saw lit.
+    /// Whether a right surface with a wrong colour is wrong. False where no sample saw a surface's lit side.
     pub(super) colors: bool,
-    /// Why these are wide; empty where they are not.
+    /// Why the limits are wide; empty if they are not.
     pub(super) why: &'static str,
-    /// Searches that cannot do as well, what they may get wrong instead, and why.
-    pub(super) excused: &'static [Excuse],
+    /// Searches with their own limits.
+    pub(super) exceptions: &'static [Exception],
 }
 
-/// A search's own limits in a case that its method cannot do.
+/// A search's own limits for a case that its method cannot solve.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Excuse {
+pub(super) struct Exception {
     pub(super) search: Search,
     pub(super) wrong: f64,
     pub(super) unresolved: f64,
@@ -72,30 +72,30 @@ pub(super) struct Excuse {
 
 impl Limits {
     pub(super) const fn new(wrong: f64, unresolved: f64) -> Self {
-        Self { wrong, unresolved, colors: true, why: "", excused: &[] }
+        Self { wrong, unresolved, colors: true, why: "", exceptions: &[] }
     }
 
     pub(super) const fn ranges(wrong: f64, unresolved: f64) -> Self {
         Self { colors: false, ..Self::new(wrong, unresolved) }
     }
 
-    pub(super) const fn but(self, excused: &'static [Excuse]) -> Self {
-        Self { excused, ..self }
+    pub(super) const fn but(self, exceptions: &'static [Exception]) -> Self {
+        Self { exceptions, ..self }
     }
 
     pub(super) const fn because(self, why: &'static str) -> Self {
         Self { why, ..self }
     }
 
-    /// Wrong, unresolved, and the excuse.
+    /// The limits on wrong and unresolved pixels for a search, and the reason.
     pub(super) fn of(&self, search: Search) -> (f64, f64, &'static str) {
-        let excuse = self.excused.iter().find(|excuse| excuse.search == search);
-        excuse.map_or((self.wrong, self.unresolved, self.why), |e| (e.wrong, e.unresolved, e.why))
+        let exception = self.exceptions.iter().find(|exception| exception.search == search);
+        exception.map_or((self.wrong, self.unresolved, self.why), |e| (e.wrong, e.unresolved, e.why))
     }
 }
 
 const SIZE: [u32; 2] = [64, 48];
-/// Samples of a plan where a case does not say.
+/// Default number of samples of a plan.
 const SAMPLES: usize = 4;
 
 impl Pose {
@@ -112,7 +112,7 @@ impl Pose {
     }
 }
 
-/// What both programs answered.
+/// A composed view.
 pub(super) struct Answer {
     pub(super) frame: Frame,
     pub(super) twin_bytes: usize,
@@ -120,10 +120,10 @@ pub(super) struct Answer {
 }
 
 impl Stages {
-    /// On a device.
+    /// Creates the compositors on a device.
     ///
     /// # Errors
-    /// If the device lacks what the passes need.
+    /// The device lacks a feature that the passes need.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self> {
         let compositor = |search_backend| {
             GpuCompositor::with_knobs(
@@ -135,7 +135,7 @@ impl Stages {
         Ok(Self { gpu: Arc::clone(gpu), compositors, generation: 0, refused: BTreeMap::new() })
     }
 
-    /// What was left out.
+    /// Notes on the searches that were left out.
     pub fn notes(&self) -> Vec<String> {
         self.refused.iter().map(|(search, reason)| format!("Left out: {search} ({reason}).")).collect()
     }
@@ -144,8 +144,8 @@ impl Stages {
         &self.gpu
     }
 
-    /// Takes the samples that the poses need, and hands them to both compositors.
-    pub(super) fn set(&mut self, world: World, poses: &[Pose]) -> Result<Stage> {
+    /// Renders the samples that the poses need, and gives them to both compositors.
+    pub(super) fn prepare(&mut self, world: World, poses: &[Pose]) -> Result<Stage> {
         let (scene, rig) = world.shared();
         self.generation += 1;
         let info = Arc::new(SampleSetInfo {
@@ -164,7 +164,7 @@ impl Stages {
             poses.iter().flat_map(|pose| nearest(&info, &pose.camera, pose.samples)).collect();
         ids.sort();
         ids.dedup();
-        // One sub-sample: texel by texel what the oracle sees.
+        // One sub-sample per texel, so that the sample sees exactly what the oracle sees.
         let knobs = SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() };
         let mut sampler = GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&scene), knobs)?;
         let job = SampleJob { info: Arc::clone(&info), ids, to_host: true };
@@ -178,13 +178,13 @@ impl Stages {
         Ok(Stage { info, tracer: Tracer::new(scene), samples })
     }
 
-    /// Forgets a stage's samples.
-    pub(super) fn strike(&mut self, stage: &Stage) {
+    /// Releases a stage's samples.
+    pub(super) fn release(&mut self, stage: &Stage) {
         let ids: Vec<SampleId> = stage.samples.iter().map(|sample| sample.id).collect();
         self.compositors.iter_mut().for_each(|compositor| compositor.release(&ids));
     }
 
-    /// Composes a view by both programs; `None` if the compositor does not have the search.
+    /// Composes a view with both programs; `None` if the compositor does not have the search.
     pub(super) fn compose(&mut self, stage: &Stage, pose: &Pose, search: Search) -> Result<Option<Answer>> {
         if self.refused.contains_key(search.name()) {
             return Ok(None);
@@ -206,9 +206,9 @@ impl Stages {
         Ok(Some(Answer { twin_bytes: differing(&frame, &search_backend), frame, ms: a.max(b) }))
     }
 
-    /// Plays poses of a world: each search's answer is held against the oracle.
-    pub(super) fn play(&mut self, world: World, poses: &[Pose]) -> Result<Vec<Row>> {
-        let stage = self.set(world, poses)?;
+    /// Composes every pose with every search and compares the frames with the oracle.
+    pub(super) fn run(&mut self, world: World, poses: &[Pose]) -> Result<Vec<Row>> {
+        let stage = self.prepare(world, poses)?;
         let mut rows = Vec::new();
         for pose in poses {
             let truth = Truth::of(&stage.tracer, &pose.camera, pose.size);
@@ -223,7 +223,7 @@ impl Stages {
                 rows.push(answer.row(pose, search, judged));
             }
         }
-        self.strike(&stage);
+        self.release(&stage);
         Ok(rows)
     }
 }
@@ -251,7 +251,7 @@ impl Stage {
 }
 
 impl Answer {
-    /// As a row of wrong pixels.
+    /// The row of an answer, with its share of wrong pixels.
     pub(super) fn row(&self, pose: &Pose, search: Search, judged: Judged) -> Row {
         let (tolerance, unresolved_tolerance, why) = pose.limits.of(search);
         Row {
@@ -278,7 +278,7 @@ fn nearest(info: &SampleSetInfo, camera: &Camera, count: usize) -> Vec<SampleId>
     info.rig.nearest(camera, count).into_iter().map(id).collect()
 }
 
-/// A frame and the milliseconds it took.
+/// Composes a view. Returns the frame and the milliseconds it took.
 pub(super) fn compose_one(
     compositor: &mut GpuCompositor,
     job: &ViewJob,
@@ -290,7 +290,7 @@ pub(super) fn compose_one(
     Ok((frame, begin.elapsed().as_secs_f64() * 1e3))
 }
 
-/// Bytes in which two frames differ; all of them where one has an image that the other lacks.
+/// The number of differing bytes of two frames. An image that one of them lacks counts with all its bytes.
 pub(super) fn differing(a: &Frame, b: &Frame) -> usize {
     let bytes = |frame: &Frame, output| frame.image(output).cloned().unwrap_or_default();
     let differ = |output| {

@@ -1,28 +1,28 @@
-//! What there is to see: insides, floors through the near plane, grazing and coplanar planes, wires, depth that
-//! jumps everywhere, walls between viewer and samples, nothing at all, one triangle, triangles that are none.
+//! Difficult surfaces: insides, floors through the near plane, grazing and coplanar planes, wires, depth edges
+//! everywhere, walls between viewer and samples, an empty scene, one triangle, degenerate triangles.
 
 use anyhow::Result;
 use argus_scene::{Camera, Search};
 use glam::DVec3;
 
-use super::stage::{Excuse, Limits, Pose, Stages};
+use super::stage::{Exception, Limits, Pose, Stages};
 use super::{Row, world};
 
-/// The paper's search goes on until it is behind the surface of every camera that looks there.
-const SHEETS: &[Excuse] = &[
-    Excuse {
+/// The paper's search continues until it is behind the surface of every camera that looks there.
+const SHEETS: &[Exception] = &[
+    Exception {
         search: Search::Linear,
         wrong: 0.35,
         unresolved: 0.05,
         why: "a sheet that cameras see from both sides is inside no solid",
     },
-    Excuse {
+    Exception {
         search: Search::Pyramid,
         wrong: 0.2,
         unresolved: 0.05,
         why: "a sheet that cameras see from both sides is inside no solid",
     },
-    Excuse {
+    Exception {
         search: Search::FixedPoint,
         wrong: 0.15,
         unresolved: 0.05,
@@ -30,29 +30,29 @@ const SHEETS: &[Excuse] = &[
     },
 ];
 
-/// From one row of the image to the next, a grazing plane is a fifth farther away.
-const ROWS: &[Excuse] = &[Excuse {
+/// Between two rows of the image, a grazing plane recedes by a fifth of its range.
+const ROWS: &[Exception] = &[Exception {
     search: Search::Splat,
     wrong: 0.2,
     unresolved: 0.05,
     why: "a cell of several rows has one depth",
 }];
 
-/// Texels of a surface that is much nearer to the viewer than to the camera leave gaps between cells.
-const THROUGH: &[Excuse] = &[
-    Excuse {
+/// A surface much nearer to the viewer than to the sample camera has gaps between its texels' cells.
+const THROUGH: &[Exception] = &[
+    Exception {
         search: Search::Splat,
         wrong: 0.35,
         unresolved: 1.0,
         why: "a surface that is much nearer to the viewer than to the camera is seen through between its texels",
     },
-    Excuse {
+    Exception {
         search: Search::FixedPoint,
         wrong: 0.15,
         unresolved: 1.0,
         why: "the surface that the iteration settles on depends on where it starts",
     },
-    Excuse {
+    Exception {
         search: Search::Seeded,
         wrong: 0.15,
         unresolved: 1.0,
@@ -60,15 +60,15 @@ const THROUGH: &[Excuse] = &[
     },
 ];
 
-/// A millimetre from a surface whose texels are centimetres wide.
-const TOUCHING: &[Excuse] = &[
-    Excuse {
+/// The viewer is a millimetre from a surface whose texels are centimetres wide.
+const TOUCHING: &[Exception] = &[
+    Exception {
         search: Search::Pyramid,
         wrong: 1.0,
         unresolved: 0.45,
         why: "known failure: the search takes the surface that the eye all but touches for hit by every ray",
     },
-    Excuse {
+    Exception {
         search: Search::Seeded,
         wrong: 0.5,
         unresolved: 0.45,
@@ -76,21 +76,21 @@ const TOUCHING: &[Excuse] = &[
     },
 ];
 
-/// As wide as the viewer is high, or wider, are the texels of a plane that is grazed.
-const SKIMMING: &[Excuse] = &[
-    Excuse {
+/// A grazed plane has texels as wide as the viewer is high, or wider.
+const SKIMMING: &[Exception] = &[
+    Exception {
         search: Search::FixedPoint,
         wrong: 0.56,
         unresolved: 0.25,
         why: "texels are as wide as the viewer is high, or wider",
     },
-    Excuse {
+    Exception {
         search: Search::Seeded,
         wrong: 1.0,
         unresolved: 0.45,
         why: "known failure: what no sample resolves is settled on the nearest surface that any of them has",
     },
-    Excuse {
+    Exception {
         search: Search::Pyramid,
         wrong: 0.66,
         unresolved: 0.45,
@@ -98,16 +98,16 @@ const SKIMMING: &[Excuse] = &[
     },
 ];
 
-/// A checkerboard has as many surfaces to settle on as squares.
-const BOARD: &[Excuse] = &[Excuse {
+/// On a checkerboard the iteration can settle on many surfaces.
+const BOARD: &[Exception] = &[Exception {
     search: Search::FixedPoint,
     wrong: 0.12,
     unresolved: 0.05,
     why: "the surface that the iteration settles on depends on where it starts",
 }];
 
-/// What is hidden under a sheet is nobody's, which this search does not notice.
-const UNDER: &[Excuse] = &[Excuse {
+/// No sample sees below a sheet, which this search does not notice.
+const UNDER: &[Exception] = &[Exception {
     search: Search::Seeded,
     wrong: 0.32,
     unresolved: 0.15,
@@ -119,11 +119,11 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     let slant = look(DVec3::new(-8.0, 7.0, -12.0), DVec3::new(0.0, 0.5, 0.0));
     let good = Limits::new(0.03, 0.05);
     let mut rows = Vec::new();
-    let mut play = |world, poses: &[Pose]| -> Result<()> {
-        rows.extend(stages.play(world, poses)?);
+    let mut run_poses = |world, poses: &[Pose]| -> Result<()> {
+        rows.extend(stages.run(world, poses)?);
         Ok(())
     };
-    play(
+    run_poses(
         world::hollow(),
         &[Pose::new(
             "eye inside geometry",
@@ -131,11 +131,11 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             Limits::ranges(0.05, 1.0).but(THROUGH),
         )],
     )?;
-    // Texels are centimetres wide, and the search goes by centimetres of the bounds.
+    // Texels are centimetres wide, and the search steps by centimetres.
     let near = |wrong, unresolved| {
         Limits::new(wrong, unresolved).because("texels are as wide as the viewer is high, or wider")
     };
-    play(
+    run_poses(
         world::room_to_its_walls(),
         &[
             Pose::new(
@@ -154,14 +154,14 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
                 "one of two samples behind the floor",
                 look(DVec3::new(-1.0, 1e-3, 0.5), DVec3::new(2.0, 1e-3, 1.0)),
                 Limits::new(0.55, 0.1)
-                    .because("a sample that sees a sheet from behind says that before it is free")
+                    .because("a sample that sees a sheet from behind marks the space before it as free")
                     .but(TOUCHING),
             )
             .of_samples(2),
         ],
     )?;
     let level = |height: f64| look(DVec3::new(-9.0, height, 0.0), DVec3::new(2.0, height * 0.5, 0.0));
-    play(
+    run_poses(
         world::plain(),
         &[
             Pose::new("grazing plane from 1 m", level(1.0), good.but(ROWS)),
@@ -176,12 +176,12 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             ),
         ],
     )?;
-    play(
+    run_poses(
         world::coplanar(),
         &[Pose::new("two coplanar surfaces", slant, Limits::ranges(0.02, 0.03).but(SHEETS))],
     )?;
-    play(world::wires(), &[Pose::new("thin wires", slant, Limits::ranges(0.06, 0.06))])?;
-    play(
+    run_poses(world::wires(), &[Pose::new("thin wires", slant, Limits::ranges(0.06, 0.06))])?;
+    run_poses(
         world::checkerboard(),
         &[Pose::new(
             "checkerboard of depths",
@@ -191,7 +191,7 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
                 .but(BOARD),
         )],
     )?;
-    play(
+    run_poses(
         world::divided_room(),
         &[
             Pose::new(
@@ -208,7 +208,7 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             .of_samples(8),
         ],
     )?;
-    play(
+    run_poses(
         world::sky(),
         &[Pose::new(
             "sky only",
@@ -216,10 +216,10 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             Limits::new(0.0, 0.0),
         )],
     )?;
-    play(
+    run_poses(
         world::one_triangle(),
         &[Pose::new("one triangle", look(DVec3::new(0.4, 0.3, 3.2), DVec3::ZERO), Limits::new(0.01, 0.01))],
     )?;
-    play(world::broken(), &[Pose::new("triangles that are none", slant, good)])?;
+    run_poses(world::broken(), &[Pose::new("degenerate triangles", slant, good)])?;
     Ok(rows)
 }

@@ -1,23 +1,23 @@
-//! Small scenes built in code, each for what it makes difficult.
+//! Small scenes built in code, one for each difficulty.
 
 use std::sync::Arc;
 
 use argus_scene::{Bounds, Instance, Light, Lighting, Material, Mesh, Rig, RigKind, Scene, SceneHash, Sky};
 use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 
-/// A scene and where its sample cameras stand.
+/// A scene and the rig of its sample cameras.
 #[derive(Clone)]
 pub(super) struct World {
     pub(super) scene: Scene,
     pub(super) rig: Rig,
 }
 
-/// Texels of a perspective sample.
+/// Size in texels of a perspective sample.
 pub(super) const TEXELS: [u32; 2] = [240, 180];
-/// Texels on the side of a cube's face.
+/// Side in texels of a cube face.
 pub(super) const FACE: u32 = 128;
 
-/// Nothing but light.
+/// A scene with light and no surface.
 pub(super) fn empty() -> Scene {
     let sky = Sky {
         zenith: Vec3::new(0.2, 0.4, 0.9),
@@ -47,7 +47,7 @@ pub(super) fn place(scene: &mut Scene, mesh: Mesh) {
     scene.instances.push(Instance { mesh: mesh_index, node: None, world_from_mesh });
 }
 
-/// A colour that varies slowly over space, so that a wrong place shows and a neighbouring one does not.
+/// A colour that varies slowly over space: a wrong position shows, a neighbouring one does not.
 fn paint(p: Vec3, hue: f32) -> Vec4 {
     let wave = |k: f32| 0.55 + 0.25 * (p.x * k + hue).sin() + 0.2 * (p.z * k * 0.8 + p.y * 0.7).cos();
     Vec4::new(wave(0.35), wave(0.27) * 0.9, 0.25 + 0.6 * (hue * 0.37).fract(), 1.0)
@@ -90,7 +90,7 @@ pub(super) fn block(min: Vec3, max: Vec3, cells: u32, hue: f32) -> Vec<Mesh> {
         .collect()
 }
 
-/// A ball, its fronts outside.
+/// A ball whose front faces look outwards.
 pub(super) fn ball(center: Vec3, radius: f32, hue: f32) -> Mesh {
     const RINGS: u32 = 24;
     let mut mesh = Mesh::default();
@@ -133,7 +133,7 @@ pub(super) fn corners(scene: Scene) -> World {
     World { scene, rig }
 }
 
-/// Cubes on a lattice about `origin`.
+/// Cube cameras on a lattice about `origin`.
 pub(super) fn lattice(scene: Scene, origin: DVec3, spacing: f64) -> World {
     World { scene, rig: Rig::Cell { origin, spacing, face: FACE } }
 }
@@ -153,34 +153,34 @@ pub(super) fn room() -> World {
     lattice(of(walls.into_iter().chain(pillar)), DVec3::new(-0.2, 2.4, 0.3), 1.5)
 }
 
-/// The room with cameras of its lattice close to its floor and its walls, on this side of them.
+/// The room with a lattice whose cameras stand close to the floor and the walls, inside the room.
 pub(super) fn room_to_its_walls() -> World {
     lattice(room().scene, DVec3::new(0.4, 0.4, 0.3), 1.5)
 }
 
-/// The room cut in two by a wall that no sample of the far half looks past.
+/// The room divided by a wall. No sample of the far half sees past it.
 pub(super) fn divided_room() -> World {
     let mut world = room();
     for mesh in block(Vec3::new(-6.0, 0.0, 2.6), Vec3::new(6.0, 5.0, 2.8), 12, 5.0) {
         place(&mut world.scene, mesh);
     }
-    // Of the corners of a cell across the wall, those on its far side are the nearer ones to whoever stands close to it.
+    // For a viewer close to the wall, the nearest corners of the cell are those on the far side.
     lattice(world.scene, DVec3::new(-0.2, 2.4, 1.9), 3.0)
 }
 
-/// A body that somebody is inside of, on the garden's ground.
+/// A hollow block around the viewer, on the garden's ground.
 pub(super) fn hollow() -> World {
     let body = block(Vec3::new(-3.0, 0.2, -3.0), Vec3::new(3.0, 3.2, 3.0), 8, 2.0);
     corners(of([ground()].into_iter().chain(body)))
 }
 
-/// A wall of two sheets in one plane, one over the half of the other, on a ground.
+/// A wall of two coplanar sheets, one over half of the other, on a ground.
 pub(super) fn coplanar() -> World {
     let wall = |x: f32, hue: f32| sheet(Vec3::new(x, 3.0, -2.0), Vec3::X * 4.0, Vec3::Y * 3.0, 8, hue);
     corners(of([ground(), wall(-2.0, 1.0), wall(2.0, 4.0)]))
 }
 
-/// Wires of 1 cm to 10 cm before a ground: thinner than a sample's texels, and about as thick.
+/// Wires of 1 cm to 10 cm in front of a ground: thinner than a sample's texels, and about as thick.
 pub(super) fn wires() -> World {
     let wire = |i: u32| {
         let (x, half) = (i as f32 * 1.6 - 7.2, [0.005, 0.01, 0.02, 0.05][i as usize % 4]);
@@ -189,7 +189,7 @@ pub(super) fn wires() -> World {
     corners(of([ground()].into_iter().chain((0..10).flat_map(wire))))
 }
 
-/// Blocks of two heights in turn, like a board of chess.
+/// Blocks of two heights, like a chess board.
 pub(super) fn checkerboard() -> World {
     let square = |i: u32| {
         let (x, z) = ((i % 8) as f32 * 2.0 - 8.0, (i / 8) as f32 * 2.0 - 8.0);
@@ -199,15 +199,15 @@ pub(super) fn checkerboard() -> World {
     corners(of((0..64).flat_map(square)))
 }
 
-/// Ground alone, with a rig that looks at it from a corner's height.
+/// Ground alone, with a low rig.
 pub(super) fn plain() -> World {
     let mut scene = of([ground()]);
-    // A rig needs a box with a height.
+    // The rig needs bounds with a height.
     place(&mut scene, sheet(Vec3::new(0.0, 1.0, -9.0), Vec3::X * 2.0, Vec3::Y, 4, 3.0));
     corners(scene)
 }
 
-/// One triangle, and cubes around it.
+/// One triangle with cube cameras around it.
 pub(super) fn one_triangle() -> World {
     let triangle = Mesh {
         positions: vec![Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, -1.0, 0.0), Vec3::new(0.0, 1.0, 0.0)],
@@ -218,7 +218,7 @@ pub(super) fn one_triangle() -> World {
     lattice(of([triangle]), DVec3::new(0.1, 0.2, 3.0), 1.0)
 }
 
-/// The garden with triangles among its own that have no area, or a corner nowhere.
+/// The garden with further triangles that have no area or a corner that is not finite.
 pub(super) fn broken() -> World {
     let World { mut scene, rig } = garden();
     let mut mesh = sheet(Vec3::new(2.0, 1.0, 4.0), Vec3::X, Vec3::Y, 4, 5.0);
@@ -233,13 +233,13 @@ pub(super) fn broken() -> World {
     World { scene, rig }
 }
 
-/// Nothing to see, and a cube that looks at it.
+/// An empty scene and one cube camera.
 pub(super) fn sky() -> World {
     lattice(empty(), DVec3::ZERO, 1.0)
 }
 
 impl World {
-    /// This world, scaled about zero and then moved.
+    /// The world, scaled about the origin and then moved.
     pub(super) fn placed(mut self, scale: f64, offset: DVec3) -> Self {
         let moved = DAffine3::from_translation(offset) * DAffine3::from_scale(DVec3::splat(scale));
         for instance in &mut self.scene.instances {
@@ -258,7 +258,7 @@ impl World {
         self
     }
 
-    /// Ready to be shared.
+    /// The scene and the rig, ready to share.
     pub(super) fn shared(self) -> (Arc<Scene>, Rig) {
         (Arc::new(self.scene), self.rig)
     }

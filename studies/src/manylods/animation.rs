@@ -1,4 +1,4 @@
-//! Frames of an animation: cuts found anew, from the last frame's, and lazily (table 1 and figure 8).
+//! Cuts of an animation by three methods: anew, from the last frame's cut, and lazily (table 1 and figure 8).
 
 use std::collections::BTreeSet;
 
@@ -11,17 +11,17 @@ use super::motion::{Path, triangles_at, views_at};
 use super::{Options, Row, Stage, Tree};
 use crate::plot::{Axis, Plot, Series};
 
-/// Steps that the progress bar counts.
+/// The number of steps that the progress bar counts.
 pub(super) fn length(options: &Options) -> usize {
     let runs = options.motions.len() * 2 + options.motions.len();
     runs + 1
 }
 
-/// Rows of every path, motion, tree and method, and plots of operations against motion and of time frame by frame.
+/// The rows of every path, motion, tree and method, with plots of visits against motion and of time per frame.
 pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<(Vec<Row>, Vec<Plot>)> {
     let mut rows = Vec::new();
     for path in Path::ALL {
-        // An octree would have to be built anew.
+        // An octree would have to be rebuilt each frame.
         let trees = if path == Path::Scene { &Tree::ALL[..1] } else { &Tree::ALL[..] };
         for &tree in trees {
             for &motion in &stage.options.motions {
@@ -41,12 +41,13 @@ fn methods(options: &Options) -> [CutMethod; 3] {
     [CutMethod::Basic, CutMethod::Incremental, CutMethod::Lazy { edges: options.edges }]
 }
 
-/// The three methods over the same frames.
+/// Runs the three methods over the same frames.
 fn run(stage: &Stage<'_>, path: Path, tree: Tree, motion: f64) -> Result<Vec<Row>> {
     let options = stage.options;
     let warm = options.frames.div_ceil(4);
-    let ways: Vec<f64> = (0..warm + options.frames).map(|n| f64::from(n) * motion * stage.extent()).collect();
-    let Some(frames) = frames(stage, path, tree, &ways)? else {
+    let distances: Vec<f64> =
+        (0..warm + options.frames).map(|n| f64::from(n) * motion * stage.extent()).collect();
+    let Some(frames) = frames(stage, path, tree, &distances)? else {
         return Ok(Vec::new());
     };
     let row = |(of, method): (&Frames, CutMethod)| {
@@ -77,14 +78,15 @@ fn run(stage: &Stage<'_>, path: Path, tree: Tree, motion: f64) -> Result<Vec<Row
     Ok(compared.collect())
 }
 
-/// What one method did, and how far its last cuts are from the basic method's.
+/// One method's frames, and the share of its last cuts' nodes that differ from the basic method's.
 struct Frames {
     stats: Vec<CutStats>,
     differing: f64,
 }
 
-/// Frames of the three methods in turn, after what moves has gone each of so many metres; `None` where cuts do not fit.
-fn frames(stage: &Stage<'_>, path: Path, tree: Tree, ways: &[f64]) -> Result<Option<Vec<Frames>>> {
+/// Renders the same frames with the three methods. `distances`: how far things have moved at each frame, in metres. `None` if
+/// the cuts do not fit.
+fn frames(stage: &Stage<'_>, path: Path, tree: Tree, distances: &[f64]) -> Result<Option<Vec<Frames>>> {
     let mut balls = None;
     let cut_tree = match path {
         Path::Scene => {
@@ -98,13 +100,13 @@ fn frames(stage: &Stage<'_>, path: Path, tree: Tree, ways: &[f64]) -> Result<Opt
     let make = |method| ManyLods::new(stage.gpu, cut_tree.clone(), stage.knobs(method, 1.0));
     let mut cuts = methods(stage.options).map(make).into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut stats = vec![Vec::new(); cuts.len()];
-    for &way in ways {
+    for &distance in distances {
         let list = match (&mut balls, path) {
             (Some(balls), Path::Scene) => {
-                stage.builder.update(balls, &triangles_at(stage, way))?;
+                stage.builder.update(balls, &triangles_at(stage, distance))?;
                 ViewList::new(stage.gpu, &stage.root, &stage.views)?
             }
-            _ => ViewList::new(stage.gpu, &stage.root, &views_at(stage, way))?,
+            _ => ViewList::new(stage.gpu, &stage.root, &views_at(stage, distance))?,
         };
         for (cuts, stats) in cuts.iter_mut().zip(&mut stats) {
             match cuts.select(&list) {
@@ -123,7 +125,7 @@ fn frames(stage: &Stage<'_>, path: Path, tree: Tree, ways: &[f64]) -> Result<Opt
     Ok(Some(all.collect()))
 }
 
-/// How many times fewer nodes each method visits than the basic one, against motion, of views that move.
+/// A plot of the basic method's visits over each other method's, against the motion of the views.
 fn against_motion(rows: &[Row]) -> Plot {
     let series = |(tree, method): (Tree, &str)| {
         let is = |row: &&Row| {
@@ -135,7 +137,7 @@ fn against_motion(rows: &[Row]) -> Plot {
     let kinds = Tree::ALL.into_iter().flat_map(|tree| ["incremental", "lazy"].map(|method| (tree, method)));
     Plot {
         name: "visits-motion".to_owned(),
-        title: "Cuts of views that move: visits of the basic method by those of others".to_owned(),
+        title: "Moving views: node visits of the basic method over those of each method".to_owned(),
         x: Axis::log("motion a frame, % of the scene"),
         y: Axis::log("times fewer visits"),
         series: kinds.map(series).collect(),
@@ -143,19 +145,19 @@ fn against_motion(rows: &[Row]) -> Plot {
     }
 }
 
-/// Views that stand, start, rush and stop: the time of each frame.
+/// A plot of the time of each frame while views stand, start, rush and stop.
 fn time_line(stage: &Stage<'_>) -> Result<Plot> {
     let count = 2 * stage.options.frames;
-    let mut ways = vec![0.0];
+    let mut distances = vec![0.0];
     for frame in 0..count {
-        // Two bursts up to the fastest motion, the second one shorter.
+        // Two bursts up to the fastest motion; the second is shorter.
         let at = f64::from(frame) / f64::from(count);
         let burst = |middle: f64, width: f64| (1.0 - ((at - middle) / width).powi(2)).max(0.0);
         let most = stage.options.motions.iter().copied().fold(0.0, f64::max);
         let speed = most * (burst(0.35, 0.25) + burst(0.8, 0.1)).min(1.0);
-        ways.push(ways[ways.len() - 1] + speed * stage.extent());
+        distances.push(distances[distances.len() - 1] + speed * stage.extent());
     }
-    let frames = frames(stage, Path::Views, Tree::Balls, &ways)?.unwrap_or_default();
+    let frames = frames(stage, Path::Views, Tree::Balls, &distances)?.unwrap_or_default();
     let series = |(of, method): (&Frames, CutMethod)| {
         let points = of.stats.iter().enumerate().skip(1).map(|(n, frame)| (n as f64, frame.cut_ms()));
         Series { name: method.name().to_owned(), points: points.collect(), line: true }

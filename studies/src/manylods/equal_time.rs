@@ -1,4 +1,4 @@
-//! Maps from cuts beside imperfect maps and rasterised ones that take as long (figure 7).
+//! Equal time: maps from cuts against imperfect and rasterised maps that take as long (figure 7).
 
 use anyhow::{Context as _, Result};
 use argus_gpu::many_views::{CutMethod, ImperfectViews, Knobs, ManyLods, RasterViews, ViewList, ViewPoint};
@@ -8,13 +8,13 @@ use indicatif::ProgressBar;
 use super::{Row, Stage, Tree, frames};
 use crate::median::median;
 
-/// Points to each imperfect map that are tried first, to find out what one costs.
+/// Points per imperfect map in the first trial, which measures their cost.
 const PROBE: u32 = 512;
-/// Views that are rasterised to find out what one costs.
+/// Views rasterised in the first trial, which measures their cost.
 const RASTERED: usize = 32;
 
-/// A row for cuts of each tree, for imperfect maps, and for rasterised ones: all of them, and as many as there is time
-/// for. Time is what cuts of the tree of balls take, or where they do not fit those of the octree.
+/// A row for cuts of each tree, one for imperfect maps, and two for rasterised maps: all views, and as many as fit
+/// the time. The time is that of cuts of the ball tree, or of the octree if those do not fit.
 pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<Vec<Row>> {
     let list = ViewList::new(stage.gpu, &stage.root, &stage.views)?;
     let shadows = stage.shadows();
@@ -41,7 +41,7 @@ pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<Vec<Row>
         rows.push(Row { wrong: Some(wrong), ..row.of(&frames) });
     }
     progress.inc(1);
-    // Nothing to be as fast as: no cuts of so many views fit.
+    // Without cuts there is no time to match.
     let Some(budget_ms) = rows.iter().find_map(|row| row.frame_ms) else { return Ok(rows) };
 
     progress.set_message("imperfect maps");
@@ -53,7 +53,7 @@ pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<Vec<Row>
             (0..stage.options.rounds.max(1)).map(|_| Ok(imperfect.render(&list, points)?.frame_ms)).collect();
         Ok(median(&times?))
     };
-    // Time grows with points from what gaps and maps cost: two measurements say how.
+    // Time grows linearly with points: two measurements give the slope.
     let (few, more) = (time(PROBE)?, time(4 * PROBE)?);
     let each = ((more - few) / f64::from(3 * PROBE)).max(1e-9);
     let points = f64::from(PROBE) + (budget_ms - few) / each;
@@ -96,7 +96,7 @@ pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<Vec<Row>
         bytes: Some(raster.maps().bytes()),
         ..row("raster, as long")
     });
-    // Of the views that are asked alone, each with a map of its own; what all would take follows.
+    // Rasterises only the views whose maps are judged, and scales the time to all views.
     let all: Vec<ViewPoint> = asked.iter().map(|&view| stage.views[view]).collect();
     let list = ViewList::new(stage.gpu, &stage.root, &all)?;
     let ms = raster.render(&list)?.frame_ms;

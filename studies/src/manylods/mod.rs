@@ -1,6 +1,7 @@
-//! Cuts of many views through a hierarchy of the scene (ManyLoDs): what it costs to make and to fit the hierarchy and to
-//! find the cuts, anew or from the last frame's, and what maps drawn from them are worth beside others that take as
-//! long (the paper's tables 1 and 2, figures 7 and 8).
+//! ManyLoDs: cuts of many views through a hierarchy of the scene (the paper's tables 1 and 2, figures 7 and 8).
+//!
+//! Measures building and refitting the hierarchy, finding cuts anew and from the last frame's, and the error of maps
+//! drawn from the cuts beside other maps that take as long.
 
 mod animation;
 mod equal_time;
@@ -25,37 +26,37 @@ use crate::megaviews::shadows::Shadows;
 use crate::megaviews::{Emitter, Placement, default_light, placement};
 use crate::{Effort, Machine, Report};
 
-/// What is measured.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Views: points that the light reaches first.
+    /// Views: the points that the light reaches first.
     pub views: u32,
-    /// Texels of a hemisphere's side.
+    /// Side of a hemisphere's map in texels.
     pub resolution: u32,
     /// Levels of the octree.
     pub levels: u32,
-    /// Levels of the tree of balls: the logarithm of how many points it has.
+    /// Levels of the ball tree: the logarithm (base 2) of its number of points.
     pub ball_levels: u32,
-    /// How large nodes may appear, texels.
+    /// Largest projected size of a node in texels.
     pub thresholds: Vec<f32>,
-    /// Motion from frame to frame, shares of the scene's largest extent.
+    /// Motion per frame, as shares of the scene's largest extent.
     pub motions: Vec<f64>,
-    /// Frames of an animation that are measured, after as many as a quarter of them.
+    /// Measured frames of an animation, after a quarter as many to warm up.
     pub frames: u32,
-    /// Edges that a lazy cut is followed down in a frame.
+    /// Edges that a lazy cut may follow down in a frame.
     pub edges: u32,
-    /// Motion, as a share of the root's edge, by which lazy cuts may lag.
+    /// How far lazy cuts may lag, as a share of the root's edge.
     pub lag: f64,
-    /// Where light comes from; as in [`crate::megaviews::Options::light`].
+    /// The light that places the views, as in [`crate::megaviews::Options::light`].
     pub light: Option<Emitter>,
-    /// Frames that medians are taken over where nothing moves.
+    /// Measured frames where nothing moves; each time is their median.
     pub rounds: usize,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scene: "terrain:50000".to_owned(),
@@ -108,20 +109,20 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut report = Report::new(options.scene.clone(), Machine::here(gpu.kind()), rows);
     report.plots = plots;
     report.notes = vec![
-        "cut_ms is device time of finding the cuts, draw_ms of drawing their maps, frame_ms the clock's from call to last \
-         counter. Visits are nodes looked at, operations splits and merges, of all views; of an animation, means a frame. \
-         Cuts of the incremental method are those of the basic one, node by node. Rows without figures: cuts that are more \
-         than this device holds; ask for fewer views."
+        "cut_ms is device time of finding the cuts, draw_ms of drawing their maps; frame_ms is wall time from the call to the \
+        last counter. visits are nodes looked at, splits and merges are operations, all of all views; in an animation they \
+        are means per frame. The incremental method's cuts equal the basic one's node by node. Rows without figures: the \
+        cuts do not fit this device; use fewer --views."
             .to_owned(),
-        "Equal time: imperfect maps have as many points, and raster renders as many maps, as the basic cuts of the tree of \
-         balls take time for; views that have no map of their own use the nearest one that was rendered."
+        "Equal time: imperfect maps have as many points, and raster renders as many maps, as fit the time of the basic cuts \
+        of the ball tree. A view without its own map uses the nearest rendered one."
             .to_owned(),
     ];
     report.note_longest_pass(&gpu);
     Ok(report)
 }
 
-/// The kinds of trees.
+/// The kinds of tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Tree {
     Balls,
@@ -139,7 +140,7 @@ impl Tree {
     }
 }
 
-/// One scene, made ready.
+/// One scene, ready to be measured.
 struct Stage<'a> {
     gpu: &'a Arc<Gpu>,
     options: &'a Options,
@@ -158,7 +159,7 @@ impl<'a> Stage<'a> {
     fn new(gpu: &'a Arc<Gpu>, scene: &'a Arc<Scene>, options: &'a Options) -> Result<Self> {
         let pose: Pose = scene.at(0.0);
         let triangles: Vec<Triangle> = stream::triangles(scene, &pose).collect();
-        // Room for every pose of what moves, and for what is bent here.
+        // The bounds include every pose of an animated scene, and the bent poses of a still one.
         let mut bounds = stream::bounds(triangles.iter().copied());
         if scene.is_animated() {
             bounds.extend(scene.bounds().min);
@@ -193,7 +194,7 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// The length that motions are shares of, metres.
+    /// The length in metres to which motions are relative.
     fn extent(&self) -> f64 {
         self.bounds.size().max_element()
     }
@@ -202,7 +203,7 @@ impl<'a> Stage<'a> {
         Shadows::new(&self.tracer, &self.views, self.octree.root.edge / f64::from(1u32 << self.octree.depth))
     }
 
-    /// What making and fitting the hierarchies takes: table 2's first lines.
+    /// Rows of building and refitting the hierarchies: the first lines of table 2.
     fn hierarchies(&self, progress: &ProgressBar) -> Result<Vec<Row>> {
         progress.set_message("hierarchies");
         let mut updates = Vec::new();
@@ -243,7 +244,7 @@ impl<'a> Stage<'a> {
         ])
     }
 
-    /// Cuts at several thresholds: table 2's last lines.
+    /// Rows of cuts at several thresholds: the last lines of table 2.
     fn thresholds(&self, progress: &ProgressBar) -> Result<Vec<Row>> {
         let list = ViewList::new(self.gpu, &self.root, &self.views)?;
         let mut rows = Vec::new();
@@ -277,7 +278,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// Frames after the first, which finds out how much room they take; `None` where the device has less.
+/// Renders frames after a first one that finds the memory they need; `None` if the device has too little.
 fn frames(
     rounds: usize,
     mut render: impl FnMut() -> Result<CutStats, HierarchyError>,

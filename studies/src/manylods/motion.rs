@@ -1,4 +1,4 @@
-//! How views and scenes move.
+//! How views and scenes move in the study.
 
 use argus_gpu::hierarchy::{Triangle, stream};
 use argus_gpu::many_views::ViewPoint;
@@ -9,9 +9,9 @@ use super::Stage;
 /// What moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Path {
-    /// All views, together.
+    /// All views move together.
     Views,
-    /// The scene: by its own animation, or bent back and forth where it has none.
+    /// The scene moves: by its own animation, or else bent up and down.
     Scene,
 }
 
@@ -26,34 +26,34 @@ impl Path {
     }
 }
 
-/// Radius of the circle that views follow, a share of the scene's extent: they stay near where they were placed.
+/// Radius of the views' circle, as a share of the scene's extent: views stay near their start.
 const CIRCLE: f64 = 0.1;
 
-/// The views after they have gone so far, metres, along a circle that leans a little.
-pub(super) fn views_at(stage: &Stage<'_>, way: f64) -> Vec<ViewPoint> {
+/// The views after moving `distance` metres along a slightly tilted circle.
+pub(super) fn views_at(stage: &Stage<'_>, distance: f64) -> Vec<ViewPoint> {
     let radius = CIRCLE * stage.extent();
-    let turn = way / radius;
+    let turn = distance / radius;
     let along = DVec3::new(turn.sin(), 0.3 * (1.0 - turn.cos()), 1.0 - turn.cos()) * radius / 1.02;
     let moved = |view: &ViewPoint| ViewPoint { position: view.position + along, ..*view };
     stage.views.iter().map(moved).collect()
 }
 
-/// The triangles after what moves fastest has gone so far, metres.
-pub(super) fn triangles_at(stage: &Stage<'_>, way: f64) -> Vec<Triangle> {
+/// The triangles after the fastest part of the scene has moved `distance` metres.
+pub(super) fn triangles_at(stage: &Stage<'_>, distance: f64) -> Vec<Triangle> {
     if stage.scene.is_animated() {
-        // Motion by the clock: so many metres a second as an extent takes ten.
-        let seconds = way / (0.1 * stage.extent());
+        // Animated scenes move by their clock; one second counts as a tenth of the extent.
+        let seconds = distance / (0.1 * stage.extent());
         let pose = stage.scene.at(seconds);
         return stream::triangles(stage.scene, &pose).collect();
     }
-    // A triangle wave of a tenth of the extent: what is bent most goes at an even speed.
+    // A triangle wave of a tenth of the extent: the most bent point moves at constant speed.
     let most = 0.1 * stage.extent();
-    let phase = (way / most).rem_euclid(4.0);
+    let phase = (distance / most).rem_euclid(4.0);
     let amount = most * if phase < 2.0 { phase - 1.0 } else { 3.0 - phase } + most;
     let amount = 0.5 * amount;
     let (low, size) = (stage.bounds.min, stage.bounds.size().max(DVec3::splat(1e-9)));
     let bend = |p: DVec3| {
-        // Nothing at the walls, most in the middle.
+        // Zero at the walls, largest in the middle.
         let unit = (p - low) / size;
         let hill = |x: f64| (4.0 * x * (1.0 - x)).max(0.0);
         p + DVec3::new(0.0, 2.0 * amount * hill(unit.x) * hill(unit.z) * 0.5, 0.0)

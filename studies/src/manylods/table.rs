@@ -1,4 +1,4 @@
-//! A row of the table: the same columns whatever was measured.
+//! The study's rows; all have the same columns.
 
 use argus_gpu::many_views::CutStats;
 use serde_json::{Map, Value, json};
@@ -6,17 +6,17 @@ use serde_json::{Map, Value, json};
 use crate::median::{mean, median};
 use crate::report;
 
-/// What a row says; what does not apply is left out.
+/// One row; columns that do not apply are `None`.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Row {
-    /// hierarchy, threshold, equal-time or animation.
+    /// The part of the study: hierarchy, threshold, equal-time or animation.
     pub(super) part: &'static str,
     pub(super) tree: Option<&'static str>,
     pub(super) method: Option<&'static str>,
     pub(super) path: Option<&'static str>,
     pub(super) threshold: Option<f32>,
     pub(super) views: Option<u32>,
-    /// Share of the scene's extent a frame.
+    /// Motion per frame, as a share of the scene's extent.
     pub(super) motion: Option<f64>,
     pub(super) points: Option<u32>,
     pub(super) build_ms: Option<f64>,
@@ -29,18 +29,18 @@ pub(super) struct Row {
     pub(super) visits: Option<f64>,
     pub(super) splits: Option<f64>,
     pub(super) merges: Option<f64>,
-    /// How many times fewer visits and operations than the basic method's, and how many times faster.
+    /// Factors over the basic method: fewer visits, fewer operations, less time.
     pub(super) fewer_visits: Option<f64>,
     pub(super) fewer_operations: Option<f64>,
     pub(super) faster: Option<f64>,
-    /// Nodes of the cuts that are others than the basic method's, as a share, after the last frame.
+    /// Share of the last cuts' nodes that differ from the basic method's.
     pub(super) differing: Option<f64>,
     pub(super) wrong: Option<f64>,
     pub(super) bytes: Option<u64>,
 }
 
 impl Row {
-    /// With medians of times and means of counts over frames.
+    /// Fills in medians of times and means of counts over frames.
     pub(super) fn of(self, frames: &[CutStats]) -> Self {
         let times = |of: &dyn Fn(&CutStats) -> f64| Some(median(&frames.iter().map(of).collect::<Vec<_>>()));
         let counts = |of: &dyn Fn(&CutStats) -> u64| Some(mean(frames.iter().map(|frame| of(frame) as f64)));
@@ -59,7 +59,7 @@ impl Row {
         }
     }
 
-    /// Splits and merges.
+    /// Splits plus merges.
     pub(super) fn operations(&self) -> f64 {
         self.splits.unwrap_or(f64::NAN) + self.merges.unwrap_or(0.0)
     }
@@ -94,7 +94,7 @@ impl Row {
     }
 }
 
-/// JSON has no infinity.
+/// Drops infinities, which JSON does not have.
 fn finite(x: Option<f64>) -> Option<f64> {
     x.filter(|x| x.is_finite())
 }

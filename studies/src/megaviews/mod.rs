@@ -1,5 +1,5 @@
-//! Time and memory of many views at once, against their number, resolution and placement: MegaViews beside ManyLoDs
-//! beside brute force, in one run (the paper's figures 10 to 12).
+//! MegaViews: time and memory of maps of many views, against the number, resolution and placement of views. One run
+//! compares MegaViews, ManyLoDs and brute force (the paper's figures 10 to 12).
 
 pub(crate) mod placement;
 pub(crate) mod shadows;
@@ -25,24 +25,24 @@ use crate::median::median;
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report};
 
-/// How maps are made.
+/// How maps are rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// Scene and views traversed together.
+    /// Scene octree and view octree are traversed together.
     MegaViews,
-    /// The scene's octree traversed for each view.
+    /// The scene octree is traversed for each view.
     ManyLods,
-    /// Every leaf of the scene's octree sent down the octree over the views: without a hierarchy of the scene.
+    /// Every leaf of the scene octree descends the view octree: no scene hierarchy.
     FlatScene,
-    /// Every triangle for every view.
+    /// Every triangle is rasterised for every view.
     Raster,
 }
 
 impl Method {
-    /// All of them.
+    /// All methods.
     pub const ALL: [Self; 4] = [Self::MegaViews, Self::ManyLods, Self::FlatScene, Self::Raster];
 
-    /// As options and tables have it.
+    /// The name in options and tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::MegaViews => "megaviews",
@@ -53,42 +53,42 @@ impl Method {
     }
 }
 
-/// What is measured.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
     /// Numbers of views, ascending.
     pub views: Vec<u32>,
-    /// Where views are.
+    /// Where views are placed.
     pub placements: Vec<Placement>,
-    /// Texels of a hemisphere's side.
+    /// Sides of a hemisphere's map in texels.
     pub resolutions: Vec<u32>,
-    /// Levels of the scene's octree below its root.
+    /// Levels of the scene octree below its root.
     pub levels: Vec<u32>,
-    /// Levels of the view octree; `None`: as many as the views call for.
+    /// Levels of the view octree; `None`: chosen by the number of views.
     pub view_levels: Option<u32>,
-    /// What is compared.
+    /// The methods compared.
     pub methods: Vec<Method>,
-    /// Where light comes from; `None`: the scene's first point or spot light, and where it has none, a point in the
+    /// The light that places views; `None`: the scene's first point or spot light, or else a spot light high in the
     /// middle of its bounds.
     pub light: Option<Emitter>,
-    /// Frames that medians are taken over.
+    /// Measured frames; each time is their median.
     pub rounds: usize,
-    /// Seconds that one frame may take; what is expected to take longer is extrapolated.
+    /// Longest expected time of a frame in seconds. Slower rows are extrapolated.
     pub patience_secs: f64,
-    /// Whether what is hidden behind what maps already hold is left out, each way measured.
+    /// Occlusion modes; each is measured.
     pub occlusion: Vec<Occlusion>,
-    /// What a texel holds, each format measured.
+    /// Texel formats; each is measured.
     pub texels: Vec<Texel>,
-    /// Discs that nodes cover, of single views and where several share them, each pair measured.
+    /// Disc radii of nodes for single and for shared views; each pair is measured.
     pub discs: Vec<[f32; 2]>,
-    /// The rest of what a traversal may be told.
+    /// Further knobs of a traversal.
     pub knobs: Knobs,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scene: "terrain:50000".to_owned(),
@@ -130,8 +130,8 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     let scene = Arc::new(argus_scene::open(&options.scene)?);
     let bench = Bench::new(&gpu, &scene, options)?;
-    let ways = options.ways();
-    let runs = options.levels.len() * options.placements.len() * options.resolutions.len() * ways.len();
+    let variants = options.variants();
+    let runs = options.levels.len() * options.placements.len() * options.resolutions.len() * variants.len();
     progress.set_length((runs * options.views.len()) as u64);
     let mut rows = Vec::new();
     for &levels in &options.levels {
@@ -140,7 +140,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         let octree = Arc::new(octree);
         for &placement in &options.placements {
             for &resolution in &options.resolutions {
-                for &Way { method, occlusion, texel, discs } in &ways {
+                for &Variant { method, occlusion, texel, discs } in &variants {
                     progress.set_message(format!("{} {} {resolution}²", method.name(), placement.name()));
                     let subject =
                         Subject { octree: &octree, placement, resolution, method, occlusion, texel, discs };
@@ -153,24 +153,23 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut report = Report::new(options.scene.clone(), Machine::here(gpu.kind()), rows);
     report.plots = plots;
     report.notes = vec![
-        "Occlusion on: pairs are met in four shells, near ones first, so that more are tested; known: pairs are tested against \
-         the finished maps, which says how many any order could leave out. Pairs that cover no texel's sample point are \
-         hidden by none, and count as rendered either way."
+        "Occlusion on: pairs are processed in four shells, near ones first, so more pairs are tested. Occlusion known: pairs \
+        are tested against the finished maps, which shows how many pairs the best order could cull. Pairs that cover no \
+        texel's sample point cannot be hidden and count as rendered, with and without occlusion."
             .to_owned(),
-        "Pairs are counted once however the frame was split; the peak of untested pairs is what a queue would hold if \
-         pairs were queued before they are tested. Rows marked extrapolated grow in proportion from the row before, or \
-         for raster from a few views."
+        "Pairs are counted once, even if the frame was split. The peak of untested pairs is what a queue would hold if pairs \
+        were queued before their test. Extrapolated rows are scaled from the row before, or for raster from a few views."
             .to_owned(),
-        "The range error is the mean relative difference in range from maps whose texels hold the same of every bit, over \
-         the texels of the views that are asked about shadow."
+        "The range error is the mean relative error against maps with uncompressed texels, over the views whose shadows are \
+        judged."
             .to_owned(),
     ];
     report.note_longest_pass(&gpu);
     Ok(report)
 }
 
-/// One of the ways in which maps are made.
-struct Way {
+/// One combination of method and options.
+struct Variant {
     method: Method,
     occlusion: Occlusion,
     texel: Texel,
@@ -178,28 +177,28 @@ struct Way {
 }
 
 impl Options {
-    /// Every method with every choice that it knows: rasterised triangles are the same with and without occlusion, and
-    /// show what exact maps of one format cost.
-    fn ways(&self) -> Vec<Way> {
+    /// Every method with each of its options. Rasterised triangles ignore occlusion and discs, so they are measured
+    /// only with the first options.
+    fn variants(&self) -> Vec<Variant> {
         let first = (self.occlusion.first(), self.texels.first(), self.discs.first());
-        let mut ways = Vec::new();
+        let mut variants = Vec::new();
         for &method in &self.methods {
             for &occlusion in &self.occlusion {
                 for &texel in &self.texels {
                     for &discs in &self.discs {
                         if method != Method::Raster || first == (Some(&occlusion), Some(&texel), Some(&discs))
                         {
-                            ways.push(Way { method, occlusion, texel, discs });
+                            variants.push(Variant { method, occlusion, texel, discs });
                         }
                     }
                 }
             }
         }
-        ways
+        variants
     }
 }
 
-/// One scene, made ready.
+/// One scene, ready to be measured.
 struct Bench<'a> {
     gpu: &'a Arc<Gpu>,
     scene: &'a Arc<Scene>,
@@ -211,7 +210,7 @@ struct Bench<'a> {
     emitter: Emitter,
 }
 
-/// What a series of rows has in common.
+/// What the rows of a series share.
 struct Subject<'a> {
     octree: &'a Arc<Octree>,
     placement: Placement,
@@ -242,7 +241,7 @@ impl<'a> Bench<'a> {
         Ok(views)
     }
 
-    /// A row for each number of views.
+    /// One row for each number of views.
     fn series(&self, subject: &Subject<'_>, progress: &ProgressBar) -> Result<Vec<Map<String, Value>>> {
         let mut rows = Vec::new();
         let mut before: Option<(u32, Measured)> = None;
@@ -269,7 +268,7 @@ impl<'a> Bench<'a> {
         Ok(rows)
     }
 
-    /// `None` where it does not fit into memory.
+    /// Measures one row; `None` if it does not fit into memory.
     fn measure(&self, subject: &Subject<'_>, count: u32) -> Result<Option<Measured>> {
         let &Subject { octree, placement, resolution, method, occlusion, texel, discs } = subject;
         let views = self.views(placement, count)?;
@@ -305,7 +304,7 @@ impl<'a> Bench<'a> {
             many => many?,
         };
         if occlusion == Occlusion::Known {
-            // Maps are known from the second frame on that is traversed in the same way: the next may fall back.
+            // A traversal knows the maps from its second frame on. The frame after that may fall back.
             match many.render(&list) {
                 Err(HierarchyError::TooLarge { .. }) => return Ok(None),
                 first => first?,
@@ -328,7 +327,7 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// Where light comes from if nobody says.
+/// The light if none is given: the first point or spot light, or a spot light in the upper middle of the bounds.
 pub(crate) fn default_light(pose: &Pose, bounds: &Bounds) -> Emitter {
     let of = |light: &Light| match *light {
         Light::Point { position, .. } => Some(Emitter::Point { position }),
@@ -342,7 +341,7 @@ pub(crate) fn default_light(pose: &Pose, bounds: &Bounds) -> Emitter {
     pose.lighting.lights.iter().find_map(of).unwrap_or(spot)
 }
 
-/// Frames after the first, which finds out how it must be split and how many maps there are.
+/// Renders frames after a first one, which finds how to split the frame and how many maps there are.
 fn frames(
     rounds: usize,
     mut render: impl FnMut() -> Result<FrameStats, HierarchyError>,
@@ -351,7 +350,7 @@ fn frames(
     (0..rounds.max(1)).map(|_| render()).collect()
 }
 
-/// What a row says.
+/// What is measured for a row.
 struct Measured {
     frame_ms: f64,
     stages: Map<String, Value>,
@@ -361,11 +360,11 @@ struct Measured {
     extrapolated: bool,
 }
 
-/// How far maps are off.
+/// Errors of the maps.
 #[derive(Clone, Copy)]
 struct Errors {
     wrong: Wrong,
-    /// Of ranges, relative, by what texels leave away.
+    /// Mean relative range error caused by the texel format.
     range: Option<f64>,
 }
 
@@ -381,7 +380,7 @@ impl Measured {
         Self { frame_ms: median(&times), stages, last, octree_bytes, errors, extrapolated: false }
     }
 
-    /// As many times the views, each as dear.
+    /// Scales the figures to `factor` times as many views at the same cost each.
     fn scaled(&self, factor: f64) -> Self {
         let times = |n: u64| (n as f64 * factor) as u64;
         let mut last = self.last.clone();
@@ -401,7 +400,7 @@ impl Measured {
 fn row(subject: &Subject<'_>, views: u32, measured: &Measured) -> Map<String, Value> {
     let last = &measured.last;
     let view_levels = (last.view_depth > 0).then_some(last.view_depth);
-    // What the queue would hold unsplit, and what the maps, the view octree and the scene's octree do hold.
+    // Bytes of the queue if it were not split, of the maps, of the view octree and of the scene octree.
     let bytes = json!({
         "queue": last.peak_queued() * 8,
         "maps": last.map_bytes,
@@ -439,7 +438,7 @@ fn row(subject: &Subject<'_>, views: u32, measured: &Measured) -> Map<String, Va
     pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
-/// For each placement, time against the number of views; and against resolution where there are several.
+/// Plots per placement: time against views, against resolution if there are several, and texel errors.
 fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
     let number =
         |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
@@ -482,20 +481,20 @@ fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
     against_views.chain(against_resolution).chain(against_error).collect()
 }
 
-/// `OWN:SHARED`, in radii of a node's ball.
+/// Parses `OWN:SHARED` in radii of a node's ball.
 ///
 /// # Errors
-/// What it should have been.
+/// The text is not of this form.
 pub fn parse_discs(text: &str) -> Result<[f32; 2]> {
     let both = text.split_once(':').and_then(|(own, shared)| Some([own.parse().ok()?, shared.parse().ok()?]));
     both.filter(|discs: &[f32; 2]| discs.iter().all(|disc| *disc > 0.0 && *disc <= 1.0))
         .with_context(|| format!("`{text}` is not OWN:SHARED, each above 0 and at most 1"))
 }
 
-/// `point:X,Y,Z` or `spot:X,Y,Z:DX,DY,DZ:HALF_DEG`, metres and degrees.
+/// Parses `point:X,Y,Z` or `spot:X,Y,Z:DX,DY,DZ:HALF_DEG`, in metres and degrees.
 ///
 /// # Errors
-/// What it should have been.
+/// The text is not of this form.
 pub fn parse_light(text: &str) -> Result<Emitter> {
     let vector = |text: &str| -> Result<DVec3> {
         let parts = text.split(',').map(str::parse::<f64>).collect::<Result<Vec<_>, _>>();
@@ -535,7 +534,7 @@ mod tests {
     }
 
     #[test]
-    fn lights_are_read_and_what_is_none_is_told_what_it_should_be() {
+    fn lights_are_parsed_and_errors_name_the_expected_form() {
         let spot = parse_light("spot:0,10,0:0,-1,0:35").unwrap();
         let Emitter::Spot { position, half_angle, .. } = spot else { panic!("{spot:?}") };
         assert_eq!(position, DVec3::new(0.0, 10.0, 0.0));

@@ -1,4 +1,5 @@
-//! Where views are: points that light reaches, traced from the light (instant radiosity, Keller 1997), or anywhere.
+//! Placement of views: points that light reaches, traced from the light (instant radiosity, Keller 1997), or
+//! random points.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -12,38 +13,38 @@ use rand::{Rng as _, SeedableRng as _};
 /// How views are placed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Placement {
-    /// Where rays from the light first meet a surface.
+    /// Where rays from the light first hit a surface.
     SingleBounce,
-    /// There, and where three diffuse bounces further meet one.
+    /// There, and where three further diffuse bounces hit a surface.
     FourBounce,
-    /// Uniformly in the scene's bounds, looking anywhere.
+    /// Uniform in the scene's bounds, with random directions.
     Random,
 }
 
-/// Where light comes from.
+/// A light that places views.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Emitter {
-    /// A point that sends light into every direction.
+    /// A point light that emits in every direction.
     Point {
-        /// World space, metres.
+        /// Position in world space, metres.
         position: DVec3,
     },
-    /// A point that sends light into a cone.
+    /// A point light that emits into a cone.
     Spot {
-        /// World space, metres.
+        /// Position in world space, metres.
         position: DVec3,
         /// The cone's axis, of any length but 0.
         direction: DVec3,
-        /// Half the cone's angle, radians.
+        /// Half the cone's angle in radians.
         half_angle: f64,
     },
 }
 
 impl Placement {
-    /// All of them.
+    /// All placements.
     pub const ALL: [Self; 3] = [Self::SingleBounce, Self::FourBounce, Self::Random];
 
-    /// As options and tables have it.
+    /// The name in options and tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::SingleBounce => "single-bounce",
@@ -53,10 +54,10 @@ impl Placement {
     }
 }
 
-/// Paths that may leave the scene, for each view wanted, before the light is said to reach nothing.
+/// Paths per wanted view that may leave the scene before placement gives up.
 const PATIENCE: usize = 64;
 
-/// So many views, the same for the same seed; fewer where the light reaches nothing.
+/// Places `count` views, the same for the same seed; fewer if the light reaches too little.
 pub(crate) fn place(
     tracer: &Tracer,
     pose: &Pose,
@@ -88,7 +89,7 @@ pub(crate) fn place(
             if views.len() == count {
                 return views;
             }
-            // Off the surface by far less than a cell of any octree here, so that the ray does not meet it again.
+            // Offset from the surface by far less than an octree cell, so that the ray does not hit it again.
             origin = hit.position + normal * 1e-6 * (1.0 + hit.position.abs().max_element());
             direction = cosine(&mut random, normal);
         }
@@ -107,13 +108,13 @@ impl Emitter {
     }
 }
 
-/// A unit direction, uniform among those whose cosine with the axis is at least `least`.
+/// A uniform unit direction whose cosine with the axis is at least `least`.
 fn uniform(random: &mut SmallRng, axis: DVec3, least: f64) -> DVec3 {
     let cosine = least + (1.0 - least) * random.random::<f64>();
     around(axis, cosine, TAU * random.random::<f64>())
 }
 
-/// A unit direction above a surface, its density that of diffuse reflection.
+/// A unit direction above a surface with cosine-weighted density.
 fn cosine(random: &mut SmallRng, normal: DVec3) -> DVec3 {
     let cosine = (1.0 - random.random::<f64>()).sqrt();
     around(normal, cosine, TAU * random.random::<f64>())
@@ -125,7 +126,7 @@ fn around(axis: DVec3, cosine: f64, turn: f64) -> DVec3 {
     axis * cosine + (right * turn.cos() + up * turn.sin()) * sine
 }
 
-/// The unit normal of the triangle that was hit, on the side that the ray came from.
+/// The unit normal of the hit triangle, on the ray's side.
 fn normal(tracer: &Tracer, pose: &Pose, hit: &Hit, direction: DVec3) -> DVec3 {
     let instance = &pose.instances[hit.instance as usize];
     let mesh = &tracer.scene().meshes[instance.mesh as usize];

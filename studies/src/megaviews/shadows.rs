@@ -1,4 +1,4 @@
-//! How often maps err about shadow: points of the scene's surfaces asked of views' maps and of rays in f64.
+//! Shadow errors of maps: points on the scene's surfaces are looked up in views' maps and traced by f64 rays.
 
 use anyhow::Result;
 use argus_gpu::many_views::ViewPoint;
@@ -6,31 +6,31 @@ use argus_scene::paraboloid;
 use argus_scene::reference::Tracer;
 use glam::DVec3;
 
-/// Views asked, and points asked of each.
+/// Views whose maps are judged, and points tested per view.
 const VIEWS: usize = 96;
 const POINTS: usize = 96;
 
-/// Shares of all points that were asked about.
+/// Shares of all tested points, 0–1.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Wrong {
-    /// In shadow by the map, and lit by the ray: something in the map is too near.
+    /// In shadow by the map but lit by the ray: a value in the map is too near.
     pub(crate) shadowed: f64,
-    /// Lit by the map, and in shadow by the ray: something is missing in the map.
+    /// Lit by the map but in shadow by the ray: a surface is missing in the map.
     pub(crate) lit: f64,
 }
 
 impl Wrong {
-    /// Both.
+    /// Both kinds of error together.
     pub(crate) fn wrong(self) -> f64 {
         self.shadowed + self.lit
     }
 }
 
-/// Points that views may see or not.
+/// The tests of a scene's views.
 pub(crate) struct Shadows<'a> {
     tracer: &'a Tracer,
     views: &'a [ViewPoint],
-    /// Edge of the octree's cells, metres.
+    /// Edge of an octree cell in metres.
     cell: f64,
 }
 
@@ -39,19 +39,19 @@ impl<'a> Shadows<'a> {
         Self { tracer, views, cell }
     }
 
-    /// Indices of the views that are asked.
+    /// Indices of the views whose maps are judged.
     pub(crate) fn asked(&self) -> Vec<usize> {
         spread(VIEWS, self.views.len())
     }
 
-    /// As [`Self::errors`], both kinds together.
+    /// Like [`Self::errors`], both kinds together.
     pub(crate) fn wrong(&self, map: impl Fn(usize) -> Result<(Vec<[u32; 2]>, DVec3)>) -> Result<f64> {
         Ok(self.errors(map)?.wrong())
     }
 
-    /// The shares of points, on other views' surfaces and in what a view looks at, of which a map says otherwise than
-    /// a ray. `map` gives the texels of the nth of the views that are asked, and where its map is rendered from. A point is in
-    /// shadow where the map's range is shorter than its own by more than two cells and 5%.
+    /// Compares maps with rays over points on other views' surfaces that face the view. `map` gives the texels of the
+    /// nth judged view and the point from which its map was rendered. A point counts as in shadow if the map's range
+    /// is shorter than its own by more than two cells and 5%.
     pub(crate) fn errors(&self, map: impl Fn(usize) -> Result<(Vec<[u32; 2]>, DVec3)>) -> Result<Wrong> {
         let (mut asked, mut shadowed, mut lit) = (0u32, 0u32, 0u32);
         for (nth, view) in self.asked().into_iter().enumerate() {
@@ -66,7 +66,7 @@ impl<'a> Shadows<'a> {
                 if !(range > 4.0 * self.cell && faces) {
                     continue;
                 }
-                // As the map sees it: views of a leaf share one, rendered from their middle.
+                // As the map sees it: views of a leaf share one map, rendered from their middle.
                 let in_map = self.views[at].position - middle;
                 let inverse =
                     f64::from(f32::from_bits(texels[paraboloid::texel_of(in_map, side) as usize][0]));
@@ -89,7 +89,7 @@ impl<'a> Shadows<'a> {
     }
 }
 
-/// At most `most` of `count` indices, spread evenly.
+/// At most `most` of `count` indices, evenly spread.
 fn spread(most: usize, count: usize) -> Vec<usize> {
     (0..most.min(count)).map(|i| i * count / most.min(count)).collect()
 }

@@ -1,4 +1,4 @@
-//! What is lost where a texel has fewer bits, beside what it saves.
+//! The error of texel formats with fewer bits, against the time they save.
 
 use std::sync::Arc;
 
@@ -11,8 +11,8 @@ use serde_json::{Map, Value};
 use super::Placement;
 use crate::plot::{Axis, Plot, Series};
 
-/// By how much of itself ranges differ from those that texels of all bits hold, in the mean over some of the maps;
-/// `None` where those do not fit into memory.
+/// Mean relative range error of some maps against the same maps with uncompressed texels; `None` if those do not fit into
+/// memory.
 pub(super) fn range_error(
     gpu: &Arc<Gpu>,
     list: &ViewList,
@@ -25,7 +25,7 @@ pub(super) fn range_error(
     }
     let exact = Knobs { texel: knobs.texel.exact(), ..knobs };
     let mut exact = ManyViews::new(gpu, Arc::clone(many.octree()), exact)?;
-    // Two frames, since the second may fall back.
+    // Renders two frames, since the second may fall back.
     for _ in 0..2 {
         match exact.render(list) {
             Err(HierarchyError::TooLarge { .. }) => return Ok(None),
@@ -46,7 +46,7 @@ pub(super) fn range_error(
     Ok(Some(error / f64::from(texels.max(1))))
 }
 
-/// Error against time, for each texel: a point for each row of a placement.
+/// A plot of error against time, with a series for each texel format and a point for each row of a placement.
 pub(super) fn plot(
     rows: &[Map<String, Value>],
     texels: &[Texel],

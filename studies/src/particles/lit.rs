@@ -1,4 +1,4 @@
-//! A view of a scene that particles light, with shadows by whatever says what a particle sees.
+//! A view lit by particles, with shadows from rays or from the particles' maps.
 
 use argus_scene::particles::Particle;
 use argus_scene::reference::Tracer;
@@ -8,26 +8,26 @@ use glam::{DVec2, DVec3, Vec3};
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// What a pixel shows.
+/// The surface that a pixel shows.
 struct Receiver {
     position: DVec3,
     normal: DVec3,
     albedo: Vec3,
 }
 
-/// The pixels of a view.
+/// The pixels of a view, as receivers of light.
 pub(super) struct Lit {
     size: [u32; 2],
-    /// One a pixel; none where it shows the sky.
+    /// One per pixel; `None` for the sky.
     receivers: Vec<Option<Receiver>>,
-    /// Metres: nearer than this no particle lights more strongly.
+    /// Distance in metres below which a particle's light does not increase.
     least_distance: f64,
 }
 
-/// For each pixel and particle that is asked, whether one lights the other: pixel by pixel.
+/// Whether each particle lights each pixel; pixel by pixel.
 pub(super) struct Visible(Vec<bool>);
 
-/// A particle's map: inverse ranges, and where it is rendered from.
+/// A particle's map: inverse ranges, and the point from which it is rendered.
 pub(super) struct ParticleMap {
     pub(super) texels: Vec<[u32; 2]>,
     pub(super) middle: DVec3,
@@ -53,7 +53,7 @@ impl Lit {
         Self { size, receivers, least_distance: 0.01 * diagonal }
     }
 
-    /// Asks `sees` of every pixel and every particle that faces it.
+    /// Evaluates `sees` for every pixel and every particle that faces it.
     fn ask(
         &self,
         particles: &[Particle],
@@ -67,7 +67,7 @@ impl Lit {
         Visible(self.receivers.par_iter().flat_map_iter(of).collect())
     }
 
-    /// No shadows.
+    /// No shadows: everything that faces is lit.
     pub(super) fn everything(&self, particles: &[Particle]) -> Visible {
         self.ask(particles, |_, _, _| true)
     }
@@ -82,8 +82,8 @@ impl Lit {
         })
     }
 
-    /// Shadows by maps, one a particle, of what is up to `slack` metres before the surface that it stands for: as
-    /// `shaders/sampler/gather.wgsl` looks them up.
+    /// Shadows by one map per particle. A surface up to `slack` metres behind the map's range counts as lit, as in
+    /// the lookup of `shaders/sampler/gather.wgsl`.
     pub(super) fn by_maps(&self, particles: &[Particle], maps: &[ParticleMap], slack: f64) -> Visible {
         self.ask(particles, |index, _, receiver| {
             let map = &maps[index];
@@ -99,7 +99,7 @@ impl Lit {
         })
     }
 
-    /// What the pixels show, each particle standing for `share` of them.
+    /// Radiance of the pixels; each particle stands for `share` particles.
     pub(super) fn shade(&self, particles: &[Particle], visible: &Visible, share: f64) -> Vec<Vec3> {
         let pixel = |(receiver, visible): (&Option<Receiver>, &[bool])| {
             let Some(receiver) = receiver else { return Vec3::ZERO };
@@ -118,7 +118,7 @@ impl Lit {
         self.receivers.iter().zip(visible.0.chunks(particles.len().max(1))).map(pixel).collect()
     }
 
-    /// Of the tests of particles that face a pixel, the share that come out otherwise than `truth`.
+    /// Share of tests that differ from `truth`, among particles that face a pixel.
     pub(super) fn wrong(&self, particles: &[Particle], truth: &Visible, told: &Visible) -> f64 {
         let facing = self.everything(particles);
         let asked = facing.0.iter().filter(|facing| **facing).count();
@@ -126,7 +126,7 @@ impl Lit {
         wrong as f64 / asked as f64
     }
 
-    /// As a display shows it.
+    /// The displayed image.
     pub(super) fn image(&self, radiance: &[Vec3], exposure: f32) -> RgbImage {
         let bytes: Vec<u8> = radiance.iter().flat_map(|&r| display_from_radiance(r, exposure)).collect();
         let [width, height] = self.size;
@@ -134,7 +134,7 @@ impl Lit {
     }
 }
 
-/// An exposure that shows the geometric mean of what is lit as a middle grey.
+/// The exposure that maps the geometric mean of lit pixels to middle grey.
 pub(super) fn exposure(radiance: &[Vec3]) -> f32 {
     let lit = radiance.iter().map(|r| f64::from(r.element_sum()) / 3.0).filter(|l| *l > 1e-9);
     let logs: Vec<f64> = lit.map(f64::ln).collect();

@@ -1,7 +1,7 @@
-//! Glowing particles: time and error of the maps of thousands of lights that move (MegaViews, figure 17).
+//! Particles: time and error of the maps of thousands of moving lights (MegaViews, figure 17).
 //!
-//! A view is lit by some of the particles, the same for all rows, with shadows by rays and by each kind of maps. Times
-//! are of whole frames in which every particle has moved on, from its place to its map.
+//! A view is lit by some of the particles, the same ones in all rows, with shadows by rays and by each kind of map. Times
+//! are of whole frames in which every particle has moved and gets a new map.
 
 mod lit;
 
@@ -29,35 +29,35 @@ use crate::median::median;
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
     /// Numbers of particles, ascending.
     pub particles: Vec<u32>,
-    /// Texels of a hemisphere's side.
+    /// Side of a hemisphere's map in texels.
     pub resolution: u32,
-    /// Levels of the scene's octree.
+    /// Levels of the scene octree.
     pub levels: u32,
-    /// Levels of the octree over the particles; `None`: as many as they call for.
+    /// Levels of the particle octree; `None`: chosen by the number of particles.
     pub view_levels: Option<u32>,
-    /// Frames that medians are taken over.
+    /// Measured frames; each time is their median.
     pub rounds: usize,
-    /// Seconds of scene time from frame to frame.
+    /// Seconds of scene time between frames.
     pub frame_secs: f64,
-    /// Particles that light the view that is judged.
+    /// Particles that light the judged view.
     pub lights: u32,
-    /// Where the view is from; the scene's first camera otherwise.
+    /// Camera of the view; `None`: the scene's first camera.
     pub camera: Option<Camera>,
-    /// Pixels of the view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// Folder for the images of all rows.
     pub images: Option<PathBuf>,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scene: "terrain:50000".to_owned(),
@@ -89,7 +89,7 @@ impl Effort for Options {
     }
 }
 
-/// How maps are made.
+/// How the particles' maps are rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Method {
     MegaViews,
@@ -132,21 +132,22 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     report.plots = vec![plot];
     report.notes = vec![
         format!(
-            "The view has {}×{} pixels and is lit by {} of the particles, each standing for its share; wrong_shadow_fraction \
-             is of all tests of one of those against a pixel that faces it, flip and psnr_db of the view, against shadows by \
-             rays. Where there are fewer views a node than pay, megaviews traverses each particle by itself: fell_back.",
+            "The view has {}×{} pixels and is lit by {} of the particles, each with its share of the light. \
+            wrong_shadow_fraction: share of wrong tests of such a particle against a pixel that faces it. flip, psnr_db: \
+            the view against shadows by rays. fell_back: views per node were too few, so megaviews traversed each particle \
+            alone.",
             options.size[0],
             options.size[1],
             options.lights.min(options.particles.iter().copied().max().unwrap_or(0)),
         ),
-        "Exact maps are rendered for the particles of the view alone; their time is of them in proportion. Rows without a \
-         time did not fit into this device's memory."
+        "Exact maps are rendered only for the view's particles, and their time is scaled to all particles. Rows without a \
+        time did not fit into this device's memory."
             .to_owned(),
     ];
     Ok(report)
 }
 
-/// One scene, made ready.
+/// One scene, ready to be measured.
 struct Stage<'a> {
     gpu: &'a Arc<Gpu>,
     scene: &'a Arc<Scene>,
@@ -157,7 +158,7 @@ struct Stage<'a> {
     lit: Lit,
 }
 
-/// What a method's frames took, and the maps of the particles that are asked.
+/// A method's time and figures, and the maps of the view's particles.
 #[derive(Default)]
 struct Made {
     frame_ms: Option<f64>,
@@ -243,14 +244,14 @@ impl<'a> Stage<'a> {
         Ok(())
     }
 
-    /// The particles' views at a frame.
+    /// The particles as views at a frame.
     fn views(&self, count: u32, frame: usize) -> Result<ViewList> {
         let particles = glowing(&self.bounds, count, 1, frame as f64 * self.options.frame_secs);
         let views: Vec<ViewPoint> = particles.iter().map(|p| ViewPoint::everywhere(p.position)).collect();
         Ok(ViewList::new(self.gpu, &self.octree.root, &views)?)
     }
 
-    /// Frames of a method; nothing where they do not fit.
+    /// Renders a method's frames; empty if they do not fit into memory.
     fn make(&self, method: Method, count: u32, asked: &[usize], lights: &[Particle]) -> Result<Made> {
         let made = match method {
             Method::MegaViews | Method::ManyLods => self.traversed(method, count, asked),
@@ -335,7 +336,7 @@ impl<'a> Stage<'a> {
         })
     }
 
-    /// Maps that are rendered from where their particles are.
+    /// Reads maps that are rendered from their own particle's position.
     fn own(&self, maps: &MapSet, indices: &[u32], lights: &[Particle]) -> Result<Vec<ParticleMap>> {
         let map = |(&index, light): (&u32, &Particle)| {
             let middle: DVec3 = light.position;
@@ -344,7 +345,7 @@ impl<'a> Stage<'a> {
         indices.iter().zip(lights).map(map).collect()
     }
 
-    /// The median time of frames in which particles move on, the first left out; milliseconds.
+    /// Median milliseconds of frames with moving particles, without the first frame.
     fn times(&self, count: u32, mut render: impl FnMut(&ViewList) -> Result<()>) -> Result<f64> {
         let mut times = Vec::new();
         for frame in 0..=self.options.rounds {
@@ -356,7 +357,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// Whether something did not fit into memory, rather than going wrong.
+/// Whether an error means that something did not fit into memory.
 fn is_too_large(error: &anyhow::Error) -> bool {
     matches!(error.downcast_ref(), Some(HierarchyError::TooLarge { .. }))
 }
@@ -370,10 +371,7 @@ fn plot(rows: &[Map<String, Value>], options: &Options) -> Plot {
     };
     Plot {
         name: "time".to_owned(),
-        title: format!(
-            "Maps of particles that move: {}",
-            options.scene.rsplit('/').next().unwrap_or_default()
-        ),
+        title: format!("Maps of moving particles: {}", options.scene.rsplit('/').next().unwrap_or_default()),
         x: Axis::log("particles"),
         y: Axis::log("time of a frame, ms"),
         series: Method::ALL[..4].iter().map(series).collect(),

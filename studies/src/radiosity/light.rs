@@ -1,11 +1,11 @@
-//! One light in place of a scene's own, so that what is measured is what it is said to be.
+//! Replaces a scene's lights by a single one.
 
 use argus_scene::{Light, Lighting, Scene, Sky};
 use glam::Vec3;
 
 use crate::megaviews::Emitter;
 
-/// Lights a scene by this alone, under a black sky, as brightly as its size asks for.
+/// Lights a scene by this light alone under a black sky. Its intensity follows the scene's size.
 pub(super) fn replace(scene: &mut Scene, emitter: &Emitter) {
     let intensity = Vec3::splat((scene.bounds().size().length() * 0.5).powi(2) as f32);
     let light = match *emitter {

@@ -1,12 +1,11 @@
-//! What each of instant radiosity's approximations costs, and what it is worth.
+//! Radiosity: the cost and the error of each approximation of instant radiosity.
 //!
-//! One view of a scene under indirect light, against two truths: one that is path-traced, and one whose VPLs are as
-//! many, with maps as large, as fit the device, all of them gathered. Each row differs from the first in one knob.
-//! All of them see one ray a pixel, so that the differences are those of light. Times are wall times: of tracing VPLs
-//! and making their maps, once a pose, and of a view with indirect light less one without.
+//! One view under indirect light is compared with two references: a path-traced one, and one that gathers all of as
+//! many VPLs, with maps as large, as fit the device. Each row changes one knob of the first row. All use one ray per
+//! pixel, so that only light differs. Times are wall times: tracing VPLs and rendering their maps, once per pose, and
+//! a view with indirect light minus one without.
 //!
-//! Rows of *points* stand beside them: the same light from small images of an octree of the scene that blocks of pixels
-//! see, without any VPLs.
+//! Rows of *points* compute the same light without VPLs, from small images of a scene octree seen from blocks of pixels.
 
 mod light;
 
@@ -32,61 +31,61 @@ use crate::megaviews::Emitter;
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
-/// What is measured, and how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// As [`argus_scene::open`] takes it.
+    /// Scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// In place of the scene's lights and sky.
+    /// A light that replaces the scene's lights and sky.
     pub light: Option<Emitter>,
-    /// Where the view is from; the scene's first camera otherwise.
+    /// Camera of the view; `None`: the scene's first camera.
     pub camera: Option<Camera>,
-    /// Pixels of the view.
+    /// View size in pixels.
     pub size: [u32; 2],
-    /// What the rows depart from.
+    /// Knobs of the first row; each other row changes one of them.
     pub base: VplKnobs,
     /// Numbers of VPLs.
     pub vpls: Vec<u32>,
-    /// Sides of maps.
+    /// Sides of VPL maps in texels.
     pub sides: Vec<u32>,
-    /// Where maps come from.
+    /// Sources of VPL maps.
     pub sources: Vec<MapSource>,
-    /// Levels of the scene's octree.
+    /// Levels of the scene octree.
     pub levels: Vec<u32>,
-    /// VPLs that a pixel gathers from.
+    /// VPLs from which a pixel gathers.
     pub samples: Vec<u32>,
-    /// Reaches of the filter.
+    /// Radii of the filter in pixels.
     pub filters: Vec<u32>,
-    /// Groups of VPLs that blocks keep.
+    /// Groups of VPLs that a block keeps.
     pub groups: Vec<u32>,
-    /// Cut-offs, shares of the scene's diagonal.
+    /// Cut-off distances, as shares of the scene's diagonal.
     pub cutoffs: Vec<f64>,
-    /// Distances nearer than which VPLs light no more strongly, shares of the scene's diagonal.
+    /// Distances below which a VPL's light does not increase, as shares of the scene's diagonal.
     pub clamps: Vec<f64>,
-    /// How far behind a map's distance a surface may lie, widths of a texel.
+    /// Depth biases of map lookups, in texel widths.
     pub biases: Vec<f64>,
     /// Points splatted into each imperfect map.
     pub points: Vec<u32>,
-    /// What the rows of points depart from.
+    /// Knobs of the first row of points.
     pub points_base: PointKnobs,
-    /// Levels of their octree.
+    /// Levels of the points' octree.
     pub point_levels: Vec<u32>,
-    /// Sides of receivers' maps.
+    /// Sides of receivers' maps in texels.
     pub point_sides: Vec<u32>,
-    /// Pixels on a side of their blocks.
+    /// Sides of pixel blocks in pixels.
     pub blocks: Vec<u32>,
-    /// VPLs and side of maps of the truth by VPLs.
+    /// Number of VPLs and side of maps of the reference by VPLs.
     pub most: (u32, u32),
-    /// Paths from each pixel of the path-traced truth.
+    /// Paths per pixel of the path-traced reference.
     pub paths: u32,
-    /// Rounds that medians are taken over.
+    /// Measured rounds; each time is their median.
     pub rounds: usize,
     /// Folder for the images of all rows.
     pub images: Option<PathBuf>,
 }
 
 impl Default for Options {
-    /// Some minutes on two cores.
+    /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
             scene: "terrain:50000".to_owned(),
@@ -146,7 +145,7 @@ impl Effort for Options {
 }
 
 impl Options {
-    /// The first row, and one for each departure from it.
+    /// The first row, and a row for each changed knob.
     fn rows(&self) -> Vec<(&'static str, Indirect)> {
         let base = self.base;
         let mut rows = vec![("as given", base)];
@@ -161,7 +160,7 @@ impl Options {
                 .iter()
                 .map(|&levels| ("octree levels", VplKnobs { maps: MapSource::MegaViews, levels, ..base })),
         );
-        // What culling and weighing are worth shows where nothing is smoothed.
+        // Culling and weighting are compared without the filter, which would hide their effect.
         let bare = VplKnobs { filter: 0, ..base };
         for (cull, weigh) in [(false, false), (true, false), (false, true), (true, true)] {
             rows.push(("culling", VplKnobs { cull, weigh, ..bare }));
@@ -172,7 +171,7 @@ impl Options {
         rows.extend(
             self.cutoffs.iter().map(|&cutoff| ("cut-off", VplKnobs { cutoff, weigh: false, ..bare })),
         );
-        // As many texels as the first row has, in few large maps.
+        // As many texels as the first row, in a few large maps.
         let few = (base.vpls * base.map_side * base.map_side / (128 * 128)).max(1);
         let large = VplKnobs { vpls: few, map_side: 128, samples: base.samples.min(few), ..base };
         rows.push(("few large maps", large));
@@ -188,7 +187,7 @@ impl Options {
         unique
     }
 
-    /// The same of light by points.
+    /// The rows of light by points.
     fn point_rows(&self) -> impl Iterator<Item = (&'static str, PointKnobs)> {
         let base = PointKnobs { bounces: self.base.bounces, ..self.points_base };
         let levels = self.point_levels.iter().map(move |&levels| PointKnobs { levels, ..base });
@@ -203,7 +202,7 @@ impl Options {
     }
 }
 
-/// A scene under indirect light, and the truths about one view of it.
+/// A scene with indirect light, and the references of its view.
 struct Stage {
     sampler: GpuSampler,
     without: GpuSampler,
@@ -234,7 +233,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         progress.set_message(differs);
         stage.sampler.set_indirect(knobs)?;
         let (image, view_ms, unlit_ms) = stage.measure(options.rounds)?;
-        // On a busy machine the difference of small times may come out below nothing.
+        // On a busy machine the difference of small times may be negative.
         let gather_ms = (view_ms - unlit_ms).max(0.0);
         let traced = compare(&stage.path_traced, &image)?;
         let by_vpls = compare(&stage.by_vpls, &image)?;
@@ -263,13 +262,13 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let off = compare(&stage.path_traced, &stage.unlit)?;
     let (vpls, side) = options.most;
     report.notes.push(format!(
-        "The truth by VPLs ({vpls} of them with exact maps of {side}², all gathered) has a FLIP of {:.4}, {:.1} dB and \
-         an SSIM of {:.4} against the path-traced one ({} paths a pixel); no indirect light has {:.4}, {:.1} dB, {:.4}.",
+        "The reference by VPLs ({vpls}, with exact maps of {side}², all gathered) has a FLIP of {:.4}, {:.1} dB and an SSIM \
+        of {:.4} against the path-traced one ({} paths per pixel); without indirect light: {:.4}, {:.1} dB, {:.4}.",
         floor.flip_mean, floor.psnr_db, floor.ssim, options.paths, off.flip_mean, off.psnr_db, off.ssim,
     ));
-    report
-        .notes
-        .push("view_ms: a view without indirect light; gather_ms: what it takes beyond that.".to_owned());
+    report.notes.push(
+        "view_ms: a view without indirect light. gather_ms: the further time with indirect light.".to_owned(),
+    );
     report.note_longest_pass(&gpu);
     report.plots.push(plot(options, &points));
     Ok(report)
@@ -316,7 +315,7 @@ fn point_row(knobs: &PointKnobs, lit: &PointReport) -> Row {
     }))
 }
 
-/// What rows of both ways have.
+/// Columns of both kinds of rows.
 fn common_row(
     differs: &str,
     [unlit_ms, gather_ms]: [f64; 2],
@@ -337,7 +336,7 @@ fn common_row(
     }))
 }
 
-/// JSON has no infinity.
+/// Drops infinities, which JSON does not have.
 fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
 }
@@ -345,14 +344,14 @@ fn finite(x: f64) -> Option<f64> {
 fn plot(options: &Options, points: &[(&'static str, f64, f64)]) -> Plot {
     let mut series: Vec<Series> = Vec::new();
     for &(differs, ms, flip) in points {
-        // All of them are one alternative to VPLs.
+        // All rows of points are one series.
         let differs = if differs.starts_with("points,") { "points" } else { differs };
         match series.iter_mut().find(|series| series.name == differs) {
             Some(series) => series.points.push((ms, flip)),
             None => series.push(Series { name: differs.to_owned(), points: vec![(ms, flip)], line: false }),
         }
     }
-    // What is smoothed less or costs energy is no alternative to the others, and shapes tell seven apart.
+    // Rows that smooth less or lose energy are left out. Shapes distinguish seven series.
     const SHOWN: [&str; 7] =
         ["as given", "VPLs", "resolution", "source", "octree levels", "samples", "points"];
     series.retain(|series| SHOWN.contains(&series.name.as_str()));
@@ -380,7 +379,7 @@ impl Stage {
         let folder = cache::directory();
         let truth =
             cache::render_with(folder.as_deref(), &tracer, &camera, options.size, 1, Some(paths), |_| ());
-        // Bright enough to see the indirect light by: a dark grey for the geometric mean.
+        // The exposure makes the geometric mean of the indirect light a dark grey.
         let luminance = |c: &glam::Vec3| f64::from(c.element_sum()) / 3.0;
         let lit = truth.radiance.iter().map(luminance).filter(|l| *l > 1e-6);
         let logs: Vec<f64> = lit.map(f64::ln).collect();
@@ -419,10 +418,10 @@ impl Stage {
         Ok(Self { sampler, without, job, path_traced: truth.display(exposure), by_vpls, unlit })
     }
 
-    /// The view, the milliseconds that it took, and those of the view without indirect light: medians of rounds in
-    /// which the two take turns.
+    /// Returns the image, the milliseconds of the view, and those of the view without indirect light: medians of
+    /// alternating rounds.
     fn measure(&mut self, rounds: usize) -> Result<(RgbImage, f64, f64)> {
-        // Traces VPLs and makes their maps, which is reported apart, and has the driver compile.
+        // The first render traces VPLs, renders their maps (reported separately) and compiles the pipelines.
         let image = image_of(&render(&mut self.sampler, &self.job)?)?;
         let (mut lit, mut unlit) = (Vec::new(), Vec::new());
         for _ in 0..rounds.max(1) {
@@ -435,8 +434,8 @@ impl Stage {
         Ok((image, median(&lit), median(&unlit)))
     }
 
-    /// Light that an image has beyond the one without indirect light, as a share of what the truth by VPLs has; of
-    /// what a display shows, so that what is brighter than white counts as white.
+    /// Indirect light of an image as a share of the reference by VPLs. Measured on displayed values, so values
+    /// brighter than white count as white.
     fn energy(&self, image: &RgbImage) -> f64 {
         let sum = |image: &RgbImage| {
             image.iter().map(|&b| f64::from(linear_from_srgb(f32::from(b) / 255.0))).sum::<f64>()
@@ -460,7 +459,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_row_departs_from_the_first_in_its_own_way() {
+    fn every_row_differs_from_all_rows_before_it() {
         let options = Options::default();
         let rows = options.rows();
         assert_eq!(rows[0].1, Indirect::Vpl(options.base));

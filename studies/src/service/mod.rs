@@ -1,12 +1,13 @@
-//! The service as its users meet it: how soon the first view comes, how late views come under an open load, and how far
-//! they are from the truth, by default and with each way of making views forced.
+//! Service: the time to the first view, latency under an open load, and image error, by default and with each
+//! method forced.
 //!
-//! Each mode has a cluster of its own, started anew, and two phases. In the *cold* one clients ask as soon as there is
-//! an address to ask at. Then the same walk warms the service up, it may settle, and the *warm* phase repeats the walk.
-//! When each view is due is fixed beforehand, and its latency counts from then. A few views of each phase are judged, as they
-//! came under load, against direct views of 16 samples a pixel of the same poses, which are rendered after the loads. Then
-//! some views are asked for one at a time, by default and with each way forced, to see what the choice of ways costs; and,
-//! where that is wanted, more is asked for than direct views carry.
+//! Each mode runs on a new cluster, in two phases. In the *cold* phase clients send as soon as the service has an
+//! address. The same walk then warms the service up; it may settle; the *warm* phase repeats the walk. The time at
+//! which each view is due is fixed beforehand, and its latency counts from then.
+//!
+//! Some views of each phase are judged as they came under load. Their references, direct views of 16 samples per
+//! pixel, are rendered after the loads. Afterwards some views are requested one at a time, by default and with each
+//! method forced, to measure the planner's regret. Optionally, loads beyond the capacity of direct views follow.
 
 mod mode;
 mod overload;
@@ -38,35 +39,35 @@ use crate::local_cluster::LocalCluster;
 use crate::median::mean;
 use crate::{Effort, Machine, Report};
 
-/// What is measured, and for how long.
+/// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
-    /// Clients, each on a way of its own.
+    /// Clients, each on its own path.
     pub clients: u32,
-    /// Views a second of each client.
+    /// Views per second of each client.
     pub rate: f64,
-    /// How clients move.
+    /// How the clients' cameras move.
     pub walk: Walk,
-    /// Seconds of a phase.
+    /// Seconds of each phase.
     pub seconds: f64,
     /// Worker processes.
     pub workers: usize,
-    /// How often all of it is repeated; rows are medians.
+    /// Repetitions; each row is their median.
     pub runs: usize,
-    /// Views of a phase whose error is measured.
+    /// Views per phase whose error is measured.
     pub judged: u64,
-    /// Before the warm phase, the service may take at most so long to finish what it has begun, seconds; twice.
+    /// Longest time in seconds for the service to settle, before the warm-up and again before the warm phase.
     pub settle_secs: f64,
-    /// Whether each cluster starts with empty caches of the user, as on a machine that never ran Argus. Otherwise they are
-    /// filled by a start that is not measured.
+    /// Whether each cluster starts with empty cache folders, like a machine that never ran Argus. Otherwise a start
+    /// that is not measured fills them first.
     pub empty_caches: bool,
-    /// Views that are rendered one at a time in every way, to see what the planner's choices cost; 0: none.
+    /// Views rendered one at a time with every method, to measure the planner's regret; 0: none.
     pub regret_views: u32,
-    /// Whether more load than direct views carry is measured as well, with further clusters.
+    /// Whether to measure loads beyond the capacity of direct views too, on further clusters.
     pub overload: bool,
     /// Further arguments of `argus serve`, such as the rig's.
     pub serve: Vec<String>,
@@ -108,37 +109,37 @@ impl Effort for Options {
     }
 }
 
-/// A view without a frame for this long has failed.
+/// A view without a frame after this time has failed.
 const DEADLINE: Duration = Duration::from_secs(30);
-/// A view that fills caches is waited for this long.
+/// Deadline of a view that fills caches.
 const FIRST_DEADLINE: Duration = Duration::from_secs(120);
-/// Connections that all clients share, at most.
+/// Largest number of connections that all clients share.
 const CONNECTIONS: u32 = 4;
 
-/// How much is asked for.
+/// The load of a phase.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Load {
-    /// Views a second, of each client.
+    /// Views per second of each client.
     rate: f64,
-    /// A view without a frame for this long has failed.
+    /// A view without a frame after this time has failed.
     deadline: Duration,
 }
 
 impl Load {
-    /// As the options say.
+    /// The load that the options ask for.
     fn of(options: &Options) -> Self {
         Self { rate: options.rate, deadline: DEADLINE }
     }
 }
 
-/// The phases of every mode; overload comes apart.
+/// The phases of every mode, without overloads.
 const PHASES: [Phase; 2] = [Phase::Cold, Phase::Warm];
 
 /// Runs the study with clusters of the program `argus`; `progress` counts phases.
 ///
 /// # Errors
-/// A cluster that does not come up or that ends, options that name no load, a reference that is not rendered. Views that
-/// fail under load are counted and are no error.
+/// A cluster that does not start or that ends, options without load, or a reference that is not rendered. Views that fail
+/// under load are counted, and are not an error.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     let runs = options.runs.max(1);
     let phases = PHASES.len() + if options.overload { 2 } else { 0 };
@@ -150,7 +151,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     }
     for run in 0..runs {
         for turn in 0..Mode::ALL.len() {
-            // Each is first in turn, so that none has what the one before it left behind in every run.
+            // Modes take turns to be first, so that none always profits from the one before it.
             let mode = Mode::ALL[(run + turn) % Mode::ALL.len()];
             let outcome = of_mode(argus, options, mode, &mut truths, progress).await;
             let (used, phases) = outcome.with_context(|| format!("mode {}", mode.name()))?;
@@ -173,8 +174,8 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     Ok(report)
 }
 
-/// Has a view of each mode made by a cluster that is not measured. The driver of its workers then has all programs in the
-/// user's cache, whether this machine has run Argus before or not: compiling them takes seconds.
+/// Renders a view of each mode on a cluster that is not measured. The driver's cache then holds all programs, whose
+/// compilation takes seconds.
 async fn fill_caches(argus: &Path, options: &Options) -> Result<()> {
     let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
     let client = connect(&cluster, options).await?;
@@ -183,14 +184,14 @@ async fn fill_caches(argus: &Path, options: &Options) -> Result<()> {
         let (camera, plan) = (options.walk.camera(description, 0, 0.0), mode.plan());
         let view = View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None };
         let patience = RenderOptions { deadline: FIRST_DEADLINE, ..RenderOptions::default() };
-        // One that does not come leaves the caches as they are, and the study says so by its figures.
+        // A failed view leaves the caches as they are, which the figures will show.
         drop(client.render(&view, &patience).await);
     }
     drop(client);
     cluster.stop()
 }
 
-/// Both phases with a cluster of its own, and what the workers render with.
+/// Both phases of a mode on its own cluster, and the workers' device.
 async fn of_mode(
     argus: &Path,
     options: &Options,
@@ -214,7 +215,7 @@ async fn of_mode(
     let patience = Duration::try_from_secs_f64(options.settle_secs)?;
     settle(&client, options.workers, patience).await?;
     let (_, between) = of_phase(&client, options, mode, Load::of(options)).await?;
-    // Where all views of the cold phase failed, the first one came later.
+    // If every view of the cold phase failed, the first frame came during the warm-up.
     let first = cold_views.first.or(between.first);
     cold.first_view_ms = first.map(|at| (at - cluster.started()).as_secs_f64() * 1e3);
     let settled = settle(&client, options.workers, patience).await?;
@@ -227,7 +228,7 @@ async fn of_mode(
     cold.errors = truths.judge(&client, &cold_views.judged).await?;
     warm.errors = truths.judge(&client, &warm_views.judged).await?;
     if mode == Mode::Default && options.regret_views > 0 {
-        say("each way by itself");
+        say("each method alone");
         warm.regret = regret::measure(&client, options, truths).await?;
     }
     let device = client.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
@@ -236,13 +237,13 @@ async fn of_mode(
     Ok((device, [cold, warm]))
 }
 
-/// A client with as many connections as the load takes.
+/// Connects a client with as many connections as the load needs.
 async fn connect(cluster: &LocalCluster, options: &Options) -> Result<Client> {
     let connections = options.clients.clamp(1, CONNECTIONS) as usize;
     let connect = ConnectOptions { connections, ..ConnectOptions::default() };
     let until = Instant::now() + FIRST_DEADLINE;
     loop {
-        // On a busy machine a service may not say in time that it is there, and is asked again.
+        // On a busy machine the service may answer late; try again.
         match Client::connect_with(cluster.url(), &connect).await {
             Err(_) if Instant::now() < until => tokio::time::sleep(Duration::from_millis(20)).await,
             connected => return Ok(connected?),
@@ -250,7 +251,7 @@ async fn connect(cluster: &LocalCluster, options: &Options) -> Result<Client> {
     }
 }
 
-/// Microseconds that planning a view took, of those that were planned between two looks at the status.
+/// Mean microseconds to plan a view, for views planned between two statuses.
 fn planning_us(before: &ClusterStatus, after: &ClusterStatus) -> Option<f64> {
     let views = after.views_planned.checked_sub(before.views_planned).filter(|views| *views > 0)?;
     Some((after.planning_us - before.planning_us) / views as f64)
@@ -259,12 +260,12 @@ fn planning_us(before: &ClusterStatus, after: &ClusterStatus) -> Option<f64> {
 /// What is kept of a phase's views.
 #[derive(Default)]
 struct Views {
-    /// When the first frame had come.
+    /// When the first frame arrived.
     first: Option<Instant>,
     judged: Vec<Judged>,
 }
 
-/// One load, from its first view to the last answer.
+/// Runs one load, from its first view to the last answer.
 async fn of_phase(client: &Client, options: &Options, mode: Mode, load: Load) -> Result<(Measured, Views)> {
     let asked = LoadOptions {
         clients: options.clients,
@@ -283,7 +284,7 @@ async fn of_phase(client: &Client, options: &Options, mode: Mode, load: Load) ->
     let report = run_along(client, &asked, cameras, |ended: Ended| match ended.outcome {
         Ok(frame) => {
             measured.latencies_ms.push((ended.at - ended.due).as_secs_f64() * 1e3);
-            *measured.ways.entry(way_of(&frame)).or_default() += 1;
+            *measured.methods.entry(method_of(&frame)).or_default() += 1;
             measured.timed.take(&frame);
             unresolved.push(frame.unresolved_fraction);
             let at = ended.at.into_std();
@@ -293,7 +294,7 @@ async fn of_phase(client: &Client, options: &Options, mode: Mode, load: Load) ->
             }
         }
         Err(error) => {
-            // That it was turned away at once does not make it fast.
+            // A fast rejection counts as slow as the deadline.
             measured.latencies_ms.push(load.deadline.as_secs_f64() * 1e3);
             measured.first_error.get_or_insert_with(|| error.to_string());
         }
@@ -310,9 +311,9 @@ async fn of_phase(client: &Client, options: &Options, mode: Mode, load: Load) ->
     Ok((measured, views))
 }
 
-/// How a frame was made: one of [`row::WAYS`].
-fn way_of(frame: &Frame) -> &'static str {
-    let [direct, warp, traced] = row::WAYS;
+/// How a frame was made: one of [`row::METHODS`].
+fn method_of(frame: &Frame) -> &'static str {
+    let [direct, warp, traced] = row::METHODS;
     match frame.provenance.plan {
         Plan::Direct { .. } => direct,
         Plan::Warp(_) if frame.served.traced > 0 => traced,
@@ -320,7 +321,7 @@ fn way_of(frame: &Frame) -> &'static str {
     }
 }
 
-/// Which views are judged: so many, as client and number, evenly spread over the time and over the clients.
+/// Picks `count` views to judge, as (client, index), evenly spread over time and clients.
 fn spread_over(views: u64, clients: u32, count: u64) -> BTreeSet<(u32, u64)> {
     let count = count.min(views.saturating_mul(u64::from(clients)));
     let step = (u64::from(clients) / count.max(1)).max(1);
@@ -335,21 +336,21 @@ fn notes(options: &Options, measured: &[(Mode, Phase, Measured)]) -> Vec<String>
     let Options { clients, rate, size: [width, height], seconds, workers, .. } = options;
     let mut notes = vec![format!(
         "{clients} clients, {rate} views a second each, {width}×{height} pixels, walk `{}`, {seconds} s a phase, {workers} \
-         workers, {} run(s). A view without a frame after {} s has failed, and counts in p50 and p99 with that time. \
-         {}",
+        workers, {} run(s). A view without a frame after {} s has failed and counts with that time in p50 and p99. \
+        {}",
         options.walk.name(),
         options.runs.max(1),
         DEADLINE.as_secs(),
         match options.empty_caches {
             true => "Clusters start with empty caches: drivers compile every program anew.",
-            false => "Programs that the driver has compiled are kept between starts.",
+            false => "Compiled programs stay in the driver's cache between starts.",
         }
     )];
     let mut said = BTreeSet::new();
     for (mode, phase, of) in measured {
         let name = format!("{}, {}", mode.name(), phase.name());
         if let Some(error) = of.first_error.as_ref().filter(|_| said.insert(name.clone())) {
-            notes.push(format!("{name}: the first view that failed: {error}."));
+            notes.push(format!("{name}: the first failed view: {error}."));
         }
     }
     if options.overload {
@@ -357,23 +358,24 @@ fn notes(options: &Options, measured: &[(Mode, Phase, Measured)]) -> Vec<String>
             of.offered_per_sec.filter(|_| *phase == Phase::Twice).map(|offered| offered / 2.0)
         });
         notes.push(format!(
-            "Overload: direct views carry {:.1} views a second. share_of_peak: views a second, over the most that a forced \
-             way answers in either overload with frames within bound, or as good.",
+            "Overload: the capacity for direct views is {:.1} views a second. share_of_peak: views a second, over the most that \
+            a forced method answers in either overload with frames within bound or as good.",
             carried.unwrap_or(0.0)
         ));
     }
     notes.push(
-        "time_predicted: share of planned frames whose queue and rendering took within 30% or 3 ms of what was predicted. \
-         error_bounded, error_ratio: of judged frames from samples, the share whose mean FLIP is at most the predicted one \
-         (the direct view's and the predicted excess), and the median of predicted over true. regret: time of queue and \
-         rendering over that of the best way within bound, each view by itself. planning_us: microseconds in which the \
-         coordinator chose way and worker, a view. error_factor: by what probes had it multiply predicted excess."
+        "time_predicted: share of planned frames whose queueing and rendering took the predicted time within 30% or 3 ms. \
+        error_bounded, error_ratio: for judged frames from samples, the share whose mean FLIP is at most the predicted one \
+        (the direct view's plus the predicted excess), and the median of predicted over true FLIP. regret: queueing and \
+        rendering time over that of the best method within bound, minus 1, view by view. planning_us: microseconds per \
+        view in which the coordinator chose method and worker. error_factor: the factor on predicted excess, learned from \
+        probes."
             .to_owned(),
     );
     if measured.iter().any(|(.., of)| of.settled == Some(false)) {
         let secs = options.settle_secs;
         notes.push(format!(
-            "settled below 1: after {secs} s, samples were still rendered or work was queued."
+            "settled below 1: after {secs} s, samples were still being rendered or work was queued."
         ));
     }
     notes
@@ -384,7 +386,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn judged_views_are_spread_over_the_time_and_the_clients() {
+    fn judged_views_are_spread_over_time_and_clients() {
         let judged = spread_over(40, 4, 12);
         assert_eq!(judged.len(), 12);
         for client in 0..4 {
@@ -397,14 +399,14 @@ mod tests {
     }
 
     #[test]
-    fn of_many_clients_the_judged_ones_are_spread_too() {
+    fn with_many_clients_the_judged_clients_are_spread_too() {
         let judged = spread_over(50, 100, 10);
         let clients: Vec<u32> = judged.iter().map(|(client, _)| *client).collect();
         assert_eq!(clients, [0, 10, 20, 30, 40, 50, 60, 70, 80, 90]);
     }
 
     #[test]
-    fn there_are_no_more_judged_views_than_views() {
+    fn no_more_views_are_judged_than_there_are() {
         assert_eq!(spread_over(1, 1, 12), BTreeSet::from([(0, 0)]));
         assert!(spread_over(1, 3, 12).len() <= 3);
         assert!(spread_over(40, 4, 0).is_empty() && spread_over(0, 4, 12).is_empty());

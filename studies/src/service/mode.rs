@@ -1,15 +1,15 @@
-//! How views are asked for, and in which state of the service.
+//! How views are requested, and the state of the service.
 
 use argus_scene::{PlanRequest, Search};
 
-/// How views are asked for.
+/// How views are requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mode {
-    /// The plan is left open.
+    /// The service chooses the plan.
     Default,
-    /// From the triangles.
+    /// Rendered from triangles.
     Direct,
-    /// From samples: a request that names a search waits for them.
+    /// Warped from samples: a request that names a search waits for them.
     Warp,
 }
 
@@ -33,21 +33,21 @@ impl Mode {
     }
 }
 
-/// What the service has done before, and how much is asked of it.
+/// What the service did before, and the load on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Phase {
-    /// Nothing: its processes have just been started.
+    /// Its processes have just been started.
     Cold,
-    /// It has answered the same walk, and had time to settle.
+    /// It has answered the same walk and had time to settle.
     Warm,
-    /// Warm, with twice the load that direct views carry.
+    /// Warm, at twice the capacity for direct views.
     Twice,
-    /// Warm, with four times that load.
+    /// Warm, at four times that capacity.
     Fourfold,
 }
 
 impl Phase {
-    /// All of them, in the order of rows.
+    /// All phases, in the order of rows.
     pub(super) const ALL: [Self; 4] = [Self::Cold, Self::Warm, Self::Twice, Self::Fourfold];
 
     pub(super) fn name(self) -> &'static str {

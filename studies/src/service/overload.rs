@@ -1,4 +1,4 @@
-//! More load than direct views carry: how much of the best forced way's rate is left by default.
+//! Loads beyond the capacity of direct views: the default's share of the best forced method's rate.
 
 use std::path::Path;
 use std::time::Duration;
@@ -17,21 +17,21 @@ use super::watch::settle;
 use super::{Load, Options, connect, of_phase};
 use crate::local_cluster::LocalCluster;
 
-/// Views that find out roughly how many a second are answered, before that is measured.
+/// Views of the first burst, which estimates the rate of the second.
 const FIRST: u32 = 16;
-/// Views of the measurement, at most: it shall take no longer than a phase.
+/// Most views of the second burst, so that it takes no longer than a phase.
 const MOST: u32 = 4000;
-/// Views at the same time of each worker: enough that none waits for the next one.
+/// Views in flight per worker: enough that no worker runs out of them.
 const IN_FLIGHT: usize = 8;
-/// A view of an overload without a frame for this long has failed: later it is worth little, and the phase would not end.
+/// A view without a frame after this time has failed. A longer deadline would prolong the phase for late views.
 const DEADLINE: Duration = Duration::from_secs(10);
-/// Excess that frames may have beside that of the default, to count as of the same error.
+/// Largest difference of excess FLIP between frames of equal error.
 const SAME_ERROR: f64 = 0.005;
 
-/// The modes, forced ones first, each with a cluster of its own.
+/// The modes, forced ones first; each has its own cluster.
 const ORDER: [Mode; 3] = [Mode::Direct, Mode::Warp, Mode::Default];
 
-/// Both overloads of all modes; `progress` counts them.
+/// Runs both overloads of all modes; `progress` counts them.
 pub(super) async fn run(
     argus: &Path,
     options: &Options,
@@ -68,7 +68,7 @@ pub(super) async fn run(
     Ok(all)
 }
 
-/// Views a second that are answered where there is always a next one.
+/// Views answered per second when there is always a next one.
 async fn peak(client: &Client, options: &Options, mode: Mode) -> Result<f64> {
     let ([width, height], walk, clients) = (options.size, options.walk, options.clients.max(1));
     let patience = RenderOptions { deadline: DEADLINE, ..RenderOptions::default() };
@@ -91,8 +91,8 @@ async fn peak(client: &Client, options: &Options, mode: Mode) -> Result<f64> {
     Ok(views_per_sec)
 }
 
-/// Says of each phase which share it has of the most views a second that a forced way answers, in either overload, with
-/// frames of about the same error or within bound.
+/// Sets each phase's share of the highest rate of a forced method, in either overload, whose frames are within bound
+/// or have about the same error.
 fn state_shares(all: &mut [(Mode, Phase, Measured)]) {
     let forced: Vec<(f64, f64)> = all
         .iter()
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_share_is_of_the_best_forced_way_whose_frames_are_as_good() {
+    fn the_share_compares_with_the_best_forced_method_of_equal_error() {
         let row = |mode, views_per_sec, excess| {
             let errors = Errors { excess: Some(excess), ..Errors::default() };
             (mode, Phase::Twice, Measured { views_per_sec, errors, ..Measured::default() })
@@ -121,7 +121,7 @@ mod tests {
         let mut all =
             [row(Mode::Direct, 50.0, 0.0), row(Mode::Warp, 200.0, 0.1), row(Mode::Default, 45.0, 0.01)];
         state_shares(&mut all);
-        assert_eq!(all[2].2.share_of_peak, Some(0.9), "the faster way is not as good");
+        assert_eq!(all[2].2.share_of_peak, Some(0.9), "the faster method is not as good");
         all[2].2.errors.excess = Some(0.1);
         state_shares(&mut all);
         assert_eq!(all[2].2.share_of_peak, Some(0.225));

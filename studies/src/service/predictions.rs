@@ -1,13 +1,13 @@
-//! How well the planner predicted the time that frames took.
+//! How well the planner predicts the time of frames.
 
 use argus_scene::Frame;
 
-/// A prediction is good where the measured time differs from it by no more than this share of it.
+/// A prediction is close if it differs by at most this share of the predicted time,
 const SHARE: f64 = 0.3;
-/// A prediction is good, too, where the measured time differs from it by no more milliseconds.
+/// or by at most this many milliseconds.
 const MS: f64 = 3.0;
 
-/// Frames whose time the planner predicted.
+/// Counts of frames with a predicted time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Timed {
     predicted: u64,
@@ -15,20 +15,20 @@ pub(super) struct Timed {
 }
 
 impl Timed {
-    /// Takes in a frame. One whose way was named, or whose cost was not known, was not predicted.
+    /// Counts a frame. Frames with a named plan or an unknown cost have no prediction.
     pub(super) fn take(&mut self, frame: &Frame) {
         let Some(decision) = frame.decision.filter(|decision| decision.render_ms > 0.0) else { return };
         self.predicted += 1;
         self.close += u64::from(is_close(decision.wait_ms + decision.render_ms, took_ms(frame)));
     }
 
-    /// Share of the predicted frames that took about as long as was predicted.
+    /// Share of predicted frames whose prediction was close.
     pub(super) fn share(&self) -> Option<f64> {
         (self.predicted > 0).then(|| self.close as f64 / self.predicted as f64)
     }
 }
 
-/// Milliseconds that a view waited for the render thread of its worker, and was rendered.
+/// Milliseconds that a view waited for its worker's render thread and was rendered.
 pub(super) fn took_ms(frame: &Frame) -> f64 {
     let queued = frame.stages.iter().filter(|stage| stage.name == "queue").map(|stage| stage.ms);
     queued.sum::<f64>() + frame.rendering_ms()
@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_time_is_predicted_within_thirty_per_cent_or_three_milliseconds() {
+    fn a_prediction_is_close_within_thirty_per_cent_or_three_milliseconds() {
         assert!(is_close(1.0, 3.9) && !is_close(1.0, 4.1));
         assert!(is_close(100.0, 71.0) && is_close(100.0, 129.0) && !is_close(100.0, 131.0));
         assert!(!is_close(10.0, f64::NAN));

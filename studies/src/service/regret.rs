@@ -1,4 +1,4 @@
-//! What the planner's choices cost: the same views by default and with each way forced, one at a time.
+//! The planner's regret: the same views by default and with each method forced, one at a time.
 
 use std::time::{Duration, Instant};
 
@@ -11,22 +11,22 @@ use super::mode::Mode;
 use super::predictions::took_ms;
 use super::truth::{Judged, Truths};
 
-/// A frame from samples counts as a way within bound where its mean FLIP is above that of the direct view by no more: the
-/// bound of requests that state none.
+/// Largest excess FLIP over the direct view at which a frame from samples is within bound: the default of requests
+/// without a bound.
 pub(super) const BOUND: f64 = 0.03;
 
-/// A view without a frame for this long has none.
+/// A view without a frame after this time has failed.
 const DEADLINE: Duration = Duration::from_secs(10);
 
-/// Time for the views of all ways together, at most; what is left undone then is left out.
+/// Time limit for the views of all methods; the rest is skipped.
 const BUDGET: Duration = Duration::from_secs(90);
 
-/// Time by default over that of the best way within bound.
+/// Time by default over the time of the best method within bound.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Regret {
-    /// Views that were compared.
+    /// Compared views.
     pub(super) views: u64,
-    /// Sum of the times by default over the sum of the best times, less one; `None` where nothing was compared.
+    /// Sum of the times by default over the sum of the best times, minus 1; `None` if nothing was compared.
     pub(super) share: Option<f64>,
 }
 
@@ -35,18 +35,18 @@ pub(super) struct Regret {
 struct Times {
     default_ms: f64,
     direct_ms: f64,
-    /// Of the frame from samples, where there is one within bound.
+    /// Time of the frame from samples, if it is within bound.
     warp_ms: Option<f64>,
 }
 
-/// Compares views of the service that it was started for, which should have nothing else to do.
+/// Compares views on a service that has nothing else to do.
 ///
 /// # Errors
 /// A reference that is not rendered.
 pub(super) async fn measure(client: &Client, options: &Options, truths: &mut Truths) -> Result<Regret> {
     let until = Instant::now() + BUDGET;
     let mut compared: Vec<(Camera, [Option<Frame>; 3])> = Vec::new();
-    // Default and direct in turns, so that both find the same machine, and before forced requests bring further samples.
+    // Default and direct alternate, so that both find the same machine, before forced requests bring further samples.
     for camera in poses(client, options) {
         if Instant::now() + BUDGET / 2 > until {
             break;
@@ -59,7 +59,7 @@ pub(super) async fn measure(client: &Client, options: &Options, truths: &mut Tru
         if Instant::now() > until {
             break;
         }
-        // Once for its samples, and once to be measured.
+        // The first request renders the samples; the second is measured.
         if render(client, options, *camera, Mode::Warp).await.is_some() {
             *warp = render(client, options, *camera, Mode::Warp).await;
         }
@@ -81,7 +81,7 @@ pub(super) async fn measure(client: &Client, options: &Options, truths: &mut Tru
     Ok(regret(&times))
 }
 
-/// Poses of the walk, evenly spread over the time of a phase and over the clients.
+/// Poses of the walk, evenly spread over a phase and over the clients.
 fn poses(client: &Client, options: &Options) -> Vec<Camera> {
     let count = options.regret_views;
     let secs = |k: u32| options.seconds * (f64::from(k) + 0.5) / f64::from(count);
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn regret_is_the_time_over_that_of_the_best_way_of_each_view() {
+    fn regret_compares_with_the_best_method_of_each_view() {
         let times = |default_ms, direct_ms, warp_ms| Times { default_ms, direct_ms, warp_ms };
         assert_eq!(regret(&[]), Regret { views: 0, share: None });
         let twice = regret(&[times(20.0, 20.0, Some(10.0)), times(20.0, 10.0, None)]);

@@ -1,6 +1,6 @@
-//! The rows of the service study: what was measured in a phase, and how several runs of it become one row.
+//! Rows of the service study: the figures of a phase, and their medians over several runs.
 //!
-//! A further column is a field of [`Measured`] and a line of [`COLUMNS`].
+//! A new column is a field of [`Measured`] and a line of [`COLUMNS`].
 
 use std::collections::BTreeMap;
 
@@ -17,58 +17,58 @@ use crate::plot::{Axis, Plot, Series};
 /// One phase of one run.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Measured {
-    /// From the start of the first process to the first whole frame, milliseconds; of the cold phase alone. Where no view of
-    /// that phase was answered, the frame is one of the load that warms the service up.
+    /// Milliseconds from the start of the first process to the first whole frame; cold phase only. If that phase answered
+    /// nothing, the frame is one of the warm-up.
     pub(super) first_view_ms: Option<f64>,
     /// Views that fell due.
     pub(super) sent: u64,
     /// Views whose frame came within the deadline.
     pub(super) answered: u64,
-    /// Views that the service turned away because of overload.
+    /// Views rejected because of overload.
     pub(super) rejected: u64,
-    /// Milliseconds from when each view was due, ascending. A view without a frame counts with its deadline.
+    /// Latencies in milliseconds from when each view was due, ascending. A failed view counts with its deadline.
     pub(super) latencies_ms: Vec<f64>,
     pub(super) views_per_sec: f64,
     pub(super) errors: Errors,
-    /// Mean share of pixels that no sample saw and nothing else served.
+    /// Mean share of pixels that no sample saw and no ray filled.
     pub(super) unresolved: Option<f64>,
-    /// Answered views by the way in which they were made.
-    pub(super) ways: BTreeMap<&'static str, u64>,
-    /// At the end of the phase.
+    /// Answered views by [`METHODS`].
+    pub(super) methods: BTreeMap<&'static str, u64>,
+    /// Samples at the end of the phase.
     pub(super) samples: Samples,
-    /// Whether the service had nothing left to do before the phase; `None` of a cold one.
+    /// Whether the service was idle before the phase; `None` for the cold phase.
     pub(super) settled: Option<bool>,
     /// How well times were predicted.
     pub(super) timed: Timed,
-    /// Microseconds that the coordinator took to choose way and worker, a view; `None` where no view left them open.
+    /// Microseconds per view in which the coordinator chose method and worker; `None` if every view named its plan.
     pub(super) planning_us: Option<f64>,
-    /// By what probes had the service multiply predicted errors, at the end of the phase.
+    /// The probes' factor on predicted errors, at the end of the phase.
     pub(super) error_factor: Option<f64>,
-    /// Against the best way of each view; of the warm phase by default.
+    /// Regret against the best method of each view; warm default phase only.
     pub(super) regret: Regret,
-    /// Views a second that fell due; of overloads.
+    /// Views due per second; overloads only.
     pub(super) offered_per_sec: Option<f64>,
-    /// Views a second, as a share of the most that a forced way answers as well; of overloads.
+    /// Views per second over the most that a forced method answers as well; overloads only.
     pub(super) share_of_peak: Option<f64>,
-    /// Why the first view failed that did.
+    /// The error of the first failed view.
     pub(super) first_error: Option<String>,
 }
 
 impl Measured {
-    /// The latency that this share of the views does not exceed.
+    /// The latency that a share of the views (0–1) does not exceed.
     pub(super) fn quantile_ms(&self, share: f64) -> Option<f64> {
         let rank = (share * self.latencies_ms.len() as f64).ceil() as usize;
         self.latencies_ms.get(rank.max(1) - 1).copied()
     }
 }
 
-/// One number of a row.
+/// One numeric column of a row.
 struct Column {
     name: &'static str,
     of: fn(&Measured) -> Option<f64>,
-    /// Whether it counts things.
+    /// Whether the column is a count.
     whole: bool,
-    /// Whether the least and the most of several runs are stated.
+    /// Whether the least and the largest of several runs are shown.
     spread: bool,
 }
 
@@ -114,10 +114,10 @@ const COLUMNS: [Column; 27] = [
     judged("share_of_peak", |m| m.share_of_peak),
 ];
 
-/// The ways in which a view is made, as [`Measured::ways`] names them.
-pub(super) const WAYS: [&str; 3] = ["direct", "warp", "warp+trace"];
+/// How a frame was made: the keys of [`Measured::methods`].
+pub(super) const METHODS: [&str; 3] = ["direct", "warp", "warp+trace"];
 
-/// The row of a mode and a phase: of each column the median of the runs that have it.
+/// The row of a mode and a phase: each column's median over the runs that have it.
 pub(super) fn row(mode: Mode, phase: Phase, runs: &[&Measured]) -> Map<String, Value> {
     let mut row = Map::new();
     row.insert("mode".to_owned(), mode.name().into());
@@ -133,29 +133,28 @@ pub(super) fn row(mode: Mode, phase: Phase, runs: &[&Measured]) -> Map<String, V
             spread.insert(column.name.to_owned(), json!([least, most]));
         }
     }
-    row.insert("ways".to_owned(), ways(runs));
+    row.insert("ways".to_owned(), methods(runs));
     row.insert("spread".to_owned(), if spread.is_empty() { Value::Null } else { spread.into() });
     row
 }
 
-/// Shares of the answered views, the mean of the runs that answered any; those ways that were taken.
-fn ways(runs: &[&Measured]) -> Value {
+/// Mean shares of answered views by how they were made, without zeros. Runs that answered nothing are left out.
+fn methods(runs: &[&Measured]) -> Value {
     let answering: Vec<_> = runs.iter().filter(|measured| measured.answered > 0).collect();
-    let share =
-        |way: &str| {
-            mean(answering.iter().map(|measured| {
-                measured.ways.get(way).copied().unwrap_or(0) as f64 / measured.answered as f64
-            }))
-        };
-    let taken = WAYS.iter().map(|way| (*way, share(way))).filter(|(_, share)| *share > 0.0);
-    taken.map(|(way, share)| (way.to_owned(), share.into())).collect::<Map<String, Value>>().into()
+    let share = |method: &str| {
+        mean(answering.iter().map(|measured| {
+            measured.methods.get(method).copied().unwrap_or(0) as f64 / measured.answered as f64
+        }))
+    };
+    let taken = METHODS.iter().map(|method| (*method, share(method))).filter(|(_, share)| *share > 0.0);
+    taken.map(|(method, share)| (method.to_owned(), share.into())).collect::<Map<String, Value>>().into()
 }
 
 fn number(value: f64, whole: bool) -> Value {
     if whole && value.fract() == 0.0 { (value as u64).into() } else { value.into() }
 }
 
-/// Error against latency, a point for each run.
+/// A plot of error against latency, with a point for each run.
 pub(super) fn plot(measured: &[(Mode, Phase, Measured)], scene: &str) -> Plot {
     let series = Mode::ALL.into_iter().flat_map(|mode| Phase::ALL.map(|phase| (mode, phase)));
     let series = series.map(|(mode, phase)| {
@@ -170,7 +169,7 @@ pub(super) fn plot(measured: &[(Mode, Phase, Measured)], scene: &str) -> Plot {
     Plot {
         name: "error-against-latency".to_owned(),
         title: format!("{scene}: error and latency of a view"),
-        x: Axis::log("half of the views came within, milliseconds from when they were due"),
+        x: Axis::log("median latency from when a view was due, milliseconds"),
         y: Axis::linear("mean FLIP against 16 samples a pixel"),
         series: series.filter(|series| !series.points.is_empty()).collect(),
         ..Plot::default()
@@ -191,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_those_of_views_that_were_measured() {
+    fn quantiles_are_measured_latencies() {
         let hundred: Vec<f64> = (1..=100).map(f64::from).collect();
         let of = measured(&hundred, 100);
         assert_eq!((of.quantile_ms(0.5), of.quantile_ms(0.99)), (Some(50.0), Some(99.0)));
@@ -201,9 +200,9 @@ mod tests {
     }
 
     #[test]
-    fn one_run_is_its_own_row_without_a_spread() {
-        let ways = [("direct", 1), ("warp", 3)].into();
-        let run = Measured { ways, rejected: 1, ..measured(&[1.0, 2.0, 3.0, 4.0, 30.0], 4) };
+    fn a_single_run_is_its_own_row_without_a_spread() {
+        let methods = [("direct", 1), ("warp", 3)].into();
+        let run = Measured { methods, rejected: 1, ..measured(&[1.0, 2.0, 3.0, 4.0, 30.0], 4) };
         let row = row(Mode::Default, Phase::Cold, &[&run]);
         assert_eq!((&row["mode"], &row["phase"]), (&json!("default"), &json!("cold")));
         assert_eq!((&row["sent"], &row["failed"], &row["rejected"]), (&json!(5), &json!(1), &json!(1)));
@@ -213,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn several_runs_give_medians_with_the_least_and_the_most() {
+    fn several_runs_give_medians_and_their_spread() {
         let runs = [[5.0; 4], [9.0; 4], [7.0; 4]].map(|latencies| measured(&latencies, 4));
         let row = row(Mode::Warp, Phase::Warm, &[&runs[0], &runs[1], &runs[2]]);
         assert_eq!(row["p50_ms"], json!(7.0));
@@ -222,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_phase_that_answered_nothing_has_a_row_without_numbers_that_are_none() {
+    fn a_phase_without_answers_has_a_row_without_nan() {
         let row = row(Mode::Default, Phase::Warm, &[&Measured::default()]);
         assert!(row.values().all(|value| value.as_f64().is_none_or(f64::is_finite)), "{row:?}");
         assert_eq!((&row["p50_ms"], &row["ways"]), (&Value::Null, &json!({})));

@@ -1,4 +1,4 @@
-//! What judged views should show, and how far off the frames are that came under load.
+//! References of judged views, and the errors of frames that came under load.
 
 use std::time::Duration;
 
@@ -11,46 +11,46 @@ use image::RgbImage;
 
 use crate::median::{mean, median};
 
-/// Samples a pixel, a side, of the reference: 16 samples a pixel.
+/// Samples a side of a reference's pixel: 16 per pixel.
 const REFERENCE_SIDE: u32 = 4;
-/// A reference is waited for this long.
+/// Longest wait for a reference.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Side of the tiles that are judged one by one, pixels.
+/// Side in pixels of the tiles that are judged one by one.
 const TILE: u32 = 32;
 
-/// A frame that came under load, and where it looks from.
+/// A frame that came under load, and its camera.
 #[derive(Debug, Clone)]
 pub(super) struct Judged {
     pub(super) camera: Camera,
     pub(super) frame: Frame,
 }
 
-/// How far the judged frames of a phase are from their references; `None` where none of them came.
+/// Errors of a phase's judged frames against their references; `None` if none came.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Errors {
-    /// Judged frames that came.
+    /// Number of judged frames.
     pub(super) judged: u64,
-    /// Mean FLIP against 16 samples a pixel.
+    /// Mean FLIP against 16 samples per pixel.
     pub(super) flip: Option<f64>,
-    /// The worst tile's.
+    /// The worst tile's FLIP.
     pub(super) worst_tile: Option<f64>,
-    /// Mean FLIP less that of direct views of one sample a pixel, of the same poses.
+    /// Mean FLIP minus that of direct views of one sample per pixel at the same poses.
     pub(super) excess: Option<f64>,
-    /// The most that a tile's FLIP is above the same tile's of the direct view.
+    /// The largest difference of a tile's FLIP to the same tile of the direct view.
     pub(super) excess_tile: Option<f64>,
     /// Judged frames from samples whose error was predicted.
     pub(super) warped: u64,
-    /// Share of these whose mean FLIP is at most the predicted one: the direct view's and the predicted excess.
+    /// Share of these whose mean FLIP is at most the predicted one: the direct view's plus the predicted excess.
     pub(super) bounded: Option<f64>,
-    /// Median of predicted over true mean FLIP, of these.
+    /// Median of their predicted over true mean FLIP.
     pub(super) ratio: Option<f64>,
 }
 
-/// A judged frame beside the direct view of its pose.
+/// The FLIP of a judged frame and of the direct view of its pose.
 struct Found<'a> {
     shown: FlipTiles,
     direct: &'a FlipTiles,
-    /// Of a frame from samples: by how much its mean FLIP was predicted to be above the direct view's.
+    /// The predicted excess FLIP over the direct view; frames from samples only.
     excess: Option<f64>,
 }
 
@@ -61,27 +61,27 @@ impl Found<'_> {
     }
 }
 
-/// One view rendered from the triangles.
+/// The reference of one pose and moment.
 #[derive(Debug)]
 struct Truth {
     camera: Camera,
-    /// Of what moves; 0 of what stands still.
+    /// Epoch of a moving scene; 0 otherwise.
     epoch: u64,
     reference: RgbImage,
-    /// FLIP of the view with one sample a pixel.
+    /// FLIP of a direct view with one sample per pixel.
     direct: FlipTiles,
 }
 
-/// References of all poses and moments that were judged so far. Where nothing moves they are the same in all modes.
+/// The references of all poses and moments judged so far. In a still scene all modes share them.
 #[derive(Debug, Default)]
 pub(super) struct Truths(Vec<Truth>);
 
 impl Truths {
-    /// Judges frames; references that are missing are rendered by the service first, which should have nothing else to do.
-    /// Frames whose reference does not come are not judged.
+    /// Judges frames. The service, which should be idle, first renders the missing references. Frames without a
+    /// reference are skipped.
     ///
     /// # Errors
-    /// A reference that is not what was asked for, or an image that is not of its size.
+    /// A reference that is not what was requested, or an image of the wrong size.
     pub(super) async fn judge(&mut self, client: &Client, judged: &[Judged]) -> Result<Errors> {
         self.render_missing(client, judged).await?;
         let moves = client.description().epoch_secs > 0.0;
@@ -113,7 +113,7 @@ impl Truths {
             [REFERENCE_SIDE, 1].map(|side| direct_view(like, camera, moves.then_some(epoch), side))
         });
         let mut frames: Vec<Option<Frame>> = vec![None; 2 * missing.len()];
-        // One for each worker of a small cluster: nothing is timed here, and no view waits long.
+        // One view in flight per worker of a small cluster: nothing is timed here.
         let patience = RenderOptions { deadline: PATIENCE, ..RenderOptions::default() };
         burst(client, views.collect(), 2, &patience, |i, answer| frames[i] = Some(answer.frame)).await;
         for (&(camera, epoch), pair) in missing.iter().zip(frames.chunks_exact(2)) {
@@ -134,7 +134,7 @@ impl Truths {
 }
 
 impl Errors {
-    /// Of frames with the direct views of the same poses, each against the same reference.
+    /// The errors of frames, tile by tile against the direct views of the same poses.
     fn of(found: &[Found<'_>]) -> Self {
         let worst = |of: &dyn Fn(f64, f64) -> f64| {
             let tiles = found.iter().flat_map(|f| f.shown.tiles.iter().zip(&f.direct.tiles));
@@ -146,7 +146,7 @@ impl Errors {
         };
         let warped: Vec<(f64, f64)> = found.iter().filter_map(Found::predicted_and_true).collect();
         let of_warped = |of: &dyn Fn() -> f64| (!warped.is_empty()).then(of);
-        // A frame without any error is predicted as well as can be where none is predicted, and else by far too large.
+        // A frame without error has the best ratio if no error was predicted, and otherwise a very large one.
         let ratio = |(predicted, shown): &(f64, f64)| predicted / shown.max(1e-6);
         Self {
             judged: found.len() as u64,
@@ -163,25 +163,24 @@ impl Errors {
     }
 }
 
-/// By how much a frame from samples was predicted to be worse than the direct view; `None` of other frames, and where its way
-/// was named.
+/// The predicted excess FLIP of a frame from samples; `None` for other frames and for frames whose plan was named.
 fn predicted_excess(frame: &Frame) -> Option<f64> {
     let decision = frame.decision.filter(|_| matches!(frame.provenance.plan, Plan::Warp(_)))?;
     Some(decision.excess)
 }
 
-/// What time of the scene a frame shows. Where nothing moves, all times are one.
+/// The epoch that a frame shows; 0 in a still scene.
 fn epoch_of(frame: &Frame, moves: bool) -> u64 {
     if moves { frame.provenance.epoch } else { 0 }
 }
 
-/// A direct view of `side`² samples a pixel, as large as a frame; of a moment where the scene moves.
+/// A direct view of `side`² samples per pixel, of the size of `like`, pinned to `epoch` if the scene moves.
 fn direct_view(like: &Frame, camera: Camera, epoch: Option<u64>, side: u32) -> View {
     let plan = PlanRequest { direct: true, supersampling: Some(side), ..PlanRequest::default() };
     let pin = epoch.map(|epoch| Provenance {
         epoch,
         plan: Plan::Direct { samples_per_pixel: side * side },
-        // Any.
+        // Any device.
         device: String::new(),
         history: false,
         ..like.provenance.clone()
@@ -207,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn excess_is_taken_tile_by_tile_and_not_between_the_worst_tiles() {
+    fn excess_compares_equal_tiles_rather_than_the_worst_ones() {
         // The direct view's worst tile is another one than the frame's.
         let direct = tiles(&[0.5, 0.1]);
         let errors = Errors::of(&[found(&[0.4, 0.4], &direct, None), found(&[0.5, 0.1], &direct, None)]);
@@ -218,13 +217,13 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_are_better_than_direct_views_have_negative_excess() {
+    fn frames_better_than_direct_views_have_negative_excess() {
         let errors = Errors::of(&[found(&[0.1, 0.2], &tiles(&[0.2, 0.3]), None)]);
         assert!(errors.excess.unwrap() < 0.0 && errors.excess_tile.unwrap() < 0.0, "{errors:?}");
     }
 
     #[test]
-    fn predictions_are_judged_by_frames_from_samples_alone() {
+    fn only_frames_from_samples_count_for_predictions() {
         let direct = tiles(&[0.1, 0.1]);
         let errors = Errors::of(&[
             found(&[0.1, 0.1], &direct, None),
@@ -238,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_judged_frame_no_error_is_stated() {
+    fn without_judged_frames_there_are_no_errors() {
         assert_eq!(Errors::of(&[]), Errors::default());
     }
 }

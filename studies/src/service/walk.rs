@@ -1,7 +1,7 @@
-//! Walks: where the clients of the service study look, and when.
+//! Camera walks of the service study's clients.
 //!
-//! A walk is a function of the scene's description, the client and the time alone, so that every mode is asked for the
-//! same views. It knows the scene's bounds and recommended viewpoints, and no triangle: a client may pass through a wall.
+//! A walk depends only on the scene's description, the client and the time, so that every mode renders the same views. It
+//! knows bounds and recommended viewpoints but no triangles: a client may pass through a wall.
 
 use std::f64::consts::TAU;
 
@@ -9,43 +9,42 @@ use argus_proto::Description;
 use argus_scene::{Bounds, Camera};
 use glam::{DQuat, DVec3};
 
-/// How clients move. All but [`Walk::Jumps`] begin at the viewpoints that the scene recommends, in turns.
+/// How clients move. All walks but [`Walk::Jumps`] start at the scene's recommended viewpoints in turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Walk {
-    /// A smooth walk. From inside the scene's bounds a client strays by several per cent of the scene's size and turns
-    /// its head. From outside it swings about what it looks at, comes down to it, into the bounds, and goes back.
+    /// A smooth walk. Inside the bounds a client wanders by several per cent of the scene's size and turns its head.
+    /// Outside it swings about its target, comes down into the bounds, and goes back.
     Steady,
-    /// Each second another viewpoint: anywhere in the bounds, level, where the recommended viewpoint is inside them;
-    /// else anywhere around the scene.
+    /// Another viewpoint each second: level and anywhere within the bounds if the recommended viewpoint is inside
+    /// them, else anywhere around the scene.
     Jumps,
-    /// Nobody moves.
+    /// The camera stands still.
     Stand,
 }
 
-/// Seconds in which a client of the steady walk is back where it began: of the quickest client, and how much longer the
-/// slowest one takes. With different periods, some clients are near the scene while others are far away.
+/// Period in seconds of the quickest client of the steady walk, and how much longer the slowest one takes. Periods
+/// differ so that some clients are near the scene while others are far away.
 const PERIOD_SECS: f64 = 12.0;
 const SLOWEST: f64 = 8.0;
-/// Radius of the circle that an eye inside the bounds walks along, by the scene's longest side.
+/// Radius of the circle of an eye inside the bounds, as a share of the scene's longest side.
 const STRAY: f64 = 0.04;
-/// How far a head is turned to either side, radians: inside, and in front of the scene.
+/// Largest turn of the head to either side in radians, inside and in front of the scene.
 const HEAD_TURN: f64 = 0.7;
-/// How far an eye outside the bounds swings to either side, radians.
+/// Largest swing to either side of an eye outside the bounds, in radians.
 const SWING: f64 = 0.44;
-/// An approach ends this far within the bounds at the most, as the share of the way from their surface to what is looked at
-/// that is left.
+/// The closest approach to the target, as a share of the distance from the bounds' surface to the target.
 const LEAST_LEFT: f64 = 0.05;
-/// Eyes inside the bounds keep away from their surface by this share of each side.
+/// Distance that eyes inside the bounds keep from their surface, as a share of each side.
 const MARGIN: f64 = 0.02;
-/// Fractions of the golden ratio's relatives in two and three dimensions: their multiples spread evenly.
+/// Relatives of the golden ratio for two and three dimensions: their multiples spread evenly.
 const SPREAD: [f64; 3] = [0.819_172_513_396_164, 0.671_043_606_703_789, 0.549_700_477_901_97];
 const GOLDEN: f64 = 0.618_033_988_749_895;
 
 impl Walk {
-    /// All of them, in the order of the help text.
+    /// All walks, in the order of the help text.
     pub const ALL: [Self; 3] = [Self::Steady, Self::Jumps, Self::Stand];
 
-    /// How an argument calls it.
+    /// The name in arguments.
     pub fn name(self) -> &'static str {
         match self {
             Self::Steady => "steady",
@@ -54,52 +53,52 @@ impl Walk {
         }
     }
 
-    /// Where a client, from 0, looks at a time, seconds from 0. Always a valid camera.
+    /// The camera of a client, counted from 0, at a time in seconds. It is always valid.
     pub fn camera(self, description: &Description, client: u32, secs: f64) -> Camera {
         let base = description.cameras[client as usize % description.cameras.len()].camera;
-        let place = Place { base, bounds: description.bounds, client };
+        let path = ClientPath { base, bounds: description.bounds, client };
         let inside = description.bounds.contains(base.eye);
         let moved = match (self, inside) {
             (Self::Stand, _) => base,
-            (Self::Steady, true) => place.stray(secs),
-            (Self::Steady, false) => place.approach(secs),
-            (Self::Jumps, true) => place.room(secs),
-            (Self::Jumps, false) => place.around(secs),
+            (Self::Steady, true) => path.stray(secs),
+            (Self::Steady, false) => path.approach(secs),
+            (Self::Jumps, true) => path.room(secs),
+            (Self::Jumps, false) => path.around(secs),
         };
-        // Bounds without extent, or a target at their surface, may leave no direction to look in.
+        // Bounds without extent, or a target at their surface, may leave no view direction.
         if moved.validate().is_ok() { moved } else { base }
     }
 }
 
-/// What a client's way depends on.
-struct Place {
+/// What a client's walk depends on.
+struct ClientPath {
     base: Camera,
     bounds: Bounds,
     client: u32,
 }
 
-impl Place {
+impl ClientPath {
     fn up(&self) -> DVec3 {
         self.base.up.normalize_or(DVec3::Y)
     }
 
-    /// The direction of view without its part along `up`: a unit vector.
+    /// The view direction without its part along `up`: a unit vector.
     fn ahead(&self) -> DVec3 {
         let (up, axis) = (self.up(), self.base.target - self.base.eye);
         (axis - up * axis.dot(up)).normalize_or(up.any_orthonormal_vector())
     }
 
-    /// Of this client, from 0 to 1: other clients' are evenly spread.
+    /// This client's number in 0–1; the numbers of all clients are evenly spread.
     fn share(&self) -> f64 {
         (f64::from(self.client) * GOLDEN).fract()
     }
 
-    /// Angle on a circle that the client goes around; 0 at the beginning.
+    /// Angle in radians on the client's circle; 0 at the start.
     fn turn(&self, secs: f64) -> f64 {
         TAU * secs / (PERIOD_SECS + SLOWEST * self.share())
     }
 
-    /// The point of the bounds that is closest, a little away from their surface.
+    /// The closest point of the bounds, slightly inside their surface.
     fn within(&self, point: DVec3) -> DVec3 {
         if self.bounds.is_empty() {
             return self.base.eye;
@@ -108,7 +107,7 @@ impl Place {
         point.clamp(self.bounds.min + margin, self.bounds.max - margin)
     }
 
-    /// Along a circle through the viewpoint, each client in a direction of its own, with a turning head.
+    /// Walks a circle through the viewpoint, each client in its own direction, with a turning head.
     fn stray(&self, secs: f64) -> Camera {
         let (turn, up) = (self.turn(secs), self.up());
         let radius = STRAY * self.bounds.size().max_element();
@@ -117,18 +116,18 @@ impl Place {
         let eye = self.base.eye
             + (heading * (1.0 - turn.cos()) + side * turn.sin() + up * 0.2 * (2.0 * turn).sin()) * radius;
         let head = DQuat::from_axis_angle(up, HEAD_TURN * (1.5 * turn).sin());
-        // The viewpoint lies within the bounds, so that they are not empty.
+        // The viewpoint lies within the bounds, so they are not empty.
         let eye = eye.clamp(self.bounds.min, self.bounds.max);
         self.looking(eye, head * (self.base.target - self.base.eye))
     }
 
-    /// From the viewpoint towards the target, down and into the bounds, and back, swinging about the target.
+    /// Goes from the viewpoint towards the target, into the bounds and back, swinging about the target.
     fn approach(&self, secs: f64) -> Camera {
         let (turn, up) = (self.turn(secs), self.up());
         let target = self.base.target;
         let far = self.base.eye - target;
         let near = self.nearest() - target;
-        // 0 at the viewpoint, 1 at the nearest point. Equal times for equal ratios of distance.
+        // 0 at the viewpoint, 1 at the nearest point. Equal times give equal ratios of distance.
         let closeness = 0.5 - 0.5 * turn.cos();
         let length = far.length() * (near.length() / far.length()).powf(closeness);
         let direction = far.normalize_or(DVec3::Z).lerp(near.normalize_or(DVec3::Z), closeness);
@@ -140,17 +139,17 @@ impl Place {
         self.looking(eye, head * (target - eye))
     }
 
-    /// The nearest point of an approach, inside the bounds: for an object, whose sides are about as long as each other, at
-    /// their surface; the flatter the scene, and the more it is a landscape, the closer to what is looked at.
+    /// The nearest point of an approach, inside the bounds: at the surface of a compact object, and the closer to the
+    /// target the flatter the scene is.
     fn nearest(&self) -> DVec3 {
         let (size, target) = (self.bounds.size(), self.base.target);
         let flatness = size.dot(self.up().abs()) / size.max_element();
-        // Written so that bounds without extent leave everything.
+        // Written so that bounds without extent give 1.
         let left = if flatness > 0.0 { (flatness * flatness).clamp(LEAST_LEFT, 1.0) } else { 1.0 };
         self.within(target + (self.entry() - target) * left)
     }
 
-    /// Where the way from the eye to the target enters the bounds; where it does not, their point closest to the target.
+    /// Where the line from the eye to the target enters the bounds; if it does not, their point closest to the target.
     fn entry(&self) -> DVec3 {
         let (eye, way) = (self.base.eye, self.base.target - self.base.eye);
         let (mut from, mut to) = (0.0_f64, 1.0_f64);
@@ -166,7 +165,7 @@ impl Place {
         if from <= to { eye + way * from } else { self.within(self.base.target) }
     }
 
-    /// Which viewpoint of its own a client is at.
+    /// The client's viewpoint of this second, as three numbers in 0–1.
     fn jump(&self, secs: f64) -> [f64; 3] {
         let second = secs.max(0.0).floor();
         let of = |axis: usize| {
@@ -175,17 +174,17 @@ impl Place {
         [of(0), of(1), of(2)]
     }
 
-    /// Somewhere in the bounds, at most at half their height, looking about level.
+    /// A random position in the lower half of the bounds, looking about level.
     fn room(&self, secs: f64) -> Camera {
         let (share, up) = (DVec3::from(self.jump(secs)), self.up());
-        // Along the axis that is up, the lower half.
+        // Along the up axis, only the lower half.
         let share = share + up.abs() * (DVec3::splat(0.1) - share * 0.6);
         let eye = self.within(self.bounds.min + self.bounds.size() * share);
         let yaw = TAU * share.element_sum().fract();
         self.looking(eye, DQuat::from_axis_angle(up, yaw) * self.ahead())
     }
 
-    /// Somewhere around the target, 10° to 70° above it, at a quarter to the whole of the viewpoint's distance.
+    /// A random position around the target, 10° to 70° above it, at 25% to 100% of the viewpoint's distance.
     fn around(&self, secs: f64) -> Camera {
         let [x, y, z] = self.jump(secs);
         let (up, target) = (self.up(), self.base.target);
@@ -223,14 +222,14 @@ mod tests {
         }
     }
 
-    /// Longest side 40 m.
+    /// Bounds whose longest side is 40 m.
     fn hall() -> Description {
         let bounds = Bounds { min: DVec3::new(-20.0, -1.0, -10.0), max: DVec3::new(20.0, 14.0, 10.0) };
         let corner = Camera::look_at(DVec3::new(19.9, 2.0, 9.9), DVec3::ZERO);
         description(bounds, &[Camera::look_at(DVec3::new(-11.0, 3.0, 0.0), DVec3::Y * 4.0), corner])
     }
 
-    /// 200 m wide and 70 m high, seen from above its rim.
+    /// Bounds 200 m wide and 70 m high, seen from above their rim.
     fn valley() -> Description {
         let bounds = Bounds { min: DVec3::new(-100.0, -14.0, -100.0), max: DVec3::new(100.0, 56.0, 100.0) };
         let look = |x, y, z| Camera::look_at(DVec3::new(x, y, z), DVec3::new(4.0, 12.0, 0.0));
@@ -242,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn every_camera_is_valid_and_the_same_when_it_is_asked_for_again() {
+    fn every_camera_is_valid_and_repeatable() {
         for description in [hall(), valley()] {
             for walk in Walk::ALL {
                 for (client, secs) in (0..20).flat_map(|client| times().map(move |secs| (client, secs))) {
@@ -255,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn from_inside_every_walk_stays_within_the_bounds() {
+    fn a_walk_that_starts_inside_stays_within_the_bounds() {
         let hall = hall();
         for walk in Walk::ALL {
             for (client, secs) in (0..20).flat_map(|client| times().map(move |secs| (client, secs))) {
@@ -266,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn steady_walks_begin_at_the_recommended_viewpoints_and_standing_ones_stay_there() {
+    fn steady_walks_start_at_the_recommended_viewpoints_and_standing_ones_stay() {
         for description in [hall(), valley()] {
             for client in 0..6 {
                 let base = description.cameras[client as usize % description.cameras.len()].camera;
@@ -278,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_walk_inside_strays_by_several_per_cent_and_never_jumps() {
+    fn a_steady_walk_inside_wanders_by_several_per_cent_without_jumps() {
         let hall = hall();
         for client in 0..8 {
             let eye = |secs| Walk::Steady.camera(&hall, client, secs).eye;
@@ -290,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_walk_outside_comes_down_into_the_bounds_and_goes_back_without_a_jump() {
+    fn a_steady_walk_outside_descends_into_the_bounds_and_returns_without_jumps() {
         let (valley, target) = (valley(), DVec3::new(4.0, 12.0, 0.0));
         for client in 0..8 {
             let eye = |secs| Walk::Steady.camera(&valley, client, secs).eye;
@@ -308,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_walk_comes_close_to_an_object_and_does_not_enter_it() {
+    fn a_steady_walk_approaches_an_object_without_entering_it() {
         let bounds = Bounds { min: DVec3::new(-1.0, 0.0, -1.0), max: DVec3::new(1.0, 2.0, 1.0) };
         let base = Camera::look_at(DVec3::new(3.0, 3.0, 5.0), DVec3::Y);
         let object = description(bounds, &[base]);
@@ -318,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn jumps_go_elsewhere_each_second_and_stand_still_within_it() {
+    fn jumps_change_the_place_each_second_and_stand_still_in_between() {
         for (description, apart) in [(hall(), 2.0), (valley(), 10.0)] {
             for client in 0..4 {
                 let eye = |secs| Walk::Jumps.camera(&description, client, secs).eye;
@@ -333,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn jumps_around_a_scene_look_down_at_it_and_jumps_inside_spread_over_its_floor() {
+    fn jumps_look_down_at_a_scene_from_outside_and_cover_its_floor_inside() {
         let (valley, hall) = (valley(), hall());
         let mut columns = [false; 8];
         for second in 0..40 {
@@ -347,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_without_extent_and_those_of_nothing_leave_every_walk_valid() {
+    fn flat_and_empty_bounds_leave_every_walk_valid() {
         let camera = Camera::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO);
         let down = Camera { up: DVec3::Z, ..Camera::look_at(DVec3::Y * 5.0, DVec3::ZERO) };
         let point = |at| Bounds { min: at, max: at };
@@ -365,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn far_from_the_origin_a_walk_is_the_same_but_for_the_place() {
+    fn a_walk_far_from_the_origin_is_the_same_walk_moved() {
         let away = DVec3::new(1e6, -2e5, 3e6);
         let mut moved = valley();
         (moved.bounds.min, moved.bounds.max) = (moved.bounds.min + away, moved.bounds.max + away);

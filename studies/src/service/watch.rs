@@ -1,4 +1,4 @@
-//! What the service says of itself between the loads: whether it has settled, and what samples it has made and keeps.
+//! Watches the service between loads: whether it has settled, and the samples it has rendered and holds.
 
 use std::time::Duration;
 
@@ -8,18 +8,18 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::{Instant, sleep, timeout};
 
-/// Between two looks at the status.
+/// Time between two looks at the status.
 const PAUSE: Duration = Duration::from_millis(250);
-/// Looks in a row at which nothing was going on.
+/// Idle statuses in a row that count as settled.
 const CALM: u32 = 5;
-/// Workers report that often at the least, and a page is answered at once.
+/// Longest interval between workers' reports, and longest wait for a metrics page.
 const REPORTS: Duration = Duration::from_millis(500);
 const PAGE: Duration = Duration::from_secs(2);
-/// The largest page that is read.
+/// Largest size of a metrics page.
 const MOST_PAGE_BYTES: u64 = 1 << 20;
 
-/// Waits until all workers have joined, nothing waits or is in work at them and no sample is rendered any more; at most so
-/// long. Whether it came to that.
+/// Waits until all workers have joined, their queues are empty and no more samples are rendered, or until `at_most` has
+/// passed. Returns whether the service settled.
 pub(super) async fn settle(client: &Client, workers: usize, at_most: Duration) -> Result<bool> {
     let until = Instant::now() + at_most;
     let (mut calm, mut rendered) = (0, None);
@@ -44,17 +44,17 @@ fn samples_rendered(status: &ClusterStatus) -> u64 {
 /// Samples of all workers together.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Samples {
-    /// Rendered since the workers started.
+    /// Samples rendered since the workers started.
     pub(super) rendered: u64,
-    /// MiB of texels that are kept; `None` where a worker does not say.
+    /// MiB of held texels; `None` if a worker does not report it.
     pub(super) mib: Option<f64>,
 }
 
 impl Samples {
-    /// As they are now.
+    /// The samples now.
     ///
     /// # Errors
-    /// A service that cannot be asked for its status.
+    /// The service's status cannot be read.
     pub(super) async fn of(client: &Client) -> Result<Self> {
         sleep(REPORTS).await;
         let status = client.status().await?;
@@ -67,8 +67,8 @@ impl Samples {
     }
 }
 
-/// Texel bytes that the worker at an address such as `http://127.0.0.1:7401` keeps, by its page for monitoring; `None` where
-/// that cannot be read.
+/// Bytes of texels that the worker at an address such as `http://127.0.0.1:7401` holds, from its metrics page; `None`
+/// if the page cannot be read.
 async fn held_bytes(address: &str) -> Option<f64> {
     let host = address.strip_prefix("http://")?.trim_end_matches('/');
     let mut stream = TcpStream::connect(host).await.ok()?;
@@ -92,14 +92,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_gauge_is_found_by_its_whole_name() {
+    fn a_gauge_is_found_by_its_full_name() {
         let page = "# HELP argus_held x\nargus_held_bytes 7\nargus_held 12.5\nargus_odd{a=\"b\"} 3\n";
         assert_eq!(gauge(page, "argus_held"), Some(12.5));
         assert_eq!((gauge(page, "argus_odd"), gauge(page, "argus_hel"), gauge("", "a")), (None, None, None));
     }
 
     #[tokio::test]
-    async fn what_a_worker_keeps_is_read_from_its_page_and_silence_is_no_number() {
+    async fn held_bytes_are_read_from_the_metrics_page_and_missing_without_one() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = format!("http://{}", listener.local_addr().unwrap());
         let answering = tokio::spawn(async move {
@@ -114,7 +114,7 @@ mod tests {
         });
         assert_eq!(held_bytes(&address).await, Some(4_194_304.0));
         answering.await.unwrap();
-        assert_eq!(held_bytes(&address).await, None, "nobody listens there any more");
+        assert_eq!(held_bytes(&address).await, None, "the address is closed");
         assert_eq!(held_bytes("https://127.0.0.1:1").await, None);
     }
 }

@@ -1,4 +1,4 @@
-//! What happens when things change: demand rises and falls, workers differ, come, go, hang and are restarted.
+//! Scenarios of change: demand rises and falls; workers differ, join, leave, hang and restart.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -10,49 +10,49 @@ use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
 use serde::Serialize;
 
-use super::load::{Clients, Heard, somewhere};
+use super::load::{ClientStats, Clients, somewhere};
 use super::world::World;
 use super::{Parameters, secs, set_info};
 
-/// What came of a scenario.
+/// The outcome of a scenario.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outcome {
-    /// Which.
+    /// The scenario's name.
     pub scenario: &'static str,
-    /// Workers at the beginning.
+    /// Workers at the start.
     pub processes: u32,
-    /// Runs, each by chance of its own, that these figures are the sums and the worst of.
+    /// Runs with different random seeds. Counts are their sums, times their maxima.
     pub seeds: u64,
-    /// Views that were asked for, those turned away included.
+    /// Requested views, including rejected ones.
     pub asked: u64,
-    /// Views that were turned away at once because of overload.
+    /// Views rejected because of overload.
     pub rejected: u64,
-    /// Views that failed, or had no answer when all was quiet again.
+    /// Views that failed or were never answered.
     pub lost: u64,
-    /// Views that went to another worker after the first one failed.
+    /// Views retried on another worker.
     pub retried: u64,
-    /// Half of all views waited no longer.
+    /// Median latency in milliseconds.
     pub p50_ms: f64,
-    /// 99 of a hundred.
+    /// 99th percentile of latency in milliseconds.
     pub p99_ms: f64,
-    /// The longest wait.
+    /// Longest latency in milliseconds.
     pub worst_ms: f64,
-    /// Changes of role in all.
+    /// Number of role changes.
     pub roles_changed: u64,
-    /// Changes of role a minute while load and workers were steady, the mean of all runs; absent where they never are.
+    /// Role changes per minute while load and workers were steady, as a mean over runs; `None` if they never are.
     pub steady_changes_per_min: Option<f64>,
-    /// Seconds until the split was the one wanted, after the load changed; absent where it does not.
+    /// Seconds until the split was right after the load changed; `None` if the load does not change.
     pub settled_secs: Option<f64>,
-    /// Views whose worker had to wait for a sample.
+    /// Share of views whose worker waited for a sample.
     pub waited_for_samples: f64,
-    /// Views of the worker that had most, by the mean of those who compose.
+    /// Views of the busiest compositor over the compositors' mean.
     pub spread: f64,
 }
 
-/// Simulates one of them with the given costs.
+/// Simulates a scenario with the given costs.
 pub type Scenario = fn(&Parameters) -> Outcome;
 
-/// All of them, by what they are called.
+/// All scenarios with their names.
 pub fn scenarios() -> [(&'static str, Scenario); 11] {
     [
         ("steady and noisy", noise),
@@ -69,39 +69,39 @@ pub fn scenarios() -> [(&'static str, Scenario); 11] {
     ]
 }
 
-/// Viewers all over a scene of many cells: whether views stay near their samples.
+/// Viewers walk all over a scene of many cells: whether views stay near their samples.
 pub fn placement(parameters: &Parameters) -> Outcome {
     let walk = |client: u64, secs: f64| {
         let mut rng = SmallRng::seed_from_u64(client);
         let start = DVec3::new(rng.random_range(-80.0..80.0), 2.0, rng.random_range(-80.0..80.0));
-        // A metre a second, in a circle about where each began.
+        // A metre a second, in a circle around the start.
         let turn = secs / 6.0 + client as f64;
         let eye = start + DVec3::new(6.0 * turn.cos(), 0.0, 6.0 * turn.sin());
         Camera::look_at(eye, eye + DVec3::new(-turn.sin(), 0.0, turn.cos()))
     };
     let mut stage = Stage::with(parameters, 32, Some(20.0), Config { refining_share: 0.0, ..config() });
-    let heard = stage.load(400, false, |_| 2000.0, walk);
+    let stats = stage.load(400, false, |_| 2000.0, walk);
     stage.world.run_for(secs(60.0));
     let before = stage.world.tally;
     stage.world.run_for(secs(40.0));
     let now = stage.world.tally;
-    let mut outcome = stage.end("viewers walk through a hundred cells", &heard);
+    let mut outcome = stage.end("viewers walk through a hundred cells", &stats);
     outcome.waited_for_samples = (now.waited_for_samples - before.waited_for_samples) as f64
         / (now.answered - before.answered).max(1) as f64;
     outcome
 }
 
-/// As the cluster paper has it: roles are exclusive, and samples are where the rig has them.
+/// The cluster paper's configuration: roles are exclusive, and only the rig places samples.
 fn config() -> Config {
     Config { refining_share: 0.0, samplers_composite: false, ..Config::default() }
 }
 
-/// As the program has it unless it is told otherwise.
+/// The program's default configuration.
 fn by_default() -> Config {
     Config { refining_share: 0.5, samplers_composite: true, ..Config::default() }
 }
 
-/// A cluster and who asks it.
+/// A simulated cluster and its clients.
 struct Stage {
     world: World,
     processes: u32,
@@ -126,18 +126,18 @@ impl Stage {
         direct: bool,
         rate: impl Fn(f64) -> f64 + 'static,
         camera: impl Fn(u64, f64) -> Camera + 'static,
-    ) -> Rc<RefCell<Heard>> {
-        let (load, heard) = Clients::new(clients, direct, rate, camera);
+    ) -> Rc<RefCell<ClientStats>> {
+        let (load, stats) = Clients::new(clients, direct, rate, camera);
         self.world.with_load(Box::new(load));
-        heard
+        stats
     }
 
     fn roles_changed(&self) -> u64 {
         self.world.core.status().counters.roles_changed
     }
 
-    /// One that is alive and well.
-    fn anybody(&mut self) -> usize {
+    /// A random worker that is alive and not paused.
+    fn random_worker(&mut self) -> usize {
         loop {
             let slot = self.rng.random_range(0..self.world.workers.len());
             let worker = &self.world.workers[slot];
@@ -147,19 +147,19 @@ impl Stage {
         }
     }
 
-    /// Seconds until a split is reached, if it is within a minute.
+    /// Seconds until a split is reached; `None` if that takes more than a minute.
     fn until_samplers(&mut self, is_wanted: impl Fn(u32) -> bool) -> Option<f64> {
         let from = self.world.now;
         let reached = self.world.run_until(secs(60.0), |world| is_wanted(world.core.status().samplers));
         reached.then(|| (self.world.now - from) as f64 * 1e-9)
     }
 
-    /// What came of it, once all views that are open are answered or refused.
-    fn end(mut self, scenario: &'static str, heard: &Rc<RefCell<Heard>>) -> Outcome {
+    /// Ends the load, waits for open views, and returns the outcome.
+    fn end(mut self, scenario: &'static str, stats: &Rc<RefCell<ClientStats>>) -> Outcome {
         self.world.stop_load();
         self.world.run_until(secs(40.0), |world| world.open_views() == 0);
         let (tally, status) = (self.world.tally, self.world.core.status());
-        let mut latencies = std::mem::take(&mut heard.borrow_mut().latencies_ms);
+        let mut latencies = std::mem::take(&mut stats.borrow_mut().latencies_ms);
         latencies.sort_by(f64::total_cmp);
         let at =
             |share: f64| latencies.get((latencies.len() as f64 * share) as usize).copied().unwrap_or(0.0);
@@ -186,20 +186,20 @@ impl Stage {
     }
 }
 
-/// Views a second that so many workers can compose.
+/// Views per second that this many workers can compose.
 fn capacity(parameters: &Parameters, workers: f64) -> f64 {
     workers * 1e3 / parameters.view_ms
 }
 
-/// Runs of steady noisy load: what happens once in an hour shows in one of them, if ever.
+/// Runs of steady noisy load: a rare role change shows in one of them, if at all.
 const SEEDS: u64 = 4;
 
-/// Every cost trembles by a third, views come at random; the best K is clear.
+/// Every cost varies by a third, views come at random, and the best K is clear.
 fn noise(parameters: &Parameters) -> Outcome {
     noisy("steady and noisy", 0.45, &config(), SEEDS, parameters)
 }
 
-/// Noisy costs, where K_fd lies on the boundary between one and two samplers.
+/// Noisy costs with K_fd at the boundary between one and two samplers.
 fn boundary(parameters: &Parameters) -> Outcome {
     noisy("steady and noisy, at a boundary of K_fd", 0.6, &config(), SEEDS, parameters)
 }
@@ -253,38 +253,38 @@ fn noisy_once(
     let mut stage = Stage::with(parameters, 3, None, config.clone());
     stage.world.rng = SmallRng::seed_from_u64(seed);
     stage.world.noise = 0.33;
-    // a·(P − K) = b·(K − 1) at K = 2 of 3: as much direct work as composing, each a worker's 60%.
+    // a·(P − K) = b·(K − 1) at K = 2 of 3: direct work and composing each take 60% of a worker.
     let (direct, views) = (direct_load * 1e3 / parameters.direct_ms, 0.6e3 / parameters.view_ms);
     let share = direct / (direct + views);
-    let (load, heard) = Clients::new(100_000, false, move |_| direct + views, |client, _| somewhere(client));
+    let (load, stats) = Clients::new(100_000, false, move |_| direct + views, |client, _| somewhere(client));
     stage.world.with_load(Box::new(load.some_direct(share)));
     stage.world.run_for(secs(120.0));
     let before = stage.roles_changed();
     stage.world.run_for(secs(600.0));
     let changes = (stage.roles_changed() - before) as f64 / 10.0;
-    let mut outcome = stage.end(name, &heard);
+    let mut outcome = stage.end(name, &stats);
     outcome.steady_changes_per_min = Some(changes);
     outcome
 }
 
-/// A wave a minute, from a tenth of what the cluster can do to nine tenths.
+/// Demand in waves of a minute, from 10% to 90% of capacity.
 fn waves(parameters: &Parameters) -> Outcome {
     let mut stage = Stage::new(parameters, 12);
     let most = capacity(parameters, 11.0);
     let rate = move |secs: f64| most * (0.5 - 0.4 * (secs * std::f64::consts::TAU / 60.0).cos());
-    let heard = stage.load(5000, false, rate, |client, _| somewhere(client));
+    let stats = stage.load(5000, false, rate, |client, _| somewhere(client));
     stage.world.run_for(secs(180.0));
-    stage.end("demand rises and falls in waves", &heard)
+    stage.end("demand rises and falls in waves", &stats)
 }
 
-/// Half a minute of views, one in which half of the work is direct views, one of views again.
+/// Half a minute of warped views, one in which half of the work is direct views, then warped views again.
 fn direct_views(parameters: &Parameters) -> Outcome {
     let mut stage = Stage::new(parameters, 8);
     let views = capacity(parameters, 3.0);
     let direct = 3.0e3 / parameters.direct_ms;
     let between = |secs: f64| (30.0..60.0).contains(&secs);
     let rate = move |secs| if between(secs) { views + direct } else { views };
-    let (load, heard) = Clients::new(5000, false, rate, |client, _| somewhere(client));
+    let (load, stats) = Clients::new(5000, false, rate, |client, _| somewhere(client));
     let share = move |secs| if between(secs) { direct / (views + direct) } else { 0.0 };
     stage.world.with_load(Box::new(load.some_direct_at(share)));
     stage.world.run_for(secs(29.0));
@@ -292,7 +292,7 @@ fn direct_views(parameters: &Parameters) -> Outcome {
     stage.world.run_for(secs(60.0 - stage.world.now as f64 * 1e-9));
     let down = stage.until_samplers(|samplers| samplers <= 1);
     stage.world.run_for(secs(20.0));
-    let mut outcome = stage.end("direct views come and go", &heard);
+    let mut outcome = stage.end("direct views come and go", &stats);
     outcome.settled_secs = up.zip(down).map(|(up, down)| up.max(down));
     outcome
 }
@@ -301,12 +301,12 @@ fn straggler(parameters: &Parameters) -> Outcome {
     let mut stage = Stage::new(parameters, 8);
     stage.world.workers[5].slowness = 4.0;
     let rate = 0.8 * capacity(parameters, 6.25);
-    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    let stats = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
     stage.world.run_for(secs(60.0));
     let before = stage.roles_changed();
     stage.world.run_for(secs(60.0));
     let steady = stage.roles_changed() - before;
-    let mut outcome = stage.end("a worker is four times as slow", &heard);
+    let mut outcome = stage.end("a worker is four times as slow", &stats);
     outcome.steady_changes_per_min = Some(steady as f64);
     outcome
 }
@@ -315,7 +315,7 @@ fn join_and_leave(parameters: &Parameters) -> Outcome {
     let mut stage = Stage::new(parameters, 12);
     (8..12).for_each(|slot| stage.world.kill(slot));
     let rate = 0.7 * capacity(parameters, 5.0);
-    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    let stats = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
     stage.world.run_for(secs(20.0));
     (8..12).for_each(|slot| stage.world.start(slot));
     stage.world.run_for(secs(20.0));
@@ -324,45 +324,45 @@ fn join_and_leave(parameters: &Parameters) -> Outcome {
     let before = stage.roles_changed();
     stage.world.run_for(secs(60.0));
     let steady = stage.roles_changed() - before;
-    let mut outcome = stage.end("four join, then six leave", &heard);
+    let mut outcome = stage.end("four join, then six leave", &stats);
     outcome.steady_changes_per_min = Some(steady as f64);
     outcome
 }
 
-/// Each comes back a second later.
+/// Each worker returns a second later.
 fn kills(parameters: &Parameters) -> Outcome {
     let mut stage = Stage::new(parameters, 8);
     let rate = 0.6 * capacity(parameters, 6.0);
-    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    let stats = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
     for _ in 0..40 {
         stage.world.run_for(secs(2.0));
-        let slot = stage.anybody();
+        let slot = stage.random_worker();
         stage.world.kill(slot);
         stage.world.run_for(secs(1.0));
         stage.world.start(slot);
     }
-    stage.end("workers are killed, another every 3 s", &heard)
+    stage.end("workers are killed, another every 3 s", &stats)
 }
 
 fn hangs(parameters: &Parameters) -> Outcome {
     let mut stage = Stage::new(parameters, 8);
     let rate = 0.6 * capacity(parameters, 6.0);
-    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    let stats = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
     for _ in 0..20 {
         stage.world.run_for(secs(3.0));
-        let slot = stage.anybody();
+        let slot = stage.random_worker();
         stage.world.pause(slot);
         stage.world.run_for(secs(2.0));
         stage.world.resume(slot);
     }
-    stage.end("workers hang for 2 s, another every 5 s", &heard)
+    stage.end("workers hang for 2 s, another every 5 s", &stats)
 }
 
-/// Each says that it leaves, finishes what it has, ends, and joins again a second later.
+/// Each worker announces that it leaves, finishes its work, ends, and joins again a second later.
 fn rolling_restart(parameters: &Parameters) -> Outcome {
     let mut stage = Stage::new(parameters, 8);
     let rate = 0.7 * capacity(parameters, 6.0);
-    let heard = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
+    let stats = stage.load(5000, false, move |_| rate, |client, _| somewhere(client));
     stage.world.run_for(secs(10.0));
     for slot in 0..8 {
         stage.world.leave(slot);
@@ -372,7 +372,7 @@ fn rolling_restart(parameters: &Parameters) -> Outcome {
         stage.world.start(slot);
         stage.world.run_until(secs(10.0), |world| world.core.status().processes == 8);
     }
-    stage.end("all workers are restarted in turn", &heard)
+    stage.end("all workers are restarted in turn", &stats)
 }
 
 #[cfg(test)]
@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn steady_noisy_load_moves_no_role_and_by_default_not_even_at_a_boundary() {
+    fn steady_noisy_load_changes_no_role_and_by_default_not_even_at_a_boundary() {
         for (config, direct_load) in [(by_default(), 0.45), (by_default(), 0.6), (config(), 0.45)] {
             let outcome = noisy("noisy", direct_load, &config, 2, &parameters());
             assert_eq!(outcome.steady_changes_per_min, Some(0.0), "{direct_load}: {outcome:?}");
@@ -392,7 +392,7 @@ mod tests {
         }
     }
 
-    /// None are wanted here either: of eight runs of ten minutes, each had 0.1 to 0.6 a minute, 0.3 on the mean.
+    /// No changes are wanted here either. Eight runs of ten minutes had 0.1 to 0.6 changes a minute, 0.3 on average.
     #[test]
     fn exclusive_roles_at_a_boundary_change_rarely_and_cost_no_view() {
         let outcome = noisy("noisy", 0.6, &config(), 2, &parameters());
@@ -415,20 +415,20 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_worker_gets_fewer_views_and_holds_nobody_up() {
+    fn a_slow_worker_gets_fewer_views_and_delays_no_other() {
         let outcome = straggler(&parameters());
         assert_eq!((outcome.lost, outcome.steady_changes_per_min), (0, Some(0.0)), "{outcome:?}");
         assert!(outcome.p99_ms < 20.0 * outcome.p50_ms, "{outcome:?}");
     }
 
     #[test]
-    fn workers_that_join_and_leave_cost_no_view_and_roles_come_to_rest() {
+    fn workers_that_join_and_leave_lose_no_view_and_roles_settle() {
         let outcome = join_and_leave(&parameters());
         assert_eq!((outcome.lost, outcome.steady_changes_per_min), (0, Some(0.0)), "{outcome:?}");
     }
 
     #[test]
-    fn killed_and_hanging_workers_cost_latency_and_no_view() {
+    fn killed_and_hanging_workers_cost_latency_but_no_view() {
         let outcome = kills(&parameters());
         assert!(outcome.lost == 0 && outcome.retried > 0, "{outcome:?}");
         assert!(outcome.worst_ms < 3000.0, "{outcome:?}");
@@ -443,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn views_stay_near_their_samples_and_load_spreads() {
+    fn views_stay_near_their_samples_and_the_load_is_even() {
         let outcome = placement(&parameters());
         assert_eq!(outcome.lost, 0, "{outcome:?}");
         assert!(outcome.waited_for_samples < 0.2, "{outcome:?}");

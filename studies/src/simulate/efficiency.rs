@@ -1,5 +1,5 @@
-//! How long a tick takes and how busy the processes are, as the cluster paper measures it: P processes, V views a tick,
-//! S samples rendered anew each tick.
+//! Efficiency: the time of a tick and the load of the processes, measured as in the cluster paper with P processes, V
+//! views and S new samples per tick.
 
 use argus_cluster::core::Config;
 use argus_cluster::core::balance::{self, Costs, Demand, Load};
@@ -10,60 +10,61 @@ use super::load::Ticks;
 use super::world::World;
 use super::{Parameters, secs, set_info};
 
-/// Samples of a tile: what every tick refreshes.
+/// Samples of a tile, which every tick renders anew.
 const SAMPLES: f64 = 4.0;
 
-/// What is simulated.
+/// One simulated cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Case {
-    /// P.
+    /// P, the number of processes.
     pub processes: u32,
-    /// V.
+    /// V, views per tick.
     pub views: u64,
-    /// Whether samples are rendered anew each tick, or the scene stands still.
+    /// Whether samples are rendered anew each tick; otherwise the scene does not move.
     pub refreshed: bool,
-    /// Whether all views are rendered from the triangles instead.
+    /// Whether all views are rendered from triangles.
     pub direct: bool,
-    /// Whether samplers compose in their spare time.
+    /// Whether samplers also compose in their spare time.
     pub helping: bool,
-    /// Ticks that are measured.
+    /// Measured ticks.
     pub ticks: usize,
 }
 
-/// What came of it.
+/// The outcome of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Outcome {
-    /// K, when it was measured.
+    /// K, the number of samplers while measuring.
     pub samplers: u32,
-    /// K_fd of the costs that were given.
+    /// K_fd for the given costs.
     pub samplers_wanted: u32,
-    /// max(a/K, b/(P − K)) with that K.
+    /// max(a/K, b/(P − K)) for the measured K.
     pub predicted_secs: f64,
-    /// From one tick's last frame to the next one's.
+    /// Seconds from one tick's last frame to the next one's.
     pub tick_secs: f64,
-    /// (a + b) / (P·T).
+    /// Efficiency (a + b) / (P·T).
     pub efficiency: f64,
-    /// What whole K allows.
+    /// The efficiency bound for whole K.
     pub bound: f64,
-    /// Real microseconds that the core took for a view, on this machine.
+    /// Real microseconds per view in the core, on this machine.
     pub core_us_per_view: f64,
-    /// Views that no worker was expected to be able to take in time.
+    /// Views rejected because no worker could take them in time.
     pub rejected: u64,
-    /// Changes of role while it was measured.
+    /// Role changes while measuring.
     pub roles_changed: u64,
 }
 
-/// Longest simulated time until the split has settled.
+/// Longest simulated time to settle, in seconds.
 const SETTLING_SECS: f64 = 240.0;
-/// The split has settled when it did not change for this long: longer than a change is remembered, after which small gains are waited for.
+/// Seconds without role changes after which the split has settled. The core remembers a change for less time than
+/// this, and until then it waits before small gains.
 const SETTLED_SECS: f64 = 85.0;
-/// From so many processes on, the split settles under a part of the load: the same ratio of stages, fewer events. Workers that
-/// have little to do stay what they are, though, so that it settles once more under all of it;
+/// From this many processes on, the split first settles under a part of the load: the stages' ratio is the same with
+/// fewer events. Workers with little to do keep their role, so it then settles again under the full load.
 const MANY: u32 = 48;
-/// but not from so many on: a dozen samplers too many of them are no gain that anything is changed for.
+/// From this many processes on it does not settle again: a dozen samplers too many are not worth a change.
 const TOO_MANY: u32 = 200;
 
-/// The load of one tick.
+/// The load of one tick, in seconds of work.
 pub fn load_of(case: &Case, parameters: &Parameters) -> Load {
     let views = case.views as f64;
     let demand = match case.direct {
@@ -73,7 +74,7 @@ pub fn load_of(case: &Case, parameters: &Parameters) -> Load {
             Demand { samples, views, ..Demand::default() }
         }
     };
-    let [sample_secs, direct_secs, view_secs] = parameters.by_the_clock(case.processes).map(|ms| ms * 1e-3);
+    let [sample_secs, direct_secs, view_secs] = parameters.wall_ms(case.processes).map(|ms| ms * 1e-3);
     let costs = Costs { sample_secs, direct_secs, view_secs, ..Costs::default() };
     Load::of(&demand, &costs)
 }
@@ -86,7 +87,7 @@ pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
         max_wait: Duration::from_secs(86_400),
         patience: Duration::from_secs(86_400),
         samplers_composite: case.helping,
-        // A third of what it is in production, so that the split settles in a third of the time.
+        // A third of the default, so that the split settles in a third of the time.
         dwell: Duration::from_secs(1),
         refining_share: 0.0,
         refresh_views: if case.refreshed { case.views } else { 0 },
@@ -130,7 +131,7 @@ pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
         false => balance::tick_secs(load, case.processes, split),
     };
     let views = world.tally.answered - before.1.answered;
-    // The baseline is measured by the same work: what the views would take from samples.
+    // The baseline's efficiency counts the same work: the cost of its views from samples.
     let serial = load_of(&Case { direct: false, ..*case }, parameters);
     let work = if case.direct { serial.sampling_secs + serial.compositing_secs } else { a + b };
     Outcome {
@@ -149,7 +150,7 @@ pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
     }
 }
 
-/// Lets time pass until roles have not changed for a while.
+/// Runs until roles have not changed for [`SETTLED_SECS`].
 fn settle(world: &mut World) {
     let mut changed = world.core.status().counters.roles_changed;
     let mut quiet = 0.0;
@@ -174,7 +175,7 @@ mod tests {
         Case { processes, views, refreshed: true, direct: false, helping: false, ticks: 40 }
     }
 
-    /// Little beside the paper's g and c, so that what the core decides shows.
+    /// Communication costs far below the paper's g and c, so that the core's decisions show.
     fn ideal() -> Parameters {
         Parameters {
             hold_ms: 0.0,
@@ -187,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn eleven_processes_come_close_to_what_whole_k_allows() {
+    fn eleven_processes_come_close_to_the_bound_of_whole_k() {
         let outcome = run(&case(11, 1000), &ideal());
         assert_eq!(outcome.samplers, outcome.samplers_wanted, "{outcome:?}");
         assert!(outcome.efficiency >= 0.95 * outcome.bound, "{outcome:?}");
@@ -200,13 +201,13 @@ mod tests {
     }
 
     #[test]
-    fn samplers_that_compose_leave_nobody_idle() {
+    fn samplers_that_compose_leave_no_process_idle() {
         let outcome = run(&Case { helping: true, ..case(11, 1000) }, &ideal());
         assert!(outcome.efficiency >= 0.93, "{outcome:?}");
     }
 
     #[test]
-    fn the_naive_way_takes_what_triangles_take_and_the_same_samples_again_and_again_are_cheaper_still() {
+    fn direct_views_take_the_time_of_triangles_and_reused_samples_take_less() {
         let naive = run(&Case { direct: true, ..case(4, 100) }, &ideal());
         let expected = 100.0 * ideal().direct_ms * 1e-3 / 4.0;
         assert!((naive.tick_secs / expected - 1.0).abs() < 0.05, "{naive:?}");
@@ -215,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_alone_has_all_cores_for_its_rays() {
+    fn a_lone_process_uses_all_cores_for_its_rays() {
         let pooled = Parameters { direct_pooled: 0.5, machines: Machines::Shared { cores: 4 }, ..ideal() };
         let naive = |processes| run(&Case { direct: true, ..case(processes, 100) }, &pooled);
         let work = 100.0 * pooled.direct_ms * 1e-3;

@@ -1,23 +1,23 @@
-//! A machine's cores, shared by what runs on it, and its link.
+//! The cores of a simulated machine, shared by its tasks, and its network link.
 
 use std::collections::BTreeMap;
 
 use super::Nanos;
 
-/// Cores that tasks share evenly: n tasks on C cores run at the pace min(1, C/n) each.
+/// Cores shared evenly by tasks: n tasks on C cores each run at the speed min(1, C/n).
 ///
-/// Time is kept as work that a task which is there all the time has had done, so that tasks that come and go change only
-/// how fast that grows, and each ends at a fixed point of it.
+/// Time is kept as the work of a task that never ends. Tasks that begin or end change only the speed at which this
+/// grows, so each task ends at a fixed amount of it.
 #[derive(Debug)]
 pub(super) struct Host<T> {
     cores: f64,
-    /// Work, seconds, at `since`.
+    /// Work in seconds at `since`.
     work: f64,
     since: Nanos,
-    /// By the point where it ends, in bits whose order is that of numbers that are not negative.
+    /// Tasks by the work at which they end, as f64 bits (which sort like non-negative numbers), and by number.
     tasks: BTreeMap<(u64, u64), T>,
     count: u64,
-    /// Changes whenever the next end may have moved.
+    /// Changes whenever the next end may change.
     pub(super) version: u64,
 }
 
@@ -35,7 +35,7 @@ impl<T> Host<T> {
         self.since = now;
     }
 
-    /// A task begins that needs a core for `ms`.
+    /// Starts a task that needs a core for `ms` milliseconds.
     pub(super) fn begin(&mut self, now: Nanos, ms: f64, task: T) {
         self.pass(now);
         self.count += 1;
@@ -43,19 +43,19 @@ impl<T> Host<T> {
         self.tasks.insert(((self.work + ms * 1e-3).to_bits(), self.count), task);
     }
 
-    /// When the next task ends, if none comes before.
+    /// When the next task ends, unless another begins before.
     pub(super) fn next_end(&self) -> Option<Nanos> {
         let ((end, _), _) = self.tasks.first_key_value()?;
         let left = (f64::from_bits(*end) - self.work).max(0.0) / self.pace();
         Some(self.since + (left * 1e9).ceil() as Nanos)
     }
 
-    /// The tasks that have ended by now.
+    /// Removes and returns the tasks that have ended by now.
     pub(super) fn ended(&mut self, now: Nanos) -> Vec<T> {
         self.pass(now);
         self.version += 1;
         let mut ended = Vec::new();
-        // Within a nanosecond is now.
+        // An end within the next nanosecond counts as now.
         while let Some(first) = self.tasks.first_entry() {
             if f64::from_bits(first.key().0) > self.work + 1e-9 {
                 break;
@@ -66,14 +66,14 @@ impl<T> Host<T> {
     }
 }
 
-/// One machine's link: what is sent follows what was sent before.
+/// A machine's link: transmissions are sent one after another.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Link {
     up_free: Nanos,
     down_free: Nanos,
 }
 
-/// When `bytes` that are sent now have arrived.
+/// Sends `bytes` now. Returns when they have arrived.
 pub(super) fn transfer(
     links: &mut [Link],
     from: usize,
@@ -85,7 +85,7 @@ pub(super) fn transfer(
     let takes = (bytes as f64 / rate * 1e9) as Nanos;
     let sent = now.max(links[from].up_free) + takes;
     links[from].up_free = sent;
-    // The receiver's link is taken while the bytes come in, which is while they are sent if it is free.
+    // The receiver's link is busy while the bytes arrive, at the same time as the sender's if it is free.
     let arrived = sent.max(links[to].down_free + takes);
     links[to].down_free = arrived;
     arrived
@@ -103,7 +103,7 @@ mod tests {
         host.begin(0, 10.0, 'a');
         host.begin(0, 10.0, 'b');
         assert_eq!(host.next_end(), Some(10 * MS));
-        // From 5 ms on, three share two cores: 5 ms of work are left of two of them.
+        // From 5 ms on, three tasks share two cores. Two of them have 5 ms of work left.
         host.begin(5 * MS, 1.0, 'c');
         let next = host.next_end().unwrap();
         assert!(next.abs_diff(6_500_000) < 10, "{next}");
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sender_of_many_sends_one_after_the_other() {
+    fn a_sender_transmits_one_after_another() {
         let mut links = [Link::default(); 4];
         let times: Vec<Nanos> = (1..4).map(|to| transfer(&mut links, 0, to, 0, 1_000_000, 1e9)).collect();
         assert_eq!(times, [MS, 2 * MS, 3 * MS]);

@@ -1,4 +1,4 @@
-//! What simulated clients ask for: ticks of V views as in the cluster paper, or clients that come and go.
+//! Loads of simulated clients: ticks of V views as in the cluster paper, or clients that ask at random.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashSet;
@@ -11,8 +11,8 @@ use rand::Rng;
 use super::Nanos;
 use super::world::{Load, World};
 
-/// Tick after tick of V views. The next tick's views are asked for as soon as there is room, but none of the tick after
-/// that before the samples were rendered anew: as the paper's pipeline has it, a tick takes what its slower stage takes.
+/// Ticks of V views. The next tick's views are requested as soon as the limit in flight allows. The tick after that
+/// waits for new samples. So, as in the paper's pipeline, a tick takes as long as its slower stage.
 pub(super) struct Ticks {
     views: u64,
     in_flight: Rc<Cell<usize>>,
@@ -21,12 +21,12 @@ pub(super) struct Ticks {
     asked: u64,
     open: usize,
     waits: bool,
-    /// Epoch that was served when each tick began.
+    /// The epoch served when each tick began.
     epochs: Vec<u64>,
     progress: Rc<RefCell<Progress>>,
 }
 
-/// How far it has come.
+/// The progress of the ticks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Progress {
     answered: u64,
@@ -62,18 +62,18 @@ impl Ticks {
         )
     }
 
-    /// How many views are asked for before the first of them is answered; may be changed on the way.
+    /// The limit of views in flight, which may be changed during the run.
     pub(super) fn in_flight(&self) -> Rc<Cell<usize>> {
         self.in_flight.clone()
     }
 
-    /// Asks for what there is room for.
+    /// Requests views up to the limit.
     fn ask(&mut self, world: &mut World) {
         while self.open < self.in_flight.get() {
             let tick = (self.asked / self.views) as usize;
             if tick == self.epochs.len() {
                 let epoch = world.core.set().epoch;
-                // The tick before was served from samples that were rendered while the one before that was composed.
+                // The previous tick used samples that were rendered during the tick before it.
                 if self.refreshed && tick >= 2 && epoch <= self.epochs[tick - 1] {
                     if !self.waits {
                         self.waits = true;
@@ -90,7 +90,7 @@ impl Ticks {
     }
 }
 
-/// A viewpoint over the ground, another for each client.
+/// A viewpoint above the ground, different for each client.
 pub(super) fn somewhere(client: u64) -> Camera {
     let turn = client as f64 * 2.399;
     let eye = DVec3::new(8.0 * turn.cos(), 30.0, 8.0 * turn.sin());
@@ -116,31 +116,31 @@ impl Load for Ticks {
     }
 
     fn refused(&mut self, client: u64, _overload: bool, world: &mut World) {
-        // The same view once more.
+        // Repeats the request.
         world.ask(client, somewhere(client), self.direct);
     }
 }
 
-/// Clients that each ask for a view every so often, unless they still wait for the one before.
+/// Clients that request views in turn. A client that still waits for its previous view skips its turn.
 pub(super) struct Clients {
-    /// Views a second that are asked for at a time, by seconds since the beginning.
+    /// Views per second that are requested, by seconds since the start.
     rate: Box<dyn Fn(f64) -> f64>,
-    /// Where a client stands at a time.
+    /// A client's camera at a time in seconds.
     camera: Box<dyn Fn(u64, f64) -> Camera>,
     clients: u64,
-    /// The share of direct views, by seconds since the beginning.
+    /// Share of direct views, by seconds since the start.
     direct: Box<dyn Fn(f64) -> f64>,
     next: u64,
     waiting: HashSet<u64>,
-    heard: Rc<RefCell<Heard>>,
+    stats: Rc<RefCell<ClientStats>>,
 }
 
-/// What clients got.
+/// What the clients received.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Heard {
-    /// Milliseconds, of every view.
+pub(super) struct ClientStats {
+    /// Latencies of all views in milliseconds.
     pub(super) latencies_ms: Vec<f64>,
-    /// Views that were not asked for, since the client still waited for the one before.
+    /// Views that were skipped because the client still waited for its previous one.
     pub(super) superseded: u64,
 }
 
@@ -150,8 +150,8 @@ impl Clients {
         direct: bool,
         rate: impl Fn(f64) -> f64 + 'static,
         camera: impl Fn(u64, f64) -> Camera + 'static,
-    ) -> (Self, Rc<RefCell<Heard>>) {
-        let heard = Rc::new(RefCell::new(Heard::default()));
+    ) -> (Self, Rc<RefCell<ClientStats>>) {
+        let stats = Rc::new(RefCell::new(ClientStats::default()));
         let load = Self {
             rate: Box::new(rate),
             camera: Box::new(camera),
@@ -159,17 +159,17 @@ impl Clients {
             direct: Box::new(move |_| f64::from(u8::from(direct))),
             next: 0,
             waiting: HashSet::new(),
-            heard: heard.clone(),
+            stats: stats.clone(),
         };
-        (load, heard)
+        (load, stats)
     }
 
-    /// The load, with this share of direct views.
+    /// Sets a constant share of direct views.
     pub(super) fn some_direct(self, share: f64) -> Self {
         self.some_direct_at(move |_| share)
     }
 
-    /// The load, with a share of direct views that depends on the time, seconds.
+    /// Sets a share of direct views that depends on the time in seconds.
     pub(super) fn some_direct_at(self, share: impl Fn(f64) -> f64 + 'static) -> Self {
         Self { direct: Box::new(share), ..self }
     }
@@ -188,17 +188,17 @@ impl Load for Clients {
             let direct = world.rng.random::<f64>() < (self.direct)(secs);
             world.ask(client, (self.camera)(client, secs), direct);
         } else {
-            self.heard.borrow_mut().superseded += 1;
+            self.stats.borrow_mut().superseded += 1;
         }
-        // As independent clients do: at random, by the rate.
+        // Exponential intervals, as between independent clients.
         let pause = -(1.0 - world.rng.random::<f64>()).ln() / rate;
         world.wake_after((pause * 1e9) as Nanos, 0);
     }
 
     fn answered(&mut self, client: u64, latency: Nanos, _world: &mut World) {
         self.waiting.remove(&client);
-        let mut heard = self.heard.borrow_mut();
-        heard.latencies_ms.push(latency as f64 * 1e-6);
+        let mut stats = self.stats.borrow_mut();
+        stats.latencies_ms.push(latency as f64 * 1e-6);
     }
 
     fn refused(&mut self, client: u64, _overload: bool, _world: &mut World) {

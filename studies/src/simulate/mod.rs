@@ -1,9 +1,9 @@
-//! A cluster simulated event by event: the coordinator's real core ([`argus_cluster::core::Core`], the very code that
-//! runs in production), and workers, machines, links and clients that are simulated.
+//! Discrete-event simulation of a cluster: the real coordinator core ([`argus_cluster::core::Core`]) with simulated
+//! workers, machines, links and clients.
 //!
-//! What things cost is given ([`Parameters`]); what comes of it is not: who does what, who waits for whom, how long a
-//! tick takes. `host` is a machine's cores and link, `worker` what a worker process does with its orders, `world` the
-//! events, `load` the clients, `efficiency`, `trouble` and `change` the experiments.
+//! [`Parameters`] gives the costs. Roles, waits and the time of a tick follow from the simulation. `host` models a
+//! machine's cores and link, `worker` a worker process, `world` the events, `load` the clients. `efficiency`,
+//! `trouble` and `change` are the experiments.
 
 pub mod change;
 pub mod efficiency;
@@ -21,7 +21,7 @@ use glam::DVec3;
 
 pub use parameters::{Machines, Parameters};
 
-/// Simulated time since the beginning, nanoseconds.
+/// Simulated time since the start, in nanoseconds.
 type Nanos = u64;
 
 fn nanos(duration: Duration) -> Nanos {
@@ -32,7 +32,7 @@ fn secs(secs: f64) -> Nanos {
     (secs * 1e9) as Nanos
 }
 
-/// The set that simulated samples belong to: four cameras over a tile, or a lattice of cells.
+/// The sample set: four cameras over a tile, or a lattice of cells with the given spacing in metres.
 fn set_info(moves: bool, cell: Option<f64>) -> SampleSetInfo {
     let bounds = Bounds { min: DVec3::splat(-100.0), max: DVec3::splat(100.0) };
     let rig = match cell {

@@ -1,10 +1,10 @@
-//! What a simulated cluster is made of: what things cost, how large messages are, which machines there are.
+//! The parameters of a simulated cluster: costs, message sizes, machines and links.
 
 use serde::{Deserialize, Serialize};
 
-/// Costs of one process that has a core to itself, sizes and links. The defaults are round numbers of the order of what
-/// terrain:500000 takes on one core with the software driver (200×150 views, four 400×300 samples); `argus study cluster`
-/// prints those that it measures, to be given in their place.
+/// Costs of a process with a core of its own, sizes and links. The defaults are round numbers near those of
+/// terrain:500000 on one core with the software driver (200×150 views, four 400×300 samples). `argus study cluster`
+/// prints measured ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Parameters {
@@ -14,55 +14,55 @@ pub struct Parameters {
     pub view_ms: f64,
     /// g_direct: milliseconds for a view from the triangles.
     pub direct_ms: f64,
-    /// The share of g that is done on all cores of a machine at a time, as packets of rays on the processor are; the rest, and
-    /// all of c, is one thread's.
+    /// Share of g that runs on all cores of a machine at once, such as ray packets on the CPU. The rest of g, and all
+    /// of c, runs on one thread.
     pub sample_pooled: f64,
-    /// The share of g_direct that is done on all cores of a machine at a time.
+    /// Share of g_direct that runs on all cores of a machine at once.
     pub direct_pooled: f64,
-    /// For a compositor to take one sample up, on the thread that renders.
+    /// Milliseconds for a compositor to hold a received sample, on the render thread.
     pub hold_ms: f64,
-    /// For a frame to be packed and sent, beside rendering.
+    /// Milliseconds to pack and send a frame, beside rendering.
     pub encode_ms: f64,
-    /// For a sample to be packed, beside rendering, once by who rendered it: whoever received it passes it on as it came.
+    /// Milliseconds to pack a sample, beside rendering; once at its sampler, since receivers forward it as packed.
     pub pack_ms: f64,
-    /// For a sample to be received and unpacked, beside rendering.
+    /// Milliseconds to receive and unpack a sample, beside rendering.
     pub unpack_ms: f64,
-    /// Of the coordinator, for a view: to decide, and to relay its frame.
+    /// Milliseconds of the coordinator per view, to decide and to relay its frame.
     pub relay_ms: f64,
-    /// Of the client, for a view: to ask, receive and unpack.
+    /// Milliseconds of the client per view, to send the request, receive and unpack.
     pub client_ms: f64,
     /// Bytes of a sample on the wire.
     pub sample_bytes: u64,
     /// Bytes of a frame on the wire.
     pub frame_bytes: u64,
-    /// Bytes a second of each machine's link, in each direction.
+    /// Bytes per second of each machine's link, in each direction.
     pub link_bytes_per_sec: f64,
-    /// One way, between any two processes.
+    /// One-way latency in milliseconds between any two processes.
     pub latency_ms: f64,
-    /// Which machines there are.
+    /// The machines of the cluster.
     pub machines: Machines,
-    /// Whether frames pass the coordinator; if not, clients are connected to workers.
+    /// Whether the coordinator relays frames; otherwise clients connect to workers.
     pub relayed: bool,
 }
 
-/// Which machines there are.
+/// The machines of a cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Machines {
-    /// All processes, the coordinator's and the clients' too, share the cores of one.
+    /// All processes share one machine, including the coordinator and the clients.
     Shared {
-        /// Of that machine.
+        /// Cores of the machine.
         cores: u32,
     },
-    /// Each worker has one of its own, and so has the coordinator; clients have as many as they need.
+    /// Each worker and the coordinator has its own machine; clients have as many as they need.
     Each {
-        /// Of each.
+        /// Cores of each machine.
         cores: u32,
     },
 }
 
 impl Machines {
-    /// Of one machine.
+    /// Cores of one machine.
     pub fn cores(self) -> u32 {
         match self {
             Self::Shared { cores } | Self::Each { cores } => cores,
@@ -71,8 +71,8 @@ impl Machines {
 }
 
 impl Parameters {
-    /// g, g_direct and c by the clock, milliseconds, where so many processes are busy.
-    pub(crate) fn by_the_clock(&self, processes: u32) -> [f64; 3] {
+    /// g, g_direct and c as wall milliseconds while `processes` processes are busy.
+    pub(crate) fn wall_ms(&self, processes: u32) -> [f64; 3] {
         let cores = match self.machines {
             Machines::Shared { cores } => f64::from(cores) / f64::from(processes.max(1)),
             Machines::Each { cores } => f64::from(cores),
@@ -98,7 +98,7 @@ impl Default for Parameters {
             client_ms: 0.3,
             sample_bytes: 500_000,
             frame_bytes: 60_000,
-            // The paper's gigabit Ethernet would carry 1.25e8; ten of them are usual now.
+            // The paper's gigabit Ethernet carries 1.25e8; ten gigabits are usual now.
             link_bytes_per_sec: 1.25e9,
             latency_ms: 0.1,
             machines: Machines::Each { cores: 2 },

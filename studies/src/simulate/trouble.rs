@@ -1,5 +1,5 @@
-//! What becomes of views where things go wrong, in clusters of any size: processes that are slower than others, processes
-//! that are lost, demand that comes in waves.
+//! Troubles in clusters of any size: slow processes, lost processes, and demand in waves. Measures what becomes
+//! of the views.
 
 use argus_cluster::core::Config;
 use rand::seq::index::sample;
@@ -9,24 +9,24 @@ use super::load::{Clients, somewhere};
 use super::world::World;
 use super::{Parameters, secs, set_info};
 
-/// What goes wrong.
+/// The kinds of trouble.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trouble {
-    /// Nothing: what the others are compared with.
+    /// No trouble: the baseline.
     Nothing,
-    /// One process of eight is half as fast as the others.
+    /// One process of eight runs at half speed.
     Stragglers,
-    /// One process of sixteen is killed, one after the other, and does not come back.
+    /// One process of sixteen is killed, one after another, and does not return.
     Losses,
     /// Demand rises and falls by half of its mean.
     Waves,
 }
 
 impl Trouble {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 4] = [Self::Nothing, Self::Stragglers, Self::Losses, Self::Waves];
 
-    /// As a table has it.
+    /// The name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Nothing => "none",
@@ -37,63 +37,63 @@ impl Trouble {
     }
 }
 
-/// What is simulated.
+/// One simulated cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Case {
-    /// P.
+    /// P, the number of processes.
     pub processes: u32,
-    /// Who ask in turn.
+    /// Clients that ask in turn.
     pub clients: u64,
-    /// What goes wrong.
+    /// The trouble.
     pub trouble: Trouble,
-    /// Views at most: see [`dearer`].
+    /// Largest number of views; see [`dearer`].
     pub views: u64,
 }
 
-/// What came of it.
+/// The outcome of a case.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
-    /// What went wrong.
+    /// The trouble.
     pub trouble: Trouble,
-    /// P, at the beginning.
+    /// P, the number of processes at the start.
     pub processes: u32,
-    /// Those who asked in turn.
+    /// Clients that asked in turn.
     pub clients: u64,
-    /// K, at the end.
+    /// K at the end.
     pub samplers: u32,
-    /// Views that were asked for.
+    /// Views requested.
     pub asked: u64,
-    /// Views that were turned away because of overload.
+    /// Views rejected because of overload.
     pub rejected: u64,
-    /// Views that failed, or had no answer when all was quiet again.
+    /// Views that failed or were never answered.
     pub lost: u64,
-    /// Views that went to another worker after the first one failed.
+    /// Views retried on another worker.
     pub retried: u64,
     /// Processes that were killed.
     pub processes_lost: u64,
-    /// Half of all views waited no longer.
+    /// Median latency in milliseconds.
     pub p50_ms: f64,
-    /// 99 of a hundred.
+    /// 99th percentile of latency in milliseconds.
     pub p99_ms: f64,
-    /// The longest wait.
+    /// Longest latency in milliseconds.
     pub worst_ms: f64,
-    /// Real microseconds that the core took for a view, on this machine.
+    /// Real microseconds per view in the core, on this machine.
     pub core_us_per_view: f64,
 }
 
-/// The mean load, as a share of what all but one process can compose.
+/// Mean load, as a share of what all processes but one can compose.
 const LOAD: f64 = 0.6;
-/// How far demand rises and falls, as a share of its mean, and how often.
+/// Amplitude of demand waves as a share of the mean, and number of waves.
 const SWELL: f64 = 0.5;
 const WAVES: f64 = 4.0;
-/// Simulated seconds before anything goes wrong, and while it does.
+/// Simulated seconds before the trouble, and during it.
 const CALM_SECS: f64 = 2.0;
 const TROUBLE_SECS: f64 = 8.0;
-/// What is open at the end is answered within this.
+/// Longest simulated seconds for open views to be answered at the end.
 const END_SECS: f64 = 60.0;
 
-/// How many times as dear views must be for the same load to take no more of them than a case has. A second of thousands
-/// of processes would be millions of views: there, a view stands for several.
+/// The factor on a view's cost that keeps the load with at most [`Case::views`] views. A second of thousands of processes
+/// would be millions of views, so a simulated view stands for several.
 pub fn dearer(case: &Case, parameters: &Parameters) -> f64 {
     let per_sec = LOAD * 1e3 / parameters.view_ms * f64::from(case.processes - 1);
     (per_sec * (CALM_SECS + TROUBLE_SECS) / case.views as f64).max(1.0)
@@ -113,11 +113,11 @@ pub fn costs(case: &Case, parameters: &Parameters) -> Parameters {
     }
 }
 
-/// Simulates one case, of at least two processes, with the costs of [`costs`]. The scene stands still.
+/// Simulates one case with at least two processes and the costs of [`costs`]. The scene does not move.
 pub fn run(case: &Case, costs: &Parameters) -> Outcome {
     let p = case.processes.max(2) as usize;
     let max_views = 256 * p.max(8);
-    // A few clients may ask for all there is room for.
+    // A few clients may request up to the limit of all.
     let config =
         Config { max_views, max_views_per_client: max_views, samplers_composite: true, ..Config::default() };
     let mut world = World::new(config, set_info(false, None), costs.clone(), p);
@@ -132,10 +132,10 @@ pub fn run(case: &Case, costs: &Parameters) -> Outcome {
     let began = world.now as f64 * 1e-9 + CALM_SECS;
     let turns = WAVES * std::f64::consts::TAU / TROUBLE_SECS;
     let rate = move |now: f64| mean * (1.0 + swell * (turns * (now - began).max(0.0)).sin());
-    let (load, heard) = Clients::new(case.clients.max(1), false, rate, |client, _| somewhere(client));
+    let (load, stats) = Clients::new(case.clients.max(1), false, rate, |client, _| somewhere(client));
     world.with_load(Box::new(load));
     world.run_for(secs(CALM_SECS));
-    let (before, calm) = (world.tally, heard.borrow().latencies_ms.len());
+    let (before, calm) = (world.tally, stats.borrow().latencies_ms.len());
 
     let killed = match case.trouble {
         Trouble::Losses => sample(&mut SmallRng::seed_from_u64(11), p, (p / 16).max(1)).into_vec(),
@@ -151,7 +151,7 @@ pub fn run(case: &Case, costs: &Parameters) -> Outcome {
     world.run_until(secs(END_SECS), |world| world.open_views() == 0);
 
     let (tally, status) = (world.tally, world.core.status());
-    let mut latencies = heard.borrow_mut().latencies_ms.split_off(calm);
+    let mut latencies = stats.borrow_mut().latencies_ms.split_off(calm);
     latencies.sort_by(f64::total_cmp);
     let at = |share: f64| latencies.get((latencies.len() as f64 * share) as usize).copied().unwrap_or(0.0);
     let asked = tally.asked - before.asked;
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn no_trouble_costs_a_view_and_each_shows_where_it_should() {
+    fn no_trouble_loses_a_view_and_each_has_its_own_effect() {
         for processes in [2, 24] {
             let calm = outcome(processes, Trouble::Nothing);
             for trouble in Trouble::ALL {
@@ -192,7 +192,7 @@ mod tests {
                 assert!(outcome.asked > 500 && outcome.p99_ms >= outcome.p50_ms, "{outcome:?}");
                 let kills = trouble == Trouble::Losses;
                 assert_eq!(outcome.processes_lost > 0, kills, "{outcome:?}");
-                // Whoever is killed at work has views.
+                // A worker that is killed has views in work.
                 assert!(kills || outcome.retried == 0, "{outcome:?}");
                 if trouble == Trouble::Waves {
                     assert!(outcome.p99_ms > calm.p99_ms, "crests queue: {outcome:?} {calm:?}");
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn larger_clusters_have_dearer_views_rather_than_more_than_there_is_time_for() {
+    fn larger_clusters_have_dearer_views_rather_than_more_of_them() {
         let parameters = Parameters::default();
         let case = |processes| Case { processes, clients: 10, trouble: Trouble::Nothing, views: 100_000 };
         assert_eq!(dearer(&case(11), &parameters), 1.0);

@@ -1,6 +1,6 @@
-//! A simulated worker: what it was told, what it has, what waits for its render thread.
+//! A simulated worker: its assignment, the samples it holds, and the queue of its render thread.
 //!
-//! What it does next is in [`argus_cluster::worker::policy`], which the real worker asks, too.
+//! What it does next is decided by [`argus_cluster::worker::policy`], as in the real worker.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 
@@ -18,7 +18,7 @@ pub(super) struct Attempt {
     pub(super) attempt: u32,
 }
 
-/// What the render thread does.
+/// Work of the render thread.
 #[derive(Debug, Clone)]
 pub(super) enum Rendering {
     Sample(SampleId),
@@ -26,14 +26,14 @@ pub(super) enum Rendering {
     Direct(Vec<Attempt>),
 }
 
-/// What the render thread is at.
+/// The work in progress on the render thread.
 #[derive(Debug, Clone)]
 pub(super) struct Busy {
     pub(super) rendering: Rendering,
     pub(super) since: Nanos,
-    /// How much of it is the cost of what is rendered; the rest is taking samples up.
+    /// Share of the time that is the cost of rendering; the rest is holding samples.
     pub(super) cost_share: f64,
-    /// Threads that are still at it.
+    /// Threads that are still working on it.
     pub(super) threads: u32,
 }
 
@@ -50,11 +50,11 @@ pub(super) struct Waiting {
 pub(super) struct Fetch {
     /// Slots of the workers to ask.
     pub(super) sources: Vec<usize>,
-    /// How many of them were asked in vain.
+    /// Number of these that were asked in vain.
     pub(super) asked: usize,
-    /// Slots of the workers to ask once all of these were asked.
+    /// Slots of the workers to ask after all of `sources`.
     pub(super) then: Vec<usize>,
-    /// Whether a view waits for it.
+    /// Whether a view waits for the sample.
     pub(super) urgent: bool,
 }
 
@@ -68,27 +68,27 @@ impl Fetch {
 #[derive(Debug, Default)]
 pub(super) struct Worker {
     pub(super) name: String,
-    /// Its joining; `None` while it is not part of the cluster.
+    /// Its id in the cluster; `None` while it is not a member.
     pub(super) id: Option<WorkerId>,
-    /// Counts its processes, so that what an earlier one began is told apart.
+    /// Number of process restarts, so that events for an earlier process are ignored.
     pub(super) life: u32,
     pub(super) alive: bool,
     pub(super) paused: bool,
     pub(super) leaving: bool,
-    /// How much longer everything takes it than others.
+    /// Factor on the time of all its work.
     pub(super) slowness: f64,
     pub(super) told: Option<Assignment>,
     pub(super) acting: Option<Role>,
     pub(super) applied: u64,
     pub(super) held: BTreeSet<SampleId>,
-    /// What it has as it goes over the wire: what it received, and what it packed.
+    /// Samples that it has in packed form: received ones, and those it packed.
     pub(super) packed: BTreeSet<SampleId>,
-    /// Who waits for a sample that is being packed.
+    /// Slots that wait for a sample that is being packed.
     pub(super) packing: HashMap<SampleId, Vec<usize>>,
-    /// What its compositor has taken up.
+    /// Samples that its compositor holds.
     pub(super) taken_up: BTreeSet<SampleId>,
     pub(super) fetches: HashMap<SampleId, Fetch>,
-    /// Who waits for a sample from here.
+    /// Slots that wait for a sample from this worker.
     pub(super) children: HashMap<SampleId, Vec<usize>>,
     pub(super) renders: VecDeque<SampleId>,
     pub(super) renders_ahead: VecDeque<SampleId>,
@@ -97,13 +97,13 @@ pub(super) struct Worker {
     pub(super) direct: VecDeque<Attempt>,
     pub(super) policy: Policy,
     pub(super) busy: Option<Busy>,
-    /// Frames that are being packed, or wait for it.
+    /// Frames that are being packed or wait for it.
     pub(super) sending: usize,
-    /// Work beside rendering: how much is at it, and what waits.
+    /// Tasks in work beside rendering, and the tasks that wait.
     pub(super) beside: usize,
     pub(super) beside_waits: VecDeque<(f64, Task)>,
     pub(super) report: Report,
-    /// Milliseconds and counts since the last report: samples, direct views, views.
+    /// Milliseconds and counts since the last report: samples, direct views, warped views.
     pub(super) recent: [(f64, u64); 3],
 }
 
@@ -112,7 +112,7 @@ impl Worker {
         self.acting.is_some_and(Role::samples)
     }
 
-    /// Whether a sample is being rendered, or waits for that.
+    /// Whether a sample is being rendered or queued.
     pub(super) fn renders(&self, id: SampleId, ahead: bool) -> bool {
         let now = matches!(&self.busy, Some(Busy { rendering: Rendering::Sample(now), .. }) if *now == id);
         now || self.renders.contains(&id) || (ahead && self.renders_ahead.contains(&id))
@@ -132,7 +132,7 @@ impl Worker {
         }
     }
 
-    /// What waits for the render thread.
+    /// The render thread's queue.
     fn waiting(&self) -> Left {
         Left {
             samples: self.renders.len(),
@@ -143,7 +143,7 @@ impl Worker {
         }
     }
 
-    /// What the render thread is at, as what waits is counted.
+    /// The render thread's work in progress, counted like its queue.
     fn in_work(&self) -> Left {
         let none = Left::default();
         match self.busy.as_ref().map(|busy| &busy.rendering) {
@@ -154,8 +154,7 @@ impl Worker {
         }
     }
 
-    /// What the render thread does next, if there is anything, and how many samples the compositor has to take up
-    /// for it.
+    /// The render thread's next work, if any, and the number of samples that the compositor must hold for it first.
     pub(super) fn next(&mut self) -> Option<(Rendering, usize)> {
         if self.busy.is_some() || !self.alive {
             return None;
@@ -179,12 +178,12 @@ impl Worker {
                 }
                 Some((Rendering::Views(views), fresh))
             }
-            // Of these nothing waits here.
+            // The simulation has none of these.
             Kind::Order | Kind::Postponed | Kind::Pixels | Kind::Background => None,
         }
     }
 
-    /// Something was rendered that took `ms` of it, `own_ms` of which is its cost.
+    /// Records work that took `ms` milliseconds, of which `cost_ms` are its own cost.
     pub(super) fn measure(&mut self, rendering: &Rendering, ms: f64, cost_ms: f64) {
         let (kind, count) = match rendering {
             Rendering::Sample(_) => (0, 1),
@@ -205,7 +204,7 @@ impl Worker {
         }
     }
 
-    /// What it reports now. A role is taken up once what the one before gave it is done.
+    /// The next report. A new role is taken up once the queue allows it.
     pub(super) fn report(&mut self) -> Report {
         if let Some(told) = &self.told {
             let before = self.acting.unwrap_or(told.role);
@@ -228,7 +227,7 @@ impl Worker {
         self.report.clone()
     }
 
-    /// Its process ends, and with it all it had.
+    /// Ends the process: it loses all state but its name and speed.
     pub(super) fn end(&mut self) {
         let (name, life, slowness) = (std::mem::take(&mut self.name), self.life + 1, self.slowness);
         *self = Self { name, life, slowness, ..Self::default() };

@@ -1,4 +1,4 @@
-//! The simulated cluster: events in the order of their time, between the coordinator's core and simulated workers.
+//! The simulated cluster: a queue of events between the coordinator's core, simulated workers and clients.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
@@ -14,26 +14,26 @@ use argus_scene::{Camera, Outputs, PlanRequest, SampleId, SampleSetInfo, View};
 use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
 
-mod agenda;
-mod conduct;
+mod event_queue;
+mod worker_messages;
 
-use self::agenda::{Due, Happening};
+use self::event_queue::{Due, SimEvent};
 use super::host::{Host, Link, transfer};
 use super::parameters::{Machines, Parameters};
 use super::worker::{Attempt, Worker};
 use super::{Nanos, nanos};
 
-/// What a load does when something becomes of its views.
+/// A load: what clients ask for, and what they do with the answers.
 pub(super) trait Load {
-    /// The time has come that it asked for.
+    /// A wake-up that the load asked for.
     fn wake(&mut self, tag: u64, world: &mut World);
-    /// A client has its frame.
+    /// A client received its frame.
     fn answered(&mut self, client: u64, latency: Nanos, world: &mut World);
-    /// A client's view was refused; whether because of overload.
+    /// A client's view was refused; `overload` tells whether because of overload.
     fn refused(&mut self, client: u64, overload: bool, world: &mut World);
 }
 
-/// What reaches a worker.
+/// A message to a worker.
 #[derive(Debug, Clone)]
 pub(super) enum Message {
     Order(Ticket, Box<Order>),
@@ -43,7 +43,7 @@ pub(super) enum Message {
     NoSample { id: SampleId, from: usize },
 }
 
-/// Work on a machine's cores.
+/// A task on a machine's cores.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Task {
     Render { slot: usize, life: u32 },
@@ -61,19 +61,19 @@ struct Asked {
     answered: bool,
 }
 
-/// What happened so far.
+/// Counts since the start.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Tally {
     pub(super) asked: u64,
     pub(super) answered: u64,
     pub(super) overloaded: u64,
     pub(super) failed: u64,
-    /// Views for which at least one sample had to be brought after they came to their worker.
+    /// Views with at least one sample that had to be fetched or rendered after their dispatch.
     pub(super) waited_for_samples: u64,
     pub(super) samples_sent: u64,
-    /// The longest that a client waited for a frame, nanoseconds.
+    /// Longest latency of a frame, in nanoseconds.
     pub(super) slowest: Nanos,
-    /// Real seconds in the core, and its events.
+    /// Real seconds spent in the core, and its events.
     pub(super) core_secs: f64,
     pub(super) core_steps: u64,
 }
@@ -86,15 +86,15 @@ pub(super) struct World {
     pub(super) workers: Vec<Worker>,
     pub(super) tally: Tally,
     pub(super) rng: SmallRng,
-    /// Spread of what work takes, as a part of its mean.
+    /// Random variation of task times, as a share of their mean.
     pub(super) noise: f64,
     heap: BinaryHeap<Reverse<Due>>,
     number: u64,
     hosts: Vec<Host<Task>>,
     links: Vec<Link>,
     slots: HashMap<WorkerId, usize>,
-    /// What reached a paused worker, and what it had in work, by slot.
-    held_up: HashMap<usize, (Vec<Message>, Vec<Task>)>,
+    /// Messages that reached a paused worker, and its tasks that ended meanwhile, by slot.
+    while_paused: HashMap<usize, (Vec<Message>, Vec<Task>)>,
     views: HashMap<Ticket, Asked>,
     next_id: u64,
     load: Option<Box<dyn Load>>,
@@ -102,7 +102,7 @@ pub(super) struct World {
     tick_every: Nanos,
 }
 
-/// Before workers: the coordinator's machine and the clients'.
+/// Host numbers before the workers': the coordinator's machine and the clients'.
 const COORDINATOR: usize = 0;
 const CLIENTS: usize = 1;
 const WORKERS: usize = 2;
@@ -111,7 +111,7 @@ impl World {
     /// A cluster whose workers have not joined yet.
     pub(super) fn new(config: Config, set: SampleSetInfo, parameters: Parameters, workers: usize) -> Self {
         let report_every = nanos(config.report_interval);
-        // As the coordinator's shell does.
+        // The same tick interval as in the coordinator's shell.
         let finest = if set.epoch_secs > 0.0 { config.epoch / 5 } else { Duration::MAX };
         let period = (config.tick / 10).min(finest);
         let tick_every = nanos(period.clamp(Duration::from_millis(5), Duration::from_millis(100)));
@@ -136,29 +136,29 @@ impl World {
             hosts,
             links: vec![Link::default(); count],
             slots: HashMap::new(),
-            held_up: HashMap::new(),
+            while_paused: HashMap::new(),
             views: HashMap::new(),
             next_id: 1,
             load: None,
             report_every,
             tick_every,
         };
-        world.after(tick_every, Happening::CoreTick);
+        world.after(tick_every, SimEvent::CoreTick);
         world
     }
 
-    /// Has this load ask; it is woken at once, with tag 0.
+    /// Sets the load and wakes it at once, with tag 0.
     pub(super) fn with_load(&mut self, load: Box<dyn Load>) {
         self.load = Some(load);
-        self.after(0, Happening::Wake { tag: 0 });
+        self.after(0, SimEvent::Wake { tag: 0 });
     }
 
-    /// Nobody asks for anything more.
+    /// Ends the load: no more views are requested.
     pub(super) fn stop_load(&mut self) {
         self.load = None;
     }
 
-    /// Lets time pass.
+    /// Runs the simulation for a time.
     pub(super) fn run_for(&mut self, time: Nanos) {
         let until = self.now + time;
         while let Some(Reverse(due)) = self.heap.peek() {
@@ -167,12 +167,12 @@ impl World {
             }
             let Some(Reverse(due)) = self.heap.pop() else { break };
             self.now = due.at;
-            self.happen(due.happening);
+            self.handle(due.event);
         }
         self.now = until;
     }
 
-    /// Lets time pass until something is so, looking every millisecond; `false` if it is not by then.
+    /// Runs until a condition holds, tested every millisecond, for at most `most`. Returns whether it holds.
     pub(super) fn run_until(&mut self, most: Nanos, is_so: impl Fn(&Self) -> bool) -> bool {
         let until = self.now + most;
         while self.now < until {
@@ -184,13 +184,13 @@ impl World {
         is_so(self)
     }
 
-    fn after(&mut self, time: Nanos, happening: Happening) {
-        self.at(self.now + time, happening);
+    fn after(&mut self, time: Nanos, event: SimEvent) {
+        self.at(self.now + time, event);
     }
 
-    fn at(&mut self, at: Nanos, happening: Happening) {
+    fn at(&mut self, at: Nanos, event: SimEvent) {
         self.number += 1;
-        self.heap.push(Reverse(Due { at, number: self.number, happening }));
+        self.heap.push(Reverse(Due { at, number: self.number, event }));
     }
 
     fn latency(&self) -> Nanos {
@@ -204,7 +204,7 @@ impl World {
         }
     }
 
-    /// Work begins on the machine of a place.
+    /// Starts a task on the machine of a place.
     fn begin(&mut self, place: usize, ms: f64, task: Task) {
         let host = self.host_of(place);
         let spread = 1.0 + self.noise * self.rng.random_range(-1.0..1.0);
@@ -212,7 +212,7 @@ impl World {
         self.expect(host);
     }
 
-    /// Work beside a worker's render thread begins, or waits for a thread.
+    /// Starts a task beside a worker's render thread, or queues it if all threads are busy.
     fn begin_beside(&mut self, slot: usize, ms: f64, task: Task) {
         let (Machines::Shared { cores } | Machines::Each { cores }) = self.parameters.machines;
         let ms = ms * self.workers[slot].slowness;
@@ -224,7 +224,7 @@ impl World {
         self.begin(WORKERS + slot, ms, task);
     }
 
-    /// A task beside the render thread ends.
+    /// Ends a task beside the render thread and starts the next one.
     fn ended_beside(&mut self, slot: usize) {
         let worker = &mut self.workers[slot];
         match worker.beside_waits.pop_front() {
@@ -236,14 +236,14 @@ impl World {
     fn expect(&mut self, host: usize) {
         if let Some(at) = self.hosts[host].next_end() {
             let version = self.hosts[host].version;
-            self.at(at.max(self.now), Happening::HostDone { host, version });
+            self.at(at.max(self.now), SimEvent::HostDone { host, version });
         }
     }
 
     fn send(&mut self, from: usize, to: usize, bytes: u64) -> Nanos {
         let (from, to) = (self.host_of(from), self.host_of(to));
         if to == CLIENTS {
-            // Clients are on as many machines as they need: what one receives keeps no other waiting.
+            // Clients have as many machines as they need, so one client's reception delays no other.
             self.links[CLIENTS] = Link::default();
         }
         let rate = self.parameters.link_bytes_per_sec;
@@ -253,12 +253,12 @@ impl World {
     fn tell(&mut self, slot: usize, message: Message) {
         let life = self.workers[slot].life;
         let latency = self.latency();
-        self.after(latency, Happening::ToWorker { slot, life, message });
+        self.after(latency, SimEvent::ToWorker { slot, life, message });
     }
 
-    // What clients do.
+    // Clients.
 
-    /// A client asks for a view from where it stands.
+    /// A client requests a view from its camera.
     pub(super) fn ask(&mut self, client: u64, camera: Camera, direct: bool) -> Ticket {
         let ticket = Ticket(self.next_id);
         self.next_id += 1;
@@ -279,13 +279,13 @@ impl World {
             survey: None,
             last: None,
         };
-        self.after(latency, Happening::ToCoordinator(Box::new(asked)));
+        self.after(latency, SimEvent::ToCoordinator(Box::new(asked)));
         ticket
     }
 
-    /// The load is woken in a while.
+    /// Wakes the load after a time.
     pub(super) fn wake_after(&mut self, time: Nanos, tag: u64) {
-        self.after(time, Happening::Wake { tag });
+        self.after(time, SimEvent::Wake { tag });
     }
 
     fn with(&mut self, act: impl FnOnce(&mut dyn Load, &mut Self)) {
@@ -295,20 +295,20 @@ impl World {
         }
     }
 
-    /// Views whose client has no answer yet.
+    /// Views that have no answer yet.
     pub(super) fn open_views(&self) -> usize {
         self.views.len()
     }
 
-    // What becomes of workers.
+    // Workers.
 
-    /// A worker's process starts and joins.
+    /// Starts a worker's process, which joins.
     pub(super) fn start(&mut self, slot: usize) {
         self.workers[slot].alive = true;
         self.join(slot);
         let phase = self.rng.random_range(0..self.report_every.max(1));
         let life = self.workers[slot].life;
-        self.after(phase, Happening::Report { slot, life });
+        self.after(phase, SimEvent::Report { slot, life });
     }
 
     fn join(&mut self, slot: usize) {
@@ -326,18 +326,18 @@ impl World {
             cores: 1,
         };
         let latency = self.latency();
-        self.after(latency, Happening::ToCoordinator(Box::new(Event::Joined { worker: id, hello })));
+        self.after(latency, SimEvent::ToCoordinator(Box::new(Event::Joined { worker: id, hello })));
     }
 
-    /// A worker's process ends without a word; its connections break.
+    /// Kills a worker's process; its connections break.
     pub(super) fn kill(&mut self, slot: usize) {
         let id = self.workers[slot].id.take();
         self.workers[slot].end();
-        self.held_up.remove(&slot);
+        self.while_paused.remove(&slot);
         let latency = self.latency();
         if let Some(worker) = id {
             self.slots.remove(&worker);
-            self.after(latency, Happening::ToCoordinator(Box::new(Event::Left { worker })));
+            self.after(latency, SimEvent::ToCoordinator(Box::new(Event::Left { worker })));
         }
         for child in 0..self.workers.len() {
             let fetches = self.workers[child].fetches.iter();
@@ -348,15 +348,15 @@ impl World {
         }
     }
 
-    /// A worker stops in its tracks, as by SIGSTOP.
+    /// Pauses a worker, as SIGSTOP does.
     pub(super) fn pause(&mut self, slot: usize) {
         self.workers[slot].paused = true;
     }
 
-    /// A paused worker goes on.
+    /// Resumes a paused worker.
     pub(super) fn resume(&mut self, slot: usize) {
         self.workers[slot].paused = false;
-        let (messages, tasks) = self.held_up.remove(&slot).unwrap_or_default();
+        let (messages, tasks) = self.while_paused.remove(&slot).unwrap_or_default();
         messages.into_iter().for_each(|message| self.receive(slot, message));
         tasks.into_iter().for_each(|task| self.done(task));
         if self.workers[slot].alive && self.workers[slot].id.is_none() {
@@ -364,17 +364,17 @@ impl World {
         }
     }
 
-    /// A worker says that it leaves, and ends once it has done what it has.
+    /// A worker announces that it leaves, and ends after its work is done.
     pub(super) fn leave(&mut self, slot: usize) {
         self.workers[slot].leaving = true;
         self.report(slot);
     }
 
-    // What happens.
+    // Events.
 
-    fn happen(&mut self, happening: Happening) {
-        match happening {
-            Happening::HostDone { host, version } => {
+    fn handle(&mut self, event: SimEvent) {
+        match event {
+            SimEvent::HostDone { host, version } => {
                 if self.hosts[host].version == version {
                     for task in self.hosts[host].ended(self.now) {
                         self.done(task);
@@ -382,43 +382,43 @@ impl World {
                     self.expect(host);
                 }
             }
-            Happening::ToWorker { slot, life, message } if self.workers[slot].life == life => {
+            SimEvent::ToWorker { slot, life, message } if self.workers[slot].life == life => {
                 match self.workers[slot].paused {
-                    true => self.held_up.entry(slot).or_default().0.push(message),
+                    true => self.while_paused.entry(slot).or_default().0.push(message),
                     false => self.receive(slot, message),
                 }
             }
-            Happening::ToWorker { message: Message::Order(ticket, order), .. } => {
-                // Nobody listens there any more.
+            SimEvent::ToWorker { message: Message::Order(ticket, order), .. } => {
+                // That process no longer exists.
                 let failure = Failure::TryElsewhere;
                 self.step(Event::Failed { ticket, attempt: order.attempt, failure });
             }
-            Happening::ToWorker { .. } => {}
-            Happening::ToCoordinator(event) => self.step(*event),
-            Happening::FrameAtCoordinator { view } => {
+            SimEvent::ToWorker { .. } => {}
+            SimEvent::ToCoordinator(event) => self.step(*event),
+            SimEvent::FrameAtCoordinator { view } => {
                 let ms = self.parameters.relay_ms;
                 self.begin(COORDINATOR, ms, Task::Relay { view });
             }
-            Happening::FrameAtClient { ticket } => {
+            SimEvent::FrameAtClient { ticket } => {
                 let ms = self.parameters.client_ms;
                 self.begin(CLIENTS, ms, Task::Receive { ticket });
             }
-            Happening::Report { slot, life } => {
+            SimEvent::Report { slot, life } => {
                 let worker = &self.workers[slot];
                 if worker.life == life && worker.alive {
                     if !worker.paused {
                         self.report(slot);
                     }
                     let every = self.report_every;
-                    self.after(every, Happening::Report { slot, life });
+                    self.after(every, SimEvent::Report { slot, life });
                 }
             }
-            Happening::Announced { slot, life, id } => {
+            SimEvent::Announced { slot, life, id } => {
                 if self.workers[slot].life == life {
                     self.announced(slot, id);
                 }
             }
-            Happening::AskAgain { slot, life, id } => {
+            SimEvent::AskAgain { slot, life, id } => {
                 let worker = &mut self.workers[slot];
                 if worker.life == life
                     && let Some(fetch) = worker.fetches.get_mut(&id)
@@ -427,22 +427,22 @@ impl World {
                     self.seek(slot, id);
                 }
             }
-            Happening::Rejoin { slot, life } => {
+            SimEvent::Rejoin { slot, life } => {
                 let worker = &self.workers[slot];
                 if worker.life == life && worker.alive && worker.id.is_none() && !worker.paused {
                     self.join(slot);
                 }
             }
-            Happening::CoreTick => {
+            SimEvent::CoreTick => {
                 self.step(Event::Tick);
                 let every = self.tick_every;
-                self.after(every, Happening::CoreTick);
+                self.after(every, SimEvent::CoreTick);
             }
-            Happening::Wake { tag } => self.with(|load, world| load.wake(tag, world)),
+            SimEvent::Wake { tag } => self.with(|load, world| load.wake(tag, world)),
         }
     }
 
-    /// Takes an event to the core and its actions to whom they concern.
+    /// Passes an event to the core, and its actions to workers and clients.
     fn step(&mut self, event: Event) {
         let now = Uptime(Duration::from_nanos(self.now));
         let began = Instant::now();
@@ -462,7 +462,7 @@ impl World {
                     {
                         self.workers[slot].id = None;
                         let life = self.workers[slot].life;
-                        self.after(200_000_000, Happening::Rejoin { slot, life });
+                        self.after(200_000_000, SimEvent::Rejoin { slot, life });
                     }
                 }
                 Action::Dispatch { ticket, order } => {
@@ -476,7 +476,7 @@ impl World {
                                 failure: Failure::TryElsewhere,
                             };
                             let latency = self.latency();
-                            self.after(latency, Happening::ToCoordinator(Box::new(failed)));
+                            self.after(latency, SimEvent::ToCoordinator(Box::new(failed)));
                         }
                     }
                 }
@@ -494,7 +494,7 @@ impl World {
         }
     }
 
-    /// Work of a machine is done.
+    /// A task on a machine has ended.
     fn done(&mut self, task: Task) {
         let of = match task {
             Task::Render { slot, life }
@@ -508,7 +508,7 @@ impl World {
                 return;
             }
             if self.workers[slot].paused {
-                self.held_up.entry(slot).or_default().1.push(task);
+                self.while_paused.entry(slot).or_default().1.push(task);
                 return;
             }
         }
@@ -522,12 +522,12 @@ impl World {
                 self.workers[slot].sending -= 1;
                 if self.parameters.relayed {
                     let at = self.send(WORKERS + slot, COORDINATOR, bytes);
-                    self.at(at, Happening::FrameAtCoordinator { view });
+                    self.at(at, SimEvent::FrameAtCoordinator { view });
                 } else {
                     let latency = self.latency();
-                    self.after(latency, Happening::ToCoordinator(Box::new(answered(view))));
+                    self.after(latency, SimEvent::ToCoordinator(Box::new(answered(view))));
                     let at = self.send(WORKERS + slot, CLIENTS, bytes);
-                    self.at(at, Happening::FrameAtClient { ticket: view.ticket });
+                    self.at(at, SimEvent::FrameAtClient { ticket: view.ticket });
                 }
             }
             Task::Pack { slot, id, .. } => {
@@ -547,7 +547,7 @@ impl World {
                 self.step(answered(view));
                 let bytes = self.parameters.frame_bytes;
                 let at = self.send(COORDINATOR, CLIENTS, bytes);
-                self.at(at, Happening::FrameAtClient { ticket: view.ticket });
+                self.at(at, SimEvent::FrameAtClient { ticket: view.ticket });
             }
             Task::Receive { ticket } => {
                 let Some(asked) = self.views.remove(&ticket) else { return };

@@ -1,4 +1,4 @@
-//! Workers that are killed and paused while a cluster serves: of a seed, and bounded, so that a run can be repeated.
+//! Kills and pauses workers at random while a cluster serves, repeatable by seed.
 
 use std::time::{Duration, Instant};
 
@@ -7,54 +7,60 @@ use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// A paused worker goes on after at most this long.
+/// Longest pause of a worker.
 const LONGEST_PAUSE: Duration = Duration::from_millis(2000);
 
-/// Nobody is disturbed so shortly before the end: what follows is the cluster's rest.
+/// No worker is disturbed this shortly before the end, so that the cluster can recover.
 const REST: Duration = Duration::from_secs(3);
 
-/// What was done.
+/// Counts of disturbances.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Disturbed {
+pub(super) struct Disturbances {
     pub(super) kills: u64,
     pub(super) pauses: u64,
 }
 
-/// Kills a worker or pauses it, another each time.
+/// Kills or pauses a random worker at each turn.
 pub(super) struct Chaos {
     rng: SmallRng,
     every: Duration,
-    /// When the next turn is due; it is taken once somebody can be disturbed.
+    /// When the next turn is due. It waits until a worker can be disturbed.
     next: Instant,
-    /// Who is paused, and until when.
+    /// Paused processes, and when each resumes.
     paused: Vec<(u32, Instant)>,
-    done: Disturbed,
+    done: Disturbances,
 }
 
 impl Chaos {
     pub(super) fn new(seed: u64, every: Duration) -> Self {
         let rng = SmallRng::seed_from_u64(seed);
-        Self { rng, every, next: Instant::now() + every / 2, paused: Vec::new(), done: Disturbed::default() }
+        Self {
+            rng,
+            every,
+            next: Instant::now() + every / 2,
+            paused: Vec::new(),
+            done: Disturbances::default(),
+        }
     }
 
-    /// Does what is due; `left` is how long the test goes on.
-    pub(super) async fn go_on(&mut self, client: &Client, left: Duration) {
+    /// Does what is due; `left` is the remaining time of the test.
+    pub(super) async fn run_due(&mut self, client: &Client, left: Duration) {
         let now = Instant::now();
         self.wake(now);
         if now < self.next || left < REST {
             return;
         }
         let Ok(status) = client.status().await else { return };
-        // Workers that play a role: of those that start, killing would only say how fast they start.
+        // Only workers with a role: killing one that starts would only measure its start.
         let is_paused = |pid: u32| self.paused.iter().any(|(paused, _)| *paused == pid);
         let playing = status.workers.iter().filter(|w| !matches!(w.role.as_str(), "idle" | "unknown"));
         let mut pids: Vec<u32> = playing.map(|w| w.pid).filter(|pid| !is_paused(*pid)).collect();
         pids.sort_unstable();
-        // One always goes on.
+        // At least one worker always runs.
         if pids.len() < 2 {
             return;
         }
-        // What had to wait for somebody is made up for, yet not all at once.
+        // Delayed turns are caught up, but not all at once.
         self.next = (self.next + self.every).max(now + self.every / 2);
         let pid = pids[self.rng.random_range(0..pids.len())];
         if self.kills_next() {
@@ -68,13 +74,13 @@ impl Chaos {
         }
     }
 
-    /// By chance; but a pause comes first and a kill soon after it, so that a short test has both, and the pause does not
-    /// wait for a new process.
+    /// Whether the next disturbance is a kill. The first is a pause and the second a kill, so that a short test has
+    /// both; then chance decides.
     fn kills_next(&mut self) -> bool {
         let by_chance = self.rng.random_bool(0.5);
         match self.done {
-            Disturbed { pauses: 0, .. } => false,
-            Disturbed { kills: 0, .. } => true,
+            Disturbances { pauses: 0, .. } => false,
+            Disturbances { kills: 0, .. } => true,
             _ => by_chance,
         }
     }
@@ -89,8 +95,8 @@ impl Chaos {
         });
     }
 
-    /// Lets everybody go on.
-    pub(super) fn end(mut self) -> Disturbed {
+    /// Resumes all paused workers.
+    pub(super) fn end(mut self) -> Disturbances {
         self.wake(Instant::now() + LONGEST_PAUSE);
         self.done
     }
@@ -102,7 +108,7 @@ impl Drop for Chaos {
     }
 }
 
-/// Sends a signal to a process that this test's cluster started. A process that has ended meanwhile is no error.
+/// Sends a signal to a process of this test's cluster. Ignores processes that have already ended.
 fn signal(pid: u32, signal: Signal) {
     if let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) {
         let _ = kill_process(pid, signal);
@@ -115,7 +121,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_signal_reaches_its_process_and_one_that_has_ended_is_no_error() {
+    fn a_signal_reaches_its_process_and_ended_processes_are_ignored() {
         use std::os::unix::process::ExitStatusExt as _;
         let mut child = std::process::Command::new("sleep").arg("60").spawn().expect("sleep starts");
         let pid = child.id();
@@ -125,13 +131,13 @@ mod tests {
         let status = child.wait().expect("it ends");
         assert_eq!(status.signal(), Some(9));
         signal(pid, Signal::KILL);
-        // Neither the group of this test nor everything.
+        // Pid 0 (this test's group) and -1 (everything) must not be signalled.
         signal(0, Signal::KILL);
         signal(u32::MAX, Signal::KILL);
     }
 
     #[test]
-    fn short_tests_have_both_kinds_and_long_ones_about_as_many_of_each() {
+    fn short_tests_have_a_pause_and_a_kill_and_long_ones_about_as_many_of_each() {
         let mut chaos = Chaos::new(3, Duration::from_secs(1));
         let take = |chaos: &mut Chaos| {
             let kills = chaos.kills_next();

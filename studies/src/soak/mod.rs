@@ -1,5 +1,5 @@
-//! Many sessions for a long time: every accepted camera answered, latencies, memory of each process over time; and, with
-//! chaos, workers that are killed and paused meanwhile, each frame that is looked at compared with a pinned repeat.
+//! Soak: many sessions for a long time. Measures lost cameras, latencies, and each process's memory over time. With
+//! chaos, workers are killed and paused meanwhile. Some frames are compared with a pinned repeat.
 
 mod chaos;
 mod session;
@@ -22,35 +22,35 @@ use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 use self::chaos::Chaos;
-use self::session::Heard;
+use self::session::SessionStats;
 use crate::burst::{connect, patient};
 use crate::local_cluster::LocalCluster;
 use crate::plot::{Axis, Plot, Series};
 use crate::processes::resident_bytes;
 use crate::{Effort, Machine, Report, report};
 
-/// What is run, and for how long.
+/// What the study runs, and for how long.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Sessions at the same time.
+    /// Sessions open at the same time.
     pub sessions: u32,
-    /// Cameras a second of all sessions together; `None`: [`LOAD`] or [`CHAOS_LOAD`] of what the machine was
-    /// measured to carry.
+    /// Cameras per second of all sessions together. `None`: [`LOAD`] or [`CHAOS_LOAD`] of the machine's
+    /// measured capacity.
     pub rate: Option<f64>,
-    /// Pixels of a view.
+    /// View size in pixels.
     pub size: [u32; 2],
     /// Worker processes.
     pub workers: usize,
-    /// Whether sessions fetch their frames from the workers, instead of having them relayed.
+    /// Whether sessions fetch frames from the workers rather than through the coordinator.
     pub redirect: bool,
-    /// Time that is measured.
+    /// Duration of the measurement.
     pub duration: Duration,
-    /// Seed of the kills and pauses, and how often one happens; `None`: none do.
+    /// Random seed of the disturbances and the interval between them; `None`: no chaos.
     pub chaos: Option<(u64, Duration)>,
-    /// Whether latencies, gaps, memory and the number of disturbances are judged: those of a few seconds are noise. That
-    /// nothing is lost or wrong is judged always.
+    /// Whether latencies, gaps, memory and the number of disturbances are judged; over a few seconds they are noise.
+    /// Lost cameras and wrong frames are always judged.
     pub judged: bool,
 }
 
@@ -84,38 +84,39 @@ impl Effort for Options {
     }
 }
 
-/// The share of what a machine was measured to carry that it is loaded with: beyond, any hiccup queues.
+/// The load as a share of measured capacity. Above it, any delay makes queues grow.
 pub const LOAD: f64 = 0.6;
 
-/// The share of that capacity while workers are killed and paused: one is away most of the time, and its restart takes time from the rest.
+/// The load as a share of measured capacity with chaos: one worker is away most of the time, and its restart takes
+/// time from the rest.
 pub const CHAOS_LOAD: f64 = 0.2;
 
-/// Views of the burst that measures what the machine carries, and how many are in flight.
+/// Views of the burst that measures capacity, and views in flight.
 const TRIAL: (u32, usize) = (400, 128);
 
 /// Connections that all sessions share.
 const CONNECTIONS: usize = 8;
 
-/// Before memory is said to be flat or not: caches fill, programs are compiled, and samples are placed where views had holes.
-/// Latencies are judged from the beginning; what they are after it stands beside.
+/// Share of the time before memory is judged: caches fill, programs are compiled and samples are placed. Latencies
+/// are judged from the start, and shown for the time after it too.
 const WARM_UP: f64 = 0.25;
 
-/// What a run must keep to: p99 by p50, the swing of the service's memory, and with chaos the longest that a session waits
-/// for a frame, and disturbances a second: 200 in ten minutes.
+/// Limits: p99 over p50; swing of memory; longest gap between a session's frames with chaos; disturbances per second with
+/// chaos (200 in ten minutes).
 const MOST_P99_PER_P50: f64 = 3.0;
 const MOST_SWING: f64 = 0.05;
 const LONGEST_GAP: Duration = Duration::from_secs(3);
 const DISTURBANCES_PER_SEC: f64 = 200.0 / 600.0;
 
-/// After the last camera was sent, its answer is waited for.
+/// Longest wait for the answer to a session's last camera.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Resident bytes of one process over time, seconds.
+/// Resident bytes of a process over time in seconds.
 #[derive(Debug, Clone, Default)]
 struct Memory(Vec<(f64, u64)>);
 
 impl Memory {
-    /// How far it is from its middle at most, after the warm-up, as a share of it; `None` where that is not known.
+    /// Largest deviation from the middle of the range after the warm-up, as a share of it; `None` without data.
     fn swing(&self, whole_secs: f64) -> Option<f64> {
         let warm =
             self.0.iter().filter(|(secs, _)| *secs >= WARM_UP * whole_secs).map(|(_, bytes)| *bytes as f64);
@@ -124,7 +125,7 @@ impl Memory {
     }
 }
 
-/// Which bars are met; `None` where one is not judged.
+/// Whether each limit is kept; `None` if it is not judged.
 struct Bars {
     lost: bool,
     wrong: bool,
@@ -154,10 +155,10 @@ impl Bars {
     }
 }
 
-/// Runs it with a cluster of the program `argus`.
+/// Runs the study with a cluster of the program `argus`.
 ///
 /// # Errors
-/// A cluster that does not come up.
+/// A cluster that does not start, or that stops answering.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_message("start");
     let redirect = options.redirect.then_some("--redirect");
@@ -171,15 +172,16 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
 
     progress.set_length(options.duration.as_secs().max(1));
     let begin = Instant::now();
-    let heard = Arc::new(Mutex::new(Heard::default()));
+    let stats = Arc::new(Mutex::new(SessionStats::default()));
     let ending = CancellationToken::new();
     let mut sessions = JoinSet::new();
     let each = rate / f64::from(options.sessions);
     for index in 0..options.sessions {
-        let asks = session::Asks { index, rate: each, size: options.size, phase: f64::from(index) / rate };
-        sessions.spawn(session::run(client.clone(), asks, heard.clone(), begin, ending.clone()));
+        let load =
+            session::SessionLoad { index, rate: each, size: options.size, phase: f64::from(index) / rate };
+        sessions.spawn(session::run(client.clone(), load, stats.clone(), begin, ending.clone()));
     }
-    let checking = tokio::spawn(session::check(first.clone(), heard.clone()));
+    let checking = tokio::spawn(session::check(first.clone(), stats.clone()));
     let mut chaos = options.chaos.map(|(seed, every)| Chaos::new(seed, every));
     let mut memory: BTreeMap<String, Memory> = BTreeMap::new();
     let pause = (options.duration / 100).clamp(Duration::from_millis(250), Duration::from_secs(5));
@@ -187,15 +189,15 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     while begin.elapsed() < options.duration {
         tokio::time::sleep(Duration::from_millis(50)).await;
         if let Some(chaos) = &mut chaos {
-            chaos.go_on(&first, options.duration.saturating_sub(begin.elapsed())).await;
+            chaos.run_due(&first, options.duration.saturating_sub(begin.elapsed())).await;
         }
         if looked.elapsed() >= pause {
             looked = Instant::now();
             remember(&mut memory, &first, cluster.pid(), begin.elapsed().as_secs_f64()).await;
             progress.set_position(begin.elapsed().as_secs());
             let said = {
-                let heard = heard.lock();
-                format!("{} frames, {} lost", heard.answered, heard.lost)
+                let stats = stats.lock();
+                format!("{} frames, {} lost", stats.answered, stats.lost)
             };
             progress.set_message(said);
         }
@@ -214,13 +216,13 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     drop((client, first));
     cluster.stop().or_else(|error| if options.chaos.is_some() { Ok(()) } else { Err(error) })?;
 
-    let heard = std::mem::take(&mut *heard.lock());
-    let over_time = heard.latencies_ms;
+    let stats = std::mem::take(&mut *stats.lock());
+    let over_time = stats.latencies_ms;
     let warm_secs = WARM_UP * measured_secs;
     let [latencies, settled] =
         [0.0, warm_secs].map(|from_secs| sorted(&over_time, &(from_secs..f64::INFINITY)));
     let (p50, p99) = (quantile(&latencies, 0.5), quantile(&latencies, 0.99));
-    let lost = heard.lost + unfinished;
+    let lost = stats.lost + unfinished;
     let swing = |of: &str| {
         let of = memory.iter().filter(|(name, _)| name.starts_with(of));
         of.filter_map(|(_, memory)| memory.swing(measured_secs)).reduce(f64::max)
@@ -235,26 +237,26 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let disturbances = disturbed.kills + disturbed.pauses;
     let bars = Bars {
         lost: lost == 0,
-        wrong: heard.wrong == 0 && (!options.judged || heard.checked > 0),
+        wrong: stats.wrong == 0 && (!options.judged || stats.checked > 0),
         p99: p99_per_p50.filter(|_| options.judged && options.chaos.is_none()).map(|r| r <= MOST_P99_PER_P50),
         memory: most_swing.filter(|_| options.judged && options.chaos.is_none()).map(|s| s <= MOST_SWING),
-        gap: (options.judged && options.chaos.is_some()).then_some(heard.worst_gap.lasts <= LONGEST_GAP),
+        gap: (options.judged && options.chaos.is_some()).then_some(stats.worst_gap.lasts <= LONGEST_GAP),
         disturbances: (options.judged && options.chaos.is_some())
             .then_some(disturbances as f64 >= DISTURBANCES_PER_SEC * measured_secs),
-        redirected: options.redirect.then_some(heard.redirected > 0),
+        redirected: options.redirect.then_some(stats.redirected > 0),
     };
     let mut row = json!({
         "scene": options.scene,
         "sessions": options.sessions,
         "workers": options.workers,
         "redirect": options.redirect,
-        "redirected": heard.redirected,
+        "redirected": stats.redirected,
         "secs": measured_secs,
         "cameras_per_sec": rate,
-        "sent": heard.sent,
-        "answered": heard.answered,
-        "superseded": heard.sent.saturating_sub(heard.answered + heard.rejected + lost),
-        "rejected": heard.rejected,
+        "sent": stats.sent,
+        "answered": stats.answered,
+        "superseded": stats.sent.saturating_sub(stats.answered + stats.rejected + lost),
+        "rejected": stats.rejected,
         "lost": lost,
         "p50_ms": p50,
         "p90_ms": quantile(&latencies, 0.9),
@@ -264,14 +266,14 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         "settled_p50_ms": quantile(&settled, 0.5),
         "settled_p99_ms": quantile(&settled, 0.99),
         "settled_max_ms": settled.last(),
-        "worst_gap_secs": heard.worst_gap.lasts.as_secs_f64(),
-        "worst_gap_since_secs": heard.worst_gap.since.map(|since| (since - begin).as_secs_f64()),
+        "worst_gap_secs": stats.worst_gap.lasts.as_secs_f64(),
+        "worst_gap_since_secs": stats.worst_gap.since.map(|since| (since - begin).as_secs_f64()),
         "kills": disturbed.kills,
         "pauses": disturbed.pauses,
         "views_retried": counters.views_retried,
-        "frames_checked": heard.checked,
-        "frames_wrong": heard.wrong,
-        "repeats_failed": heard.repeats_failed,
+        "frames_checked": stats.checked,
+        "frames_wrong": stats.wrong,
+        "repeats_failed": stats.repeats_failed,
         "coordinator_mb": megabytes("coordinator"),
         "coordinator_swing": swing("coordinator"),
         "worker_mb": megabytes("worker"),
@@ -286,40 +288,40 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let mut report = Report::new(options.scene.clone(), Machine::here(&device), vec![report::row(row)]);
     report.plots =
         vec![memory_plot(&memory), latency_plot(&latencies), over_time_plot(&over_time, measured_secs)];
-    report.notes.extend(heard.first_failure.map(|failure| format!("The first failure: {failure}")));
-    report.notes.extend(heard.tail.sentence());
+    report.notes.extend(stats.first_failure.map(|failure| format!("The first failure: {failure}")));
+    report.notes.extend(stats.tail.sentence());
     report.notes.push(
-        "Lost: a camera that is the newest of its session and is neither answered nor turned away. Latency: from when a \
-         camera was due; settled: after the first quarter of the time. Gap: the longest that a session which had asked \
-         for a frame got none, whether its cameras were overtaken, turned away or lost meanwhile. Redirected: frames that a session fetched from a worker. Repeats that \
-         failed were not compared. Swing: half of the range of resident memory after the first quarter of the time, by its \
-         middle."
+        "lost: a session's newest camera that is neither answered nor rejected. Latency: from when a camera was due; settled: \
+        after the first quarter of the time. Gap: the longest time in which a session waited for a frame and got none, even \
+        if its cameras were superseded, rejected or lost. redirected: frames fetched from a worker. repeats_failed: repeats \
+        that were not answered, so not compared. Swing: half of the range of resident memory after the first quarter of the \
+        time, over its middle."
             .to_owned(),
     );
     report.notes.push(format!(
-        "Bars, each met or not, empty where it is not judged: nothing lost; no frame wrong, and some compared; some \
-         redirected where that was asked for; p99 at most {MOST_P99_PER_P50} times p50 and memory within {:.0}% (without \
-         chaos); no gap beyond {} s and 200 disturbances in ten minutes (with chaos). passed: all of them.",
+        "Bars, true if kept, empty if not judged: nothing lost; no frame wrong, and some compared; some frames redirected if \
+        requested; without chaos, p99 at most {MOST_P99_PER_P50} times p50 and memory within {:.0}%; with chaos, no gap \
+        beyond {} s and 200 disturbances in ten minutes. passed: all of them.",
         100.0 * MOST_SWING,
         LONGEST_GAP.as_secs()
     ));
     if options.chaos.is_some() {
         report.notes.push(
-            "Workers are killed and started anew, or paused for up to 2 s. The coordinator is not restarted and nobody is \
-             cut off: both are tests of their own."
+            "Workers are killed and restarted, or paused for up to 2 s. The coordinator is not restarted and the network is \
+            not cut: both have tests of their own."
                 .to_owned(),
         );
     }
     Ok(report)
 }
 
-/// Cameras a second: what was asked for, or what the machine carries.
+/// Cameras per second: the given rate, or a share of the measured capacity.
 async fn rate(client: &Client, options: &Options) -> Result<f64> {
     if let Some(rate) = options.rate {
         return Ok(rate);
     }
     let views = || path_views(client.description(), TRIAL.0, options.size, PlanRequest::default());
-    // The first compiles programs and renders samples.
+    // The first burst compiles programs and renders samples.
     let mut rate = 0.0;
     for _ in 0..2 {
         let trial = burst(client, views(), TRIAL.1, &patient(), |_, _| ()).await;
@@ -343,7 +345,7 @@ async fn remember(memory: &mut BTreeMap<String, Memory>, client: &Client, coordi
 }
 
 fn memory_plot(memory: &BTreeMap<String, Memory>) -> Plot {
-    // Of workers that came in place of killed ones, the first few.
+    // Restarted workers are further processes; the plot shows the first few.
     let series = memory.iter().take(6).map(|(name, memory)| Series {
         name: name.clone(),
         points: memory.0.iter().map(|(secs, bytes)| (*secs, *bytes as f64 / 1e6)).collect(),
@@ -359,7 +361,7 @@ fn memory_plot(memory: &BTreeMap<String, Memory>) -> Plot {
     }
 }
 
-/// Latencies of the frames that came in a span of time, ascending.
+/// Latencies in milliseconds of the frames that came in a time span, ascending.
 fn sorted(over_time: &[(f64, f64)], span: &Range<f64>) -> Vec<f64> {
     let of_span = over_time.iter().filter(|(secs, _)| span.contains(secs));
     let mut latencies: Vec<f64> = of_span.map(|(_, ms)| *ms).collect();
@@ -371,13 +373,13 @@ fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     sorted.get((sorted.len() as f64 * share) as usize).copied()
 }
 
-/// What half of the frames and what nearly all of them took, hundredth by hundredth of the time.
+/// Median and 99th percentile of latency for each hundredth of the time.
 fn over_time_plot(over_time: &[(f64, f64)], whole_secs: f64) -> Plot {
     const SPANS: u32 = 100;
     let edge = |i: u32| whole_secs * f64::from(i) / f64::from(SPANS);
     let spans: Vec<(f64, Vec<f64>)> =
         (0..SPANS).map(|i| (edge(i), sorted(over_time, &(edge(i)..edge(i + 1))))).collect();
-    let series = [("half of the frames", 0.5), ("99 of 100", 0.99)].map(|(name, share)| Series {
+    let series = [("p50", 0.5), ("p99", 0.99)].map(|(name, share)| Series {
         name: name.to_owned(),
         points: spans.iter().filter_map(|(secs, ms)| Some((*secs, quantile(ms, share)?))).collect(),
         line: true,
@@ -386,13 +388,13 @@ fn over_time_plot(over_time: &[(f64, f64)], whole_secs: f64) -> Plot {
         name: "latency-over-time".to_owned(),
         title: "Latency".to_owned(),
         x: Axis::linear("seconds"),
-        y: Axis::log("milliseconds from when it was due, at most"),
+        y: Axis::log("milliseconds from when it was due"),
         series: series.into(),
         ..Plot::default()
     }
 }
 
-/// The share of frames that took longer, against how long.
+/// The share of slower frames against latency.
 fn latency_plot(sorted: &[f64]) -> Plot {
     let count = sorted.len().max(1) as f64;
     let at = |share: f64| (sorted.get((count * share) as usize).copied().unwrap_or(f64::NAN), 1.0 - share);
@@ -411,17 +413,17 @@ fn latency_plot(sorted: &[f64]) -> Plot {
     }
 }
 
-/// A pinned repeat of a view must be answered within this.
+/// Options of a pinned repeat, with its deadline.
 fn repeat_options() -> RenderOptions {
     RenderOptions { deadline: Duration::from_secs(60), ..RenderOptions::default() }
 }
 
-/// A view that asks for a frame of exactly that provenance.
+/// The view, pinned to a frame's provenance.
 fn pinned(view: &View, provenance: argus_scene::Provenance) -> View {
     View { pin: Some(provenance), ..view.clone() }
 }
 
-/// The colour of a frame, which every frame here has.
+/// The colour of a frame.
 fn color(frame: &argus_scene::Frame) -> Result<bytes::Bytes> {
     frame.color.clone().context("a frame without colour")
 }
@@ -431,7 +433,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_bar_that_is_judged_and_not_met_is_enough_to_fail() {
+    fn one_missed_bar_fails_the_run() {
         let bars = || Bars {
             lost: true,
             wrong: true,

@@ -1,4 +1,4 @@
-//! One session of the soak test, and the comparison of what sessions got with pinned repeats.
+//! One session of the soak test, and the comparison of its frames with pinned repeats.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,19 +14,20 @@ use tokio_util::sync::CancellationToken;
 use super::tail::Tail;
 use super::{PATIENCE, color, pinned, repeat_options};
 
-/// What all sessions heard.
+/// What all sessions received.
 #[derive(Debug, Default)]
-pub(super) struct Heard {
+pub(super) struct SessionStats {
     pub(super) sent: u64,
     pub(super) answered: u64,
     pub(super) rejected: u64,
     /// Sessions whose newest camera was not answered, and cameras that failed.
     pub(super) lost: u64,
-    /// When each frame came, seconds from the beginning, and how long after its camera was due.
+    /// For each frame, its arrival in seconds since the start and its latency in milliseconds from when its
+    /// camera was due.
     pub(super) latencies_ms: Vec<(f64, f64)>,
-    /// Where the slowest of them spent their time.
+    /// Where the slowest frames spent their time.
     pub(super) tail: Tail,
-    /// Frames that sessions fetched from workers, instead of having them relayed.
+    /// Frames fetched from workers rather than relayed.
     pub(super) redirected: u64,
     pub(super) worst_gap: Gap,
     pub(super) first_failure: Option<String>,
@@ -34,77 +35,77 @@ pub(super) struct Heard {
     pub(super) wrong: u64,
     /// Repeats that were not answered, so that nothing was compared.
     pub(super) repeats_failed: u64,
-    /// The frame that is to be compared next.
+    /// The next frame to compare.
     to_check: Option<(View, Box<Frame>)>,
 }
 
-impl Heard {
+impl SessionStats {
     fn lose(&mut self, why: String) {
         self.lost += 1;
         self.first_failure.get_or_insert(why);
     }
 
-    /// A session got no frame since then, though it had asked for one.
+    /// Records that a session waited for a frame since then.
     fn gap(&mut self, since: Option<Instant>) {
         let gap = since.map(|since| Gap { lasts: since.elapsed(), since: Some(since) });
         self.worst_gap = self.worst_gap.max(gap.unwrap_or_default());
     }
 }
 
-/// How long a session got no frame.
+/// A time in which a session got no frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Gap {
     pub(super) lasts: Duration,
     pub(super) since: Option<Instant>,
 }
 
-/// What a session asks for.
+/// The load of one session.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Asks {
+pub(super) struct SessionLoad {
     pub(super) index: u32,
-    /// Cameras a second.
+    /// Cameras per second.
     pub(super) rate: f64,
     pub(super) size: [u32; 2],
-    /// Seconds after the beginning that the first is due.
+    /// Seconds from the start until the first camera is due.
     pub(super) phase: f64,
 }
 
-/// Moves the camera when it is due, whatever comes back, until it is told to end; then waits for the newest one's frame.
+/// Sends a camera whenever one is due until `ending` is cancelled, then waits for the newest one's frame.
 pub(super) async fn run(
     client: Client,
-    asks: Asks,
-    heard: Arc<Mutex<Heard>>,
+    load: SessionLoad,
+    stats: Arc<Mutex<SessionStats>>,
     begin: Instant,
     ending: CancellationToken,
 ) {
-    let path = CameraPath::new(client.description(), asks.index);
+    let path = CameraPath::new(client.description(), load.index);
     let options = SessionOptions { patience: PATIENCE, ..SessionOptions::default() };
     let mut session = client.session(options.clone());
     let mut open: BTreeMap<u64, (Instant, View)> = BTreeMap::new();
     let mut next = 0_u32;
-    // Since when it waits for a frame: until one comes, whatever becomes of single cameras meanwhile.
+    // Since when the session waits for a frame. A frame ends the wait; a failed camera does not.
     let mut waits: Option<Instant> = None;
     let mut until: Option<Instant> = None;
     loop {
-        let secs = asks.phase + f64::from(next) / asks.rate;
+        let secs = load.phase + f64::from(next) / load.rate;
         let due = until.unwrap_or(begin + Duration::from_secs_f64(secs));
         let idle = session.is_idle();
         if until.is_some() && idle {
-            return heard.lock().gap(waits);
+            return stats.lock().gap(waits);
         }
         tokio::select! {
             biased;
             () = ending.cancelled(), if until.is_none() => until = Some(Instant::now() + PATIENCE),
             () = sleep_until(due.into()) => {
                 if until.is_some() {
-                    let mut heard = heard.lock();
-                    heard.gap(waits);
-                    return heard.lose("a session's newest camera was not answered".to_owned());
+                    let mut stats = stats.lock();
+                    stats.gap(waits);
+                    return stats.lose("a session's newest camera was not answered".to_owned());
                 }
                 let view = View {
                     camera: path.camera(secs),
-                    width: asks.size[0],
-                    height: asks.size[1],
+                    width: load.size[0],
+                    height: load.size[1],
                     outputs: Outputs::COLOR,
                     plan: PlanRequest::default(),
                     pin: None,
@@ -112,7 +113,7 @@ pub(super) async fn run(
                 open.insert(session.send(&view), (due, view));
                 waits.get_or_insert(due);
                 next += 1;
-                heard.lock().sent += 1;
+                stats.lock().sent += 1;
             }
             event = session.next(), if !idle => match event {
                 Ok(SessionEvent::Frame { camera_seq, frame, .. }) => {
@@ -124,31 +125,31 @@ pub(super) async fn run(
                         waits = Some(now);
                     }
                     let fetched = frame.stages.iter().any(|stage| stage.name == Stage::DETOUR);
-                    let mut heard = heard.lock();
-                    heard.gap(waited);
-                    heard.answered += 1;
-                    heard.redirected += u64::from(fetched);
+                    let mut stats = stats.lock();
+                    stats.gap(waited);
+                    stats.answered += 1;
+                    stats.redirected += u64::from(fetched);
                     if let Some((due, view)) = answered {
                         let ms = now.saturating_duration_since(due).as_secs_f64() * 1e3;
-                        heard.latencies_ms.push(((now - begin).as_secs_f64(), ms));
-                        heard.tail.push(ms, &frame.stages);
-                        heard.to_check.get_or_insert((view, frame));
+                        stats.latencies_ms.push(((now - begin).as_secs_f64(), ms));
+                        stats.tail.push(ms, &frame.stages);
+                        stats.to_check.get_or_insert((view, frame));
                     }
                 }
                 Ok(SessionEvent::Failed { camera_seq, error }) => {
                     open = open.split_off(&(camera_seq + 1));
-                    let mut heard = heard.lock();
-                    heard.gap(waits);
+                    let mut stats = stats.lock();
+                    stats.gap(waits);
                     match error {
-                        ClientError::Overloaded { .. } => heard.rejected += 1,
-                        error => heard.lose(error.to_string()),
+                        ClientError::Overloaded { .. } => stats.rejected += 1,
+                        error => stats.lose(error.to_string()),
                     }
                 }
                 Err(error) => {
                     {
-                        let mut heard = heard.lock();
-                        heard.gap(waits);
-                        heard.lose(error.to_string());
+                        let mut stats = stats.lock();
+                        stats.gap(waits);
+                        stats.lose(error.to_string());
                     }
                     open.clear();
                     session = client.session(options.clone());
@@ -158,20 +159,20 @@ pub(super) async fn run(
     }
 }
 
-/// Now and then asks once more for a frame that a session got, pinned to its provenance: the bytes must be the same.
-pub(super) async fn check(client: Client, heard: Arc<Mutex<Heard>>) {
+/// From time to time repeats a session's view, pinned to its frame's provenance: the bytes must be equal.
+pub(super) async fn check(client: Client, stats: Arc<Mutex<SessionStats>>) {
     loop {
         sleep(Duration::from_millis(500)).await;
-        let taken = heard.lock().to_check.take();
+        let taken = stats.lock().to_check.take();
         let Some((view, frame)) = taken else { continue };
         let repeat = pinned(&view, frame.provenance.clone());
         let Ok(Ok(answer)) = timeout(PATIENCE, client.render(&repeat, &repeat_options())).await else {
-            heard.lock().repeats_failed += 1;
+            stats.lock().repeats_failed += 1;
             continue;
         };
         let same = matches!((color(&frame), color(&answer.frame)), (Ok(a), Ok(b)) if a == b);
-        let mut heard = heard.lock();
-        heard.checked += 1;
-        heard.wrong += u64::from(!same);
+        let mut stats = stats.lock();
+        stats.checked += 1;
+        stats.wrong += u64::from(!same);
     }
 }

@@ -1,17 +1,17 @@
-//! Where the slowest frames spent their time, beside where all of them do.
+//! Where the slowest frames spend their time, beside the mean of all frames.
 
 use std::cmp::{Ordering, Reverse};
 use std::collections::{BTreeMap, BinaryHeap};
 
 use argus_scene::Stage;
 
-/// Frames that are kept whole: the slowest hundredth of this many times a hundred.
+/// Frames that are kept: enough for the slowest hundredth of 100 times as many.
 const KEPT: usize = 1000;
 
-/// Stages that are said.
+/// Stages in the sentence.
 const SAID: usize = 4;
 
-/// The time that no stage accounts for: on the wire, and in queues outside of workers.
+/// Time outside all stages: on the wire, and in queues outside the workers.
 const ELSEWHERE: &str = "elsewhere";
 
 /// Means of all frames' stages, and the slowest frames.
@@ -29,7 +29,7 @@ struct Slow {
 }
 
 impl Tail {
-    /// A frame came, so long after its camera was due.
+    /// Records a frame and its latency in milliseconds.
     pub(super) fn push(&mut self, ms: f64, stages: &[Stage]) {
         self.frames += 1;
         let mut named = stages.to_vec();
@@ -47,7 +47,7 @@ impl Tail {
         }
     }
 
-    /// What the slowest hundredth waited for, in one sentence; `None` where there are too few frames to say.
+    /// One sentence about the stages of the slowest hundredth; `None` with fewer than 100 frames.
     pub(super) fn sentence(self) -> Option<String> {
         let count = (self.frames / 100) as usize;
         let mut slowest: Vec<Slow> = self.slowest.into_iter().map(|Reverse(slow)| slow).collect();
@@ -68,7 +68,7 @@ impl Tail {
         let said = more.iter().take(SAID);
         let said = said.map(|(name, slow, mean)| format!("{name} {slow:.1} ms ({mean:.1})"));
         Some(format!(
-            "The slowest hundredth of all frames, with the mean of all in parentheses: {}.",
+            "The slowest 1% of all frames, with the mean of all in parentheses: {}.",
             said.collect::<Vec<_>>().join(", ")
         ))
     }
@@ -99,10 +99,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_slowest_hundredth_is_told_from_the_rest_however_many_frames_there_are() {
+    fn the_slowest_hundredth_is_found_among_any_number_of_frames() {
         let mut tail = Tail::default();
         for i in 0..200_000_u32 {
-            // One of two hundred waits, the others only render.
+            // One of two hundred frames waits; the rest only render.
             let waits = if i % 200 == 0 { 90.0 } else { 0.0 };
             let stages = [Stage::new("queue", waits), Stage::new("warp", 4.0)];
             tail.push(waits + 5.0, &stages);
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn of_few_frames_nothing_is_said() {
+    fn with_few_frames_there_is_no_sentence() {
         let mut tail = Tail::default();
         (0..99).for_each(|_| tail.push(1.0, &[]));
         assert_eq!(tail.sentence(), None);

@@ -1,4 +1,4 @@
-//! The WebSocket of a page, without a browser.
+//! The page's WebSocket, tested without a browser.
 
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use super::Page;
 use super::socket::{Said, Socket};
 use crate::support::{Coordinator, PATIENCE, Process, SMALL, argus};
 
-/// Long enough for what is going to happen; short enough to wait for what must not.
+/// Longer than an expected answer takes; the wait for an answer that must not come.
 const MOMENT: Duration = Duration::from_secs(1);
 
 #[test]
@@ -17,7 +17,7 @@ fn the_newest_camera_wins_and_at_most_two_images_are_unacknowledged() {
     coordinator.wait_for_workers(1);
     let page = Page::open(&coordinator.url, &[]);
     let mut socket = Socket::open(&page);
-    // What is compiled at first is not what is tested.
+    // Programs are compiled before the test begins.
     socket.camera(1);
     assert_eq!(socket.image(), (1, (160, 120)));
     socket.shown(1);
@@ -41,13 +41,13 @@ fn the_newest_camera_wins_and_at_most_two_images_are_unacknowledged() {
         std::thread::sleep(Duration::from_millis(20));
     }
     assert_eq!(socket.next_within(MOMENT), Said::Nothing, "a third image is on its way");
-    // An acknowledgement stands for those before it; the next image is of the newest camera.
+    // An acknowledgement covers the images before it; the next image is of the newest camera.
     socket.shown(62);
     assert_eq!(socket.image().0, 80);
 }
 
 #[test]
-fn an_image_says_how_it_was_made() {
+fn an_image_states_its_plan_and_cost() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let _worker = coordinator.workers(1);
     coordinator.wait_for_workers(1);
@@ -61,7 +61,7 @@ fn an_image_says_how_it_was_made() {
     }
     assert!(about["stages"].as_array().is_some_and(|stages| !stages.is_empty()), "{about}");
     assert!(about["plan"].is_object(), "{about}");
-    // A page that is open does not keep the process from stopping.
+    // An open page does not keep the process from stopping.
     let begin = Instant::now();
     assert!(page.process.stop().success());
     assert!(begin.elapsed() < Duration::from_secs(4), "it took {:?}", begin.elapsed());
@@ -69,7 +69,7 @@ fn an_image_says_how_it_was_made() {
 }
 
 #[test]
-fn a_message_that_makes_no_sense_is_answered_by_its_field_and_the_connection_goes_on() {
+fn an_invalid_message_is_answered_by_its_field_and_the_connection_stays() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let _worker = coordinator.workers(1);
     coordinator.wait_for_workers(1);
@@ -100,7 +100,7 @@ fn a_message_that_makes_no_sense_is_answered_by_its_field_and_the_connection_goe
     }
     socket.say_bytes(&[0xff; 100]);
     assert!(matches!(socket.next(), Said::Text(_)));
-    // It shows an image that nobody sent: no harm.
+    // An acknowledgement of an image that was not sent is harmless.
     socket.shown(u64::MAX);
     socket.camera(6);
     assert_eq!(socket.image().0, 6);
@@ -114,7 +114,7 @@ fn a_message_that_makes_no_sense_is_answered_by_its_field_and_the_connection_goe
 }
 
 #[test]
-fn only_the_own_page_opens_a_websocket_and_so_many_pages_at_a_time() {
+fn only_the_own_page_opens_websockets_and_only_a_limited_number() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let page = Page::open(&coordinator.url, &[]);
     for origin in ["http://example.org", "null", "http://127.0.0.1:1"] {
@@ -133,7 +133,7 @@ fn only_the_own_page_opens_a_websocket_and_so_many_pages_at_a_time() {
 }
 
 #[test]
-fn a_service_that_went_away_and_came_back_answers_the_newest_camera() {
+fn after_a_restart_of_the_service_the_newest_camera_is_answered() {
     let mut coordinator = Coordinator::start(SMALL, &[]);
     let mut workers = coordinator.workers(1);
     coordinator.wait_for_workers(1);
@@ -146,7 +146,7 @@ fn a_service_that_went_away_and_came_back_answers_the_newest_camera() {
     coordinator.process.kill();
     workers.iter_mut().for_each(Process::kill);
     socket.camera(2);
-    let Said::Text(trouble) = socket.next() else { panic!("the page is told nothing") };
+    let Said::Text(trouble) = socket.next() else { panic!("the page gets no message") };
     assert!(trouble["trouble"].as_str().is_some_and(|reason| !reason.is_empty()), "{trouble}");
     socket.camera(3);
 
@@ -167,7 +167,7 @@ fn a_service_that_went_away_and_came_back_answers_the_newest_camera() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn a_page_that_never_reads_makes_no_memory_grow() {
+fn a_page_that_never_reads_does_not_grow_memory() {
     let coordinator = Coordinator::start(SMALL, &[]);
     let _worker = coordinator.workers(1);
     coordinator.wait_for_workers(1);
@@ -189,7 +189,7 @@ fn a_page_that_never_reads_makes_no_memory_grow() {
     while Instant::now() < end {
         said += 1;
         let camera = format!(r#"{{"camera": {said}, "size": [640, 480], "direct": true}}"#);
-        // What is wrong with the second one is said each time, until there is no room for that either.
+        // Each of the second, invalid messages is answered, until there is no room for answers either.
         if !never_reads.try_say(&camera) || !never_reads.try_say(r#"{"camera": "one"}"#) {
             break;
         }
@@ -197,7 +197,7 @@ fn a_page_that_never_reads_makes_no_memory_grow() {
     assert!(said > 1000, "{said} messages");
     let grown = resident_kib().saturating_sub(before);
     assert!(grown < 48 << 10, "it grew by {grown} KiB");
-    // Whoever reads is served as before.
+    // A page that reads is answered as before.
     reads.camera(2);
     assert_eq!(reads.image().0, 2);
 }

@@ -1,5 +1,5 @@
-//! The page in Chromium: `apt-get install chromium` on Debian. `ARGUS_REQUIRE_CHROMIUM=1` makes a failure of there
-//! being none.
+//! The page in Chromium (`apt-get install chromium` on Debian). With `ARGUS_REQUIRE_CHROMIUM=1`, a missing Chromium is a
+//! failure.
 
 use std::time::{Duration, Instant};
 
@@ -11,14 +11,14 @@ use crate::support::{Coordinator, SMALL, real_scene, say, there};
 
 const WALK: Duration = Duration::from_secs(5);
 
-/// Whether there is Chromium here.
+/// Whether Chromium is installed.
 fn chromium() -> bool {
     there("ARGUS_REQUIRE_CHROMIUM", "chromium", &["--version"])
 }
 
 const HAS_IMAGES: &str = "typeof shown !== 'undefined' && shown.images > 0";
 
-/// Walks ahead; the images that were shown meanwhile.
+/// Walks ahead; returns the number of images shown meanwhile.
 fn walk(browser: &mut Browser, tab: &Tab) -> u64 {
     let images = |browser: &mut Browser| browser.value(tab, "shown.images").as_u64().unwrap();
     let before = images(browser);
@@ -52,12 +52,12 @@ fn a_viewer_walks_through_the_scene_in_chromium() {
     let told = browser
         .value(&tab, "`${shown.size} pixels, ${shown.age.toFixed(0)} ms old, ${at('rate').textContent}`");
     say(&format!("Chromium: {images} images in {WALK:?} of walking; at last {}", told.as_str().unwrap()));
-    // Once the page got two images in six seconds. How many it gets here depends on how busy this machine is.
+    // A page once got two images in six seconds. The number depends on this machine's load.
     assert!(images >= 15, "{images} images in {WALK:?}");
     let end = numbers(&browser.value(&tab, "viewer.eye"));
     assert_ne!(start, end);
 
-    // At rest: one image of the full size, and then none.
+    // At rest: one image of full size, and no more.
     browser
         .wait_until(&tab, "asked.size === 0 && shown.size[0] === 640 && performance.now() - movedAt > 500");
     let still = browser.value(&tab, "shown.images");
@@ -69,7 +69,7 @@ fn a_viewer_walks_through_the_scene_in_chromium() {
     let colours = "new Set(new Uint32Array(paint.getImageData(0, 0, 640, 480).data.buffer)).size";
     assert!(browser.value(&tab, colours).as_u64().unwrap() > 100);
 
-    // The address is the view: whoever opens it stands there.
+    // The address holds the view: it opens at the same viewpoint.
     let shared = browser.value(&tab, "location.href");
     let tab = browser.open(shared.as_str().unwrap(), "");
     browser.wait_until(&tab, HAS_IMAGES);
@@ -82,7 +82,7 @@ fn a_viewer_walks_through_the_scene_in_chromium() {
 }
 
 #[test]
-fn a_page_without_websockets_asks_for_one_image_after_another() {
+fn a_page_without_websockets_requests_one_image_after_another() {
     if !chromium() {
         return;
     }
@@ -91,7 +91,7 @@ fn a_page_without_websockets_asks_for_one_image_after_another() {
     coordinator.wait_for_workers(1);
     let page = Page::open(&coordinator.url, &["--direct"]);
     let mut browser = Browser::start();
-    // As behind a proxy that knows no WebSockets.
+    // Like a proxy without support for WebSockets.
     let none = "WebSocket = class extends WebSocket { constructor() { super('ws://127.0.0.1:1'); } }";
     let tab = browser.open(&format!("http://{}/", page.address), none);
     browser.wait_until(&tab, HAS_IMAGES);

@@ -10,12 +10,12 @@ use tungstenite::{Message, WebSocket};
 
 use crate::support::PATIENCE;
 
-/// A browser; it ends with its owner.
+/// A browser; it ends when dropped.
 pub(crate) struct Browser {
     child: Child,
     socket: WebSocket<TcpStream>,
     commands: u64,
-    /// Its profile.
+    /// The browser's profile.
     _folder: tempfile::TempDir,
 }
 
@@ -26,7 +26,7 @@ impl Browser {
     pub(crate) fn start() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut child = Command::new("chromium")
-            // Its sandbox wants rights that containers have not; it loads nothing but our page.
+            // Its sandbox needs rights that containers lack; it loads only our page.
             .args([
                 "--headless=new",
                 "--no-sandbox",
@@ -45,8 +45,8 @@ impl Browser {
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let address = lines
             .find_map(|line| line.unwrap().strip_prefix("DevTools listening on ").map(str::to_owned))
-            .expect("Chromium says where it listens");
-        // What it says further must go somewhere.
+            .expect("Chromium prints its address");
+        // Its further output must be read.
         std::thread::spawn(move || lines.for_each(drop));
         let authority = address.strip_prefix("ws://").unwrap().split('/').next().unwrap();
         let stream = TcpStream::connect(authority).unwrap();
@@ -55,7 +55,7 @@ impl Browser {
         Self { child, socket, commands: 0, _folder: folder }
     }
 
-    /// Sends a command, to a tab or to the browser, and waits for its result.
+    /// Sends a command to a tab or to the browser, and waits for its result.
     fn command(&mut self, tab: Option<&Tab>, method: &str, parameters: Value) -> Value {
         self.commands += 1;
         let mut command = json!({ "id": self.commands, "method": method, "params": parameters });
@@ -73,7 +73,7 @@ impl Browser {
         }
     }
 
-    /// Opens a page, after `first` has run in it.
+    /// Opens a page after running `first` in it.
     pub(crate) fn open(&mut self, address: &str, first: &str) -> Tab {
         let target = self.command(None, "Target.createTarget", json!({ "url": "about:blank" }));
         let attach = json!({ "targetId": target["targetId"], "flatten": true });
@@ -103,7 +103,7 @@ impl Browser {
         }
     }
 
-    /// Presses a letter's key, or lets it go.
+    /// Presses or releases a letter's key.
     pub(crate) fn key(&mut self, tab: &Tab, letter: char, down: bool) {
         let kind = if down { "keyDown" } else { "keyUp" };
         let code = format!("Key{}", letter.to_ascii_uppercase());

@@ -1,4 +1,4 @@
-//! A scene in a web browser: what a page gets of `argus browse`, by plain HTTP, by a WebSocket, and in Chromium.
+//! A scene in a web browser: `argus browse` over plain HTTP, over a WebSocket, and in Chromium.
 
 mod bridge;
 mod chromium;
@@ -13,13 +13,13 @@ use crate::support::{Coordinator, PATIENCE, Process, SMALL, argus, run, stderr};
 use argus_scene::metrics;
 use serde_json::Value;
 
-/// `argus browse` and where its page is.
+/// A running `argus browse`, and the address of its page.
 struct Page {
     address: String,
     process: Process,
 }
 
-/// Status, head and body of an answer.
+/// Status, head and body of a response.
 type Answer = (u16, String, Vec<u8>);
 
 impl Page {
@@ -37,7 +37,7 @@ impl Page {
         self.get_as(path, &self.address)
     }
 
-    /// As a browser that was told to look for `host`.
+    /// A request for `path` with the host name `host`.
     fn get_as(&self, path: &str, host: &str) -> Answer {
         let mut stream = TcpStream::connect(&self.address).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -65,7 +65,7 @@ fn a_browser_walks_through_a_scene() {
     let mut page = Page::open(&coordinator.url, &[]);
     let (status, head, text) = page.get("/");
     assert_eq!((status, field(&head, "content-type").starts_with("text/html")), (200, true), "{head}");
-    // All that it loads comes from here.
+    // The page loads everything from its own server.
     assert!(!String::from_utf8(text).unwrap().contains("://"));
 
     let (status, _, about) = page.get("/scene");
@@ -102,7 +102,7 @@ fn a_browser_walks_through_a_scene() {
         assert!(status == 400 && text.contains(word), "{path}: {status} {text}");
     }
     assert_eq!(page.get("/elsewhere").0, 404);
-    // A name that somebody else has pointed here.
+    // A foreign host name that resolves to this machine.
     for path in ["/", "/scene", "/frame", "/session"] {
         assert_eq!(page.get_as(path, "example.org").0, 421, "{path}");
     }
@@ -110,7 +110,7 @@ fn a_browser_walks_through_a_scene() {
 }
 
 #[test]
-fn a_page_is_for_this_machine_unless_it_was_told_so_and_a_missing_service_is_said() {
+fn a_page_is_local_by_default_and_a_missing_service_is_an_error() {
     let refused = run(&["browse", "--listen", "0.0.0.0:0"]);
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
     assert!(stderr(&refused).contains("--insecure"), "{}", stderr(&refused));

@@ -1,4 +1,4 @@
-//! A page's WebSocket, as a test speaks it: blocking, with time limits.
+//! A page's WebSocket for tests: blocking, with time limits.
 
 use std::io::ErrorKind;
 use std::net::TcpStream;
@@ -15,26 +15,26 @@ use crate::support::PATIENCE;
 /// A WebSocket to a page's server.
 pub(crate) struct Socket(WebSocket<TcpStream>);
 
-/// What the server says.
+/// A message from the server, or its absence.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Said {
     /// The description of an image, and the image.
     Image(Value, Vec<u8>),
     /// A text message.
     Text(Value),
-    /// The WebSocket ends, with this code and reason.
+    /// The WebSocket's end, with its code and reason.
     Closed(u16, String),
-    /// Nothing was said in the time allowed.
+    /// No message within the time limit.
     Nothing,
 }
 
 impl Socket {
-    /// As a program that is no browser opens it.
+    /// Opens it like a program that is not a browser.
     pub(crate) fn open(page: &Page) -> Self {
         Self::open_as(page, None).unwrap()
     }
 
-    /// As a page of that origin opens it; the status where it is refused.
+    /// Opens it like a page of an origin; returns the status if it is refused.
     pub(crate) fn open_as(page: &Page, origin: Option<&str>) -> Result<Self, u16> {
         let stream = TcpStream::connect(&page.address).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -49,7 +49,7 @@ impl Socket {
         }
     }
 
-    /// Asks for a small direct view of the scene's first camera.
+    /// Requests a small direct view of the scene's first camera.
     pub(crate) fn camera(&mut self, number: u64) {
         self.say(&json!({ "camera": number, "size": [160, 120], "direct": true }).to_string());
     }
@@ -63,7 +63,7 @@ impl Socket {
         self.0.send(Message::text(text)).unwrap();
     }
 
-    /// Like [`Socket::say`], within a second; whether there was room for it.
+    /// [`Socket::say`] within a second; returns whether there was room for the message.
     pub(crate) fn try_say(&mut self, text: &str) -> bool {
         self.0.get_ref().set_write_timeout(Some(Duration::from_secs(1))).unwrap();
         self.0.send(Message::text(text)).is_ok()
@@ -73,7 +73,7 @@ impl Socket {
         self.0.send(Message::binary(bytes.to_vec())).unwrap();
     }
 
-    /// Waits for what is said next, for as long as is allowed.
+    /// Waits at most `time` for the next message.
     pub(crate) fn next_within(&mut self, time: Duration) -> Said {
         self.0.get_ref().set_read_timeout(Some(time)).unwrap();
         loop {
@@ -103,7 +103,7 @@ impl Socket {
         self.next_within(PATIENCE)
     }
 
-    /// The number of the camera of the next image, and the image's size.
+    /// The camera's number and the size of the next image.
     pub(crate) fn image(&mut self) -> (u64, (u32, u32)) {
         match self.next() {
             Said::Image(about, jpeg) => {

@@ -1,4 +1,4 @@
-//! The conformance suite of the reconstruction: every case of `argus study hard-cases`, within its bounds.
+//! The conformance suite of reconstruction: every case of `argus study hard-cases`, within its bounds.
 
 mod omni;
 mod page;
@@ -13,7 +13,7 @@ use std::sync::{Arc, OnceLock};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_studies::hard_cases::{Row, Stages, Theme};
 
-/// Plays the cases of a theme and fails with all that are out of bounds.
+/// Runs the cases of a theme; fails with all that are out of bounds.
 #[track_caller]
 fn holds(theme: Theme) -> Vec<Row> {
     static GPU: OnceLock<Arc<Gpu>> = OnceLock::new();
@@ -30,7 +30,7 @@ fn holds(theme: Theme) -> Vec<Row> {
     rows
 }
 
-/// The cases that a theme must have, by the words of its demand.
+/// Checks that a theme has these cases.
 #[track_caller]
 fn has(rows: &[Row], cases: &[&str]) {
     for case in cases {

@@ -1,7 +1,7 @@
 use argus_studies::hard_cases::Theme;
 
 #[test]
-fn seams_poles_and_corners_of_samples_that_look_everywhere() {
+fn seams_poles_and_corners_of_omni_samples_are_within_their_bounds() {
     let rows = super::holds(Theme::Omni);
     super::has(&rows, &["seam", "pole", "corner of three faces", "rim of a paraboloid"]);
 }

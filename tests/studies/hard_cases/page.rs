@@ -1,11 +1,11 @@
-//! The page in `docs/` shows what the suite plays.
+//! The page in `docs/` lists the suite's cases.
 
 use argus_gpu::{Gpu, GpuOptions};
 use argus_studies::hard_cases::{Row, Stages, Theme, claims};
 
 const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/hard-cases.md");
 
-/// Cases that are quick to play stand for the rest: a page that was not written again lacks a case or a search.
+/// Only the quick cases run here: they find a page that lacks a case or a search.
 #[test]
 fn the_page_has_every_case_by_every_search() {
     let page = std::fs::read_to_string(PAGE).unwrap();

@@ -1,7 +1,7 @@
 use argus_studies::hard_cases::Theme;
 
 #[test]
-fn wherever_the_viewer_stands() {
+fn difficult_viewpoints_are_within_their_bounds() {
     let rows = super::holds(Theme::Poses);
     let cases =
         ["at a sample camera", "outside the rig", "behind the rig", "looking away", "fov 1°", "fov 179°"];

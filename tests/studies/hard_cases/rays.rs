@@ -1,7 +1,7 @@
 use argus_studies::hard_cases::Theme;
 
 #[test]
-fn rays_along_what_a_search_is_made_of() {
+fn rays_along_borders_and_texel_rows_are_within_their_bounds() {
     let rows = super::holds(Theme::Rays);
     super::has(
         &rows,

@@ -1,7 +1,7 @@
 use argus_studies::hard_cases::Theme;
 
 #[test]
-fn whatever_there_is_to_see() {
+fn difficult_surfaces_are_within_their_bounds() {
     let rows = super::holds(Theme::Surfaces);
     let cases = [
         "inside geometry",
@@ -13,7 +13,7 @@ fn whatever_there_is_to_see() {
         "far side of a wall",
         "sky only",
         "one triangle",
-        "triangles that are none",
+        "degenerate triangles",
     ];
     super::has(&rows, &cases);
 }

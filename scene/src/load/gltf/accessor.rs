@@ -16,11 +16,11 @@ pub(super) struct Reader<'a> {
     blob: Option<Bytes>,
     bundle: &'a Bundle,
     buffers: Vec<OnceLock<Result<Bytes, String>>>,
-    /// Bytes that an accessor without a buffer, all zeros, may make up.
+    /// Remaining bytes for accessors without a buffer, which are all zeros.
     most_zeros: u64,
 }
 
-/// The elements of an accessor, where they lie.
+/// The position and layout of an accessor's elements.
 struct Elements {
     data: Bytes,
     stride: usize,
@@ -54,7 +54,7 @@ impl<'a> Reader<'a> {
         loaded.clone().map_err(|reason| format!("buffer {number}: {reason}"))
     }
 
-    /// The bytes of a view, and the distance of its elements where it sets one.
+    /// The bytes of a view, and its stride if it sets one.
     pub(super) fn view(
         &self,
         index: json::Index<json::buffer::View>,
@@ -64,7 +64,7 @@ impl<'a> Reader<'a> {
         let start = view.byte_offset.map_or(0, |offset| offset.0);
         let slice = slice(&buffer, start, view.byte_length.0)
             .ok_or_else(|| format!("buffer view {} does not fit in its buffer", index.value()))?;
-        // A stride of zero is against the rules but means none.
+        // A stride of zero is invalid but means none.
         Ok((slice, view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0)))
     }
 
@@ -144,8 +144,8 @@ impl<'a> Reader<'a> {
         Ok(Elements { data: Bytes::from(dense), stride: size, ..base })
     }
 
-    /// Elements of `N` numbers: floats as they are, integers divided by their largest value if normalised.
-    /// Of the `types` allowed, those with fewer numbers are filled up with ones.
+    /// Elements of `N` numbers: floats unchanged, integers divided by their largest value if normalised. Of the
+    /// allowed `types`, shorter ones are filled up with ones.
     pub(super) fn floats<const N: usize>(
         &self,
         index: json::Index<json::Accessor>,
@@ -166,7 +166,7 @@ impl<'a> Reader<'a> {
             (_, ComponentType::U16) => 1.0 / 65535.0,
             (_, ComponentType::U32) => 1.0 / 4_294_967_295.0,
         };
-        // The one signed integer without an opposite stands for −1 as well.
+        // The only signed integer without an opposite also stands for −1.
         let signed = |x: f32| if elements.normalized { (x * scale).max(-1.0) } else { x };
         let number = |at: usize| {
             let bits = integer(&elements.data, at, elements.component);
@@ -188,7 +188,7 @@ impl<'a> Reader<'a> {
             .collect())
     }
 
-    /// Unsigned integers, one an element.
+    /// Unsigned integers, one per element.
     pub(super) fn integers(&self, index: json::Index<json::Accessor>) -> Result<Vec<u32>, String> {
         let elements = self.elements(index, &[Type::Scalar])?;
         match elements.component {
@@ -200,14 +200,14 @@ impl<'a> Reader<'a> {
             .collect())
     }
 
-    /// How many elements an accessor claims.
+    /// The number of elements that an accessor claims.
     pub(super) fn count(&self, index: json::Index<json::Accessor>) -> Result<usize, String> {
         let accessor = get(&self.root.accessors, index, "accessor")?;
         Ok(usize::try_from(accessor.count.0).unwrap_or(usize::MAX))
     }
 }
 
-/// An unsigned little-endian number; signed types give their bits.
+/// An unsigned little-endian number; signed types are returned as their bits.
 fn integer(data: &[u8], at: usize, component: ComponentType) -> u32 {
     match component.size() {
         1 => u32::from(data[at]),

@@ -12,7 +12,7 @@ use super::{Budget, get, name};
 use crate::animation::{Animation, Channel, Interpolation, Rest, Track};
 use crate::load::Warnings;
 
-/// All animations; a channel that cannot be read costs that channel and a warning.
+/// Reads all animations. A channel that cannot be read is left out with a warning.
 ///
 /// # Errors
 /// Channels that together claim more memory than the file can justify.
@@ -43,7 +43,7 @@ pub(super) fn read(
     Ok(animations)
 }
 
-/// One channel; `None` where it moves a node that is not drawn.
+/// Reads one channel; `None` if it moves a node that is not drawn.
 fn channel(
     reader: &Reader,
     hierarchy: &Hierarchy,

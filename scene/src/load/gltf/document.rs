@@ -1,4 +1,4 @@
-//! The container and the JSON: from bytes to a document.
+//! Parses the container and the JSON of a document.
 
 use std::collections::BTreeSet;
 
@@ -6,7 +6,7 @@ use bytes::Bytes;
 use gltf::json;
 use serde_json::Value;
 
-/// Extensions that are honoured, or that change nothing that is drawn here. A file may require them.
+/// Extensions that are supported, or that do not affect the image here. A file may require them.
 const KNOWN_EXTENSIONS: [&str; 8] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
@@ -36,7 +36,7 @@ impl Document {
         Ok(Self { root, blob })
     }
 
-    /// Refuses a document that cannot be shown without an extension that is unknown here.
+    /// Rejects a document that requires an unknown extension.
     pub(super) fn check_extensions(&self) -> Result<(), String> {
         let unknown = self.root.extensions_required.iter().find(|e| !KNOWN_EXTENSIONS.contains(&e.as_str()));
         match unknown {
@@ -57,7 +57,7 @@ fn check_version(document: &Value) -> Result<(), String> {
     let text = |key: &str| asset.get(key).and_then(Value::as_str);
     let version = text("version").ok_or("is not glTF: its asset has no version")?;
     let needed = text("minVersion").unwrap_or(version);
-    // A minor version may be newer, unless the file says that it needs it.
+    // A newer minor version is accepted unless the file requires it.
     let too_new = text("minVersion").is_some_and(|v| v != "2.0");
     if !needed.starts_with("2.") || too_new {
         return Err(format!("is glTF {needed}; 2.0 is supported"));
@@ -101,9 +101,8 @@ fn split_glb(bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
     Ok((text.ok_or("a GLB file without a JSON chunk")?, blob))
 }
 
-/// Makes correct JSON digestible for the crate that describes it: whole numbers that are written as
-/// fractions (`5126.0`) become whole, a scene may lack its nodes, channels that animate no node go, and so
-/// does everybody's own data (`extras`).
+/// Prepares valid JSON for the `gltf` crate: whole numbers written as fractions (`5126.0`) become whole, a scene may
+/// lack its nodes, and channels without a node and application data (`extras`) are removed.
 fn normalise(document: &mut Value) {
     if let Some(scenes) = document.get_mut("scenes").and_then(Value::as_array_mut) {
         for scene in scenes.iter_mut().filter_map(Value::as_object_mut) {
@@ -119,7 +118,7 @@ fn normalise(document: &mut Value) {
     simplify(document);
 }
 
-/// Recursion is bounded: the parser refuses what is nested deeper than 128 levels.
+/// The recursion is bounded: the parser rejects nesting deeper than 128 levels.
 fn simplify(value: &mut Value) {
     match value {
         Value::Number(number) if number.is_f64() => {
@@ -181,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn json_that_is_no_gltf_is_refused_in_words() {
+    fn json_that_is_not_gltf_is_rejected_with_a_reason() {
         assert!(error(b"{").contains("JSON"));
         assert!(error(b"[]").contains("no asset"));
         assert!(error(br#"{"asset":{}}"#).contains("no version"));
@@ -192,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn correct_oddities_are_read() {
+    fn unusual_but_valid_documents_are_read() {
         let text = br#"{"asset":{"version":"2.0","extras":7},"scenes":[{}],
             "accessors":[{"count":3.0,"componentType":5126.0,"type":"SCALAR"}],
             "animations":[{"samplers":[],"channels":[{"sampler":0,"target":{"path":"pointer"}}]}]}"#;

@@ -1,4 +1,4 @@
-//! Materials, their extensions, and the textures that they name.
+//! Reads materials, their extensions, and their textures.
 
 use glam::{Vec2, Vec3, Vec4};
 use gltf::json;
@@ -14,7 +14,7 @@ use crate::load::images::Textures;
 use crate::material::Wrap;
 use crate::{AlphaMode, Material, TextureRef};
 
-/// All materials of the document, in its order, and the textures that they want.
+/// Reads all materials of the document in its order, and the textures they use.
 pub(super) fn read(reader: &Reader, bundle: &Bundle, warnings: &mut Warnings) -> (Vec<Material>, Textures) {
     let mut slots = Slots {
         reader,
@@ -27,12 +27,12 @@ pub(super) fn read(reader: &Reader, bundle: &Bundle, warnings: &mut Warnings) ->
     (materials, slots.textures)
 }
 
-/// Which set of texture coordinates the material of an index reads; 0 where there is no such material.
+/// The set of texture coordinates that a material uses; 0 if there is no such material.
 pub(super) fn uv_set(root: &json::Root, material: Option<json::Index<json::Material>>) -> u32 {
     material.and_then(|index| root.materials.get(index.value())).map_or(0, set_of_first)
 }
 
-/// The set that a material's first texture reads.
+/// The set that a material's first texture uses.
 fn set_of_first(material: &json::Material) -> u32 {
     let glossiness = material.extensions.as_ref().and_then(|e| e.pbr_specular_glossiness.as_ref());
     let pbr = &material.pbr_metallic_roughness;
@@ -55,7 +55,7 @@ struct Slots<'a, 'w> {
     reader: &'a Reader<'a>,
     bundle: &'a Bundle,
     textures: Textures,
-    /// Of each image of the document: its number among the textures' images, once it was wanted.
+    /// For each image of the document, its number among the textures' images once it is used.
     images: Vec<Option<Result<usize, ()>>>,
     warnings: &'w mut Warnings,
 }
@@ -125,7 +125,7 @@ impl Slots<'_, '_> {
             material.transmission = transmission.transmission_factor.0;
         }
         if extensions.unlit.is_some() {
-            // Its colour whatever the light: a surface that emits and reflects nothing.
+            // Unlit: a surface that emits its colour and reflects nothing.
             material.emissive = material.base_color.truncate();
             material.emissive_texture = material.base_color_texture;
             material.base_color = Vec4::new(0.0, 0.0, 0.0, material.base_color.w);
@@ -204,7 +204,7 @@ fn wrap(mode: Checked<WrappingMode>) -> Wrap {
     }
 }
 
-/// Brings factors into the ranges that shading is defined for.
+/// Clamps factors to the ranges that shading supports.
 fn sanitise(material: &mut Material) {
     let unit = |x: f32, default: f32| if x.is_finite() { x.clamp(0.0, 1.0) } else { default };
     material.metallic = unit(material.metallic, 0.0);
@@ -216,7 +216,7 @@ fn sanitise(material: &mut Material) {
     material.base_color = material.base_color.clamp(Vec4::ZERO, Vec4::ONE);
     material.emissive =
         if material.emissive.is_finite() { material.emissive.max(Vec3::ZERO) } else { Vec3::ZERO };
-    // Zero stands for an infinite index: KHR_materials_ior's way to ask for full reflection.
+    // Zero stands for an infinite index: full reflection in KHR_materials_ior.
     material.ior = match material.ior {
         0.0 => 1e3,
         ior if ior >= 1.0 && ior.is_finite() => ior,

@@ -1,8 +1,8 @@
 //! glTF 2.0, binary and JSON.
 //!
-//! The `gltf` crate's types describe the document, but its validation and its iterators index without
-//! checking (an accessor out of range panics in `validate`), so every reference is looked up here, and only
-//! what the default scene draws is read: an unused broken object harms nobody.
+//! The `gltf` crate's types describe the document, but its validation and iterators index without checks (`validate`
+//! panics on an accessor out of range). So every reference is looked up here, and only what the default scene draws
+//! is read: an unused broken object does no harm.
 
 mod accessor;
 mod animation;
@@ -21,11 +21,11 @@ use super::bundle::{Bundle, relative};
 use super::{Parts, Warnings};
 use document::Document;
 
-/// Bytes of scene that a bundle may grow into: a multiple of its own size, for arrays that several meshes
-/// share, and a little for small files.
+/// Limit of a scene's memory: a factor on the bundle's size, for arrays shared by several meshes, and a number of
+/// bytes for small files.
 const MOST_GROWTH: (u64, u64) = (256, 16 << 20);
 
-/// Counts what a scene will take before it is allocated.
+/// Counts memory before it is allocated.
 struct Budget {
     left: u64,
 }
@@ -35,7 +35,7 @@ impl Budget {
         Self { left: (bundle.len() as u64).saturating_mul(MOST_GROWTH.0).saturating_add(MOST_GROWTH.1) }
     }
 
-    /// Takes `count` things of `size` bytes.
+    /// Reserves `count` elements of `size` bytes.
     fn take(&mut self, count: usize, size: u64) -> Result<(), String> {
         let bytes = (count as u64).saturating_mul(size);
         match self.left.checked_sub(bytes) {
@@ -48,7 +48,7 @@ impl Budget {
     }
 }
 
-/// Names of the files that a document refers to and that lie in its folder.
+/// Names of the files that a document refers to within its folder.
 pub(super) fn references(bytes: &Bytes) -> Result<BTreeSet<String>, String> {
     let document = Document::parse(bytes)?;
     let buffers = document.root.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
@@ -58,12 +58,12 @@ pub(super) fn references(bytes: &Bytes) -> Result<BTreeSet<String>, String> {
 
 /// The file within the scene's folder that a URI names.
 fn file_of(uri: &str) -> Result<String, String> {
-    // Exporters disagree about escaping: a name with a stray per cent sign is taken as it is.
+    // Exporters escape names differently: a name with a stray per cent sign is used as it is.
     let decoded = percent_encoding::percent_decode_str(uri).decode_utf8();
     relative("", decoded.as_deref().unwrap_or(uri))
 }
 
-/// The bytes that a URI stands for: a file of the bundle, or its own.
+/// The content of a URI: a file of the bundle, or inline data.
 fn fetch(bundle: &Bundle, uri: &str) -> Result<Bytes, String> {
     let Some(data) = uri.strip_prefix("data:") else {
         return bundle.get(&file_of(uri)?).cloned();
@@ -104,12 +104,12 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
     Ok(parts)
 }
 
-/// A name as a document has it, or empty.
+/// A name from the document, or an empty one.
 fn name(name: &Option<String>) -> String {
     name.clone().unwrap_or_default()
 }
 
-/// Looks an index up.
+/// Looks up an index.
 fn get<'a, T>(list: &'a [T], index: json::Index<T>, what: &str) -> Result<&'a T, String> {
     list.get(index.value()).ok_or_else(|| format!("{what} {} does not exist", index.value()))
 }

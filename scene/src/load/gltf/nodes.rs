@@ -1,4 +1,4 @@
-//! The hierarchy, flattened parents first, and what hangs from it: lights and cameras.
+//! Reads the hierarchy, flattened parents first, and its lights and cameras.
 
 use glam::{DAffine3, DMat4, DQuat, DVec3, Vec3};
 use gltf::json;
@@ -14,16 +14,16 @@ use crate::{Camera, Light};
 pub(super) struct Hierarchy {
     /// Parents before children.
     pub(super) nodes: Vec<Node>,
-    /// Of each node: its number in the document.
+    /// For each node, its number in the document.
     pub(super) in_document: Vec<usize>,
-    /// Of each node of the document: its index in `nodes`.
+    /// For each node of the document, its index in `nodes`.
     pub(super) index_of: Vec<Option<u32>>,
-    /// Of each node: where it lies in the world at rest.
+    /// For each node, its transform to the world at rest.
     pub(super) world_from_node: Vec<DAffine3>,
 }
 
 impl Hierarchy {
-    /// Walks the default scene, or the first, or all nodes where there is no scene at all.
+    /// Walks the default scene, or else the first, or all nodes if there is no scene.
     ///
     /// # Errors
     /// A node that is its own ancestor, or that does not exist.
@@ -57,14 +57,14 @@ impl Hierarchy {
             hierarchy.in_document.push(at);
             hierarchy.world_from_node.push(world_from_parent * rest.parent_from_node());
             let children = node.children.iter().flatten().map(json::Index::value);
-            // A child is walked from the one parent it was given to.
+            // A child is visited only from its assigned parent.
             open.extend(children.filter(|&child| parents[child] == Some(at)).rev());
         }
         Ok(hierarchy)
     }
 }
 
-/// The parent of every node: the first that claims it.
+/// The parent of every node: the first that lists it.
 fn parents(root: &json::Root, warnings: &mut Warnings) -> Result<Vec<Option<usize>>, String> {
     let mut parents = vec![None; root.nodes.len()];
     for (at, node) in root.nodes.iter().enumerate() {
@@ -78,7 +78,7 @@ fn parents(root: &json::Root, warnings: &mut Warnings) -> Result<Vec<Option<usiz
             }
         }
     }
-    // Follow the chain of parents from every node: each is visited once on the way up.
+    // Follow the chain of parents from every node; each node is visited once on the way up.
     let mut seen_from = vec![usize::MAX; root.nodes.len()];
     for start in 0..root.nodes.len() {
         let mut at = Some(start);
@@ -93,8 +93,8 @@ fn parents(root: &json::Root, warnings: &mut Warnings) -> Result<Vec<Option<usiz
     Ok(parents)
 }
 
-/// The scene's roots. One that also hangs from another node of the scene, an exporter's slip that would draw
-/// it twice, is left to its parent.
+/// The scene's roots. A root that is also a child in the scene, an exporter's error that would draw it twice, is kept
+/// as a child only.
 fn roots(
     root: &json::Root,
     parents: &[Option<usize>],
@@ -155,7 +155,7 @@ fn local(node: &json::Node) -> Result<Rest, String> {
     if finite { Ok(rest) } else { Err("its transform is not finite".to_owned()) }
 }
 
-/// The lights of the scene (KHR_lights_punctual), which their nodes are told of.
+/// Reads the lights of the scene (KHR_lights_punctual), and records them in their nodes.
 pub(super) fn lights(root: &json::Root, hierarchy: &mut Hierarchy, warnings: &mut Warnings) -> Vec<Light> {
     let mut lights = Vec::new();
     let Hierarchy { nodes, in_document, world_from_node, .. } = hierarchy;

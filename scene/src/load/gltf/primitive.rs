@@ -1,4 +1,4 @@
-//! Meshes: primitives read once, in parallel, and placed wherever a node wants them.
+//! Reads each primitive once, in parallel, and places it wherever a node uses it.
 
 use std::collections::HashMap;
 
@@ -17,11 +17,11 @@ use crate::load::{Parts, Warnings};
 use crate::scene::Instance;
 use crate::{Material, Mesh};
 
-/// Bytes that a vertex and an index take at most while a primitive is read.
+/// Largest number of bytes that a vertex and an index take while a primitive is read.
 const VERTEX_BYTES: u64 = 2 * 68;
 const INDEX_BYTES: u64 = 4 + 68;
 
-/// Reads every primitive that the hierarchy draws into `parts.meshes` and places it in `parts.instances`.
+/// Reads every drawn primitive into `parts.meshes` and places it in `parts.instances`.
 pub(super) fn place(
     reader: &Reader,
     hierarchy: &Hierarchy,
@@ -30,7 +30,7 @@ pub(super) fn place(
     warnings: &mut Warnings,
 ) -> Result<(), String> {
     let root = reader.root;
-    // Each drawn mesh of the document: its primitives' numbers in `wanted`.
+    // For each drawn mesh of the document, the range of its primitives in `wanted`.
     let mut primitives_of: HashMap<usize, std::ops::Range<usize>> = HashMap::new();
     let mut wanted: Vec<(usize, usize)> = Vec::new();
     let mut placed = Vec::new();
@@ -96,7 +96,7 @@ pub(super) fn place(
     Ok(())
 }
 
-/// Adds the default material if a primitive names none; returns its index.
+/// The index of the default material, which is added if a primitive names none.
 fn default_material(root: &json::Root, wanted: &[(usize, usize)], parts: &mut Parts) -> u32 {
     let index = parts.materials.len() as u32;
     if wanted.iter().any(|&(mesh, k)| root.meshes[mesh].primitives[k].material.is_none()) {
@@ -105,7 +105,7 @@ fn default_material(root: &json::Root, wanted: &[(usize, usize)], parts: &mut Pa
     index
 }
 
-/// One primitive; `None` where it draws no triangle.
+/// Reads one primitive; `None` if it has no triangles.
 fn read(
     reader: &Reader,
     primitive: &json::mesh::Primitive,
@@ -158,7 +158,7 @@ fn any_texture(m: &Material) -> Option<crate::TextureRef> {
     m.base_color_texture.or(m.metallic_roughness_texture).or(m.normal_texture).or(m.emissive_texture)
 }
 
-/// Lists of triangles as they are; strips and fans unrolled, every second triangle of a strip turned around.
+/// Triangle lists are kept; strips and fans are unrolled, with every second triangle of a strip reversed.
 fn triangles(mode: Mode, indices: Vec<u32>) -> Vec<u32> {
     match mode {
         Mode::TriangleStrip => {

@@ -1,4 +1,4 @@
-//! Faces, gathered by material.
+//! Faces, grouped by material.
 
 use std::collections::HashMap;
 
@@ -7,14 +7,14 @@ use glam::DVec3;
 use super::text::words;
 use crate::load::polygon::triangulate;
 
-/// A corner of a face: indices into the file's arrays, from zero, all in range.
+/// A corner of a face: indices into the file's arrays, from zero and in range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct Corner {
     pub(super) position: u32,
     pub(super) uv: Option<u32>,
     pub(super) normal: Option<u32>,
-    /// Where there is no normal: corners are smoothed together with those of the same number, the smoothing
-    /// group or else one of the face's own.
+    /// For corners without a normal: corners with the same number are smoothed together. It is the smoothing group,
+    /// or else a number of the face's own.
     smooth: u64,
 }
 
@@ -28,7 +28,7 @@ pub(super) struct Group {
     known: HashMap<Corner, u32>,
 }
 
-/// All faces so far, and the state that the next one is read in.
+/// All faces so far, and the state for the next one.
 #[derive(Debug, Default)]
 pub(super) struct Groups {
     groups: Vec<Group>,
@@ -37,7 +37,7 @@ pub(super) struct Groups {
     current: Option<usize>,
     smoothing: u64,
     faces: u64,
-    /// Kept from face to face, so that no face allocates.
+    /// Reused for every face, so that no face allocates.
     face: Vec<Corner>,
     outline: Vec<DVec3>,
 }
@@ -53,13 +53,13 @@ impl Groups {
         self.smoothing = number.map_or(0, u64::from);
     }
 
-    /// Adds the face of a line; `false` where it is none: fewer than three corners, or a vertex that does not
-    /// exist. A texture coordinate or a normal that does not exist is left out.
+    /// Adds the face of a line; `false` if it has fewer than three corners or an invalid vertex. Invalid texture
+    /// coordinates and normals are left out.
     pub(super) fn add_face(&mut self, rest: &[u8], positions: &[DVec3], uvs: usize, normals: usize) -> bool {
         self.face.clear();
         self.outline.clear();
         self.faces += 1;
-        // Faces number themselves above all smoothing groups.
+        // Faces have numbers above all smoothing groups.
         let alone = self.faces + (1 << 32);
         let smooth = if self.smoothing == 0 { alone } else { self.smoothing };
         for word in words(rest).take_while(|word| !word.starts_with(b"#")) {
@@ -103,7 +103,7 @@ impl Groups {
         true
     }
 
-    /// The materials' names in the order of [`Self::into_meshes`].
+    /// The materials' names, in the order of [`Self::into_meshes`].
     pub(super) fn materials(&self) -> Vec<Option<String>> {
         self.groups.iter().map(|group| group.material.clone()).collect()
     }
@@ -113,7 +113,7 @@ impl Groups {
     }
 }
 
-/// An index as a file writes it: from one, or from the end where negative. `None` where it points at nothing.
+/// An index in file notation: from one, or from the end if negative. `None` if it is out of range.
 fn resolve(part: &[u8], count: usize) -> Option<u32> {
     let written: i64 = std::str::from_utf8(part).ok()?.parse().ok()?;
     let index = if written < 0 { i64::try_from(count).ok()?.checked_add(written)? } else { written - 1 };

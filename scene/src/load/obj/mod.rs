@@ -1,7 +1,7 @@
 //! Wavefront OBJ with MTL materials.
 //!
-//! A parser of our own: coordinates are text of any precision, which `f32` parsers cut off before the mesh
-//! can choose its origin, and the files found in the wild need more leniency than the format's definition.
+//! The parser is our own: coordinates are text of any precision, which `f32` parsers would truncate before the mesh
+//! can choose its origin, and files in the wild need more tolerance than the format's definition.
 
 mod faces;
 mod mtl;
@@ -21,25 +21,25 @@ use crate::{Material, Mesh};
 use faces::Groups;
 use text::{lines, numbers};
 
-/// What the lines of a file add up to.
+/// The content of a file.
 #[derive(Default)]
 struct Content {
     positions: Vec<DVec3>,
-    /// As many as positions if any has a colour.
+    /// Empty, or as many as positions.
     colors: Vec<Vec4>,
     uvs: Vec<DVec2>,
     normals: Vec<Vec3>,
     groups: Groups,
 }
 
-/// Candidates for the names of the material libraries, by `mtllib` line: the whole line, then its words.
+/// Candidate names of material libraries, for each `mtllib` line: the whole line, then its words.
 pub(super) fn libraries(bytes: &[u8]) -> Vec<Vec<String>> {
     let mut libraries = Vec::new();
     lines(bytes, |keyword, rest| {
         if keyword == b"mtllib" {
             let rest = String::from_utf8_lossy(rest).trim().to_owned();
             let mut names = vec![rest.clone()];
-            // A backslash keeps a space within its word.
+            // A backslash keeps a space within a word.
             let kept = rest.replace("\\ ", "\0");
             names.extend(kept.split_whitespace().map(|word| word.replace('\0', " ")));
             libraries.push(names);
@@ -48,7 +48,7 @@ pub(super) fn libraries(bytes: &[u8]) -> Vec<Vec<String>> {
     libraries
 }
 
-/// The files that a material library names as textures, relative to the scene's folder.
+/// The texture files named by a material library, relative to the scene's folder.
 pub(super) fn textures(library: &str, bytes: &[u8]) -> BTreeSet<String> {
     mtl::textures(library, bytes)
 }
@@ -94,7 +94,7 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
             raw.positions.push(positions[corner.position as usize]);
             raw.normals.push(corner.normal.map_or(Vec3::ZERO, |n| content.normals[n as usize]));
             if group.has_uvs {
-                // OBJ's v points up the image; the vocabulary's points down.
+                // In OBJ, v points up the image; in the vocabulary it points down.
                 let uv = corner.uv.map_or(DVec2::ZERO, |t| content.uvs[t as usize]);
                 raw.uvs.push(DVec2::new(uv.x, 1.0 - uv.y).as_vec2());
             }
@@ -124,7 +124,7 @@ fn read_libraries(
     let mut library = HashMap::new();
     for candidates in libraries(bundle.main_bytes()) {
         let found = |name: &String| relative("", name).ok().filter(|name| bundle.files.contains_key(name));
-        // The whole line is a name with spaces; where it is none, each word is a name.
+        // The whole line is a name with spaces; if no such file exists, each word is a name.
         let names: Vec<String> = match candidates.first().and_then(found) {
             Some(whole) => vec![whole],
             None => candidates.iter().skip(1).filter_map(found).collect(),
@@ -134,7 +134,7 @@ fn read_libraries(
             warnings.add(format!("material library {line:?} cannot be read"));
         }
         for name in names {
-            // The first definition of a material counts, as in the order of libraries.
+            // The first definition of a material counts, in the order of libraries.
             for (material, value) in mtl::read(&name, &bundle.files[&name], bundle, images, warnings) {
                 library.entry(material).or_insert(value);
             }

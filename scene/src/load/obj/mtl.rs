@@ -1,4 +1,4 @@
-//! MTL: Phong materials into metallic-roughness ones.
+//! MTL: converts Phong materials to metallic-roughness.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use crate::load::images::Textures;
 use crate::material::Wrap;
 use crate::{AlphaMode, Material, Texture, TextureRef};
 
-/// A material as an MTL file has it.
+/// A material of an MTL file.
 #[derive(Debug, Clone, Default)]
 struct Phong {
     name: String,
@@ -29,7 +29,7 @@ struct Phong {
     maps: Vec<(Map, Reference)>,
 }
 
-/// What a texture is for.
+/// The use of a texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Map {
     Diffuse,
@@ -38,7 +38,7 @@ enum Map {
     Dissolve,
 }
 
-/// A texture as a statement names it.
+/// A texture statement.
 #[derive(Debug, Clone, PartialEq)]
 struct Reference {
     file: String,
@@ -48,7 +48,7 @@ struct Reference {
     clamp: bool,
 }
 
-/// The textures that a library names and that lie in the scene's folder.
+/// The textures named by a library within the scene's folder.
 pub(super) fn textures(library: &str, bytes: &[u8]) -> BTreeSet<String> {
     let materials = parse(bytes);
     let files = materials.iter().flat_map(|material| &material.maps).map(|(_, reference)| &reference.file);
@@ -59,7 +59,7 @@ fn folder_of(library: &str) -> &str {
     library.rsplit_once('/').map_or("", |(folder, _)| folder)
 }
 
-/// The materials of a library, by name.
+/// Reads the materials of a library, by name.
 pub(super) fn read(
     library: &str,
     bytes: &Bytes,
@@ -73,7 +73,7 @@ pub(super) fn read(
             Ok((bytes, name)) => {
                 let wrap = if reference.clamp { Wrap::Clamp } else { Wrap::Repeat };
                 let image = images.add_image(name, bytes);
-                // With v turned around: 1 − ((1 − v)·s + o) = v·s + (1 − s − o).
+                // With v flipped: 1 − ((1 − v)·s + o) = v·s + (1 − s − o).
                 let Reference { scale, offset, .. } = *reference;
                 let offset = Vec2::new(offset.x, 1.0 - scale.y - offset.y);
                 Some(TextureRef { offset, scale, ..TextureRef::new(images.texture(image, srgb, [wrap; 2])) })
@@ -88,12 +88,12 @@ pub(super) fn read(
     materials.iter().map(|phong| (phong.name.clone(), convert(phong, &mut texture))).collect()
 }
 
-/// Metallic-roughness from Phong.
+/// Converts Phong to metallic-roughness.
 ///
-/// - A highlight is kept where the file means one: a specular colour above 1%, an exponent, and an
-///   illumination model that shows it; roughness = (2/(n + 2))^¼, which gives GGX the lobe of exponent n.
+/// - A highlight is kept if the file intends one: a specular colour above 1%, an exponent, and an illumination model that
+///   shows it. Roughness = (2/(n + 2))^¼ gives GGX the lobe of exponent n.
 /// - A specular colour over black is a metal of that colour.
-/// - A dissolve below one is transmission: glass as a cut-out would be a hole.
+/// - A dissolve below one is transmission: as a cut-out, glass would be a hole.
 fn convert(phong: &Phong, texture: &mut impl FnMut(&Reference, bool) -> Option<TextureRef>) -> Material {
     let unit = |v: Vec3| if v.is_finite() { v.clamp(Vec3::ZERO, Vec3::ONE) } else { Vec3::ZERO };
     let map = |kind| phong.maps.iter().rev().find(|(k, _)| *k == kind).map(|(_, reference)| reference);
@@ -131,7 +131,7 @@ fn convert(phong: &Phong, texture: &mut impl FnMut(&Reference, bool) -> Option<T
     if let Some(ior) = phong.ior.filter(|ior| *ior > 1.0 && *ior < 10.0) {
         material.ior = ior;
     }
-    // Where a file has both, d is the one that is defined by the format.
+    // If a file has both, d is the one that the format defines.
     let opaque =
         factor(phong.dissolve).or_else(|| factor(phong.transparency).map(|t| 1.0 - t)).unwrap_or(1.0);
     if map(Map::Dissolve).is_none() {
@@ -140,7 +140,7 @@ fn convert(phong: &Phong, texture: &mut impl FnMut(&Reference, bool) -> Option<T
     material
 }
 
-/// Cuts materials out along the alpha of their base colour's texture, where it has any.
+/// Cuts materials out along the alpha of their base colour's texture, if it has any.
 pub(super) fn cut_out(materials: &mut [Material], textures: &[Texture]) {
     for material in materials {
         let Some(reference) = material.base_color_texture else { continue };
@@ -163,7 +163,7 @@ fn parse(bytes: &[u8]) -> Vec<Phong> {
         }
         let Some(material) = materials.last_mut() else { return };
         let ([a, b, c], count) = numbers::<3>(rest);
-        // One number stands for three; spectral files and other colour spaces are not read.
+        // One number stands for three. Spectral files and other colour spaces are not supported.
         let color =
             || if count == 1 { Vec3::splat(a as f32) } else { Vec3::new(a as f32, b as f32, c as f32) };
         let value = (count > 0).then_some(a as f32);
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_highlight_is_kept_only_where_the_file_means_one() {
+    fn a_highlight_is_kept_only_if_the_file_intends_one() {
         let shiny = only("newmtl a\nKd .5 .5 .5\nKs .2 .2 .2\nNs 30\nillum 2");
         assert!((shiny.roughness - 0.5).abs() < 1e-6 && shiny.metallic == 0.0);
         for matt in ["Ks 0 0 0\nNs 30", "Ks 1 1 1\nNs 30\nillum 1", "Ks 1 1 1", "Ks 1 1 1\nNs nan"] {

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
-/// Calls `line` with the keyword and the rest of every line that has one. Comments are cut off, lines that
-/// end in a backslash go on in the next one.
+/// Calls `line` with the keyword and the rest of every non-empty line. Comments are removed; a line that ends in a
+/// backslash continues in the next one.
 pub(super) fn lines(bytes: &[u8], mut line: impl FnMut(&[u8], &[u8])) {
     // Some editors begin files with a byte order mark.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
@@ -18,7 +18,7 @@ pub(super) fn lines(bytes: &[u8], mut line: impl FnMut(&[u8], &[u8])) {
                 whole = Cow::Owned(joined);
                 break;
             };
-            // Of a line's end in two characters, the second makes an empty row.
+            // In a two-character line end, the second character makes an empty row.
             let more = if more.is_empty() { rows.next().unwrap_or_default() } else { more };
             joined.extend_from_slice(more);
             whole = Cow::Owned(joined);
@@ -41,13 +41,12 @@ pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
 
-/// A number; NaN where the word is none.
+/// Parses a number; NaN if the word is not one.
 pub(super) fn number(word: &[u8]) -> f64 {
     std::str::from_utf8(word).ok().and_then(|word| word.parse().ok()).unwrap_or(f64::NAN)
 }
 
-/// The first `N` numbers of a line and how many there are, up to `N`; those that are missing are zero. Ends
-/// at a comment.
+/// The first `N` numbers of a line, and their count up to `N`; missing ones are zero. Stops at a comment.
 pub(super) fn numbers<const N: usize>(line: &[u8]) -> ([f64; N], usize) {
     let mut values = [0.0; N];
     let mut count = 0;
@@ -77,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_as_people_write_them() {
+    fn numbers_in_common_notations_are_parsed() {
         let (values, count) = numbers::<6>(b".5 -5. +1e-03 1.e010 NaN x7");
         assert_eq!(count, 6);
         assert_eq!(values[..4], [0.5, -5.0, 1e-3, 1e10]);

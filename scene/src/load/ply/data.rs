@@ -61,7 +61,7 @@ impl Scalar {
 pub(super) struct Property {
     pub(super) name: String,
     pub(super) scalar: Scalar,
-    /// The type of the count, where the property is a list.
+    /// The type of the list's count, if the property is a list.
     pub(super) list: Option<Scalar>,
 }
 
@@ -78,7 +78,7 @@ impl Element {
     }
 }
 
-/// The header, and where the data begins.
+/// Parses the header. Also returns where the data starts.
 pub(super) fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, usize), String> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
@@ -120,7 +120,7 @@ pub(super) fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, usize), St
     Ok((encoding.ok_or("its header names no format")?, elements, at))
 }
 
-/// The values of a file's data, one after the other.
+/// Reads the values of a file's data one after another.
 pub(super) struct Values<'a> {
     pub(super) rest: &'a [u8],
     pub(super) encoding: Encoding,
@@ -166,7 +166,7 @@ impl Values<'_> {
         })
     }
 
-    /// A whole property: its value, or the last of a list's, whose values go to `list`.
+    /// Reads a whole property: returns its value, or the last value of a list, whose values go to `list`.
     pub(super) fn property(&mut self, property: &Property, list: &mut Vec<f64>) -> Result<f64, String> {
         let Some(count_type) = property.list else { return self.next(property.scalar) };
         let count = self.next(count_type)?;

@@ -1,7 +1,7 @@
 //! PLY: ASCII and binary of either byte order.
 //!
-//! Read in one pass over the bytes, without trusting the header's counts: nothing is allocated for an
-//! element before its bytes have been seen.
+//! The data is read in one pass without trusting the header's counts: nothing is allocated for an element before its
+//! bytes have been read.
 
 mod data;
 
@@ -113,7 +113,7 @@ fn vertices(element: &Element, values: &mut Values, content: &mut Content) -> Re
         content.normals.extend(normal.map(|normal| vector(normal).as_vec3()));
         content.uvs.extend(uv.map(|(u, v)| Vec2::new(row[u] as f32, 1.0 - row[v] as f32)));
         let unit = |i: usize| (row[i] / element.properties[i].scalar.unit()) as f32;
-        // Scanners and painters write what they see on a screen.
+        // Scanners and paint programs write display values.
         content.colors.extend(color.map(|rgb| {
             let [r, g, b] = rgb.map(|i| linear_from_srgb(unit(i).clamp(0.0, 1.0)));
             Vec4::new(r, g, b, alpha.map_or(1.0, unit))

@@ -7,7 +7,7 @@ use crate::Mesh;
 use crate::procedural::noise::circle;
 use crate::procedural::occlusion::Crown;
 
-/// Metres of bark that one repeat of its texture covers around and along a branch.
+/// Size of one repeat of the bark's texture, metres: around and along a branch.
 const TEXTURE_METRES: (f64, f64) = (4.0, 16.0);
 
 /// Sides and rings of one branch's tube.
@@ -18,7 +18,7 @@ struct Tube {
 }
 
 impl Tube {
-    /// At a fineness; `None` where the branch is too thin to show.
+    /// The tube of a branch at a fineness; `None` where the branch is too thin to show.
     fn of(branch: &Branch, fineness: f64) -> Option<Self> {
         let sides = (fineness * branch.points[0].1.sqrt()) as usize;
         let rings = (fineness * branch.length() * 0.12) as usize;
@@ -30,7 +30,7 @@ impl Tube {
     }
 }
 
-/// The tubes of all branches, as finely divided as `budget` triangles allow; never more than that.
+/// The tubes of all branches, as fine as `budget` triangles allow.
 pub(in crate::procedural) fn mesh(branches: &[Branch], budget: usize, crown: &Crown, material: u32) -> Mesh {
     let total = |fineness: f64| -> usize {
         branches.iter().filter_map(|b| Tube::of(b, fineness)).map(Tube::triangles).sum()
@@ -63,7 +63,7 @@ fn clad(mesh: &mut Mesh, branch: &Branch, tube: Tube, crown: &Crown) {
         let t = ring as f64 / tube.rings as f64;
         let (center, radius) = branch.at(t);
         let axis = (branch.at(t + 0.06).0 - branch.at(t - 0.06).0).normalize();
-        // Carried along the branch, so that the tube does not twist.
+        // Each ring continues the last one's side, so that the tube does not twist.
         side = (side - axis * side.dot(axis)).normalize();
         let other = axis.cross(side);
         let open = 0.35 + 0.65 * crown.sky_visibility(center);

@@ -7,12 +7,12 @@ use crate::Mesh;
 use crate::procedural::noise::{Random, fbm, smoothstep};
 use crate::procedural::occlusion::Crown;
 
-/// Leaf area of the whole tree, m², however many leaves it is divided into.
+/// Leaf area of the whole tree, m², for any number of leaves.
 const TOTAL_AREA: f64 = 8500.0;
 /// Width of a leaf as a share of its length.
 const ASPECT: f64 = 0.62;
 
-/// Where the leaves sit.
+/// Positions of the leaves.
 #[derive(Debug)]
 pub(in crate::procedural) struct Leaves {
     /// Their middles, metres, world space.
@@ -24,7 +24,7 @@ pub(in crate::procedural) struct Leaves {
 impl Leaves {
     /// `count` leaves around the outermost branches.
     pub(in crate::procedural) fn new(branches: &[Branch], count: usize, random: &mut Random) -> Self {
-        // Twigs, and the branches they hang from at their share of the length.
+        // Twigs, and their parent branches by share of the length.
         let outermost = branches.iter().map(|b| b.level).max().unwrap_or(0);
         let twigs: Vec<&Branch> = branches.iter().filter(|b| b.level + 1 >= outermost).collect();
         let centers = (0..count)
@@ -58,7 +58,7 @@ pub(in crate::procedural) fn mesh(
     let length = (2.0 * leaves.area / ASPECT).sqrt();
     for &center in &leaves.centers {
         let outward = (center - middle).normalize_or(DVec3::Y);
-        // The face looks outward, so that from outside its front is seen and its normal is not flipped.
+        // The face looks outward: its front is seen from outside, and its normal is not flipped.
         let mut face = (outward + random.direction() * 0.8).normalize_or(outward);
         if face.dot(outward) < 0.0 {
             face = -face;
@@ -74,7 +74,7 @@ pub(in crate::procedural) fn mesh(
             center + along * (0.5 * size),
             center - across * (0.5 * ASPECT * size) + fold - along * (0.08 * size),
         ];
-        // Shaded mostly as the crown's surface is, a little as its own: a volume of light, not confetti.
+        // The normal is mostly that of the crown's surface: the crown reads as one volume, not as single leaves.
         let normal = (outward * 0.65 + face * 0.5).normalize();
         let color = color(center, random.unit()) * (0.30 + 0.78 * crown.sky_visibility(center));
         let first = mesh.positions.len() as u32;

@@ -1,4 +1,4 @@
-//! The highly tessellated tree: a skeleton of branches, clad in bark, hung with leaves.
+//! The highly tessellated tree: a skeleton of branches, with bark and leaves.
 
 mod bark;
 mod leaves;

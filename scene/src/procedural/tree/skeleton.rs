@@ -1,4 +1,4 @@
-//! Where the tree's branches run.
+//! The tree's branches.
 
 use glam::DVec3;
 
@@ -14,12 +14,12 @@ pub(in crate::procedural) struct Branch {
 }
 
 impl Branch {
-    /// From foot to tip along the branch, metres.
+    /// Length from foot to tip along the branch, metres.
     pub(in crate::procedural) fn length(&self) -> f64 {
         self.points.windows(2).map(|pair| pair[0].0.distance(pair[1].0)).sum()
     }
 
-    /// Point and radius at `t` in 0..1 of its segments.
+    /// Point and radius at `t`, 0..1 over its segments.
     pub(in crate::procedural) fn at(&self, t: f64) -> (DVec3, f64) {
         let last = self.points.len() - 1;
         let s = t.clamp(0.0, 1.0) * last as f64;
@@ -36,7 +36,7 @@ impl Branch {
     }
 }
 
-/// How the branches of one level grow.
+/// Growth of the branches of one level.
 struct Habit {
     segments: usize,
     /// Sideways wander per segment.
@@ -46,11 +46,11 @@ struct Habit {
     /// Share of the radius left at the tip.
     tip: f64,
     children: usize,
-    /// Children sprout from this share of the length on.
+    /// The children's first place, as a share of the length.
     first: f64,
     /// Length of the children, as a share of this branch's.
     ratio: f64,
-    /// Cosine and sine of the angle at which they leave.
+    /// Cosine and sine of the angle between a child and its branch.
     spread: (f64, f64),
 }
 
@@ -97,7 +97,7 @@ const HABITS: [Habit; 4] = [
     },
 ];
 
-/// Grows the tree from `foot`, `height` metres to the trunk's tip; thick branches come first.
+/// Grows the tree from `foot`; its trunk is `height` metres long. Thick branches come first.
 pub(in crate::procedural) fn grow(foot: DVec3, height: f64, random: &mut Random) -> Vec<Branch> {
     let mut branches = vec![sprout(foot, DVec3::new(0.04, 1.0, 0.02), height, height * 0.052, 0, random)];
     let mut next = 0;

@@ -1,10 +1,10 @@
-//! Plots of the cluster study's rows, and what is said beside them.
+//! Plots of the cluster study's rows, and the notes beside them.
 
 use super::{AGREEMENT, Row};
-use crate::cluster::Way;
+use crate::cluster::Method;
 use crate::plot::{Axis, Plot, Series};
 
-/// One part of a tick, milliseconds.
+/// One part of a tick, in milliseconds.
 type Part = fn(&Row) -> Option<f64>;
 
 fn line(name: &str, points: impl Iterator<Item = (f64, f64)>) -> Series {
@@ -14,8 +14,8 @@ fn line(name: &str, points: impl Iterator<Item = (f64, f64)>) -> Series {
 }
 
 fn lines(rows: &[Row], is: impl Fn(&Row) -> bool, at: impl Fn(&Row) -> Option<(f64, f64)>) -> Vec<Series> {
-    let of = |way: Way| rows.iter().filter(move |r| r.way == way.name() && r.trouble.is_none());
-    Way::ALL.map(|way| line(way.name(), of(way).filter(|r| is(r)).filter_map(&at))).into()
+    let of = |method: Method| rows.iter().filter(move |r| r.method == method.name() && r.trouble.is_none());
+    Method::ALL.map(|method| line(method.name(), of(method).filter(|r| is(r)).filter_map(&at))).into()
 }
 
 /// Time against views, its parts, and efficiency against processes (figures 5 to 8).
@@ -42,7 +42,7 @@ pub(in crate::cluster) fn plots_of_measured(rows: &[Row], processes: u32, views:
         ("relay and network", |r| r.relay_ms),
         ("encode", |r| r.encode_ms),
     ];
-    let proposed = || rows.iter().filter(|r| r.way == Way::Proposed.name() && r.processes == processes);
+    let proposed = || rows.iter().filter(|r| r.method == Method::Proposed.name() && r.processes == processes);
     let parts = Plot {
         name: "parts".to_owned(),
         title: format!("What a tick is made of, proposed, {processes} processes (sums over all)"),
@@ -56,9 +56,9 @@ pub(in crate::cluster) fn plots_of_measured(rows: &[Row], processes: u32, views:
     };
     let many = |row: &Row| row.views == u64::from(views);
     let mut series = lines(rows, many, |r| Some((f64::from(r.processes), r.efficiency?)));
-    let proposed = rows.iter().filter(|r| many(r) && r.way == Way::Proposed.name());
+    let proposed = rows.iter().filter(|r| many(r) && r.method == Method::Proposed.name());
     series.push(line("bound of whole K", proposed.filter_map(|r| Some((f64::from(r.processes), r.bound?)))));
-    let over_alone = rows.iter().filter(|r| many(r) && r.way == Way::Proposed.name());
+    let over_alone = rows.iter().filter(|r| many(r) && r.method == Method::Proposed.name());
     let over_alone = over_alone.filter_map(|r| Some((f64::from(r.processes), r.efficiency_over_alone?)));
     series.push(line("proposed, T(1) by P·T(P)", over_alone));
     let efficiency = Plot {
@@ -81,11 +81,12 @@ pub(in crate::cluster) fn plots_of_simulated(rows: &[Row]) -> Vec<Plot> {
         each(row) && row.trouble.is_none() && row.cores == most && (row.processes <= 11 || !row.relayed)
     };
     let mut series = lines(rows, direct_to_clients, |r| Some((f64::from(r.processes), r.efficiency?)));
-    let proposed = || rows.iter().filter(|r| direct_to_clients(r) && r.way == Way::Proposed.name());
+    let proposed = || rows.iter().filter(|r| direct_to_clients(r) && r.method == Method::Proposed.name());
     series
         .push(line("bound of whole K", proposed().filter_map(|r| Some((f64::from(r.processes), r.bound?)))));
     if rows.iter().any(|row| row.cores != most) {
-        let one_core = rows.iter().filter(|r| each(r) && r.way == Way::Proposed.name() && r.cores != most);
+        let one_core =
+            rows.iter().filter(|r| each(r) && r.method == Method::Proposed.name() && r.cores != most);
         let one_core = one_core.filter_map(|r| Some((f64::from(r.processes), r.efficiency?)));
         series.push(line("proposed, one core a process", one_core));
     }
@@ -100,7 +101,8 @@ pub(in crate::cluster) fn plots_of_simulated(rows: &[Row]) -> Vec<Plot> {
         ..Plot::default()
     };
     let of = |processes| {
-        let here = rows.iter().filter(move |r| r.way == Way::Proposed.name() && r.processes == processes);
+        let here =
+            rows.iter().filter(move |r| r.method == Method::Proposed.name() && r.processes == processes);
         let ticks = here.filter(|r| r.cores == most).filter_map(|r| Some((r.views as f64, r.tick_ms?)));
         line(&format!("{processes} processes"), ticks)
     };
@@ -116,48 +118,48 @@ pub(in crate::cluster) fn plots_of_simulated(rows: &[Row]) -> Vec<Plot> {
     vec![efficiency, views]
 }
 
-/// Cores of a simulated machine in most rows.
+/// The most cores of a simulated machine.
 fn most_cores(rows: &[Row]) -> Option<u32> {
     rows.iter().filter_map(|row| row.cores).max()
 }
 
-/// What columns mean, and where simulation and measurement differ.
+/// Notes on the columns, and on the agreement of simulation and measurement.
 pub(in crate::cluster) fn notes_of_measured(rows: &[Row], processes: u32, views: u32) -> Vec<String> {
     let judged = || rows.iter().filter(|row| row.calibrates == Some(false));
     let apart = judged().filter(|row| row.agreement_fraction > Some(AGREEMENT)).count();
     vec![
         format!(
-            "Simulated by what the runs of {processes} processes and {views} views took of cores; rows that calibrate it \
-             count for no agreement. Of the {} others, {apart} differ from the measured tick by more than {:.0}%.",
+            "Simulated with the CPU times of the runs with {processes} processes and {views} views. The rows that calibrate \
+            the simulation are not judged. Of the {} other rows, {apart} differ from the measured tick by more than {:.0}%.",
             judged().count(),
             AGREEMENT * 100.0
         ),
-        "speedup_by_costs: (S·g + V·c)/T(P), by g and c as they were measured in this very run, that is while all processes \
-         ran: where they share cores, both are dearer than alone, and the figure flatters. speedup_over_alone: T(1)/T(P), by \
-         the tick of one process that does the same, where that was run. efficiency and efficiency_over_alone: each by P."
+        "speedup_by_costs: (S·g + V·c)/T(P), with g and c as measured in the same run, while all processes ran. If \
+        processes share cores, g and c are higher than alone, and this figure flatters. speedup_over_alone: T(1)/T(P), \
+        with the measured tick of one process and the same method. efficiency and efficiency_over_alone: divided by P."
             .to_owned(),
-        "Parts of a tick, summed over all processes. sampling: samples by g; sampling_rest: the part of it that samples' \
-         stages call other (submission, waiting for the device and for planes to be read back). passes: on the device; \
-         pooled: rays on the processor, on all of its cores; record: preparing views and recording passes; unpack: putting in \
-         place what was read back; rest: what c, or a direct view, takes beyond (submission, waiting for the device and for \
-         readback). unpack_samples: of samples that came from others, beside rendering; hold_samples: bringing them to the \
-         device. encode: packing frames; relay: from the worker through the coordinator. await_samples and queue: what views \
-         waited, many at the same time."
+        "Parts of a tick, summed over all processes. sampling: samples times g. sampling_rest: the share of it in the \
+        samples' stage other (submission, waiting for the device and for readback). passes: on the device. pooled: CPU \
+        rays on all cores. record: preparing views and recording passes. unpack: putting read-back pixels in place. \
+        rest: the remainder of c or of a direct view (submission, waiting for the device and for readback). \
+        unpack_samples: unpacking samples from other workers, beside rendering. hold_samples: uploading samples to the \
+        device. encode: packing frames. relay: from the worker through the coordinator. await_samples and queue: waits \
+        of views, which overlap."
             .to_owned(),
     ]
 }
 
-/// Whether the bars are met.
+/// Whether the simulated efficiencies reach 0.95 of their bound.
 pub(in crate::cluster) fn notes(rows: &[Row]) -> Vec<String> {
     let most = most_cores(rows);
     let mut notes = Vec::new();
-    for (processes, way) in
-        [11, 1024].into_iter().flat_map(|p| [Way::Proposed, Way::Helping].map(|way| (p, way)))
+    for (processes, method) in
+        [11, 1024].into_iter().flat_map(|p| [Method::Proposed, Method::Helping].map(|method| (p, method)))
     {
         let wanted = |row: &&Row| {
             row.processes == processes
                 && row.trouble.is_none()
-                && row.way == way.name()
+                && row.method == method.name()
                 && row.views == if processes <= 11 { 1000 } else { 100 * u64::from(processes) }
                 && (processes <= 11 || !row.relayed)
         };
@@ -169,7 +171,7 @@ pub(in crate::cluster) fn notes(rows: &[Row]) -> Vec<String> {
             notes.push(format!(
                 "P = {processes}, {}, {cores} core{} each: efficiency {efficiency:.3}, {:.3} of the bound {bound:.3} (wanted: \
                  0.95 of it: {met}).",
-                row.way,
+                row.method,
                 if cores == 1 { "" } else { "s" },
                 efficiency / bound
             ));
@@ -177,8 +179,8 @@ pub(in crate::cluster) fn notes(rows: &[Row]) -> Vec<String> {
     }
     if most > Some(1) && rows.iter().any(|row| row.cores == Some(1)) {
         notes.push(
-            "Packing, unpacking and sending happen beside rendering: with two cores a process the second does that, and its \
-             time counts in no efficiency; with one core it is taken from rendering."
+            "Packing, unpacking and sending run beside rendering. With two cores a process, the second core does them and \
+            they do not count in efficiency; with one core they take time from rendering."
                 .to_owned(),
         );
     }

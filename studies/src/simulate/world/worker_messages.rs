@@ -1,4 +1,4 @@
-//! What simulated workers do with what reaches them, as `argus_cluster::worker` does.
+//! How simulated workers handle messages, like `argus_cluster::worker`.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -6,7 +6,7 @@ use argus_cluster::core::{Assignment, Event, Order, Ticket};
 use argus_cluster::worker::policy::{self, ANNOUNCED, Need, PAUSE, Seek, Serve};
 use argus_scene::SampleId;
 
-use super::agenda::Happening;
+use super::event_queue::SimEvent;
 use super::{Message, Task, WORKERS, World};
 use crate::simulate::worker::{Attempt, Busy, Fetch, Rendering, Waiting};
 use crate::simulate::{Parameters, nanos};
@@ -23,8 +23,8 @@ impl World {
             && worker.direct.is_empty()
             && worker.waiting.is_empty();
         let latency = self.latency();
-        self.after(latency, Happening::ToCoordinator(Box::new(Event::Reported { worker: id, report })));
-        // It ends once the coordinator knows, so that nothing more is on its way here.
+        self.after(latency, SimEvent::ToCoordinator(Box::new(Event::Reported { worker: id, report })));
+        // It ends once the coordinator knows, so that no order is on its way to it.
         let name = &self.workers[slot].name;
         if done && self.core.status().workers.iter().any(|w| w.hello.name == *name && w.report.leaving) {
             self.kill(slot);
@@ -42,7 +42,7 @@ impl World {
                     self.begin_beside(slot, ms, Task::Unpack { slot, life, id });
                 }
             }
-            Message::NoSample { id, from } => self.not_there(slot, id, from),
+            Message::NoSample { id, from } => self.sample_missing(slot, id, from),
         }
     }
 
@@ -63,7 +63,7 @@ impl World {
             if worker.fetches.get(&id).is_some_and(|fetch| fetch.urgent) {
                 continue;
             }
-            // One that is on its way for views to come may wait for others: this asks besides.
+            // A fetch for later views may wait for another worker; this one is requested now.
             self.fetch(slot, id, &source.addresses, true);
         }
         let samples: Vec<SampleId> = order.sources.iter().map(|source| source.id).collect();
@@ -113,7 +113,7 @@ impl World {
         let in_vain: Vec<(SampleId, usize)> = awaited.filter(|(_, source)| hangs(source)).collect();
         worker.told = Some(assignment);
         for (id, source) in in_vain {
-            self.not_there(slot, id, source);
+            self.sample_missing(slot, id, source);
         }
         for (id, addresses) in to_fetch {
             self.fetch(slot, id, &addresses, false);
@@ -121,7 +121,7 @@ impl World {
         for id in dropped {
             self.unless_it_comes(slot, id);
         }
-        // What has taken effect is said at once.
+        // Reports the applied assignment at once.
         self.report(slot);
         self.kick(slot);
     }
@@ -133,7 +133,7 @@ impl World {
         self.seek(slot, id);
     }
 
-    /// Seeks a sample where [`policy::seek`] says.
+    /// Requests a sample where [`policy::seek`] says.
     pub(super) fn seek(&mut self, slot: usize, id: SampleId) {
         let worker = &mut self.workers[slot];
         let (life, feeds_others) = (worker.life, worker.samples());
@@ -155,12 +155,12 @@ impl World {
                 worker.render(id, ahead);
                 self.kick(slot);
             }
-            Seek::AskAgain => self.after(nanos(PAUSE), Happening::AskAgain { slot, life, id }),
+            Seek::AskAgain => self.after(nanos(PAUSE), SimEvent::AskAgain { slot, life, id }),
             Seek::GiveUp => {}
         }
     }
 
-    fn not_there(&mut self, slot: usize, id: SampleId, from: usize) {
+    fn sample_missing(&mut self, slot: usize, id: SampleId, from: usize) {
         let Some(fetch) = self.workers[slot].fetches.get_mut(&id) else { return };
         if fetch.source() == Some(from) {
             fetch.asked += 1;
@@ -182,10 +182,10 @@ impl World {
             return;
         }
         let life = worker.life;
-        self.after(nanos(ANNOUNCED), Happening::Announced { slot, life, id });
+        self.after(nanos(ANNOUNCED), SimEvent::Announced { slot, life, id });
     }
 
-    /// A sample that others wait for here was announced, and should have begun to come.
+    /// Called some time after a sample was requested here: by now it should be on its way.
     pub(super) fn announced(&mut self, slot: usize, id: SampleId) {
         let worker = &mut self.workers[slot];
         let comes = worker.held.contains(&id) || worker.fetches.contains_key(&id) || worker.renders(id, true);
@@ -199,7 +199,7 @@ impl World {
         self.unless_it_comes(slot, id);
     }
 
-    /// Tells those who wait here for a sample if it is not on its way.
+    /// Tells the workers that wait here for a sample if it is not on its way.
     pub(super) fn unless_it_comes(&mut self, slot: usize, id: SampleId) {
         let worker = &mut self.workers[slot];
         if worker.held.contains(&id) || worker.fetches.contains_key(&id) || worker.renders(id, true) {
@@ -210,7 +210,7 @@ impl World {
         }
     }
 
-    /// A sample goes to another worker, packed first unless it is.
+    /// Sends a sample to another worker, packing it first if needed.
     fn pack(&mut self, slot: usize, id: SampleId, to: usize) {
         let worker = &mut self.workers[slot];
         if worker.packed.contains(&id) {
@@ -224,16 +224,16 @@ impl World {
         }
     }
 
-    /// A packed sample is sent.
+    /// Sends a packed sample.
     pub(super) fn pass_on(&mut self, slot: usize, id: SampleId, to: usize) {
         self.tally.samples_sent += 1;
         let bytes = self.parameters.sample_bytes;
         let at = self.send(WORKERS + slot, WORKERS + to, bytes);
         let life = self.workers[to].life;
-        self.at(at, Happening::ToWorker { slot: to, life, message: Message::Sample { id } });
+        self.at(at, SimEvent::ToWorker { slot: to, life, message: Message::Sample { id } });
     }
 
-    /// A worker has a sample from now on.
+    /// Adds a sample to a worker, and gives it to the views and workers that wait for it.
     pub(super) fn gained(&mut self, slot: usize, id: SampleId) {
         let worker = &mut self.workers[slot];
         worker.fetches.remove(&id);
@@ -258,7 +258,7 @@ impl World {
         self.kick(slot);
     }
 
-    /// The render thread goes on, if it has nothing to do and there is something.
+    /// Starts the render thread's next work if it is idle.
     pub(super) fn kick(&mut self, slot: usize) {
         let worker = &mut self.workers[slot];
         if worker.busy.is_some() {
@@ -274,7 +274,7 @@ impl World {
         };
         let ms = cost_ms + hold_ms * fresh as f64;
         let (life, slowness) = (worker.life, worker.slowness);
-        // One thread does what is not pooled besides: as long by the clock as one after the other.
+        // One thread also does the part that is not pooled, so the total time stays the same.
         let threads = if pooled > 0.0 { self.parameters.machines.cores() } else { 1 };
         let each_ms = cost_ms * pooled / f64::from(threads);
         worker.busy = Some(Busy { rendering, since: self.now, cost_share: cost_ms / ms, threads });
@@ -284,7 +284,7 @@ impl World {
         }
     }
 
-    /// One of the threads that render is done; with the last one all is.
+    /// Ends one thread's part of the rendering, and the rendering after the last one.
     pub(super) fn rendered(&mut self, slot: usize) {
         if let Some(busy) = &mut self.workers[slot].busy
             && busy.threads > 1
@@ -310,7 +310,7 @@ impl World {
     }
 }
 
-/// The slots of other workers at these addresses.
+/// The slots of the other workers at these addresses.
 fn others(slot: usize, addresses: &[String]) -> Vec<usize> {
     let slots = addresses.iter().filter_map(|address| address.strip_prefix("http://w")?.parse().ok());
     slots.filter(|other| *other != slot).collect()

@@ -1,4 +1,4 @@
-//! What is due when.
+//! The queue of future events.
 
 use argus_cluster::core::{Event, Ticket};
 use argus_scene::SampleId;
@@ -7,8 +7,8 @@ use super::Message;
 use crate::simulate::Nanos;
 use crate::simulate::worker::Attempt;
 
-/// What happens.
-pub(super) enum Happening {
+/// The kinds of event.
+pub(super) enum SimEvent {
     HostDone { host: usize, version: u64 },
     ToWorker { slot: usize, life: u32, message: Message },
     ToCoordinator(Box<Event>),
@@ -22,11 +22,11 @@ pub(super) enum Happening {
     Wake { tag: u64 },
 }
 
-/// An event and its time. The earliest comes first; of equal times, the one that was noted first.
+/// An event and its time. The earliest comes first, and events of the same time keep their order.
 pub(super) struct Due {
     pub(super) at: Nanos,
     pub(super) number: u64,
-    pub(super) happening: Happening,
+    pub(super) event: SimEvent,
 }
 
 impl PartialEq for Due {

@@ -1,4 +1,4 @@
-//! Frames that a session fetches from the worker that makes them, where its server sends it there.
+//! Fetches redirected frames from the workers that render them.
 
 use std::fmt;
 use std::pin::Pin;
@@ -14,31 +14,31 @@ use tonic::Code;
 
 use crate::{Client, ClientError};
 
-/// A worker that says nothing for this long is given up: it says twice a second that it is at work. Its connection tells
-/// as soon (`transport::replaceable`), but for one that something stands in between which answers in its place.
+/// A worker without a message for this long is given up; it sends one twice a second while it works. Keep-alive
+/// (`transport::replaceable`) detects a dead connection as soon, unless a proxy answers in the worker's place.
 const SILENCE: Duration = Duration::from_millis(2500);
 
-/// What came from a worker.
+/// A frame fetched from a worker.
 pub(crate) struct Fetched {
     pub(crate) frame: Frame,
     pub(crate) meta: FrameMeta,
-    /// For the acknowledgement, unopened.
+    /// The receipt for the acknowledgement, which this client does not open.
     pub(crate) receipt: Option<v1::Sealed>,
 }
 
-/// A frame on its way from a worker.
+/// A frame that is being fetched from a worker.
 pub(crate) struct Fetch {
-    /// Whose frame it is.
+    /// The frame's camera.
     pub(crate) camera_seq: u64,
-    /// Of the ticket.
+    /// The ticket's serial number.
     pub(crate) serial: u64,
     messages: Pin<Box<dyn Stream<Item = Result<v1::RedeemResponse, ClientError>> + Send>>,
     assembler: FrameAssembler,
     whole: Option<(Frame, FrameMeta)>,
-    sent_here: Instant,
-    /// When the worker was last heard of, or first asked.
+    redirected_at: Instant,
+    /// When the worker last sent a message, or was first asked.
     heard: Option<Instant>,
-    /// Of the request, when the server sent this client elsewhere.
+    /// Age of the request in milliseconds when the server redirected this client.
     age_ms: f64,
 }
 
@@ -49,7 +49,7 @@ impl fmt::Debug for Fetch {
 }
 
 impl Fetch {
-    /// Begins with the first call of [`Fetch::frame`].
+    /// Prepares a fetch; it starts with the first call of [`Fetch::frame`].
     pub(crate) fn new(client: &Client, camera_seq: u64, elsewhere: v1::Elsewhere) -> Self {
         let v1::Elsewhere { address, ticket, age_ms, serial } = elsewhere;
         let of = client.clone();
@@ -66,16 +66,16 @@ impl Fetch {
             messages: Box::pin(messages),
             assembler: FrameAssembler::new(client.description().limits),
             whole: None,
-            sent_here: Instant::now(),
+            redirected_at: Instant::now(),
             heard: None,
             age_ms,
         }
     }
 
-    /// The frame, once it is whole. Safe to drop and call again.
+    /// Returns the frame once it is whole. The future may be dropped and called again.
     ///
     /// # Errors
-    /// What kept it from coming.
+    /// Why the frame did not arrive.
     pub(crate) async fn frame(&mut self) -> Result<Fetched, ClientError> {
         loop {
             let silent = |_| {
@@ -100,7 +100,7 @@ impl Fetch {
                 ClientError::Server { code: Code::DataLoss, message, broken: true }
             };
             let (mut frame, mut meta) = self.whole.take().ok_or_else(cut_short)?;
-            let age_ms = self.age_ms + self.sent_here.elapsed().as_secs_f64() * 1e3;
+            let age_ms = self.age_ms + self.redirected_at.elapsed().as_secs_f64() * 1e3;
             frame.stages.push(Stage::new(Stage::DETOUR, (age_ms - meta.age_ms).max(0.0)));
             meta.age_ms = age_ms;
             return Ok(Fetched { frame, meta, receipt });
