@@ -53,7 +53,7 @@ pub struct Outcome {
 pub type Scenario = fn(&Parameters) -> Outcome;
 
 /// All scenarios with their names.
-pub fn scenarios() -> [(&'static str, Scenario); 11] {
+pub fn scenarios() -> [(&'static str, Scenario); 14] {
     [
         ("steady and noisy", noise),
         ("steady and noisy, at a boundary of K_fd", boundary),
@@ -61,6 +61,9 @@ pub fn scenarios() -> [(&'static str, Scenario); 11] {
         ("steady and noisy, at a boundary, configured by default", boundary_by_default),
         ("demand rises and falls in waves", waves),
         ("direct views come and go", direct_views),
+        (STEP, |parameters| step(2, parameters)),
+        (STEP, |parameters| step(11, parameters)),
+        (STEP, |parameters| step(100, parameters)),
         ("a worker is four times as slow", straggler),
         ("four join, then six leave", join_and_leave),
         ("workers are killed, another every 3 s", kills),
@@ -297,6 +300,34 @@ fn direct_views(parameters: &Parameters) -> Outcome {
     outcome
 }
 
+/// The scenario of [`step`].
+const STEP: &str = "demand steps up, configured by default";
+
+/// Half a minute of warped views, then as much work again in direct views: the roles of half of all workers have to change.
+fn step(processes: usize, parameters: &Parameters) -> Outcome {
+    let mut stage = Stage::with(parameters, processes, None, by_default());
+    let load = 0.35 * processes as f64;
+    let (views, direct) = (capacity(parameters, load), load * 1e3 / parameters.direct_ms);
+    let is_up = |secs: f64| secs >= 30.0;
+    let rate = move |secs| if is_up(secs) { views + direct } else { views };
+    let share = move |secs| if is_up(secs) { direct / (views + direct) } else { 0.0 };
+    let (clients, stats) = Clients::new(5000, false, rate, |client, _| somewhere(client));
+    stage.world.with_load(Box::new(clients.some_direct_at(share)));
+    stage.world.run_for(secs(30.0 - stage.world.now as f64 * 1e-9));
+    let before = stage.roles_changed();
+    let (mut changed, mut settled_secs) = (before, 0.0);
+    for tick in 1..=60 {
+        stage.world.run_for(secs(1.0));
+        if stage.roles_changed() != changed {
+            (changed, settled_secs) = (stage.roles_changed(), f64::from(tick));
+        }
+    }
+    let mut outcome = stage.end(STEP, &stats);
+    outcome.roles_changed = changed - before;
+    outcome.settled_secs = Some(settled_secs);
+    outcome
+}
+
 fn straggler(parameters: &Parameters) -> Outcome {
     let mut stage = Stage::new(parameters, 8);
     stage.world.workers[5].slowness = 4.0;
@@ -405,6 +436,17 @@ mod tests {
         let outcome = direct_views(&parameters());
         assert!(outcome.settled_secs.is_some_and(|secs| secs < 15.0), "{outcome:?}");
         assert_eq!((outcome.lost, outcome.rejected), (0, 0), "{outcome:?}");
+    }
+
+    #[test]
+    fn a_step_in_demand_settles_within_ten_ticks_with_at_most_two_role_changes_per_worker() {
+        for processes in [2, 11, 100] {
+            let outcome = step(processes, &parameters());
+            assert!(outcome.settled_secs.is_some_and(|secs| secs <= 10.0), "{outcome:?}");
+            assert!(outcome.roles_changed <= 2 * processes as u64, "{outcome:?}");
+            assert!(processes < 11 || outcome.roles_changed > 0, "a step that asks for nothing: {outcome:?}");
+            assert_eq!((outcome.lost, outcome.rejected), (0, 0), "{outcome:?}");
+        }
     }
 
     #[test]
