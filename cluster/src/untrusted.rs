@@ -6,7 +6,8 @@ use argus_proto::trace::continued_from;
 use argus_proto::v1;
 use argus_proto::v1::worker_report::Body;
 use argus_scene::{
-    Bounds, InvalidField, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, View, Visibility,
+    Bounds, Indirect, InvalidField, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Specification, View,
+    Visibility,
 };
 use glam::DVec3;
 use prost::Message;
@@ -32,6 +33,8 @@ fn set() -> Arc<SampleSetInfo> {
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        sub_samples: Specification::USUAL_SUB_SAMPLES,
+        indirect: Indirect::Off,
         reflections: None,
     })
 }

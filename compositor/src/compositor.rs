@@ -266,7 +266,8 @@ impl GpuCompositor {
                     epoch: first.info.epoch,
                     generation: first.info.generation,
                     plan: jobs[view.job].plan.clone(),
-                    device: first.info.device(self.gpu.kind()),
+                    specification: Some(first.info.specification()),
+                    device: self.gpu.kind().to_owned(),
                     history: view.recalled.is_ok(),
                 };
                 frames.insert(view.job, assembly.finish(provenance, stages.clone()));

@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use argus_proto::chunks::{
-    BundleAssembler, FrameAssembler, FrameMeta, PixelAssembler, Received, SampleAssembler, bundle_chunks,
-    frame_chunks, pixel_chunks, procedural_chunk, sample_chunks, trace_job, trace_requests,
+    BundleAssembler, FrameAssembler, FrameMeta, PixelAssembler, Received, SampleAssembler, TracedFrame,
+    bundle_chunks, frame_chunks, pixel_chunks, procedural_chunk, sample_chunks, trace_job, trace_requests,
 };
 use argus_proto::v1;
 use argus_scene::{
-    Bounds, Camera, Frame, Lighting, Limits, PixelJob, Pixels, Plan, Plane, PlaneData, PlaneFormat,
-    PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, Sampling, SceneHash, Served, Stage,
-    Visibility,
+    Bounds, Camera, Frame, Indirect, Lighting, Limits, PixelJob, Pixels, Plan, Plane, PlaneData, PlaneFormat,
+    PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, Sampling, SceneHash, Served, Specification,
+    Stage, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -61,6 +61,7 @@ fn frame() -> Frame {
             epoch: 1,
             generation: 2,
             plan: Plan::Direct { samples_per_pixel: 4 },
+            specification: Some(set().specification()),
             device: "none".to_owned(),
             history: false,
         },
@@ -102,6 +103,8 @@ fn set() -> SampleSetInfo {
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        sub_samples: Specification::USUAL_SUB_SAMPLES,
+        indirect: Indirect::Off,
         reflections: None,
     }
 }
@@ -159,7 +162,8 @@ fn job() -> PixelJob {
 
 /// Valid requests for pixels.
 pub fn traces_corpus() -> Vec<Vec<u8>> {
-    vec![stream(trace_requests(&job(), HASH).into_iter().map(|(request, _)| request))]
+    let frame = TracedFrame { scene: HASH, specification: set().specification().hash() };
+    vec![stream(trace_requests(&job(), frame).into_iter().map(|(request, _)| request))]
 }
 
 /// A sampler's side of pixels to trace.

@@ -5,7 +5,7 @@ use argus_client::ClusterStatus;
 use argus_proto::{Description, v1};
 use argus_scene::{
     Bounds, Camera, Light, Lighting, Limits, Plan, PlanRequest, Prediction, Provenance, Rig, SampleCamera,
-    SampleSetInfo, Stage, View, frame::Decision, scene::NamedCamera,
+    SampleSetInfo, Specification, Stage, View, frame::Decision, scene::NamedCamera,
 };
 use prost::Message;
 
@@ -70,7 +70,8 @@ messages! {
     Lighting => |m| converted(Lighting::try_from(m)),
     TileCornersRig, CellRig,
     Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
-    MegaViewsSampling, Surroundings,
+    Specification => |m| converted(Specification::try_from(m)),
+    MegaViewsSampling, VplIndirect, PointIndirect, Surroundings,
     SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),
     SampleId,
     Stage => |m| converted(Stage::try_from(m)),

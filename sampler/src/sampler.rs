@@ -8,11 +8,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_gpu::{Commands, Gpu, GpuError, Submitted, wgpu};
-use argus_scene::frame::INDIRECT_BY;
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
-    Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, Stage, ViewJob,
-    Visibility,
+    Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, Specification, Stage,
+    ViewJob, Visibility,
 };
 use argus_shaders::layout::sampler::Rays;
 use glam::DVec3;
@@ -104,6 +103,11 @@ impl GpuSampler {
             glossy,
             resident,
         })
+    }
+
+    /// What it was made with.
+    pub fn knobs(&self) -> &SamplerKnobs {
+        &self.knobs
     }
 
     /// Which passes this scene calls for, and why.
@@ -202,6 +206,7 @@ impl GpuSampler {
             let reason = format!("this process holds scene {}, not {}", self.scene.hash, job.info.scene);
             return Err(InvalidField::new("sample.scene", reason).into());
         }
+        self.knobs.check_set(&job.info)?;
         Ok(job.info.sampling.validate(&job.info.rig)?)
     }
 
@@ -287,11 +292,15 @@ impl GpuSampler {
             parts.range = Some(image.into_bytes());
         }
         timing::add_rest(&mut stages, begin);
-        let mut device = self.device_seeing_by(way);
-        if let Some(maps) = view.reflections {
-            device = maps.knobs.on_device(&device);
-        }
-        Ok(frame(view, &self.scene, &device, parts, stages))
+        let specification = Specification {
+            visibility: way,
+            sampling: Sampling::Triangles,
+            sub_samples: self.knobs.sub_samples,
+            indirect: self.knobs.indirect,
+            reflections: view.reflections,
+            exposure: lighting.exposure,
+        };
+        Ok(frame(view, &self.scene, (specification, self.gpu.kind()), parts, stages))
     }
 
     /// Puts everything where it is at a time; what that cost, if it was elsewhere. A scene that stands still is never
@@ -382,17 +391,6 @@ impl GpuSampler {
             mirrors.forget_light();
         }
         Ok(())
-    }
-
-    /// Device as the provenance of direct views has it: with the way triangles were seen, and the knobs of indirect
-    /// light, if there is any.
-    fn device_seeing_by(&self, way: Visibility) -> String {
-        let seen = way.on_device(self.gpu.kind());
-        match &self.knobs.indirect {
-            Indirect::Off => seen,
-            Indirect::Vpl(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
-            Indirect::Points(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
-        }
     }
 
     /// What each sub-sample of a view sees, row by row, found in a given way: instance + 1 and triangle of its mesh, 0

@@ -1,7 +1,9 @@
 //! Frames of direct views, put together from tiles.
 
 use argus_gpu::{Commands, GpuError, Ticket};
-use argus_scene::{Frame, InvalidField, Outputs, Plan, Provenance, Scene, Served, Stage, ViewJob};
+use argus_scene::{
+    Frame, InvalidField, Outputs, Plan, Provenance, Scene, Served, Specification, Stage, ViewJob,
+};
 use bytes::Bytes;
 
 use crate::tile::Tile;
@@ -88,7 +90,7 @@ pub(crate) struct ViewParts {
 pub(crate) fn frame(
     view: &ViewJob,
     scene: &Scene,
-    device: &str,
+    (specification, device): (Specification, &str),
     parts: ViewParts,
     stages: Vec<Stage>,
 ) -> Frame {
@@ -112,6 +114,7 @@ pub(crate) fn frame(
             epoch: view.epoch,
             generation: 0,
             plan: view.plan.clone(),
+            specification: Some(specification),
             device: device.to_owned(),
             history: false,
         },

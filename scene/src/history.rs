@@ -126,6 +126,7 @@ mod tests {
                 epoch: 0,
                 generation: 1,
                 plan: Plan::Warp(Warp { samples, ..Warp::default() }),
+                specification: None,
                 device: String::new(),
                 history: false,
             },

@@ -33,9 +33,6 @@ const ROUGHEST: f32 = 0.6;
 /// Bytes of all maps of a scene, at most: every sampler makes them and every compositor holds them.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// Stands in [`crate::Provenance::device`] before the knobs of the maps that reflections come from.
-const REFLECTIONS_BY: &str = "; reflections by maps";
-
 impl Default for Reflections {
     /// Texels of three degrees, and cells of a two-hundred-and-fiftieth of the scene.
     fn default() -> Self {
@@ -44,7 +41,7 @@ impl Default for Reflections {
 }
 
 impl fmt::Display for Reflections {
-    /// All of them in a few words: what a frame's provenance has.
+    /// All of them in a few words.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "of {} from {} levels, at most {}", self.side, self.levels, self.most)
     }
@@ -73,19 +70,6 @@ impl Reflections {
             ));
         }
         Ok(())
-    }
-
-    /// What a device is called whose frames have such reflections, by what it is called otherwise.
-    pub fn on_device(&self, device: &str) -> String {
-        format!("{device}{REFLECTIONS_BY} {self}")
-    }
-
-    /// A [`crate::Provenance::device`] without its reflections, and what it says of them, if anything.
-    pub fn of_device(device: &str) -> (&str, Option<&str>) {
-        match device.split_once(REFLECTIONS_BY) {
-            Some((device, by)) => (device, Some(by.trim_start())),
-            None => (device, None),
-        }
     }
 }
 
@@ -314,13 +298,5 @@ mod tests {
         let large = Surroundings { knobs: Reflections { side: 256, ..few.knobs }, ..few };
         assert_eq!(field(large), "reflections.side");
         assert_eq!(Surroundings::of(&scene(), Reflections::default()).unwrap().unwrap().count, 3);
-    }
-
-    #[test]
-    fn a_device_says_how_its_reflections_came_about() {
-        let device = Reflections::default().on_device("llvmpipe; triangles by cpu");
-        let by = "of 64 from 8 levels, at most 256";
-        assert_eq!(Reflections::of_device(&device), ("llvmpipe; triangles by cpu", Some(by)));
-        assert_eq!(Reflections::of_device("llvmpipe"), ("llvmpipe", None));
     }
 }

@@ -8,8 +8,8 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Bounds, InvalidField, Lighting, OmniLayout, Rig, SampleCamera, Sampling, Scene, SceneHash, Stage,
-    Surroundings, Visibility,
+    Bounds, Indirect, InvalidField, Lighting, OmniLayout, Rig, SampleCamera, Sampling, Scene, SceneHash,
+    Specification, Stage, Surroundings, Visibility,
 };
 
 /// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig, `epoch` when.
@@ -173,6 +173,10 @@ pub struct SampleSetInfo {
     pub visibility: Visibility,
     /// What they are rendered from.
     pub sampling: Sampling,
+    /// Sub-samples of each texel: 1, 4 or 16.
+    pub sub_samples: u32,
+    /// How light from surface to surface is found, in samples and in direct views.
+    pub indirect: Indirect,
     /// The maps that glossy and transparent surfaces look up; `None` where they reflect lights and the sky alone.
     pub reflections: Option<Surroundings>,
 }
@@ -183,12 +187,15 @@ impl SampleSetInfo {
         self.epoch as f64 * self.epoch_secs
     }
 
-    /// What a device of that kind is called that took samples of this set, as [`crate::Provenance::device`] has it.
-    pub fn device(&self, kind: &str) -> String {
-        let device = self.sampling.on_device(self.visibility.on_device(kind));
-        match self.reflections {
-            Some(maps) => maps.knobs.on_device(&device),
-            None => device,
+    /// How its samples are rendered.
+    pub fn specification(&self) -> Specification {
+        Specification {
+            visibility: self.visibility,
+            sampling: self.sampling,
+            sub_samples: self.sub_samples,
+            indirect: self.indirect,
+            reflections: self.reflections,
+            exposure: self.lighting.exposure,
         }
     }
 

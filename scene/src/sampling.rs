@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{InvalidField, Reflections, Rig, RigKind, RigKnobs};
+use crate::{InvalidField, Rig, RigKind, RigKnobs};
 
 /// What a sampler renders samples from: alike in all samples of a set, whoever renders them. Direct views, and single
 /// pixels that no sample saw, come from triangles always.
@@ -42,16 +42,13 @@ impl Default for MegaViews {
 }
 
 impl fmt::Display for MegaViews {
-    /// All of them in a few words: what a frame's provenance has.
+    /// All of them in a few words.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { map_side, levels, block } = self;
         write!(f, "maps of {map_side} from {levels} levels")?;
         if *block > 1 { write!(f, " in blocks of {block}") } else { Ok(()) }
     }
 }
-
-/// Stands in [`crate::Provenance::device`] before the maps that samples come from, where they are no triangles'.
-const SAMPLES_BY: &str = "; samples by ";
 
 impl Sampling {
     /// Names of all, as users write them.
@@ -114,23 +111,6 @@ impl Sampling {
         }
         Ok(())
     }
-
-    /// What a device is called that took such samples, by what it is called otherwise.
-    pub fn on_device(&self, device: String) -> String {
-        match self {
-            Self::Triangles => device,
-            Self::MegaViews(knobs) => format!("{device}{SAMPLES_BY}{} {knobs}", self.name()),
-        }
-    }
-
-    /// A [`crate::Provenance::device`] without how its samples came about, and what it says of that, if anything.
-    pub fn of_device(device: &str) -> (&str, Option<&str>) {
-        let (device, _) = Reflections::of_device(device);
-        match device.split_once(SAMPLES_BY) {
-            Some((device, by)) => (device, Some(by)),
-            None => (device, None),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -154,15 +134,5 @@ mod tests {
         assert_eq!(field(MegaViews { levels: 0, ..default }, &cell), "sampling.levels");
         assert_eq!(field(MegaViews { block: 3, ..default }, &cell), "sampling.block");
         assert_eq!(field(MegaViews { block: 4, map_side: 1024, ..default }, &cell), "sampling.block");
-    }
-
-    #[test]
-    fn a_device_says_how_its_samples_came_about() {
-        let triangles = Sampling::Triangles.on_device("llvmpipe".to_owned());
-        assert_eq!(Sampling::of_device(&triangles), ("llvmpipe", None));
-        let maps = Sampling::MegaViews(MegaViews { map_side: 256, levels: 8, block: 2 });
-        let device = maps.on_device("llvmpipe; triangles by cpu".to_owned());
-        let by = "megaviews maps of 256 from 8 levels in blocks of 2";
-        assert_eq!(Sampling::of_device(&device), ("llvmpipe; triangles by cpu", Some(by)));
     }
 }

@@ -10,8 +10,8 @@ use argus_scene::metrics::{self, Comparison};
 use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
-    Sampler as _, Sampling, Scene, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor as _, Frame, Indirect, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
+    Sampler as _, Sampling, Scene, Specification, ViewJob, Visibility, Warp,
 };
 use image::RgbImage;
 
@@ -63,6 +63,8 @@ impl Stage {
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            sub_samples: Specification::USUAL_SUB_SAMPLES,
+            indirect: Indirect::Off,
             reflections: None,
         });
         let sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?;

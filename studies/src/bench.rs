@@ -85,6 +85,8 @@ impl Bench {
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            sub_samples: sampler.sub_samples,
+            indirect: sampler.indirect,
             reflections: None,
         });
         let sampler = GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), sampler)?;

@@ -11,8 +11,8 @@ use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
 use argus_scene::{
-    Camera, Cancel, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob, SampleSetInfo,
-    Sampler as _, Sampling, Scene, ViewJob, Visibility, path,
+    Camera, Cancel, Indirect, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob,
+    SampleSetInfo, Sampler as _, Sampling, Scene, Specification, ViewJob, Visibility, path,
 };
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -136,6 +136,8 @@ impl Bench {
             lighting: scene.lighting.clone(),
             visibility: way,
             sampling: Sampling::default(),
+            sub_samples: Specification::USUAL_SUB_SAMPLES,
+            indirect: Indirect::Off,
             reflections: None,
         };
         let ids = vec![SampleId { epoch: 0, generation: 1, index }];

@@ -241,9 +241,9 @@ async fn time_can_be_held_still() {
 
 #[tokio::test]
 async fn particles_drift_from_epoch_to_epoch_though_the_scene_stands_still() {
-    let with = ["--particles", "60", "--vpl-maps", "megaviews"];
-    let serve = Coordinator::start("terrain:2000", &["--particles", "--epoch-ms", "100"]);
-    let _worker = serve.worker(&with);
+    let with = ["--particles", "60", "--vpl-maps", "megaviews", "--epoch-ms", "100"];
+    let serve = Coordinator::start("terrain:2000", &with);
+    let _worker = serve.worker(&[]);
     serve.wait_for_workers(1);
     let client = Client::connect(&serve.url).await.unwrap();
     let wanted =

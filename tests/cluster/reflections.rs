@@ -36,13 +36,14 @@ async fn views_show_things_that_mirror_the_scene_and_two_workers_give_the_bytes_
     let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
     let around = warp.samples.iter().filter(|id| id.is_surroundings()).count();
     assert_eq!(around, 1, "beside samples of the rig: {:?}", warp.samples);
-    let device = &frame.provenance.device;
-    assert!(device.ends_with("; reflections by maps of 32 from 7 levels, at most 256"), "{device}");
+    let specification = frame.provenance.specification.unwrap().to_string();
+    assert!(specification.contains(" maps of 32 from 7 levels, at most 256;"), "{specification}");
 
     // A direct view looks the same maps up.
     let direct = PlanRequest { direct: true, supersampling: Some(2), ..PlanRequest::default() };
     let (exact, _) = of_many.render((&View { plan: direct, ..view.clone() }).into()).await.unwrap();
-    assert!(exact.provenance.device.contains("reflections by maps"), "{}", exact.provenance.device);
+    let specification = frame.provenance.specification.unwrap();
+    assert_eq!(exact.provenance.specification.unwrap().reflections, specification.reflections);
     let flip = |a: &argus_scene::Frame, b: &argus_scene::Frame| {
         argus_scene::metrics::compare(&image(a), &image(b)).unwrap().flip_mean
     };

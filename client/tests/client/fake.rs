@@ -168,6 +168,7 @@ pub(crate) fn frame(view: &View) -> Frame {
         epoch: 0,
         generation: 1,
         plan,
+        specification: None,
         device: "none".to_owned(),
         history: false,
     };

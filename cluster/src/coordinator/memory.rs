@@ -66,7 +66,8 @@ mod tests {
     fn header(plan: Plan) -> v1::FrameHeader {
         let scene = SceneHash([1; 32]);
         let device = "device".to_owned();
-        let provenance = Provenance { scene, epoch: 0, generation: 1, plan, device, history: false };
+        let provenance =
+            Provenance { scene, epoch: 0, generation: 1, plan, specification: None, device, history: false };
         let decision = Decision { reason: Reason::Soonest, wait_ms: 0.0, render_ms: 1.0, excess: 0.0 };
         v1::FrameHeader {
             provenance: Some((&provenance).into()),

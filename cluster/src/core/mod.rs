@@ -53,7 +53,9 @@ mod scenarios;
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Visibility};
+    use argus_scene::{
+        Bounds, Indirect, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Specification, Visibility,
+    };
     use glam::DVec3;
 
     pub(super) fn set_info() -> SampleSetInfo {
@@ -68,6 +70,8 @@ mod tests {
             lighting: Lighting::default(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            sub_samples: Specification::USUAL_SUB_SAMPLES,
+            indirect: Indirect::Off,
             reflections: None,
         }
     }

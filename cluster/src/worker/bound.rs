@@ -91,6 +91,7 @@ mod tests {
                 epoch: 0,
                 generation: 1,
                 plan: Plan::Warp(Warp::default()),
+                specification: None,
                 device: String::new(),
                 history: false,
             },

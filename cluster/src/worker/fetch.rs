@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::chunks::{Received, SampleAssembler};
-use argus_proto::convert::scene_hash_bytes;
+use argus_proto::convert::{scene_hash_bytes, specification_hash_bytes};
 use argus_proto::trace::{TARGET, within};
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
@@ -179,6 +179,7 @@ async fn received(
         indices: vec![id.index],
         have: Vec::new(),
         ahead,
+        specification_hash: specification_hash_bytes(info.specification().hash()),
     };
     let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
     let silent = |_| Fault::Unavailable(format!("{address} fell silent"));

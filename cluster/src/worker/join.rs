@@ -278,8 +278,8 @@ async fn take_up(
 ) -> Result<(), Ended> {
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
     node.settle_visibility(duty.visibility_is_open);
-    let new_scene = node.serve_set(&scene, duty.set, duty.limits);
-    if new_scene || node.acting() != Some(duty.role) {
+    let new_sampler = node.serve_set(&scene, duty.set, duty.limits);
+    if new_sampler || node.acting() != Some(duty.role) {
         node.prepare(duty.role).await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
     }
     match duty.measure_ways {

@@ -249,25 +249,45 @@ impl Node {
         self.told.lock().scene.clone()
     }
 
-    /// Serves another set from now on; samples of the old one are forgotten. Whether the scene is another one, too.
+    /// Serves another set from now on; samples of the old one are forgotten. Whether another sampler is needed for it.
     pub(super) fn serve_set(&self, scene: &Arc<Scene>, set: SampleSetInfo, limits: Limits) -> bool {
         let mut told = self.told.lock();
-        let new_scene = !told.scene.as_ref().is_some_and(|old| Arc::ptr_eq(old, scene));
-        if new_scene {
+        let set = Arc::new(set);
+        // A sampler is made for one scene and one way to light it.
+        let as_sampler = |set: &SampleSetInfo| (set.sub_samples, set.indirect);
+        let same_sampler = told.set.as_deref().is_some_and(|old| as_sampler(old) == as_sampler(&set));
+        let same_scene = told.scene.as_ref().is_some_and(|old| Arc::ptr_eq(old, scene));
+        let new_sampler = !(same_scene && same_sampler);
+        if new_sampler {
             told.scene = Some(scene.clone());
-            self.queue.order(Work::Scene(scene.clone()));
+            self.queue.order(Work::Scene { scene: scene.clone(), set: set.clone() });
         }
         // Another epoch of the same set leaves the samples of this one as they are.
-        let same = |old: &SampleSetInfo| SampleSetInfo { epoch: set.epoch, ..old.clone() } == set;
+        let same = |old: &SampleSetInfo| SampleSetInfo { epoch: set.epoch, ..old.clone() } == *set;
         if !told.set.as_deref().is_some_and(same) {
-            let set = Arc::new(set);
             told.epochs = if set.epoch_secs == 0.0 { VecDeque::from([set.clone()]) } else { VecDeque::new() };
             told.set = Some(set);
             self.store.clear();
             self.histories.clear();
         }
         told.limits = limits;
-        new_scene
+        new_sampler
+    }
+
+    /// Whether a set is rendered as the one that is served: what was rendered for an older one is of no use.
+    ///
+    /// # Errors
+    /// [`Fault::Unavailable`] where it is not.
+    fn check_set(&self, info: &SampleSetInfo) -> Result<(), Fault> {
+        let (served, _) = self.set()?;
+        // All of the specification but the exposure, which lights have at each moment.
+        let rendered_by = |set: &SampleSetInfo| {
+            (set.scene, set.visibility, set.sampling, set.sub_samples, set.indirect, set.reflections)
+        };
+        match rendered_by(&served) == rendered_by(info) {
+            true => Ok(()),
+            false => Err(Fault::Unavailable("another sample set is served by now".to_owned())),
+        }
     }
 
     /// Takes in whether it is settled how triangles are seen.
@@ -483,6 +503,7 @@ impl Node {
             match rendered {
                 Err(RenderError::DeviceLost(_)) if again => again = false,
                 rendered => {
+                    self.check_set(&info)?;
                     let rendered = rendered?;
                     let sample = match ahead {
                         true => self.store.insert_quietly(rendered),

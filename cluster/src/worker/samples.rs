@@ -5,11 +5,11 @@ use std::pin::Pin;
 use std::sync::Arc;
 
 use argus_proto::chunks::{pixel_chunks, sample_hash, unchanged_chunk};
-use argus_proto::convert::scene_hash;
+use argus_proto::convert::{scene_hash, specification_hash};
 use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::samples_server::Samples;
 use argus_proto::{Fault, v1};
-use argus_scene::{InvalidField, SampleId, SampleSetInfo};
+use argus_scene::{InvalidField, SampleId, SampleSetInfo, SpecificationHash};
 use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
 use tonic::{Request, Response, Status};
@@ -87,6 +87,8 @@ fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInf
         let asked = format!("scene {scene}, generation {}", request.generation);
         return Err(Fault::NotFound(format!("samples of {asked} are not served here")));
     }
+    let specification = specification_hash(&request.specification_hash, "specification_hash")?;
+    check_specification(&info, specification)?;
     if !(1..=MAX_INDICES).contains(&request.indices.len()) {
         let reason = format!("must be 1 to {MAX_INDICES}, not {}", request.indices.len());
         return Err(InvalidField::new("indices", reason).into());
@@ -95,6 +97,21 @@ fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInf
         info.camera(*index)?;
     }
     Ok(info)
+}
+
+/// Whether this worker renders as the worker does that asks: else the samples of two specifications would be mixed.
+///
+/// # Errors
+/// [`Fault::NotFound`] where it does not.
+pub(super) fn check_specification(info: &SampleSetInfo, asked: SpecificationHash) -> Result<(), Fault> {
+    let ours = info.specification();
+    match ours.hash() == asked {
+        true => Ok(()),
+        false => Err(Fault::NotFound(format!(
+            "specification {asked} is not served here, {} is: {ours}",
+            ours.hash()
+        ))),
+    }
 }
 
 /// A sample in chunks, rendered if it is neither held nor on its way here.

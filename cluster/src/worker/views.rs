@@ -14,8 +14,8 @@ use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Frame, History, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleCamera, SampleId,
-    SampleSetInfo, Search, Stage, View, ViewJob, Visibility,
+    Difference, Frame, History, Holes, InvalidField, Output, Outputs, Plan, Provenance, RenderError,
+    SampleCamera, SampleId, SampleSetInfo, Search, Specification, Stage, View, ViewJob,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -70,6 +70,8 @@ struct Ordered {
     pinned: bool,
     /// The device that the frame must be of; any if empty.
     device: String,
+    /// The specification that the frame must have; any if absent.
+    specification: Option<Specification>,
     /// The images that the frame shall hold; the job's may be more.
     outputs: Outputs,
     /// Under which name what it leaves for the next frame is kept; the job has what the last one left.
@@ -295,10 +297,9 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         samples.push(Source { id: *id, addresses, dispensable });
     }
     let View { camera, width, height, outputs, pin, .. } = view;
-    // A view from triangles can be repeated in the way that it was seen, whichever is this cluster's.
-    let pinned_way =
-        pin.as_ref().filter(|pin| !pin.device.is_empty()).map(|pin| Visibility::of_device(&pin.device).1);
-    let visibility = pinned_way.flatten().unwrap_or_else(|| node.visibility_of(&info));
+    // A view from triangles can be repeated by the backend that it was rendered with, whichever is this cluster's.
+    let specification = pin.as_ref().and_then(|pin| pin.specification);
+    let visibility = specification.map_or_else(|| node.visibility_of(&info), |pinned| pinned.visibility);
     let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
     let time_secs = info.time_secs();
     let asked = outputs;
@@ -317,7 +318,19 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let fallback = (1..=MOST_SUB_PIXELS).contains(&order.fallback_samples_per_pixel);
     let fallback = fallback.then_some(Plan::Direct { samples_per_pixel: order.fallback_samples_per_pixel });
     let (history, outputs) = (name, asked);
-    Ok(Ordered { job, info, samples, outputs, tracers, pinned, device, history, decision, fallback })
+    Ok(Ordered {
+        job,
+        info,
+        samples,
+        outputs,
+        tracers,
+        pinned,
+        device,
+        specification,
+        history,
+        decision,
+        fallback,
+    })
 }
 
 /// The frame without images that nobody asked for.
@@ -412,11 +425,16 @@ async fn render(
         let rendered = node.render_view(job.clone(), ordered.info.clone(), samples, again).await;
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
-                // Where the device does not have the way that was asked for, the sampler takes another one.
-                let device = &frame.provenance.device;
+                let Provenance { plan, specification, device, .. } = &frame.provenance;
                 if !(ordered.device.is_empty() || ordered.device == *device) {
                     let reason = format!("{device:?} answered, not the device {:?}", ordered.device);
                     return Err(Fault::Pin(reason));
+                }
+                // Where the device does not have the backend that was asked for, the sampler takes another one.
+                let differs = ordered.specification.zip(*specification);
+                if let Some(at) = differs.and_then(|(asked, used)| asked.difference(&used, plan)) {
+                    let Difference { field, first, second } = at;
+                    return Err(Fault::Pin(format!("{field} {second} answered, not {field} {first}")));
                 }
                 let mut stages = vec![Stage::new("queue", queue_ms)];
                 if !needed.is_empty() {

@@ -11,9 +11,9 @@ use argus_scene::reference::Tracer;
 use argus_scene::shading::{Surface, diffuse_radiance, sky_radiance, specular_radiance};
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
-    Bounds, Camera, Cancel, Compositor as _, Frame, Light, Lighting, OmniLayout, Outputs, Plan, Plane,
-    PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
-    SampleSetInfo, Sampling, SceneHash, Search, Sky, ViewJob, Visibility, Warp,
+    Bounds, Camera, Cancel, Compositor as _, Frame, Indirect, Light, Lighting, OmniLayout, Outputs, Plan,
+    Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
+    SampleSetInfo, Sampling, SceneHash, Search, Sky, Specification, ViewJob, Visibility, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -297,6 +297,8 @@ pub(crate) fn sample_set(
         lighting: subject.lighting(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        sub_samples: Specification::USUAL_SUB_SAMPLES,
+        indirect: Indirect::Off,
         reflections: None,
     };
     let samples = cameras

@@ -106,6 +106,7 @@ fn frame() -> Frame {
             epoch: 1,
             generation: 2,
             plan,
+            specification: None,
             device,
             history: false,
         },

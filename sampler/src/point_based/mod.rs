@@ -17,7 +17,6 @@
 //! than that is lost. Receivers are read back between the passes, since lists of views are made on the CPU.
 
 mod direct;
-mod knobs;
 
 use std::f64::consts::FRAC_PI_2;
 use std::time::Instant;
@@ -30,8 +29,7 @@ use argus_shaders::layout::sampler::Chosen;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-pub use knobs::PointKnobs;
-
+use crate::PointKnobs;
 use crate::eye::Eye;
 use crate::indirect::{Spreading, ToLight};
 use crate::lit_octree::{LitOctree, refused};
@@ -254,7 +252,7 @@ impl PointBased {
                 let points: Vec<ViewPoint> = batch.iter().map(point).collect();
                 let list = ViewList::new(gpu, &nodes.octree.root, &points)?;
                 let kept = self.views.take();
-                let views = ManyViews::kept_or_new(kept, gpu, nodes.octree, self.knobs.traversal());
+                let views = ManyViews::kept_or_new(kept, gpu, nodes.octree, traversal(&self.knobs));
                 let views = self.views.insert(views.map_err(refused)?);
                 views.render(&list).map_err(refused)?;
                 let arrays = views.maps().arrays.len();
@@ -286,22 +284,20 @@ impl PointBased {
     }
 }
 
-impl PointKnobs {
-    /// How maps of receivers are rendered: by a function of the knobs and of who receives alone.
-    fn traversal(&self) -> Knobs {
-        Knobs {
-            side: self.map_side,
-            texel: Texel::RangeAndNode,
-            disc: Knobs::COVERING,
-            shared_disc: Knobs::COVERING,
-            sharing: self.sharing,
-            // What was rendered before decides nothing.
-            falls_back: false,
-            // The cell that an eye stands in is none of what it sees.
-            own_cell: false,
-            queue_pairs: Some(QUEUE_PAIRS),
-            ..Knobs::default()
-        }
+/// How maps of receivers are rendered: by a function of the knobs and of who receives alone.
+fn traversal(knobs: &PointKnobs) -> Knobs {
+    Knobs {
+        side: knobs.map_side,
+        texel: Texel::RangeAndNode,
+        disc: Knobs::COVERING,
+        shared_disc: Knobs::COVERING,
+        sharing: knobs.sharing,
+        // What was rendered before decides nothing.
+        falls_back: false,
+        // The cell that an eye stands in is none of what it sees.
+        own_cell: false,
+        queue_pairs: Some(QUEUE_PAIRS),
+        ..Knobs::default()
     }
 }
 

@@ -22,7 +22,6 @@
 
 pub(crate) mod emitters;
 mod from_octree;
-mod knobs;
 pub(crate) mod maps;
 pub(crate) mod paths;
 pub(crate) mod sequence;
@@ -42,8 +41,6 @@ use argus_shaders::layout::sampler::vpl::MOST_GROUPS;
 use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
 
-pub use knobs::{MapSource, VplKnobs};
-
 use crate::indirect::ToLight;
 use crate::packets::PacketTracer;
 use crate::passes::{
@@ -51,8 +48,12 @@ use crate::passes::{
     blocks,
 };
 use crate::resident::{Placement, upload};
+use crate::{MapSource, VplKnobs};
 use emitters::Emitters;
 use surfaces::Surfaces;
+
+// As many as users may ask for.
+const _: () = assert!(MOST_GROUPS == argus_scene::indirect::MOST_VPL_GROUPS, "one number of groups");
 
 /// A virtual point light: a point of a surface that sends out flux by the cosine of its normal.
 #[derive(Debug, Clone, Copy, PartialEq)]

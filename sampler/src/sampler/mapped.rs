@@ -5,7 +5,6 @@ use std::time::Instant;
 use argus_scene::{Cancel, Lighting, MegaViews, RenderError, Sample, SampleId, SampleJob, Stage};
 
 use super::{GpuSampler, add_light, check_wanted, sample_tiles};
-use crate::Indirect;
 use crate::eye::Eye;
 use crate::indirect::Spreading;
 use crate::lit_octree::LitOctree;
@@ -128,7 +127,7 @@ impl GpuSampler {
 
     /// Whether light drifts though nothing of the scene moves.
     pub(super) fn drifts(&self) -> bool {
-        matches!(self.knobs.indirect, Indirect::Vpl(knobs) if knobs.particles > 0)
+        self.knobs.indirect.drifts()
     }
 
     /// One sample of the group that was traversed last: per tile, look up what each sub-sample sees, choose a surface

@@ -73,7 +73,7 @@ fn middle() -> DVec3 {
 }
 
 fn samples(sampler: &mut GpuSampler, job: &SampleJob) -> Vec<Sample> {
-    let samples = sampler.render_samples(job, &Cancel::new());
+    let samples = sampler.render_samples(&specified(sampler, job), &Cancel::new());
     samples.into_iter().map(|sample| sample.expect("renders")).collect()
 }
 

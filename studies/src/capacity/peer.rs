@@ -147,7 +147,7 @@ impl Shared {
                 generation: 1,
                 plan: order.plan,
                 device: "simulated".to_owned(),
-                history: false,
+                ..v1::Provenance::default()
             }),
             view_id: request.view_id,
             worker: format!("peer-{worker}"),

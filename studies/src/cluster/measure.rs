@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use argus_client::load::path_views;
 use argus_client::{Client, ClusterStatus};
+use argus_proto::convert::specification_hash_bytes;
 use argus_proto::v1;
 use argus_proto::v1::sample_chunk::Body;
 use argus_proto::v1::samples_client::SamplesClient;
@@ -337,6 +338,8 @@ async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
     let view = path_views(client.description(), 1, size, PlanRequest::from_samples()).pop()?;
     let frame = client.render(&view, &patient()).await.ok()?.frame;
     let Plan::Warp(plan) = &frame.provenance.plan else { return None };
+    let specification = frame.provenance.specification?;
+    let specification_hash = specification_hash_bytes(specification.hash());
     let mut stages: Vec<v1::Stage> = Vec::new();
     for worker in client.status().await.ok()?.workers {
         let Ok(mut worker) = SamplesClient::connect(worker.address).await else { continue };
@@ -348,6 +351,7 @@ async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
                 indices: vec![id.index],
                 // Nobody waits for it: what a worker does not have it is not to render.
                 ahead: true,
+                specification_hash: specification_hash.clone(),
                 ..v1::SubscribeRequest::default()
             };
             let header = async { worker.subscribe(request).await.ok()?.into_inner().message().await.ok()? };

@@ -11,8 +11,8 @@ use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::reference::Tracer;
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, Output, Outputs, Plan, RenderError, SampleJob, Sampler as _,
-    Sampling, Search, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor as _, Frame, Indirect, Output, Outputs, Plan, RenderError, SampleJob,
+    Sampler as _, Sampling, Search, ViewJob, Visibility, Warp,
 };
 
 use super::Row;
@@ -155,6 +155,8 @@ impl Stages {
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            sub_samples: 1,
+            indirect: Indirect::Off,
             reflections: None,
         });
         let mut ids: Vec<SampleId> =

@@ -16,7 +16,9 @@ mod world;
 
 use std::time::Duration;
 
-use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Visibility};
+use argus_scene::{
+    Bounds, Indirect, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Specification, Visibility,
+};
 use glam::DVec3;
 
 pub use parameters::{Machines, Parameters};
@@ -49,6 +51,8 @@ fn set_info(moves: bool, cell: Option<f64>) -> SampleSetInfo {
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        sub_samples: Specification::USUAL_SUB_SAMPLES,
+        indirect: Indirect::Off,
         reflections: None,
     }
 }

@@ -118,6 +118,7 @@ mod tests {
                 epoch: 0,
                 generation: 0,
                 plan: Plan::Direct { samples_per_pixel: 1 },
+                specification: None,
                 device: String::new(),
                 history: false,
             },

@@ -52,7 +52,7 @@ fn pinned(sim: &mut Sim, epoch: u64, plan: Plan) -> Ticket {
         height: 15,
         outputs: Outputs::COLOR,
         plan: PlanRequest::from_samples(),
-        pin: Some(Provenance { scene, epoch, generation, plan, device, history: false }),
+        pin: Some(Provenance { scene, epoch, generation, plan, specification: None, device, history: false }),
     });
     let client = "a client".into();
     sim.step(Event::Asked { ticket, client, view, deadline: None, survey: None, last: None });

@@ -224,6 +224,7 @@ fn remembered(sim: &Sim, view: &View, ticket: Ticket, since_change: Option<Durat
         epoch: order.epoch,
         generation: sim.core.set().generation,
         plan: order.plan.clone(),
+        specification: None,
         device: "device".to_owned(),
         history: false,
     };

@@ -256,6 +256,7 @@ fn a_pinned_device_is_waited_for_or_refused() {
                 epoch: set.epoch,
                 generation: set.generation,
                 plan: order.plan.clone(),
+                specification: None,
                 device: device.to_owned(),
                 history: false,
             }),

@@ -8,7 +8,7 @@ use argus_scene::rig::Survey;
 use argus_scene::{Plan, Preset, SampleId, View};
 
 use super::open_view::OpenView;
-use super::pending::{Pending, device_kind, sub_pixels};
+use super::pending::{Pending, sub_pixels};
 use super::plan::plan;
 use super::targets::Planned;
 use super::{Cluster, Effect, Views};
@@ -76,7 +76,7 @@ impl Views {
             pinned: view.pin.is_some(),
             expected,
             target_search,
-            device_kind: view.pin.as_ref().map(|pin| device_kind(&pin.device).to_owned()).unwrap_or_default(),
+            device: view.pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default(),
             deadline: (now.after(deadline), deadline),
             asked: now,
             due: now,
@@ -126,7 +126,7 @@ impl Views {
         self.check_load(client, deadline, self.expected_wait(direct, cluster), now)?;
         if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
             let mut ready = workers.members().peekable();
-            if ready.peek().is_some() && !ready.any(|w| w.hello().device == device_kind(device)) {
+            if ready.peek().is_some() && !ready.any(|w| w.hello().device == *device) {
                 return Err(Fault::Pin(format!("no worker has the device {device:?}")));
             }
         }

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Visibility};
+use argus_scene::{Camera, Holes, Plan, Prediction, SampleId};
 
 use super::open_view::OpenView;
 use super::target_search::TargetSearch;
@@ -32,7 +32,7 @@ pub(super) struct Pending {
     /// Its plan was pinned: what it lacks says nothing of the plans made here.
     pub(super) pinned: bool,
     /// Pinned kind of device; empty: any.
-    pub(super) device_kind: String,
+    pub(super) device: String,
     /// When its answer is worthless, and how long that was when it was asked.
     pub(super) deadline: (Uptime, Duration),
     pub(super) asked: Uptime,
@@ -129,11 +129,6 @@ pub(super) fn sub_pixels(plan: &Plan) -> u64 {
     }
 }
 
-/// The kind of device in a frame's.
-pub(super) fn device_kind(device: &str) -> &str {
-    Visibility::of_device(device).0
-}
-
 impl Pending {
     /// Its frame was not good enough: another is made, by whomever.
     pub(super) fn begin_again(&mut self, plan: Plan, expected: Prediction, target_search: Box<TargetSearch>) {
@@ -148,7 +143,7 @@ impl Pending {
 
     /// Whether not just anybody can answer it.
     pub(super) fn is_bound(&self) -> bool {
-        !self.device_kind.is_empty() || !self.tried.is_empty()
+        !self.device.is_empty() || !self.tried.is_empty()
     }
 
     /// What it is counted as where its request says how it is answered.

@@ -2,8 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Holes, InvalidField, Plan, PlanRequest, Preset, Provenance, Reflections, SampleId, SampleSetInfo,
-    Sampling, View, Visibility, Warp,
+    Difference, Holes, InvalidField, Plan, PlanRequest, Preset, Provenance, SampleId, SampleSetInfo, View,
+    Warp,
 };
 
 use crate::core::config::Config;
@@ -69,8 +69,8 @@ pub(super) fn samples_per_pixel(request: &PlanRequest) -> u32 {
     request.supersampling.unwrap_or(usual).pow(2)
 }
 
-/// Whether a pinned provenance is one that this cluster can repeat. The kind of device is not looked at here: it
-/// decides which workers may answer.
+/// Whether a pinned provenance is one that this cluster can repeat. The device is not looked at here: it decides which
+/// workers may answer.
 fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     let differs = |what: &str, theirs: String, ours: String| {
         Err(Fault::Pin(format!("{what} {theirs} is not served here, {what} {ours} is")))
@@ -83,28 +83,15 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     if sampled && pin.generation != set.generation {
         return differs("generation", pin.generation.to_string(), set.generation.to_string());
     }
-    if sampled && !pin.device.is_empty() {
-        let ours = set.device("");
-        let [theirs, ours] = [&pin.device, &ours].map(|device| Sampling::of_device(device).1);
-        if theirs != ours {
-            let said = |by: Option<&str>| by.unwrap_or(Sampling::Triangles.name()).to_owned();
-            return differs("samples by", said(theirs), said(ours));
+    if let Some(theirs) = pin.specification {
+        let mut ours = set.specification();
+        if !sampled {
+            // A view from triangles is rendered by the backend that its pin names.
+            ours.visibility = theirs.visibility;
         }
-    }
-    if !pin.device.is_empty() {
-        let ours = set.device("");
-        let [theirs, ours] = [&pin.device, &ours].map(|device| Reflections::of_device(device).1);
-        if theirs != ours {
-            let said = |by: Option<&str>| by.map_or("none".to_owned(), |by| format!("by maps {by}"));
-            return differs("reflections", said(theirs), said(ours));
+        if let Some(Difference { field, first, second }) = theirs.difference(&ours, &pin.plan) {
+            return differs(field, first, second);
         }
-    }
-    match Visibility::of_device(&pin.device).1 {
-        None => return Err(Fault::Pin(format!("{:?} names no way to see triangles", pin.device))),
-        Some(way) if sampled && !pin.device.is_empty() && way != set.visibility => {
-            return differs("triangles seen by", way.name().to_owned(), set.visibility.name().to_owned());
-        }
-        Some(_) => (),
     }
     Ok(check_plan(&pin.plan, set, (pin.epoch, set.generation))?)
 }
@@ -157,7 +144,10 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), In
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, MegaViews, Outputs, SceneHash, Search};
+    use argus_scene::{
+        Camera, Indirect, MegaViews, Outputs, PointKnobs, Sampling, SceneHash, Search, Specification,
+        Visibility,
+    };
     use glam::DVec3;
 
     use super::*;
@@ -197,6 +187,7 @@ mod tests {
             epoch: set.epoch,
             generation: set.generation,
             plan: free,
+            specification: None,
             device: String::new(),
             history: false,
         };
@@ -266,12 +257,39 @@ mod tests {
 
     #[test]
     fn a_pin_of_other_samples_is_refused_and_one_of_none_is_not() {
-        let mapped = Sampling::MegaViews(MegaViews::default()).on_device("llvmpipe".to_owned());
-        let refused = pinned(|p| p.device = mapped.clone()).unwrap_err();
-        assert!(matches!(&refused, Fault::Pin(text) if text.contains("samples by megaviews")), "{refused:?}");
-        pinned(|p| p.device = "llvmpipe".to_owned()).unwrap();
+        let usual = set_info().specification();
+        let mapped = Specification { sampling: Sampling::MegaViews(MegaViews::default()), ..usual };
+        let refused = pinned(|p| p.specification = Some(mapped)).unwrap_err();
+        assert!(matches!(&refused, Fault::Pin(text) if text.contains("sampling megaviews")), "{refused:?}");
+        pinned(|p| p.specification = Some(usual)).unwrap();
         let direct = Plan::Direct { samples_per_pixel: 1 };
-        pinned(|p| (p.plan, p.device) = (direct, "llvmpipe".to_owned())).unwrap();
+        pinned(|p| (p.plan, p.specification) = (direct, Some(mapped))).unwrap();
+    }
+
+    #[test]
+    fn a_pin_of_another_specification_is_refused_with_the_field_that_differs() {
+        let usual = set_info().specification();
+        let indirect = Indirect::Points(PointKnobs::default());
+        let others = [
+            ("visibility", Specification { visibility: Visibility::Cpu, ..usual }),
+            ("sub_samples", Specification { sub_samples: 16, ..usual }),
+            ("indirect", Specification { indirect, ..usual }),
+            ("exposure", Specification { exposure: 0.25, ..usual }),
+        ];
+        for (field, other) in others {
+            let refused = pinned(|p| p.specification = Some(other)).unwrap_err();
+            assert!(matches!(&refused, Fault::Pin(text) if text.starts_with(field)), "{refused:?}");
+        }
+        // Of a view from triangles, the backend is the pin's to name, and its indirect light is not.
+        let direct = |specification| {
+            pinned(|p| {
+                let plan = Plan::Direct { samples_per_pixel: 1 };
+                (p.plan, p.specification) = (plan, Some(specification));
+            })
+        };
+        direct(Specification { visibility: Visibility::Cpu, ..usual }).unwrap();
+        let refused = direct(Specification { indirect, ..usual }).unwrap_err();
+        assert!(matches!(&refused, Fault::Pin(text) if text.contains("indirect off is")), "{refused:?}");
     }
 
     #[test]

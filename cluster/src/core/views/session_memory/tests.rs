@@ -73,9 +73,10 @@ impl Session {
         if self.last.as_ref().is_some_and(|last| is_direct(&last.provenance.plan) != is_direct(&offer.plan)) {
             self.changed = Some(self.now);
         }
-        let (scene, device) = (SceneHash([1; 32]), "device; triangles by raster".to_owned());
+        let (scene, device) = (SceneHash([1; 32]), "device".to_owned());
         let plan = offer.plan.clone();
-        let provenance = Provenance { scene, epoch: 0, generation: 1, plan, device, history: false };
+        let provenance =
+            Provenance { scene, epoch: 0, generation: 1, plan, specification: None, device, history: false };
         let (view, reason) = (self.view.clone(), decision.reason);
         self.last = Some(LastView { view, provenance, reason, since_change: None });
         (offer.plan, decision.reason)

@@ -2,11 +2,16 @@
 
 use std::fmt;
 
-use argus_scene::InvalidField;
-use argus_shaders::layout::sampler::vpl::MOST_GROUPS;
+use serde::{Deserialize, Serialize};
+
+use crate::InvalidField;
+
+/// Groups that the VPLs of a scene are divided into, at most.
+pub const MOST_VPL_GROUPS: u32 = 256;
 
 /// How it is known whether a VPL sees a surface: its dual-paraboloid map of distances.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum MapSource {
     /// No maps: every VPL lights whatever faces it.
     Unshadowed,
@@ -41,7 +46,7 @@ impl MapSource {
 }
 
 /// Instant radiosity's approximations; `argus study radiosity` shows what each costs.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VplKnobs {
     /// VPLs that are aimed at; a scene whose lights miss it has fewer. 0 only beside particles.
     pub vpls: u32,
@@ -106,7 +111,7 @@ impl Default for VplKnobs {
 }
 
 impl fmt::Display for VplKnobs {
-    /// All of them in a few words: what a frame's provenance has.
+    /// All of them in a few words.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             vpls,
@@ -127,9 +132,6 @@ impl fmt::Display for VplKnobs {
             seed,
         } = self;
         write!(f, "{vpls} VPLs of {bounces} bounces, {} maps of {map_side}", maps.name())?;
-        if *particles > 0 {
-            write!(f, ", {particles} particles")?;
-        }
         if *maps == MapSource::Imperfect {
             write!(f, " from {points} points")?;
         }
@@ -138,6 +140,9 @@ impl fmt::Display for VplKnobs {
         }
         if *groups > 0 {
             write!(f, " in some {groups} groups")?;
+        }
+        if *particles > 0 {
+            write!(f, ", {particles} particles")?;
         }
         write!(
             f,
@@ -163,7 +168,7 @@ impl VplKnobs {
         within("indirect.levels", self.levels, 1..=10)?;
         within("indirect.samples", self.samples, 1..=1 << 16)?;
         within("indirect.filter", self.filter, 0..=32)?;
-        within("indirect.groups", self.groups, 0..=MOST_GROUPS)?;
+        within("indirect.groups", self.groups, 0..=MOST_VPL_GROUPS)?;
         let from_octree = matches!(self.maps, MapSource::MegaViews | MapSource::ManyLods);
         within("indirect.map_side", self.map_side, if from_octree { 8..=256 } else { 4..=256 })?;
         if !self.map_side.is_power_of_two() {

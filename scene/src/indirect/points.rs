@@ -2,10 +2,12 @@
 
 use std::fmt;
 
-use argus_scene::InvalidField;
+use serde::{Deserialize, Serialize};
+
+use crate::InvalidField;
 
 /// Approximations of point-based indirect light; `argus study radiosity` shows what each costs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointKnobs {
     /// Levels of the scene's octree below its root, 1 to 10: what lights is as fine as its cells.
     pub levels: u32,
@@ -27,7 +29,7 @@ impl Default for PointKnobs {
 }
 
 impl fmt::Display for PointKnobs {
-    /// All of them in a few words: what a frame's provenance has.
+    /// All of them in a few words.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { levels, map_side, block, bounces, sharing } = self;
         let shared = if *sharing { "shared" } else { "own" };
