@@ -94,7 +94,6 @@ struct Report {
     width: u32,
     height: u32,
     epoch: u64,
-    generation: u64,
     /// The search's name, or `direct`.
     search: &'static str,
     /// Ids, best first; none for a direct view.
@@ -151,7 +150,6 @@ impl Report {
             width: frame.width,
             height: frame.height,
             epoch: frame.provenance.epoch,
-            generation: frame.provenance.generation,
             search,
             samples,
             samples_per_pixel,
@@ -230,7 +228,6 @@ fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::R
     Ok(Provenance {
         scene: description.scene_hash,
         epoch: if epoch_secs > 0.0 { (secs / epoch_secs).round() as u64 } else { 0 },
-        generation: 0,
         plan: Plan::Direct { samples_per_pixel: side.saturating_mul(side) },
         specification: None,
         device: String::new(),

@@ -12,9 +12,9 @@ pub struct ClusterStatus {
     pub scene: String,
     /// Leadership of the coordinator.
     pub term: u64,
-    /// Placement of the samples.
-    pub generation: u64,
-    /// Scene time.
+    /// Number of the version of the samples that is served.
+    pub version: u64,
+    /// Scene time that it shows.
     pub epoch: u64,
     /// P: all workers.
     pub processes: u32,
@@ -133,7 +133,7 @@ impl From<v1::StatusResponse> for ClusterStatus {
         Self {
             scene: wire.scene.map(|scene| scene.name).unwrap_or_default(),
             term: wire.term,
-            generation: wire.generation,
+            version: wire.version,
             epoch: wire.epoch,
             processes: wire.processes,
             samplers: wire.samplers,

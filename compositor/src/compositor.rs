@@ -263,8 +263,7 @@ impl GpuCompositor {
             if let Some(first) = view.samples.first() {
                 let provenance = Provenance {
                     scene: first.info.scene,
-                    epoch: first.info.epoch,
-                    generation: first.info.generation,
+                    epoch: first.info.version.state.epoch,
                     plan: jobs[view.job].plan.clone(),
                     specification: Some(first.info.specification()),
                     device: self.gpu.kind().to_owned(),

@@ -109,9 +109,9 @@ fn pixel_of(face: &Face) -> DVec2 {
     2.0 * face.tan_half_fov / DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]))
 }
 
-/// Whether two samples were taken from one place, at whichever moment.
+/// Whether two samples were taken from one place, in whichever version.
 fn is_place_of(one: &SampleId, other: &SampleId) -> bool {
-    (one.generation, one.index) == (other.generation, other.index)
+    one.camera == other.camera
 }
 
 /// What a view sees of an earlier frame.

@@ -10,7 +10,7 @@ use argus_proto::v1;
 use argus_scene::{
     Bounds, Camera, Frame, Indirect, Lighting, Limits, PixelJob, Pixels, Plan, Plane, PlaneData, PlaneFormat,
     PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, Sampling, SceneHash, Served, Specification,
-    Stage, Visibility,
+    Stage, Version, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -59,7 +59,6 @@ fn frame() -> Frame {
         provenance: Provenance {
             scene: HASH,
             epoch: 1,
-            generation: 2,
             plan: Plan::Direct { samples_per_pixel: 4 },
             specification: Some(set().specification()),
             device: "none".to_owned(),
@@ -97,9 +96,8 @@ fn set() -> SampleSetInfo {
         scene: HASH,
         bounds,
         rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [12, 8] },
-        epoch: 0,
+        version: Version::of_epoch(0, 0),
         epoch_secs: 0.0,
-        generation: 1,
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
@@ -122,7 +120,7 @@ pub fn samples_corpus() -> Vec<Vec<u8>> {
             plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat),
             plane(PlaneKind::InverseRange, PlaneFormat::R32Float),
         ];
-        let id = SampleId { epoch: 0, generation: 1, index };
+        let id = SampleId { version: 0, camera: index };
         sample_chunks(&Sample { id, camera, planes, stages: Vec::new() }).ok()
     };
     let both = [0, 3].into_iter().filter_map(sample).flatten();

@@ -6,8 +6,8 @@ use argus_scene::{
     Bounds, Camera, Effect, Frame, Holes, Indirect, Light, Lighting, Limits, MapSource, MegaViews,
     OmniLayout, Output, Outputs, Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs,
     Prediction, Preset, Provenance, Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo,
-    Sampling, SceneHash, Search, Served, Sky, Specification, Stage, Surroundings, View, Visibility, VplKnobs,
-    Warp,
+    Sampling, SceneHash, Search, Served, Sky, Specification, Stage, Surroundings, Version, View, Visibility,
+    VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -127,7 +127,7 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
             scene,
             bounds,
             rig,
-            (epoch, generation),
+            (number, epoch),
             epoch_secs,
             lighting,
             (visibility, sampling, sub_samples, indirect, reflections),
@@ -138,9 +138,8 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
                 scene,
                 bounds,
                 rig,
-                epoch,
+                version: Version::of_epoch(number, epoch),
                 epoch_secs,
-                generation,
                 lighting,
                 visibility,
                 sampling,
@@ -274,7 +273,7 @@ pub(crate) fn plan_request() -> impl Strategy<Value = PlanRequest> {
 }
 
 pub(crate) fn sample_id() -> impl Strategy<Value = SampleId> {
-    any::<(u64, u64, u64)>().prop_map(|(epoch, generation, index)| SampleId { epoch, generation, index })
+    any::<(u64, u64)>().prop_map(|(version, camera)| SampleId { version, camera })
 }
 
 pub(crate) fn plan() -> impl Strategy<Value = Plan> {
@@ -291,11 +290,10 @@ pub(crate) fn plan() -> impl Strategy<Value = Plan> {
 
 pub(crate) fn provenance() -> impl Strategy<Value = Provenance> {
     let specification = option::of(specification());
-    (scene_hash(), any::<u64>(), any::<u64>(), plan(), specification, ".{0,20}", any::<bool>()).prop_map(
-        |(scene, epoch, generation, plan, specification, device, history)| Provenance {
+    (scene_hash(), any::<u64>(), plan(), specification, ".{0,20}", any::<bool>()).prop_map(
+        |(scene, epoch, plan, specification, device, history)| Provenance {
             scene,
             epoch,
-            generation,
             plan,
             specification,
             device,
@@ -447,7 +445,7 @@ pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
                 planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
                 planes.extend(info.reflections.map(|_| plane(PlaneKind::Reflector, PlaneFormat::R32Uint)));
             }
-            let id = SampleId { epoch: info.epoch, generation: info.generation, index };
+            let id = SampleId { version: info.version.number, camera: index };
             (info, Sample { id, camera, planes, stages })
         },
     )

@@ -149,7 +149,7 @@ impl GpuSampler {
     ) -> Result<Sample, RenderError> {
         let mut begin = Instant::now();
         self.check_job(job)?;
-        let camera = job.info.camera(id.index)?;
+        let camera = job.info.camera(id.camera)?;
         let mut tiles = sample_tiles(&camera, self.knobs.side())?;
         let mut stages = self.pose(job.info.time_secs());
         stages.extend(self.light(&job.info.lighting, job.info.time_secs())?);

@@ -112,7 +112,6 @@ pub(crate) fn frame(
         provenance: Provenance {
             scene: scene.hash,
             epoch: view.epoch,
-            generation: 0,
             plan: view.plan.clone(),
             specification: Some(specification),
             device: device.to_owned(),

@@ -42,8 +42,6 @@ pub struct Provenance {
     pub scene: SceneHash,
     /// Scene time.
     pub epoch: u64,
-    /// Placement of the samples.
-    pub generation: u64,
     /// How it was answered, sample ids included.
     pub plan: Plan,
     /// How its samples were rendered, or the frame itself where it comes from triangles. Every frame has one; `None` in a

@@ -60,7 +60,9 @@ pub use open::{is_procedural, open};
 pub use reflection::{Reflections, Reflector, Surroundings};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
-pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo};
+pub use sample::{
+    Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Version,
+};
 pub use sampling::{MegaViews, Sampling};
 pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash, SharedScene};
 pub use specification::{Difference, Specification, SpecificationHash, check_sub_samples};

@@ -36,7 +36,7 @@ impl Cancel {
 /// An order for samples.
 #[derive(Debug, Clone)]
 pub struct SampleJob {
-    /// Scene, rig, epoch, generation and lighting they shall have.
+    /// Scene, rig, version, specification and lighting they shall have.
     pub info: Arc<SampleSetInfo>,
     /// Which cameras of the rig.
     pub ids: Vec<SampleId>,

@@ -252,7 +252,7 @@ pub struct View {
     pub outputs: Outputs,
     /// Wishes about the plan.
     pub plan: PlanRequest,
-    /// Answer with exactly this provenance (its plan, epoch and generation) or not at all.
+    /// Answer with exactly this provenance (its plan, epoch and specification) or not at all.
     pub pin: Option<Provenance>,
 }
 
@@ -390,7 +390,6 @@ mod tests {
             Some(Provenance {
                 scene,
                 epoch: 0,
-                generation: 0,
                 plan,
                 specification: None,
                 device: String::new(),

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// A way to find which triangle each sub-sample sees. All agree but along edges; which is cheapest depends on device,
-/// scene and size, so that it is measured, once, before the first sample of a generation is rendered
+/// scene and size, so that it is measured, once, before the first sample is rendered
 /// ([`crate::Sampler::ways`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

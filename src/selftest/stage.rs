@@ -11,7 +11,7 @@ use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Indirect, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
-    Sampler as _, Sampling, Scene, Specification, ViewJob, Visibility, Warp,
+    Sampler as _, Sampling, Scene, Specification, Version, ViewJob, Visibility, Warp,
 };
 use image::RgbImage;
 
@@ -57,9 +57,8 @@ impl Stage {
             scene: scene.hash,
             bounds: scene.bounds(),
             rig: Rig::for_scene(&scene, &RigKnobs::default())?,
-            epoch: 0,
+            version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,
-            generation: 1,
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
@@ -110,7 +109,7 @@ impl Stage {
     }
 
     fn ids(&self, camera: &Camera) -> Vec<SampleId> {
-        let id = |index| SampleId { epoch: 0, generation: self.info.generation, index };
+        let id = |index| SampleId { version: self.info.version.number, camera: index };
         self.info.rig.nearest(camera, SAMPLES).into_iter().map(id).collect()
     }
 

@@ -13,7 +13,7 @@ use argus_scene::rig::{Among, Sight};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, InvalidField, Outputs, Plan, RenderError, Rig, RigKnobs,
-    SampleJob, Sampler as _, Sampling, Scene, ViewJob, Visibility,
+    SampleJob, Sampler as _, Sampling, Scene, Version, ViewJob, Visibility,
 };
 use glam::{DVec2, DVec3};
 use image::RgbImage;
@@ -79,9 +79,8 @@ impl Bench {
             scene: scene.hash,
             bounds: scene.bounds(),
             rig: Rig::for_scene(&scene, rig)?,
-            epoch: 0,
+            version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,
-            generation: 1,
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
@@ -101,13 +100,17 @@ impl Bench {
         self.compositor.release(ids);
     }
 
-    /// Forgets all samples and places them by another rig, as a new generation.
+    /// Forgets all samples and places them by another rig, as a new version.
     pub(crate) fn replace_rig(&mut self, rig: &RigKnobs, held: &[SampleId]) -> Result<()> {
         self.forget(held);
         let rig = Rig::for_scene(&self.scene, rig)?;
-        self.info =
-            Arc::new(SampleSetInfo { rig, generation: self.info.generation + 1, ..(*self.info).clone() });
+        self.info = Arc::new(SampleSetInfo { rig, version: self.next_version(), ..(*self.info).clone() });
         Ok(())
+    }
+
+    /// A version that shows what the present one shows.
+    pub(crate) fn next_version(&self) -> Version {
+        Version { number: self.info.version.number + 1, ..self.info.version }
     }
 
     /// Sees triangles in another way from now on, in samples and in direct views.
@@ -115,11 +118,11 @@ impl Bench {
         self.info = Arc::new(SampleSetInfo { visibility, ..(*self.info).clone() });
     }
 
-    /// Takes samples from something else from now on, as a new generation.
+    /// Takes samples from something else from now on, as a new version.
     pub(crate) fn sample_by(&mut self, sampling: Sampling) -> Result<(), InvalidField> {
         sampling.validate(&self.info.rig)?;
-        let generation = self.info.generation + 1;
-        self.info = Arc::new(SampleSetInfo { sampling, generation, ..(*self.info).clone() });
+        let version = self.next_version();
+        self.info = Arc::new(SampleSetInfo { sampling, version, ..(*self.info).clone() });
         Ok(())
     }
 
@@ -148,7 +151,7 @@ impl Bench {
 
     /// The `count` samples that serve a viewpoint best; fewer where the rig has fewer.
     pub(crate) fn sample_ids(&self, camera: &Camera, count: usize) -> Vec<SampleId> {
-        let id = |index| SampleId { epoch: self.info.epoch, generation: self.info.generation, index };
+        let id = |index| SampleId { version: self.info.version.number, camera: index };
         let among = Among { refined: &[], sight: self.sight() };
         self.info.rig.nearest_among(camera, count, among).into_iter().map(id).collect()
     }
@@ -205,7 +208,7 @@ impl Bench {
         outputs: Outputs,
         plan: Plan,
     ) -> ViewJob {
-        let (epoch, time_secs) = (self.info.epoch, self.info.time_secs());
+        let (epoch, time_secs) = (self.info.version.state.epoch, self.info.time_secs());
         let visibility = self.info.visibility;
         let reflections = self.info.reflections;
         let history = None;

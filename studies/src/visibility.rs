@@ -12,7 +12,7 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
 use argus_scene::{
     Camera, Cancel, Indirect, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob,
-    SampleSetInfo, Sampler as _, Sampling, Scene, Specification, ViewJob, Visibility, path,
+    SampleSetInfo, Sampler as _, Sampling, Scene, Specification, Version, ViewJob, Visibility, path,
 };
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -130,9 +130,8 @@ impl Bench {
             scene: scene.hash,
             bounds: scene.bounds(),
             rig,
-            epoch: 0,
+            version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,
-            generation: 1,
             lighting: scene.lighting.clone(),
             visibility: way,
             sampling: Sampling::default(),
@@ -140,7 +139,7 @@ impl Bench {
             indirect: Indirect::Off,
             reflections: None,
         };
-        let ids = vec![SampleId { epoch: 0, generation: 1, index }];
+        let ids = vec![SampleId { version: 0, camera: index }];
         let job = SampleJob { info: Arc::new(info), ids, to_host: false };
         let sampler = &mut self.sampler;
         timed(rounds, || {

@@ -37,7 +37,9 @@ use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
 use argus_proto::{FILE_DESCRIPTOR_SET, v1};
 use argus_scene::rig::Sight;
-use argus_scene::{InvalidField, Rig, SampleSetInfo, Sampling, Surroundings, Visibility, check_sub_samples};
+use argus_scene::{
+    InvalidField, Rig, SampleSetInfo, Sampling, Surroundings, Version, Visibility, check_sub_samples,
+};
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
 use tonic::service::Routes;
@@ -56,9 +58,6 @@ use crate::observe::{keep_health, with_pages};
 use crate::security::guard::Guarded;
 use crate::wire::Standing;
 use crate::{SceneRef, SceneSource};
-
-/// Placement of the first rig; nothing yet moves the cameras of a scene while it is served.
-const FIRST_GENERATION: u64 = 1;
 
 /// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled,
 /// then turns new requests away, lets those in work finish for [`Config::grace`], and returns.
@@ -85,12 +84,11 @@ pub async fn serve(
         scene: scene.hash,
         bounds: scene.bounds(),
         rig,
-        epoch: 0,
+        version: Version::default(),
         epoch_secs: match moves {
             true => epoch_secs(&config).map_err(ServeError::Time)?,
             false => 0.0,
         },
-        generation: FIRST_GENERATION,
         lighting: scene.lighting.clone(),
         // As the configuration says, or as is measured.
         visibility: Visibility::default(),

@@ -10,7 +10,7 @@ use argus_proto::chunks::{PixelAssembler, TracedFrame, joined, trace_requests};
 use argus_proto::trace::within;
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
-use argus_scene::{Frame, PixelJob, Pixels, Stage, ViewJob, Warp};
+use argus_scene::{Frame, PixelJob, Pixels, SceneState, Stage, ViewJob, Warp};
 use bytes::Bytes;
 use tokio::time::Instant;
 use tracing::{Span, warn};
@@ -116,7 +116,7 @@ async fn by_other(node: &Node, job: &PixelJob, of: TracedFrame, address: &str) -
 /// [`Fault::NotFound`] for another scene, epoch or specification than the one that is served, [`Fault::Invalid`] for what is
 /// malformed.
 pub(super) fn check(node: &Node, request: v1::TraceRequest) -> Result<PixelJob, Fault> {
-    let (info, limits) = node.set_at(request.epoch)?;
+    let (info, limits) = node.set_showing(SceneState { epoch: request.epoch })?;
     let (TracedFrame { scene, specification }, job) =
         argus_proto::chunks::trace_job(request, info.time_secs(), &limits)?;
     if scene != info.scene {
@@ -176,7 +176,6 @@ mod tests {
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
                 epoch: 0,
-                generation: 1,
                 plan: Plan::Warp(Warp::default()),
                 specification: None,
                 device: String::new(),

@@ -15,7 +15,7 @@ use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
     Difference, Frame, History, Holes, InvalidField, Output, Outputs, Plan, Provenance, RenderError,
-    SampleCamera, SampleId, SampleSetInfo, Search, Specification, Stage, View, ViewJob,
+    SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version, View, ViewJob,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -275,9 +275,8 @@ fn ask_the_coordinator() -> Status {
 }
 
 fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Ordered, Fault> {
-    let (info, limits) = node.set_at(order.epoch)?;
+    let state: SceneState = order.state.map(SceneState::from).unwrap_or_default();
     let view = View::try_from(view.ok_or_else(|| InvalidField::new("view", "must be given"))?)?;
-    view.validate(&limits)?;
     let plan = Plan::try_from(order.plan.ok_or_else(|| InvalidField::new("order.plan", "must be given"))?)?;
     let mut sources: HashMap<SampleId, v1::SampleSource> =
         order.sources.into_iter().filter_map(|source| Some((SampleId::from(source.id?), source))).collect();
@@ -285,14 +284,18 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         Plan::Direct { .. } => &[],
         Plan::Warp(warp) => &warp.samples,
     };
+    let (info, limits) = match ids.first() {
+        Some(id) => node.set_in(Version { number: id.version, state })?,
+        None => node.set_showing(state)?,
+    };
+    view.validate(&limits)?;
     let mut samples = Vec::with_capacity(ids.len());
     for id in ids {
-        if (id.epoch, id.generation) != (info.epoch, info.generation) {
-            let at = format!("epoch {}, generation {}", info.epoch, info.generation);
-            let reason = format!("sample {id} is ordered for a view of {at}");
+        if id.version != info.version.number {
+            let reason = format!("sample {id} is ordered for a view of version {}", info.version.number);
             return Err(Fault::Unavailable(reason));
         }
-        info.camera(id.index)?;
+        info.camera(id.camera)?;
         let v1::SampleSource { addresses, dispensable, .. } = sources.remove(id).unwrap_or_default();
         samples.push(Source { id: *id, addresses, dispensable });
     }
@@ -310,7 +313,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let begun_from = [Output::Range, Output::Source].into_iter().filter(|_| name.is_some());
     let outputs = judged_by.chain(begun_from).fold(asked, Outputs::with);
     let history = name.as_deref().and_then(|name| node.histories.get(name));
-    let (epoch, reflections) = (order.epoch, info.reflections);
+    let (epoch, reflections) = (state.epoch, info.reflections);
     let job =
         ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history };
     let (tracers, pinned) = (order.tracers, pin.is_some());
@@ -402,7 +405,7 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
 /// The cameras of a plan's samples, in the order in which a frame's source counts them.
 fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
     let of_rig = ordered.samples.iter().filter(|source| !source.id.is_surroundings());
-    of_rig.map(|source| Ok(ordered.info.camera(source.id.index)?)).collect()
+    of_rig.map(|source| Ok(ordered.info.camera(source.id.camera)?)).collect()
 }
 
 /// The frame as composed or rendered, with the stages before the role's own. If the device is lost, or the

@@ -5,7 +5,7 @@ use std::time::Duration;
 use argus_proto::convert::{scene_hash_bytes, specification_hash_bytes};
 use argus_proto::v1;
 use argus_proto::v1::samples_client::SamplesClient;
-use argus_scene::{Indirect, PointKnobs, Specification, VplKnobs};
+use argus_scene::{Indirect, PointKnobs, Specification, Version, VplKnobs};
 use tonic::Code;
 
 use crate::common::{Cluster, Source, channel, direct, pinned, quick, scene, start_coordinator_at, view};
@@ -53,9 +53,8 @@ async fn samples_and_pixels_of_another_specification_are_not_served() {
     let mut subscribe = async |specification: Specification| {
         let request = v1::SubscribeRequest {
             scene_hash: scene_hash_bytes(frame.provenance.scene),
-            epoch: frame.provenance.epoch,
-            generation: frame.provenance.generation,
-            indices: vec![0],
+            version: Some(Version::of_epoch(0, frame.provenance.epoch).into()),
+            cameras: vec![0],
             specification_hash: specification_hash_bytes(specification.hash()),
             ..v1::SubscribeRequest::default()
         };

@@ -2,7 +2,8 @@
 
 use argus_scene::{
     Bounds, Effect, Indirect, InvalidField, Light, Lighting, MapSource, MegaViews, PointKnobs, Reflections,
-    Rig, SampleId, SampleSetInfo, Sampling, Sky, Specification, Stage, Surroundings, Visibility, VplKnobs,
+    Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky, Specification, Stage, Surroundings, Version,
+    Visibility, VplKnobs,
 };
 use glam::DVec3;
 
@@ -211,9 +212,8 @@ impl From<&SampleSetInfo> for v1::SampleSetInfo {
             scene_hash: scene_hash_bytes(info.scene),
             bounds: Some(info.bounds.into()),
             rig: Some((&info.rig).into()),
-            epoch: info.epoch,
+            version: Some(info.version.into()),
             epoch_secs: info.epoch_secs,
-            generation: info.generation,
             lighting: Some((&info.lighting).into()),
             specification: Some((&info.specification()).into()),
         }
@@ -238,9 +238,8 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
             scene: scene_hash(&wire.scene_hash, "set.scene_hash")?,
             bounds: required::<v1::Bounds>(wire.bounds, "set.bounds").and_then(Bounds::try_from)?,
             rig,
-            epoch: wire.epoch,
+            version: required(wire.version, "set.version")?.into(),
             epoch_secs: epoch_secs(wire.epoch_secs, "set.epoch_secs")?,
-            generation: wire.generation,
             lighting,
             visibility,
             sampling,
@@ -416,15 +415,39 @@ pub(super) fn epoch_secs(secs: f64, field: &'static str) -> Result<f64, InvalidF
     }
 }
 
+impl From<SceneState> for v1::SceneState {
+    fn from(state: SceneState) -> Self {
+        Self { epoch: state.epoch }
+    }
+}
+
+impl From<v1::SceneState> for SceneState {
+    fn from(wire: v1::SceneState) -> Self {
+        Self { epoch: wire.epoch }
+    }
+}
+
+impl From<Version> for v1::Version {
+    fn from(version: Version) -> Self {
+        Self { number: version.number, state: Some(version.state.into()) }
+    }
+}
+
+impl From<v1::Version> for Version {
+    fn from(wire: v1::Version) -> Self {
+        Self { number: wire.number, state: wire.state.map(SceneState::from).unwrap_or_default() }
+    }
+}
+
 impl From<SampleId> for v1::SampleId {
     fn from(id: SampleId) -> Self {
-        Self { generation: id.generation, index: id.index, epoch: id.epoch }
+        Self { version: id.version, camera: id.camera }
     }
 }
 
 impl From<v1::SampleId> for SampleId {
     fn from(wire: v1::SampleId) -> Self {
-        Self { epoch: wire.epoch, generation: wire.generation, index: wire.index }
+        Self { version: wire.version, camera: wire.camera }
     }
 }
 

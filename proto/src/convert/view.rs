@@ -258,7 +258,7 @@ impl TryFrom<v1::Plan> for Plan {
             }
             Kind::Warp(plan) => {
                 // Surroundings come on top; nobody needs them twice.
-                let of_rig = plan.samples.iter().filter(|id| id.index != SampleId::SURROUNDINGS).count();
+                let of_rig = plan.samples.iter().filter(|id| id.camera != SampleId::SURROUNDINGS).count();
                 if !(1..=MAX_PLAN_SAMPLES).contains(&of_rig) || plan.samples.len() > of_rig + 1 {
                     let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {of_rig}");
                     return Err(InvalidField::new("plan.warp.samples", reason));
@@ -283,7 +283,6 @@ impl From<&Provenance> for v1::Provenance {
         Self {
             scene_hash: scene_hash_bytes(provenance.scene),
             epoch: provenance.epoch,
-            generation: provenance.generation,
             plan: Some((&provenance.plan).into()),
             specification: provenance.specification.as_ref().map(Into::into),
             specification_hash: provenance
@@ -311,7 +310,6 @@ impl TryFrom<v1::Provenance> for Provenance {
         Ok(Self {
             scene: scene_hash(&wire.scene_hash, "provenance.scene_hash")?,
             epoch: wire.epoch,
-            generation: wire.generation,
             plan: required(wire.plan, "provenance.plan")?.try_into()?,
             specification,
             device: wire.device,

@@ -31,7 +31,7 @@ impl GpuSampler {
             Err(error) => return vec![Err(error); job.ids.len()],
         };
         // What the rig does not have fails alone.
-        let refused = |id: &SampleId| job.info.rig.camera(id.index).err().map(|error| Err(error.into()));
+        let refused = |id: &SampleId| job.info.rig.camera(id.camera).err().map(|error| Err(error.into()));
         let mut samples: Vec<Option<Result<Sample, RenderError>>> = job.ids.iter().map(refused).collect();
         for group in groups(&job.info.rig, &job.ids, &knobs) {
             let (gpu, rig) = (self.gpu.clone(), &job.info.rig);
@@ -140,7 +140,7 @@ impl GpuSampler {
         cancel: &Cancel,
     ) -> Result<Sample, RenderError> {
         let begin = Instant::now();
-        let camera = job.info.rig.camera(id.index)?;
+        let camera = job.info.rig.camera(id.camera)?;
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let Some(maps) = &self.maps else {
             return Err(RenderError::Internal("there are no maps".to_owned()));

@@ -143,8 +143,7 @@ impl Shared {
             served: Some(v1::Served::default()),
             provenance: Some(v1::Provenance {
                 scene_hash: Bytes::from_static(&[0; 32]),
-                epoch: order.epoch,
-                generation: 1,
+                epoch: order.state.unwrap_or_default().epoch,
                 plan: order.plan,
                 device: "simulated".to_owned(),
                 ..v1::Provenance::default()

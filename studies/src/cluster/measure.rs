@@ -12,7 +12,7 @@ use argus_proto::convert::specification_hash_bytes;
 use argus_proto::v1;
 use argus_proto::v1::sample_chunk::Body;
 use argus_proto::v1::samples_client::SamplesClient;
-use argus_scene::{Plan, PlanRequest, Stage, View};
+use argus_scene::{Plan, PlanRequest, Stage, Version, View};
 use parking_lot::Mutex;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
@@ -346,9 +346,8 @@ async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
         for id in &plan.samples {
             let request = v1::SubscribeRequest {
                 scene_hash: frame.provenance.scene.0.to_vec().into(),
-                epoch: id.epoch,
-                generation: id.generation,
-                indices: vec![id.index],
+                version: Some(Version::of_epoch(id.version, frame.provenance.epoch).into()),
+                cameras: vec![id.camera],
                 // Nobody waits for it: what a worker does not have it is not to render.
                 ahead: true,
                 specification_hash: specification_hash.clone(),

@@ -12,7 +12,7 @@ use argus_scene::reference::Tracer;
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Indirect, Output, Outputs, Plan, RenderError, SampleJob,
-    Sampler as _, Sampling, Search, ViewJob, Visibility, Warp,
+    Sampler as _, Sampling, Search, Version, ViewJob, Visibility, Warp,
 };
 
 use super::Row;
@@ -23,7 +23,7 @@ use super::world::World;
 pub struct Stages {
     gpu: Arc<Gpu>,
     compositors: [GpuCompositor; 2],
-    generation: u64,
+    version: u64,
     /// Searches that the compositor refused, and its reason.
     refused: BTreeMap<&'static str, String>,
 }
@@ -129,7 +129,7 @@ impl Stages {
             GpuCompositor::with_knobs(Arc::clone(gpu), CompositorKnobs { twin, ..CompositorKnobs::default() })
         };
         let compositors = [compositor(Twin::Fragment)?, compositor(Twin::Compute)?];
-        Ok(Self { gpu: Arc::clone(gpu), compositors, generation: 0, refused: BTreeMap::new() })
+        Ok(Self { gpu: Arc::clone(gpu), compositors, version: 0, refused: BTreeMap::new() })
     }
 
     /// What was left out.
@@ -144,14 +144,13 @@ impl Stages {
     /// Takes the samples that the poses need, and hands them to both compositors.
     pub(super) fn set(&mut self, world: World, poses: &[Pose]) -> Result<Stage> {
         let (scene, rig) = world.shared();
-        self.generation += 1;
+        self.version += 1;
         let info = Arc::new(SampleSetInfo {
             scene: scene.hash,
             bounds: scene.bounds(),
             rig,
-            epoch: 0,
+            version: Version::of_epoch(self.version, 0),
             epoch_secs: 0.0,
-            generation: self.generation,
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
@@ -273,7 +272,7 @@ impl Answer {
 }
 
 fn nearest(info: &SampleSetInfo, camera: &Camera, count: usize) -> Vec<SampleId> {
-    let id = |index| SampleId { epoch: info.epoch, generation: info.generation, index };
+    let id = |index| SampleId { version: info.version.number, camera: index };
     info.rig.nearest(camera, count).into_iter().map(id).collect()
 }
 

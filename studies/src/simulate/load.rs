@@ -72,7 +72,7 @@ impl Ticks {
         while self.open < self.in_flight.get() {
             let tick = (self.asked / self.views) as usize;
             if tick == self.epochs.len() {
-                let epoch = world.core.set().epoch;
+                let epoch = world.core.set().version.state.epoch;
                 // The tick before was served from samples that were rendered while the one before that was composed.
                 if self.refreshed && tick >= 2 && epoch <= self.epochs[tick - 1] {
                     if !self.waits {

@@ -4,12 +4,12 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use argus_scene::{Camera, Holes, Plan, Prediction, SampleId};
+use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Version};
 
 use super::open_view::OpenView;
 use super::target_search::TargetSearch;
 use crate::core::event::{Client, Ticket, WorkerId};
-use crate::core::samples::NeededEpochs;
+use crate::core::samples::NeededVersions;
 use crate::core::time::Uptime;
 use crate::core::workers::WorkKind;
 
@@ -20,7 +20,7 @@ pub(super) struct Pending {
     pub(super) camera: Camera,
     /// How many the frame has.
     pub(super) pixels: u64,
-    pub(super) epoch: u64,
+    pub(super) version: Version,
     /// How it is answered; of a view whose way is open, how it was last decided to be.
     pub(super) plan: Plan,
     /// What the planner goes by, if the request leaves the way open.
@@ -82,28 +82,28 @@ impl Waiting {
     }
 }
 
-/// Views in flight of each kind, and the epochs whose samples they need, each with how many need it.
+/// Views in flight of each kind, and the versions whose samples they need, each with how many need it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct InFlight {
     pub(super) direct: usize,
     pub(super) composed: usize,
     /// Those whose way is open.
     pub(super) open: usize,
-    needed: NeededEpochs,
+    needed: NeededVersions,
 }
 
 impl InFlight {
     pub(super) fn add(&mut self, view: &Pending) {
         *self.kind(view) += 1;
-        if let Some(epoch) = view.sampled_epoch() {
-            self.needed.add(epoch);
+        if let Some(version) = view.sampled_version() {
+            self.needed.add(version);
         }
     }
 
     pub(super) fn subtract(&mut self, view: &Pending) {
         *self.kind(view) -= 1;
-        if let Some(epoch) = view.sampled_epoch() {
-            self.needed.subtract(epoch);
+        if let Some(version) = view.sampled_version() {
+            self.needed.subtract(version);
         }
     }
 
@@ -115,8 +115,8 @@ impl InFlight {
         }
     }
 
-    /// The epochs whose samples views in flight need.
-    pub(super) fn needed(&self) -> &NeededEpochs {
+    /// The versions whose samples views in flight need.
+    pub(super) fn needed(&self) -> &NeededVersions {
         &self.needed
     }
 }
@@ -166,12 +166,12 @@ impl Pending {
 
     /// The cameras whose samples its plan names.
     pub(super) fn cameras(&self) -> Vec<u64> {
-        self.samples().iter().map(|id| id.index).collect()
+        self.samples().iter().map(|id| id.camera).collect()
     }
 
-    /// The epoch whose samples it needs, if it needs any.
-    pub(super) fn sampled_epoch(&self) -> Option<u64> {
-        self.samples().first().map(|id| id.epoch)
+    /// Number of the version whose samples it needs, if it needs any.
+    pub(super) fn sampled_version(&self) -> Option<u64> {
+        self.samples().first().map(|id| id.version)
     }
 
     pub(super) fn samples(&self) -> &[SampleId] {

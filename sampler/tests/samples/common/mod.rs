@@ -10,7 +10,7 @@ use argus_scene::rig::Rig;
 use argus_scene::{
     Bounds, Camera, Cancel, Frame, Indirect, Instance, Light, Lighting, Material, Mesh, Outputs, Plan,
     PlaneData, PlaneKind, Sample, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, SceneHash,
-    Sky, Specification, ViewJob, Visibility,
+    Sky, Specification, Version, ViewJob, Visibility,
 };
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use image::RgbImage;
@@ -74,9 +74,8 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         scene: scene.hash,
         bounds: scene.bounds(),
         rig,
-        epoch: 0,
+        version: Version::of_epoch(0, 0),
         epoch_secs: 0.0,
-        generation: 7,
         lighting: scene.lighting.clone(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
@@ -84,7 +83,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         indirect: Indirect::Off,
         reflections: None,
     };
-    SampleJob { info: Arc::new(info), ids: vec![SampleId { epoch: 0, generation: 7, index }], to_host }
+    SampleJob { info: Arc::new(info), ids: vec![SampleId { version: 0, camera: index }], to_host }
 }
 
 /// The same samples, of a set that is specified as that sampler was made.
