@@ -219,10 +219,9 @@ impl Core {
         if self.workers.report(id, report, now, || self.views.largest()) {
             self.processes_changed(actions);
         }
-        if let Some(visibility) = self.workers.settle_visibility(&measured, actions) {
-            if let Some(version) = self.samples.see_by(visibility) {
-                self.views.move_waiting(version);
-            }
+        let settled = self.workers.settle_visibility(&measured, actions);
+        if let Some(version) = settled.and_then(|visibility| self.samples.see_by(visibility)) {
+            self.views.move_waiting(version);
         }
         self.seek_visibility(actions);
         // It may have what the next version waits for; then the one after it is issued at once.

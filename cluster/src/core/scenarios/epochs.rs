@@ -191,9 +191,16 @@ fn pins_of_epochs_that_are_kept_are_repeated_and_others_refused_by_name() {
         assert_eq!(sim.orders[&direct].state.epoch, epoch);
     }
     // A plan whose samples are of another moment than it says is nobody's.
-    let served = sim.core.set().version.state.epoch;
-    let mixed = sim.pin(served, order.plan);
-    assert!(sim.refused.iter().any(|(t, fault)| *t == mixed && matches!(fault, Fault::Invalid(_))));
+    let served = sim.core.set().version;
+    let fault_of = |sim: &Sim, ticket| sim.refused.iter().find(|(t, _)| *t == ticket).map(|(_, f)| f.clone());
+    let mixed = sim.pin(served.state.epoch, order.plan.clone());
+    let fault = fault_of(&sim, mixed).unwrap();
+    assert!(matches!(&fault, Fault::Pin(reason) if reason.starts_with("version")), "{fault:?}");
+    let older = sim.core.live_versions().into_iter().rfind(|kept| kept.number < served.number).unwrap();
+    let Plan::Warp(mut warp) = order.plan else { panic!("a warp") };
+    warp.samples.iter_mut().for_each(|id| id.version = older.number);
+    let mixed = sim.pin(served.state.epoch, Plan::Warp(warp));
+    assert!(matches!(fault_of(&sim, mixed), Some(Fault::Invalid(_))));
 }
 
 #[test]
