@@ -9,7 +9,7 @@ use argus_proto::trace::{self, TARGET};
 use argus_proto::{Fault, v1};
 use argus_scene::{
     InvalidField, Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, SceneState,
-    Version, ViewJob, Visibility,
+    SpecificationHash, Version, ViewJob, Visibility,
 };
 use parking_lot::Mutex;
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, oneshot, watch};
@@ -572,6 +572,21 @@ impl Drop for Node {
     /// A worker whose future was dropped leaves no thread behind either.
     fn drop(&mut self) {
         self.stop();
+    }
+}
+
+/// Whether this worker renders as the worker does that asks: else the samples of two specifications would be mixed.
+///
+/// # Errors
+/// [`Fault::NotFound`] where it does not.
+pub(super) fn check_specification(info: &SampleSetInfo, asked: SpecificationHash) -> Result<(), Fault> {
+    let ours = info.specification();
+    match ours.hash() == asked {
+        true => Ok(()),
+        false => Err(Fault::NotFound(format!(
+            "specification {asked} is not served here, {} is: {ours}",
+            ours.hash()
+        ))),
     }
 }
 

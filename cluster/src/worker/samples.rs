@@ -9,13 +9,13 @@ use argus_proto::convert::{scene_hash, specification_hash};
 use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::samples_server::Samples;
 use argus_proto::{Fault, v1};
-use argus_scene::{InvalidField, SampleId, SampleSetInfo, SpecificationHash};
+use argus_scene::{InvalidField, SampleId, SampleSetInfo};
 use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
 use tonic::{Request, Response, Status};
 use tracing::{Instrument, debug_span};
 
-use super::node::Node;
+use super::node::{Node, check_specification};
 use super::packed::Chunks as Packed;
 use super::{fetch, trace};
 
@@ -97,21 +97,6 @@ fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInf
         info.camera(*camera)?;
     }
     Ok(info)
-}
-
-/// Whether this worker renders as the worker does that asks: else the samples of two specifications would be mixed.
-///
-/// # Errors
-/// [`Fault::NotFound`] where it does not.
-pub(super) fn check_specification(info: &SampleSetInfo, asked: SpecificationHash) -> Result<(), Fault> {
-    let ours = info.specification();
-    match ours.hash() == asked {
-        true => Ok(()),
-        false => Err(Fault::NotFound(format!(
-            "specification {asked} is not served here, {} is: {ours}",
-            ours.hash()
-        ))),
-    }
 }
 
 /// A sample in chunks, rendered if it is neither held nor on its way here.

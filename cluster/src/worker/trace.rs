@@ -15,8 +15,7 @@ use bytes::Bytes;
 use tokio::time::Instant;
 use tracing::{Span, warn};
 
-use super::node::Node;
-use super::samples::check_specification;
+use super::node::{Node, check_specification};
 use crate::rate_limited_log::RateLimitedLog;
 
 /// In the mask: no sample saw the pixel, and it is a guess.
