@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use argus_client::{Client, ConnectOptions};
-use argus_sampler::{Indirect, MapSource, PointKnobs, SamplerKnobs, VplKnobs};
-use argus_scene::{Holes, Output, PlanRequest, Preset, RigKind, RigKnobs, Search, Visibility};
+use argus_scene::{
+    Holes, Indirect, MapSource, Output, PlanRequest, PointKnobs, Preset, RigKind, RigKnobs, Search,
+    Visibility, VplKnobs,
+};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
@@ -192,13 +194,13 @@ impl SampleSource {
     }
 }
 
-/// How workers render samples.
+/// How samples are rendered, by all workers alike.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Samplers")]
 pub(crate) struct Sampling {
     /// Sub-samples of each texel of a sample: 1, 4 or 16; more of them smooth edges and cost time in proportion
-    #[arg(long, value_name = "N", default_value = "4", value_parser = ["1", "4", "16"])]
-    pub(crate) sub_samples: String,
+    #[arg(long, value_name = "N", default_value = "4", value_parser = sub_samples())]
+    pub(crate) sub_samples: u32,
     #[command(flatten)]
     pub(crate) indirect: IndirectLight,
 }
@@ -247,7 +249,7 @@ pub(crate) struct IndirectLight {
 }
 
 impl IndirectLight {
-    /// Converts the flags to the sampler's settings.
+    /// Converts the flags to the sample set's settings.
     ///
     /// # Errors
     /// `--particles` together with `--indirect points`, which cannot gather their light.
@@ -305,16 +307,6 @@ impl IndirectLight {
 }
 
 impl Sampling {
-    /// Converts the flags to the sampler's settings.
-    ///
-    /// # Errors
-    /// Flags that exclude one another.
-    pub(crate) fn knobs(&self) -> anyhow::Result<SamplerKnobs> {
-        let default = SamplerKnobs::default();
-        let sub_samples = self.sub_samples.parse().unwrap_or(default.sub_samples);
-        Ok(SamplerKnobs { sub_samples, indirect: self.indirect.knobs()?, ..default })
-    }
-
     /// Converts the flags back to arguments, for a subcommand in a process of its own.
     pub(crate) fn to_arguments(&self) -> Vec<String> {
         let mut arguments = vec![format!("--sub-samples={}", self.sub_samples)];
@@ -418,6 +410,14 @@ fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
     PossibleValuesParser::new(RIGS).map(|name| match name.as_str() {
         "cell" => RigKind::Cell,
         _ => RigKind::TileCorners,
+    })
+}
+
+fn sub_samples() -> impl TypedValueParser<Value = u32> {
+    PossibleValuesParser::new(["1", "4", "16"]).map(|number| match number.as_str() {
+        "1" => 1,
+        "16" => 16,
+        _ => 4,
     })
 }
 

@@ -38,9 +38,6 @@ pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
     #[arg(long, value_name = "S")]
     scene: Option<String>,
-    /// Advance the scene's time although the scene has no animation; needed if workers have --particles
-    #[arg(long)]
-    particles: bool,
     #[command(flatten)]
     service: Service,
 }
@@ -84,6 +81,8 @@ pub(crate) struct Service {
     rig: args::Rig,
     #[command(flatten)]
     source: args::SampleSource,
+    #[command(flatten)]
+    sampling: args::Sampling,
     #[command(flatten)]
     visibility: args::VisibilityArgs,
     /// Shortest interval in milliseconds between two rendered moments of an animated scene; shorter is
@@ -135,7 +134,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
         return Err(bad_arguments("--scene S is required: a file, or `terrain`"));
     };
     let listening = args.service.listen(&settings).await?;
-    let ready = args.service.open(listening, scene, &settings, args.particles).await?;
+    let ready = args.service.open(listening, scene, &settings).await?;
     args.service.announce(&ready, 0)?;
     if !args.service.json {
         println!("workers join with: argus worker --coordinator {}", ready.url);
@@ -157,6 +156,8 @@ impl Service {
             .with("coordinator.registry", "--registry", self.registry.as_ref())
             .with("coordinator.advertise", "--advertise", self.advertise.as_ref())
             .with("security.tokens", "--tokens", settings::path(self.tokens.as_ref()));
+        // Flags that exclude one another are refused before anything is started.
+        self.sampling.indirect.knobs()?;
         Ok(sources.load(self.security.with(self.source.with(flags)))?.settings)
     }
 
@@ -170,13 +171,12 @@ impl Service {
         Ok(Listening { url, listener, security, shutdown })
     }
 
-    /// Opens the scene. `drifts`: workers have moving lights even if the scene is still.
+    /// Opens the scene.
     pub(crate) async fn open(
         &self,
         Listening { url, listener, security, shutdown }: Listening,
         scene: &str,
         settings: &Settings,
-        drifts: bool,
     ) -> anyhow::Result<Ready> {
         let coordinator = &settings.coordinator;
         let spec = scene.to_owned();
@@ -192,7 +192,8 @@ impl Service {
         config.advertise = Some(coordinator.advertise.clone().unwrap_or_else(|| url.clone()));
         config.core.visibility = self.visibility.visibility();
         config.core.refresh_views = self.refresh_views;
-        config.drifts = drifts;
+        config.sub_samples = self.sampling.sub_samples;
+        config.indirect = self.sampling.indirect.knobs()?;
         config.core.samples_per_view = self.rig.samples.unwrap_or(config.core.samples_per_view);
         let registry = tokio::select! {
             registry = registry(settings) => registry?,

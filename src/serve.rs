@@ -3,8 +3,8 @@
 use tokio_util::sync::CancellationToken;
 
 use crate::coordinator::Service;
+use crate::processes;
 use crate::settings::Sources;
-use crate::{args, processes};
 
 /// Serves a scene from this machine: a coordinator and its worker processes.
 ///
@@ -26,17 +26,12 @@ pub(crate) struct Args {
     #[arg(long)]
     redirect: bool,
     #[command(flatten)]
-    sampling: args::Sampling,
-    #[command(flatten)]
     service: Service,
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
-    // Check here what workers would reject, before any is started.
-    args.sampling.knobs()?;
     let settings = args.service.settings(args.scene.as_ref(), sources)?;
     let scene = settings.coordinator.scene.as_deref().unwrap_or("terrain");
-    let drifts = args.sampling.indirect.particles.is_some();
     let count = args.workers.map_or_else(processes::default_count, usize::from);
     let mut more = sources.to_arguments()?;
     more.extend(settings.security.to_arguments());
@@ -44,7 +39,6 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     more.push("--set=worker.advertise=".to_owned());
     let public = if args.redirect { "advertised" } else { "" };
     more.push(format!("--set=worker.public_address={public}"));
-    more.extend(args.sampling.to_arguments());
 
     let listening = args.service.listen(&settings).await?;
     let (url, shutdown) = (listening.url.clone(), listening.shutdown.clone());
@@ -55,7 +49,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let kept = processes::keep(start, shutdown.clone());
     let served = async {
         let served = async {
-            let ready = args.service.open(listening, scene, &settings, drifts).await?;
+            let ready = args.service.open(listening, scene, &settings).await?;
             opened.cancel();
             args.service.announce(&ready, count)?;
             ready.serve().await

@@ -96,8 +96,8 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
     let seen = if status.visibility.is_empty() { "to be measured" } else { &status.visibility };
     writeln!(
         text,
-        "{}, generation {}, epoch {}; triangles by {seen}",
-        status.scene, status.generation, status.epoch
+        "{}, version {}, epoch {}; triangles by {seen}",
+        status.scene, status.version, status.epoch
     )?;
     writeln!(
         text,

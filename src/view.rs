@@ -11,7 +11,8 @@ use argus_proto::Description;
 use argus_scene::frame::Decision;
 use argus_scene::reference::{Tracer, cache};
 use argus_scene::{
-    Camera, Frame, Holes, Output, Outputs, Plan, PlanRequest, Prediction, Provenance, Served, View,
+    Camera, Frame, Holes, Output, Outputs, Plan, PlanRequest, Prediction, Provenance, Served, Specification,
+    View,
 };
 use argus_studies::calibration;
 use glam::DVec3;
@@ -94,7 +95,6 @@ struct Report {
     width: u32,
     height: u32,
     epoch: u64,
-    generation: u64,
     /// The search's name, or `direct`.
     search: &'static str,
     /// Samples per pixel of a direct view, sub-pixels per pixel of a reconstructed one.
@@ -116,6 +116,10 @@ struct Report {
     true_error: Option<f64>,
     worker: String,
     device: String,
+    /// How the samples were rendered, or the view itself where it comes from triangles.
+    specification: Option<Specification>,
+    /// BLAKE3 of the specification, hexadecimal.
+    specification_hash: Option<String>,
     stages_ms: BTreeMap<String, f64>,
     /// Milliseconds that the frame spent within the service.
     age_ms: f64,
@@ -147,7 +151,6 @@ impl Report {
             width: frame.width,
             height: frame.height,
             epoch: frame.provenance.epoch,
-            generation: frame.provenance.generation,
             search,
             samples,
             samples_per_pixel,
@@ -160,6 +163,11 @@ impl Report {
             true_error: None,
             worker: meta.worker.clone(),
             device: frame.provenance.device.clone(),
+            specification: frame.provenance.specification,
+            specification_hash: frame
+                .provenance
+                .specification
+                .map(|specification| specification.hash().to_string()),
             stages_ms,
             age_ms: meta.age_ms,
             total_ms: latency.as_secs_f64() * 1e3,
@@ -221,8 +229,8 @@ fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::R
     Ok(Provenance {
         scene: description.scene_hash,
         epoch: if epoch_secs > 0.0 { (secs / epoch_secs).round() as u64 } else { 0 },
-        generation: 0,
         plan: Plan::Direct { samples_per_pixel: side.saturating_mul(side) },
+        specification: None,
         device: String::new(),
         history: false,
     })

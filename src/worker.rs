@@ -43,8 +43,6 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR")]
     scenes: Option<PathBuf>,
     #[command(flatten)]
-    sampling: args::Sampling,
-    #[command(flatten)]
     security: args::Security,
     /// Also stop when standard input ends
     #[arg(long, hide = true)]
@@ -73,7 +71,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let security = credentials::of_member(&files, false)?;
     let listener = credentials::listen(&worker.listen, security.is_some(), &files).await?;
     let config = Config { security, ..worker.config(coordinator, &limits) };
-    let device = Arc::new(Device::new(args.sampling.knobs()?, settings::mib(worker.gpu_samples_mib)));
+    let device = Arc::new(Device::new(settings::mib(worker.gpu_samples_mib)));
     let opener = Arc::new(SceneFolder::new(worker.scenes).preloading(args.preload));
     Ok(run_worker(config, listener, device, opener, shutdown).await?)
 }

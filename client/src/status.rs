@@ -12,9 +12,9 @@ pub struct ClusterStatus {
     pub scene: String,
     /// Term of the leading coordinator.
     pub term: u64,
-    /// Generation of the samples' placement.
-    pub generation: u64,
-    /// Epoch of the scene time.
+    /// Number of the version of the samples that is served.
+    pub version: u64,
+    /// Scene time that it shows.
     pub epoch: u64,
     /// P: number of workers.
     pub processes: u32,
@@ -133,7 +133,7 @@ impl From<v1::StatusResponse> for ClusterStatus {
         Self {
             scene: wire.scene.map(|scene| scene.name).unwrap_or_default(),
             term: wire.term,
-            generation: wire.generation,
+            version: wire.version,
             epoch: wire.epoch,
             processes: wire.processes,
             samplers: wire.samplers,

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use argus_scene::rig::Sight;
-use argus_scene::{Compositor, RenderError, Sampler, Scene, SceneHash};
+use argus_scene::{Compositor, RenderError, SampleSetInfo, Sampler, Scene, SceneHash};
 use bytes::Bytes;
 
 /// A scene by name and content: what a worker is told to render.
@@ -73,11 +73,11 @@ pub trait SceneOpener: Send + Sync + 'static {
 /// Makes the two roles on this machine's device. Called on the worker's render thread, and again after the
 /// device was lost, when it must bring up a new one.
 pub trait RoleFactory: Send + Sync + 'static {
-    /// Renders `scene` from its triangles.
+    /// Renders `scene` from its triangles, for the sample set `set` and no set of another specification.
     ///
     /// # Errors
     /// What the device lacks.
-    fn sampler(&self, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError>;
+    fn sampler(&self, scene: Arc<Scene>, set: &SampleSetInfo) -> Result<Box<dyn Sampler>, RenderError>;
 
     /// Reconstructs views from samples.
     ///

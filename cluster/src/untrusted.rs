@@ -6,7 +6,8 @@ use argus_proto::trace::continued_from;
 use argus_proto::v1;
 use argus_proto::v1::worker_report::Body;
 use argus_scene::{
-    Bounds, InvalidField, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, View, Visibility,
+    Bounds, Indirect, InvalidField, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Specification,
+    Version, View, Visibility,
 };
 use glam::DVec3;
 use prost::Message;
@@ -17,7 +18,7 @@ use crate::core::{
     Assignment, Config, Core, Event, Hello, Probed, Report, Role, Source, Ticket, Uptime, WorkerId,
 };
 use crate::sealed::{Kind, SealKey, Shown};
-use crate::wire::{self, Standing};
+use crate::wire::{self, Served, Standing};
 use crate::worker;
 
 fn set() -> Arc<SampleSetInfo> {
@@ -26,12 +27,13 @@ fn set() -> Arc<SampleSetInfo> {
         scene: SceneHash([1; 32]),
         bounds,
         rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [40, 30] },
-        epoch: 0,
+        version: Version::of_epoch(0, 0),
         epoch_secs: 0.0,
-        generation: 1,
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        sub_samples: Specification::USUAL_SUB_SAMPLES,
+        indirect: Indirect::Off,
         reflections: None,
     })
 }
@@ -183,7 +185,7 @@ pub fn words(requests: Vec<v1::SessionRequest>) {
 
 /// Valid messages by their names.
 pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
-    let id = argus_scene::SampleId { epoch: 0, generation: 1, index: 2 };
+    let id = argus_scene::SampleId { version: 0, camera: 2 };
     let measured = Report {
         applied: 1,
         sample_ms: Some(10.0),
@@ -204,10 +206,12 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         measure_ways: false,
         suspected: vec!["http://127.0.0.1:2".to_owned()],
     };
+    let set = set();
+    let served = Served { set: &set, versions: &[set.version], visibility_is_open: false };
     vec![
         ("WorkerReport", wire::hello(&hello()).encode_to_vec()),
         ("WorkerReport", wire::report(measured, Role::Both).encode_to_vec()),
-        ("Assignment", wire::assignment(assignment, 1, &standing(), (&set(), false), None).encode_to_vec()),
-        ("StatusResponse", wire::status(core().status(), 1, &standing(), &set()).encode_to_vec()),
+        ("Assignment", wire::assignment(assignment, 1, &standing(), &served, None).encode_to_vec()),
+        ("StatusResponse", wire::status(core().status(), 1, &standing(), &set).encode_to_vec()),
     ]
 }

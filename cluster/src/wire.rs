@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use argus_proto::convert::{scene_hash_bytes, visibility};
 use argus_proto::{PROTOCOL_VERSION, v1};
-use argus_scene::{InvalidField, Limits, SampleSetInfo, Visibility};
+use argus_scene::{InvalidField, Limits, SampleSetInfo, Version, Visibility};
 
 use crate::SceneRef;
 use crate::core::quality::{Cost, Observed};
@@ -170,6 +170,15 @@ pub(crate) struct Standing {
     pub(crate) report_interval: Duration,
 }
 
+/// What of the core's state goes with each assignment.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Served<'a> {
+    pub(crate) set: &'a SampleSetInfo,
+    /// The versions that the assignment's samples may be of.
+    pub(crate) versions: &'a [Version],
+    pub(crate) visibility_is_open: bool,
+}
+
 pub(crate) fn scene_ref(scene: &SceneRef) -> v1::SceneRef {
     v1::SceneRef { name: scene.name.clone(), hash: scene_hash_bytes(scene.hash) }
 }
@@ -178,7 +187,7 @@ pub(crate) fn assignment(
     assignment: Assignment,
     term: u64,
     standing: &Standing,
-    (set, visibility_is_open): (&SampleSetInfo, bool),
+    served: &Served<'_>,
     key: Option<&SealKey>,
 ) -> v1::Assignment {
     v1::Assignment {
@@ -186,11 +195,12 @@ pub(crate) fn assignment(
         sequence: assignment.sequence,
         role: role(assignment.role) as i32,
         scene: Some(scene_ref(&standing.scene)),
-        set: Some(set.into()),
+        set: Some(served.set.into()),
+        versions: served.versions.iter().map(|version| (*version).into()).collect(),
         sources: sources(assignment.ahead),
         kept_from: assignment.kept_from,
         measure_ways: assignment.measure_ways,
-        visibility_is_open,
+        visibility_is_open: served.visibility_is_open,
         suspected: assignment.suspected,
         seal_key: key.map(SealKey::to_bytes).unwrap_or_default().into(),
         limits: Some(standing.limits.into()),
@@ -231,8 +241,8 @@ pub(crate) fn status(
         protocol_version: PROTOCOL_VERSION,
         scene: Some(scene_ref(&standing.scene)),
         term,
-        generation: set.generation,
-        epoch: set.epoch,
+        version: set.version.number,
+        epoch: set.version.state.epoch,
         processes: status.processes,
         samplers: status.samplers,
         compositors: status.compositors,

@@ -109,10 +109,10 @@ impl<'a> Batch<'a> {
             if let Some(first) = view.samples.first() {
                 let provenance = Provenance {
                     scene: first.info.scene,
-                    epoch: first.info.epoch,
-                    generation: first.info.generation,
+                    epoch: first.info.version.state.epoch,
                     plan: self.jobs[view.job].plan.clone(),
-                    device: first.info.device(device),
+                    specification: Some(first.info.specification()),
+                    device: device.to_owned(),
                     history: view.reprojection.is_ok(),
                 };
                 frames.insert(view.job, assembly.finish(provenance, self.stages.clone()));

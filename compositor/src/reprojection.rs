@@ -116,9 +116,9 @@ fn pixel_of(face: &Face) -> DVec2 {
     2.0 * face.tan_half_fov / DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]))
 }
 
-/// Whether two samples have the same camera, at any epoch.
+/// Whether two samples have the same camera, in any version.
 fn same_camera(one: &SampleId, other: &SampleId) -> bool {
-    (one.generation, one.index) == (other.generation, other.index)
+    one.camera == other.camera
 }
 
 /// The part of a view that an earlier frame covers.

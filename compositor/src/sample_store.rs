@@ -80,7 +80,7 @@ impl SampleStore {
                     && (Arc::ptr_eq(&other.info, &first.info) || other.info == first.info)
             };
             if !rest.iter().all(together) {
-                let reason = "samples of one plan must be of one scene, epoch, generation, size and format";
+                let reason = "samples of one plan must be of one scene, version, size and format";
                 return Err(InvalidField::new("plan.samples", reason).into());
             }
         }

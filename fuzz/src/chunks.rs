@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use argus_proto::chunks::{
-    BundleAssembler, FrameAssembler, FrameMeta, PixelAssembler, Received, SampleAssembler, bundle_chunks,
-    frame_chunks, pixel_chunks, procedural_chunk, sample_chunks, trace_job, trace_requests,
+    BundleAssembler, FrameAssembler, FrameMeta, PixelAssembler, Received, SampleAssembler, TracedFrame,
+    bundle_chunks, frame_chunks, pixel_chunks, procedural_chunk, sample_chunks, trace_job, trace_requests,
 };
 use argus_proto::v1;
 use argus_scene::{
-    Bounds, Camera, Frame, Lighting, Limits, PixelJob, Pixels, Plan, Plane, PlaneData, PlaneFormat,
-    PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, Sampling, SceneHash, Served, Stage,
-    Visibility,
+    Bounds, Camera, Frame, Indirect, Lighting, Limits, PixelJob, Pixels, Plan, Plane, PlaneData, PlaneFormat,
+    PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, Sampling, SceneHash, Served, Specification,
+    Stage, Version, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -59,8 +59,8 @@ fn frame() -> Frame {
         provenance: Provenance {
             scene: HASH,
             epoch: 1,
-            generation: 2,
             plan: Plan::Direct { samples_per_pixel: 4 },
+            specification: Some(set().specification()),
             device: "none".to_owned(),
             history: false,
         },
@@ -96,12 +96,13 @@ fn set() -> SampleSetInfo {
         scene: HASH,
         bounds,
         rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [12, 8] },
-        epoch: 0,
+        version: Version::of_epoch(0, 0),
         epoch_secs: 0.0,
-        generation: 1,
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        sub_samples: Specification::USUAL_SUB_SAMPLES,
+        indirect: Indirect::Off,
         reflections: None,
     }
 }
@@ -119,7 +120,7 @@ pub fn samples_corpus() -> Vec<Vec<u8>> {
             plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat),
             plane(PlaneKind::InverseRange, PlaneFormat::R32Float),
         ];
-        let id = SampleId { epoch: 0, generation: 1, index };
+        let id = SampleId { version: 0, camera: index };
         sample_chunks(&Sample { id, camera, planes, stages: Vec::new() }).ok()
     };
     let both = [0, 3].into_iter().filter_map(sample).flatten();
@@ -159,7 +160,8 @@ fn job() -> PixelJob {
 
 /// Valid requests for pixels.
 pub fn traces_corpus() -> Vec<Vec<u8>> {
-    vec![stream(trace_requests(&job(), HASH).into_iter().map(|(request, _)| request))]
+    let frame = TracedFrame { scene: HASH, specification: set().specification().hash() };
+    vec![stream(trace_requests(&job(), frame).into_iter().map(|(request, _)| request))]
 }
 
 /// A sampler's side of pixels to trace.

@@ -5,7 +5,7 @@ use argus_client::ClusterStatus;
 use argus_proto::{Description, v1};
 use argus_scene::{
     Bounds, Camera, Light, Lighting, Limits, Plan, PlanRequest, Prediction, Provenance, Rig, SampleCamera,
-    SampleSetInfo, Stage, View, frame::Decision, scene::NamedCamera,
+    SampleSetInfo, Specification, Stage, View, frame::Decision, scene::NamedCamera,
 };
 use prost::Message;
 
@@ -70,9 +70,10 @@ messages! {
     Lighting => |m| converted(Lighting::try_from(m)),
     TileCornersRig, CellRig,
     Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
-    MegaViewsSampling, Surroundings,
+    Specification => |m| converted(Specification::try_from(m)),
+    MegaViewsSampling, VplIndirect, PointIndirect, Surroundings,
     SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),
-    SampleId,
+    SceneState, Version, SampleId,
     Stage => |m| converted(Stage::try_from(m)),
     FetchRequest => |m| converted(argus_proto::convert::scene_hash(&m.scene_hash, "scene_hash")),
     SceneChunk => |m| begun(super::chunks::scenes, m),
@@ -159,7 +160,7 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
     messages.push(("View", wire.encode_to_vec()));
     messages.push(("Camera", camera().encode_to_vec()));
     let warp = v1::WarpPlan {
-        samples: vec![v1::SampleId { epoch: 0, generation: 1, index: 3 }],
+        samples: vec![v1::SampleId { version: 0, camera: 3 }],
         supersampling: 1,
         search: v1::Search::Splat as i32,
         ..Default::default()

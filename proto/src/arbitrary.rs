@@ -3,10 +3,11 @@
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Effect, Frame, Holes, Light, Lighting, Limits, MegaViews, OmniLayout, Output, Outputs,
-    Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, Prediction, Preset, Provenance, Reflections,
-    Rig, Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Stage,
-    Surroundings, View, Visibility, Warp,
+    Bounds, Camera, Effect, Frame, Holes, Indirect, Light, Lighting, Limits, MapSource, MegaViews,
+    OmniLayout, Output, Outputs, Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs,
+    Prediction, Preset, Provenance, Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo,
+    Sampling, SceneHash, Search, Served, Sky, Specification, Stage, Surroundings, Version, View, Visibility,
+    VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -120,16 +121,16 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
 
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     let visibility = prop::sample::select(Visibility::ALL.to_vec());
-    let ways = (visibility, sampling(), prop::option::of(surroundings()));
+    let ways = (visibility, sampling(), sub_samples(), indirect(), prop::option::of(surroundings()));
     (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), ways).prop_map(
         |(
             scene,
             bounds,
             rig,
-            (epoch, generation),
+            (number, epoch),
             epoch_secs,
             lighting,
-            (visibility, sampling, reflections),
+            (visibility, sampling, sub_samples, indirect, reflections),
         )| {
             // Omni cameras alone are taken in every way.
             let sampling = sampling.validate(&rig).map_or(Sampling::Triangles, |()| sampling);
@@ -137,12 +138,13 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
                 scene,
                 bounds,
                 rig,
-                epoch,
+                version: Version::of_epoch(number, epoch),
                 epoch_secs,
-                generation,
                 lighting,
                 visibility,
                 sampling,
+                sub_samples,
+                indirect,
                 reflections,
             }
         },
@@ -155,6 +157,61 @@ fn surroundings() -> impl Strategy<Value = Surroundings> {
         knobs: Reflections { side: 1 << log_side, levels, most },
         count: 1 + count % most,
     })
+}
+
+fn sub_samples() -> impl Strategy<Value = u32> {
+    prop::sample::select(vec![1, 4, 16])
+}
+
+fn vpl_knobs() -> impl Strategy<Value = VplKnobs> {
+    let maps = (prop::sample::select(MapSource::ALL.to_vec()), 3..=8u32, 1..=1u32 << 20, 1..=10u32);
+    let numbers = (1..=1u32 << 20, 0..=1u32 << 20, 1..=4u32);
+    let gathering = (1..=1u32 << 16, 0..=32u32, any::<(bool, bool)>(), 0..=256u32);
+    let shares = (0.0..=1.0f64, 0.0..=1.0f64, 0.0..=64.0f64, any::<u32>());
+    (numbers, maps, gathering, shares).prop_map(
+        |(
+            (vpls, particles, bounces),
+            (maps, log_side, points, levels),
+            (samples, filter, (cull, weigh), groups),
+            (cutoff, clamp, bias, seed),
+        )| VplKnobs {
+            vpls,
+            particles,
+            bounces,
+            map_side: 1 << log_side,
+            maps,
+            points,
+            levels,
+            samples,
+            filter,
+            cull,
+            weigh,
+            groups,
+            cutoff,
+            clamp,
+            bias,
+            seed,
+        },
+    )
+}
+
+fn indirect() -> impl Strategy<Value = Indirect> {
+    let points = (1..=10u32, 8..=256u32, 1..=16u32, 1..=4u32, any::<bool>());
+    prop_oneof![
+        Just(Indirect::Off),
+        vpl_knobs().prop_map(Indirect::Vpl),
+        points.prop_map(|(levels, map_side, block, bounces, sharing)| Indirect::Points(PointKnobs {
+            levels,
+            map_side,
+            block,
+            bounces,
+            sharing
+        })),
+    ]
+}
+
+pub(crate) fn specification() -> impl Strategy<Value = Specification> {
+    set_info().prop_map(|info| info.specification())
 }
 
 fn sampling() -> impl Strategy<Value = Sampling> {
@@ -216,7 +273,7 @@ pub(crate) fn plan_request() -> impl Strategy<Value = PlanRequest> {
 }
 
 pub(crate) fn sample_id() -> impl Strategy<Value = SampleId> {
-    any::<(u64, u64, u64)>().prop_map(|(epoch, generation, index)| SampleId { epoch, generation, index })
+    any::<(u64, u64)>().prop_map(|(version, camera)| SampleId { version, camera })
 }
 
 pub(crate) fn plan() -> impl Strategy<Value = Plan> {
@@ -232,12 +289,13 @@ pub(crate) fn plan() -> impl Strategy<Value = Plan> {
 }
 
 pub(crate) fn provenance() -> impl Strategy<Value = Provenance> {
-    (scene_hash(), any::<u64>(), any::<u64>(), plan(), ".{0,20}", any::<bool>()).prop_map(
-        |(scene, epoch, generation, plan, device, history)| Provenance {
+    let specification = option::of(specification());
+    (scene_hash(), any::<u64>(), plan(), specification, ".{0,20}", any::<bool>()).prop_map(
+        |(scene, epoch, plan, specification, device, history)| Provenance {
             scene,
             epoch,
-            generation,
             plan,
+            specification,
             device,
             history,
         },
@@ -387,7 +445,7 @@ pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
                 planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
                 planes.extend(info.reflections.map(|_| plane(PlaneKind::Reflector, PlaneFormat::R32Uint)));
             }
-            let id = SampleId { epoch: info.epoch, generation: info.generation, index };
+            let id = SampleId { version: info.version.number, camera: index };
             (info, Sample { id, camera, planes, stages })
         },
     )

@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn what_a_repetition_may_cure_is_unavailable_and_nothing_else_is() {
-        let id = argus_scene::SampleId { epoch: 0, generation: 1, index: 2 };
+        let id = argus_scene::SampleId { version: 0, camera: 2 };
         for fault in [
             Fault::from(RenderError::MissingSample(id)),
             Fault::from(RenderError::DeviceLost("reset".to_owned())),
@@ -161,7 +161,7 @@ mod tests {
             Fault::StaleTerm { ours: 2, theirs: 1 },
             Fault::Version { theirs: 9 },
             Fault::Deadline(Duration::from_secs(1)),
-            Fault::Pin("generation 3 is gone".to_owned()),
+            Fault::Pin("version 3 is gone".to_owned()),
         ] {
             assert_ne!(fault.code(), Code::Unavailable);
         }

@@ -3,27 +3,14 @@
 use std::sync::Arc;
 
 use argus_gpu::{Commands, Gpu};
-use argus_scene::{Lighting, RenderError, Scene, Stage};
+use argus_scene::{Indirect, Lighting, RenderError, Scene, Stage};
 
 use crate::packets::PacketTracer;
 use crate::passes::TileContext;
-use crate::point_based::{PointBased, PointKnobs};
-use crate::radiosity::{Radiosity, VplKnobs};
+use crate::point_based::PointBased;
+use crate::radiosity::Radiosity;
 use crate::resident::{Placement, Resident};
 use crate::scratch::Scratch;
-
-/// Method of indirect light.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Indirect {
-    /// No indirect light: surfaces are lit by lights and sky.
-    #[default]
-    Off,
-    /// Instant radiosity (Keller 1997): paths from the lights leave virtual point lights (VPLs) on surfaces, and every
-    /// visible surface gathers from some of them.
-    Vpl(VplKnobs),
-    /// Point-based (Christensen 2008): some visible surfaces integrate small maps of an octree of shaded points.
-    Points(PointKnobs),
-}
 
 /// The indirect light of one scene on one device.
 pub(crate) enum IndirectLight {

@@ -1,8 +1,6 @@
 //! Settings of samples, except their cameras.
 
-use argus_scene::{InvalidField, PlaneFormat};
-
-use crate::Indirect;
+use argus_scene::{Indirect, InvalidField, PlaneFormat, SampleSetInfo, Specification, check_sub_samples};
 
 /// How a sample stores radiance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -31,7 +29,7 @@ pub struct SamplerKnobs {
 impl Default for SamplerKnobs {
     fn default() -> Self {
         Self {
-            sub_samples: 4,
+            sub_samples: Specification::USUAL_SUB_SAMPLES,
             range_bits: 16,
             radiance: RadianceFormat::default(),
             indirect: Indirect::default(),
@@ -45,19 +43,35 @@ impl SamplerKnobs {
     /// # Errors
     /// The field that is out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
-        if ![1, 4, 16].contains(&self.sub_samples) {
-            let reason = format!("must be 1, 4 or 16, not {}", self.sub_samples);
-            return Err(InvalidField::new("sampler.sub_samples", reason));
-        }
+        check_sub_samples(self.sub_samples)?;
         if !(8..=23).contains(&self.range_bits) {
             let reason = format!("must be 8 to 23, not {}", self.range_bits);
             return Err(InvalidField::new("sampler.range_bits", reason));
         }
-        match &self.indirect {
-            Indirect::Off => Ok(()),
-            Indirect::Vpl(knobs) => knobs.validate(),
-            Indirect::Points(knobs) => knobs.validate(),
+        self.indirect.validate()
+    }
+
+    /// Those of a sample set.
+    pub fn of(set: &SampleSetInfo) -> Self {
+        Self { sub_samples: set.sub_samples, indirect: set.indirect, ..Self::default() }
+    }
+
+    /// Rejects a sample set that was specified otherwise: its samples would not be what their set says.
+    ///
+    /// # Errors
+    /// The field, by name.
+    pub(crate) fn check_set(&self, set: &SampleSetInfo) -> Result<(), InvalidField> {
+        let differs = |field, theirs: String, ours: String| {
+            let reason = format!("{theirs} is asked of a sampler that was made for {ours}");
+            Err(InvalidField::new(field, reason))
+        };
+        if set.sub_samples != self.sub_samples {
+            return differs("sub_samples", set.sub_samples.to_string(), self.sub_samples.to_string());
         }
+        if set.indirect != self.indirect {
+            return differs("indirect", set.indirect.to_string(), self.indirect.to_string());
+        }
+        Ok(())
     }
 
     /// Sub-samples along each side of a texel.

@@ -32,10 +32,10 @@ mod view;
 mod visibility;
 mod wide;
 
-pub use indirect::Indirect;
+pub use argus_scene::indirect::{Indirect, MapSource, PointKnobs, VplKnobs};
 pub use knobs::{RadianceFormat, SamplerKnobs};
 pub use pass_plan::PassPlan;
-pub use point_based::{PointKnobs, PointReport};
-pub use radiosity::{IndirectReport, MapSource, VplKnobs};
+pub use point_based::PointReport;
+pub use radiosity::IndirectReport;
 pub use sampler::GpuSampler;
 pub use sight::PacketSight;

@@ -169,9 +169,9 @@ pub(crate) fn groups(rig: &Rig, ids: &[SampleId], knobs: &MegaViews) -> Vec<Grou
     let map_bytes = 2 * u64::from(knobs.map_side) * u64::from(knobs.map_side) * texel_bytes;
     let most = (MOST_MAP_BYTES / map_bytes.max(1)).max(1) as usize;
     let mut groups: Vec<Group> = Vec::new();
-    for (order, id) in ids.iter().enumerate().filter(|(_, id)| rig.level(id.index).is_some()) {
-        let block = rig.block(id.index, knobs.block);
-        let is_of = |group: &Group| group.cameras.contains(&id.index);
+    for (order, id) in ids.iter().enumerate().filter(|(_, id)| rig.level(id.camera).is_some()) {
+        let block = rig.block(id.camera, knobs.block);
+        let is_of = |group: &Group| group.cameras.contains(&id.camera);
         let has_room = |group: &Group| knobs.block == 1 && group.cameras.len() < most;
         let found = groups.iter().position(|group| is_of(group) || has_room(group));
         let group = found.unwrap_or_else(|| {
@@ -179,10 +179,10 @@ pub(crate) fn groups(rig: &Rig, ids: &[SampleId], knobs: &MegaViews) -> Vec<Grou
             groups.len() - 1
         });
         let Group { cameras, wanted } = &mut groups[group];
-        if !cameras.contains(&id.index) {
+        if !cameras.contains(&id.camera) {
             cameras.extend(block);
         }
-        let view = cameras.iter().position(|&index| index == id.index).unwrap_or(0);
+        let view = cameras.iter().position(|&index| index == id.camera).unwrap_or(0);
         wanted.push((order, view as u32));
     }
     groups
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     fn ids(indices: &[u64]) -> Vec<SampleId> {
-        indices.iter().map(|&index| SampleId { epoch: 0, generation: 1, index }).collect()
+        indices.iter().map(|&index| SampleId { version: 0, camera: index }).collect()
     }
 
     #[test]

@@ -227,7 +227,7 @@ impl ProbeRenderer {
         };
         let places = bytemuck::cast_slice(&places).to_vec();
         let sample = Sample {
-            id: SampleId { epoch: 0, generation: 0, index: SampleId::SURROUNDINGS },
+            id: SampleId { version: 0, camera: SampleId::SURROUNDINGS },
             camera,
             planes: vec![
                 plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat, radiance.freeze()),

@@ -10,11 +10,10 @@ use std::time::{Duration, Instant};
 
 use argus_gpu::{Gpu, GpuError, wgpu};
 use argus_scene::camera::Face;
-use argus_scene::frame::INDIRECT_BY;
 use argus_scene::{
     Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
-    Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, Stage, ViewJob,
-    Visibility,
+    Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, Specification, Stage,
+    ViewJob, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -108,6 +107,11 @@ impl GpuSampler {
         })
     }
 
+    /// The knobs that the sampler was made with.
+    pub fn knobs(&self) -> &SamplerKnobs {
+        &self.knobs
+    }
+
     /// The passes of this scene, and why each is on or off.
     pub fn plan(&self) -> Vec<PassPlan> {
         pass_plan(&self.scene, &self.resident, &self.knobs)
@@ -146,7 +150,7 @@ impl GpuSampler {
     ) -> Result<Sample, RenderError> {
         self.check_job(job)?;
         let SampleSetInfo { ref lighting, reflections, visibility, .. } = *job.info;
-        let camera = job.info.camera(id.index)?;
+        let camera = job.info.camera(id.camera)?;
         let mut tiles = sample_tiles(&camera, self.knobs.side())?;
         let job_scene = JobScene {
             position: camera.center(),
@@ -190,6 +194,7 @@ impl GpuSampler {
             let reason = format!("this process holds scene {}, not {}", self.scene.hash, job.info.scene);
             return Err(InvalidField::new("sample.scene", reason).into());
         }
+        self.knobs.check_set(&job.info)?;
         Ok(job.info.sampling.validate(&job.info.rig)?)
     }
 
@@ -242,11 +247,16 @@ impl GpuSampler {
         };
         let color = image(view.outputs.color, side, Output::Color, 3)?;
         let range = image(view.outputs.range, 1, Output::Range, 4)?;
-        let mut device = self.device_with_backend(scene.backend);
-        if let Some(maps) = view.reflections {
-            device = maps.knobs.on_device(&device);
-        }
-        Ok(frame(view, &self.scene, &device, ViewParts { color, range }, scene.into_stages()))
+        let specification = Specification {
+            visibility: scene.backend,
+            sampling: Sampling::Triangles,
+            sub_samples: self.knobs.sub_samples,
+            indirect: self.knobs.indirect,
+            reflections: view.reflections,
+            exposure: scene.lighting.exposure,
+        };
+        let made_by = (specification, self.gpu.kind());
+        Ok(frame(view, &self.scene, made_by, ViewParts { color, range }, scene.into_stages()))
     }
 
     /// Renders some pixels of a direct view. They are traced and shaded as a list, so that the cost is that of the list.
@@ -369,16 +379,6 @@ impl GpuSampler {
             probes.forget_light();
         }
         Ok(())
-    }
-
-    /// The device in the provenance of direct views: with visibility backend and knobs of indirect light.
-    fn device_with_backend(&self, backend: Visibility) -> String {
-        let seen = backend.on_device(self.gpu.kind());
-        match &self.knobs.indirect {
-            Indirect::Off => seen,
-            Indirect::Vpl(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
-            Indirect::Points(knobs) => format!("{seen}{INDIRECT_BY}{knobs}"),
-        }
     }
 
     /// The visibility buffer of a view, row by row: instance + 1 and triangle of its mesh for each sub-sample, 0 for the

@@ -1,6 +1,8 @@
 //! Assembles frames of direct views from tiles.
 
-use argus_scene::{Frame, InvalidField, Outputs, Plan, Provenance, Scene, Served, Stage, ViewJob};
+use argus_scene::{
+    Frame, InvalidField, Outputs, Plan, Provenance, Scene, Served, Specification, Stage, ViewJob,
+};
 use bytes::Bytes;
 
 use crate::tile::Tile;
@@ -72,7 +74,7 @@ pub(crate) struct ViewParts {
 pub(crate) fn frame(
     view: &ViewJob,
     scene: &Scene,
-    device: &str,
+    (specification, device): (Specification, &str),
     parts: ViewParts,
     stages: Vec<Stage>,
 ) -> Frame {
@@ -94,8 +96,8 @@ pub(crate) fn frame(
         provenance: Provenance {
             scene: scene.hash,
             epoch: view.epoch,
-            generation: 0,
             plan: view.plan.clone(),
+            specification: Some(specification),
             device: device.to_owned(),
             history: false,
         },

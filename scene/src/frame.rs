@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Output, Plan, SceneHash};
+use crate::{Output, Plan, SceneHash, Specification};
 
 /// One timed step of the work.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,9 +35,6 @@ impl Stage {
     }
 }
 
-/// Precedes the knobs of indirect light in [`Provenance::device`], if there are any.
-pub const INDIRECT_BY: &str = "; indirect light by ";
-
 /// All that a frame's bytes are a function of, together with its camera, size and outputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
@@ -45,14 +42,12 @@ pub struct Provenance {
     pub scene: SceneHash,
     /// Scene time.
     pub epoch: u64,
-    /// Placement of the samples.
-    pub generation: u64,
     /// How it was answered, sample ids included.
     pub plan: Plan,
-    /// Kind of device: adapter, driver and version; followed by the way in which triangles were seen, of the view or of
-    /// its samples, since ways may differ along edges ([`crate::Visibility::on_device`]), of samples that come from no
-    /// triangles by what they come from ([`crate::Sampling::on_device`]), and of a direct view with indirect light by
-    /// [`INDIRECT_BY`] and its knobs. Empty in a pin means any.
+    /// How its samples were rendered, or the frame itself where it comes from triangles. Every frame has one; `None` in a
+    /// pin means any.
+    pub specification: Option<Specification>,
+    /// Adapter, driver and version. Empty in a pin means any.
     pub device: String,
     /// Whether its search began from an earlier frame ([`crate::History`]): its bytes are then a function of that one, too,
     /// and nobody can repeat it.

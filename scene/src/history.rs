@@ -106,7 +106,7 @@ mod tests {
     }
 
     fn frame(ranges: &[f32], sources: &[u8]) -> Frame {
-        let id = |index| SampleId { epoch: 0, generation: 1, index };
+        let id = |index| SampleId { version: 0, camera: index };
         let samples = vec![id(7), id(4), id(SampleId::SURROUNDINGS)];
         Frame {
             width: ranges.len() as u32,
@@ -123,8 +123,8 @@ mod tests {
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
                 epoch: 0,
-                generation: 1,
                 plan: Plan::Warp(Warp { samples, ..Warp::default() }),
+                specification: None,
                 device: String::new(),
                 history: false,
             },
@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn a_word_holds_the_inverse_range_and_the_sample() {
         let history = History::of(&frame(&[4.0, 0.1, f32::INFINITY], &[1, 2, 0]), &camera(), None).unwrap();
-        let indices: Vec<u64> = history.samples().iter().map(|id| id.index).collect();
+        let indices: Vec<u64> = history.samples().iter().map(|id| id.camera).collect();
         assert_eq!(indices, [7, 4], "surroundings serve no pixel");
         let [near, far, sky] = history.words() else { panic!("a word a pixel") };
         assert_eq!((History::inverse_range(*near), near & 7), (0.25, 0));

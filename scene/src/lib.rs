@@ -15,6 +15,7 @@ pub mod camera;
 pub mod error;
 pub mod frame;
 pub mod history;
+pub mod indirect;
 pub mod light;
 pub mod material;
 pub mod paraboloid;
@@ -27,6 +28,7 @@ pub mod sample;
 mod sampling;
 pub mod scene;
 pub mod shading;
+mod specification;
 pub mod texture;
 pub mod tone;
 pub mod view;
@@ -48,6 +50,7 @@ pub use camera::{Camera, OmniLayout, SampleCamera};
 pub use error::{InvalidField, RenderError};
 pub use frame::{Frame, Prediction, Provenance, Served, Stage};
 pub use history::History;
+pub use indirect::{Indirect, MapSource, PointKnobs, VplKnobs};
 pub use light::{Light, Lighting, Sky};
 #[cfg(feature = "loaders")]
 pub use load::LoadError;
@@ -57,8 +60,11 @@ pub use open::{is_procedural, open};
 pub use reflection::{Reflections, Reflector, Surroundings};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
-pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo};
+pub use sample::{
+    Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Version,
+};
 pub use sampling::{MegaViews, Sampling};
 pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash, SharedScene};
+pub use specification::{Difference, Specification, SpecificationHash, check_sub_samples};
 pub use view::{Holes, Limits, Output, Outputs, Plan, PlanRequest, Preset, Search, View, Warp};
 pub use visibility::Visibility;

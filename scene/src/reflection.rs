@@ -34,9 +34,6 @@ const ROUGHEST: f32 = 0.6;
 /// Most bytes of all maps of a scene: every sampler renders them, and every compositor holds them.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// Separator in [`crate::Provenance::device`] before the settings of the reflection maps.
-const REFLECTIONS_BY: &str = "; reflections by maps";
-
 impl Default for Reflections {
     /// Texels of three degrees, and cells of 1/250 of the scene.
     fn default() -> Self {
@@ -74,19 +71,6 @@ impl Reflections {
             ));
         }
         Ok(())
-    }
-
-    /// A device's name with these reflections added.
-    pub fn on_device(&self, device: &str) -> String {
-        format!("{device}{REFLECTIONS_BY} {self}")
-    }
-
-    /// A [`crate::Provenance::device`] without its reflections, and the text about them, if any.
-    pub fn of_device(device: &str) -> (&str, Option<&str>) {
-        match device.split_once(REFLECTIONS_BY) {
-            Some((device, by)) => (device, Some(by.trim_start())),
-            None => (device, None),
-        }
     }
 }
 
@@ -315,13 +299,5 @@ mod tests {
         let large = Surroundings { knobs: Reflections { side: 256, ..few.knobs }, ..few };
         assert_eq!(field(large), "reflections.side");
         assert_eq!(Surroundings::of(&scene(), Reflections::default()).unwrap().unwrap().count, 3);
-    }
-
-    #[test]
-    fn a_device_name_keeps_the_settings_of_its_reflections() {
-        let device = Reflections::default().on_device("llvmpipe; triangles by cpu");
-        let by = "of 64 from 8 levels, at most 256";
-        assert_eq!(Reflections::of_device(&device), ("llvmpipe; triangles by cpu", Some(by)));
-        assert_eq!(Reflections::of_device("llvmpipe"), ("llvmpipe", None));
     }
 }

@@ -35,7 +35,7 @@ impl Cancel {
 /// An order for samples.
 #[derive(Debug, Clone)]
 pub struct SampleJob {
-    /// Scene, rig, epoch, generation and lighting of the samples.
+    /// Scene, rig, version, specification and lighting of the samples.
     pub info: Arc<SampleSetInfo>,
     /// Cameras of the rig.
     pub ids: Vec<SampleId>,

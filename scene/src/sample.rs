@@ -8,35 +8,57 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Bounds, InvalidField, Lighting, OmniLayout, Rig, SampleCamera, Sampling, Scene, SceneHash, Stage,
-    Surroundings, Visibility,
+    Bounds, Indirect, InvalidField, Lighting, OmniLayout, Rig, SampleCamera, Sampling, Scene, SceneHash,
+    Specification, Stage, Surroundings, Visibility,
 };
 
-/// Names one sample: `index` says which camera of the rig, `generation` which placement of the rig, `epoch` when.
+/// Names one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct SampleId {
-    /// Scene time that it shows.
+    /// Number of the version that it belongs to: [`Version::number`].
+    pub version: u64,
+    /// Which camera of the rig took it: argument of [`Rig::camera`].
+    pub camera: u64,
+}
+
+/// What a version shows of the scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+pub struct SceneState {
+    /// Scene time: epoch·Δt.
     pub epoch: u64,
-    /// Placement that the rig belongs to; a new rig is a new generation.
-    pub generation: u64,
-    /// Argument of [`Rig::camera`].
-    pub index: u64,
+}
+
+/// A version of a sample set, as its coordinator issues it. Several versions live side by side, and two of them may show the
+/// same state of the scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+pub struct Version {
+    /// Ascending; no other version of the set has it.
+    pub number: u64,
+    /// What its samples show.
+    pub state: SceneState,
+}
+
+impl Version {
+    /// The version of that number which shows an epoch.
+    pub fn of_epoch(number: u64, epoch: u64) -> Self {
+        Self { number, state: SceneState { epoch } }
+    }
 }
 
 impl SampleId {
-    /// The index of a set's surroundings: no camera of a rig has it.
+    /// The camera of a set's surroundings: no camera of a rig has its number.
     pub const SURROUNDINGS: u64 = u64::MAX;
 
     /// Whether it names a set's surroundings: the maps that reflections are looked up in ([`crate::reflection`]), which no
     /// view is warped from.
     pub fn is_surroundings(&self) -> bool {
-        self.index == Self::SURROUNDINGS
+        self.camera == Self::SURROUNDINGS
     }
 }
 
 impl fmt::Display for SampleId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}/{}/{}", self.epoch, self.generation, self.index)
+        write!(f, "{}/{}", self.version, self.camera)
     }
 }
 
@@ -161,18 +183,20 @@ pub struct SampleSetInfo {
     pub bounds: Bounds,
     /// The placement rule.
     pub rig: Rig,
-    /// Epoch of the scene.
-    pub epoch: u64,
+    /// Version of the samples, and the state of the scene that it shows.
+    pub version: Version,
     /// Seconds of scene time from one epoch to the next; 0 where the scene is held still.
     pub epoch_secs: f64,
-    /// Placement of the rig.
-    pub generation: u64,
     /// Lights, sky and exposure that the samples were shaded with.
     pub lighting: Lighting,
     /// Visibility backend, the same for all samples of the set on every worker.
     pub visibility: Visibility,
     /// Source of the samples.
     pub sampling: Sampling,
+    /// Sub-samples of a texel: 1, 4 or 16.
+    pub sub_samples: u32,
+    /// Indirect light, in samples and in direct views.
+    pub indirect: Indirect,
     /// The maps for glossy and transparent surfaces; `None` if these reflect only lights and the sky.
     pub reflections: Option<Surroundings>,
 }
@@ -180,15 +204,18 @@ pub struct SampleSetInfo {
 impl SampleSetInfo {
     /// Scene time, seconds: epoch·Δt.
     pub fn time_secs(&self) -> f64 {
-        self.epoch as f64 * self.epoch_secs
+        self.version.state.epoch as f64 * self.epoch_secs
     }
 
-    /// Device name of the set's samples from a kind of device, as in [`crate::Provenance::device`].
-    pub fn device(&self, kind: &str) -> String {
-        let device = self.sampling.on_device(self.visibility.on_device(kind));
-        match self.reflections {
-            Some(maps) => maps.knobs.on_device(&device),
-            None => device,
+    /// How the samples are rendered.
+    pub fn specification(&self) -> Specification {
+        Specification {
+            visibility: self.visibility,
+            sampling: self.sampling,
+            sub_samples: self.sub_samples,
+            indirect: self.indirect,
+            reflections: self.reflections,
+            exposure: self.lighting.exposure,
         }
     }
 
@@ -208,21 +235,20 @@ impl SampleSetInfo {
 
     /// The samples of a view: these of the rig, and the set's surroundings if it has any.
     pub fn with_surroundings(&self, mut ids: Vec<SampleId>) -> Vec<SampleId> {
-        let (epoch, generation) =
-            ids.first().map_or((self.epoch, self.generation), |id| (id.epoch, id.generation));
-        ids.extend(self.reflections.map(|_| SampleId { epoch, generation, index: SampleId::SURROUNDINGS }));
+        let version = ids.first().map_or(self.version.number, |id| id.version);
+        ids.extend(self.reflections.map(|_| SampleId { version, camera: SampleId::SURROUNDINGS }));
         ids
     }
 
-    /// The set of the same rig at another epoch, with the lighting of that epoch.
-    pub fn at_epoch(&self, scene: &Scene, epoch: u64) -> Self {
-        let mut info = Self { epoch, ..self.clone() };
+    /// The set of the same rig in another version, with the lighting of that version.
+    pub fn at_version(&self, scene: &Scene, version: Version) -> Self {
+        let mut info = Self { version, ..self.clone() };
         info.lighting = scene.at(info.time_secs()).lighting;
         info
     }
 }
 
-/// Samples of one rig at one epoch and generation.
+/// Samples of one rig and version.
 #[derive(Debug, Clone)]
 pub struct SampleSet {
     /// Properties that all of the samples share.

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{InvalidField, Reflections, Rig, RigKind, RigKnobs};
+use crate::{InvalidField, Rig, RigKind, RigKnobs};
 
 /// Source of samples, the same for all samples of a set on every worker. Direct views, and single pixels that no
 /// sample saw, always come from triangles.
@@ -49,9 +49,6 @@ impl fmt::Display for MegaViews {
         if *block > 1 { write!(f, " in blocks of {block}") } else { Ok(()) }
     }
 }
-
-/// Separator in [`crate::Provenance::device`] before the source of samples other than triangles.
-const SAMPLES_BY: &str = "; samples by ";
 
 impl Sampling {
     /// All names, as on the command line.
@@ -114,23 +111,6 @@ impl Sampling {
         }
         Ok(())
     }
-
-    /// A device's name with this source added.
-    pub fn on_device(&self, device: String) -> String {
-        match self {
-            Self::Triangles => device,
-            Self::MegaViews(knobs) => format!("{device}{SAMPLES_BY}{} {knobs}", self.name()),
-        }
-    }
-
-    /// A [`crate::Provenance::device`] without the source of its samples, and the text about it, if any.
-    pub fn of_device(device: &str) -> (&str, Option<&str>) {
-        let (device, _) = Reflections::of_device(device);
-        match device.split_once(SAMPLES_BY) {
-            Some((device, by)) => (device, Some(by)),
-            None => (device, None),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -154,15 +134,5 @@ mod tests {
         assert_eq!(field(MegaViews { levels: 0, ..default }, &cell), "sampling.levels");
         assert_eq!(field(MegaViews { block: 3, ..default }, &cell), "sampling.block");
         assert_eq!(field(MegaViews { block: 4, map_side: 1024, ..default }, &cell), "sampling.block");
-    }
-
-    #[test]
-    fn a_device_name_keeps_the_source_of_its_samples() {
-        let triangles = Sampling::Triangles.on_device("llvmpipe".to_owned());
-        assert_eq!(Sampling::of_device(&triangles), ("llvmpipe", None));
-        let maps = Sampling::MegaViews(MegaViews { map_side: 256, levels: 8, block: 2 });
-        let device = maps.on_device("llvmpipe; triangles by cpu".to_owned());
-        let by = "megaviews maps of 256 from 8 levels in blocks of 2";
-        assert_eq!(Sampling::of_device(&device), ("llvmpipe; triangles by cpu", Some(by)));
     }
 }

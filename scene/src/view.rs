@@ -252,7 +252,7 @@ pub struct View {
     pub outputs: Outputs,
     /// Settings of the plan.
     pub plan: PlanRequest,
-    /// Requires exactly this provenance (its plan, epoch and generation); an error if it is not available.
+    /// Requires exactly this provenance (its plan, epoch and specification); an error if it is not available.
     pub pin: Option<Provenance>,
 }
 
@@ -387,7 +387,14 @@ mod tests {
         assert_eq!(field(large), "plan.supersampling");
         let pin = |plan| {
             let scene = crate::SceneHash([0; 32]);
-            Some(Provenance { scene, epoch: 0, generation: 0, plan, device: String::new(), history: false })
+            Some(Provenance {
+                scene,
+                epoch: 0,
+                plan,
+                specification: None,
+                device: String::new(),
+                history: false,
+            })
         };
         let direct = pin(Plan::Direct { samples_per_pixel: 64 });
         let pinned = View { width: 4096, height: 4096, pin: direct, ..view() };

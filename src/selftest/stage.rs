@@ -10,8 +10,8 @@ use argus_scene::metrics::{self, Comparison};
 use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
-    Sampler as _, Sampling, Scene, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor as _, Frame, Indirect, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
+    Sampler as _, Sampling, Scene, Specification, Version, ViewJob, Visibility, Warp,
 };
 use image::RgbImage;
 
@@ -57,12 +57,13 @@ impl Stage {
             scene: scene.hash,
             bounds: scene.bounds(),
             rig: Rig::for_scene(&scene, &RigKnobs::default())?,
-            epoch: 0,
+            version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,
-            generation: 1,
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            sub_samples: Specification::USUAL_SUB_SAMPLES,
+            indirect: Indirect::Off,
             reflections: None,
         });
         let sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?;
@@ -109,7 +110,7 @@ impl Stage {
     }
 
     fn ids(&self, camera: &Camera) -> Vec<SampleId> {
-        let id = |index| SampleId { epoch: 0, generation: self.info.generation, index };
+        let id = |index| SampleId { version: self.info.version.number, camera: index };
         self.info.rig.nearest(camera, SAMPLES).into_iter().map(id).collect()
     }
 

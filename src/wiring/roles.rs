@@ -6,20 +6,19 @@ use argus_cluster::RoleFactory;
 use argus_compositor::{CompositorKnobs, GpuCompositor};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{GpuSampler, SamplerKnobs};
-use argus_scene::{Compositor, RenderError, Sampler, Scene};
+use argus_scene::{Compositor, RenderError, SampleSetInfo, Sampler, Scene};
 
 /// This machine's device, opened for the first role and shared by both, so that samples can stay on it.
 pub(crate) struct Device {
     gpu: Mutex<Option<Arc<Gpu>>>,
-    knobs: SamplerKnobs,
     compositing: CompositorKnobs,
 }
 
 impl Device {
-    /// A device with these sampler knobs, whose compositor holds at most this many bytes of samples.
-    pub(crate) fn new(knobs: SamplerKnobs, max_sample_bytes: u64) -> Self {
+    /// A device whose compositor holds at most this many bytes of samples.
+    pub(crate) fn new(max_sample_bytes: u64) -> Self {
         let compositing = CompositorKnobs { max_sample_bytes, ..CompositorKnobs::default() };
-        Self { gpu: Mutex::default(), knobs, compositing }
+        Self { gpu: Mutex::default(), compositing }
     }
 
     fn gpu(&self) -> Result<Arc<Gpu>, RenderError> {
@@ -37,8 +36,8 @@ impl Device {
 }
 
 impl RoleFactory for Device {
-    fn sampler(&self, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError> {
-        Ok(Box::new(GpuSampler::with_knobs(self.gpu()?, scene, self.knobs)?))
+    fn sampler(&self, scene: Arc<Scene>, set: &SampleSetInfo) -> Result<Box<dyn Sampler>, RenderError> {
+        Ok(Box::new(GpuSampler::with_knobs(self.gpu()?, scene, SamplerKnobs::of(set))?))
     }
 
     fn compositor(&self) -> Result<Box<dyn Compositor>, RenderError> {

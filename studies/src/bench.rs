@@ -13,7 +13,7 @@ use argus_scene::rig::{Among, Sight};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, InvalidField, Outputs, Plan, RenderError, Rig, RigKnobs,
-    SampleJob, Sampler as _, Sampling, Scene, ViewJob, Visibility,
+    SampleJob, Sampler as _, Sampling, Scene, Version, ViewJob, Visibility,
 };
 use glam::{DVec2, DVec3};
 use image::RgbImage;
@@ -79,12 +79,13 @@ impl Bench {
             scene: scene.hash,
             bounds: scene.bounds(),
             rig: Rig::for_scene(&scene, rig)?,
-            epoch: 0,
+            version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,
-            generation: 1,
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            sub_samples: sampler.sub_samples,
+            indirect: sampler.indirect,
             reflections: None,
         });
         let sampler = GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), sampler)?;
@@ -99,13 +100,17 @@ impl Bench {
         self.compositor.release(ids);
     }
 
-    /// Releases all samples and places a new rig, as a new generation.
+    /// Releases all samples and places a new rig, as a new version.
     pub(crate) fn replace_rig(&mut self, rig: &RigKnobs, held: &[SampleId]) -> Result<()> {
         self.release(held);
         let rig = Rig::for_scene(&self.scene, rig)?;
-        self.info =
-            Arc::new(SampleSetInfo { rig, generation: self.info.generation + 1, ..(*self.info).clone() });
+        self.info = Arc::new(SampleSetInfo { rig, version: self.next_version(), ..(*self.info).clone() });
         Ok(())
+    }
+
+    /// The next version, which shows the same as this one.
+    pub(crate) fn next_version(&self) -> Version {
+        Version { number: self.info.version.number + 1, ..self.info.version }
     }
 
     /// Sets the visibility backend of later samples and direct views.
@@ -113,11 +118,11 @@ impl Bench {
         self.info = Arc::new(SampleSetInfo { visibility, ..(*self.info).clone() });
     }
 
-    /// Sets what later samples are rendered from, as a new generation.
+    /// Sets what later samples are rendered from, as a new version.
     pub(crate) fn set_sampling(&mut self, sampling: Sampling) -> Result<(), InvalidField> {
         sampling.validate(&self.info.rig)?;
-        let generation = self.info.generation + 1;
-        self.info = Arc::new(SampleSetInfo { sampling, generation, ..(*self.info).clone() });
+        let version = self.next_version();
+        self.info = Arc::new(SampleSetInfo { sampling, version, ..(*self.info).clone() });
         Ok(())
     }
 
@@ -147,7 +152,7 @@ impl Bench {
 
     /// The `count` best samples for a viewpoint; fewer if the rig has fewer.
     pub(crate) fn sample_ids(&self, camera: &Camera, count: usize) -> Vec<SampleId> {
-        let id = |index| SampleId { epoch: self.info.epoch, generation: self.info.generation, index };
+        let id = |index| SampleId { version: self.info.version.number, camera: index };
         let among = Among { refined: &[], sight: self.sight() };
         self.info.rig.nearest_among(camera, count, among).into_iter().map(id).collect()
     }
@@ -205,7 +210,7 @@ impl Bench {
         outputs: Outputs,
         plan: Plan,
     ) -> ViewJob {
-        let (epoch, time_secs) = (self.info.epoch, self.info.time_secs());
+        let (epoch, time_secs) = (self.info.version.state.epoch, self.info.time_secs());
         let visibility = self.info.visibility;
         let reflections = self.info.reflections;
         let history = None;

@@ -16,7 +16,7 @@ use argus_sampler::SamplerKnobs;
 use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::{
     Camera, Cancel, Frame, Outputs, Plan, Reflections, RenderError, RigKind, RigKnobs, SampleId, SampleJob,
-    SampleSetInfo, Sampler as _, Stage, Surroundings, ViewJob, Warp,
+    SampleSetInfo, Sampler as _, Stage, Surroundings, Version, ViewJob, Warp,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -186,7 +186,7 @@ impl Subject {
         let maps = knobs.map(|knobs| Surroundings::of(&self.bench.scene, knobs)).transpose()?.flatten();
         let info = SampleSetInfo {
             reflections: maps,
-            generation: self.bench.info.generation + 1,
+            version: self.bench.next_version(),
             ..(*self.bench.info).clone()
         };
         self.bench.info = Arc::new(info);
@@ -245,8 +245,8 @@ impl Subject {
         let mut times: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
         // The first moment also compiles pipelines. The last one is the moment of the views.
         for epoch in (0..=self.rounds as u64 + 1).rev() {
-            let info = self.bench.info.at_epoch(&self.bench.scene, epoch);
-            let id = SampleId { epoch, generation: info.generation, index: SampleId::SURROUNDINGS };
+            let info = self.bench.info.at_version(&self.bench.scene, Version::of_epoch(epoch, epoch));
+            let id = SampleId { version: epoch, camera: SampleId::SURROUNDINGS };
             let job = SampleJob { info: Arc::new(info), ids: vec![id], to_host: true };
             let begin = Instant::now();
             let found = self.bench.sampler.render_samples(&job, &Cancel::new());

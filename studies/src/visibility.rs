@@ -13,8 +13,8 @@ use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
 use argus_scene::{
-    Camera, Cancel, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob, SampleSetInfo,
-    Sampler as _, Sampling, Scene, ViewJob, Visibility, path,
+    Camera, Cancel, Indirect, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob,
+    SampleSetInfo, Sampler as _, Sampling, Scene, Specification, Version, ViewJob, Visibility, path,
 };
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -135,15 +135,16 @@ impl Bench {
             scene: scene.hash,
             bounds: scene.bounds(),
             rig,
-            epoch: 0,
+            version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,
-            generation: 1,
             lighting: scene.lighting.clone(),
             visibility: backend,
             sampling: Sampling::default(),
+            sub_samples: Specification::USUAL_SUB_SAMPLES,
+            indirect: Indirect::Off,
             reflections: None,
         };
-        let ids = vec![SampleId { epoch: 0, generation: 1, index }];
+        let ids = vec![SampleId { version: 0, camera: index }];
         let job = SampleJob { info: Arc::new(info), ids, to_host: false };
         let sampler = &mut self.sampler;
         timed(rounds, || {

@@ -12,7 +12,9 @@ use argus_cluster::{BundleFile, RoleFactory, SceneOpener, SceneRef, SceneSource,
 use argus_compositor::GpuCompositor;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
-use argus_scene::{Compositor, Holes, Outputs, PlanRequest, RenderError, Sampler, Scene, View};
+use argus_scene::{
+    Compositor, Holes, Outputs, PlanRequest, RenderError, SampleSetInfo, Sampler, Scene, View,
+};
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -47,7 +49,7 @@ impl Machine {
 }
 
 impl RoleFactory for Machine {
-    fn sampler(&self, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError> {
+    fn sampler(&self, scene: Arc<Scene>, _set: &SampleSetInfo) -> Result<Box<dyn Sampler>, RenderError> {
         Ok(Box::new(GpuSampler::new(self.gpu()?, scene)?))
     }
 

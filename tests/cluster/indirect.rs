@@ -1,8 +1,8 @@
-//! Indirect light across processes: it is in samples and in direct views.
+//! Indirect light across processes: samples and direct views show that of the coordinator.
 
 use crate::support::wire::{Wire, small_view};
 use crate::support::{Coordinator, SMALL, run, stderr};
-use argus_scene::{Frame, Outputs, PlanRequest, View};
+use argus_scene::{Frame, Indirect, Outputs, PlanRequest, View};
 
 fn brightness(frame: &Frame) -> f64 {
     let color = frame.color.as_ref().unwrap();
@@ -17,8 +17,9 @@ async fn light_from_surface_to_surface_is_in_samples_and_in_direct_views() {
         (&["--indirect=vpl", "--vpls=256"], Some("256 VPLs of 1 bounces")),
         (&["--indirect=points", "--point-levels=5", "--point-block=16"], Some("points of 5 levels")),
     ] {
-        let cluster = Coordinator::start(SMALL, &["--rig=cell", "--face=64", "--refining-share=0"]);
-        let _worker = cluster.worker(light);
+        let flags = ["--rig=cell", "--face=64", "--refining-share=0"];
+        let cluster = Coordinator::start(SMALL, &[&flags[..], light].concat());
+        let _worker = cluster.worker(&[]);
         cluster.wait_for_workers(1);
         let mut wire = Wire::connect(&cluster.url).await;
         let camera = wire.describe().await.cameras[0].camera;
@@ -26,9 +27,12 @@ async fn light_from_surface_to_surface_is_in_samples_and_in_direct_views() {
         let direct = View { plan: PlanRequest { direct: true, ..PlanRequest::default() }, ..view.clone() };
         let (warped, _) = wire.render((&view).into()).await.unwrap();
         let (direct, _) = wire.render((&direct).into()).await.unwrap();
-        let device = &direct.provenance.device;
-        assert_eq!(device.contains("indirect light by"), says.is_some(), "{device}");
-        assert!(device.contains(says.unwrap_or_default()), "{device}");
+        for frame in [&warped, &direct] {
+            let specification = frame.provenance.specification.unwrap();
+            assert_eq!(specification.indirect != Indirect::Off, says.is_some(), "{specification}");
+            assert!(specification.to_string().contains(says.unwrap_or_default()), "{specification}");
+            assert!(!frame.provenance.device.contains(';'), "{}", frame.provenance.device);
+        }
         shown.push([brightness(&warped), brightness(&direct)]);
     }
     let [off, vpl, points] = shown[..] else { panic!("three") };
@@ -40,13 +44,19 @@ async fn light_from_surface_to_surface_is_in_samples_and_in_direct_views() {
 
 #[test]
 fn particles_without_indirect_light_are_refused_at_the_start() {
-    for command in ["serve", "worker"] {
-        let mut arguments = vec![command, "--indirect", "points", "--particles", "8"];
-        if command == "worker" {
-            arguments.extend(["--coordinator", "http://127.0.0.1:9"]);
-        }
-        let output = run(&arguments);
+    for command in ["serve", "coordinator"] {
+        let output = run(&[command, "--scene", SMALL, "--indirect", "points", "--particles", "8"]);
         assert!(!output.status.success());
         assert!(stderr(&output).contains("--particles"), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_worker_does_not_choose_its_own_light() {
+    for flag in ["--indirect=vpl", "--particles=8", "--sub-samples=1", "--reflections=maps"] {
+        let output = run(&["worker", "--coordinator", "http://127.0.0.1:9", flag]);
+        assert_eq!(output.status.code(), Some(2));
+        let name = flag.split('=').next().unwrap();
+        assert!(stderr(&output).contains(name), "{}", stderr(&output));
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::support::wire::{Wire, small_view};
 use crate::support::{Coordinator, SMALL, run, stderr};
-use argus_scene::{Outputs, Plan, PlanRequest, View};
+use argus_scene::{Outputs, Plan, PlanRequest, Sampling, View};
 
 /// With a fixed visibility backend: on a busy machine two clusters may measure different ones as cheapest.
 const MAPS: [&str; 6] = [
@@ -24,15 +24,15 @@ async fn views_come_from_shared_maps_and_two_workers_give_the_bytes_of_one() {
     let (frame, _) = of_many.render((&small_view(camera)).into()).await.unwrap();
     let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
     assert!(!warp.samples.is_empty());
-    let device = &frame.provenance.device;
-    assert!(device.ends_with("; samples by megaviews maps of 256 from 8 levels"), "{device}");
+    let specification = frame.provenance.specification.unwrap().to_string();
+    assert!(specification.contains("; sampling megaviews maps of 256 from 8 levels;"), "{specification}");
     assert!(frame.unresolved_fraction < 0.1, "{}", frame.unresolved_fraction);
 
     // A direct view comes from the triangles, and is nearly the same image.
     let direct = View { plan: PlanRequest { direct: true, ..PlanRequest::default() }, ..small_view(camera) };
     let direct = View { outputs: Outputs::COLOR, ..direct };
     let (exact, _) = of_many.render((&direct).into()).await.unwrap();
-    assert!(!exact.provenance.device.contains("megaviews"), "{}", exact.provenance.device);
+    assert_eq!(exact.provenance.specification.unwrap().sampling, Sampling::Triangles);
     let image = |frame: &argus_scene::Frame| {
         let color = frame.color.as_ref().unwrap().to_vec();
         image::RgbImage::from_raw(frame.width, frame.height, color).unwrap()
@@ -54,7 +54,7 @@ async fn views_come_from_shared_maps_and_two_workers_give_the_bytes_of_one() {
     let _other = triangles.worker(&[]);
     triangles.wait_for_workers(1);
     let refused = Wire::connect(&triangles.url).await.render((&pinned).into()).await.unwrap_err();
-    assert!(refused.message().contains("samples by megaviews"), "{refused:?}");
+    assert!(refused.message().contains("sampling megaviews"), "{refused:?}");
 }
 
 #[test]

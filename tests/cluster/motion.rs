@@ -141,9 +141,13 @@ async fn a_sessions_frames_follow_a_moving_scene_and_each_shows_one_epoch() {
     let epochs: Vec<u64> = frames.iter().map(|frame| frame.provenance.epoch).collect();
     assert!(epochs.is_sorted(), "epochs ascend: {epochs:?}");
     let mut by_epoch: BTreeMap<u64, &Frame> = BTreeMap::new();
+    let mut by_version: BTreeMap<Option<u64>, u64> = BTreeMap::new();
     for frame in &frames {
         let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
-        let of_it = |id: &argus_scene::SampleId| id.epoch == frame.provenance.epoch;
+        let version = warp.samples.first().map(|id| id.version);
+        let of_it = |id: &argus_scene::SampleId| Some(id.version) == version;
+        let shown = by_version.entry(version).or_insert(frame.provenance.epoch);
+        assert_eq!(*shown, frame.provenance.epoch, "a version shows one epoch");
         assert!(!warp.samples.is_empty() && warp.samples.iter().all(of_it), "{:?}", warp.samples);
         let same = by_epoch.entry(frame.provenance.epoch).or_insert(frame);
         assert_eq!(same.color, frame.color, "two frames of one camera and epoch");
@@ -241,9 +245,9 @@ async fn time_can_be_held_still() {
 
 #[tokio::test]
 async fn particles_drift_from_epoch_to_epoch_in_a_still_scene() {
-    let with = ["--particles", "60", "--vpl-maps", "megaviews"];
-    let serve = Coordinator::start("terrain:2000", &["--particles", "--epoch-ms", "100"]);
-    let _worker = serve.worker(&with);
+    let with = ["--particles", "60", "--vpl-maps", "megaviews", "--epoch-ms", "100"];
+    let serve = Coordinator::start("terrain:2000", &with);
+    let _worker = serve.worker(&[]);
     serve.wait_for_workers(1);
     let client = Client::connect(&serve.url).await.unwrap();
     let wanted =

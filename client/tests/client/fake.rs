@@ -158,16 +158,13 @@ pub(crate) fn view(x: f64) -> View {
 pub(crate) fn frame(view: &View) -> Frame {
     let pixels = (view.width * view.height) as usize;
     let shade = (view.camera.eye.x * 16.0) as u8;
-    let plan = Plan::Warp(Warp {
-        steps: 16,
-        samples: vec![SampleId { epoch: 0, generation: 1, index: 2 }],
-        ..Warp::default()
-    });
+    let plan =
+        Plan::Warp(Warp { steps: 16, samples: vec![SampleId { version: 0, camera: 2 }], ..Warp::default() });
     let provenance = Provenance {
         scene: SceneHash([7; 32]),
         epoch: 0,
-        generation: 1,
         plan,
+        specification: None,
         device: "none".to_owned(),
         history: false,
     };

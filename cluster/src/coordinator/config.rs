@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_scene::{InvalidField, Reflections, RigKnobs, Sampling};
+use argus_scene::{Indirect, InvalidField, Reflections, RigKnobs, Sampling, Specification};
 use serde::Serialize;
 
 use crate::core;
@@ -19,12 +19,14 @@ pub struct Config {
     pub rig: RigKnobs,
     /// What samples are rendered from, for which the rig must have the cameras.
     pub sampling: Sampling,
+    /// Sub-samples of each texel of a sample: 1, 4 or 16.
+    pub sub_samples: u32,
+    /// Light from surface to surface, and glowing particles.
+    pub indirect: Indirect,
     /// What the maps are like that glossy and transparent surfaces look up, of a scene that has some; `None`: there are none.
     pub reflections: Option<Reflections>,
     /// Seconds that an animated scene moves on in a second; 0 holds it still.
     pub time_scale: f64,
-    /// Whether time changes what is seen though nothing of the scene moves: where workers are told of lights that do.
-    pub drifts: bool,
     /// What calibration measured; those that speak of another scene or rig are passed over.
     pub models: Vec<core::quality::Model>,
     /// Where others reach it, told to whoever asks another one that stands by; `None`: where it listens.
@@ -55,9 +57,10 @@ impl Default for Config {
             core: core::Config::default(),
             rig: RigKnobs::default(),
             sampling: Sampling::default(),
+            sub_samples: Specification::USUAL_SUB_SAMPLES,
+            indirect: Indirect::Off,
             reflections: None,
             time_scale: 1.0,
-            drifts: false,
             models: Vec::new(),
             advertise: None,
             grace: Duration::from_secs(5),

@@ -179,8 +179,12 @@ impl Hub {
                     let ahead = assignment.ahead.len();
                     debug!(worker = seat.hello.name, role = ?assignment.role, ahead, "assigned");
                     let key = seat.door.as_ref().map(|door| &door.key);
-                    let set = (state.core.set().as_ref(), !state.core.visibility_is_settled());
-                    let message = wire::assignment(assignment, leading.term, &self.standing, set, key);
+                    let served = wire::Served {
+                        set: state.core.set(),
+                        versions: &state.core.live_versions(),
+                        visibility_is_open: !state.core.visibility_is_settled(),
+                    };
+                    let message = wire::assignment(assignment, leading.term, &self.standing, &served, key);
                     match seat.assignments.try_send(Ok(message)) {
                         Ok(()) => {}
                         Err(TrySendError::Full(_)) => {

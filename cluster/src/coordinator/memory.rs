@@ -66,7 +66,7 @@ mod tests {
     fn header(plan: Plan) -> v1::FrameHeader {
         let scene = SceneHash([1; 32]);
         let device = "device".to_owned();
-        let provenance = Provenance { scene, epoch: 0, generation: 1, plan, device, history: false };
+        let provenance = Provenance { scene, epoch: 0, plan, specification: None, device, history: false };
         let decision = Decision { reason: Reason::Soonest, wait_ms: 0.0, render_ms: 1.0, excess: 0.0 };
         v1::FrameHeader {
             provenance: Some((&provenance).into()),
@@ -80,7 +80,7 @@ mod tests {
     }
 
     fn warp() -> v1::FrameHeader {
-        let samples = vec![argus_scene::SampleId { epoch: 0, generation: 1, index: 7 }];
+        let samples = vec![argus_scene::SampleId { version: 0, camera: 7 }];
         header(Plan::Warp(Warp { samples, ..Warp::default() }))
     }
 

@@ -37,7 +37,9 @@ use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
 use argus_proto::{FILE_DESCRIPTOR_SET, v1};
 use argus_scene::rig::Sight;
-use argus_scene::{InvalidField, Rig, SampleSetInfo, Sampling, Surroundings, Visibility};
+use argus_scene::{
+    InvalidField, Rig, SampleSetInfo, Sampling, Surroundings, Version, Visibility, check_sub_samples,
+};
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
 use tonic::service::Routes;
@@ -57,9 +59,6 @@ use crate::security::guard::Guarded;
 use crate::wire::Standing;
 use crate::{SceneRef, SceneSource};
 
-/// Placement of the first rig; nothing yet moves the cameras of a scene while it is served.
-const FIRST_GENERATION: u64 = 1;
-
 /// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled,
 /// then turns new requests away, lets those in work finish for [`Config::grace`], and returns.
 ///
@@ -77,21 +76,25 @@ pub async fn serve(
     let scene = source.scene();
     let rig = Rig::for_scene(scene, &config.rig)?;
     config.sampling.validate(&rig).map_err(ServeError::Sampling)?;
+    check_sub_samples(config.sub_samples).map_err(ServeError::Sampling)?;
+    config.indirect.validate().map_err(ServeError::Sampling)?;
+    // What is sampled anew for every so many views, or under lights that drift, has epochs even where nothing moves.
+    let moves = scene.is_animated() || config.indirect.drifts() || config.core.refresh_views > 0;
     let set = Arc::new(SampleSetInfo {
         scene: scene.hash,
         bounds: scene.bounds(),
         rig,
-        epoch: 0,
-        // What is sampled anew for every so many views, or under lights that drift, has epochs even where nothing moves.
-        epoch_secs: match scene.is_animated() || config.drifts || config.core.refresh_views > 0 {
+        version: Version::default(),
+        epoch_secs: match moves {
             true => epoch_secs(&config).map_err(ServeError::Time)?,
             false => 0.0,
         },
-        generation: FIRST_GENERATION,
         lighting: scene.lighting.clone(),
         // As the configuration says, or as is measured.
         visibility: Visibility::default(),
         sampling: config.sampling,
+        sub_samples: config.sub_samples,
+        indirect: config.indirect,
         reflections: match config.reflections {
             Some(_) if config.sampling != Sampling::Triangles => {
                 let reason = "maps are looked up by samples from triangles, and megaviews has none: take one of the two";

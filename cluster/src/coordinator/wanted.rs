@@ -49,7 +49,7 @@ impl Wanted {
             encoding: self.encoding,
             order: Some(v1::ViewOrder {
                 term,
-                epoch: order.epoch,
+                state: Some(order.state.into()),
                 plan: Some((&order.plan).into()),
                 sources: wire::sources(order.sources.clone()),
                 age_ms: age.as_secs_f64() * 1e3,

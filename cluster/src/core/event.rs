@@ -7,7 +7,7 @@ use std::time::Duration;
 use argus_proto::Fault;
 use argus_scene::frame::{Decision, Provenance, Reason};
 use argus_scene::rig::Survey;
-use argus_scene::{Plan, Prediction, SampleId, View, Visibility};
+use argus_scene::{Plan, Prediction, SampleId, SceneState, View, Visibility};
 use serde::Serialize;
 
 use super::quality::{Cost, Observed};
@@ -294,7 +294,7 @@ pub struct Assignment {
     /// Samples that it shall have at hand ahead of demand, in place of those it was told before;
     /// without an address, it renders them itself when nothing else waits.
     pub ahead: Vec<Source>,
-    /// Samples of epochs before this one are of no use any more.
+    /// Samples of versions with a lower number are of no use any more.
     pub kept_from: u64,
     /// It shall measure what each way to see triangles costs, and report that with this assignment.
     pub measure_ways: bool,
@@ -323,8 +323,8 @@ pub struct Order {
     pub worker: WorkerId,
     /// Where it is.
     pub address: String,
-    /// Which moment of the scene: that of the plan's samples.
-    pub epoch: u64,
+    /// What of the scene it shows: what the version of the plan's samples shows.
+    pub state: SceneState,
     /// How.
     pub plan: Plan,
     /// Where the plan's samples are, for those the worker may lack.

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use argus_proto::Fault;
 use argus_scene::rig::Sight;
-use argus_scene::{SampleSetInfo, View};
+use argus_scene::{SampleSetInfo, Version, View};
 
 use super::config::Config;
 use super::event::{Action, Event, Hello, LastView, Report, Ticket, WorkerId};
@@ -70,10 +70,15 @@ impl Core {
         &self.config
     }
 
-    /// The set that all samples belong to, at the epoch that is served. Its lighting is that of epoch 0: who renders
+    /// The set that all samples belong to, in the version that is served. Its lighting is that of epoch 0: who renders
     /// asks the scene.
     pub fn set(&self) -> &Arc<SampleSetInfo> {
         self.samples.set()
+    }
+
+    /// The versions whose samples workers may be told of.
+    pub fn live_versions(&self) -> Vec<Version> {
+        self.samples.live_versions()
     }
 
     /// Whether it is settled how triangles are seen: until then no samples are rendered.
@@ -144,7 +149,7 @@ impl Core {
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.lose(worker, now, &mut actions),
             Event::Asked { ticket, client, view, deadline, survey, last } => {
-                self.samples.wake(now, self.views.needed_epochs());
+                self.samples.wake(now, self.views.needed_versions());
                 let asked = Asked { ticket, client, view: &view, deadline, survey, last };
                 self.on_views(now, &mut actions, |views, cluster| views.ask(asked, cluster, now));
             }
@@ -214,11 +219,12 @@ impl Core {
         if self.workers.report(id, report, now, || self.views.largest()) {
             self.processes_changed(actions);
         }
-        if let Some(visibility) = self.workers.settle_visibility(&measured, actions) {
-            self.samples.see_by(visibility);
+        let settled = self.workers.settle_visibility(&measured, actions);
+        if let Some(version) = settled.and_then(|visibility| self.samples.see_by(visibility)) {
+            self.views.move_waiting(version);
         }
         self.seek_visibility(actions);
-        // It may have what the next epoch waits for; then the one after it is issued at once.
+        // It may have what the next version waits for; then the one after it is issued at once.
         if has_news && self.samples.scene_moves() && self.advance(now) {
             self.refine(now, actions);
         }
@@ -302,10 +308,10 @@ impl Core {
         }
     }
 
-    /// Serves the next epoch once it is ready, and issues the one after it. S counts its samples. Whether anything
+    /// Serves the next version once it is ready, and issues the one after it. S counts its samples. Whether anything
     /// changed.
     fn advance(&mut self, now: Uptime) -> bool {
-        let advanced = self.samples.advance(&self.workers, self.views.needed_epochs(), now);
+        let advanced = self.samples.advance(&self.workers, self.views.needed_versions(), now);
         self.workers.count(WorkKind::Samples, advanced.ordered as u64);
         advanced.changed
     }
@@ -330,7 +336,7 @@ impl Core {
 
     /// Tells workers what to have at hand, where that is news.
     fn refine(&mut self, now: Uptime, actions: &mut Vec<Action>) {
-        let ahead = self.samples.refine(&self.workers, self.views.needed_epochs(), now);
+        let ahead = self.samples.refine(&self.workers, self.views.needed_versions(), now);
         self.workers.order_ahead(ahead, actions);
     }
 }

@@ -53,7 +53,10 @@ mod scenarios;
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Visibility};
+    use argus_scene::{
+        Bounds, Indirect, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Specification, Version,
+        Visibility,
+    };
     use glam::DVec3;
 
     pub(super) fn set_info() -> SampleSetInfo {
@@ -62,12 +65,13 @@ mod tests {
             scene: SceneHash([1; 32]),
             bounds,
             rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [40, 30] },
-            epoch: 0,
+            version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,
-            generation: 1,
             lighting: Lighting::default(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            sub_samples: Specification::USUAL_SUB_SAMPLES,
+            indirect: Indirect::Off,
             reflections: None,
         }
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_proto::Fault;
-use argus_scene::{Sample, SampleId, SampleSetInfo};
+use argus_scene::{Sample, SampleId, SampleSetInfo, Version};
 use tokio::sync::watch;
 use tracing::debug;
 
@@ -15,12 +15,18 @@ use super::policy::{self, Need, PAUSE, Seek};
 
 /// Has these samples at hand, each fetched from the first of its addresses that has it, or rendered here where
 /// it has none; forgets refinements that an earlier call wanted and this one does not. The rig's own samples stay: as long as
-/// there is room for them, or as their epoch is kept.
-pub(super) fn want(node: &Arc<Node>, samples: Vec<(SampleId, Vec<String>)>, to_host: bool) {
+/// there is room for them, or as their version is kept.
+pub(super) fn want(
+    node: &Arc<Node>,
+    samples: Vec<(SampleId, Vec<String>)>,
+    versions: &[Version],
+    to_host: bool,
+) {
     let mut wanted = node.ahead.wanted.lock();
     let mut before = std::mem::take(&mut *wanted);
     for (id, addresses) in samples {
-        let Ok((info, _)) = node.set_at(id.epoch) else { continue };
+        let Some(version) = versions.iter().find(|version| version.number == id.version) else { continue };
+        let Ok((info, _)) = node.set_in(*version) else { continue };
         let kept = before.remove(&id).filter(|kept| !kept.task.is_finished() || node.store.has(id));
         let bringing = match kept {
             Some(kept) => {
@@ -37,7 +43,7 @@ pub(super) fn want(node: &Arc<Node>, samples: Vec<(SampleId, Vec<String>)>, to_h
     }
     drop(wanted);
     before.values().for_each(|gone| gone.task.abort());
-    let is_own = |id: &SampleId| node.set().is_ok_and(|(set, _)| set.rig.level(id.index) == Some(0));
+    let is_own = |id: &SampleId| node.set().is_ok_and(|(set, _)| set.rig.level(id.camera) == Some(0));
     let gone: Vec<SampleId> = before.keys().copied().filter(|id| !is_own(id)).collect();
     node.store.forget(&gone);
 }

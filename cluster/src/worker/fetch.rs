@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::chunks::{Received, SampleAssembler};
-use argus_proto::convert::scene_hash_bytes;
+use argus_proto::convert::{scene_hash_bytes, specification_hash_bytes};
 use argus_proto::trace::{TARGET, within};
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
@@ -174,11 +174,11 @@ async fn received(
     let mut client = SamplesClient::new(node.channels.to(address)?);
     let request = v1::SubscribeRequest {
         scene_hash: scene_hash_bytes(info.scene),
-        epoch: info.epoch,
-        generation: info.generation,
-        indices: vec![id.index],
+        version: Some(info.version.into()),
+        cameras: vec![id.camera],
         have: Vec::new(),
         ahead,
+        specification_hash: specification_hash_bytes(info.specification().hash()),
     };
     let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
     let silent = |_| Fault::Unavailable(format!("{address} fell silent"));
@@ -188,7 +188,7 @@ async fn received(
     let mut chunks = opened.map_err(unavailable)?.into_inner();
     let mut came = Vec::new();
     let mut unpacking = Duration::ZERO;
-    let mut assembler = SampleAssembler::new(info.clone(), [id.index]);
+    let mut assembler = SampleAssembler::new(info.clone(), [id.camera]);
     loop {
         let chunk =
             tokio::time::timeout(limit, chunks.message()).await.map_err(silent)?.map_err(unavailable)?;

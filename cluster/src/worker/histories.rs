@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     fn history(pixels: usize) -> History {
-        let samples = vec![SampleId { epoch: 0, generation: 1, index: 0 }];
+        let samples = vec![SampleId { version: 0, camera: 0 }];
         let frame = Frame {
             width: pixels as u32,
             height: 1,
@@ -104,8 +104,8 @@ mod tests {
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
                 epoch: 0,
-                generation: 1,
                 plan: Plan::Warp(Warp { samples, ..Warp::default() }),
+                specification: None,
                 device: String::new(),
                 history: false,
             },

@@ -7,7 +7,7 @@ use argus_proto::convert::scene_hash;
 use argus_proto::transport::replaceable;
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
-use argus_scene::{InvalidField, Limits, SampleId, SampleSetInfo};
+use argus_scene::{InvalidField, Limits, SampleId, SampleSetInfo, Version};
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
@@ -41,9 +41,11 @@ struct Duty {
     scene: SceneRef,
     set: SampleSetInfo,
     limits: Limits,
+    /// What the versions show that those samples may be of.
+    versions: Vec<Version>,
     /// Samples to have at hand, with where to fetch each; without an address, rendered here.
     ahead: Vec<(SampleId, Vec<String>)>,
-    /// Samples of earlier epochs are of no use any more.
+    /// Samples of versions with a lower number are of no use any more.
     kept_from: u64,
     /// What each way to see triangles costs is to be measured.
     measure_ways: bool,
@@ -209,7 +211,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
     let mut ahead = Vec::with_capacity(wire.sources.len());
     for source in wire.sources {
         let id = SampleId::from(source.id.ok_or_else(|| missing("sources.id"))?);
-        set.camera(id.index)?;
+        set.camera(id.camera)?;
         ahead.push((id, source.addresses));
     }
     Ok(Duty {
@@ -217,6 +219,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         role: wire::role_from(wire.role)?,
         scene: SceneRef { hash: scene_hash(&scene.hash, "scene.hash")?, name: scene.name },
         set,
+        versions: wire.versions.into_iter().map(Version::from).collect(),
         ahead,
         kept_from: wire.kept_from,
         measure_ways: wire.measure_ways,
@@ -278,8 +281,8 @@ async fn take_up(
 ) -> Result<(), Ended> {
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
     node.settle_visibility(duty.visibility_is_open);
-    let new_scene = node.serve_set(&scene, duty.set, duty.limits);
-    if new_scene || node.acting() != Some(duty.role) {
+    let new_sampler = node.serve_set(&scene, duty.set, duty.limits);
+    if new_sampler || node.acting() != Some(duty.role) {
         node.prepare(duty.role).await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
     }
     match duty.measure_ways {
@@ -298,7 +301,7 @@ async fn take_up(
         info!(role = ?duty.role, "role taken up");
     }
     node.act(Some(duty.role), duty.sequence);
-    ahead::want(node, duty.ahead, duty.role == Role::Sampler);
+    ahead::want(node, duty.ahead, &duty.versions, duty.role == Role::Sampler);
     node.store.retire(duty.kept_from);
     Ok(())
 }

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use argus_proto::trace::{self, TARGET};
 use argus_proto::{Fault, v1};
 use argus_scene::{
-    InvalidField, Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob,
-    Visibility,
+    InvalidField, Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, SceneState,
+    SpecificationHash, Version, ViewJob, Visibility,
 };
 use parking_lot::Mutex;
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, oneshot, watch};
@@ -31,15 +31,15 @@ use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
 use crate::sealed::{Kind, SealKey, Shown};
 
-/// Epochs whose sets are kept: those of views in work, and the next one.
-const EPOCHS_AT_HAND: usize = 8;
+/// Versions whose sets are kept: those of views in work, and the next ones.
+const VERSIONS_AT_HAND: usize = 16;
 
 /// What the coordinator told and what has taken effect.
 #[derive(Debug, Default)]
 struct Told {
     set: Option<Arc<SampleSetInfo>>,
-    /// The same set at the epochs that were asked for last, newest first.
-    epochs: VecDeque<Arc<SampleSetInfo>>,
+    /// The same set in the versions that were asked for last, newest first.
+    versions: VecDeque<Arc<SampleSetInfo>>,
     scene: Option<Arc<Scene>>,
     limits: Limits,
     acting: Option<Role>,
@@ -218,30 +218,43 @@ impl Node {
         Ok((set, told.limits))
     }
 
-    /// The set at an epoch. Samples of one epoch share it, so that what they have in common is compared by address.
+    /// The set in a version. Samples of one version share it, so that what they have in common is compared by address. A
+    /// coordinator that begins anew numbers its versions anew: samples that are held under the number of a version that is not
+    /// known here may show something else, and are forgotten.
     ///
     /// # Errors
-    /// [`Fault::Unavailable`] until the scene is there; [`Fault::NotFound`] for another epoch of a set that is held
-    /// still.
-    pub(super) fn set_at(&self, epoch: u64) -> Result<(Arc<SampleSetInfo>, Limits), Fault> {
-        let (set, limits) = self.set()?;
-        if let Some(known) = self.told.lock().epochs.iter().find(|info| info.epoch == epoch) {
+    /// [`Fault::Unavailable`] until the scene is there; [`Fault::NotFound`] for another state of a scene that is held still.
+    pub(super) fn set_in(&self, version: Version) -> Result<(Arc<SampleSetInfo>, Limits), Fault> {
+        let (info, limits) = self.set_showing(version.state)?;
+        let mut told = self.told.lock();
+        if let Some(known) = told.versions.iter().find(|info| info.version == version) {
             return Ok((known.clone(), limits));
         }
-        if set.epoch_secs == 0.0 {
-            return Err(Fault::NotFound(format!("epoch {epoch} is not served here, epoch {} is", set.epoch)));
+        let info = Arc::new(SampleSetInfo { version, ..(*info).clone() });
+        told.versions.retain(|known| known.version.number != version.number);
+        self.store.forget_version(version.number);
+        told.versions.push_front(info.clone());
+        told.versions.truncate(VERSIONS_AT_HAND);
+        Ok((info, limits))
+    }
+
+    /// The set as it shows a state of the scene, in whichever version: for what is rendered from triangles.
+    ///
+    /// # Errors
+    /// [`Fault::Unavailable`] until the scene is there; [`Fault::NotFound`] for another state of a scene that is held still.
+    pub(super) fn set_showing(&self, state: SceneState) -> Result<(Arc<SampleSetInfo>, Limits), Fault> {
+        let (set, limits) = self.set()?;
+        if let Some(known) = self.told.lock().versions.iter().find(|info| info.version.state == state) {
+            return Ok((known.clone(), limits));
+        }
+        if set.epoch_secs == 0.0 && state != set.version.state {
+            let (asked, served) = (state.epoch, set.version.state.epoch);
+            return Err(Fault::NotFound(format!("epoch {asked} is not served here, epoch {served} is")));
         }
         let scene =
             self.scene().ok_or_else(|| Fault::Unavailable("the scene is not loaded yet".to_owned()))?;
-        let info = Arc::new(set.at_epoch(&scene, epoch));
-        let mut told = self.told.lock();
-        // Whoever was first meanwhile is whom all share.
-        if let Some(known) = told.epochs.iter().find(|info| info.epoch == epoch) {
-            return Ok((known.clone(), limits));
-        }
-        told.epochs.push_front(info.clone());
-        told.epochs.truncate(EPOCHS_AT_HAND);
-        Ok((info, limits))
+        let version = Version { state, ..set.version };
+        Ok((Arc::new(set.at_version(&scene, version)), limits))
     }
 
     /// The scene that is loaded.
@@ -249,25 +262,46 @@ impl Node {
         self.told.lock().scene.clone()
     }
 
-    /// Serves another set from now on; samples of the old one are forgotten. Whether the scene is another one, too.
+    /// Serves another set from now on; samples of the old one are forgotten. Whether another sampler is needed for it.
     pub(super) fn serve_set(&self, scene: &Arc<Scene>, set: SampleSetInfo, limits: Limits) -> bool {
         let mut told = self.told.lock();
-        let new_scene = !told.scene.as_ref().is_some_and(|old| Arc::ptr_eq(old, scene));
-        if new_scene {
+        let set = Arc::new(set);
+        // A sampler is made for one scene and one way to light it.
+        let as_sampler = |set: &SampleSetInfo| (set.sub_samples, set.indirect);
+        let same_sampler = told.set.as_deref().is_some_and(|old| as_sampler(old) == as_sampler(&set));
+        let same_scene = told.scene.as_ref().is_some_and(|old| Arc::ptr_eq(old, scene));
+        let new_sampler = !(same_scene && same_sampler);
+        if new_sampler {
             told.scene = Some(scene.clone());
-            self.queue.order(Work::Scene(scene.clone()));
+            self.queue.order(Work::Scene { scene: scene.clone(), set: set.clone() });
         }
-        // Another epoch of the same set leaves the samples of this one as they are.
-        let same = |old: &SampleSetInfo| SampleSetInfo { epoch: set.epoch, ..old.clone() } == set;
+        // Another version of the same set leaves the samples of this one as they are.
+        let same = |old: &SampleSetInfo| SampleSetInfo { version: set.version, ..old.clone() } == *set;
         if !told.set.as_deref().is_some_and(same) {
-            let set = Arc::new(set);
-            told.epochs = if set.epoch_secs == 0.0 { VecDeque::from([set.clone()]) } else { VecDeque::new() };
+            told.versions =
+                if set.epoch_secs == 0.0 { VecDeque::from([set.clone()]) } else { VecDeque::new() };
             told.set = Some(set);
             self.store.clear();
             self.histories.clear();
         }
         told.limits = limits;
-        new_scene
+        new_sampler
+    }
+
+    /// Whether a set is rendered as the one that is served: what was rendered for an older one is of no use.
+    ///
+    /// # Errors
+    /// [`Fault::Unavailable`] where it is not.
+    fn check_set(&self, info: &SampleSetInfo) -> Result<(), Fault> {
+        let (served, _) = self.set()?;
+        // All of the specification but the exposure, which lights have at each moment.
+        let rendered_by = |set: &SampleSetInfo| {
+            (set.scene, set.visibility, set.sampling, set.sub_samples, set.indirect, set.reflections)
+        };
+        match rendered_by(&served) == rendered_by(info) {
+            true => Ok(()),
+            false => Err(Fault::Unavailable("another sample set is served by now".to_owned())),
+        }
     }
 
     /// Takes in whether it is settled how triangles are seen.
@@ -483,6 +517,7 @@ impl Node {
             match rendered {
                 Err(RenderError::DeviceLost(_)) if again => again = false,
                 rendered => {
+                    self.check_set(&info)?;
                     let rendered = rendered?;
                     let sample = match ahead {
                         true => self.store.insert_quietly(rendered),
@@ -537,6 +572,21 @@ impl Drop for Node {
     /// A worker whose future was dropped leaves no thread behind either.
     fn drop(&mut self) {
         self.stop();
+    }
+}
+
+/// Whether this worker renders as the worker does that asks: else the samples of two specifications would be mixed.
+///
+/// # Errors
+/// [`Fault::NotFound`] where it does not.
+pub(super) fn check_specification(info: &SampleSetInfo, asked: SpecificationHash) -> Result<(), Fault> {
+    let ours = info.specification();
+    match ours.hash() == asked {
+        true => Ok(()),
+        false => Err(Fault::NotFound(format!(
+            "specification {asked} is not served here, {} is: {ours}",
+            ours.hash()
+        ))),
     }
 }
 

@@ -84,8 +84,8 @@ impl Packed {
     }
 
     /// Forgets what is older than an epoch.
-    pub(super) fn retire(&self, before_epoch: u64) {
-        self.cache.retain(|id, _| id.epoch >= before_epoch);
+    pub(super) fn retire(&self, before_version: u64) {
+        self.cache.retain(|id, _| id.version >= before_version);
     }
 
     pub(super) fn clear(&self) {
@@ -112,7 +112,7 @@ mod tests {
         let plane = Plane { kind, format: PlaneFormat::R32Float, size: [side, side], data };
         let camera = Camera::look_at(DVec3::ONE, DVec3::ZERO);
         let camera = SampleCamera::Perspective { camera, width: side, height: side };
-        let id = SampleId { epoch: index / 10, generation: 1, index };
+        let id = SampleId { version: index / 10, camera: index };
         Arc::new(Sample { id, camera, planes: vec![plane], stages: Vec::new() })
     }
 

@@ -188,8 +188,8 @@ mod tests {
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
                 epoch: 0,
-                generation: 1,
                 plan: Plan::Warp(Warp::default()),
+                specification: None,
                 device: String::new(),
                 history: false,
             },

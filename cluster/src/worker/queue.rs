@@ -64,8 +64,11 @@ pub(super) type Ways = Vec<(Visibility, f64)>;
 
 /// What the render thread does next.
 pub(super) enum Work {
-    /// This is the scene from now on.
-    Scene(Arc<Scene>),
+    /// This is the scene from now on, and a sample set of the specification that samplers are made for.
+    Scene {
+        scene: Arc<Scene>,
+        set: Arc<SampleSetInfo>,
+    },
     /// Have all that a role needs, so that the first result does not wait for it.
     Prepare {
         info: Arc<SampleSetInfo>,
@@ -110,7 +113,7 @@ impl Work {
             | Self::Samples(_)
             | Self::Pixels(_)
             | Self::Direct(_) => true,
-            Self::Scene(_) | Self::Background(_) | Self::Views(_) | Self::Nothing | Self::Stop => false,
+            Self::Scene { .. } | Self::Background(_) | Self::Views(_) | Self::Nothing | Self::Stop => false,
         }
     }
 
@@ -349,7 +352,7 @@ impl State {
     fn waiting(&self) -> Waiting {
         Waiting {
             orders: self.orders.len(),
-            scene_changes: self.orders.iter().any(|order| matches!(order, Work::Scene(_) | Work::Stop)),
+            scene_changes: self.orders.iter().any(|order| matches!(order, Work::Scene { .. } | Work::Stop)),
             postponed: self.postponed.len(),
             samples: self.samples.len(),
             pixels: self.pixels.len(),

@@ -154,8 +154,8 @@ impl Renderer {
                     self.retired.drain(..).for_each(|standby| drop(standby.join()));
                     return;
                 }
-                Work::Scene(scene) => {
-                    self.scene = Some(scene);
+                Work::Scene { scene, set } => {
+                    (self.scene, self.set) = (Some(scene), Some(set));
                     self.sampler = None;
                     self.retire_standby();
                 }
@@ -214,12 +214,14 @@ impl Renderer {
 
     fn sampler(&mut self) -> Result<&mut dyn Sampler, RenderError> {
         if self.sampler.is_none() {
-            let scene = self.scene.clone().ok_or_else(|| RenderError::Internal("no scene yet".to_owned()))?;
+            let scene_and_set = self.scene.clone().zip(self.set.clone());
+            let (scene, set) =
+                scene_and_set.ok_or_else(|| RenderError::Internal("no scene yet".to_owned()))?;
             let (standby, factory) = (self.standby.take(), self.factory.as_ref());
             let made = self.queue.getting_ready(|| {
                 match standby.and_then(|thread| thread.join().ok()).and_then(Result::ok) {
                     Some(made) => Ok(made),
-                    None => made_sampler(factory, scene).map(|sampler| (sampler, None)),
+                    None => made_sampler(factory, scene, &set).map(|sampler| (sampler, None)),
                 }
             });
             let (sampler, cost) = made.inspect_err(|error| self.health.failed(&error.to_string()))?;
@@ -458,9 +460,13 @@ impl Renderer {
     }
 }
 
-fn made_sampler(factory: &dyn RoleFactory, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError> {
+fn made_sampler(
+    factory: &dyn RoleFactory,
+    scene: Arc<Scene>,
+    set: &SampleSetInfo,
+) -> Result<Box<dyn Sampler>, RenderError> {
     let began = Instant::now();
-    let sampler = factory.sampler(scene)?;
+    let sampler = factory.sampler(scene, set)?;
     info!(ms = ms_since(began), "sampler made");
     Ok(sampler)
 }
@@ -471,7 +477,7 @@ fn warmed_sampler(
     scene: Arc<Scene>,
     info: &Arc<SampleSetInfo>,
 ) -> Result<(Box<dyn Sampler>, Option<Cost>), RenderError> {
-    let mut sampler = made_sampler(factory, scene.clone())?;
+    let mut sampler = made_sampler(factory, scene.clone(), info)?;
     let began = Instant::now();
     // One that cannot work would be in the way of another.
     let warmed = warm::sampler(sampler.as_mut(), &scene, info);

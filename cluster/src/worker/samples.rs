@@ -5,7 +5,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 
 use argus_proto::chunks::{pixel_chunks, sample_hash, unchanged_chunk};
-use argus_proto::convert::scene_hash;
+use argus_proto::convert::{scene_hash, specification_hash};
 use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::samples_server::Samples;
 use argus_proto::{Fault, v1};
@@ -15,12 +15,12 @@ use futures::{Stream, StreamExt, TryStreamExt};
 use tonic::{Request, Response, Status};
 use tracing::{Instrument, debug_span};
 
-use super::node::Node;
+use super::node::{Node, check_specification};
 use super::packed::Chunks as Packed;
 use super::{fetch, trace};
 
 /// Most samples of one subscription.
-const MAX_INDICES: usize = 1024;
+const MAX_CAMERAS: usize = 1024;
 
 /// Samples of one subscription that are packed at the same time, and so are in memory twice.
 const IN_WORK: usize = 4;
@@ -41,23 +41,23 @@ impl Samples for SamplesService {
         let active = self.node.begin()?;
         let worker = self.node.hello.name.as_str();
         let span =
-            debug_span!(target: TARGET, "serve samples", worker, count = request.get_ref().indices.len());
+            debug_span!(target: TARGET, "serve samples", worker, count = request.get_ref().cameras.len());
         continued(&span, request.metadata());
         let request = request.into_inner();
         let info = check(&self.node, &request)?;
         let have: HashMap<u64, Bytes> =
-            request.have.into_iter().map(|held| (held.index, held.hash)).collect();
+            request.have.into_iter().map(|held| (held.camera, held.hash)).collect();
         let (node, ahead) = (self.node.clone(), request.ahead);
-        let one = move |index: u64| {
-            let (node, info, have) = (node.clone(), info.clone(), have.get(&index).cloned());
+        let one = move |camera: u64| {
+            let (node, info, have) = (node.clone(), info.clone(), have.get(&camera).cloned());
             async move {
-                let chunks = packed(node, info, index, have, ahead).await?;
+                let chunks = packed(node, info, camera, have, ahead).await?;
                 Ok::<_, Status>(futures::stream::iter((0..chunks.len()).map(move |i| Ok(chunks[i].clone()))))
             }
-            .instrument(debug_span!(target: TARGET, parent: &span, "sample", index))
+            .instrument(debug_span!(target: TARGET, parent: &span, "sample", camera))
         };
         // Sample by sample, each whole before the next one: that is what the receiver puts together.
-        let chunks = futures::stream::iter(request.indices).map(one).buffer_unordered(IN_WORK).try_flatten();
+        let chunks = futures::stream::iter(request.cameras).map(one).buffer_unordered(IN_WORK).try_flatten();
         let chunks = chunks.inspect(move |_| {
             let _in_work_until_sent = &active;
         });
@@ -81,18 +81,20 @@ impl Samples for SamplesService {
 }
 
 fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInfo>, Fault> {
-    let (info, _) = node.set_at(request.epoch)?;
+    let version = request.version.ok_or_else(|| InvalidField::new("version", "must be given"))?;
+    let (info, _) = node.set_in(version.into())?;
     let scene = scene_hash(&request.scene_hash, "scene_hash")?;
-    if scene != info.scene || request.generation != info.generation {
-        let asked = format!("scene {scene}, generation {}", request.generation);
-        return Err(Fault::NotFound(format!("samples of {asked} are not served here")));
+    if scene != info.scene {
+        return Err(Fault::NotFound(format!("samples of scene {scene} are not served here")));
     }
-    if !(1..=MAX_INDICES).contains(&request.indices.len()) {
-        let reason = format!("must be 1 to {MAX_INDICES}, not {}", request.indices.len());
-        return Err(InvalidField::new("indices", reason).into());
+    let specification = specification_hash(&request.specification_hash, "specification_hash")?;
+    check_specification(&info, specification)?;
+    if !(1..=MAX_CAMERAS).contains(&request.cameras.len()) {
+        let reason = format!("must be 1 to {MAX_CAMERAS}, not {}", request.cameras.len());
+        return Err(InvalidField::new("cameras", reason).into());
     }
-    for index in &request.indices {
-        info.camera(*index)?;
+    for camera in &request.cameras {
+        info.camera(*camera)?;
     }
     Ok(info)
 }
@@ -101,11 +103,11 @@ fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInf
 async fn packed(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
-    index: u64,
+    camera: u64,
     have: Option<Bytes>,
     ahead: bool,
 ) -> Result<Packed, Fault> {
-    let id = SampleId { epoch: info.epoch, generation: info.generation, index };
+    let id = SampleId { version: info.version.number, camera };
     let sample = fetch::on_host(node.clone(), info, id, ahead).await?;
     if let Some(have) = have {
         let held = sample.clone();

@@ -163,19 +163,26 @@ impl Store {
         }
     }
 
-    /// Forgets what is older than an epoch, but for what is in use, which its last user lets go of.
-    pub(super) fn retire(&self, before_epoch: u64) {
-        self.packed.retire(before_epoch);
+    /// Forgets versions with a lower number, but for what is in use, which its last user lets go of.
+    pub(super) fn retire(&self, before_version: u64) {
+        self.packed.retire(before_version);
         let mut state = self.state.lock();
         let old: Vec<SampleId> = state
             .entries
             .iter()
-            .filter(|(id, entry)| id.epoch < before_epoch && Arc::strong_count(&entry.sample) == 1)
+            .filter(|(id, entry)| id.version < before_version && Arc::strong_count(&entry.sample) == 1)
             .map(|(id, _)| *id)
             .collect();
         for id in old {
             state.remove(id);
         }
+    }
+
+    /// Forgets all samples of a version, used or not.
+    pub(super) fn forget_version(&self, number: u64) {
+        let of_version: Vec<SampleId> =
+            self.state.lock().entries.keys().copied().filter(|id| id.version == number).collect();
+        self.forget(&of_version);
     }
 
     /// Forgets everything.
@@ -211,7 +218,7 @@ mod tests {
     use super::*;
 
     fn id(index: u64) -> SampleId {
-        SampleId { epoch: 0, generation: 1, index }
+        SampleId { version: 0, camera: index }
     }
 
     /// 400 bytes.
@@ -265,18 +272,30 @@ mod tests {
     }
 
     #[test]
-    fn samples_of_past_epochs_go_unless_they_are_in_use() {
+    fn samples_of_past_versions_go_unless_they_are_in_use() {
         let store = Store::new(1 << 20);
-        let at = |epoch, index| Sample { id: SampleId { epoch, ..id(index) }, ..host(index) };
+        let at = |version, camera| Sample { id: SampleId { version, camera }, ..host(camera) };
         let in_use = store.insert(at(3, 0));
-        for (epoch, index) in [(3, 1), (4, 0), (5, 0)] {
-            store.insert(at(epoch, index));
+        for (version, camera) in [(3, 1), (4, 0), (5, 0)] {
+            store.insert(at(version, camera));
         }
         store.retire(5);
-        assert_eq!(store.ids(), [in_use.id, SampleId { epoch: 5, ..id(0) }]);
+        assert_eq!(store.ids(), [in_use.id, SampleId { version: 5, ..id(0) }]);
         drop(in_use);
         store.retire(5);
-        assert_eq!(store.ids(), [SampleId { epoch: 5, ..id(0) }]);
+        assert_eq!(store.ids(), [SampleId { version: 5, ..id(0) }]);
+    }
+
+    #[test]
+    fn a_number_that_stands_for_another_version_now_takes_its_samples_along() {
+        let store = Store::new(1 << 20);
+        let at = |version, camera| Sample { id: SampleId { version, camera }, ..host(camera) };
+        let _in_use = store.insert(at(3, 0));
+        for (version, camera) in [(3, 1), (4, 0)] {
+            store.insert(at(version, camera));
+        }
+        store.forget_version(3);
+        assert_eq!(store.ids(), [SampleId { version: 4, camera: 0 }]);
     }
 
     #[test]

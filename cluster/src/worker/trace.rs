@@ -6,16 +6,16 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_proto::chunks::{PixelAssembler, joined, trace_requests};
+use argus_proto::chunks::{PixelAssembler, TracedFrame, joined, trace_requests};
 use argus_proto::trace::within;
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
-use argus_scene::{Frame, PixelJob, Pixels, SceneHash, Stage, ViewJob, Warp};
+use argus_scene::{Frame, PixelJob, Pixels, SceneState, Stage, ViewJob, Warp};
 use bytes::Bytes;
 use tokio::time::Instant;
 use tracing::{Span, warn};
 
-use super::node::Node;
+use super::node::{Node, check_specification};
 use crate::rate_limited_log::RateLimitedLog;
 
 /// In the mask: no sample saw the pixel, and it is a guess.
@@ -53,7 +53,8 @@ pub(super) async fn fill(
         time_secs: job.time_secs,
         reflections: job.reflections,
     };
-    let scene = frame.provenance.scene;
+    let specification = frame.provenance.specification.unwrap_or_default().hash();
+    let of = TracedFrame { scene: frame.provenance.scene, specification };
     let himself = [node.hello.address.clone()];
     let tracers = if tracers.is_empty() { &himself[..] } else { tracers };
     let mut last = Fault::Unavailable("nobody traces".to_owned());
@@ -62,7 +63,7 @@ pub(super) async fn fill(
         let attempt = async {
             match *address == node.hello.address {
                 true => node.render_pixels(&job).await,
-                false => node.unless_suspected(address, by_other(node, &job, scene, address)).await,
+                false => node.unless_suspected(address, by_other(node, &job, of, address)).await,
             }
         };
         let traced = tokio::time::timeout(left.min(node.config.trace_timeout), attempt)
@@ -92,11 +93,11 @@ fn guessed(frame: &Frame) -> Vec<u32> {
     (0..).zip(mask).filter(|(_, value)| **value == GUESSED).map(|(pixel, _)| pixel).collect()
 }
 
-async fn by_other(node: &Node, job: &PixelJob, scene: SceneHash, address: &str) -> Result<Pixels, Fault> {
+async fn by_other(node: &Node, job: &PixelJob, of: TracedFrame, address: &str) -> Result<Pixels, Fault> {
     let mut client = SamplesClient::new(node.channels.to(address)?);
     let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
     let mut parts = Vec::new();
-    for (request, count) in trace_requests(job, scene) {
+    for (request, count) in trace_requests(job, of) {
         let mut chunks =
             client.trace(within(&Span::current(), request)).await.map_err(unavailable)?.into_inner();
         let mut assembler = PixelAssembler::new(count);
@@ -111,14 +112,16 @@ async fn by_other(node: &Node, job: &PixelJob, scene: SceneHash, address: &str) 
 /// The job of a request, as this worker may do it.
 ///
 /// # Errors
-/// [`Fault::NotFound`] for another scene or epoch than the one that is served, [`Fault::Invalid`] for what is
+/// [`Fault::NotFound`] for another scene, epoch or specification than the one that is served, [`Fault::Invalid`] for what is
 /// malformed.
 pub(super) fn check(node: &Node, request: v1::TraceRequest) -> Result<PixelJob, Fault> {
-    let (info, limits) = node.set_at(request.epoch)?;
-    let (scene, job) = argus_proto::chunks::trace_job(request, info.time_secs(), &limits)?;
+    let (info, limits) = node.set_showing(SceneState { epoch: request.epoch })?;
+    let (TracedFrame { scene, specification }, job) =
+        argus_proto::chunks::trace_job(request, info.time_secs(), &limits)?;
     if scene != info.scene {
         return Err(Fault::NotFound(format!("scene {scene} is not served here")));
     }
+    check_specification(&info, specification)?;
     Ok(PixelJob { reflections: info.reflections, ..job })
 }
 
@@ -150,7 +153,7 @@ fn patch(frame: &mut Frame, pixels: &[u32], traced: &Pixels) {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Plan, Provenance, Served};
+    use argus_scene::{Plan, Provenance, SceneHash, Served};
 
     use super::*;
 
@@ -172,8 +175,8 @@ mod tests {
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
                 epoch: 0,
-                generation: 1,
                 plan: Plan::Warp(Warp::default()),
+                specification: None,
                 device: String::new(),
                 history: false,
             },

@@ -14,8 +14,8 @@ use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Frame, History, Holes, InvalidField, Output, Outputs, Plan, RenderError, SampleCamera, SampleId,
-    SampleSetInfo, Search, Stage, View, ViewJob, Visibility,
+    Difference, Frame, History, Holes, InvalidField, Output, Outputs, Plan, Provenance, RenderError,
+    SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version, View, ViewJob,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -70,6 +70,8 @@ struct Ordered {
     pinned: bool,
     /// The device that the frame must be of; any if empty.
     device: String,
+    /// The specification that the frame must have; any if absent.
+    specification: Option<Specification>,
     /// The images that the frame shall hold; the job's may be more.
     outputs: Outputs,
     /// Under which name what it leaves for the next frame is kept; the job has what the last one left.
@@ -273,9 +275,8 @@ fn ask_the_coordinator() -> Status {
 }
 
 fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Ordered, Fault> {
-    let (info, limits) = node.set_at(order.epoch)?;
+    let state: SceneState = order.state.map(SceneState::from).unwrap_or_default();
     let view = View::try_from(view.ok_or_else(|| InvalidField::new("view", "must be given"))?)?;
-    view.validate(&limits)?;
     let plan = Plan::try_from(order.plan.ok_or_else(|| InvalidField::new("order.plan", "must be given"))?)?;
     let mut sources: HashMap<SampleId, v1::SampleSource> =
         order.sources.into_iter().filter_map(|source| Some((SampleId::from(source.id?), source))).collect();
@@ -283,22 +284,25 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         Plan::Direct { .. } => &[],
         Plan::Warp(warp) => &warp.samples,
     };
+    let (info, limits) = match ids.first() {
+        Some(id) => node.set_in(Version { number: id.version, state })?,
+        None => node.set_showing(state)?,
+    };
+    view.validate(&limits)?;
     let mut samples = Vec::with_capacity(ids.len());
     for id in ids {
-        if (id.epoch, id.generation) != (info.epoch, info.generation) {
-            let at = format!("epoch {}, generation {}", info.epoch, info.generation);
-            let reason = format!("sample {id} is ordered for a view of {at}");
+        if id.version != info.version.number {
+            let reason = format!("sample {id} is ordered for a view of version {}", info.version.number);
             return Err(Fault::Unavailable(reason));
         }
-        info.camera(id.index)?;
+        info.camera(id.camera)?;
         let v1::SampleSource { addresses, dispensable, .. } = sources.remove(id).unwrap_or_default();
         samples.push(Source { id: *id, addresses, dispensable });
     }
     let View { camera, width, height, outputs, pin, .. } = view;
-    // A view from triangles can be repeated in the way that it was seen, whichever is this cluster's.
-    let pinned_way =
-        pin.as_ref().filter(|pin| !pin.device.is_empty()).map(|pin| Visibility::of_device(&pin.device).1);
-    let visibility = pinned_way.flatten().unwrap_or_else(|| node.visibility_of(&info));
+    // A view from triangles can be repeated by the backend that it was rendered with, whichever is this cluster's.
+    let specification = pin.as_ref().and_then(|pin| pin.specification);
+    let visibility = specification.map_or_else(|| node.visibility_of(&info), |pinned| pinned.visibility);
     let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
     let time_secs = info.time_secs();
     let asked = outputs;
@@ -309,7 +313,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let begun_from = [Output::Range, Output::Source].into_iter().filter(|_| name.is_some());
     let outputs = judged_by.chain(begun_from).fold(asked, Outputs::with);
     let history = name.as_deref().and_then(|name| node.histories.get(name));
-    let (epoch, reflections) = (order.epoch, info.reflections);
+    let (epoch, reflections) = (state.epoch, info.reflections);
     let job =
         ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history };
     let (tracers, pinned) = (order.tracers, pin.is_some());
@@ -317,7 +321,19 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let fallback = (1..=MOST_SUB_PIXELS).contains(&order.fallback_samples_per_pixel);
     let fallback = fallback.then_some(Plan::Direct { samples_per_pixel: order.fallback_samples_per_pixel });
     let (history, outputs) = (name, asked);
-    Ok(Ordered { job, info, samples, outputs, tracers, pinned, device, history, decision, fallback })
+    Ok(Ordered {
+        job,
+        info,
+        samples,
+        outputs,
+        tracers,
+        pinned,
+        device,
+        specification,
+        history,
+        decision,
+        fallback,
+    })
 }
 
 /// The frame without images that nobody asked for.
@@ -389,7 +405,7 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
 /// The cameras of a plan's samples, in the order in which a frame's source counts them.
 fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
     let of_rig = ordered.samples.iter().filter(|source| !source.id.is_surroundings());
-    of_rig.map(|source| Ok(ordered.info.camera(source.id.index)?)).collect()
+    of_rig.map(|source| Ok(ordered.info.camera(source.id.camera)?)).collect()
 }
 
 /// The frame as composed or rendered, with the stages before the role's own. If the device is lost, or the
@@ -412,11 +428,16 @@ async fn render(
         let rendered = node.render_view(job.clone(), ordered.info.clone(), samples, again).await;
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
-                // Where the device does not have the way that was asked for, the sampler takes another one.
-                let device = &frame.provenance.device;
+                let Provenance { plan, specification, device, .. } = &frame.provenance;
                 if !(ordered.device.is_empty() || ordered.device == *device) {
                     let reason = format!("{device:?} answered, not the device {:?}", ordered.device);
                     return Err(Fault::Pin(reason));
+                }
+                // Where the device does not have the backend that was asked for, the sampler takes another one.
+                let differs = ordered.specification.zip(*specification);
+                if let Some(at) = differs.and_then(|(asked, used)| asked.difference(&used, plan)) {
+                    let Difference { field, first, second } = at;
+                    return Err(Fault::Pin(format!("{field} {second} answered, not {field} {first}")));
                 }
                 let mut stages = vec![Stage::new("queue", queue_ms)];
                 if !needed.is_empty() {

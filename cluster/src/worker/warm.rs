@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use argus_scene::{
     Camera, Cancel, Compositor, Output, Outputs, Plan, RenderError, SampleId, SampleJob, SampleSet,
-    SampleSetInfo, Sampler, Scene, ViewJob, Visibility, Warp,
+    SampleSetInfo, Sampler, Scene, Version, ViewJob, Visibility, Warp,
 };
 
 use crate::core::quality::Cost;
@@ -30,8 +30,8 @@ pub(super) const SIDES: [u32; 2] = [96, 192];
 /// Samples that views are reconstructed from, to see what that costs: as many as a view usually has.
 const SAMPLES: usize = 4;
 
-/// No rig is placed so often.
-const GENERATION: u64 = u64::MAX;
+/// No set has so many versions.
+const LAST_VERSION: u64 = u64::MAX;
 
 /// Renders views from triangles, and measures what they cost.
 ///
@@ -65,9 +65,10 @@ pub(super) fn small_samples(
 ) -> SampleJob {
     let rig = info.rig.with_side(side);
     let nearest = rig.nearest(&scene.default_camera(), SAMPLES);
-    let id = |index| SampleId { epoch: info.epoch, generation: GENERATION, index };
+    let id = |camera| SampleId { version: LAST_VERSION, camera };
     let ids = nearest.into_iter().map(id).collect();
-    let small = SampleSetInfo { rig, visibility, generation: GENERATION, ..info.as_ref().clone() };
+    let version = Version { number: LAST_VERSION, ..info.version };
+    let small = SampleSetInfo { rig, visibility, version, ..info.as_ref().clone() };
     SampleJob { info: Arc::new(small), ids, to_host: false }
 }
 
@@ -142,7 +143,7 @@ fn view(
     plan: Plan,
     visibility: Visibility,
 ) -> ViewJob {
-    let (epoch, time_secs) = (info.epoch, info.time_secs());
+    let (epoch, time_secs) = (info.version.state.epoch, info.time_secs());
     // Reflection maps are made when somebody looks: they take what samples take.
     let (outputs, reflections, history) = (Outputs::COLOR, None, None);
     ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }

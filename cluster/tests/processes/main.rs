@@ -13,5 +13,6 @@ mod memory;
 mod network;
 mod redirect;
 mod services;
+mod specification;
 mod views;
 mod watching;

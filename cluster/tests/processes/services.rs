@@ -6,7 +6,7 @@ use argus_proto::status::invalid_field;
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::{Description, PROTOCOL_VERSION, v1};
-use argus_scene::{Limits, Outputs, PlanRequest, Provenance, SceneHash, View};
+use argus_scene::{Limits, Outputs, Plan, PlanRequest, Provenance, SceneHash, View};
 use glam::DVec3;
 use tokio::sync::mpsc;
 use tonic::Code;
@@ -78,7 +78,11 @@ async fn a_pin_that_cannot_be_met_is_a_failed_precondition_that_says_why() {
     };
     assert!(refused(&|p| p.scene = SceneHash([9; 32])).await.contains("scene"));
     assert!(refused(&|p| p.epoch = 5).await.contains("epoch 5"));
-    assert!(refused(&|p| p.generation = 7).await.contains("generation 7"));
+    let of_version_7 = |p: &mut Provenance| {
+        let Plan::Warp(warp) = &mut p.plan else { panic!("a warp") };
+        warp.samples.iter_mut().for_each(|id| id.version = 7);
+    };
+    assert!(refused(&of_version_7).await.contains("version 7"));
     assert!(refused(&|p| p.device = "another".to_owned()).await.contains("another"));
     let any = Provenance { device: String::new(), ..frame.provenance.clone() };
     assert_eq!(cluster.render(&pinned(1, any)).await.unwrap().0.color, frame.color);

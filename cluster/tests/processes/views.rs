@@ -228,7 +228,7 @@ async fn status_tells_what_was_measured() {
     assert!(status.sample_ms >= 30.0 && status.sample_ms < 120.0, "{}", status.sample_ms);
     assert!(status.views_per_tick > 0.0 && status.tick_predicted_ms > 0.0 && status.tick_measured_ms > 0.0);
     assert_eq!(status.scene.unwrap().name, "test");
-    assert_eq!((status.generation, status.epoch), (1, 0));
+    assert_eq!((status.version, status.epoch), (0, 0));
     for worker in &status.workers {
         assert!(worker.pid == std::process::id() && !worker.id.is_empty());
         assert!([v1::Role::Sampler, v1::Role::Compositor].contains(&worker.role()));

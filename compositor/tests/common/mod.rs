@@ -11,9 +11,9 @@ use argus_scene::reference::Tracer;
 use argus_scene::shading::{Surface, diffuse_radiance, sky_radiance, specular_radiance};
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
-    Bounds, Camera, Cancel, Compositor as _, Frame, Light, Lighting, OmniLayout, Outputs, Plan, Plane,
-    PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
-    SampleSetInfo, Sampling, SceneHash, Search, Sky, ViewJob, Visibility, Warp,
+    Bounds, Camera, Cancel, Compositor as _, Frame, Indirect, Light, Lighting, OmniLayout, Outputs, Plan,
+    Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
+    SampleSetInfo, Sampling, SceneHash, Search, Sky, Specification, Version, ViewJob, Visibility, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -277,7 +277,7 @@ pub(crate) fn cube(center: DVec3, face: u32) -> SampleCamera {
 }
 
 pub(crate) fn id(index: u64) -> SampleId {
-    SampleId { epoch: 0, generation: 1, index }
+    SampleId { version: 0, camera: index }
 }
 
 /// A set of a subject's samples, ids counting from 0.
@@ -291,12 +291,13 @@ pub(crate) fn sample_set(
         scene: SceneHash([7; 32]),
         bounds: subject.bounds(),
         rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
-        epoch: 3,
+        version: Version::of_epoch(0, 3),
         epoch_secs: 0.1,
-        generation: 1,
         lighting: subject.lighting(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        sub_samples: Specification::USUAL_SUB_SAMPLES,
+        indirect: Indirect::Off,
         reflections: None,
     };
     let samples = cameras

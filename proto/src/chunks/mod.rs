@@ -11,7 +11,9 @@ mod sample;
 
 pub use bundle::{Bundle, BundleAssembler, BundleSource, bundle_chunks, procedural_chunk};
 pub use frame::{FrameAssembler, FrameMeta, frame_chunks};
-pub use pixels::{MAX_TRACE_PIXELS, PixelAssembler, joined, pixel_chunks, trace_job, trace_requests};
+pub use pixels::{
+    MAX_TRACE_PIXELS, PixelAssembler, TracedFrame, joined, pixel_chunks, trace_job, trace_requests,
+};
 pub use sample::{Received, SampleAssembler, sample_chunks, sample_hash, unchanged_chunk};
 
 use bytes::{Bytes, BytesMut};

@@ -2,12 +2,14 @@
 //!
 //! The pixels that no sample saw come in clusters, row by row, so that runs name them in a few bytes each.
 
-use argus_scene::{InvalidField, Limits, Outputs, PixelJob, Pixels, PlanRequest, SceneHash, Stage, View};
+use argus_scene::{
+    InvalidField, Limits, Outputs, PixelJob, Pixels, PlanRequest, SceneHash, SpecificationHash, Stage, View,
+};
 use bytes::{Bytes, BytesMut};
 
 use super::{Gather, pieces};
 use crate::WireError;
-use crate::convert::{required, scene_hash, scene_hash_bytes};
+use crate::convert::{required, scene_hash, scene_hash_bytes, specification_hash, specification_hash_bytes};
 use crate::v1::{self, trace_chunk};
 
 /// The most pixels of one request; whoever needs more asks more than once. It bounds both messages, whatever
@@ -18,10 +20,20 @@ pub const MAX_TRACE_PIXELS: usize = 1 << 18;
 const COLOR_BYTES: usize = 3;
 const RANGE_BYTES: usize = 4;
 
+/// What the frame is of whose pixels are asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TracedFrame {
+    /// Its scene.
+    pub scene: SceneHash,
+    /// The specification of its samples.
+    pub specification: SpecificationHash,
+}
+
 /// The requests for a job's pixels, each with how many of them it asks for, in order.
-pub fn trace_requests(job: &PixelJob, scene: SceneHash) -> Vec<(v1::TraceRequest, usize)> {
+pub fn trace_requests(job: &PixelJob, frame: TracedFrame) -> Vec<(v1::TraceRequest, usize)> {
     let request = |pixels: &[u32]| v1::TraceRequest {
-        scene_hash: scene_hash_bytes(scene),
+        scene_hash: scene_hash_bytes(frame.scene),
+        specification_hash: specification_hash_bytes(frame.specification),
         epoch: job.epoch,
         camera: Some((&job.camera).into()),
         width: job.width,
@@ -46,7 +58,7 @@ fn runs(ascending: &[u32]) -> Vec<u32> {
     runs
 }
 
-/// The scene and the job of a request, which came from outside; `time_secs` is when its epoch is, as the receiver
+/// What the frame is of, and the job, of a request which came from outside; `time_secs` is when its epoch is, as the receiver
 /// knows.
 ///
 /// # Errors
@@ -56,8 +68,9 @@ pub fn trace_job(
     wire: v1::TraceRequest,
     time_secs: f64,
     limits: &Limits,
-) -> Result<(SceneHash, PixelJob), InvalidField> {
+) -> Result<(TracedFrame, PixelJob), InvalidField> {
     let scene = scene_hash(&wire.scene_hash, "scene_hash")?;
+    let specification = specification_hash(&wire.specification_hash, "specification_hash")?;
     let side = wire.samples_per_pixel.isqrt();
     if side == 0 || side * side != wire.samples_per_pixel {
         let reason = format!("must be a square number, not {}", wire.samples_per_pixel);
@@ -76,7 +89,7 @@ pub fn trace_job(
     let View { camera, width, height, .. } = view;
     let v1::TraceRequest { samples_per_pixel, epoch, .. } = wire;
     Ok((
-        scene,
+        TracedFrame { scene, specification },
         PixelJob { camera, width, height, pixels, samples_per_pixel, epoch, time_secs, reflections: None },
     ))
 }
@@ -209,6 +222,9 @@ mod tests {
     use super::*;
     use crate::arbitrary;
 
+    const FRAME: TracedFrame =
+        TracedFrame { scene: SceneHash([7; 32]), specification: SpecificationHash([8; 32]) };
+
     fn job(width: u32, height: u32, pixels: Vec<u32>) -> PixelJob {
         let camera = argus_scene::Camera::look_at(glam::DVec3::ONE, glam::DVec3::ZERO);
         PixelJob {
@@ -244,11 +260,10 @@ mod tests {
         ) {
             let mut asked = job(640, 480, which.into_iter().collect());
             (asked.camera, asked.samples_per_pixel) = (camera, side * side);
-            let scene = SceneHash([7; 32]);
-            let [(request, count)] = &trace_requests(&asked, scene)[..] else { panic!("one request") };
+            let [(request, count)] = &trace_requests(&asked, FRAME)[..] else { panic!("one request") };
             prop_assert_eq!(*count, asked.pixels.len());
             let (of, arrived) = trace_job(request.clone(), 0.5, &Limits::default()).unwrap();
-            prop_assert_eq!(of, scene);
+            prop_assert_eq!(of, FRAME);
             prop_assert_eq!(arrived.camera, asked.camera);
             prop_assert_eq!((arrived.width, arrived.height, arrived.epoch, arrived.time_secs), (640, 480, 3, 0.5));
             prop_assert_eq!((arrived.pixels, arrived.samples_per_pixel), (asked.pixels, side * side));
@@ -266,7 +281,7 @@ mod tests {
     #[test]
     fn a_view_without_any_sample_is_asked_for_in_parts_and_joined() {
         let count = MAX_TRACE_PIXELS as u32 + 10;
-        let requests = trace_requests(&job(1024, 1024, (5..5 + count).collect()), SceneHash([0; 32]));
+        let requests = trace_requests(&job(1024, 1024, (5..5 + count).collect()), FRAME);
         assert_eq!(requests.iter().map(|(_, n)| *n).collect::<Vec<_>>(), [MAX_TRACE_PIXELS, 10]);
         assert_eq!(requests[0].0.runs, [5, MAX_TRACE_PIXELS as u32]);
         let (whole, ends) = (pixels(5), [2, 5]);
@@ -281,7 +296,7 @@ mod tests {
 
     #[test]
     fn a_malformed_request_is_refused_by_field() {
-        let good = trace_requests(&job(10, 10, vec![0, 1, 99]), SceneHash([0; 32])).remove(0).0;
+        let good = trace_requests(&job(10, 10, vec![0, 1, 99]), FRAME).remove(0).0;
         assert_eq!(good.runs, [0, 2, 97, 1]);
         assert_eq!(trace_job(good.clone(), 0.5, &Limits::default()).unwrap().1.pixels, [0, 1, 99]);
         let refused = |spoil: &dyn Fn(&mut v1::TraceRequest)| {
@@ -298,6 +313,8 @@ mod tests {
         let large = |r: &mut v1::TraceRequest| (r.width, r.height, r.runs) = (1024, 1024, vec![0, most + 1]);
         assert_eq!(refused(&large), "runs");
         assert_eq!(refused(&|r| r.scene_hash = vec![1; 3].into()), "scene_hash");
+        let no_hash = |r: &mut v1::TraceRequest| r.specification_hash.clear();
+        assert_eq!(refused(&no_hash), "specification_hash");
         assert_eq!(refused(&|r| r.camera = None), "camera");
         assert_eq!(refused(&|r| r.width = 0), "width");
         assert_eq!(refused(&|r| r.samples_per_pixel = 0), "samples_per_pixel");

@@ -133,10 +133,10 @@ struct PlaneHeader {
 }
 
 impl SampleAssembler {
-    /// For the samples `indices` of a set. The set's rig says how large each sample is, and so bounds the
+    /// For the samples of these cameras of a set. The set's rig says how large each sample is, and so bounds the
     /// memory that a header can ask for.
-    pub fn new(info: SampleSetInfo, indices: impl IntoIterator<Item = u64>) -> Self {
-        Self { info, missing: indices.into_iter().collect(), partial: None }
+    pub fn new(info: SampleSetInfo, cameras: impl IntoIterator<Item = u64>) -> Self {
+        Self { info, missing: cameras.into_iter().collect(), partial: None }
     }
 
     /// Takes the next chunk; `Some` once it completes a sample. Unpacking takes milliseconds.
@@ -147,11 +147,11 @@ impl SampleAssembler {
         match (required(chunk.body, "chunk.body")?, &mut self.partial) {
             (v1::sample_chunk::Body::Header(header), None) => {
                 let id = SampleId::from(required(header.id, "sample.id")?);
-                if id.generation != self.info.generation || !self.missing.contains(&id.index) {
+                if id.version != self.info.version.number || !self.missing.contains(&id.camera) {
                     return Err(WireError::field("sample.id", format!("{id} is not waited for")));
                 }
                 if header.unchanged {
-                    self.missing.remove(&id.index);
+                    self.missing.remove(&id.camera);
                     return Ok(Some(Received::Unchanged(id)));
                 }
                 let header = Header::check(id, header, &self.info)?;
@@ -171,7 +171,7 @@ impl SampleAssembler {
         }
         match self.partial.take_if(|(_, gather)| gather.is_complete()) {
             Some((header, gather)) => {
-                self.missing.remove(&header.id.index);
+                self.missing.remove(&header.id.camera);
                 header.finish(gather.finish()).map(Some)
             }
             None => Ok(None),
@@ -195,10 +195,13 @@ impl SampleAssembler {
 impl Header {
     fn check(id: SampleId, header: v1::SampleHeader, info: &SampleSetInfo) -> Result<Self, InvalidField> {
         let camera: SampleCamera = required(header.camera, "sample.camera")?.try_into()?;
-        let due = info.camera(id.index)?;
+        let due = info.camera(id.camera)?;
         // Not the whole camera: the last bit of a tangent may differ between machines.
         if camera.size() != due.size() || std::mem::discriminant(&camera) != std::mem::discriminant(&due) {
-            return Err(InvalidField::new("sample.camera", format!("is not camera {} of the rig", id.index)));
+            return Err(InvalidField::new(
+                "sample.camera",
+                format!("is not camera {} of the rig", id.camera),
+            ));
         }
         let mut planes: Vec<PlaneHeader> = Vec::new();
         for plane in header.planes {

@@ -21,7 +21,7 @@ fn receive(
     id: SampleId,
     chunks: Vec<v1::SampleChunk>,
 ) -> Result<Vec<Received>, WireError> {
-    let mut assembler = SampleAssembler::new(info.clone(), [id.index]);
+    let mut assembler = SampleAssembler::new(info.clone(), [id.camera]);
     let mut received = Vec::new();
     for chunk in chunks {
         received.extend(assembler.push(chunk)?);
@@ -104,8 +104,8 @@ fn frame() -> Frame {
         provenance: argus_scene::Provenance {
             scene: hash,
             epoch: 1,
-            generation: 2,
             plan,
+            specification: None,
             device,
             history: false,
         },
@@ -210,8 +210,8 @@ fn samples_that_were_not_asked_for_or_do_not_fit_the_rig_are_refused() {
     type Change = fn(&mut v1::SampleHeader);
     let cases: [(&str, Change); 12] = [
         ("sample.id", |h| h.id = None),
-        ("sample.id", |h| h.id.as_mut().unwrap().generation ^= 1),
-        ("sample.id", |h| h.id.as_mut().unwrap().index ^= 1),
+        ("sample.id", |h| h.id.as_mut().unwrap().version ^= 1),
+        ("sample.id", |h| h.id.as_mut().unwrap().camera ^= 1),
         ("sample.camera", |h| h.camera = None),
         ("sample.camera", |h| {
             let center = Some(glam::DVec3::ONE.into());
@@ -260,8 +260,8 @@ fn a_sample_damaged_on_its_way_is_noticed_by_its_hash() {
 fn a_sample_that_the_receiver_has_is_not_sent_again() {
     let (info, sample) = sample();
     let chunk = unchanged_chunk(sample.id, sample_hash(&sample).unwrap());
-    let mut assembler = SampleAssembler::new(info.clone(), [sample.id.index]);
-    assert_eq!(assembler.missing().collect::<Vec<_>>(), [sample.id.index]);
+    let mut assembler = SampleAssembler::new(info.clone(), [sample.id.camera]);
+    assert_eq!(assembler.missing().collect::<Vec<_>>(), [sample.id.camera]);
     let received = assembler.push(chunk.clone()).unwrap();
     assert!(matches!(received, Some(Received::Unchanged(id)) if id == sample.id));
     assert_eq!(assembler.missing().count(), 0);

@@ -13,7 +13,7 @@ mod view;
 pub use describe::Description;
 pub use scene::visibility;
 
-use argus_scene::{InvalidField, SceneHash};
+use argus_scene::{InvalidField, SceneHash, SpecificationHash};
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
 
@@ -84,6 +84,19 @@ pub fn scene_hash(value: &Bytes, field: &'static str) -> Result<SceneHash, Inval
 
 /// A scene's hash for the wire.
 pub fn scene_hash_bytes(hash: SceneHash) -> Bytes {
+    Bytes::copy_from_slice(&hash.0)
+}
+
+/// The hash of a specification, checked.
+///
+/// # Errors
+/// If it is not 32 bytes long.
+pub fn specification_hash(value: &Bytes, field: &'static str) -> Result<SpecificationHash, InvalidField> {
+    hash(value, field).map(SpecificationHash)
+}
+
+/// A specification's hash for the wire.
+pub fn specification_hash_bytes(hash: SpecificationHash) -> Bytes {
     Bytes::copy_from_slice(&hash.0)
 }
 

@@ -1,12 +1,13 @@
 //! Light, rigs, and what a sample set's samples have in common.
 
 use argus_scene::{
-    Bounds, Effect, InvalidField, Light, Lighting, MegaViews, Reflections, Rig, SampleId, SampleSetInfo,
-    Sampling, Sky, Stage, Surroundings, Visibility,
+    Bounds, Effect, Indirect, InvalidField, Light, Lighting, MapSource, MegaViews, PointKnobs, Reflections,
+    Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky, Specification, Stage, Surroundings, Version,
+    Visibility, VplKnobs,
 };
 use glam::DVec3;
 
-use super::{duration_ms, finite, point, required, rgb, scene_hash, scene_hash_bytes, unspecified};
+use super::{duration_ms, finite, known, point, required, rgb, scene_hash, scene_hash_bytes, unspecified};
 use crate::v1;
 
 impl From<Effect> for v1::Effect {
@@ -211,18 +212,10 @@ impl From<&SampleSetInfo> for v1::SampleSetInfo {
             scene_hash: scene_hash_bytes(info.scene),
             bounds: Some(info.bounds.into()),
             rig: Some((&info.rig).into()),
-            epoch: info.epoch,
+            version: Some(info.version.into()),
             epoch_secs: info.epoch_secs,
-            generation: info.generation,
             lighting: Some((&info.lighting).into()),
-            visibility: v1::Visibility::from(info.visibility) as i32,
-            sampling: sampling_to_wire(info.sampling),
-            reflections: info.reflections.map(|Surroundings { knobs, count }| v1::Surroundings {
-                side: knobs.side,
-                levels: knobs.levels,
-                most: knobs.most,
-                count,
-            }),
+            specification: Some((&info.specification()).into()),
         }
     }
 }
@@ -232,36 +225,160 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
 
     fn try_from(wire: v1::SampleSetInfo) -> Result<Self, InvalidField> {
         let rig: Rig = required(wire.rig, "set.rig")?.try_into()?;
-        let sampling = sampling(wire.sampling);
+        let lighting: Lighting = required(wire.lighting, "set.lighting")?.try_into()?;
+        let specification: Specification = required(wire.specification, "set.specification")?.try_into()?;
+        let Specification { visibility, sampling, sub_samples, indirect, reflections, exposure } =
+            specification;
         sampling.validate(&rig)?;
-        let reflections = wire.reflections.map(|v1::Surroundings { side, levels, most, count }| {
-            Surroundings { knobs: Reflections { side, levels, most }, count }
-        });
-        reflections.map_or(Ok(()), |maps| maps.validate())?;
+        if exposure != lighting.exposure {
+            let reason = format!("must be the lighting's {}, not {exposure}", lighting.exposure);
+            return Err(InvalidField::new("set.specification.exposure", reason));
+        }
         Ok(Self {
             scene: scene_hash(&wire.scene_hash, "set.scene_hash")?,
             bounds: required::<v1::Bounds>(wire.bounds, "set.bounds").and_then(Bounds::try_from)?,
             rig,
-            epoch: wire.epoch,
+            version: required(wire.version, "set.version")?.into(),
             epoch_secs: epoch_secs(wire.epoch_secs, "set.epoch_secs")?,
-            generation: wire.generation,
-            lighting: required(wire.lighting, "set.lighting")?.try_into()?,
-            visibility: visibility(wire.visibility, "set.visibility")?,
+            lighting,
+            visibility,
             sampling,
+            sub_samples,
+            indirect,
             reflections,
         })
     }
 }
 
-fn sampling_to_wire(sampling: Sampling) -> Option<v1::sample_set_info::Sampling> {
-    let Sampling::MegaViews(MegaViews { map_side, levels, block }) = sampling else { return None };
-    Some(v1::sample_set_info::Sampling::MegaViews(v1::MegaViewsSampling { map_side, levels, block }))
+impl From<&Specification> for v1::Specification {
+    fn from(specification: &Specification) -> Self {
+        Self {
+            visibility: v1::Visibility::from(specification.visibility) as i32,
+            sampling: sampling_to_wire(specification.sampling),
+            sub_samples: specification.sub_samples,
+            indirect: indirect_to_wire(specification.indirect),
+            reflections: specification.reflections.map(|Surroundings { knobs, count }| v1::Surroundings {
+                side: knobs.side,
+                levels: knobs.levels,
+                most: knobs.most,
+                count,
+            }),
+            exposure: specification.exposure,
+        }
+    }
 }
 
-fn sampling(wire: Option<v1::sample_set_info::Sampling>) -> Sampling {
+impl TryFrom<v1::Specification> for Specification {
+    type Error = InvalidField;
+
+    /// The specification, validated.
+    fn try_from(wire: v1::Specification) -> Result<Self, InvalidField> {
+        let reflections = wire.reflections.map(|v1::Surroundings { side, levels, most, count }| {
+            Surroundings { knobs: Reflections { side, levels, most }, count }
+        });
+        let specification = Self {
+            visibility: visibility(wire.visibility, "specification.visibility")?,
+            sampling: sampling(wire.sampling),
+            sub_samples: wire.sub_samples,
+            indirect: indirect(wire.indirect)?,
+            reflections,
+            exposure: wire.exposure,
+        };
+        specification.validate()?;
+        Ok(specification)
+    }
+}
+
+impl From<MapSource> for v1::VplMaps {
+    fn from(source: MapSource) -> Self {
+        match source {
+            MapSource::Unshadowed => Self::Unshadowed,
+            MapSource::Exact => Self::Exact,
+            MapSource::Imperfect => Self::Imperfect,
+            MapSource::MegaViews => Self::MegaViews,
+            MapSource::ManyLods => Self::ManyLods,
+        }
+    }
+}
+
+/// Where the shadow maps of virtual point lights come from.
+fn map_source(number: i32) -> Result<MapSource, InvalidField> {
+    let field = "specification.indirect.maps";
+    Ok(match known(number, field)? {
+        v1::VplMaps::Unspecified => return Err(unspecified(field)),
+        v1::VplMaps::Unshadowed => MapSource::Unshadowed,
+        v1::VplMaps::Exact => MapSource::Exact,
+        v1::VplMaps::Imperfect => MapSource::Imperfect,
+        v1::VplMaps::MegaViews => MapSource::MegaViews,
+        v1::VplMaps::ManyLods => MapSource::ManyLods,
+    })
+}
+
+fn indirect_to_wire(indirect: Indirect) -> Option<v1::specification::Indirect> {
+    Some(match indirect {
+        Indirect::Off => return None,
+        Indirect::Vpl(knobs) => v1::specification::Indirect::Vpl(v1::VplIndirect {
+            vpls: knobs.vpls,
+            particles: knobs.particles,
+            bounces: knobs.bounces,
+            map_side: knobs.map_side,
+            maps: v1::VplMaps::from(knobs.maps) as i32,
+            points: knobs.points,
+            levels: knobs.levels,
+            samples: knobs.samples,
+            filter: knobs.filter,
+            cull: knobs.cull,
+            weigh: knobs.weigh,
+            groups: knobs.groups,
+            cutoff: knobs.cutoff,
+            clamp: knobs.clamp,
+            bias: knobs.bias,
+            seed: knobs.seed,
+        }),
+        Indirect::Points(PointKnobs { levels, map_side, block, bounces, sharing }) => {
+            let points = v1::PointIndirect { levels, map_side, block, bounces, sharing };
+            v1::specification::Indirect::Points(points)
+        }
+    })
+}
+
+fn indirect(wire: Option<v1::specification::Indirect>) -> Result<Indirect, InvalidField> {
+    Ok(match wire {
+        None => Indirect::Off,
+        Some(v1::specification::Indirect::Vpl(wire)) => Indirect::Vpl(VplKnobs {
+            vpls: wire.vpls,
+            particles: wire.particles,
+            bounces: wire.bounces,
+            map_side: wire.map_side,
+            maps: map_source(wire.maps)?,
+            points: wire.points,
+            levels: wire.levels,
+            samples: wire.samples,
+            filter: wire.filter,
+            cull: wire.cull,
+            weigh: wire.weigh,
+            groups: wire.groups,
+            cutoff: wire.cutoff,
+            clamp: wire.clamp,
+            bias: wire.bias,
+            seed: wire.seed,
+        }),
+        Some(v1::specification::Indirect::Points(wire)) => {
+            let v1::PointIndirect { levels, map_side, block, bounces, sharing } = wire;
+            Indirect::Points(PointKnobs { levels, map_side, block, bounces, sharing })
+        }
+    })
+}
+
+fn sampling_to_wire(sampling: Sampling) -> Option<v1::specification::Sampling> {
+    let Sampling::MegaViews(MegaViews { map_side, levels, block }) = sampling else { return None };
+    Some(v1::specification::Sampling::MegaViews(v1::MegaViewsSampling { map_side, levels, block }))
+}
+
+fn sampling(wire: Option<v1::specification::Sampling>) -> Sampling {
     match wire {
         None => Sampling::Triangles,
-        Some(v1::sample_set_info::Sampling::MegaViews(v1::MegaViewsSampling { map_side, levels, block })) => {
+        Some(v1::specification::Sampling::MegaViews(v1::MegaViewsSampling { map_side, levels, block })) => {
             Sampling::MegaViews(MegaViews { map_side, levels, block })
         }
     }
@@ -298,15 +415,39 @@ pub(super) fn epoch_secs(secs: f64, field: &'static str) -> Result<f64, InvalidF
     }
 }
 
+impl From<SceneState> for v1::SceneState {
+    fn from(state: SceneState) -> Self {
+        Self { epoch: state.epoch }
+    }
+}
+
+impl From<v1::SceneState> for SceneState {
+    fn from(wire: v1::SceneState) -> Self {
+        Self { epoch: wire.epoch }
+    }
+}
+
+impl From<Version> for v1::Version {
+    fn from(version: Version) -> Self {
+        Self { number: version.number, state: Some(version.state.into()) }
+    }
+}
+
+impl From<v1::Version> for Version {
+    fn from(wire: v1::Version) -> Self {
+        Self { number: wire.number, state: wire.state.map(SceneState::from).unwrap_or_default() }
+    }
+}
+
 impl From<SampleId> for v1::SampleId {
     fn from(id: SampleId) -> Self {
-        Self { generation: id.generation, index: id.index, epoch: id.epoch }
+        Self { version: id.version, camera: id.camera }
     }
 }
 
 impl From<v1::SampleId> for SampleId {
     fn from(wire: v1::SampleId) -> Self {
-        Self { epoch: wire.epoch, generation: wire.generation, index: wire.index }
+        Self { version: wire.version, camera: wire.camera }
     }
 }
 

@@ -139,7 +139,7 @@ fn a_pinned_plan_that_nobody_could_render_is_rejected_below_pin() {
             search: v1::Search::Linear as i32,
             steps: 8,
             supersampling: 1,
-            samples: vec![SampleId { epoch: 0, generation: 1, index: 0 }.into()],
+            samples: vec![SampleId { version: 0, camera: 0 }.into()],
             holes: v1::Holes::Unspecified as i32,
         };
         change(&mut plan);

@@ -3,10 +3,13 @@
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
     Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset, Provenance,
-    SampleId, Search, Served, View, Warp,
+    SampleId, Search, Served, Specification, View, Warp,
 };
 
-use super::{duration_ms, known, required, scene_hash, scene_hash_bytes, unspecified};
+use super::{
+    duration_ms, known, required, scene_hash, scene_hash_bytes, specification_hash, specification_hash_bytes,
+    unspecified,
+};
 use crate::v1;
 
 /// More samples than this never serve one view: [`PlanRequest::samples`].
@@ -255,7 +258,7 @@ impl TryFrom<v1::Plan> for Plan {
             }
             Kind::Warp(plan) => {
                 // Surroundings come on top; nobody needs them twice.
-                let of_rig = plan.samples.iter().filter(|id| id.index != SampleId::SURROUNDINGS).count();
+                let of_rig = plan.samples.iter().filter(|id| id.camera != SampleId::SURROUNDINGS).count();
                 if !(1..=MAX_PLAN_SAMPLES).contains(&of_rig) || plan.samples.len() > of_rig + 1 {
                     let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {of_rig}");
                     return Err(InvalidField::new("plan.warp.samples", reason));
@@ -280,8 +283,12 @@ impl From<&Provenance> for v1::Provenance {
         Self {
             scene_hash: scene_hash_bytes(provenance.scene),
             epoch: provenance.epoch,
-            generation: provenance.generation,
             plan: Some((&provenance.plan).into()),
+            specification: provenance.specification.as_ref().map(Into::into),
+            specification_hash: provenance
+                .specification
+                .map(|specification| specification_hash_bytes(specification.hash()))
+                .unwrap_or_default(),
             device: provenance.device.clone(),
             history: provenance.history,
         }
@@ -292,11 +299,19 @@ impl TryFrom<v1::Provenance> for Provenance {
     type Error = InvalidField;
 
     fn try_from(wire: v1::Provenance) -> Result<Self, InvalidField> {
+        let specification: Option<Specification> = wire.specification.map(TryInto::try_into).transpose()?;
+        if !wire.specification_hash.is_empty() {
+            let field = "provenance.specification_hash";
+            let said = specification_hash(&wire.specification_hash, field)?;
+            if specification.is_none_or(|specification| specification.hash() != said) {
+                return Err(InvalidField::new(field, "is not that of the specification"));
+            }
+        }
         Ok(Self {
             scene: scene_hash(&wire.scene_hash, "provenance.scene_hash")?,
             epoch: wire.epoch,
-            generation: wire.generation,
             plan: required(wire.plan, "provenance.plan")?.try_into()?,
+            specification,
             device: wire.device,
             history: wire.history,
         })
@@ -337,6 +352,7 @@ fn pin(wire: v1::Provenance) -> Result<Provenance, InvalidField> {
     wire.try_into().map_err(|at: InvalidField| {
         let field = match at.field {
             "provenance.scene_hash" => "pin.scene_hash",
+            "provenance.specification_hash" => "pin.specification_hash",
             field if field.starts_with("plan.") => "pin.plan",
             _ => "pin",
         };

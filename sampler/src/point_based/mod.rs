@@ -16,7 +16,6 @@
 //! from nearer is lost. Receivers are read back between the passes, because lists of views are made on the CPU.
 
 mod direct;
-mod knobs;
 
 use std::f64::consts::FRAC_PI_2;
 use std::time::Instant;
@@ -29,8 +28,7 @@ use argus_shaders::layout::sampler::Chosen;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-pub use knobs::PointKnobs;
-
+use crate::PointKnobs;
 use crate::eye::Eye;
 use crate::indirect::{LightInputs, LightSharing};
 use crate::lit_octree::{LitOctree, to_render_error};
@@ -255,7 +253,7 @@ impl PointBased {
                 let points: Vec<ViewPoint> = batch.iter().map(point).collect();
                 let list = ViewList::new(gpu, &nodes.octree.root, &points)?;
                 let kept = self.views.take();
-                let views = ManyViews::reuse_or_new(kept, gpu, nodes.octree, self.knobs.traversal());
+                let views = ManyViews::reuse_or_new(kept, gpu, nodes.octree, traversal(&self.knobs));
                 let views = self.views.insert(views.map_err(to_render_error)?);
                 views.render(&list).map_err(to_render_error)?;
                 let arrays = views.maps().arrays.len();
@@ -287,22 +285,20 @@ impl PointBased {
     }
 }
 
-impl PointKnobs {
-    /// Knobs of the receivers' maps, a function of settings and receivers alone.
-    fn traversal(&self) -> Knobs {
-        Knobs {
-            side: self.map_side,
-            texel: Texel::RangeAndNode,
-            disc: Knobs::COVERING,
-            shared_disc: Knobs::COVERING,
-            sharing: self.sharing,
-            // Would depend on earlier frames.
-            falls_back: false,
-            // Culls the cell that the map's centre is in.
-            own_cell: false,
-            queue_pairs: Some(QUEUE_PAIRS),
-            ..Knobs::default()
-        }
+/// Knobs of the receivers' maps, a function of settings and receivers alone.
+fn traversal(knobs: &PointKnobs) -> Knobs {
+    Knobs {
+        side: knobs.map_side,
+        texel: Texel::RangeAndNode,
+        disc: Knobs::COVERING,
+        shared_disc: Knobs::COVERING,
+        sharing: knobs.sharing,
+        // Would depend on earlier frames.
+        falls_back: false,
+        // Culls the cell that the map's centre is in.
+        own_cell: false,
+        queue_pairs: Some(QUEUE_PAIRS),
+        ..Knobs::default()
     }
 }
 

@@ -9,9 +9,10 @@ use argus_gpu::many_views::{Knobs, ManyViews, ViewList, ViewPoint};
 use argus_scene::{Bounds, RenderError};
 use glam::Vec3;
 
+use super::Vpl;
 use super::surfaces::Surfaces;
-use super::{MapSource, Vpl, VplKnobs};
 use crate::lit_octree::to_render_error;
+use crate::{MapSource, VplKnobs};
 
 /// Builds the octree of a scene's surfaces.
 pub(crate) fn octree(

@@ -23,7 +23,6 @@
 
 pub(crate) mod emitters;
 mod from_octree;
-mod knobs;
 pub(crate) mod maps;
 pub(crate) mod paths;
 pub(crate) mod sequence;
@@ -43,8 +42,6 @@ use argus_shaders::layout::sampler::vpl::MOST_GROUPS;
 use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
 
-pub use knobs::{MapSource, VplKnobs};
-
 use crate::indirect::LightInputs;
 use crate::packets::PacketTracer;
 use crate::passes::{
@@ -52,8 +49,12 @@ use crate::passes::{
     blocks,
 };
 use crate::resident::{Placement, upload};
+use crate::{MapSource, VplKnobs};
 use emitters::Emitters;
 use surfaces::Surfaces;
+
+// As many as users may ask for.
+const _: () = assert!(MOST_GROUPS == argus_scene::indirect::MOST_VPL_GROUPS, "one number of groups");
 
 /// A virtual point light: a surface point with cosine-distributed flux.
 #[derive(Debug, Clone, Copy, PartialEq)]

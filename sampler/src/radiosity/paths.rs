@@ -7,10 +7,11 @@ use argus_scene::Bounds;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::Vpl;
 use super::emitters::{Emitters, by_cosine};
 use super::sequence::Path;
 use super::surfaces::Surfaces;
-use super::{Vpl, VplKnobs};
+use crate::VplKnobs;
 use crate::packets::PacketTracer;
 
 /// Paths traced in parallel at a time. They are consumed in order.

@@ -5,7 +5,6 @@ use std::time::Instant;
 use argus_scene::{Cancel, Lighting, MegaViews, RenderError, Sample, SampleId, SampleJob, Stage};
 
 use super::{GpuSampler, add_light, check_wanted, sample_tiles};
-use crate::Indirect;
 use crate::eye::Eye;
 use crate::indirect::LightSharing;
 use crate::lit_octree::LitOctree;
@@ -33,7 +32,7 @@ impl GpuSampler {
         };
         // An index that the rig does not have fails only its own sample.
         let to_render_error =
-            |id: &SampleId| job.info.rig.camera(id.index).err().map(|error| Err(error.into()));
+            |id: &SampleId| job.info.rig.camera(id.camera).err().map(|error| Err(error.into()));
         let mut samples: Vec<Option<Result<Sample, RenderError>>> =
             job.ids.iter().map(to_render_error).collect();
         for group in groups(&job.info.rig, &job.ids, &knobs) {
@@ -130,7 +129,7 @@ impl GpuSampler {
 
     /// Whether light changes with time in a static scene.
     pub(super) fn drifts(&self) -> bool {
-        matches!(self.knobs.indirect, Indirect::Vpl(knobs) if knobs.particles > 0)
+        self.knobs.indirect.drifts()
     }
 
     /// Renders one sample of the group that was traversed last: per tile, looks up each sub-sample and selects a surface
@@ -143,7 +142,7 @@ impl GpuSampler {
         cancel: &Cancel,
     ) -> Result<Sample, RenderError> {
         let begin = Instant::now();
-        let camera = job.info.rig.camera(id.index)?;
+        let camera = job.info.rig.camera(id.camera)?;
         let eye = self.eye(camera.center(), &job.info.lighting)?;
         let Some(maps) = &self.maps else {
             return Err(RenderError::Internal("there are no maps".to_owned()));

@@ -106,7 +106,7 @@ impl GpuSampler {
     ) -> Result<Sample, RenderError> {
         self.check_job(job)?;
         // Fails if the set has no reflections.
-        job.info.camera(id.index)?;
+        job.info.camera(id.camera)?;
         let (lighting, time_secs) = (&job.info.lighting, job.info.time_secs());
         let mut stages = self.pose(time_secs);
         stages.extend(self.light(lighting, time_secs)?);

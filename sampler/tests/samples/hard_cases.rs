@@ -289,7 +289,7 @@ fn orders_that_cannot_be_honoured_say_which_field_is_at_fault() {
     let views = [view_job(camera, SIZE, 1), view_job(camera, SIZE, 1)];
     assert!(sampler.render_views(&views, &nobody).iter().all(|r| matches!(r, Err(RenderError::Cancelled))));
     for (knobs, field) in [
-        (SamplerKnobs { sub_samples: 3, ..SamplerKnobs::default() }, "sampler.sub_samples"),
+        (SamplerKnobs { sub_samples: 3, ..SamplerKnobs::default() }, "sub_samples"),
         (SamplerKnobs { range_bits: 7, ..SamplerKnobs::default() }, "sampler.range_bits"),
     ] {
         match argus_sampler::GpuSampler::with_knobs(gpu(), Arc::clone(&scene), knobs) {

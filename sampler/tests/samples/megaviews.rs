@@ -64,7 +64,7 @@ fn job(scene: &Scene, sampling: Sampling, about: DVec3, count: usize) -> SampleJ
     let indices = rig().nearest(&Camera::look_at(about, about + DVec3::X), count);
     let first = sample_job(scene, rig(), indices[0], true);
     let info = SampleSetInfo { sampling, ..(*first.info).clone() };
-    let ids = indices.into_iter().map(|index| SampleId { index, ..first.ids[0] }).collect();
+    let ids = indices.into_iter().map(|index| SampleId { camera: index, ..first.ids[0] }).collect();
     SampleJob { info: Arc::new(info), ids, to_host: true }
 }
 
@@ -73,7 +73,7 @@ fn middle() -> DVec3 {
 }
 
 fn samples(sampler: &mut GpuSampler, job: &SampleJob) -> Vec<Sample> {
-    let samples = sampler.render_samples(job, &Cancel::new());
+    let samples = sampler.render_samples(&specified(sampler, job), &Cancel::new());
     samples.into_iter().map(|sample| sample.expect("renders")).collect()
 }
 
@@ -191,7 +191,7 @@ fn what_light_adds_is_kept_and_what_cannot_be_is_refused_by_name() {
     assert_eq!(refused(SampleSetInfo { sampling: deep, ..(*job.info).clone() }), "sampling.levels");
 
     // What the rig does not have fails alone.
-    let bad = SampleId { index: u64::MAX, ..job.ids[0] };
+    let bad = SampleId { camera: u64::MAX, ..job.ids[0] };
     let ids = vec![bad, job.ids[0]];
     let results = sampler.render_samples(&SampleJob { ids, ..job.clone() }, &Cancel::new());
     assert!(matches!(&results[0], Err(RenderError::Invalid(at)) if at.field == "sample.index"));

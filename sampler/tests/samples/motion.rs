@@ -6,7 +6,7 @@ use argus_scene::animation::{Animation, Channel, Interpolation, Node, Parts, Res
 use argus_scene::reference::Tracer;
 use argus_scene::{
     Bounds, Camera, Light, MegaViews, PixelJob, PlaneKind, SampleId, SampleSetInfo, Sampler, Sampling, Scene,
-    ViewJob, Visibility,
+    Version, ViewJob, Visibility,
 };
 use glam::{DAffine3, DVec3, Quat, Vec3};
 
@@ -132,8 +132,8 @@ fn samples_and_pixels_move_too() {
     let job_at = |scene: &Scene, epoch: u64| {
         let mut job = sample_job(scene, corner_rig(bounds, SIZE), 3, true);
         let info = SampleSetInfo { epoch_secs: EPOCH_SECS, ..(*job.info).clone() };
-        job.info = Arc::new(info.at_epoch(scene, epoch));
-        job.ids = vec![SampleId { epoch, ..job.ids[0] }];
+        job.info = Arc::new(info.at_version(scene, Version::of_epoch(epoch, epoch)));
+        job.ids = vec![SampleId { version: epoch, ..job.ids[0] }];
         job
     };
     let planes = [PlaneKind::Radiance, PlaneKind::InverseRange];
@@ -183,8 +183,8 @@ fn samples_from_an_octree_move_too() {
         let mut job = sample_job(&scene, omni_rig(eye, 96), 0, true);
         let index = job.info.rig.nearest(&Camera { eye, ..camera() }, 1)[0];
         let info = SampleSetInfo { epoch_secs: EPOCH_SECS, sampling, ..(*job.info).clone() };
-        job.info = Arc::new(info.at_epoch(&scene, epoch));
-        job.ids = vec![SampleId { epoch, index, ..job.ids[0] }];
+        job.info = Arc::new(info.at_version(&scene, Version::of_epoch(epoch, epoch)));
+        job.ids = vec![SampleId { version: epoch, camera: index }];
         let sample = sample(sampler, &job);
         [PlaneKind::Radiance, PlaneKind::InverseRange].map(|kind| host_bytes(&sample, kind))
     };

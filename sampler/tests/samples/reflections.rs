@@ -7,7 +7,7 @@ use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::reflection::{level_sides, map_size};
 use argus_scene::{
     Camera, Cancel, Material, PixelJob, PlaneKind, Reflections, RenderError, SampleId, SampleJob,
-    SampleSetInfo, Sampler as _, Scene, Surroundings, ViewJob,
+    SampleSetInfo, Sampler as _, Scene, Surroundings, Version, ViewJob,
 };
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -99,7 +99,7 @@ fn reflections_are_the_same_a_million_metres_away() {
 fn surroundings_of(scene: &Arc<Scene>, reflections: Option<Surroundings>) -> SampleJob {
     let job = sample_job(scene, omni_rig(scene.bounds().center(), 16), 0, true);
     let info = SampleSetInfo { reflections, ..(*job.info).clone() };
-    let id = SampleId { index: SampleId::SURROUNDINGS, ..job.ids[0] };
+    let id = SampleId { camera: SampleId::SURROUNDINGS, ..job.ids[0] };
     SampleJob { info: Arc::new(info), ids: vec![id], ..job }
 }
 
@@ -181,8 +181,9 @@ fn probes_of_a_time_do_not_depend_on_earlier_times() {
     let scene = Arc::new(mirrors(5));
     let at = |epoch| {
         let job = surroundings_of(&scene, maps(&scene));
-        let info = SampleSetInfo { epoch_secs: 0.5, ..(*job.info).clone() }.at_epoch(&scene, epoch);
-        let ids = job.ids.iter().map(|id| SampleId { epoch, ..*id }).collect();
+        let info = SampleSetInfo { epoch_secs: 0.5, ..(*job.info).clone() }
+            .at_version(&scene, Version::of_epoch(epoch, epoch));
+        let ids = job.ids.iter().map(|id| SampleId { version: epoch, ..*id }).collect();
         SampleJob { info: Arc::new(info), ids, ..job }
     };
     let mut moving = sampler(&scene);

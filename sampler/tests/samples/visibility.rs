@@ -182,7 +182,7 @@ fn equal_ids_give_equal_bytes(scene: &Arc<Scene>, camera: &Camera, job: &ViewJob
         }
     }
     assert!(equal as f64 > 0.99 * a.0.len() as f64);
-    assert_ne!(a.1.provenance.device, b.1.provenance.device, "a pin tells them apart");
+    assert_ne!(a.1.provenance.specification, b.1.provenance.specification, "a pin tells them apart");
 }
 
 #[test]
@@ -254,8 +254,9 @@ fn every_visibility_backend_is_measured_and_frames_name_theirs() {
     assert!(ways.iter().all(|(_, ms)| *ms > 0.0), "{ways:?}");
     for (visibility, _) in ways {
         let job = ViewJob { visibility, ..view_job(scene.default_camera(), SIZE, 1) };
-        let device = direct(&mut sampler, &job).provenance.device;
-        assert_eq!(Visibility::of_device(&device), (sampler.device(), Some(visibility)));
+        let provenance = direct(&mut sampler, &job).provenance;
+        assert_eq!(provenance.specification.unwrap().visibility, visibility);
+        assert_eq!(provenance.device, sampler.device());
     }
 }
 

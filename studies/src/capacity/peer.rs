@@ -143,11 +143,10 @@ impl PeerState {
             served: Some(v1::Served::default()),
             provenance: Some(v1::Provenance {
                 scene_hash: Bytes::from_static(&[0; 32]),
-                epoch: order.epoch,
-                generation: 1,
+                epoch: order.state.unwrap_or_default().epoch,
                 plan: order.plan,
                 device: "simulated".to_owned(),
-                history: false,
+                ..v1::Provenance::default()
             }),
             view_id: request.view_id,
             worker: format!("peer-{worker}"),

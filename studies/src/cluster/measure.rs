@@ -8,10 +8,11 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use argus_client::load::path_views;
 use argus_client::{Client, ClusterStatus};
+use argus_proto::convert::specification_hash_bytes;
 use argus_proto::v1;
 use argus_proto::v1::sample_chunk::Body;
 use argus_proto::v1::samples_client::SamplesClient;
-use argus_scene::{Plan, PlanRequest, Stage, View};
+use argus_scene::{Plan, PlanRequest, Stage, Version, View};
 use parking_lot::Mutex;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
@@ -337,17 +338,19 @@ async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
     let view = path_views(client.description(), 1, size, PlanRequest::from_samples()).pop()?;
     let frame = client.render(&view, &patient()).await.ok()?.frame;
     let Plan::Warp(plan) = &frame.provenance.plan else { return None };
+    let specification = frame.provenance.specification?;
+    let specification_hash = specification_hash_bytes(specification.hash());
     let mut stages: Vec<v1::Stage> = Vec::new();
     for worker in client.status().await.ok()?.workers {
         let Ok(mut worker) = SamplesClient::connect(worker.address).await else { continue };
         for id in &plan.samples {
             let request = v1::SubscribeRequest {
                 scene_hash: frame.provenance.scene.0.to_vec().into(),
-                epoch: id.epoch,
-                generation: id.generation,
-                indices: vec![id.index],
+                version: Some(Version::of_epoch(id.version, frame.provenance.epoch).into()),
+                cameras: vec![id.camera],
                 // A worker that does not hold the sample must not render it.
                 ahead: true,
+                specification_hash: specification_hash.clone(),
                 ..v1::SubscribeRequest::default()
             };
             let header = async { worker.subscribe(request).await.ok()?.into_inner().message().await.ok()? };

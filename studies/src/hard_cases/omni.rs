@@ -57,7 +57,7 @@ fn paraboloid(stages: &mut Stages) -> Result<Row> {
         plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat),
         plane(PlaneKind::InverseRange, PlaneFormat::R32Float),
     ];
-    let id = argus_scene::SampleId { epoch: 0, generation: stage.info.generation, index: 0 };
+    let id = argus_scene::SampleId { version: stage.info.version.number, camera: 0 };
     let sample = Arc::new(Sample { id, camera, planes, stages: Vec::new() });
     let mut compositor = GpuCompositor::new(Arc::clone(stages.gpu()))?;
     let outcome = compositor.hold(&SampleSet { info: Arc::clone(&stage.info), samples: vec![sample] });

@@ -11,8 +11,8 @@ use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::reference::Tracer;
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, Output, Outputs, Plan, RenderError, SampleJob, Sampler as _,
-    Sampling, Search, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor as _, Frame, Indirect, Output, Outputs, Plan, RenderError, SampleJob,
+    Sampler as _, Sampling, Search, Version, ViewJob, Visibility, Warp,
 };
 
 use super::Row;
@@ -23,7 +23,7 @@ use super::world::World;
 pub struct Stages {
     gpu: Arc<Gpu>,
     compositors: [GpuCompositor; 2],
-    generation: u64,
+    version: u64,
     /// Searches that the compositor rejected, with its reason.
     refused: BTreeMap<&'static str, String>,
 }
@@ -132,7 +132,7 @@ impl Stages {
             )
         };
         let compositors = [compositor(SearchBackend::Fragment)?, compositor(SearchBackend::Compute)?];
-        Ok(Self { gpu: Arc::clone(gpu), compositors, generation: 0, refused: BTreeMap::new() })
+        Ok(Self { gpu: Arc::clone(gpu), compositors, version: 0, refused: BTreeMap::new() })
     }
 
     /// Notes on the searches that were left out.
@@ -147,17 +147,18 @@ impl Stages {
     /// Renders the samples that the poses need, and gives them to both compositors.
     pub(super) fn prepare(&mut self, world: World, poses: &[Pose]) -> Result<Stage> {
         let (scene, rig) = world.shared();
-        self.generation += 1;
+        self.version += 1;
         let info = Arc::new(SampleSetInfo {
             scene: scene.hash,
             bounds: scene.bounds(),
             rig,
-            epoch: 0,
+            version: Version::of_epoch(self.version, 0),
             epoch_secs: 0.0,
-            generation: self.generation,
             lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
+            sub_samples: 1,
+            indirect: Indirect::Off,
             reflections: None,
         });
         let mut ids: Vec<SampleId> =
@@ -274,7 +275,7 @@ impl Answer {
 }
 
 fn nearest(info: &SampleSetInfo, camera: &Camera, count: usize) -> Vec<SampleId> {
-    let id = |index| SampleId { epoch: info.epoch, generation: info.generation, index };
+    let id = |index| SampleId { version: info.version.number, camera: index };
     info.rig.nearest(camera, count).into_iter().map(id).collect()
 }
 

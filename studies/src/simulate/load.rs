@@ -72,7 +72,7 @@ impl Ticks {
         while self.open < self.in_flight.get() {
             let tick = (self.asked / self.views) as usize;
             if tick == self.epochs.len() {
-                let epoch = world.core.set().epoch;
+                let epoch = world.core.set().version.state.epoch;
                 // The previous tick used samples that were rendered during the tick before it.
                 if self.refreshed && tick >= 2 && epoch <= self.epochs[tick - 1] {
                     if !self.waits {

@@ -16,7 +16,9 @@ mod world;
 
 use std::time::Duration;
 
-use argus_scene::{Bounds, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Visibility};
+use argus_scene::{
+    Bounds, Indirect, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Specification, Version, Visibility,
+};
 use glam::DVec3;
 
 pub use parameters::{Machines, Parameters};
@@ -43,12 +45,13 @@ fn set_info(moves: bool, cell: Option<f64>) -> SampleSetInfo {
         scene: SceneHash([1; 32]),
         bounds,
         rig,
-        epoch: 0,
+        version: Version::of_epoch(0, 0),
         epoch_secs: if moves { 1e-3 } else { 0.0 },
-        generation: 1,
         lighting: Lighting::default(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        sub_samples: Specification::USUAL_SUB_SAMPLES,
+        indirect: Indirect::Off,
         reflections: None,
     }
 }

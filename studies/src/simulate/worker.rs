@@ -168,7 +168,7 @@ impl Worker {
                 Some((Rendering::Direct(views.into()), 0))
             }
             Kind::Warped => {
-                let epoch = |(_, samples): &(Attempt, Vec<SampleId>)| samples.first().map(|id| id.epoch);
+                let epoch = |(_, samples): &(Attempt, Vec<SampleId>)| samples.first().map(|id| id.version);
                 let batch = take_batch(&mut self.views, turn.most, |a, b| epoch(a) == epoch(b));
                 let mut fresh = 0;
                 let mut views = Vec::with_capacity(batch.len());

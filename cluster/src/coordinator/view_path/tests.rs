@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use argus_scene::Plan;
+use argus_scene::{Plan, SceneState};
 
 use super::*;
 use crate::core::WorkerId;
@@ -12,7 +12,7 @@ fn order(attempt: u32) -> Box<Order> {
         attempt,
         worker: WorkerId(attempt.into()),
         address: String::new(),
-        epoch: 0,
+        state: SceneState::default(),
         plan: Plan::Direct { samples_per_pixel: 1 },
         sources: Vec::new(),
         tracers: Vec::new(),

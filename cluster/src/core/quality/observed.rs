@@ -116,8 +116,8 @@ mod tests {
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
                 epoch: 0,
-                generation: 0,
                 plan: Plan::Direct { samples_per_pixel: 1 },
+                specification: None,
                 device: String::new(),
                 history: false,
             },

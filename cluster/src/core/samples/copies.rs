@@ -22,8 +22,8 @@ impl Samples {
     /// Remembers that a view asks for these samples.
     pub(in crate::core) fn note_use(&mut self, cameras: &[u64], now: Uptime) {
         let cameras = cameras.iter().copied();
-        self.epochs.used(cameras.clone(), now);
-        if !self.epochs.moves() {
+        self.versions.used(cameras.clone(), now);
+        if !self.versions.moves() {
             let rig = self.set.rig;
             self.recent.used(cameras.filter(|camera| rig.level(*camera) == Some(0)), now);
         }

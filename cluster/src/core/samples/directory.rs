@@ -1,7 +1,7 @@
 //! Which sampler renders which sample, and which other workers have it.
 //!
 //! Every sample has an *owner*, the sampler that renders it where nobody holds it: the one that would have rendered its
-//! share of the epoch first, by how many it owns and what a sample takes it; among equals by rendezvous hashing of
+//! share of the version first, by how many it owns and what a sample takes it; among equals by rendezvous hashing of
 //! (sample, worker name). Hashing alone would give one of two samplers three of four samples as often as two, and the
 //! stage takes as long as its busiest. An owner stays one, so a sampler that comes or goes moves only its own share. The samples of a static scene are rendered
 //! once: as long as anybody holds one, it is served from there, and S does not count it again.
@@ -33,14 +33,14 @@ struct Entry {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Directory {
     owners: BTreeMap<SampleId, Entry>,
-    /// How many samples of an epoch each sampler owns.
+    /// How many samples of a version each sampler owns.
     shares: HashMap<(u64, WorkerId), usize>,
 }
 
 /// Rendezvous weight: FNV-1a over the worker's name and the sample, finished by a mix that spreads it over
 /// all bits. Fixed here, since owners must not depend on a process's hash seed.
 fn weight(name: &str, id: SampleId) -> u64 {
-    let words = id.generation.to_le_bytes().into_iter().chain(id.index.to_le_bytes());
+    let words = id.camera.to_le_bytes().into_iter();
     let hash = name.bytes().chain(words).fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
     });
@@ -77,7 +77,7 @@ impl Directory {
         let samplers =
             known.workers.queues().samplers().iter().filter_map(|turn| known.workers.get(turn.worker));
         let done_ms = |w: &Worker| {
-            let share = self.shares.get(&(id.epoch, w.id())).copied().unwrap_or(0);
+            let share = self.shares.get(&(id.version, w.id())).copied().unwrap_or(0);
             (share + 1) as f64 * w.report().sample_ms.or(w.report().direct_ms).unwrap_or(1.0)
         };
         samplers
@@ -97,15 +97,15 @@ impl Directory {
         let before = self.owners.insert(id, entry).map(|before| before.owner);
         if before != Some(entry.owner) {
             before.into_iter().for_each(|owner| self.unshare(id, owner));
-            *self.shares.entry((id.epoch, entry.owner)).or_default() += 1;
+            *self.shares.entry((id.version, entry.owner)).or_default() += 1;
         }
     }
 
     fn unshare(&mut self, id: SampleId, owner: WorkerId) {
-        if let Some(share) = self.shares.get_mut(&(id.epoch, owner)) {
+        if let Some(share) = self.shares.get_mut(&(id.version, owner)) {
             *share -= 1;
             if *share == 0 {
-                self.shares.remove(&(id.epoch, owner));
+                self.shares.remove(&(id.version, owner));
             }
         }
     }
@@ -199,9 +199,9 @@ impl Directory {
         owned
     }
 
-    /// Forgets samples of epochs before this one.
-    pub(super) fn retire(&mut self, before_epoch: u64) {
-        self.retain(|id, _| id.epoch >= before_epoch);
+    /// Forgets samples of versions with a lower number.
+    pub(super) fn retire(&mut self, before_version: u64) {
+        self.retain(|id, _| id.version >= before_version);
     }
 
     /// Forgets what nobody needs.

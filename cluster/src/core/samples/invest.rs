@@ -36,7 +36,7 @@ impl Samples {
             bundle.iter().copied().filter(lacks).collect()
         };
         let price = |bundle: &[u64]| sample_secs * missing(bundle).len() as f64;
-        let ticks_an_epoch = match self.epochs.moves() {
+        let ticks_an_epoch = match self.versions.moves() {
             true => self.config.epoch.as_secs_f64() / self.config.tick.as_secs_f64(),
             false => f64::INFINITY,
         };

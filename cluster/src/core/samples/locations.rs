@@ -58,6 +58,11 @@ impl SampleLocations {
         news
     }
 
+    /// Whether any worker has any sample.
+    pub(super) fn holds_any(&self) -> bool {
+        self.places.values().any(|place| !place.holders.is_empty())
+    }
+
     /// A view that needs these samples was sent to a worker.
     pub(super) fn begin(&mut self, worker: WorkerId, samples: impl Iterator<Item = SampleId>) {
         for id in samples {
@@ -206,7 +211,7 @@ mod tests {
     const B: WorkerId = WorkerId(2);
 
     fn id(index: u64) -> SampleId {
-        SampleId { epoch: 0, generation: 1, index }
+        SampleId { version: 0, camera: index }
     }
 
     #[test]

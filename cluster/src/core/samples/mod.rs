@@ -5,15 +5,14 @@
 //!
 //! `locations` knows which workers have which sample, `directory` which one renders it, `distribution` how it reaches the
 //! others. `calibrated_error` corrects the predicted errors of views from samples. `cameras` chooses the rig's cameras for a viewpoint, `placement` and `investments` where more samples are worth
-//! their price, `copies` which are worth a second copy, and `refine` tells workers what to have at hand. `epochs` says
-//! which moment of an animated scene is served, and `moments` what follows from it.
+//! their price, `copies` which are worth a second copy, and `refine` tells workers what to have at hand. `versions` says
+//! which version is served and what it shows, and `moments` what follows from it.
 
 mod calibrated_error;
 mod cameras;
 mod copies;
 mod directory;
 mod distribution;
-mod epochs;
 mod find;
 mod invest;
 mod investments;
@@ -23,17 +22,18 @@ mod needed;
 mod placement;
 mod recent_use;
 mod refine;
+mod versions;
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use argus_scene::rig::Sight;
-use argus_scene::{Camera, SampleId, SampleSetInfo, Visibility};
+use argus_scene::{Camera, SampleId, SampleSetInfo, Version, Visibility};
 
 pub(super) use cameras::MOST_SAMPLES;
 pub(super) use find::Access;
 pub(super) use locations::SampleLocations;
-pub(super) use needed::NeededEpochs;
+pub(super) use needed::NeededVersions;
 pub(super) use placement::Placement;
 pub use placement::Refinements;
 
@@ -45,15 +45,15 @@ use calibrated_error::CalibratedError;
 use cameras::Cameras;
 use directory::Directory;
 use distribution::DistributionTrees;
-use epochs::Epochs;
 use investments::Investments;
 use recent_use::RecentUse;
+use versions::Versions;
 
 /// The samples of one set.
 #[derive(Debug)]
 pub(super) struct Samples {
     config: Arc<Config>,
-    /// The set that all samples belong to, at the epoch that is served.
+    /// The set that all samples belong to, in the version that is served.
     set: Arc<SampleSetInfo>,
     cameras: Cameras,
     locations: SampleLocations,
@@ -64,19 +64,19 @@ pub(super) struct Samples {
     recent: RecentUse,
     /// How far predicted errors of views from samples are to be trusted.
     error: CalibratedError,
-    epochs: Epochs,
-    /// By camera: a worker that composes from the last epoch's sample and lacks the next one's.
+    versions: Versions,
+    /// By camera: a worker that composes from the last version's sample and lacks the next one's.
     laggards: BTreeMap<u64, WorkerId>,
     /// Whether what workers shall have at hand may be another than they were told.
     changed: bool,
 }
 
 impl Samples {
-    /// No samples yet, of a set from epoch 0 on.
+    /// No samples yet, of a set from its version on.
     pub(super) fn new(config: &Arc<Config>, set: Arc<SampleSetInfo>) -> Self {
         let every = (set.epoch_secs > 0.0).then_some(config.epoch);
-        let epochs =
-            Epochs::new(every, config.epoch_interest, config.epoch_patience).with_plans(config.refresh_views);
+        let versions = Versions::new(set.version, every, config.epoch_interest, config.epoch_patience)
+            .with_plans(config.refresh_views);
         let mut samples = Self {
             config: config.clone(),
             set,
@@ -88,7 +88,7 @@ impl Samples {
             investments: Investments::default(),
             recent: RecentUse::default(),
             error: CalibratedError::default(),
-            epochs,
+            versions,
             laggards: BTreeMap::new(),
             changed: false,
         };
@@ -103,12 +103,15 @@ impl Samples {
         self.cameras = Cameras::new(sight);
     }
 
-    /// Triangles are seen by this backend in all samples.
-    pub(super) fn see_by(&mut self, visibility: Visibility) {
+    /// Triangles are seen by this backend in all samples from now on. Where workers joined with samples that another backend
+    /// rendered, samples are of a new version, which is returned.
+    pub(super) fn see_by(&mut self, visibility: Visibility) -> Option<Version> {
+        let others_exist = visibility != self.set.visibility && self.locations.holds_any();
         self.set = Arc::new(SampleSetInfo { visibility, ..(*self.set).clone() });
+        others_exist.then(|| self.renew())
     }
 
-    /// The set that all samples belong to, at the epoch that is served.
+    /// The set that all samples belong to, in the version that is served.
     pub(super) fn set(&self) -> &Arc<SampleSetInfo> {
         &self.set
     }
@@ -128,33 +131,32 @@ impl Samples {
         &self.placement
     }
 
-    /// The sample of a camera at the epoch that is served.
-    pub(super) fn served(&self, index: u64) -> SampleId {
-        SampleId { epoch: self.set.epoch, generation: self.set.generation, index }
+    /// The sample of a camera in the version that is served.
+    pub(super) fn served(&self, camera: u64) -> SampleId {
+        SampleId { version: self.set.version.number, camera }
     }
 
-    /// The samples of an epoch that serve a viewpoint best, best first.
-    pub(super) fn sample_ids(&self, camera: &Camera, count: usize, epoch: u64) -> Vec<SampleId> {
-        self.sample_ids_among(camera, count, epoch, self.placement.usable())
+    /// The samples of a version that serve a viewpoint best, best first.
+    pub(super) fn sample_ids(&self, camera: &Camera, count: usize, version: u64) -> Vec<SampleId> {
+        self.sample_ids_among(camera, count, version, self.placement.usable())
     }
 
-    /// The samples of an epoch that serve a viewpoint best, of the rig's own cameras and these refinements.
+    /// The samples of a version that serve a viewpoint best, of the rig's own cameras and these refinements.
     pub(super) fn sample_ids_among(
         &self,
         camera: &Camera,
         count: usize,
-        epoch: u64,
+        version: u64,
         refined: &[u64],
     ) -> Vec<SampleId> {
-        let generation = self.set.generation;
         let indices = self.cameras.best(&self.set.rig, camera, count, refined).into_iter();
-        self.set.with_surroundings(indices.map(|index| SampleId { epoch, generation, index }).collect())
+        self.set.with_surroundings(indices.map(|camera| SampleId { version, camera }).collect())
     }
 
     /// Whether a sampler has yet to render any of such samples.
     pub(super) fn has_to_render(&self, sampler: WorkerId, such: impl Fn(u64) -> bool) -> bool {
         let mut to_render = self.locations.to_render();
-        to_render.any(|id| such(id.index) && self.directory.is_owner(sampler, id))
+        to_render.any(|id| such(id.camera) && self.directory.is_owner(sampler, id))
     }
 
     /// Whether a worker was told to render samples that no view waits for, and lacks some of them.
@@ -166,7 +168,7 @@ impl Samples {
     /// Whether a plan could be made without a sample: refinements are used where they are at hand, and rendered when no
     /// view waits. Where the scene moves they come with each moment as all samples do.
     pub(super) fn is_dispensable(&self, id: SampleId) -> bool {
-        self.set.epoch_secs == 0.0 && self.set.rig.level(id.index) > Some(0)
+        self.set.epoch_secs == 0.0 && self.set.rig.level(id.camera) > Some(0)
     }
 
     /// What each worker would take along into another role.

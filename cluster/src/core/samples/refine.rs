@@ -8,7 +8,7 @@ use argus_scene::SampleId;
 
 use super::directory::Known;
 use super::placement::Budget;
-use super::{NeededEpochs, Samples};
+use super::{NeededVersions, Samples};
 use crate::core::event::{Source, WorkerId};
 use crate::core::time::Uptime;
 use crate::core::workers::{Ahead, Turn, Worker, Workers};
@@ -33,7 +33,7 @@ type Lists = BTreeMap<WorkerId, Vec<Source>>;
 /// The workers that read a sample beside its owner.
 #[derive(Debug)]
 enum Readers {
-    /// These, told at once; each waits until its parent has the sample. The next epoch's samples are for those that compose
+    /// These, told at once; each waits until its parent has the sample. The next version's samples are for those that compose
     /// from the last one's, and a second copy is for one worker.
     AtOnce(Vec<WorkerId>),
     /// All that compose, each told once its parent has the sample: there is no hurry with refinements.
@@ -78,11 +78,16 @@ impl Samples {
     }
 
     /// What workers shall have at hand; sees what views may use, too.
-    pub(in crate::core) fn refine(&mut self, workers: &Workers, needed: &NeededEpochs, now: Uptime) -> Ahead {
+    pub(in crate::core) fn refine(
+        &mut self,
+        workers: &Workers,
+        needed: &NeededVersions,
+        now: Uptime,
+    ) -> Ahead {
         self.changed = false;
-        // The last view in a past epoch may have been answered since the next one was served. Whoever is told to have its samples,
+        // The last view in a past version may have been answered since the next one was served. Whoever is told to have its samples,
         // and that none so old are of use, would drop them and render them again.
-        self.epochs.retire(|epoch| needed.contains(epoch));
+        self.versions.retire(|number| needed.contains(number));
         let wanted = self.wanted(workers, now);
         self.trees.retain(|id| wanted.contains_key(&id) || self.locations.is_on_its_way(id));
         let mut lists = Lists::new();
@@ -144,7 +149,7 @@ impl Samples {
         let Some(root_address) = address(root) else { return };
         // Trees of different samples have different roots and leaves, so that no worker feeds others with all.
         let tree = self.trees.tree(id);
-        let turn = id.index.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
+        let turn = id.camera.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
         for reader in readers.iter().cycle().skip(turn as usize).take(readers.len()) {
             let parent = tree.parent(*reader).filter(|p| *p != root && responds(*p, workers));
             let is_fed = parent.is_none_or(|p| hurry || self.locations.has(id, p));
@@ -159,10 +164,10 @@ impl Samples {
     /// Sees which refinements views may use: those that most of the workers have that compose.
     fn see_what_is_there(&mut self, workers: &Workers) {
         let (locations, queues) = (&self.locations, workers.queues());
-        let (epoch, generation) = (self.set.epoch, self.set.generation);
+        let version = self.set.version.number;
         // Samplers are few; all others who have a sample compose.
-        let held_by = |index| {
-            let id = SampleId { epoch, generation, index };
+        let held_by = |camera| {
+            let id = SampleId { version, camera };
             let only_samples = |t: &&Turn| locations.has(id, t.worker) && !queues.compositors().contains(t);
             locations.count(id) - queues.samplers().iter().filter(only_samples).count()
         };
@@ -185,7 +190,7 @@ fn told(mut lists: Lists, kept_from: u64, workers: &Workers) -> Lists {
     let mut list_of = |worker: &Worker| match nobody_samples {
         true => {
             let ahead = worker.assigned().ahead.iter();
-            ahead.filter(|source| source.id.epoch >= kept_from).cloned().collect()
+            ahead.filter(|source| source.id.version >= kept_from).cloned().collect()
         }
         false => lists.remove(&worker.id()).unwrap_or_default(),
     };

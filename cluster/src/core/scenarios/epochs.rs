@@ -4,8 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Camera, Outputs, Plan, PlanRequest, Provenance, SampleSetInfo, View};
-use glam::DVec3;
+use argus_scene::{Plan, SampleSetInfo};
 
 use super::sim::Sim;
 use crate::core::tests::set_info;
@@ -31,7 +30,7 @@ fn watch(sim: &mut Sim, ms: u64) -> Vec<u64> {
     let mut epochs = Vec::new();
     for step in 0..ms / 10 {
         let ticket = sim.ask(false);
-        epochs.push(sim.orders[&ticket].epoch);
+        epochs.push(sim.orders[&ticket].state.epoch);
         sim.answer(ticket);
         pass(sim, 10);
         if step % 2 == 0 {
@@ -39,24 +38,6 @@ fn watch(sim: &mut Sim, ms: u64) -> Vec<u64> {
         }
     }
     epochs
-}
-
-fn pinned(sim: &mut Sim, epoch: u64, plan: Plan) -> Ticket {
-    let ticket = Ticket(sim.next);
-    sim.next += 1;
-    let set = set_info();
-    let (scene, generation, device) = (set.scene, set.generation, String::new());
-    let view = Box::new(View {
-        camera: Camera::look_at(DVec3::new(3.0, 30.0, 4.0), DVec3::new(2.0, 0.0, 2.0)),
-        width: 20,
-        height: 15,
-        outputs: Outputs::COLOR,
-        plan: PlanRequest::from_samples(),
-        pin: Some(Provenance { scene, epoch, generation, plan, device, history: false }),
-    });
-    let client = "a client".into();
-    sim.step(Event::Asked { ticket, client, view, deadline: None, survey: None, last: None });
-    ticket
 }
 
 #[test]
@@ -81,7 +62,7 @@ fn the_next_epochs_samples_are_where_views_are_composed_before_a_view_asks() {
         let ticket = sim.ask(false);
         let order = sim.orders[&ticket].clone();
         let held = &sim.workers[&order.worker].report.held;
-        assert!(order.sources.iter().all(|source| held.contains(&source.id)), "epoch {}", order.epoch);
+        assert!(order.sources.iter().all(|source| held.contains(&source.id)), "epoch {}", order.state.epoch);
         sim.answer(ticket);
         pass(&mut sim, 20);
         sim.report_all();
@@ -96,19 +77,20 @@ fn a_view_in_work_keeps_its_epoch_and_its_samples() {
     let order = sim.orders.remove(&slow).unwrap();
     watch(&mut sim, 2000);
     let told = |sim: &Sim| sim.workers.values().map(|w| w.told.last().unwrap().kept_from).max().unwrap();
-    assert!(sim.core.set().epoch > order.epoch + 10);
-    assert!(told(&sim) <= order.epoch);
+    assert!(sim.core.set().version.state.epoch > order.state.epoch + 10);
+    let version = order.sources[0].id.version;
+    assert!(told(&sim) <= version);
     let held = &sim.workers[&order.worker].report.held;
     assert!(order.sources.iter().all(|source| held.contains(&source.id)));
     // The worker dies: another one is told the very same.
     sim.leave(order.worker);
     let again = sim.orders[&slow].clone();
-    assert_eq!((again.epoch, &again.plan, again.attempt), (order.epoch, &order.plan, 2));
+    assert_eq!((again.state.epoch, &again.plan, again.attempt), (order.state.epoch, &order.plan, 2));
     sim.answer(slow);
     watch(&mut sim, 500);
-    assert!(told(&sim) > order.epoch + 10, "then they go");
-    let oldest = sim.workers.values().flat_map(|w| &w.report.held).map(|id| id.epoch).min().unwrap();
-    assert!(oldest + 4 >= sim.core.set().epoch, "{oldest} is still held");
+    assert!(told(&sim) > version + 10, "then they go");
+    let oldest = sim.workers.values().flat_map(|w| &w.report.held).map(|id| id.version).min().unwrap();
+    assert!(oldest + 4 >= sim.core.set().version.number, "version {oldest} is still held");
 }
 
 #[test]
@@ -120,7 +102,7 @@ fn slow_samplers_make_fewer_epochs_and_no_view_wait() {
     for step in 0..1000 {
         let ticket = sim.ask(false);
         assert!(sim.orders.contains_key(&ticket), "no view waits for an epoch");
-        epochs.insert(sim.orders[&ticket].epoch);
+        epochs.insert(sim.orders[&ticket].state.epoch);
         sim.answer(ticket);
         pass(&mut sim, 10);
         // Whoever renders needs 800 ms until it can say that it has the next epoch.
@@ -139,15 +121,18 @@ fn s_counts_the_samples_of_every_epoch_and_falls_to_zero_when_nobody_looks() {
     // Four samples, ten times a tick of a second.
     let per_tick = sim.core.status().samples_per_tick;
     assert!((30.0..=44.0).contains(&per_tick), "{per_tick}");
-    let epoch = sim.core.set().epoch;
+    let epoch = sim.core.set().version.state.epoch;
     for _ in 0..150 {
         pass(&mut sim, 100);
         sim.report_all();
     }
     assert_eq!(sim.core.status().samples_per_tick, 0.0);
-    assert!(sim.core.set().epoch <= epoch + 12, "nobody looks");
+    assert!(sim.core.set().version.state.epoch <= epoch + 12, "nobody looks");
     let ticket = sim.ask(false);
-    assert!(sim.orders[&ticket].epoch > epoch + 100, "a view after a pause sees the scene as it is now");
+    assert!(
+        sim.orders[&ticket].state.epoch > epoch + 100,
+        "a view after a pause sees the scene as it is now"
+    );
 }
 
 #[test]
@@ -169,7 +154,7 @@ fn more_samplers_take_a_moving_scene_over() {
 fn a_sampler_that_dies_in_the_middle_of_an_epoch_is_replaced() {
     let mut sim = moving(4);
     watch(&mut sim, 3000);
-    let before = sim.core.set().epoch;
+    let before = sim.core.set().version.state.epoch;
     let renders = |w: &SimWorkerTold| w.1;
     let told: Vec<SimWorkerTold> = sim
         .workers
@@ -192,23 +177,30 @@ fn pins_of_epochs_that_are_kept_are_repeated_and_others_refused_by_name() {
     let ticket = sim.ask(false);
     let order = sim.orders[&ticket].clone();
     sim.answer(ticket);
-    let same = pinned(&mut sim, order.epoch, order.plan.clone());
-    assert_eq!((sim.orders[&same].epoch, &sim.orders[&same].plan), (order.epoch, &order.plan));
+    let same = sim.pin(order.state.epoch, order.plan.clone());
+    assert_eq!((sim.orders[&same].state.epoch, &sim.orders[&same].plan), (order.state.epoch, &order.plan));
     watch(&mut sim, 1000);
-    let gone = pinned(&mut sim, order.epoch, order.plan.clone());
+    let gone = sim.pin(order.state.epoch, order.plan.clone());
     let Some((_, Fault::Pin(reason))) = sim.refused.iter().find(|(t, _)| *t == gone) else {
         panic!("{:?}", sim.refused)
     };
-    assert!(reason.contains(&format!("epoch {} is not served", order.epoch)), "{reason}");
+    assert!(reason.contains(&format!("epoch {} is not served", order.state.epoch)), "{reason}");
     // From triangles any moment can be seen.
-    for epoch in [order.epoch, 0, 1 << 40] {
-        let direct = pinned(&mut sim, epoch, Plan::Direct { samples_per_pixel: 1 });
-        assert_eq!(sim.orders[&direct].epoch, epoch);
+    for epoch in [order.state.epoch, 0, 1 << 40] {
+        let direct = sim.pin(epoch, Plan::Direct { samples_per_pixel: 1 });
+        assert_eq!(sim.orders[&direct].state.epoch, epoch);
     }
     // A plan whose samples are of another moment than it says is nobody's.
-    let served = sim.core.set().epoch;
-    let mixed = pinned(&mut sim, served, order.plan);
-    assert!(sim.refused.iter().any(|(t, fault)| *t == mixed && matches!(fault, Fault::Invalid(_))));
+    let served = sim.core.set().version;
+    let fault_of = |sim: &Sim, ticket| sim.refused.iter().find(|(t, _)| *t == ticket).map(|(_, f)| f.clone());
+    let mixed = sim.pin(served.state.epoch, order.plan.clone());
+    let fault = fault_of(&sim, mixed).unwrap();
+    assert!(matches!(&fault, Fault::Pin(reason) if reason.starts_with("version")), "{fault:?}");
+    let older = sim.core.live_versions().into_iter().rfind(|kept| kept.number < served.number).unwrap();
+    let Plan::Warp(mut warp) = order.plan else { panic!("a warp") };
+    warp.samples.iter_mut().for_each(|id| id.version = older.number);
+    let mixed = sim.pin(served.state.epoch, Plan::Warp(warp));
+    assert!(matches!(fault_of(&sim, mixed), Some(Fault::Invalid(_))));
 }
 
 #[test]
@@ -220,6 +212,6 @@ fn a_scene_that_stands_still_is_told_nothing_more() {
     let epochs = watch(&mut sim, 1500);
     assert_eq!(told(&sim), before);
     assert!(epochs.iter().all(|epoch| *epoch == 0));
-    let direct = pinned(&mut sim, 3, Plan::Direct { samples_per_pixel: 1 });
+    let direct = sim.pin(3, Plan::Direct { samples_per_pixel: 1 });
     assert!(sim.refused.iter().any(|(t, fault)| *t == direct && matches!(fault, Fault::Pin(_))));
 }

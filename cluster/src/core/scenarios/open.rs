@@ -81,7 +81,7 @@ fn hold(sim: &mut Sim) {
         .rig
         .nearest(&view().camera, 8)
         .into_iter()
-        .map(|index| SampleId { epoch: 0, generation: set.generation, index })
+        .map(|index| SampleId { version: 0, camera: index })
         .collect();
     for id in sim.workers.keys().copied().collect::<Vec<_>>() {
         sim.workers.get_mut(&id).unwrap().report.held = ids.clone();
@@ -221,9 +221,9 @@ fn remembered(sim: &Sim, view: &View, ticket: Ticket, since_change: Option<Durat
     let order = &sim.orders[&ticket];
     let provenance = Provenance {
         scene: sim.core.set().scene,
-        epoch: order.epoch,
-        generation: sim.core.set().generation,
+        epoch: order.state.epoch,
         plan: order.plan.clone(),
+        specification: None,
         device: "device".to_owned(),
         history: false,
     };

@@ -33,7 +33,7 @@ fn walk(count: usize) -> Vec<Camera> {
 fn uncovered(set: &SampleSetInfo, camera: &Camera, plan: &Plan) -> u64 {
     let Plan::Warp(warp) = plan else { return 0 };
     let far = |index| (set.rig.camera(index).unwrap().center() - camera.eye).length();
-    let nearest = warp.samples.iter().map(|id| far(id.index)).fold(f64::INFINITY, f64::min);
+    let nearest = warp.samples.iter().map(|id| far(id.camera)).fold(f64::INFINITY, f64::min);
     // The last decimetre is free.
     (PIXELS * (0.02 * (nearest - 0.1)).clamp(0.0, 1.0)) as u64
 }
@@ -68,7 +68,7 @@ fn lap(sim: &mut Sim, views: &[Camera]) -> Lap {
 fn refined(sim: &Sim) -> BTreeSet<u64> {
     let told = sim.workers.values().filter_map(|worker| worker.told.last());
     let is_refined = |index: &u64| sim.core.set().rig.level(*index) != Some(0);
-    told.flat_map(|told| told.ahead.iter().map(|source| source.id.index)).filter(is_refined).collect()
+    told.flat_map(|told| told.ahead.iter().map(|source| source.id.camera)).filter(is_refined).collect()
 }
 
 fn rendered(sim: &Sim) -> u64 {
@@ -122,7 +122,7 @@ fn a_plan_takes_what_else_is_at_hand_unless_the_request_says_how_many() {
     let first = count(&mut sim, PlanRequest::from_samples());
     assert_eq!(first.len(), 4, "nobody has any");
     let held: Vec<SampleId> =
-        set.rig.nearest(&camera, 7).into_iter().map(|i| SampleId { index: i, ..first[0] }).collect();
+        set.rig.nearest(&camera, 7).into_iter().map(|i| SampleId { camera: i, ..first[0] }).collect();
     for worker in sim.workers.values_mut() {
         worker.report.held.extend(held.iter().copied());
     }
@@ -260,7 +260,7 @@ fn plans_name_only_what_is_where_views_are_composed() {
             let ticket = sim.ask_from(*camera, PlanRequest::from_samples(), None);
             let order = sim.orders[&ticket].clone();
             let Plan::Warp(warp) = &order.plan else { panic!("a warp") };
-            for id in warp.samples.iter().filter(|id| interior().rig.level(id.index) != Some(0)) {
+            for id in warp.samples.iter().filter(|id| interior().rig.level(id.camera) != Some(0)) {
                 let holders = sim.workers.values().filter(|w| w.report.held.contains(id)).count();
                 assert!(holders > 0, "round {round}: {id} is nowhere");
             }
@@ -285,13 +285,13 @@ fn plans_name_only_what_is_where_views_are_composed() {
     sim.step(Event::Tick);
     let ticket = sim.ask_from(views[0], PlanRequest::from_samples(), None);
     let Plan::Warp(warp) = &sim.orders[&ticket].plan else { panic!("a warp") };
-    assert!(warp.samples.iter().all(|id| interior().rig.level(id.index) == Some(0)));
+    assert!(warp.samples.iter().all(|id| interior().rig.level(id.camera) == Some(0)));
 }
 
 /// The refinements among a plan's samples.
 fn refinements(order: &Order) -> Vec<SampleId> {
     let Plan::Warp(warp) = &order.plan else { panic!("a warp") };
-    let refined = |id: &&SampleId| interior().rig.level(id.index) > Some(0);
+    let refined = |id: &&SampleId| interior().rig.level(id.camera) > Some(0);
     warp.samples.iter().filter(refined).copied().collect()
 }
 
@@ -307,7 +307,7 @@ fn no_view_waits_for_a_refinement_that_is_lost_with_its_workers() {
     assert!(before.values().any(|order| !refinements(order).is_empty()));
     // One after the other goes, until a sampler is left that has a third of what there was.
     let last = sim.sampler();
-    sim.workers.get_mut(&last).unwrap().report.held.retain(|id| id.index % 3 == 0);
+    sim.workers.get_mut(&last).unwrap().report.held.retain(|id| id.camera % 3 == 0);
     sim.report(last);
     let (mut sent_again, mut kept) = (0, 0);
     for gone in sim.workers.keys().copied().filter(|id| *id != last).collect::<Vec<_>>() {
@@ -367,5 +367,5 @@ fn tiles_are_refined_from_where_they_are_looked_at() {
     }
     let ticket = sim.ask_from(camera, PlanRequest::from_samples(), None);
     let Plan::Warp(warp) = &sim.orders[&ticket].plan else { panic!("a warp") };
-    assert!(rig.level(warp.samples[0].index) > Some(0), "{warp:?}");
+    assert!(rig.level(warp.samples[0].camera) > Some(0), "{warp:?}");
 }

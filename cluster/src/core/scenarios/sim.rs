@@ -5,7 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::{Camera, Outputs, PlanRequest, Prediction, SampleId, SampleSetInfo, View};
+use argus_scene::{
+    Camera, Outputs, Plan, PlanRequest, Prediction, Provenance, SampleId, SampleSetInfo, View,
+};
 use glam::DVec3;
 
 use crate::core::tests::set_info;
@@ -81,7 +83,7 @@ impl Sim {
             match action {
                 Action::Assign { worker, assignment } => {
                     // It would drop them, and render them again since it shall have them.
-                    let dropped = |source: &&Source| source.id.epoch < assignment.kept_from;
+                    let dropped = |source: &&Source| source.id.version < assignment.kept_from;
                     let dropped = assignment.ahead.iter().find(dropped);
                     assert!(dropped.is_none(), "{dropped:?} ahead, kept from {}", assignment.kept_from);
                     if let Some(worker) = self.workers.get_mut(&worker) {
@@ -96,8 +98,9 @@ impl Sim {
                 Action::Dispatch { ticket, order } => {
                     assert!(!self.answered.contains(&ticket), "an answered view was sent again");
                     assert!(self.workers.contains_key(&order.worker), "sent to a worker that is gone");
-                    let mixed = order.sources.iter().find(|source| source.id.epoch != order.epoch);
-                    assert!(mixed.is_none(), "a frame of epoch {} from {mixed:?}", order.epoch);
+                    let mixed =
+                        order.sources.iter().find(|source| source.id.version != order.sources[0].id.version);
+                    assert!(mixed.is_none(), "a frame of {:?} from {mixed:?}", order.state);
                     self.orders.insert(ticket, *order);
                 }
                 Action::Deliver { ticket, attempt, expected } => {
@@ -150,10 +153,10 @@ impl Sim {
             let rendered = told.ahead.iter().filter(|source| source.addresses.is_empty());
             let rendered = rendered.filter(|source| !worker.report.held.contains(&source.id)).count();
             worker.report.samples_rendered += rendered as u64;
-            let stays = |id: &SampleId| ahead.contains(id) || rig.level(id.index) == Some(0);
+            let stays = |id: &SampleId| ahead.contains(id) || rig.level(id.camera) == Some(0);
             worker.report.held.retain(|id| stays(id) || !worker.ahead.contains(id));
             worker.report.held.extend(ahead.difference(&worker.ahead));
-            worker.report.held.retain(|id| id.epoch >= told.kept_from);
+            worker.report.held.retain(|id| id.version >= told.kept_from);
             worker.ahead = ahead;
         }
         worker.report.sample_ms = Some(self.direct_ms);
@@ -161,6 +164,25 @@ impl Sim {
         worker.report.view_ms = Some(self.view_ms);
         let report = worker.report.clone();
         self.step(Event::Reported { worker: id, report });
+    }
+
+    /// Asks for a view that is pinned to a scene time and a plan.
+    pub(super) fn pin(&mut self, epoch: u64, plan: Plan) -> Ticket {
+        let ticket = Ticket(self.next);
+        self.next += 1;
+        let set = set_info();
+        let (scene, device) = (set.scene, String::new());
+        let view = Box::new(View {
+            camera: Camera::look_at(DVec3::new(3.0, 30.0, 4.0), DVec3::new(2.0, 0.0, 2.0)),
+            width: 20,
+            height: 15,
+            outputs: Outputs::COLOR,
+            plan: PlanRequest::from_samples(),
+            pin: Some(Provenance { scene, epoch, plan, specification: None, device, history: false }),
+        });
+        let client = "a client".into();
+        self.step(Event::Asked { ticket, client, view, deadline: None, survey: None, last: None });
+        ticket
     }
 
     pub(super) fn report_all(&mut self) {

@@ -253,9 +253,9 @@ fn a_pinned_device_is_waited_for_or_refused() {
             plan: PlanRequest::from_samples(),
             pin: Some(argus_scene::Provenance {
                 scene: set.scene,
-                epoch: set.epoch,
-                generation: set.generation,
+                epoch: set.version.state.epoch,
                 plan: order.plan.clone(),
+                specification: None,
                 device: device.to_owned(),
                 history: false,
             }),

@@ -1,6 +1,6 @@
 //! How triangles are seen is settled before samples are rendered; views from triangles do not wait for it.
 
-use argus_scene::{PlanRequest, Visibility};
+use argus_scene::{Plan, PlanRequest, SampleId, Visibility, Warp};
 
 use super::sim::Sim;
 use crate::core::*;
@@ -82,4 +82,37 @@ fn a_way_that_was_asked_for_is_not_measured() {
     sim.step(Event::Tick);
     assert!(measuring(&sim).is_empty());
     assert_eq!((sim.core.set().visibility, sim.roles()), (Visibility::Trace, (1, 1)));
+}
+
+#[test]
+fn a_new_version_of_the_same_moment_unreadies_no_worker() {
+    let mut sim = measured();
+    let (first, second) = (sim.join("a"), sim.join("b"));
+    // It comes from an earlier coordinator, with a sample that it does not give up.
+    let old = SampleId { version: 0, camera: 0 };
+    sim.workers.get_mut(&second).unwrap().report.held = vec![old];
+    sim.report_all();
+    let view = sim.ask(false);
+    sim.step(Event::Tick);
+    assert_eq!(measuring(&sim), [first]);
+    let before = sim.core.set().version;
+    sim.workers.get_mut(&first).unwrap().report.ways = vec![(Visibility::Cpu, 8.0)];
+    sim.report(first);
+    let served = sim.core.set().version;
+    assert_eq!((served.state, served.number), (before.state, before.number + 1));
+    // Nobody has to get ready: views from triangles are answered at once, and both workers have their roles.
+    let direct = sim.ask(true);
+    assert!(sim.orders.contains_key(&direct));
+    assert_eq!(sim.roles(), (1, 1));
+    sim.report_all();
+    let order = &sim.orders[&view];
+    assert!(order.sources.iter().all(|source| source.id.version == served.number), "{:?}", order.sources);
+    assert_eq!(order.state, before.state);
+    // What an earlier version shows cannot be had any more.
+    let Plan::Warp(warp) = &order.plan else { panic!("a warp") };
+    let plan = Plan::Warp(Warp { samples: vec![old], ..warp.clone() });
+    let pinned = sim.pin(before.state.epoch, plan);
+    let refused =
+        sim.refused.iter().find(|(ticket, _)| *ticket == pinned).map(|(_, fault)| fault.to_string());
+    assert!(refused.is_some_and(|reason| reason.contains("version 0 is not served here, version 1 is")));
 }

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use argus_proto::Fault;
 use argus_scene::rig::Survey;
-use argus_scene::{Plan, Preset, SampleId, View};
+use argus_scene::{Plan, Preset, SampleId, Version, View};
 
 use super::open_view::OpenView;
-use super::pending::{Pending, device_kind, sub_pixels};
+use super::pending::{Pending, sub_pixels};
 use super::plan::plan;
 use super::targets::Planned;
 use super::{Cluster, Effect, Views};
@@ -70,13 +70,13 @@ impl Views {
             client,
             camera: view.camera,
             pixels,
-            epoch: view.pin.as_ref().map_or(cluster.samples.set().epoch, |pin| pin.epoch),
+            version: version_of(view, cluster),
             plan,
             open: OpenView::of(view, survey, last),
             pinned: view.pin.is_some(),
             expected,
             target_search,
-            device_kind: view.pin.as_ref().map(|pin| device_kind(&pin.device).to_owned()).unwrap_or_default(),
+            device: view.pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default(),
             deadline: (now.after(deadline), deadline),
             asked: now,
             due: now,
@@ -105,7 +105,7 @@ impl Views {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
         let Cluster { samples, workers, .. } = cluster;
-        samples.check_epoch(view)?;
+        samples.check_version(view)?;
         // Who is turned away anyway costs no planning: where many are, that is what the coordinator would spend its time on.
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let least = match open {
@@ -113,7 +113,7 @@ impl Views {
             false => self.expected_wait(true, cluster).min(self.expected_wait(false, cluster)),
         };
         self.check_load(client, deadline, least, now)?;
-        let nearest = |count| samples.sample_ids(&view.camera, count, samples.set().epoch);
+        let nearest = |count| samples.sample_ids(&view.camera, count, samples.set().version.number);
         let plain = plan(view, samples.set(), nearest, &self.config)?;
         if open {
             return Ok(Planned { plan: plain, expected: None, target_search: None });
@@ -126,7 +126,7 @@ impl Views {
         self.check_load(client, deadline, self.expected_wait(direct, cluster), now)?;
         if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
             let mut ready = workers.members().peekable();
-            if ready.peek().is_some() && !ready.any(|w| w.hello().device == device_kind(device)) {
+            if ready.peek().is_some() && !ready.any(|w| w.hello().device == *device) {
                 return Err(Fault::Pin(format!("no worker has the device {device:?}")));
             }
         }
@@ -181,6 +181,17 @@ impl Views {
     }
 }
 
+/// The version that a view is of: the one that is served, or that of its pin.
+fn version_of(view: &View, cluster: Cluster<'_>) -> Version {
+    let served = cluster.samples.set().version;
+    let Some(pin) = &view.pin else { return served };
+    let number = match &pin.plan {
+        Plan::Warp(warp) => warp.samples.first().map_or(served.number, |id| id.version),
+        Plan::Direct { .. } => served.number,
+    };
+    Version::of_epoch(number, pin.epoch)
+}
+
 /// A plan whose request leaves it open takes further samples, those that are at hand anyway: what none of the first ones
 /// saw, another camera may have seen, and a new sample costs more.
 fn widen(view: &View, plan: &mut Plan, cluster: Cluster<'_>) {
@@ -189,7 +200,7 @@ fn widen(view: &View, plan: &mut Plan, cluster: Cluster<'_>) {
     let samples = cluster.samples;
     let readers = cluster.workers.queues().compositors().len();
     let at_hand = |id: &SampleId| readers > 0 && 2 * samples.locations().count(*id) >= readers;
-    let all = samples.sample_ids(&view.camera, MOST_SAMPLES, samples.set().epoch).into_iter();
+    let all = samples.sample_ids(&view.camera, MOST_SAMPLES, samples.set().version.number).into_iter();
     let further: Vec<SampleId> =
         all.filter(|id| !id.is_surroundings() && !warp.samples.contains(id) && at_hand(id)).collect();
     // What surrounds the scene comes last.

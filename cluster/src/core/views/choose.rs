@@ -34,7 +34,7 @@ impl Cluster<'_> {
             self.workers.queues().compositors()
         };
         let few = self.workers.queues().ready() <= LOOKED_AT || line.len() <= view.tried.len();
-        if few || !view.device_kind.is_empty() {
+        if few || !view.device.is_empty() {
             return self.choose_among_all(view);
         }
         let mut best: Option<(f64, Turn)> = None;
@@ -119,7 +119,7 @@ impl Cluster<'_> {
             .workers
             .iter()
             .filter(|w| w.is_ready() && (view.is_direct() || w.knows_set()))
-            .filter(|w| view.device_kind.is_empty() || w.hello().device == view.device_kind)
+            .filter(|w| view.device.is_empty() || w.hello().device == view.device)
             .collect();
         // Who seems to hang, or fails, is asked where there is nobody else.
         let awake: Vec<&Worker> = able.iter().filter(|w| w.answers()).copied().collect();

@@ -135,7 +135,7 @@ impl Views {
         };
         self.in_flight.subtract(view);
         view.plan = offer.plan;
-        view.epoch = cluster.samples.set().epoch;
+        view.version = cluster.samples.set().version;
         if let Some(open) = &mut view.open {
             open.decision = Some(decision);
         }
@@ -153,11 +153,11 @@ impl Views {
         let answers = |worker: WorkerId| workers.get(worker).is_some_and(|w| !w.is_suspected());
         let is_lost = |id: SampleId| !samples.locations().holders(id).any(answers);
         let lost = |id: &&SampleId| is_dispensable(view, **id, cluster) && is_lost(**id);
-        let Some(&SampleId { epoch, generation, .. }) = view.samples().iter().find(lost) else { return };
-        let there = |index: &u64| !is_lost(SampleId { epoch, generation, index: *index });
+        let Some(&SampleId { version, .. }) = view.samples().iter().find(lost) else { return };
+        let there = |camera: &u64| !is_lost(SampleId { version, camera: *camera });
         let usable: Vec<u64> = samples.placement().usable().iter().copied().filter(there).collect();
         let count = view.samples().iter().filter(|id| !id.is_surroundings()).count();
-        let ids = samples.sample_ids_among(&view.camera, count, epoch, &usable);
+        let ids = samples.sample_ids_among(&view.camera, count, version, &usable);
         if let Plan::Warp(warp) = &mut view.plan {
             warp.samples = ids;
         }
@@ -185,8 +185,7 @@ impl Views {
             attempt: view.attempt,
             worker: worker.id(),
             address: worker.hello().address.clone(),
-            // Its samples say which moment a plan is of.
-            epoch: view.sampled_epoch().unwrap_or(view.epoch),
+            state: view.version.state,
             plan: view.plan.clone(),
             sources,
             tracers,

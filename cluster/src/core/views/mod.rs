@@ -31,8 +31,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use argus_proto::Fault;
-use argus_scene::View;
 use argus_scene::rig::Survey;
+use argus_scene::{Plan, Version, View};
 
 pub(super) use ask::Asked;
 pub(super) use cluster::Cluster;
@@ -42,7 +42,7 @@ pub use survey::SurveyWanted;
 use super::config::Config;
 use super::event::{Client, Ticket};
 use super::quality::{Model, Pace};
-use super::samples::NeededEpochs;
+use super::samples::NeededVersions;
 use super::time::Uptime;
 use admission::Admission;
 use pending::{InFlight, Pending, Waiting};
@@ -125,8 +125,20 @@ impl Views {
         self.views.contains_key(&ticket)
     }
 
-    /// The epochs whose samples views in flight need.
-    pub(super) fn needed_epochs(&self) -> &NeededEpochs {
+    /// Samples are rendered otherwise from now on: views that wait are made of the new version, unless they are pinned.
+    pub(in crate::core) fn move_waiting(&mut self, version: Version) {
+        for view in self.views.values_mut().filter(|view| view.worker.is_none() && !view.pinned) {
+            self.in_flight.subtract(view);
+            if let Plan::Warp(warp) = &mut view.plan {
+                warp.samples.iter_mut().for_each(|id| id.version = version.number);
+            }
+            view.version = version;
+            self.in_flight.add(view);
+        }
+    }
+
+    /// The versions whose samples views in flight need.
+    pub(super) fn needed_versions(&self) -> &NeededVersions {
         self.in_flight.needed()
     }
 

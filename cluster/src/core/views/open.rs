@@ -62,7 +62,7 @@ impl Cluster<'_> {
         let candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
         // A frame may be repeated from samples that are no longer among the nearest ones.
         let memory = last.filter(|_| open).and_then(|last| Memory::of(view, last.clone()));
-        let repeated = memory.iter().flat_map(Memory::samples).map(|id| id.index).collect();
+        let repeated = memory.iter().flat_map(Memory::samples).map(|id| id.camera).collect();
         SurveyWanted::of(self.samples.set(), repeated, candidates)
     }
 
@@ -236,13 +236,13 @@ impl Cluster<'_> {
     fn held_again(&self, worker: &Worker, open: &OpenView) -> Option<Vec<u64>> {
         let again: Vec<SampleId> = open.memory.as_ref()?.samples().collect();
         let has = |id: &SampleId| self.samples.locations().has(*id, worker.id());
-        let has_all = again.iter().all(|id| has(id) && *id == self.samples.served(id.index));
-        has_all.then(|| again.iter().map(|id| id.index).collect())
+        let has_all = again.iter().all(|id| has(id) && *id == self.samples.served(id.camera));
+        has_all.then(|| again.iter().map(|id| id.camera).collect())
     }
 
     /// Whether that plan at that worker repeats the session's last frame.
     fn repeats(&self, worker: &Worker, open: &OpenView, plan: &Plan) -> bool {
-        let (device, epoch) = (&worker.hello().device, self.samples.set().epoch);
+        let (device, epoch) = (&worker.hello().device, self.samples.set().version.state.epoch);
         open.memory.as_ref().is_some_and(|memory| memory.is_repeated_by(plan, epoch, device))
     }
 

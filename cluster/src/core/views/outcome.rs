@@ -89,9 +89,8 @@ impl Views {
     pub(in crate::core) fn leave_suspected(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Effect> {
         let workers = cluster.workers;
         // Where no other worker can have it a view stays, until one can; so does one that has gone round already.
-        let can = |w: &Worker, v: &Pending| {
-            w.answers() && (v.device_kind.is_empty() || w.hello().device == v.device_kind)
-        };
+        let can =
+            |w: &Worker, v: &Pending| w.answers() && (v.device.is_empty() || w.hello().device == v.device);
         let elsewhere = |v: &Pending| workers.iter().any(|w| can(w, v));
         let moves = |ticket: &Ticket| {
             self.views.get(ticket).is_some_and(|view| self.may_be_retried(view) && elsewhere(view))

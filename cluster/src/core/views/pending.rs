@@ -4,12 +4,12 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Visibility};
+use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Version};
 
 use super::open_view::OpenView;
 use super::target_search::TargetSearch;
 use crate::core::event::{Client, Ticket, WorkerId};
-use crate::core::samples::NeededEpochs;
+use crate::core::samples::NeededVersions;
 use crate::core::time::Uptime;
 use crate::core::workers::WorkKind;
 
@@ -20,7 +20,7 @@ pub(super) struct Pending {
     pub(super) camera: Camera,
     /// How many the frame has.
     pub(super) pixels: u64,
-    pub(super) epoch: u64,
+    pub(super) version: Version,
     /// How it is answered; of a view whose way is open, how it was last decided to be.
     pub(super) plan: Plan,
     /// What the planner goes by, if the request leaves the way open.
@@ -32,7 +32,7 @@ pub(super) struct Pending {
     /// Its plan was pinned: what it lacks says nothing of the plans made here.
     pub(super) pinned: bool,
     /// Pinned kind of device; empty: any.
-    pub(super) device_kind: String,
+    pub(super) device: String,
     /// When its answer is worthless, and how long that was when it was asked.
     pub(super) deadline: (Uptime, Duration),
     pub(super) asked: Uptime,
@@ -82,28 +82,28 @@ impl Waiting {
     }
 }
 
-/// Views in flight of each kind, and the epochs whose samples they need, each with how many need it.
+/// Views in flight of each kind, and the versions whose samples they need, each with how many need it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct InFlight {
     pub(super) direct: usize,
     pub(super) composed: usize,
     /// Those whose way is open.
     pub(super) open: usize,
-    needed: NeededEpochs,
+    needed: NeededVersions,
 }
 
 impl InFlight {
     pub(super) fn add(&mut self, view: &Pending) {
         *self.kind(view) += 1;
-        if let Some(epoch) = view.sampled_epoch() {
-            self.needed.add(epoch);
+        if let Some(version) = view.sampled_version() {
+            self.needed.add(version);
         }
     }
 
     pub(super) fn subtract(&mut self, view: &Pending) {
         *self.kind(view) -= 1;
-        if let Some(epoch) = view.sampled_epoch() {
-            self.needed.subtract(epoch);
+        if let Some(version) = view.sampled_version() {
+            self.needed.subtract(version);
         }
     }
 
@@ -115,8 +115,8 @@ impl InFlight {
         }
     }
 
-    /// The epochs whose samples views in flight need.
-    pub(super) fn needed(&self) -> &NeededEpochs {
+    /// The versions whose samples views in flight need.
+    pub(super) fn needed(&self) -> &NeededVersions {
         &self.needed
     }
 }
@@ -127,11 +127,6 @@ pub(super) fn sub_pixels(plan: &Plan) -> u64 {
         Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
         Plan::Warp(warp) => u64::from(warp.supersampling).pow(2),
     }
-}
-
-/// The kind of device in a frame's.
-pub(super) fn device_kind(device: &str) -> &str {
-    Visibility::of_device(device).0
 }
 
 impl Pending {
@@ -148,7 +143,7 @@ impl Pending {
 
     /// Whether not just anybody can answer it.
     pub(super) fn is_bound(&self) -> bool {
-        !self.device_kind.is_empty() || !self.tried.is_empty()
+        !self.device.is_empty() || !self.tried.is_empty()
     }
 
     /// What it is counted as where its request says how it is answered.
@@ -171,12 +166,12 @@ impl Pending {
 
     /// The cameras whose samples its plan names.
     pub(super) fn cameras(&self) -> Vec<u64> {
-        self.samples().iter().map(|id| id.index).collect()
+        self.samples().iter().map(|id| id.camera).collect()
     }
 
-    /// The epoch whose samples it needs, if it needs any.
-    pub(super) fn sampled_epoch(&self) -> Option<u64> {
-        self.samples().first().map(|id| id.epoch)
+    /// Number of the version whose samples it needs, if it needs any.
+    pub(super) fn sampled_version(&self) -> Option<u64> {
+        self.samples().first().map(|id| id.version)
     }
 
     pub(super) fn samples(&self) -> &[SampleId] {

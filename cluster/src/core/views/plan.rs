@@ -2,8 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Holes, InvalidField, Plan, PlanRequest, Preset, Provenance, Reflections, SampleId, SampleSetInfo,
-    Sampling, View, Visibility, Warp,
+    Difference, Holes, InvalidField, Plan, PlanRequest, Preset, Provenance, SampleId, SampleSetInfo, View,
+    Warp,
 };
 
 use crate::core::config::Config;
@@ -16,11 +16,11 @@ const INTERACTIVE_SAMPLES: u32 = 2;
 
 /// The plan of a validated view as its request alone has it; a model of the scene may know better
 /// ([`crate::core::quality`]). Without one, a bound on the error is kept by rendering from the triangles, unless the
-/// request says how to reconstruct. `nearest` gives the best samples, so many, of the set's epoch.
+/// request says how to reconstruct. `nearest` gives the best samples, so many, of the set's version.
 ///
 /// # Errors
-/// [`Fault::Pin`] for a pinned scene or generation that is not the one served (which epochs are is for
-/// `Core::check_epoch` to say), [`Fault::Invalid`] for
+/// [`Fault::Pin`] for a pinned scene or specification that is not the one served (which versions are is for
+/// `Samples::check_version` to say), [`Fault::Invalid`] for
 /// a pinned plan that nobody could follow.
 pub fn plan(
     view: &View,
@@ -69,8 +69,8 @@ pub(super) fn samples_per_pixel(request: &PlanRequest) -> u32 {
     request.supersampling.unwrap_or(usual).pow(2)
 }
 
-/// Whether a pinned provenance is one that this cluster can repeat. The kind of device is not looked at here: it
-/// decides which workers may answer.
+/// Whether a pinned provenance is one that this cluster can repeat. The device is not looked at here: it decides which
+/// workers may answer.
 fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     let differs = |what: &str, theirs: String, ours: String| {
         Err(Fault::Pin(format!("{what} {theirs} is not served here, {what} {ours} is")))
@@ -80,37 +80,21 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     }
     // Views from triangles use no samples, so their bytes do not depend on where samples are taken.
     let sampled = matches!(pin.plan, Plan::Warp(_));
-    if sampled && pin.generation != set.generation {
-        return differs("generation", pin.generation.to_string(), set.generation.to_string());
-    }
-    if sampled && !pin.device.is_empty() {
-        let ours = set.device("");
-        let [theirs, ours] = [&pin.device, &ours].map(|device| Sampling::of_device(device).1);
-        if theirs != ours {
-            let said = |by: Option<&str>| by.unwrap_or(Sampling::Triangles.name()).to_owned();
-            return differs("samples by", said(theirs), said(ours));
+    if let Some(theirs) = pin.specification {
+        let mut ours = set.specification();
+        if !sampled {
+            // A view from triangles is rendered by the backend that its pin names.
+            ours.visibility = theirs.visibility;
+        }
+        if let Some(Difference { field, first, second }) = theirs.difference(&ours, &pin.plan) {
+            return differs(field, first, second);
         }
     }
-    if !pin.device.is_empty() {
-        let ours = set.device("");
-        let [theirs, ours] = [&pin.device, &ours].map(|device| Reflections::of_device(device).1);
-        if theirs != ours {
-            let said = |by: Option<&str>| by.map_or("none".to_owned(), |by| format!("by maps {by}"));
-            return differs("reflections", said(theirs), said(ours));
-        }
-    }
-    match Visibility::of_device(&pin.device).1 {
-        None => return Err(Fault::Pin(format!("{:?} names no way to see triangles", pin.device))),
-        Some(way) if sampled && !pin.device.is_empty() && way != set.visibility => {
-            return differs("triangles seen by", way.name().to_owned(), set.visibility.name().to_owned());
-        }
-        Some(_) => (),
-    }
-    Ok(check_plan(&pin.plan, set, (pin.epoch, set.generation))?)
+    Ok(check_plan(&pin.plan, set)?)
 }
 
 /// Plans come from outside only as pins; what [`View::validate`] checks of a request is checked here of a plan.
-fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), InvalidField> {
+fn check_plan(plan: &Plan, set: &SampleSetInfo) -> Result<(), InvalidField> {
     let within = |field, n: u32, most: u32| match (1..=most).contains(&n) {
         true => Ok(()),
         false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {n}"))),
@@ -141,11 +125,11 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), In
                 return Err(InvalidField::new(field, "must have the surroundings that are reflected"));
             }
             for (i, id) in samples.iter().enumerate() {
-                if (id.epoch, id.generation) != of {
-                    let reason = format!("sample {id} is not of epoch {}, generation {}", of.0, of.1);
+                if id.version != samples[0].version {
+                    let reason = format!("sample {id} is not of version {}", samples[0].version);
                     return Err(InvalidField::new(field, reason));
                 }
-                set.camera(id.index).map_err(|e| InvalidField::new(field, e.reason))?;
+                set.camera(id.camera).map_err(|e| InvalidField::new(field, e.reason))?;
                 if samples[..i].contains(id) {
                     return Err(InvalidField::new(field, format!("sample {id} is named twice")));
                 }
@@ -157,7 +141,10 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo, of: (u64, u64)) -> Result<(), In
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, MegaViews, Outputs, SceneHash, Search};
+    use argus_scene::{
+        Camera, Indirect, MegaViews, Outputs, PointKnobs, Sampling, SceneHash, Search, Specification,
+        Visibility,
+    };
     use glam::DVec3;
 
     use super::*;
@@ -183,8 +170,7 @@ mod tests {
     /// The plan of a view with nothing known of the scene.
     fn plan(view: &View) -> Result<Plan, Fault> {
         let set = set_info();
-        let (epoch, generation) = (set.epoch, set.generation);
-        let id = |index| SampleId { epoch, generation, index };
+        let id = |camera| SampleId { version: set.version.number, camera };
         let nearest = |count| set.rig.nearest(&view.camera, count).into_iter().map(id).collect();
         super::plan(view, &set, nearest, &Config::default())
     }
@@ -194,9 +180,9 @@ mod tests {
         let free = plan(&searched()).unwrap();
         let mut pin = Provenance {
             scene: set.scene,
-            epoch: set.epoch,
-            generation: set.generation,
+            epoch: set.version.state.epoch,
             plan: free,
+            specification: None,
             device: String::new(),
             history: false,
         };
@@ -223,9 +209,9 @@ mod tests {
         let plan = plan(&View { plan: search, ..view() }).unwrap();
         let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) = plan else { panic!("a warp") };
         assert_eq!((search, steps, supersampling), (Search::Splat, 64, 1));
-        let indices: Vec<u64> = samples.iter().map(|s| s.index).collect();
+        let indices: Vec<u64> = samples.iter().map(|s| s.camera).collect();
         assert_eq!(indices, set.rig.nearest(&view().camera, 4));
-        assert!(samples.iter().all(|s| s.generation == set.generation));
+        assert!(samples.iter().all(|s| s.version == set.version.number));
     }
 
     #[test]
@@ -266,21 +252,44 @@ mod tests {
 
     #[test]
     fn a_pin_of_other_samples_is_refused_and_one_of_none_is_not() {
-        let mapped = Sampling::MegaViews(MegaViews::default()).on_device("llvmpipe".to_owned());
-        let refused = pinned(|p| p.device = mapped.clone()).unwrap_err();
-        assert!(matches!(&refused, Fault::Pin(text) if text.contains("samples by megaviews")), "{refused:?}");
-        pinned(|p| p.device = "llvmpipe".to_owned()).unwrap();
+        let usual = set_info().specification();
+        let mapped = Specification { sampling: Sampling::MegaViews(MegaViews::default()), ..usual };
+        let refused = pinned(|p| p.specification = Some(mapped)).unwrap_err();
+        assert!(matches!(&refused, Fault::Pin(text) if text.contains("sampling megaviews")), "{refused:?}");
+        pinned(|p| p.specification = Some(usual)).unwrap();
         let direct = Plan::Direct { samples_per_pixel: 1 };
-        pinned(|p| (p.plan, p.device) = (direct, "llvmpipe".to_owned())).unwrap();
+        pinned(|p| (p.plan, p.specification) = (direct, Some(mapped))).unwrap();
+    }
+
+    #[test]
+    fn a_pin_of_another_specification_is_refused_with_the_field_that_differs() {
+        let usual = set_info().specification();
+        let indirect = Indirect::Points(PointKnobs::default());
+        let others = [
+            ("visibility", Specification { visibility: Visibility::Cpu, ..usual }),
+            ("sub_samples", Specification { sub_samples: 16, ..usual }),
+            ("indirect", Specification { indirect, ..usual }),
+            ("exposure", Specification { exposure: 0.25, ..usual }),
+        ];
+        for (field, other) in others {
+            let refused = pinned(|p| p.specification = Some(other)).unwrap_err();
+            assert!(matches!(&refused, Fault::Pin(text) if text.starts_with(field)), "{refused:?}");
+        }
+        // Of a view from triangles, the backend is the pin's to name, and its indirect light is not.
+        let direct = |specification| {
+            pinned(|p| {
+                let plan = Plan::Direct { samples_per_pixel: 1 };
+                (p.plan, p.specification) = (plan, Some(specification));
+            })
+        };
+        direct(Specification { visibility: Visibility::Cpu, ..usual }).unwrap();
+        let refused = direct(Specification { indirect, ..usual }).unwrap_err();
+        assert!(matches!(&refused, Fault::Pin(text) if text.contains("indirect off is")), "{refused:?}");
     }
 
     #[test]
     fn a_pin_that_cannot_be_repeated_is_rejected_by_field() {
-        for change in
-            [|p: &mut Provenance| p.scene = SceneHash([9; 32]), |p: &mut Provenance| p.generation += 1]
-        {
-            assert!(matches!(pinned(change), Err(Fault::Pin(_))));
-        }
+        assert!(matches!(pinned(|p| p.scene = SceneHash([9; 32])), Err(Fault::Pin(_))));
         let reject = |plan: Plan| match pinned(|p| p.plan = plan) {
             Err(Fault::Invalid(at)) => at.field,
             other => panic!("must be rejected by field, not {other:?}"),
@@ -290,8 +299,7 @@ mod tests {
             assert_eq!(field, "pin.plan.direct.samples_per_pixel", "{n}");
         }
         let warp = |ids: &[(u64, u64)], steps, supersampling| {
-            let id =
-                |&(generation, index): &(u64, u64)| SampleId { epoch: set_info().epoch, generation, index };
+            let id = |&(version, camera): &(u64, u64)| SampleId { version, camera };
             let samples = ids.iter().map(id).collect();
             Plan::Warp(Warp { search: Search::Linear, steps, supersampling, samples, ..Warp::default() })
         };
@@ -299,12 +307,7 @@ mod tests {
         assert_eq!(reject(warp(&[(1, 0)], 64, 9)), "pin.plan.warp.supersampling");
         assert_eq!(reject(warp(&[], 64, 1)), "pin.plan.warp.samples");
         assert_eq!(reject(warp(&[(1, u64::MAX)], 64, 1)), "pin.plan.warp.samples");
-        assert_eq!(reject(warp(&[(2, 0)], 64, 1)), "pin.plan.warp.samples");
-        let mixed = pinned(|p| p.epoch += 1);
-        assert!(
-            matches!(&mixed, Err(Fault::Invalid(at)) if at.field == "pin.plan.warp.samples"),
-            "{mixed:?}"
-        );
+        assert_eq!(reject(warp(&[(1, 0), (2, 1)], 64, 1)), "pin.plan.warp.samples");
         assert_eq!(reject(warp(&[(1, 0), (1, 0)], 64, 1)), "pin.plan.warp.samples");
     }
 }

@@ -185,7 +185,7 @@ mod tests {
     }
 
     fn warp(worker: u64, wait_ms: f64, render_ms: Option<f64>, coverage: Coverage) -> Offer {
-        let samples = vec![SampleId { epoch: 0, generation: 1, index: 7 }];
+        let samples = vec![SampleId { version: 0, camera: 7 }];
         let (excess, is_sound) = predicted_excess(Some(coverage), 1.0);
         let plan = Plan::Warp(Warp { samples, ..Warp::default() });
         Offer { plan, excess, is_sound, ..direct(worker, wait_ms, render_ms) }

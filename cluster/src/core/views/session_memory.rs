@@ -9,7 +9,7 @@
 use std::time::Duration;
 
 use argus_scene::frame::{Decision, Provenance, Reason};
-use argus_scene::{Plan, SampleId, View, Visibility};
+use argus_scene::{Plan, SampleId, View};
 
 use super::planner::{Aim, Offer, choose};
 use crate::core::event::LastView;
@@ -50,8 +50,8 @@ impl Memory {
 
     /// Whether a frame of that plan and epoch, made on that kind of device, has the bytes of the last one.
     pub(super) fn is_repeated_by(&self, plan: &Plan, epoch: u64, device: &str) -> bool {
-        let kind = |last: &Provenance| Visibility::of_device(&last.device).0 == device;
-        self.repeated.as_ref().is_some_and(|last| last.plan == *plan && last.epoch == epoch && kind(last))
+        let is_same = |last: &Provenance| last.plan == *plan && last.epoch == epoch && last.device == device;
+        self.repeated.as_ref().is_some_and(is_same)
     }
 
     /// The samples of the frame that is to be repeated, without those of what surrounds the scene; empty where there is none.

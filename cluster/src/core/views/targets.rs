@@ -54,7 +54,7 @@ impl Views {
                 judged,
             };
             let target_search = target.max_error.is_some().then(|| Box::new(target_search));
-            let plan = plan_of(setting, &view.camera, set.epoch, cluster);
+            let plan = plan_of(setting, &view.camera, set.version.number, cluster);
             Some(Planned { plan, expected: Some(expected), target_search })
         });
         chosen.unwrap_or_else(|| {
@@ -98,10 +98,10 @@ impl Views {
             Step::Try { setting, expected, judged } => {
                 // Its worker did well, and holds what the frame was made from.
                 let taken_back = self.take_back(ticket, true);
-                // Scene time may have gone on: a view stays in the epoch it was admitted in.
-                let served = cluster.samples.set().epoch;
-                let epoch = self.views.get(&ticket).map_or(served, |view| view.epoch);
-                let plan = plan_of(setting, &target_search.camera, epoch, cluster);
+                // Scene time may have gone on: a view stays in the version it was admitted in.
+                let served = cluster.samples.set().version;
+                let version = self.views.get(&ticket).map_or(served, |view| view.version);
+                let plan = plan_of(setting, &target_search.camera, version.number, cluster);
                 target_search.tried.push(setting);
                 target_search.judged = judged;
                 self.counts.frames_refused += 1;
@@ -157,7 +157,7 @@ impl Views {
     }
 }
 
-/// The plan of a setting from a viewpoint, in an epoch.
-fn plan_of(setting: Setting, camera: &Camera, epoch: u64, cluster: Cluster<'_>) -> Plan {
-    setting.plan(cluster.samples.sample_ids(camera, setting.samples(), epoch))
+/// The plan of a setting from a viewpoint, in a version.
+fn plan_of(setting: Setting, camera: &Camera, version: u64, cluster: Cluster<'_>) -> Plan {
+    setting.plan(cluster.samples.sample_ids(camera, setting.samples(), version))
 }

@@ -182,7 +182,7 @@ impl Workers {
         self.change(id, Worker::answered);
     }
 
-    /// Tells workers what to have at hand, of which epochs, and which workers not to wait for, where that is news.
+    /// Tells workers what to have at hand, of which versions, and which workers not to wait for, where that is news.
     pub(super) fn order_ahead(&mut self, ahead: Ahead, actions: &mut Vec<Action>) {
         self.changed = false;
         for (id, list) in ahead.lists {

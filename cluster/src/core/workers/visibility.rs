@@ -1,4 +1,4 @@
-//! How triangles are seen: alike in all samples of a generation, so it is settled before the first one is rendered.
+//! How triangles are seen: alike in all samples of a version, so it is settled before the first one is rendered.
 //!
 //! Where nobody said which visibility backend to take, one worker measures what each costs on its device with this scene,
 //! and the cheapest is everybody's from then on. It is measured when samples are first wanted. Views from triangles do not

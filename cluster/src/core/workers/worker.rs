@@ -24,7 +24,7 @@ pub(in crate::core) struct QueuedView {
 pub(in crate::core) struct Ahead {
     /// Of each worker that is told anything.
     pub(in crate::core) lists: BTreeMap<WorkerId, Vec<Source>>,
-    /// Samples of epochs before this one are of no use any more.
+    /// Samples of versions with a lower number are of no use any more.
     pub(in crate::core) kept_from: u64,
     /// Addresses of workers that nobody shall wait for.
     pub(in crate::core) suspected: Vec<String>,
@@ -230,7 +230,7 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Tells it what to have at hand, of which epochs, and whom not to wait for; what to send it, if that is news.
+    /// Tells it what to have at hand, of which versions, and whom not to wait for; what to send it, if that is news.
     pub(super) fn order_ahead(
         &mut self,
         ahead: Vec<Source>,

@@ -9,7 +9,8 @@ use std::time::Duration;
 use argus_cluster::RoleFactory;
 use argus_scene::{
     Cancel, Compositor, Frame, Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Provenance, RenderError,
-    Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Served, Stage, ViewJob, Warp,
+    Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Served, Specification, Stage,
+    ViewJob, Warp,
 };
 use bytes::Bytes;
 
@@ -115,10 +116,10 @@ const WARM_UP: u64 = u64::MAX;
 pub const DEVICE: &str = "no device at all, version 1";
 
 impl RoleFactory for Factory {
-    fn sampler(&self, scene: Arc<Scene>) -> Result<Box<dyn Sampler>, RenderError> {
+    fn sampler(&self, scene: Arc<Scene>, set: &SampleSetInfo) -> Result<Box<dyn Sampler>, RenderError> {
         std::thread::sleep(Duration::from_micros(self.knobs.sampler_us.load(Ordering::SeqCst)));
         self.knobs.samplers_made.fetch_add(1, Ordering::SeqCst);
-        Ok(Box::new(FakeSampler { knobs: self.knobs.clone(), scene }))
+        Ok(Box::new(FakeSampler { knobs: self.knobs.clone(), scene, set: set.clone() }))
     }
 
     fn compositor(&self) -> Result<Box<dyn Compositor>, RenderError> {
@@ -152,7 +153,7 @@ fn noise(seed: u64, count: usize) -> Bytes {
     (0..count).map(next).collect::<Vec<u8>>().into()
 }
 
-fn frame(job: &ViewJob, scene: &Scene, generation: u64, seed: u64) -> Frame {
+fn frame(job: &ViewJob, scene: &Scene, specification: Specification, seed: u64) -> Frame {
     let pixels = (job.width * job.height) as usize;
     Frame {
         width: job.width,
@@ -170,8 +171,8 @@ fn frame(job: &ViewJob, scene: &Scene, generation: u64, seed: u64) -> Frame {
         provenance: Provenance {
             scene: scene.hash,
             epoch: job.epoch,
-            generation,
             plan: job.plan.clone(),
+            specification: Some(specification),
             device: DEVICE.to_owned(),
             history: job.history.is_some(),
         },
@@ -192,6 +193,8 @@ fn seed_of(job: &ViewJob, more: &[u8]) -> u64 {
 struct FakeSampler {
     knobs: Arc<Knobs>,
     scene: Arc<Scene>,
+    /// What it was made for.
+    set: SampleSetInfo,
 }
 
 impl Drop for FakeSampler {
@@ -202,10 +205,17 @@ impl Drop for FakeSampler {
 
 impl FakeSampler {
     fn sample(&self, info: &SampleSetInfo, id: SampleId, to_host: bool) -> Result<Sample, RenderError> {
-        let camera = info.rig.camera(id.index)?;
+        let camera = info.rig.camera(id.camera)?;
         let size = camera.size();
         let texels = (size[0] * size[1]) as usize;
-        let seed = hash(&[&self.scene.hash.0, &id.index.to_le_bytes(), &info.epoch.to_le_bytes()]);
+        assert_eq!(info.indirect, self.set.indirect, "a sampler is made for one way to light");
+        let light = info.indirect.to_string();
+        let seed = hash(&[
+            &self.scene.hash.0,
+            &id.camera.to_le_bytes(),
+            &info.version.state.epoch.to_le_bytes(),
+            light.as_bytes(),
+        ]);
         let plane = |kind, format: PlaneFormat, seed| {
             let bytes = noise(seed, texels * format.texel_bytes());
             let data = if to_host { PlaneData::Host(bytes) } else { PlaneData::Device(Arc::new(bytes)) };
@@ -228,7 +238,7 @@ impl Sampler for FakeSampler {
             if self.knobs.work(&self.knobs.sample_us, cancel) {
                 return Err(RenderError::Cancelled);
             }
-            if id.generation != WARM_UP {
+            if id.version != WARM_UP {
                 self.knobs.samples_rendered.fetch_add(1, Ordering::SeqCst);
                 self.knobs.samples_read_back.fetch_add(job.to_host.into(), Ordering::SeqCst);
             }
@@ -259,7 +269,10 @@ impl Sampler for FakeSampler {
                 return Err(RenderError::Cancelled);
             }
             self.knobs.done.lock().push(Done::Direct);
-            let mut made = frame(job, &self.scene, 1, seed_of(job, &self.scene.hash.0));
+            let specification = Specification { visibility: job.visibility, ..self.set.specification() };
+            let light = self.set.indirect.to_string();
+            let seed = seed_of(job, &[&self.scene.hash.0, light.as_bytes()].concat());
+            let mut made = frame(job, &self.scene, specification, seed);
             made.stages = stages(&self.knobs.direct_us);
             Ok(made)
         };
@@ -344,7 +357,7 @@ impl Compositor for FakeCompositor {
             // As a search's beginning may show.
             texels.push(job.history.is_some().into());
             let info = of.ok_or_else(|| RenderError::Internal("no samples".to_owned()))?;
-            let mut made = frame(job, &super::scene("test"), info.generation, seed_of(job, &texels));
+            let mut made = frame(job, &super::scene("test"), info.specification(), seed_of(job, &texels));
             made.provenance.scene = info.scene;
             made.stages = stages(&self.knobs.view_us);
             if self.knobs.coarse.load(Ordering::SeqCst) {

@@ -8,9 +8,9 @@ use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::rig::Rig;
 use argus_scene::{
-    Bounds, Camera, Cancel, Frame, Instance, Light, Lighting, Material, Mesh, Outputs, Plan, PlaneData,
-    PlaneKind, Sample, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, SceneHash, Sky, ViewJob,
-    Visibility,
+    Bounds, Camera, Cancel, Frame, Indirect, Instance, Light, Lighting, Material, Mesh, Outputs, Plan,
+    PlaneData, PlaneKind, Sample, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, SceneHash,
+    Sky, Specification, Version, ViewJob, Visibility,
 };
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use image::RgbImage;
@@ -74,19 +74,28 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         scene: scene.hash,
         bounds: scene.bounds(),
         rig,
-        epoch: 0,
+        version: Version::of_epoch(0, 0),
         epoch_secs: 0.0,
-        generation: 7,
         lighting: scene.lighting.clone(),
         visibility: Visibility::default(),
         sampling: Sampling::default(),
+        sub_samples: Specification::USUAL_SUB_SAMPLES,
+        indirect: Indirect::Off,
         reflections: None,
     };
-    SampleJob { info: Arc::new(info), ids: vec![SampleId { epoch: 0, generation: 7, index }], to_host }
+    SampleJob { info: Arc::new(info), ids: vec![SampleId { version: 0, camera: index }], to_host }
+}
+
+/// The same samples, of a set that is specified as that sampler was made.
+pub(crate) fn specified(sampler: &GpuSampler, job: &SampleJob) -> SampleJob {
+    let SamplerKnobs { sub_samples, indirect, .. } = *sampler.knobs();
+    let info = SampleSetInfo { sub_samples, indirect, ..(*job.info).clone() };
+    SampleJob { info: Arc::new(info), ..job.clone() }
 }
 
 pub(crate) fn sample(sampler: &mut GpuSampler, job: &SampleJob) -> Sample {
-    sampler.render_samples(job, &Cancel::new()).remove(0).expect("renders")
+    let job = specified(sampler, job);
+    sampler.render_samples(&job, &Cancel::new()).remove(0).expect("renders")
 }
 
 pub(crate) fn host_bytes(sample: &Sample, kind: PlaneKind) -> Vec<u8> {

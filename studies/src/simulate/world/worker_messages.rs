@@ -84,10 +84,10 @@ impl World {
             assignment.ahead.iter().map(|source| (source.id, &source.addresses)).collect();
         let before = worker.told.take().map(|told| told.ahead).unwrap_or_default();
         let gone = before.iter().map(|source| source.id).filter(|id| !wanted.contains_key(id));
-        for id in gone.filter(|id| rig.level(id.index) != Some(0)) {
+        for id in gone.filter(|id| rig.level(id.camera) != Some(0)) {
             worker.held.remove(&id);
         }
-        worker.held.retain(|id| id.epoch >= assignment.kept_from);
+        worker.held.retain(|id| id.version >= assignment.kept_from);
         worker.taken_up.retain(|id| worker.held.contains(id));
         worker.packed.retain(|id| worker.held.contains(id));
         let fetched = worker.fetches.extract_if(|id, fetch| !fetch.urgent && !wanted.contains_key(id));

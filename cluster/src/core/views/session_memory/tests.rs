@@ -28,7 +28,7 @@ fn direct(render_ms: f64) -> Offer {
 
 /// From the sample of a camera.
 fn warp(index: u64, render_ms: f64, coverage: Coverage) -> Offer {
-    let samples = vec![SampleId { epoch: 0, generation: 1, index }];
+    let samples = vec![SampleId { version: 0, camera: index }];
     let (excess, is_sound) = predicted_excess(Some(coverage), 1.0);
     let plan = Plan::Warp(Warp { samples, ..Warp::default() });
     Offer { worker: WorkerId(2), plan, excess, is_sound, ..direct(render_ms) }
@@ -73,9 +73,9 @@ impl Session {
         if self.last.as_ref().is_some_and(|last| is_direct(&last.provenance.plan) != is_direct(&offer.plan)) {
             self.changed = Some(self.now);
         }
-        let (scene, device) = (SceneHash([1; 32]), "device; triangles by raster".to_owned());
+        let (scene, device) = (SceneHash([1; 32]), "device".to_owned());
         let plan = offer.plan.clone();
-        let provenance = Provenance { scene, epoch: 0, generation: 1, plan, device, history: false };
+        let provenance = Provenance { scene, epoch: 0, plan, specification: None, device, history: false };
         let (view, reason) = (self.view.clone(), decision.reason);
         self.last = Some(LastView { view, provenance, reason, since_change: None });
         (offer.plan, decision.reason)

@@ -2,11 +2,16 @@
 
 use std::fmt;
 
-use argus_scene::InvalidField;
-use argus_shaders::layout::sampler::vpl::MOST_GROUPS;
+use serde::{Deserialize, Serialize};
+
+use crate::InvalidField;
+
+/// Groups that the VPLs of a scene are divided into, at most.
+pub const MOST_VPL_GROUPS: u32 = 256;
 
 /// Source of the VPLs' shadow maps (dual-paraboloid maps of distance).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum MapSource {
     /// No maps: VPLs cast no shadows.
     Unshadowed,
@@ -41,7 +46,7 @@ impl MapSource {
 }
 
 /// Settings of instant radiosity. `argus study radiosity` measures the cost of each.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VplKnobs {
     /// Number of VPLs. Fewer if lights miss the scene. 0 only with particles.
     pub vpls: u32,
@@ -127,9 +132,6 @@ impl fmt::Display for VplKnobs {
             seed,
         } = self;
         write!(f, "{vpls} VPLs of {bounces} bounces, {} maps of {map_side}", maps.name())?;
-        if *particles > 0 {
-            write!(f, ", {particles} particles")?;
-        }
         if *maps == MapSource::Imperfect {
             write!(f, " from {points} points")?;
         }
@@ -138,6 +140,9 @@ impl fmt::Display for VplKnobs {
         }
         if *groups > 0 {
             write!(f, " in some {groups} groups")?;
+        }
+        if *particles > 0 {
+            write!(f, ", {particles} particles")?;
         }
         write!(
             f,
@@ -163,7 +168,7 @@ impl VplKnobs {
         within("indirect.levels", self.levels, 1..=10)?;
         within("indirect.samples", self.samples, 1..=1 << 16)?;
         within("indirect.filter", self.filter, 0..=32)?;
-        within("indirect.groups", self.groups, 0..=MOST_GROUPS)?;
+        within("indirect.groups", self.groups, 0..=MOST_VPL_GROUPS)?;
         let from_octree = matches!(self.maps, MapSource::MegaViews | MapSource::ManyLods);
         within("indirect.map_side", self.map_side, if from_octree { 8..=256 } else { 4..=256 })?;
         if !self.map_side.is_power_of_two() {

@@ -1,0 +1,485 @@
+//! The versions of the sample set: which one views are made of, what each shows, and which ones are got ready.
+//!
+//! The coordinator issues versions and numbers them. Each shows a state of the scene: its time. Epochs count multiples of Δt of
+//! the coordinator's uptime, so that the scene moves at its own pace however long rendering takes: on slow samplers a
+//! version shows an epoch that is several numbers after that of the version before it, and the motion is coarser, never
+//! slower. At any time one version is *served*: plans that are made now name its samples, and a frame is of that version
+//! alone. While it is served the next one is got ready: the cameras that plans named lately are rendered anew, ahead of
+//! demand. Only when all of these samples are there is that version served.
+//!
+//! So nothing starves: views never wait for the next version, since they are answered in the one that is there;
+//! and the next version waits for a set of samples that was settled when it was issued, not for those that new
+//! viewpoints ask for meanwhile. While one version is on its way to those who compose, samplers render the one after it.
+//! If nothing comes for [`Versions::patience`], a sampler being lost or busy with
+//! what views wait for, the version is served as it is, and what it lacks is rendered on demand.
+//!
+//! A version that is no longer served is kept until the next change, and for as long as a view that was planned in
+//! it is in work. While nobody looks no version is issued: the next view begins one of its own time.
+//!
+//! Two versions may show the same state: samples that are rendered otherwise from now on are a version of their own, so that no
+//! view is made of both.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::time::Duration;
+
+use argus_scene::Version;
+
+use crate::core::time::Uptime;
+
+/// Cameras that a version is got ready for, at most: those used last.
+const MOST_CAMERAS: usize = 4096;
+
+/// A version, and the cameras of the rig that it was got ready for.
+#[derive(Debug, Clone, Default)]
+struct Prepared {
+    version: Version,
+    cameras: BTreeSet<u64>,
+}
+
+/// Versions that are got ready at the same time: while one is on its way to those who compose, the next is rendered.
+const MOST_UPCOMING: usize = 2;
+
+/// A version that is got ready.
+#[derive(Debug, Clone)]
+struct Upcoming {
+    prepared: Prepared,
+    /// How many of its cameras' samples are there.
+    there: usize,
+    /// When there were fewer of them last.
+    progressed: Uptime,
+}
+
+/// The versions of one sample set.
+#[derive(Debug, Clone)]
+pub(super) struct Versions {
+    /// Δt; `None` where the scene stands still, and then all versions show the first one's state.
+    every: Option<Duration>,
+    /// A camera is of interest for this long after a plan named it.
+    interest: Duration,
+    /// How long a version waits for its next sample.
+    patience: Duration,
+    served: Prepared,
+    /// The one that was served before.
+    before: Prepared,
+    /// Older ones that views in work were planned in.
+    past: Vec<Prepared>,
+    /// Those that are got ready, oldest first.
+    upcoming: VecDeque<Upcoming>,
+    /// Number of the next version.
+    next: u64,
+    /// When the newest version was issued.
+    issued: Uptime,
+    /// When plans named which cameras last.
+    used: BTreeMap<u64, Uptime>,
+    /// A version is issued only after so many plans since the last one.
+    plans_each: u64,
+    /// Plans since the newest version was issued.
+    plans: u64,
+}
+
+impl Versions {
+    /// From a first version on.
+    pub(super) fn new(
+        first: Version,
+        every: Option<Duration>,
+        interest: Duration,
+        patience: Duration,
+    ) -> Self {
+        let first = Prepared { version: first, cameras: BTreeSet::new() };
+        Self {
+            every: every.filter(|every| !every.is_zero()),
+            interest,
+            patience,
+            next: first.version.number + 1,
+            served: first.clone(),
+            before: first,
+            past: Vec::new(),
+            upcoming: VecDeque::new(),
+            issued: Uptime::default(),
+            used: BTreeMap::new(),
+            plans_each: 0,
+            plans: 0,
+        }
+    }
+
+    /// Each version is issued only after so many plans: the ticks of the cluster paper, which samples the scene anew for
+    /// every V views, whatever time they take.
+    pub(super) fn with_plans(self, plans_each: u64) -> Self {
+        // The first is issued at once: while one is served, the next is on its way.
+        Self { plans_each, plans: plans_each, ..self }
+    }
+
+    /// The one that plans are made of.
+    pub(super) fn served(&self) -> Version {
+        self.served.version
+    }
+
+    /// The oldest one whose samples are still kept for views that name them.
+    pub(super) fn oldest(&self) -> Version {
+        self.before.version
+    }
+
+    /// What was got ready, and what is: versions with their cameras.
+    pub(super) fn prepared(&self) -> impl Iterator<Item = (Version, u64)> {
+        self.all().flat_map(|one| one.cameras.iter().map(|camera| (one.version, *camera)))
+    }
+
+    /// All versions that are kept or got ready, the oldest first, each once.
+    pub(super) fn live(&self) -> Vec<Version> {
+        let mut live: Vec<Version> = self.all().map(|one| one.version).collect();
+        live.dedup();
+        live
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Prepared> {
+        let upcoming = self.upcoming.iter().map(|upcoming| &upcoming.prepared);
+        self.past.iter().chain([&self.before, &self.served]).chain(upcoming)
+    }
+
+    /// Lets go of what was served before the last change, but for versions, by number, that views in work need.
+    pub(super) fn retire(&mut self, is_needed: impl Fn(u64) -> bool) {
+        self.past.retain(|one| is_needed(one.version.number));
+    }
+
+    /// Serves a new version of the state that is shown now, since samples are rendered otherwise from now on. No sample of an
+    /// older version can be rendered again, so that none of them is kept.
+    pub(super) fn renew(&mut self) {
+        let version = self.issue(self.served.version.state.epoch);
+        self.served.version = version;
+        self.before = self.served.clone();
+        self.past.clear();
+        self.upcoming.clear();
+    }
+
+    /// The next version, which shows that epoch.
+    fn issue(&mut self, epoch: u64) -> Version {
+        let number = self.next;
+        self.next += 1;
+        Version::of_epoch(number, epoch)
+    }
+
+    /// Whether the scene moves at all.
+    pub(super) fn moves(&self) -> bool {
+        self.every.is_some()
+    }
+
+    /// A view is asked for: after a pause, a version of the present epoch is served at once. Whether it is another one.
+    pub(super) fn wake(&mut self, now: Uptime) -> bool {
+        self.forget(now);
+        if !self.upcoming.is_empty() || !self.used.is_empty() {
+            return false;
+        }
+        let at = self.at(now);
+        if at <= self.served.version.state.epoch {
+            return false;
+        }
+        self.issued = now;
+        let version = self.issue(at);
+        self.serve(Prepared { version, cameras: BTreeSet::new() });
+        true
+    }
+
+    /// A plan names these cameras.
+    pub(super) fn used(&mut self, cameras: impl IntoIterator<Item = u64>, now: Uptime) {
+        if self.every.is_some() {
+            self.plans += 1;
+            self.used.extend(cameras.into_iter().map(|camera| (camera, now)));
+        }
+    }
+
+    /// Serves the next version if its samples are there (`is_there` of version and camera), and issues another one when its
+    /// time has come and the one before it is rendered (`is_rendered`), for the cameras in use and those of `beside`.
+    /// Whether anything changed; how many samples were ordered.
+    pub(super) fn advance(
+        &mut self,
+        now: Uptime,
+        beside: impl IntoIterator<Item = u64>,
+        mut is_there: impl FnMut(Version, u64) -> bool,
+        is_rendered: impl Fn(Version, u64) -> bool,
+    ) -> (bool, usize) {
+        let mut changed = false;
+        while let Some(upcoming) = self.upcoming.front_mut() {
+            let Prepared { version, cameras } = &upcoming.prepared;
+            let there = cameras.iter().filter(|&&camera| is_there(*version, camera)).count();
+            if there > upcoming.there {
+                upcoming.progressed = now;
+            }
+            upcoming.there = there;
+            if there < cameras.len() && now.since(upcoming.progressed) < self.patience {
+                break;
+            }
+            let prepared = std::mem::take(&mut upcoming.prepared);
+            self.upcoming.pop_front();
+            self.serve(prepared);
+            if let Some(next) = self.upcoming.front_mut() {
+                next.progressed = now;
+            }
+            changed = true;
+        }
+        let Some(every) = self.every else { return (changed, 0) };
+        let newest = self.upcoming.back().map(|upcoming| &upcoming.prepared);
+        let in_work = newest
+            .is_some_and(|Prepared { version, cameras }| !cameras.iter().all(|&c| is_rendered(*version, c)));
+        if in_work || self.upcoming.len() >= MOST_UPCOMING {
+            return (changed, 0);
+        }
+        let last = newest.map_or(self.served.version, |newest| newest.version).state.epoch;
+        self.forget(now);
+        let epoch = self.at(now);
+        if epoch <= last || now.since(self.issued) < every || self.used.is_empty() {
+            return (changed, 0);
+        }
+        if self.plans < self.plans_each {
+            return (changed, 0);
+        }
+        // What came late is not caught up with.
+        self.plans = (self.plans - self.plans_each).min(self.plans_each);
+        let cameras: BTreeSet<u64> = self.used.keys().copied().chain(beside).collect();
+        let ordered = cameras.len();
+        let version = self.issue(epoch);
+        let upcoming = Upcoming { prepared: Prepared { version, cameras }, there: 0, progressed: now };
+        self.upcoming.push_back(upcoming);
+        self.issued = now;
+        (true, ordered)
+    }
+
+    fn serve(&mut self, prepared: Prepared) {
+        let before = std::mem::replace(&mut self.served, prepared);
+        self.past.push(std::mem::replace(&mut self.before, before));
+    }
+
+    /// The epoch at a time.
+    fn at(&self, now: Uptime) -> u64 {
+        let Some(every) = self.every else { return 0 };
+        u64::try_from(now.since(Uptime::default()).as_nanos() / every.as_nanos().max(1)).unwrap_or(u64::MAX)
+    }
+
+    /// Lets go of cameras that nobody has used for long.
+    fn forget(&mut self, now: Uptime) {
+        self.used.retain(|_, used| now.since(*used) < self.interest);
+        if self.used.len() > MOST_CAMERAS {
+            let mut times: Vec<Uptime> = self.used.values().copied().collect();
+            times.sort_unstable();
+            let limit = times[times.len() - MOST_CAMERAS];
+            self.used.retain(|_, used| *used >= limit);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT: Duration = Duration::from_millis(100);
+
+    fn versions() -> Versions {
+        Versions::new(Version::default(), Some(DT), Duration::from_secs(1), Duration::from_secs(5))
+    }
+
+    /// Epochs that versions show, with the cameras that these are got ready for.
+    fn prepared(versions: &Versions) -> Vec<(u64, u64)> {
+        versions.prepared().map(|(version, camera)| (version.state.epoch, camera)).collect()
+    }
+
+    fn ms(ms: u64) -> Uptime {
+        Uptime(Duration::from_millis(ms))
+    }
+
+    #[test]
+    fn a_scene_that_stands_still_has_one_epoch() {
+        let mut still =
+            Versions::new(Version::default(), None, Duration::from_secs(1), Duration::from_secs(5));
+        still.used([1, 2], ms(0));
+        assert!(!still.wake(ms(5000)));
+        assert_eq!(still.advance(ms(10_000), [], |_, _| true, |_, _| false), (false, 0));
+        assert_eq!((still.served().state.epoch, still.prepared().count()), (0, 0));
+        assert_eq!(
+            Versions::new(Version::default(), Some(Duration::ZERO), DT, DT).advance(
+                ms(10_000),
+                [],
+                |_, _| true,
+                |_, _| false
+            ),
+            (false, 0)
+        );
+    }
+
+    #[test]
+    fn an_epoch_is_served_once_all_of_its_samples_are_there() {
+        let mut versions = versions();
+        versions.used([7, 9], ms(0));
+        assert_eq!(
+            versions.advance(ms(99), [], |_, _| false, |_, _| false),
+            (false, 0),
+            "not before its time"
+        );
+        assert_eq!(versions.advance(ms(100), [], |_, _| false, |_, _| false), (true, 2));
+        assert_eq!(prepared(&versions), [(1, 7), (1, 9)]);
+        assert_eq!(
+            versions.advance(ms(140), [], |v, camera| (v.state.epoch, camera) == (1, 7), |_, _| false),
+            (false, 0)
+        );
+        assert_eq!(versions.served().state.epoch, 0);
+        assert_eq!(versions.advance(ms(150), [], |v, _| v.state.epoch == 1, |_, _| false), (true, 0));
+        assert_eq!((versions.served().state.epoch, versions.oldest().state.epoch), (1, 0));
+        assert_eq!(
+            versions.advance(ms(199), [], |_, _| true, |_, _| false),
+            (false, 0),
+            "no sooner than Δt after the last"
+        );
+        assert_eq!(versions.advance(ms(200), [3], |_, _| false, |_, _| false), (true, 3));
+        let kept = [(1, 7), (1, 9), (2, 3), (2, 7), (2, 9)];
+        assert_eq!(prepared(&versions), kept, "the served epoch's stay");
+    }
+
+    #[test]
+    fn slow_samplers_make_motion_coarser_and_not_slower() {
+        let mut versions = versions();
+        let mut served = Vec::new();
+        for now in (0..4000).step_by(10) {
+            versions.used([1], ms(now));
+            // A sample takes 700 ms.
+            let issued = versions.issued;
+            if versions
+                .advance(
+                    ms(now),
+                    [],
+                    |_, _| ms(now).since(issued) >= Duration::from_millis(700),
+                    |_, _| false,
+                )
+                .0
+            {
+                served.push((now, versions.served().state.epoch));
+            }
+        }
+        served.dedup_by_key(|(_, epoch)| *epoch);
+        for (now, epoch) in &served[1..] {
+            let late = now - epoch * 100;
+            assert!((700..=810).contains(&late), "epoch {epoch} is served at {now} ms");
+        }
+        assert!(served.len() >= 5, "{served:?}");
+    }
+
+    #[test]
+    fn while_one_epoch_is_on_its_way_the_next_is_rendered_and_no_third() {
+        let mut versions = versions();
+        versions.used([1], ms(0));
+        assert_eq!(versions.advance(ms(100), [], |_, _| false, |_, _| false), (true, 1));
+        assert_eq!(
+            versions.advance(ms(250), [], |_, _| false, |_, _| false),
+            (false, 0),
+            "it is being rendered"
+        );
+        assert_eq!(versions.advance(ms(260), [], |_, _| false, |_, _| true), (true, 1), "and now on its way");
+        assert_eq!(versions.advance(ms(400), [], |_, _| false, |_, _| true), (false, 0));
+        assert_eq!(prepared(&versions), [(1, 1), (2, 1)]);
+        assert!(versions.advance(ms(450), [], |v, _| v.state.epoch == 1, |_, _| false).0);
+        assert_eq!((versions.served().state.epoch, versions.oldest().state.epoch), (1, 0));
+    }
+
+    #[test]
+    fn an_epoch_for_every_so_many_plans_is_issued_after_them_and_no_sooner() {
+        let mut versions = versions().with_plans(3);
+        versions.used([1], ms(100));
+        versions.used([1], ms(200));
+        assert_eq!(
+            versions.advance(ms(300), [], |_, _| true, |_, _| true),
+            (true, 1),
+            "the first one ahead of views"
+        );
+        assert_eq!(
+            versions.advance(ms(420), [], |_, _| true, |_, _| true),
+            (true, 0),
+            "two plans: none is issued"
+        );
+        versions.used([1], ms(430));
+        assert_eq!(versions.advance(ms(440), [], |_, _| true, |_, _| true), (true, 1));
+        assert_eq!(versions.advance(ms(600), [], |_, _| true, |_, _| true), (true, 0));
+        (0..30).for_each(|i| versions.used([1], ms(600 + i)));
+        assert_eq!(versions.advance(ms(700), [], |_, _| true, |_, _| true), (true, 1));
+        // Of nine epochs that were missed, one is made up for.
+        let issued = (0..20)
+            .filter(|i| versions.advance(ms(750 + i * 20), [], |_, _| true, |_, _| true).1 > 0)
+            .count();
+        assert_eq!(issued, 1);
+    }
+
+    #[test]
+    fn new_viewpoints_do_not_hold_an_epoch_up() {
+        let mut versions = versions();
+        versions.used([0], ms(0));
+        let mut changes = 0;
+        for now in (100..3000).step_by(50) {
+            versions.used([now], ms(now));
+            // What was of interest when the epoch was issued is there 50 ms later; later comers never are.
+            changes += u64::from(
+                versions.advance(ms(now), [], |v, camera| camera <= v.state.epoch * 100, |_, _| false).0,
+            );
+        }
+        assert!(
+            changes > 25 && versions.served().state.epoch >= 27,
+            "{changes}, epoch {}",
+            versions.served().state.epoch
+        );
+    }
+
+    #[test]
+    fn an_epoch_whose_samples_never_come_is_served_when_patience_ends() {
+        let mut versions = versions();
+        versions.used([1, 2], ms(0));
+        versions.advance(ms(100), [], |_, _| false, |_, _| false);
+        assert_eq!(versions.advance(ms(4000), [], |_, camera| camera == 1, |_, _| false), (false, 0));
+        assert_eq!(
+            versions.advance(ms(8900), [], |_, camera| camera == 1, |_, _| false),
+            (false, 0),
+            "one came at 4 s"
+        );
+        assert!(versions.advance(ms(9000), [], |_, camera| camera == 1, |_, _| false).0);
+        assert_eq!((versions.served().state.epoch, versions.oldest().state.epoch), (1, 0));
+    }
+
+    #[test]
+    fn while_nobody_looks_nothing_is_issued_and_the_next_view_sees_its_own_time() {
+        let mut versions = versions();
+        assert_eq!(versions.advance(ms(700), [], |_, _| true, |_, _| false), (false, 0));
+        assert!(versions.wake(ms(750)));
+        assert_eq!(versions.served().state.epoch, 7);
+        versions.used([1], ms(750));
+        assert!(!versions.wake(ms(790)), "it is looked at");
+        assert_eq!(versions.advance(ms(850), [], |_, _| true, |_, _| false), (true, 1));
+        assert_eq!(versions.advance(ms(900), [], |_, _| true, |_, _| false), (true, 0));
+        assert_eq!(versions.served().state.epoch, 8);
+        assert_eq!(
+            versions.advance(ms(1800), [], |_, _| true, |_, _| false),
+            (false, 0),
+            "the last view was a second ago"
+        );
+        assert!(versions.wake(ms(60_050)));
+        assert_eq!((versions.served().state.epoch, versions.oldest().state.epoch), (600, 8));
+    }
+
+    #[test]
+    fn a_new_version_of_the_same_state_is_served_at_once_and_has_a_number_of_its_own() {
+        let mut still =
+            Versions::new(Version::default(), None, Duration::from_secs(1), Duration::from_secs(5));
+        still.renew();
+        assert_eq!((still.served(), still.oldest()), (Version::of_epoch(1, 0), Version::of_epoch(1, 0)));
+        assert_eq!(still.live(), [Version::of_epoch(1, 0)], "older samples cannot be rendered again");
+
+        let mut moving = versions();
+        moving.used([7], ms(0));
+        assert!(moving.advance(ms(100), [], |_, _| false, |_, _| true).0);
+        assert!(moving.advance(ms(200), [], |_, _| true, |_, _| false).0);
+        let served = moving.served();
+        moving.renew();
+        assert_eq!(moving.served().state, served.state);
+        assert!(moving.served().number > served.number, "{:?}", moving.served());
+        let cameras: BTreeSet<u64> = moving.prepared().map(|(_, camera)| camera).collect();
+        assert_eq!(cameras, BTreeSet::from([7]), "it is got ready for the same cameras");
+        // Numbers ascend, whatever versions show.
+        moving.used([7], ms(300));
+        assert!(moving.advance(ms(400), [], |_, _| false, |_, _| false).0);
+        let numbers: Vec<u64> = moving.live().iter().map(|version| version.number).collect();
+        assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
+    }
+}

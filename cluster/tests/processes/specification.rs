@@ -1,0 +1,94 @@
+//! The specification of a sample set: every worker of a cluster renders by the coordinator's, and frames say so.
+
+use std::time::Duration;
+
+use argus_proto::convert::{scene_hash_bytes, specification_hash_bytes};
+use argus_proto::v1;
+use argus_proto::v1::samples_client::SamplesClient;
+use argus_scene::{Indirect, PointKnobs, Specification, Version, VplKnobs};
+use tonic::Code;
+
+use crate::common::{Cluster, Source, channel, direct, pinned, quick, scene, start_coordinator_at, view};
+
+const POINTS: Indirect =
+    Indirect::Points(PointKnobs { levels: 6, map_side: 16, block: 8, bounces: 1, sharing: true });
+
+fn lit_by(indirect: Indirect) -> argus_cluster::coordinator::Config {
+    argus_cluster::coordinator::Config { indirect, ..quick() }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn two_workers_never_mix_indirect_light() {
+    let mut cluster = Cluster::start_with(lit_by(POINTS), 2).await;
+    let lit_alike = async |cluster: &Cluster, indirect: Indirect| {
+        let mut colors = Vec::new();
+        for wanted in (0..4).flat_map(|i| [view(i), direct(i)]) {
+            let (frame, _) = cluster.render(&wanted).await.unwrap();
+            assert_eq!(frame.provenance.specification.unwrap().indirect, indirect);
+            colors.push(frame.color);
+        }
+        colors
+    };
+    let by_points = lit_alike(&cluster, POINTS).await;
+
+    // The same workers join a coordinator that has them lit otherwise: nothing of the old light is left.
+    let address = cluster.coordinator.address;
+    cluster.coordinator.kill();
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let vpl = Indirect::Vpl(VplKnobs { vpls: 64, ..VplKnobs::default() });
+    let source = Source { scene: scene("test"), files: Vec::new() };
+    cluster.coordinator = start_coordinator_at(lit_by(vpl), Some(address), source);
+    cluster.channel = channel(&cluster.coordinator.url());
+    cluster.wait_for(|status| status.processes == 2).await;
+    let by_vpls = lit_alike(&cluster, vpl).await;
+    assert!(by_points.iter().zip(&by_vpls).all(|(points, vpls)| points != vpls));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn samples_and_pixels_of_another_specification_are_not_served() {
+    let cluster = Cluster::start_with(lit_by(POINTS), 1).await;
+    let (frame, _) = cluster.render(&view(1)).await.unwrap();
+    let ours = frame.provenance.specification.unwrap();
+    let mut worker = SamplesClient::new(channel(&cluster.workers[0].url()));
+    let mut subscribe = async |specification: Specification| {
+        let request = v1::SubscribeRequest {
+            scene_hash: scene_hash_bytes(frame.provenance.scene),
+            version: Some(Version::of_epoch(0, frame.provenance.epoch).into()),
+            cameras: vec![0],
+            specification_hash: specification_hash_bytes(specification.hash()),
+            ..v1::SubscribeRequest::default()
+        };
+        worker.subscribe(request).await.map(|_| ())
+    };
+    subscribe(ours).await.unwrap();
+    let refused = subscribe(Specification { indirect: Indirect::Off, ..ours }).await.unwrap_err();
+    assert_eq!(refused.code(), Code::NotFound);
+    assert!(refused.message().contains("specification"), "{refused}");
+    let trace = v1::TraceRequest {
+        scene_hash: scene_hash_bytes(frame.provenance.scene),
+        epoch: frame.provenance.epoch,
+        camera: Some((&view(1).camera).into()),
+        width: 8,
+        height: 8,
+        samples_per_pixel: 1,
+        runs: vec![0, 1],
+        specification_hash: specification_hash_bytes(Specification::default().hash()),
+    };
+    assert_eq!(worker.trace(trace).await.unwrap_err().code(), Code::NotFound);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_pin_of_another_specification_is_refused_and_one_of_the_same_gives_the_same_bytes() {
+    let cluster = Cluster::start_with(lit_by(POINTS), 2).await;
+    for wanted in [view(1), direct(1)] {
+        let (frame, _) = cluster.render(&wanted).await.unwrap();
+        let (again, _) = cluster.render(&pinned(1, frame.provenance.clone())).await.unwrap();
+        assert_eq!((again.color, &again.provenance), (frame.color, &frame.provenance));
+        let mut other = frame.provenance.clone();
+        let specification = other.specification.unwrap();
+        other.specification = Some(Specification { indirect: Indirect::Off, ..specification });
+        let refused = cluster.render(&pinned(1, other)).await.unwrap_err();
+        assert_eq!(refused.code(), Code::FailedPrecondition);
+        assert!(refused.message().contains("indirect off is not served here"), "{refused}");
+    }
+}

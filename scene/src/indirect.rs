@@ -1,0 +1,57 @@
+//! Light that surfaces reflect onto one another, and glowing particles: how a sample set finds it.
+
+mod points;
+mod vpl;
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+pub use points::PointKnobs;
+pub use vpl::{MOST_VPL_GROUPS, MapSource, VplKnobs};
+
+use crate::InvalidField;
+
+/// How light from surface to surface is found: alike in all samples of a set and in direct views.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Indirect {
+    /// None: surfaces are lit by lights and sky alone.
+    #[default]
+    Off,
+    /// Instant radiosity (Keller 1997): paths from the lights leave virtual point lights (VPLs) on the surfaces that
+    /// reflect, and every visible surface gathers from some of them. Glowing particles are gathered with them.
+    Vpl(VplKnobs),
+    /// Point-based (Christensen 2008): some of the visible surfaces see small images of an octree of shaded points.
+    Points(PointKnobs),
+}
+
+impl Indirect {
+    /// Rejects knobs that are out of range.
+    ///
+    /// # Errors
+    /// `indirect` and the knob's name.
+    pub fn validate(&self) -> Result<(), InvalidField> {
+        match self {
+            Self::Off => Ok(()),
+            Self::Vpl(knobs) => knobs.validate(),
+            Self::Points(knobs) => knobs.validate(),
+        }
+    }
+
+    /// Whether it changes with time though nothing of the scene moves: glowing particles drift.
+    pub fn drifts(&self) -> bool {
+        matches!(self, Self::Vpl(knobs) if knobs.particles > 0)
+    }
+}
+
+impl fmt::Display for Indirect {
+    /// The method and all of its knobs in a few words.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => f.write_str("off"),
+            Self::Vpl(knobs) => knobs.fmt(f),
+            Self::Points(knobs) => knobs.fmt(f),
+        }
+    }
+}
