@@ -155,19 +155,21 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
     )?;
     writeln!(
         text,
-        "  {:<14} {:>8} {:<11} {:<28} {:>7} {:>7}  device",
-        "worker", "pid", "role", "address", "queued", "held"
+        "  {:<14} {:>8} {:<11} {:<28} {:>7} {:>7} {:>9}  device",
+        "worker", "pid", "role", "address", "queued", "held", "rendering"
     )?;
     for worker in &status.workers {
+        let rendering = worker.sample_progress.map(|share| format!("{:.0} %", 100.0 * share));
         writeln!(
             text,
-            "  {:<14} {:>8} {:<11} {:<28} {:>7} {:>7}  {}",
+            "  {:<14} {:>8} {:<11} {:<28} {:>7} {:>7} {:>9}  {}",
             worker.id,
             worker.pid,
             worker.role,
             worker.address,
             worker.queued_samples + worker.queued_views,
             worker.samples_held,
+            rendering.unwrap_or_default(),
             worker.device
         )?;
     }

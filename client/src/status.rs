@@ -101,6 +101,8 @@ pub struct WorkerStatus {
     pub holding_ms: f64,
     /// Samples that it can serve now.
     pub samples_held: u64,
+    /// Share of the samples in work that is rendered, 0 to 1; `None` while none is in work.
+    pub sample_progress: Option<f64>,
 }
 
 /// Counts since the coordinator started.
@@ -196,6 +198,7 @@ impl From<v1::WorkerStatus> for WorkerStatus {
             unpacking_ms: number(wire.unpacking_ms),
             holding_ms: number(wire.holding_ms),
             samples_held: wire.samples_held,
+            sample_progress: wire.sample_progress,
         }
     }
 }

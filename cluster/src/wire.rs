@@ -92,6 +92,7 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         leaving: wire.leaving,
         piece_ms: busy(wire.piece_ms),
         part_ms: wire.part_ms,
+        sample_progress: wire.sample_progress.filter(|share| (0.0..=1.0).contains(share)),
         sample_bytes: wire.sample_bytes,
         direct_cost: wire.direct_cost.and_then(cost_from),
         warp_cost: wire.warp_cost.and_then(cost_from),
@@ -127,6 +128,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         leaving: report.leaving,
         piece_ms: report.piece_ms,
         part_ms: report.part_ms,
+        sample_progress: report.sample_progress,
         sample_bytes: report.sample_bytes,
         direct_cost: report.direct_cost.map(cost),
         warp_cost: report.warp_cost.map(cost),
@@ -310,6 +312,7 @@ fn worker_status(worker: WorkerStatus) -> v1::WorkerStatus {
         unpacking_ms: report.unpacking_ms,
         holding_ms: report.holding_ms,
         samples_held: report.held.len() as u64,
+        sample_progress: report.sample_progress,
     }
 }
 

@@ -39,8 +39,8 @@ use crate::{Indirect, SamplerKnobs};
 /// Sub-samples of a band of a sample that is traced on the CPU: about 20 ms of a core, with shading by a software driver.
 const BAND_SUB_SAMPLES: u32 = 1 << 16;
 
-/// Other work that runs between two tiles of a sample that no view waits for.
-type BetweenTiles<'a> = &'a mut dyn FnMut(&mut dyn Sampler);
+/// Other work that runs between two tiles of a sample; it is told which share of the job is done.
+type BetweenTiles<'a> = &'a mut dyn FnMut(&mut dyn Sampler, f64);
 
 /// Renders a scene from its triangles, on one device.
 ///
@@ -128,7 +128,18 @@ impl GpuSampler {
         let job_of_rig = SampleJob { ids: of_rig, ..job.clone() };
         let of_rig = match job.info.sampling {
             Sampling::Triangles => {
-                job_of_rig.ids.iter().map(|&id| self.render_sample(job, id, cancel, &mut between)).collect()
+                let count = job_of_rig.ids.len() as f64;
+                let mut rendered = Vec::new();
+                for &id in &job_of_rig.ids {
+                    let before = rendered.len() as f64;
+                    // Each sample is an equal share of the job.
+                    let mut between = between.as_mut().map(|between| {
+                        |sampler: &mut dyn Sampler, share: f64| between(sampler, (before + share) / count)
+                    });
+                    let between = between.as_mut().map(|between| between as BetweenTiles<'_>);
+                    rendered.push(self.render_sample(job, id, cancel, between));
+                }
+                rendered
             }
             Sampling::MegaViews(knobs) => self.render_from_octree(&job_of_rig, knobs, cancel),
         };
@@ -146,7 +157,7 @@ impl GpuSampler {
         job: &SampleJob,
         id: SampleId,
         cancel: &Cancel,
-        between: &mut Option<BetweenTiles<'_>>,
+        mut between: Option<BetweenTiles<'_>>,
     ) -> Result<Sample, RenderError> {
         self.check_job(job)?;
         let SampleSetInfo { ref lighting, reflections, visibility, .. } = *job.info;
@@ -174,11 +185,13 @@ impl GpuSampler {
         );
         let mut submitted = Vec::new();
         let (parts, output) = (Part::of_tiles(tiles), Output::Texels(&planes));
+        let mut done = 0;
         self.render_parts(&mut scene, &parts, output, cancel, |sampler, scene, part| {
             submitted.push(part.submitted);
-            if let Some(between) = between {
+            done += 1;
+            if let Some(between) = &mut between {
                 wait(&mut submitted, &mut scene.stages)?;
-                sampler.run_between(scene, between)?;
+                sampler.run_between(scene, between, f64::from(done) / parts.len() as f64)?;
             }
             Ok(())
         })?;

@@ -124,12 +124,13 @@ pub trait Sampler: Send {
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>>;
 
     /// Renders samples in slices, with the bytes of [`Self::render_samples`]. `give_way` is called between slices of
-    /// about 20 ms and may render views with the sampler it receives. The default renders everything in one slice.
+    /// about 20 ms and may render views with the sampler it receives; it also receives the share of the job that is done, 0 to 1. The
+    /// default renders everything in one slice.
     fn render_samples_in_slices(
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,
-        _give_way: &mut dyn FnMut(&mut dyn Sampler),
+        _give_way: &mut dyn FnMut(&mut dyn Sampler, f64),
     ) -> Vec<Result<Sample, RenderError>> {
         self.render_samples(job, cancel)
     }

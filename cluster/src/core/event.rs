@@ -145,6 +145,8 @@ pub struct Report {
     /// Milliseconds of one process for a part of a sample that nobody waits for: how long a view waits that comes while one
     /// is rendered.
     pub part_ms: Option<f64>,
+    /// Share of the samples in work that is rendered, 0 to 1; `None` while none is in work.
+    pub sample_progress: Option<f64>,
     /// Texel bytes of the largest sample that it keeps; 0: it keeps none.
     pub sample_bytes: u64,
     /// What a view from triangles costs there; measured before it is ready.

@@ -89,6 +89,8 @@ struct Sums {
     rays: Work,
     /// Parts of samples that nobody waits for.
     parts: Work,
+    /// Share of the samples in work that is rendered.
+    sample_progress: Option<f64>,
     sampling_busy_ms: f64,
     compositing_busy_ms: f64,
     holding_ms: f64,
@@ -159,6 +161,11 @@ impl Meter {
         self.0.lock().parts.add_warm(count, rendering.as_secs_f64() * 1e3);
     }
 
+    /// That share of the samples in work is rendered; `None`: none is in work.
+    pub(super) fn set_sample_progress(&self, share: Option<f64>) {
+        self.0.lock().sample_progress = share;
+    }
+
     /// A sample came from another worker, and it took so long to unpack.
     pub(super) fn add_received(&self, unpacking: Duration) {
         let mut sums = self.0.lock();
@@ -174,6 +181,7 @@ impl Meter {
         report.view_ms = sums.views.mean_ms();
         report.ray_ms = sums.rays.mean_ms();
         report.part_ms = sums.parts.mean_ms();
+        report.sample_progress = sums.sample_progress;
         (report.direct_cost, report.warp_cost) = (sums.direct_cost.cost(), sums.warp_cost.cost());
         report.samples_rendered = sums.samples.total;
         report.views_direct = sums.direct.total;

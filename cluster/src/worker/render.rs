@@ -323,8 +323,9 @@ impl Renderer {
             let none = || RenderError::Internal("no sampler".to_owned());
             let mut sampler = own.sampler.take().ok_or_else(none)?;
             let queue = own.queue.clone();
-            let results = sampler.render_samples_in_slices(job, &batch.cancel, &mut |sampler| {
+            let results = sampler.render_samples_in_slices(job, &batch.cancel, &mut |sampler, done| {
                 slices.end();
+                own.meter.set_sample_progress(Some(done));
                 let gave_way = Instant::now();
                 queue.give_way(slices.last(), true, |work| match work {
                     Work::Pixels(tasks) => own.pixels_by(Some(sampler), tasks),
@@ -346,6 +347,7 @@ impl Renderer {
             own.sampler = Some(sampler);
             Ok(results)
         });
+        self.meter.set_sample_progress(None);
         if results.as_ref().is_ok_and(|results| results.iter().all(Result::is_ok)) {
             self.meter.add_parts(slices.count().max(1), began.elapsed());
             debug!(%slices, "samples rendered");

@@ -73,6 +73,8 @@ impl Watched for Watch {
                 ([("stage", "hold")], report.holding_ms * 1e-3),
             ],
         )?;
+        let progress = report.sample_progress.unwrap_or(f64::NAN);
+        to.gauge("worker_sample_progress", "Share of the samples in work that is rendered", progress)?;
         to.gauge("worker_samples_held", "Samples it can serve", report.held.len() as f64)?;
         to.gauge("worker_held_bytes", "Texel bytes of samples that it keeps", self.0.store.bytes() as f64)?;
         let composed_from = self.0.health.held() as f64;

@@ -243,9 +243,10 @@ impl GpuSampler {
         &mut self,
         scene: &mut ReadyScene,
         between: BetweenTiles<'_>,
+        done: f64,
     ) -> Result<(), RenderError> {
         let began = Instant::now();
-        between(self);
+        between(self, done);
         if self.animated {
             // The other work may have posed the scene at another time.
             self.pose(scene.time_secs);

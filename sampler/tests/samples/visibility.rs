@@ -62,10 +62,12 @@ fn a_sample_rendered_in_slices_has_the_same_bytes() {
         let info = SampleSetInfo { visibility: way, ..(*whole.info).clone() };
         let whole = SampleJob { info: Arc::new(info), ..whole };
         let at_once = common::sample(&mut sampler, &whole);
-        let mut gave_way = 0;
+        let (mut gave_way, mut shares) = (0, 0.0);
         // Whoever gets the turn uses the same device.
-        let ahead = sampler.render_samples_in_slices(&whole, &Cancel::new(), &mut |_| {
+        let ahead = sampler.render_samples_in_slices(&whole, &Cancel::new(), &mut |_, done| {
             gave_way += 1;
+            assert!(done > shares && done <= 1.0, "{way:?}: {done} after {shares}");
+            shares = done;
             common::sample(&mut other, &common::sample_job(&scene, rig, 2, false));
         });
         let [Ok(ahead)] = &ahead[..] else { panic!("renders") };

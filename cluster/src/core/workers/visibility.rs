@@ -18,9 +18,13 @@ const STEADY_TICKS: f64 = 8.0;
 /// Ticks after which a busy worker measures, too, if none was idle meanwhile: views in its queue then wait.
 const MOST_STEADY_TICKS: f64 = 16.0;
 
-/// Share of all processes beyond which views from triangles leave no worker idle: one measures at once, since views from
+/// Share of all processes beyond which views from triangles leave no worker idle: a busy one measures, since views from
 /// samples may be all that keeps the rate.
 const BUSY: f64 = 0.75;
+
+/// Ticks after which a busy worker measures where demand is beyond [`BUSY`]: not while a service starts, when its first views
+/// need all of its time and costs are still those of compiling.
+const BUSY_TICKS: f64 = 5.0;
 
 impl Workers {
     /// Whether it is settled how triangles are seen: until then no samples are rendered.
@@ -35,7 +39,8 @@ impl Workers {
             return;
         }
         let must_settle = !self.visibility_is_settled && samples_are_wanted;
-        let is_busy = self.direct_processes() > BUSY * self.members().count() as f64;
+        let is_busy =
+            self.steady_ticks >= BUSY_TICKS && self.direct_processes() > BUSY * self.members().count() as f64;
         let may_pay = is_busy || self.steady_ticks >= STEADY_TICKS;
         let is_wanted = |worker: &&mut Worker| {
             let unmeasured = worker.report().direct_cost.is_some() && worker.report().warp_cost.is_none();

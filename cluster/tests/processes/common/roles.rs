@@ -251,11 +251,12 @@ impl Sampler for FakeSampler {
         &mut self,
         job: &SampleJob,
         cancel: &Cancel,
-        give_way: &mut dyn FnMut(&mut dyn Sampler),
+        give_way: &mut dyn FnMut(&mut dyn Sampler, f64),
     ) -> Vec<Result<Sample, RenderError>> {
-        for _ in 1..self.knobs.sample_parts.load(Ordering::SeqCst) {
+        let parts = self.knobs.sample_parts.load(Ordering::SeqCst);
+        for part in 1..parts {
             self.knobs.work(&self.knobs.sample_us, cancel);
-            give_way(self);
+            give_way(self, part as f64 / parts as f64);
         }
         self.knobs.samples_ahead.fetch_add(job.ids.len(), Ordering::SeqCst);
         self.render_samples(job, cancel)
