@@ -45,8 +45,6 @@ impl VisibilityBackends {
     ) -> Result<Vec<(Visibility, f64)>, RenderError> {
         let TileContext { gpu, resident, .. } = context;
         let mut backends = Visibility::ALL.to_vec();
-        // A software driver compiles the compute tracer for seconds, and packets on the same cores are always faster.
-        backends.retain(|&backend| !(gpu.is_software() && backend == Visibility::Trace));
         backends.retain(|&backend| self.prepare(gpu, resident, backend).is_ok());
         backend_timing::measure(&backends, |backend| {
             let mut commands = gpu.commands("measure");

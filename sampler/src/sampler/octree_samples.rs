@@ -26,7 +26,7 @@ impl GpuSampler {
             Ok(Some(stages)) => stages,
             // A scene without surfaces is all sky; the triangle path renders it.
             Ok(None) => {
-                return job.ids.iter().map(|&id| self.render_sample(job, id, cancel, &mut None)).collect();
+                return job.ids.iter().map(|&id| self.render_sample(job, id, cancel, None)).collect();
             }
             Err(error) => return vec![Err(error); job.ids.len()],
         };

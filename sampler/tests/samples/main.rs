@@ -10,6 +10,7 @@ mod motion;
 mod points;
 mod reflections;
 mod rooms;
+mod sight;
 mod small_scene;
 mod texels;
 mod visibility;

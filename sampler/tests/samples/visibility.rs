@@ -246,15 +246,15 @@ fn no_pixels_cost_nothing_and_a_pixel_beyond_the_view_is_refused() {
 }
 
 #[test]
-fn every_visibility_backend_is_measured_and_frames_name_theirs() {
+fn backends_are_measured_where_there_is_a_choice_and_frames_name_theirs() {
     let scene = Arc::new(procedural::terrain(20_000));
     let mut sampler = sampler_with(&scene, SamplerKnobs::default());
     let rig = Rig::for_scene(&scene, &RigKnobs::default()).unwrap();
     let info = &common::sample_job(&scene, rig, 0, true).info;
     let ways = sampler.ways(info).unwrap();
     assert!(ways.iter().any(|(way, _)| *way == Visibility::Cpu));
-    assert!(ways.iter().all(|(_, ms)| *ms > 0.0), "{ways:?}");
-    for (visibility, _) in ways {
+    assert!(ways.len() == 1 || ways.iter().all(|(_, ms)| *ms > 0.0), "{ways:?}");
+    for visibility in Visibility::ALL {
         let job = ViewJob { visibility, ..view_job(scene.default_camera(), SIZE, 1) };
         let provenance = direct(&mut sampler, &job).provenance;
         assert_eq!(provenance.specification.unwrap().visibility, visibility);

@@ -3,7 +3,7 @@
 use argus_gpu::hierarchy::{Scan, ScanSums, Sort, SortScratch};
 use argus_gpu::wgpu::BufferUsages;
 
-use crate::{Numbers, gpu, read};
+use super::{Numbers, gpu, read};
 
 const USAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_SRC);
 

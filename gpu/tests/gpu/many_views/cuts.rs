@@ -8,7 +8,7 @@ use argus_gpu::many_views::{
 use argus_scene::paraboloid::is_inside;
 use glam::{DQuat, DVec3};
 
-use crate::{Frame, gpu, octree_of, read, room, scattered, wide};
+use super::{Frame, gpu, octree_of, read, room, scattered, wide};
 
 fn balls(depth: u32) -> SphereHierarchy {
     let triangles = room();

@@ -1,6 +1,6 @@
 //! How sure a frame is of its pixels, and how many each way served.
 
-mod common;
+use crate::common;
 
 use argus_scene::{
     Camera, Cancel, Compositor as _, Output, Plan, SampleCamera, SampleSet, Search, ViewJob, Warp,

@@ -1,6 +1,6 @@
 //! Views of scenes whose answer is known on paper, by every search.
 
-mod common;
+use crate::common;
 
 use argus_compositor::GpuCompositor;
 use argus_scene::{

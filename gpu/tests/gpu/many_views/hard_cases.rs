@@ -4,7 +4,7 @@ use argus_gpu::hierarchy::{HierarchyError, Triangle};
 use argus_gpu::many_views::{Knobs, ManyViews, ViewList, ViewPoint};
 use glam::{DVec3, Vec3};
 
-use crate::{Frame, gpu, octree_of, room, scattered, wide};
+use super::{Frame, gpu, octree_of, room, scattered, wide};
 
 /// No texel is negative, infinite or NaN.
 fn all_finite(frame: &Frame) {

@@ -1,5 +1,4 @@
 //! Scenes whose radiance and ranges are known exactly.
-#![allow(dead_code, reason = "each test binary uses its own part")]
 
 use std::sync::Arc;
 

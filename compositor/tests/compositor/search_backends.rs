@@ -1,6 +1,6 @@
 //! The fragment and compute programs of each search write equal bytes, and autotuning finds the faster.
 
-mod common;
+use crate::common;
 
 use argus_compositor::{CompositorKnobs, SearchBackend};
 use argus_scene::{Camera, Cancel, Compositor as _, Output, Plan, SampleSet, Search, ViewJob, Warp};

@@ -5,7 +5,7 @@ use argus_gpu::many_views::{Knobs, ViewPoint};
 use argus_scene::paraboloid::{ParaboloidPosition, center_of};
 use glam::{DVec2, DVec3};
 
-use crate::read;
+use super::read;
 
 /// An octree, read back; positions are world space.
 pub(crate) struct Nodes {

@@ -4,7 +4,7 @@ use argus_gpu::hierarchy::Octree;
 use argus_gpu::many_views::{Knobs, Occlusion, RasterViews, Texel, TexelCode, ViewList, ViewPoint};
 use glam::DVec3;
 
-use crate::{Frame, gpu, octree_of, room, scattered, wide};
+use super::{Frame, gpu, octree_of, room, scattered, wide};
 
 /// Texels of few bits.
 const COARSE: [Texel; 2] = [Texel::RangeAndNode32, Texel::Range16];

@@ -3,7 +3,7 @@
 use argus_gpu::hierarchy::{HierarchyError, RootCube, SphereBuilder, SphereHierarchy, Triangle, stream};
 use glam::{DVec3, Vec3};
 
-use crate::{Numbers, gpu, read};
+use super::{Numbers, gpu, read};
 
 /// Middle, radius and cone of each node, in f64.
 struct Balls {

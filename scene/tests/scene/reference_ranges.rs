@@ -1,7 +1,5 @@
 //! The reference tracer's hits, against geometry that is known exactly.
-#![cfg(feature = "reference")]
-
-mod common;
+use crate::common;
 
 use argus_scene::reference::Tracer;
 use argus_scene::{Instance, Scene};

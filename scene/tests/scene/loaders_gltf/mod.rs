@@ -1,7 +1,5 @@
 //! glTF documents made here, one for each possible error of a loader.
 
-#![cfg(feature = "loaders")]
-
 mod geometry;
 mod materials;
 mod nodes;

@@ -1,8 +1,6 @@
 //! Every file of the scene collection in `ARGUS_SCENES`. Real scenes have their known triangles and bounds; deliberately
 //! broken ones give a scene or an error of one line.
 
-#![cfg(feature = "loaders")]
-
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};

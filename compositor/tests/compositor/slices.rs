@@ -1,7 +1,7 @@
 //! Samples that are uploaded in slices, with other work in between.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

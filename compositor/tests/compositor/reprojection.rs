@@ -1,7 +1,7 @@
 //! A search that begins where an earlier frame had its surfaces: where that is of use, what it shows, and when it is left.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

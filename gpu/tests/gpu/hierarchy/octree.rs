@@ -7,8 +7,8 @@ use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Tria
 use argus_scene::Bounds;
 use glam::{DVec3, Vec3};
 
-use crate::oracle::cells;
-use crate::{Numbers, gpu, read};
+use super::oracle::cells;
+use super::{Numbers, gpu, read};
 
 /// More than the program widens cells by, and than corners are rounded to f32.
 const MARGIN: f64 = 4e-6;
@@ -65,7 +65,7 @@ fn check(triangles: &[Triangle], depth: u32) -> Octree {
         for node in range {
             let mean = DVec3::from_array([0, 1, 2].map(|i| f64::from(f32::from_bits(nodes[node][i]))));
             let cell = (mean * along).floor().as_uvec3();
-            assert_eq!(crate::oracle::code(cell), codes[node], "level {level}: the mean lies in the cell");
+            assert_eq!(super::oracle::code(cell), codes[node], "level {level}: the mean lies in the cell");
             let [x, y, z, cosine] = cones[node];
             assert!((Vec3::new(x, y, z).length() - 1.0).abs() < 1e-5 && (-1.0..=1.0).contains(&cosine));
             assert_eq!(colors[node] & 0xff_ffff, 51 | 102 << 8 | 153 << 16, "all triangles have one colour");

@@ -1,7 +1,6 @@
 //! Samples made on the CPU, so that a compositor is tested without a sampler: scenes whose answer is known on
 //! paper, and scenes that the reference ray tracer looks at.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
-#![allow(dead_code)] // Each test file uses its own part.
 
 use std::sync::Arc;
 

@@ -3,8 +3,8 @@
 use argus_gpu::many_views::{Bounding, Knobs, Occlusion, ViewList, ViewPoint};
 use glam::DVec3;
 
-use crate::oracle::Nodes;
-use crate::{Frame, gpu, octree_of, room, scattered, wide};
+use super::oracle::Nodes;
+use super::{Frame, gpu, octree_of, room, scattered, wide};
 
 /// Every texel that holds a node of which any view of the map sees a part is the same as without culling.
 fn nothing_seen_is_lost(views: &[ViewPoint], knobs: Knobs) {

@@ -7,8 +7,8 @@ use glam::DVec3;
 use rand::rngs::SmallRng;
 use rand::{Rng as _, SeedableRng as _};
 
-use crate::oracle::Nodes;
-use crate::{Frame, gpu, octree_of, room, scattered, wide};
+use super::oracle::Nodes;
+use super::{Frame, gpu, octree_of, room, scattered, wide};
 
 fn everywhere(count: usize, seed: u64) -> Vec<ViewPoint> {
     scattered(count, seed).into_iter().map(|view| ViewPoint::everywhere(view.position)).collect()
@@ -70,7 +70,7 @@ fn maps_lie_within_a_cell_of_the_triangles() {
     let mut off = Vec::new();
     for (view, point) in views.iter().enumerate() {
         for (texel, value) in frame.of(view).iter().enumerate() {
-            let ray = crate::oracle::ray(texel as u32, 64);
+            let ray = super::oracle::ray(texel as u32, 64);
             let (Some(hit), true) =
                 (tracer.trace(point.position, ray), value[0] != 0 && is_inside(texel as u32, 64))
             else {
@@ -251,7 +251,7 @@ fn maps_of_triangles_hold_what_rays_through_their_texels_meet() {
         let texels = raster.maps().read(&gpu(), view as u32).unwrap();
         for texel in (0..2048).filter(|&texel| is_inside(texel, 32)) {
             let hit =
-                tracer.trace(point.position, crate::oracle::ray(texel, 32)).expect("the room is closed");
+                tracer.trace(point.position, super::oracle::ray(texel, 32)).expect("the room is closed");
             let inverse = f64::from(f32::from_bits(texels[texel as usize][0]));
             right += u32::from((inverse * hit.range - 1.0).abs() < 1e-4);
             all += 1;

@@ -1,6 +1,6 @@
 //! What else is in a batch, and how it is worked off, never shows.
 
-mod common;
+use crate::common;
 
 use argus_compositor::{BareFetch, CompositorKnobs, GpuCompositor};
 use argus_scene::{

@@ -1,7 +1,5 @@
 //! The reference tracer's images of scenes whose radiance is known exactly.
-#![cfg(feature = "reference")]
-
-mod common;
+use crate::common;
 
 use argus_scene::metrics::compare;
 use argus_scene::reference::{ReferenceImage, Tracer, cache};

@@ -1,6 +1,6 @@
 //! Visibility of a view's surfaces from the cameras of a lattice.
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

@@ -1,0 +1,8 @@
+//! Loaders, and the reference ray tracer against answers that are known on paper.
+
+mod common;
+mod loaders;
+mod loaders_gltf;
+mod reference_images;
+mod reference_ranges;
+mod sight;
