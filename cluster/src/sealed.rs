@@ -24,8 +24,8 @@ impl std::fmt::Debug for SealKey {
 /// Kinds of sealed messages: one cannot be passed off as another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// [`argus_proto::v1::Ticket`], from a coordinator to a worker.
-    Ticket,
+    /// [`argus_proto::v1::RedirectTicket`], from a coordinator to a worker.
+    RedirectTicket,
     /// [`argus_proto::v1::Receipt`], from a worker to its coordinator.
     Receipt,
 }
@@ -33,7 +33,7 @@ pub enum Kind {
 impl Kind {
     fn name(self) -> &'static [u8] {
         match self {
-            Self::Ticket => b"argus.v1.Ticket",
+            Self::RedirectTicket => b"argus.v1.Ticket",
             Self::Receipt => b"argus.v1.Receipt",
         }
     }
@@ -140,7 +140,7 @@ impl Shown {
 
 #[cfg(test)]
 mod tests {
-    use argus_proto::v1::{Receipt, Ticket};
+    use argus_proto::v1::{Receipt, RedirectTicket};
 
     use super::*;
 
@@ -150,17 +150,17 @@ mod tests {
 
     #[test]
     fn what_was_sealed_opens_under_its_key_and_kind_alone() {
-        let ticket = Ticket { serial: 7, ..Ticket::default() };
-        let sealed = key(1).seal(Kind::Ticket, &ticket);
-        assert_eq!(key(1).open(Kind::Ticket, &sealed), Some(ticket));
-        assert_eq!(key(2).open::<Ticket>(Kind::Ticket, &sealed), None);
+        let ticket = RedirectTicket { serial: 7, ..RedirectTicket::default() };
+        let sealed = key(1).seal(Kind::RedirectTicket, &ticket);
+        assert_eq!(key(1).open(Kind::RedirectTicket, &sealed), Some(ticket));
+        assert_eq!(key(2).open::<RedirectTicket>(Kind::RedirectTicket, &sealed), None);
         assert_eq!(key(1).open::<Receipt>(Kind::Receipt, &sealed), None);
         for broken in [
             Sealed { body: vec![8, 8].into(), ..sealed.clone() },
             Sealed { seal: sealed.seal.slice(1..), ..sealed.clone() },
             Sealed { seal: Default::default(), ..sealed.clone() },
         ] {
-            assert_eq!(key(1).open::<Ticket>(Kind::Ticket, &broken), None, "{broken:?}");
+            assert_eq!(key(1).open::<RedirectTicket>(Kind::RedirectTicket, &broken), None, "{broken:?}");
         }
         assert_eq!(SealKey::from_bytes(&key(3).to_bytes()), Some(key(3)));
         assert_eq!(SealKey::from_bytes(&[0; 31]), None);

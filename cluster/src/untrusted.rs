@@ -127,9 +127,9 @@ fn key() -> SealKey {
 /// # Errors
 /// What is refused, as it is before anything is rendered.
 pub fn ticket(body: &[u8]) -> Result<(), String> {
-    let sealed = key().seal_bytes(Kind::Ticket, body.to_vec());
+    let sealed = key().seal_bytes(Kind::RedirectTicket, body.to_vec());
     assert!(key().open::<v1::Receipt>(Kind::Receipt, &sealed).is_none(), "a ticket passes for a receipt");
-    let ticket: v1::Ticket = key().open(Kind::Ticket, &sealed).ok_or("it is no ticket")?;
+    let ticket: v1::RedirectTicket = key().open(Kind::RedirectTicket, &sealed).ok_or("it is no ticket")?;
     let mut shown = Shown::default();
     let first = shown.first_time(ticket.serial);
     assert!(first == (ticket.serial > 0) && !shown.first_time(ticket.serial), "a ticket is good twice");
@@ -148,7 +148,7 @@ pub fn ticket(body: &[u8]) -> Result<(), String> {
 /// It is refused.
 pub fn receipt(body: &[u8]) -> Result<(), String> {
     let sealed = key().seal_bytes(Kind::Receipt, body.to_vec());
-    assert!(key().open::<v1::Ticket>(Kind::Ticket, &sealed).is_none(), "a receipt passes for a ticket");
+    assert!(key().open::<v1::RedirectTicket>(Kind::RedirectTicket, &sealed).is_none(), "a receipt passes for a ticket");
     let receipt: v1::Receipt = key().open(Kind::Receipt, &sealed).ok_or("it is no receipt")?;
     let header = receipt.header.ok_or("it tells of no frame")?;
     let (uncovered, ms) = coordinator::learn(&header);
@@ -169,7 +169,7 @@ pub fn receipt(body: &[u8]) -> Result<(), String> {
 /// # Errors
 /// It is refused.
 pub fn sealed(sealed: &v1::Sealed) -> Result<(), String> {
-    let ticket: Option<v1::Ticket> = key().open(Kind::Ticket, sealed);
+    let ticket: Option<v1::RedirectTicket> = key().open(Kind::RedirectTicket, sealed);
     let receipt: Option<v1::Receipt> = key().open(Kind::Receipt, sealed);
     if ticket.is_some() || receipt.is_some() {
         Ok(())

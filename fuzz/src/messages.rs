@@ -106,7 +106,7 @@ messages! {
     SessionAck, SessionMissed, SessionResponse, SessionFailure,
     Elsewhere => |m| argus_cluster::untrusted::sealed(&m.ticket.unwrap_or_default()),
     Sealed => |m| argus_cluster::untrusted::sealed(&m),
-    Ticket => |m| argus_cluster::untrusted::ticket(&m.encode_to_vec()),
+    RedirectTicket => |m| argus_cluster::untrusted::ticket(&m.encode_to_vec()),
     RedeemRequest => |m| argus_cluster::untrusted::sealed(&m.ticket.unwrap_or_default()),
     RedeemResponse, Working,
     Receipt => |m| argus_cluster::untrusted::receipt(&m.encode_to_vec()),
@@ -171,8 +171,8 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
     let order = v1::ViewOrder { term: 1, plan: Some(plan), age_ms: 2.0, history, ..Default::default() };
     let ordered = v1::RenderRequest { view: Some(wire.clone()), order: Some(order), ..Default::default() };
     let traceparent = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".to_owned();
-    let ticket = v1::Ticket { serial: 5, request: Some(ordered), traceparent };
-    messages.push(("Ticket", ticket.encode_to_vec()));
+    let ticket = v1::RedirectTicket { serial: 5, request: Some(ordered), traceparent };
+    messages.push(("RedirectTicket", ticket.encode_to_vec()));
     let chunk = v1::FrameChunk::decode(&first(super::chunks::frames_corpus())[..]).unwrap_or_default();
     if let Some(v1::frame_chunk::Body::Header(header)) = chunk.body {
         messages.push(("FrameHeader", header.encode_to_vec()));

@@ -20,7 +20,7 @@ pub fn tickets_corpus() -> Vec<Vec<u8>> {
         let known = messages::corpus().into_iter();
         known.filter(|(kind, _)| messages::ALL[*kind].0 == name).map(|(_, bytes)| bytes).collect::<Vec<_>>()
     };
-    [of("Ticket"), of("Receipt")].concat()
+    [of("RedirectTicket"), of("Receipt")].concat()
 }
 
 /// Requests of a session, each after its length.

@@ -404,8 +404,8 @@ impl Hub {
         drop(state);
         let traceparent = request.metadata().get("traceparent").and_then(|value| value.to_str().ok());
         let traceparent = traceparent.unwrap_or_default().to_owned();
-        let ticket = v1::Ticket { serial, request: Some(request.into_inner()), traceparent };
-        let ticket = Some(key.seal(Kind::Ticket, &ticket));
+        let ticket = v1::RedirectTicket { serial, request: Some(request.into_inner()), traceparent };
+        let ticket = Some(key.seal(Kind::RedirectTicket, &ticket));
         let elsewhere = v1::Elsewhere { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial: number };
         Some(Redirect { elsewhere, key, serial, place, _out: out })
     }

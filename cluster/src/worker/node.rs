@@ -176,13 +176,13 @@ impl Node {
     ///
     /// # Errors
     /// `ticket` where it is not this worker's, of its present leadership, or was shown before.
-    pub(super) fn admit(&self, sealed: &v1::Sealed) -> Result<(v1::Ticket, SealKey), InvalidField> {
+    pub(super) fn admit(&self, sealed: &v1::Sealed) -> Result<(v1::RedirectTicket, SealKey), InvalidField> {
         let refused = |reason: &str| InvalidField::new("ticket", reason);
         let stranger = || refused("was not given out for this worker by who leads now");
         let key = self.door.lock().as_ref().map(|door| door.key.clone());
         let key = key.ok_or_else(|| refused("clients are not sent to this worker"))?;
         // Strangers' bytes are hashed, too, and not while others wait for the lock.
-        let ticket: v1::Ticket = key.open(Kind::Ticket, sealed).ok_or_else(stranger)?;
+        let ticket: v1::RedirectTicket = key.open(Kind::RedirectTicket, sealed).ok_or_else(stranger)?;
         let mut door = self.door.lock();
         let door = door.as_mut().filter(|door| door.key == key).ok_or_else(stranger)?;
         match door.shown.first_time(ticket.serial) {

@@ -118,7 +118,7 @@ impl Views for ViewsService {
         let fetching = self.node.begin_fetch()?;
         let ticket = request.into_inner().ticket.unwrap_or_default();
         let (ticket, key) = self.node.admit(&ticket).map_err(invalid)?;
-        let v1::Ticket { serial, request, traceparent } = ticket;
+        let v1::RedirectTicket { serial, request, traceparent } = ticket;
         let request = request.ok_or_else(|| invalid(InvalidField::new("ticket", "holds no request")))?;
         let span = self.span();
         continued_from(&span, &traceparent);

@@ -236,7 +236,7 @@ impl Views for Answering {
         let sealed = request.into_inner().ticket.unwrap_or_default();
         let unknown = || Status::invalid_argument("the ticket is unknown");
         let key = self.shared.keys.lock().get(&worker).cloned().ok_or_else(unknown)?;
-        let ticket: v1::Ticket = key.open(Kind::Ticket, &sealed).ok_or_else(unknown)?;
+        let ticket: v1::RedirectTicket = key.open(Kind::RedirectTicket, &sealed).ok_or_else(unknown)?;
         self.shared.redeemed.fetch_add(1, Ordering::Relaxed);
         let chunks: Vec<_> = self.shared.frame(worker, ticket.request.unwrap_or_default()).collect();
         let header = chunks.iter().find_map(|chunk| match &chunk.body {
