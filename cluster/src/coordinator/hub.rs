@@ -19,7 +19,7 @@ use super::config::Config;
 use super::frames::Frames;
 use super::planning::Planning;
 use super::surveys::Surveys;
-use super::tickets::{Redirect, Tickets};
+use super::tickets::{IssuedRedirect, Tickets};
 use crate::SceneSource;
 use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, Ticket, Uptime, WorkerId};
 use crate::leadership::Held;
@@ -390,7 +390,7 @@ impl Hub {
         request: Request<v1::RenderRequest>,
         age: Duration,
         number: u64,
-    ) -> Option<Redirect> {
+    ) -> Option<IssuedRedirect> {
         let mut state = self.state.lock();
         let most = state.core.config().max_views_per_client;
         let seat = state.seats.get_mut(&worker)?;
@@ -407,7 +407,7 @@ impl Hub {
         let ticket = v1::RedirectTicket { serial, request: Some(request.into_inner()), traceparent };
         let ticket = Some(key.seal(Kind::RedirectTicket, &ticket));
         let elsewhere = v1::Elsewhere { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial: number };
-        Some(Redirect { elsewhere, key, serial, place, _out: out })
+        Some(IssuedRedirect { elsewhere, key, serial, place, _out: out })
     }
 
     /// Counts a session, if its client may open one.

@@ -16,7 +16,7 @@ use tracing::debug;
 use super::hub::Hub;
 use super::inbox::{ClientNotice, Inbox};
 use super::memory::SessionMemory;
-use super::tickets::{Redirect, UNHEARD};
+use super::tickets::{IssuedRedirect, UNHEARD};
 use super::view_path::{Event, MOST_MISSES};
 use super::wanted::Wanted;
 use crate::core::Order;
@@ -43,7 +43,7 @@ pub(super) struct Redirects {
 impl Redirects {
     /// The redirect of an order; `None` where clients do not reach its worker, where this one did not lately, or where it has
     /// as many tickets out as it may have views in work.
-    fn of(&mut self, hub: &Hub, wanted: &Wanted, order: &Order) -> Option<Redirect> {
+    fn of(&mut self, hub: &Hub, wanted: &Wanted, order: &Order) -> Option<IssuedRedirect> {
         if self.relayed_until.is_some_and(|until| Instant::now() < until) {
             return None;
         }
@@ -83,7 +83,7 @@ pub(super) struct SessionClient<'a> {
     /// Whether it can fetch frames from workers at all.
     pub(super) redirectable: bool,
     /// Those of this view so far; the last one is the one that holds.
-    given: Vec<Redirect>,
+    given: Vec<IssuedRedirect>,
     /// When the last one is given up.
     until: Instant,
 }

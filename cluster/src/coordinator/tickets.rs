@@ -19,7 +19,7 @@ use crate::sealed::{Kind, SealKey};
 pub(super) const UNHEARD: Duration = Duration::from_secs(120);
 
 /// A worker's address for a client that shall fetch its frame there, with a ticket.
-pub(super) struct Redirect {
+pub(super) struct IssuedRedirect {
     /// What the client is told.
     pub(super) elsewhere: v1::Elsewhere,
     /// The worker's.
@@ -31,7 +31,7 @@ pub(super) struct Redirect {
     pub(super) _out: Arc<()>,
 }
 
-impl Redirect {
+impl IssuedRedirect {
     /// What the worker says of the frame, if the receipt is of this ticket, which is good for nothing then.
     pub(super) fn returned(&mut self, receipt: &v1::Sealed) -> Option<v1::FrameHeader> {
         let receipt: v1::Receipt = self.key.open(Kind::Receipt, receipt)?;
