@@ -50,8 +50,8 @@ impl fmt::Debug for Fetch {
 
 impl Fetch {
     /// Prepares a fetch; it starts with the first call of [`Fetch::frame`].
-    pub(crate) fn new(client: &Client, camera_seq: u64, elsewhere: v1::Elsewhere) -> Self {
-        let v1::Elsewhere { address, ticket, age_ms, serial } = elsewhere;
+    pub(crate) fn new(client: &Client, camera_seq: u64, redirect: v1::Redirect) -> Self {
+        let v1::Redirect { address, ticket, age_ms, serial } = redirect;
         let of = client.clone();
         let messages = async_stream::try_stream! {
             let mut worker = of.worker(&address)?;

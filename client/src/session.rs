@@ -216,9 +216,9 @@ impl Session {
         self.fetch.take_if(|fetch| fetch.camera_seq == camera_seq);
         match body {
             // A redirect that crossed the acknowledgement is obsolete.
-            Body::Elsewhere(_) if camera_seq <= self.unanswered.answered() => Ok(None),
-            Body::Elsewhere(elsewhere) => {
-                self.fetch = Some(Fetch::new(&self.client, camera_seq, elsewhere));
+            Body::Redirect(_) if camera_seq <= self.unanswered.answered() => Ok(None),
+            Body::Redirect(redirect) => {
+                self.fetch = Some(Fetch::new(&self.client, camera_seq, redirect));
                 Ok(None)
             }
             Body::Failure(failure) => {

@@ -104,7 +104,7 @@ messages! {
     SessionRequest => |m| { argus_cluster::untrusted::words(vec![m]); Ok(()) },
     SessionView => |m| view(m.view.unwrap_or_default()),
     SessionAck, SessionMissed, SessionResponse, SessionFailure,
-    Elsewhere => |m| argus_cluster::untrusted::sealed(&m.ticket.unwrap_or_default()),
+    Redirect => |m| argus_cluster::untrusted::sealed(&m.ticket.unwrap_or_default()),
     Sealed => |m| argus_cluster::untrusted::sealed(&m),
     RedirectTicket => |m| argus_cluster::untrusted::ticket(&m.encode_to_vec()),
     RedeemRequest => |m| argus_cluster::untrusted::sealed(&m.ticket.unwrap_or_default()),

@@ -63,7 +63,7 @@ pub(crate) struct Fake {
     /// Acknowledgements with a worker's receipt.
     pub(crate) receipts: AtomicU64,
     /// The worker to which sessions are redirected.
-    pub(crate) elsewhere: Mutex<Option<String>>,
+    pub(crate) redirect: Mutex<Option<String>>,
     /// Frames that sessions sent completely.
     pub(crate) session_frames: AtomicU64,
 }
@@ -329,15 +329,15 @@ impl Views for Handler {
                 let superseded = received.load(Ordering::SeqCst) - taken;
                 let respond = |body| v1::SessionResponse { camera_seq, superseded, body: Some(body) };
                 let encoding = view.encoding;
-                let elsewhere = lock(&fake.elsewhere).clone().filter(|_| view.redirectable);
-                if let Some(address) = elsewhere {
+                let redirect = lock(&fake.redirect).clone().filter(|_| view.redirectable);
+                if let Some(address) = redirect {
                     let request =
                         v1::RenderRequest { view: view.view.clone(), encoding, ..Default::default() };
                     let ticket =
                         v1::Sealed { body: request.encode_to_vec().into(), seal: Default::default() };
-                    let elsewhere =
-                        v1::Elsewhere { address, ticket: Some(ticket), age_ms: 1000.0, serial: 1 };
-                    if responses.send(Ok(respond(Body::Elsewhere(elsewhere)))).await.is_err() {
+                    let redirect =
+                        v1::Redirect { address, ticket: Some(ticket), age_ms: 1000.0, serial: 1 };
+                    if responses.send(Ok(respond(Body::Redirect(redirect)))).await.is_err() {
                         return;
                     }
                     match acks.wait_for(|(seq, _)| *seq >= camera_seq).await.map(|word| word.1) {

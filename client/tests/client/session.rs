@@ -108,7 +108,7 @@ async fn a_session_of_a_lost_server_fails_when_patience_ends() {
 #[tokio::test]
 async fn redirected_frames_are_fetched_and_acknowledged_with_the_receipt() {
     let worker = Fake::default().serve().await;
-    let server = Fake { elsewhere: Mutex::new(Some(worker.url())), ..Fake::default() }.serve().await;
+    let server = Fake { redirect: Mutex::new(Some(worker.url())), ..Fake::default() }.serve().await;
     let mut session = server.client().await.session(SessionOptions::default());
     for i in 1..=3 {
         session.send(&view(f64::from(i)));
@@ -141,15 +141,15 @@ async fn redirected_frames_are_fetched_and_acknowledged_with_the_receipt() {
 async fn a_frame_that_cannot_be_fetched_is_relayed() {
     // An unused port, an invalid address, and a server that breaks off in the middle of a frame.
     let broken = Fake { truncate: AtomicU32::new(1), ..Fake::default() }.serve().await;
-    for elsewhere in ["http://127.0.0.1:9".to_owned(), "nowhere".to_owned(), broken.url()] {
-        let server = Fake { elsewhere: Mutex::new(Some(elsewhere.clone())), ..Fake::default() }.serve().await;
+    for redirect in ["http://127.0.0.1:9".to_owned(), "nowhere".to_owned(), broken.url()] {
+        let server = Fake { redirect: Mutex::new(Some(redirect.clone())), ..Fake::default() }.serve().await;
         let mut session = server.client().await.session(SessionOptions::default());
         session.send(&view(1.0));
         match next(&mut session).await {
             SessionEvent::Frame { camera_seq: 1, frame: came, .. } => assert_eq!(*came, frame(&view(1.0))),
-            other => panic!("{elsewhere}: {other:?}"),
+            other => panic!("{redirect}: {other:?}"),
         }
-        assert_eq!(server.fake.session_frames.load(Ordering::SeqCst), 1, "{elsewhere}");
+        assert_eq!(server.fake.session_frames.load(Ordering::SeqCst), 1, "{redirect}");
     }
 }
 
@@ -157,7 +157,7 @@ async fn a_frame_that_cannot_be_fetched_is_relayed() {
 async fn a_hung_worker_is_given_up_within_three_seconds_and_its_frame_relayed() {
     // The server accepts the connection but never sends a message.
     let hung = Fake { frame_time: Duration::from_secs(60), ..Fake::default() }.serve().await;
-    let server = Fake { elsewhere: Mutex::new(Some(hung.url())), ..Fake::default() }.serve().await;
+    let server = Fake { redirect: Mutex::new(Some(hung.url())), ..Fake::default() }.serve().await;
     let mut session = server.client().await.session(SessionOptions::default());
     session.send(&view(1.0));
     let began = Instant::now();

@@ -119,7 +119,7 @@ fn frame(hub: Arc<Hub>, batch: Arc<Batch>, index: usize) -> impl Stream<Item = B
                         yield Body::Chunk(chunk);
                     }
                     // Only the client of a session is sent elsewhere.
-                    Ok(Answer::Elsewhere(_)) => {}
+                    Ok(Answer::Redirect(_)) => {}
                     Err(status) => match retry_after(&status).filter(|_| !begun) {
                         Some(after) => room_after = Some(after),
                         None => yield Body::Failure(failure(&status)),

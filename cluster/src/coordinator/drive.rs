@@ -28,7 +28,7 @@ pub(super) enum Answer {
     /// A piece of its frame.
     Chunk(v1::FrameChunk),
     /// Where to fetch its frame.
-    Elsewhere(v1::Elsewhere),
+    Redirect(v1::Redirect),
 }
 
 /// Answers a view: its frame in chunks, where to fetch it, or an error, which is last. Dropping the stream cancels the view.
@@ -45,7 +45,7 @@ pub(super) fn answer<'a>(
             for effect in view.path.step(event) {
                 match effect {
                     Effect::Send(chunk) => yield Ok(Answer::Chunk(chunk)),
-                    Effect::Redirect(elsewhere) => yield Ok(Answer::Elsewhere(elsewhere)),
+                    Effect::Redirect(redirect) => yield Ok(Answer::Redirect(redirect)),
                     Effect::Fail(status) => yield Err(status),
                     Effect::SeeOff => view.see_off().await,
                     told => view.tell(told),

@@ -406,8 +406,8 @@ impl Hub {
         let traceparent = traceparent.unwrap_or_default().to_owned();
         let ticket = v1::RedirectTicket { serial, request: Some(request.into_inner()), traceparent };
         let ticket = Some(key.seal(Kind::RedirectTicket, &ticket));
-        let elsewhere = v1::Elsewhere { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial: number };
-        Some(IssuedRedirect { elsewhere, key, serial, place, _out: out })
+        let message = v1::Redirect { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial: number };
+        Some(IssuedRedirect { message, key, serial, place, _out: out })
     }
 
     /// Counts a session, if its client may open one.

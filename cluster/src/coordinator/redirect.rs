@@ -49,9 +49,9 @@ impl Redirects {
         }
         let request = within(&wanted.span, wanted.request(hub.term(), order));
         let (client, age) = (&wanted.client, wanted.arrived.elapsed());
-        let redirect = hub.redirect(order.worker, client, request, age, self.serial + 1)?;
+        let issued = hub.redirect(order.worker, client, request, age, self.serial + 1)?;
         self.serial += 1;
-        Some(redirect)
+        Some(issued)
     }
 
     /// The next frames are relayed, for longer each time.
@@ -101,16 +101,16 @@ impl<'a> SessionClient<'a> {
     }
 
     /// What to tell the client to have an order's frame fetched, if it can be.
-    pub(super) fn ticket(&mut self, hub: &Hub, wanted: &Wanted, order: &Order) -> Option<v1::Elsewhere> {
+    pub(super) fn ticket(&mut self, hub: &Hub, wanted: &Wanted, order: &Order) -> Option<v1::Redirect> {
         // One that says no more could not say that it has its frame.
         if self.inbox.is_closed() {
             return None;
         }
-        let redirect = self.redirects.of(hub, wanted, order)?;
-        let elsewhere = redirect.elsewhere.clone();
-        self.given.push(redirect);
+        let issued = self.redirects.of(hub, wanted, order)?;
+        let redirect = issued.message.clone();
+        self.given.push(issued);
         self.until = Instant::now() + UNHEARD;
-        Some(elsewhere)
+        Some(redirect)
     }
 
     /// What the client says next of this view's frame. One that says nothing for [`UNHEARD`] does not reach the worker, so
@@ -135,7 +135,7 @@ impl<'a> SessionClient<'a> {
             ClientNotice::Arrived(receipt) => {
                 // It may have come by an earlier ticket, while another worker was given the view.
                 let returned = receipt.and_then(|receipt| {
-                    self.given.iter_mut().rev().find_map(|redirect| redirect.returned(&receipt))
+                    self.given.iter_mut().rev().find_map(|issued| issued.returned(&receipt))
                 });
                 self.redirects.arrived(returned.is_some());
                 let header = returned.map(|header| Box::new(with_the_way(header, wanted.age_ms())));

@@ -158,7 +158,7 @@ fn answers<'a>(
         for await answer in answer(open.hub.clone(), wanted, Some(client)) {
             yield match answer {
                 Ok(Answer::Chunk(chunk)) => Body::Chunk(chunk),
-                Ok(Answer::Elsewhere(elsewhere)) => Body::Elsewhere(elsewhere),
+                Ok(Answer::Redirect(redirect)) => Body::Redirect(redirect),
                 Err(status) => Body::Failure(failure(&status)),
             };
         }

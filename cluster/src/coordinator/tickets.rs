@@ -21,7 +21,7 @@ pub(super) const UNHEARD: Duration = Duration::from_secs(120);
 /// A worker's address for a client that shall fetch its frame there, with a ticket.
 pub(super) struct IssuedRedirect {
     /// What the client is told.
-    pub(super) elsewhere: v1::Elsewhere,
+    pub(super) message: v1::Redirect,
     /// The worker's.
     pub(super) key: SealKey,
     /// Of the ticket, at that worker.

@@ -46,7 +46,7 @@ pub(super) enum State {
 pub(super) enum Event {
     /// The core gives the view to a worker, and an earlier attempt is void. With a ticket where [`ViewPath::may_redirect`]
     /// allows one and there is one.
-    Ordered { order: Box<Order>, ticket: Option<v1::Elsewhere> },
+    Ordered { order: Box<Order>, ticket: Option<v1::Redirect> },
     /// The core lets the frame pass that was judged.
     Delivered { attempt: u32, expected: Prediction },
     /// The core gave the view up: its deadline is over, or no worker is left, or the like.
@@ -71,7 +71,7 @@ pub(super) enum Effect {
     /// Ask the worker of [`ViewPath::order`] for the frame, in place of an earlier one.
     Open,
     /// Send the client to a worker.
-    Redirect(v1::Elsewhere),
+    Redirect(v1::Redirect),
     /// Relay the session's next frames: its client does not reach workers.
     RestRedirects,
     /// Let the core look at the frame; [`Event::Delivered`] follows, or another order.
@@ -159,8 +159,8 @@ impl ViewPath {
                 (State::Done, vec![Effect::Fail(status)])
             }
             (_, Event::Refused(fault)) => (State::Done, vec![Effect::Fail(fault.into())]),
-            (_, Event::Ordered { order, ticket: Some(elsewhere) }) => {
-                (State::Redirected { order, ticket: elsewhere.serial }, vec![Effect::Redirect(elsewhere)])
+            (_, Event::Ordered { order, ticket: Some(redirect) }) => {
+                (State::Redirected { order, ticket: redirect.serial }, vec![Effect::Redirect(redirect)])
             }
             (state, Event::Ordered { order, ticket: None }) => {
                 if let State::Judged { header, .. } = state {

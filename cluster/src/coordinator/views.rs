@@ -107,7 +107,7 @@ impl Views for ViewsService {
         let frame = answer(self.hub.clone(), wanted, None).filter_map(async |answer| match answer {
             Ok(Answer::Chunk(chunk)) => Some(Ok(chunk)),
             // The client of a single view is sent nowhere.
-            Ok(Answer::Elsewhere(_)) => None,
+            Ok(Answer::Redirect(_)) => None,
             Err(status) => Some(Err(status)),
         });
         Ok(Response::new(Box::pin(in_time(frame, self.hub.read_within))))

@@ -42,10 +42,10 @@ fn missed(serial: u64, unreachable: bool) -> Asked {
 }
 
 /// What a worker answers to a ticket: the frame and its receipt.
-async fn redeem(elsewhere: &v1::Elsewhere) -> Result<(Frame, v1::Sealed), Status> {
-    let mut worker = ViewsClient::new(channel(&elsewhere.address));
+async fn redeem(redirect: &v1::Redirect) -> Result<(Frame, v1::Sealed), Status> {
+    let mut worker = ViewsClient::new(channel(&redirect.address));
     let answer = async {
-        let request = v1::RedeemRequest { ticket: elsewhere.ticket.clone() };
+        let request = v1::RedeemRequest { ticket: redirect.ticket.clone() };
         let mut answers = worker.redeem(request).await?.into_inner();
         let mut assembler = FrameAssembler::new(Limits::default());
         let mut frame = None;
@@ -70,10 +70,10 @@ async fn frames_come_from_the_worker_and_the_coordinator_learns_of_them_by_recei
     for seq in 1..=3 {
         let wanted = view(seq as usize);
         session.ask(seq, &wanted).await;
-        let (of, elsewhere) = session.elsewhere().await;
+        let (of, redirect) = session.redirect().await;
         assert_eq!(of, seq);
-        assert!(cluster.workers.iter().any(|worker| worker.url() == elsewhere.address), "{elsewhere:?}");
-        let (frame, receipt) = redeem(&elsewhere).await.unwrap();
+        assert!(cluster.workers.iter().any(|worker| worker.url() == redirect.address), "{redirect:?}");
+        let (frame, receipt) = redeem(&redirect).await.unwrap();
         // The very bytes that are relayed to whoever asks for that.
         let relayed = View { pin: Some(frame.provenance.clone()), ..wanted };
         assert_eq!(frame.color, cluster.render(&relayed).await.unwrap().0.color);
@@ -94,13 +94,13 @@ async fn a_ticket_is_good_once_at_its_worker_and_as_it_was_sealed() {
     let cluster = open_to_clients(quick(), 2).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
-    let (_, elsewhere) = session.elsewhere().await;
-    let refused = async |elsewhere: v1::Elsewhere| {
-        let status = redeem(&elsewhere).await.unwrap_err();
+    let (_, redirect) = session.redirect().await;
+    let refused = async |redirect: v1::Redirect| {
+        let status = redeem(&redirect).await.unwrap_err();
         assert_eq!(status.code(), Code::InvalidArgument, "{status}");
         status.message().to_owned()
     };
-    let sealed = elsewhere.ticket.clone().unwrap();
+    let sealed = redirect.ticket.clone().unwrap();
     let mut body = sealed.body.to_vec();
     *body.last_mut().unwrap() ^= 1;
     for ticket in [
@@ -108,19 +108,19 @@ async fn a_ticket_is_good_once_at_its_worker_and_as_it_was_sealed() {
         Some(v1::Sealed { body: body.into(), ..sealed.clone() }),
         Some(v1::Sealed { seal: vec![0; 32].into(), ..sealed.clone() }),
     ] {
-        assert!(refused(v1::Elsewhere { ticket, ..elsewhere.clone() }).await.contains("was not given out"));
+        assert!(refused(v1::Redirect { ticket, ..redirect.clone() }).await.contains("was not given out"));
     }
-    let other = cluster.workers.iter().map(|worker| worker.url()).find(|url| *url != elsewhere.address);
+    let other = cluster.workers.iter().map(|worker| worker.url()).find(|url| *url != redirect.address);
     assert!(
-        refused(v1::Elsewhere { address: other.unwrap(), ..elsewhere.clone() })
+        refused(v1::Redirect { address: other.unwrap(), ..redirect.clone() })
             .await
             .contains("was not given out")
     );
-    redeem(&elsewhere).await.unwrap();
-    assert!(refused(elsewhere).await.contains("was shown before"));
+    redeem(&redirect).await.unwrap();
+    assert!(refused(redirect).await.contains("was shown before"));
     // Nor does a coordinator take one.
     let here =
-        v1::Elsewhere { address: cluster.coordinator.url(), ticket: Some(sealed), ..Default::default() };
+        v1::Redirect { address: cluster.coordinator.url(), ticket: Some(sealed), ..Default::default() };
     assert!(refused(here).await.contains("is for the worker"));
 }
 
@@ -129,10 +129,10 @@ async fn whoever_does_not_reach_a_worker_has_frames_relayed() {
     let cluster = open_to_clients(quick(), 1).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
-    let (_, elsewhere) = session.elsewhere().await;
+    let (_, redirect) = session.redirect().await;
     // A word about another ticket says nothing of this one.
-    session.say(1, missed(elsewhere.serial + 7, true)).await;
-    session.say(1, missed(elsewhere.serial, true)).await;
+    session.say(1, missed(redirect.serial + 7, true)).await;
+    session.say(1, missed(redirect.serial, true)).await;
     // That one, and those after it, without another try.
     for seq in 1..=3 {
         if seq > 1 {
@@ -152,15 +152,15 @@ async fn a_frame_that_its_worker_could_not_make_is_fetched_from_another() {
     let cluster = open_to_clients(quick(), 3).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
-    let (_, first) = session.elsewhere().await;
+    let (_, first) = session.redirect().await;
     session.say(1, missed(first.serial, false)).await;
-    let (_, second) = session.elsewhere().await;
+    let (_, second) = session.redirect().await;
     assert_ne!(second.address, first.address);
     // The first one's frame came after all, and crossed the second ticket.
     let (_, receipt) = redeem(&first).await.unwrap();
     session.say(1, Asked::Ack(v1::SessionAck { receipt: Some(receipt) })).await;
     session.ask(2, &view(2)).await;
-    assert_eq!(session.elsewhere().await.0, 2, "the session goes on, and is sent on as before");
+    assert_eq!(session.redirect().await.0, 2, "the session goes on, and is sent on as before");
     let status = cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 1).await;
     assert_eq!(status.counters.unwrap().views_failed, 0);
 }
@@ -180,9 +180,9 @@ async fn clients_that_do_not_read_their_frames_keep_nobody_else_out() {
     for _ in 0..4 {
         let mut session = redirectable(&cluster).await;
         session.ask(1, &large).await;
-        let (_, elsewhere) = session.elsewhere().await;
-        let request = v1::RedeemRequest { ticket: elsewhere.ticket };
-        let mut worker = ViewsClient::new(channel(&elsewhere.address));
+        let (_, redirect) = session.redirect().await;
+        let request = v1::RedeemRequest { ticket: redirect.ticket };
+        let mut worker = ViewsClient::new(channel(&redirect.address));
         unread.push(worker.redeem(request).await.unwrap());
         session.acknowledge(1).await;
         sessions.push(session);
@@ -190,10 +190,10 @@ async fn clients_that_do_not_read_their_frames_keep_nobody_else_out() {
     // A fifth is told so, and asks for the relaying that is its right.
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(2)).await;
-    let (_, elsewhere) = session.elsewhere().await;
-    let status = redeem(&elsewhere).await.unwrap_err();
+    let (_, redirect) = session.redirect().await;
+    let status = redeem(&redirect).await.unwrap_err();
     assert_eq!(status.code(), Code::ResourceExhausted, "{status}");
-    session.say(1, missed(elsewhere.serial, true)).await;
+    session.say(1, missed(redirect.serial, true)).await;
     assert!(matches!(session.answer().await, Some((1, 0, Ok(())))));
     cluster.render(&view(3)).await.unwrap();
 }
@@ -203,9 +203,9 @@ async fn a_worker_that_dies_before_its_ticket_is_shown_costs_another_ticket() {
     let mut cluster = open_to_clients(quick(), 2).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
-    let (_, first) = session.elsewhere().await;
+    let (_, first) = session.redirect().await;
     cluster.worker_at(&first.address).kill();
-    let (seq, second) = session.elsewhere().await;
+    let (seq, second) = session.redirect().await;
     assert_eq!(seq, 1);
     assert_ne!(second.address, first.address);
     redeem(&second).await.unwrap();
@@ -219,14 +219,14 @@ async fn a_client_that_says_nothing_of_its_frame_holds_nothing_for_long() {
     let cluster = open_to_clients(argus_cluster::coordinator::Config { core, ..quick() }, 1).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
-    session.elsewhere().await;
+    session.redirect().await;
     let Some((1, 0, Err(failure))) = session.answer().await else { panic!("its time is over") };
     assert_eq!(Code::from_i32(failure.code), Code::DeadlineExceeded, "{failure:?}");
     // The session goes on.
     session.ask(2, &view(2)).await;
-    let (seq, elsewhere) = session.elsewhere().await;
+    let (seq, redirect) = session.redirect().await;
     assert_eq!(seq, 2);
-    redeem(&elsewhere).await.unwrap();
+    redeem(&redirect).await.unwrap();
     session.acknowledge(2).await;
     cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 1).await;
 }
@@ -239,13 +239,13 @@ async fn a_client_that_brings_no_receipts_is_relayed_and_hoards_no_tickets() {
     // One receipt may be lost.
     for seq in 1..=2 {
         session.ask(seq, &view(seq as usize)).await;
-        hoard.push(session.elsewhere().await.1);
+        hoard.push(session.redirect().await.1);
         session.acknowledge(seq).await;
     }
     session.ask(3, &view(3)).await;
     assert!(matches!(session.answer().await, Some((3, 0, Ok(())))), "it is sent nowhere for a while");
     // Numbers are the session's, so that they tell tickets apart whichever worker they are for.
-    assert_eq!(hoard.iter().map(|elsewhere| elsewhere.serial).collect::<Vec<_>>(), [1, 2]);
+    assert_eq!(hoard.iter().map(|redirect| redirect.serial).collect::<Vec<_>>(), [1, 2]);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -257,7 +257,7 @@ async fn a_client_has_no_more_tickets_out_than_views_that_it_may_have_in_work() 
         // A session that is opened anew has missed nothing yet.
         let mut session = redirectable(&cluster).await;
         session.ask(1, &view(1)).await;
-        kept.push(session.elsewhere().await.1);
+        kept.push(session.redirect().await.1);
         session.acknowledge(1).await;
         sessions.push(session);
     }
@@ -266,8 +266,8 @@ async fn a_client_has_no_more_tickets_out_than_views_that_it_may_have_in_work() 
     session.ask(1, &view(1)).await;
     assert!(matches!(session.answer().await, Some((1, 0, Ok(())))), "a fourth has its frames relayed");
     // They are good for what they were given for, and no more.
-    for elsewhere in &kept {
-        redeem(elsewhere).await.unwrap();
+    for redirect in &kept {
+        redeem(redirect).await.unwrap();
     }
 }
 
@@ -276,9 +276,9 @@ async fn a_frame_that_is_missed_twice_is_relayed() {
     let cluster = open_to_clients(quick(), 3).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
-    let (_, first) = session.elsewhere().await;
+    let (_, first) = session.redirect().await;
     session.say(1, missed(first.serial, false)).await;
-    let (_, second) = session.elsewhere().await;
+    let (_, second) = session.redirect().await;
     // What crossed the second ticket is about the first, whatever the workers count.
     session.say(1, missed(first.serial, false)).await;
     session.say(1, missed(second.serial, false)).await;
@@ -291,9 +291,9 @@ async fn a_client_that_waits_for_a_slow_frame_hears_that_it_is_in_work() {
     cluster.knobs.set(1_200_000, 1_200_000);
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
-    let (_, elsewhere) = session.elsewhere().await;
-    let mut worker = ViewsClient::new(channel(&elsewhere.address));
-    let request = v1::RedeemRequest { ticket: elsewhere.ticket };
+    let (_, redirect) = session.redirect().await;
+    let mut worker = ViewsClient::new(channel(&redirect.address));
+    let request = v1::RedeemRequest { ticket: redirect.ticket };
     let mut answers = worker.redeem(request).await.unwrap().into_inner();
     let mut beats = 0;
     while let Some(answer) = answers.message().await.unwrap() {
@@ -303,8 +303,8 @@ async fn a_client_that_waits_for_a_slow_frame_hears_that_it_is_in_work() {
     // One that goes ends the work for it.
     session.acknowledge(1).await;
     session.ask(2, &view(2)).await;
-    let (_, elsewhere) = session.elsewhere().await;
-    let request = v1::RedeemRequest { ticket: elsewhere.ticket };
+    let (_, redirect) = session.redirect().await;
+    let request = v1::RedeemRequest { ticket: redirect.ticket };
     let mut answers = worker.redeem(request).await.unwrap().into_inner();
     assert!(matches!(answers.message().await.unwrap().unwrap().body, Some(Redeemed::Working(_))));
     drop(answers);

@@ -32,7 +32,7 @@ fn ordered(order: Box<Order>) -> Event {
 }
 
 fn with_ticket(order: Box<Order>, serial: u64) -> Event {
-    Event::Ordered { order, ticket: Some(v1::Elsewhere { serial, ..v1::Elsewhere::default() }) }
+    Event::Ordered { order, ticket: Some(v1::Redirect { serial, ..v1::Redirect::default() }) }
 }
 
 fn chunk(body: Option<Body>) -> Event {

@@ -18,7 +18,7 @@ pub struct Session {
     pub requests: mpsc::Sender<v1::SessionRequest>,
     answers: Streaming<v1::SessionResponse>,
     assembler: FrameAssembler,
-    /// Whether it asks to be sent elsewhere.
+    /// Whether it asks to be redirected.
     pub redirectable: bool,
     /// Whether its searches may begin from its frame before.
     pub history: bool,
@@ -53,12 +53,12 @@ impl Session {
     }
 
     /// The next answer, which says where to fetch the frame.
-    pub async fn elsewhere(&mut self) -> (u64, v1::Elsewhere) {
+    pub async fn redirect(&mut self) -> (u64, v1::Redirect) {
         let answer =
             tokio::time::timeout(LIMIT, self.answers.message()).await.expect("a session must answer");
         let answer = answer.unwrap().unwrap();
         match answer.body.unwrap() {
-            Answer::Elsewhere(elsewhere) => (answer.camera_seq, elsewhere),
+            Answer::Redirect(redirect) => (answer.camera_seq, redirect),
             other => panic!("a frame is to be fetched, not {other:?}"),
         }
     }
@@ -79,8 +79,8 @@ impl Session {
             while let Some(answer) = self.answers.message().await.unwrap() {
                 let (seq, superseded) = (answer.camera_seq, answer.superseded);
                 match answer.body.unwrap() {
-                    Answer::Elsewhere(elsewhere) => {
-                        panic!("nobody asked to be sent to {}", elsewhere.address)
+                    Answer::Redirect(redirect) => {
+                        panic!("nobody asked to be sent to {}", redirect.address)
                     }
                     Answer::Failure(failure) => return Some((seq, superseded, Err(failure))),
                     Answer::Chunk(chunk) => {
