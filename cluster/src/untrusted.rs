@@ -15,7 +15,7 @@ use prost::Message;
 use crate::SceneRef;
 use crate::coordinator;
 use crate::core::{
-    Assignment, Config, Core, Event, Hello, Probed, Report, Role, Source, Ticket, Uptime, WorkerId,
+    Assignment, Config, Core, Event, Hello, Probed, Report, Role, Source, Uptime, ViewId, WorkerId,
 };
 use crate::sealed::{Kind, SealKey, Shown};
 use crate::wire::{self, Served, Standing};
@@ -55,7 +55,7 @@ fn core() -> Core {
 
 fn ask(core: &mut Core, view: View, now: Uptime) {
     let event = Event::Asked {
-        ticket: Ticket(2),
+        view_id: ViewId(2),
         client: "c".into(),
         view: Box::new(view),
         deadline: None,
@@ -157,8 +157,8 @@ pub fn receipt(body: &[u8]) -> Result<(), String> {
     let camera = argus_scene::Camera::look_at(bounds.max, DVec3::ZERO);
     let (outputs, plan) = (argus_scene::Outputs::COLOR, argus_scene::PlanRequest::default());
     ask(&mut core, View { camera, width: 8, height: 6, outputs, plan, pin: None }, Uptime::default());
-    let (ticket, attempt) = (Ticket(2), 1);
-    let answered = Event::Answered { ticket, attempt, uncovered: Some(uncovered), ms: Some(ms) };
+    let (view_id, attempt) = (ViewId(2), 1);
+    let answered = Event::Answered { view_id, attempt, uncovered: Some(uncovered), ms: Some(ms) };
     core.step(answered, Uptime::default());
     pass_time(&mut core);
     Ok(())

@@ -21,7 +21,7 @@ use super::planning::Planning;
 use super::surveys::Surveys;
 use super::tickets::{IssuedRedirect, Tickets};
 use crate::SceneSource;
-use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, Ticket, Uptime, WorkerId};
+use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, ViewId, Uptime, WorkerId};
 use crate::leadership::Held;
 use crate::net::Channels;
 use crate::sealed::{Kind, SealKey};
@@ -62,7 +62,7 @@ struct State {
     leader: Option<String>,
     next_id: u64,
     seats: HashMap<WorkerId, Seat>,
-    views: HashMap<Ticket, UnboundedSender<Verdict>>,
+    views: HashMap<ViewId, UnboundedSender<Verdict>>,
 }
 
 /// A leadership.
@@ -203,18 +203,18 @@ impl Hub {
                     seat.expelled.cancel();
                     self.channels.forget(&seat.hello.address);
                 }
-                Action::Dispatch { ticket, order } => {
-                    if let Some(view) = state.views.get(&ticket) {
+                Action::Dispatch { view_id, order } => {
+                    if let Some(view) = state.views.get(&view_id) {
                         let _ = view.send(Ok(Ruling::Carry(order)));
                     }
                 }
-                Action::Deliver { ticket, attempt, expected } => {
-                    if let Some(view) = state.views.get(&ticket) {
+                Action::Deliver { view_id, attempt, expected } => {
+                    if let Some(view) = state.views.get(&view_id) {
                         let _ = view.send(Ok(Ruling::Deliver { attempt, expected }));
                     }
                 }
-                Action::Refuse { ticket, fault } => {
-                    if let Some(view) = state.views.remove(&ticket) {
+                Action::Refuse { view_id, fault } => {
+                    if let Some(view) = state.views.remove(&view_id) {
                         let _ = view.send(Err(fault));
                     }
                 }
@@ -332,36 +332,36 @@ impl Hub {
         view: View,
         deadline: Option<Duration>,
         last: Option<Box<LastView>>,
-    ) -> (Ticket, UnboundedReceiver<Verdict>) {
+    ) -> (ViewId, UnboundedReceiver<Verdict>) {
         let (sender, verdicts) = unbounded_channel();
         let planning = self.planning.begin(&view);
         let survey = self.survey(&view, last.as_deref());
         let mut state = self.state.lock();
-        let ticket = Ticket(state.next_id);
+        let view_id = ViewId(state.next_id);
         state.next_id += 1;
         match state.leading {
             None => drop(sender.send(Err(stands_by(state.leader.as_deref())))),
             Some(_) => {
-                state.views.insert(ticket, sender);
+                state.views.insert(view_id, sender);
                 self.step_locked(
                     &mut state,
-                    Event::Asked { ticket, client, view: Box::new(view), deadline, survey, last },
+                    Event::Asked { view_id, client, view: Box::new(view), deadline, survey, last },
                 );
             }
         }
         drop(state);
         planning.end();
-        (ticket, verdicts)
+        (view_id, verdicts)
     }
 
     /// Ends the verdicts about a view. `event` tells the core why.
-    pub(super) fn end_view(&self, ticket: Ticket, event: Event) {
+    pub(super) fn end_view(&self, view_id: ViewId, event: Event) {
         let mut state = self.state.lock();
-        state.views.remove(&ticket);
+        state.views.remove(&view_id);
         self.step_locked(&mut state, event);
         // Another attempt may have begun before this one's end was said.
-        if state.core.is_open(ticket) {
-            self.step_locked(&mut state, Event::Cancelled { ticket });
+        if state.core.is_open(view_id) {
+            self.step_locked(&mut state, Event::Cancelled { view_id });
         }
     }
 

@@ -22,7 +22,7 @@ pub struct WorkerId(pub u64);
 
 /// One view on its way through the cluster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
-pub struct Ticket(pub u64);
+pub struct ViewId(pub u64);
 
 /// What a worker does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -212,7 +212,7 @@ pub enum Event {
     /// A validated view is asked for.
     Asked {
         /// Given by the shell, never used before.
-        ticket: Ticket,
+        view_id: ViewId,
         /// Which client asks.
         client: Client,
         /// What is asked for.
@@ -235,7 +235,7 @@ pub enum Event {
     /// [`Action::Dispatch`] follows.
     Judged {
         /// Which view.
-        ticket: Ticket,
+        view_id: ViewId,
         /// Of [`Order::attempt`].
         attempt: u32,
         /// What its pixels say; absent if the worker did not tell.
@@ -246,7 +246,7 @@ pub enum Event {
     /// The frame of an attempt was relayed whole.
     Answered {
         /// Which view.
-        ticket: Ticket,
+        view_id: ViewId,
         /// Of [`Order::attempt`].
         attempt: u32,
         /// Pixels that none of the plan's samples saw, whatever became of them; absent where nobody says.
@@ -257,7 +257,7 @@ pub enum Event {
     /// An attempt failed.
     Failed {
         /// Which view.
-        ticket: Ticket,
+        view_id: ViewId,
         /// Of [`Order::attempt`].
         attempt: u32,
         /// What may still help.
@@ -266,7 +266,7 @@ pub enum Event {
     /// Nobody waits for the view any more.
     Cancelled {
         /// Which view.
-        ticket: Ticket,
+        view_id: ViewId,
     },
     /// A client opened a session; [`super::Core::check_session`] let it.
     SessionOpened {
@@ -319,7 +319,7 @@ pub struct Source {
 /// A view for a worker.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Order {
-    /// Ascending for a ticket, from 1.
+    /// Number of the attempt at the view, from 1.
     pub attempt: u32,
     /// Which worker shall answer.
     pub worker: WorkerId,
@@ -365,14 +365,14 @@ pub enum Action {
     /// Send a view to a worker; an earlier attempt at it, if any, is void.
     Dispatch {
         /// Which view.
-        ticket: Ticket,
+        view_id: ViewId,
         /// To whom and how.
         order: Box<Order>,
     },
     /// Let the frame that was judged pass.
     Deliver {
         /// Which view.
-        ticket: Ticket,
+        view_id: ViewId,
         /// Of [`Order::attempt`].
         attempt: u32,
         /// What is expected of it, now that it was looked at.
@@ -381,7 +381,7 @@ pub enum Action {
     /// Answer a view with a fault; it is forgotten.
     Refuse {
         /// Which view.
-        ticket: Ticket,
+        view_id: ViewId,
         /// Why.
         fault: Fault,
     },

@@ -10,7 +10,7 @@ use argus_scene::rig::Sight;
 use argus_scene::{SampleSetInfo, Version, View};
 
 use super::config::Config;
-use super::event::{Action, Event, Hello, LastView, Report, Ticket, WorkerId};
+use super::event::{Action, Event, Hello, LastView, Report, ViewId, WorkerId};
 use super::quality::Model;
 use super::samples::Samples;
 use super::status::Status;
@@ -97,8 +97,8 @@ impl Core {
     }
 
     /// Whether that view waits or is in work.
-    pub fn is_open(&self, ticket: Ticket) -> bool {
-        self.views.is_open(ticket)
+    pub fn is_open(&self, view_id: ViewId) -> bool {
+        self.views.is_open(view_id)
     }
 
     /// Whether new views are turned away since the process is about to end.
@@ -148,30 +148,30 @@ impl Core {
             Event::Joined { worker, hello } => self.join(worker, hello, now, &mut actions),
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.lose(worker, now, &mut actions),
-            Event::Asked { ticket, client, view, deadline, survey, last } => {
+            Event::Asked { view_id, client, view, deadline, survey, last } => {
                 self.samples.wake(now, self.views.needed_versions());
-                let asked = Asked { ticket, client, view: &view, deadline, survey, last };
+                let asked = Asked { view_id, client, view: &view, deadline, survey, last };
                 self.on_views(now, &mut actions, |views, cluster| views.ask(asked, cluster, now));
             }
             Event::Surveyed { pixels, survey } => self
                 .on_views(now, &mut actions, |views, cluster| views.learn_thought(pixels, &survey, cluster)),
-            Event::Judged { ticket, attempt, observed, ms } => {
+            Event::Judged { view_id, attempt, observed, ms } => {
                 self.on_views(now, &mut actions, |views, cluster| {
-                    views.judge((ticket, attempt), observed, ms, cluster)
+                    views.judge((view_id, attempt), observed, ms, cluster)
                 });
             }
-            Event::Answered { ticket, attempt, uncovered, ms } => {
+            Event::Answered { view_id, attempt, uncovered, ms } => {
                 self.on_views(now, &mut actions, |views, cluster| {
-                    views.answered((ticket, attempt), uncovered, ms, cluster)
+                    views.answered((view_id, attempt), uncovered, ms, cluster)
                 });
             }
-            Event::Failed { ticket, attempt, failure } => {
+            Event::Failed { view_id, attempt, failure } => {
                 self.on_views(now, &mut actions, |views, cluster| {
-                    views.failed((ticket, attempt), failure, cluster, now)
+                    views.failed((view_id, attempt), failure, cluster, now)
                 });
             }
-            Event::Cancelled { ticket } => {
-                self.on_views(now, &mut actions, |views, _| views.cancel(ticket));
+            Event::Cancelled { view_id } => {
+                self.on_views(now, &mut actions, |views, _| views.cancel(view_id));
             }
             Event::SessionOpened { client } => self.views.open_session(&client),
             Event::SessionClosed { client } => self.views.close_session(&client),
@@ -281,9 +281,9 @@ impl Core {
             }
             let (views, cluster) = self.parts();
             let Some((order, queued)) = views.give(&given, sources, cluster) else { continue };
-            self.workers.begin(given.worker, given.ticket, queued);
+            self.workers.begin(given.worker, given.view_id, queued);
             self.samples.begin(given.worker, given.samples.iter().map(|(id, _)| *id));
-            actions.push(Action::Dispatch { ticket: given.ticket, order });
+            actions.push(Action::Dispatch { view_id: given.view_id, order });
         }
     }
 
@@ -294,9 +294,9 @@ impl Core {
             Effect::Asked(kind) => self.workers.count(kind, 1),
             Effect::Used { cameras } => self.samples.note_use(&cameras, now),
             Effect::Answered { worker, direct, work } => self.workers.answered(worker, direct, work),
-            Effect::Blamed { worker, ticket } => self.workers.blame(worker, ticket, now),
-            Effect::TakenBack { worker, ticket, samples, answered } => {
-                if self.workers.end(worker, ticket) {
+            Effect::Blamed { worker, view_id } => self.workers.blame(worker, view_id, now),
+            Effect::TakenBack { worker, view_id, samples, answered } => {
+                if self.workers.end(worker, view_id) {
                     self.samples.end(worker, &samples, answered);
                 }
             }

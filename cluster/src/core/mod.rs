@@ -38,7 +38,7 @@ mod workers;
 
 pub use config::Config;
 pub use event::{
-    Action, Assignment, Client, Event, Failure, Hello, LastView, Order, Probed, Report, Role, Source, Ticket,
+    Action, Assignment, Client, Event, Failure, Hello, LastView, Order, Probed, Report, Role, Source, ViewId,
     WorkerId,
 };
 pub use machine::Core;

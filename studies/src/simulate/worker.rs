@@ -4,7 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 
-use argus_cluster::core::{Assignment, Report, Role, Ticket, WorkerId};
+use argus_cluster::core::{Assignment, Report, Role, ViewId, WorkerId};
 use argus_cluster::worker::policy::{Kind, Policy, Waiting as Left, may_change_role, take_batch};
 use argus_scene::SampleId;
 
@@ -14,7 +14,7 @@ use super::world::Task;
 /// One attempt at a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Attempt {
-    pub(super) ticket: Ticket,
+    pub(super) view_id: ViewId,
     pub(super) attempt: u32,
 }
 
@@ -92,7 +92,7 @@ pub(super) struct Worker {
     pub(super) children: HashMap<SampleId, Vec<usize>>,
     pub(super) renders: VecDeque<SampleId>,
     pub(super) renders_ahead: VecDeque<SampleId>,
-    pub(super) waiting: BTreeMap<Ticket, Waiting>,
+    pub(super) waiting: BTreeMap<ViewId, Waiting>,
     pub(super) views: VecDeque<(Attempt, Vec<SampleId>)>,
     pub(super) direct: VecDeque<Attempt>,
     pub(super) policy: Policy,

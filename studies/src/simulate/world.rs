@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_cluster::core::{
-    Action, Assignment, Config, Core, Event, Failure, Hello, Order, Ticket, Uptime, WorkerId,
+    Action, Assignment, Config, Core, Event, Failure, Hello, Order, ViewId, Uptime, WorkerId,
 };
 use argus_cluster::worker::policy::threads_beside;
 use argus_proto::Fault;
@@ -36,7 +36,7 @@ pub(super) trait Load {
 /// A message to a worker.
 #[derive(Debug, Clone)]
 pub(super) enum Message {
-    Order(Ticket, Box<Order>),
+    Order(ViewId, Box<Order>),
     Assignment(Assignment),
     Subscribe { id: SampleId, from: usize, ahead: bool },
     Sample { id: SampleId },
@@ -51,7 +51,7 @@ pub(super) enum Task {
     Pack { slot: usize, life: u32, id: SampleId },
     Unpack { slot: usize, life: u32, id: SampleId },
     Relay { view: Attempt },
-    Receive { ticket: Ticket },
+    Receive { view_id: ViewId },
 }
 
 /// A view that a client waits for.
@@ -95,7 +95,7 @@ pub(super) struct World {
     slots: HashMap<WorkerId, usize>,
     /// Messages that reached a paused worker, and its tasks that ended meanwhile, by slot.
     while_paused: HashMap<usize, (Vec<Message>, Vec<Task>)>,
-    views: HashMap<Ticket, Asked>,
+    views: HashMap<ViewId, Asked>,
     next_id: u64,
     load: Option<Box<dyn Load>>,
     report_every: Nanos,
@@ -259,11 +259,11 @@ impl World {
     // Clients.
 
     /// A client requests a view from its camera.
-    pub(super) fn ask(&mut self, client: u64, camera: Camera, direct: bool) -> Ticket {
-        let ticket = Ticket(self.next_id);
+    pub(super) fn ask(&mut self, client: u64, camera: Camera, direct: bool) -> ViewId {
+        let view_id = ViewId(self.next_id);
         self.next_id += 1;
         self.tally.asked += 1;
-        self.views.insert(ticket, Asked { client, at: self.now, answered: false });
+        self.views.insert(view_id, Asked { client, at: self.now, answered: false });
         let plan = match direct {
             true => PlanRequest { direct, ..PlanRequest::default() },
             false => PlanRequest::from_samples(),
@@ -272,7 +272,7 @@ impl World {
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
         let latency = self.latency();
         let asked = Event::Asked {
-            ticket,
+            view_id,
             client: client.to_string().into(),
             view,
             deadline: None,
@@ -280,7 +280,7 @@ impl World {
             last: None,
         };
         self.after(latency, SimEvent::ToCoordinator(Box::new(asked)));
-        ticket
+        view_id
     }
 
     /// Wakes the load after a time.
@@ -388,10 +388,10 @@ impl World {
                     false => self.receive(slot, message),
                 }
             }
-            SimEvent::ToWorker { message: Message::Order(ticket, order), .. } => {
+            SimEvent::ToWorker { message: Message::Order(view_id, order), .. } => {
                 // That process no longer exists.
                 let failure = Failure::TryElsewhere;
-                self.step(Event::Failed { ticket, attempt: order.attempt, failure });
+                self.step(Event::Failed { view_id, attempt: order.attempt, failure });
             }
             SimEvent::ToWorker { .. } => {}
             SimEvent::ToCoordinator(event) => self.step(*event),
@@ -399,9 +399,9 @@ impl World {
                 let ms = self.parameters.relay_ms;
                 self.begin(COORDINATOR, ms, Task::Relay { view });
             }
-            SimEvent::FrameAtClient { ticket } => {
+            SimEvent::FrameAtClient { view_id } => {
                 let ms = self.parameters.client_ms;
-                self.begin(CLIENTS, ms, Task::Receive { ticket });
+                self.begin(CLIENTS, ms, Task::Receive { view_id });
             }
             SimEvent::Report { slot, life } => {
                 let worker = &self.workers[slot];
@@ -465,13 +465,13 @@ impl World {
                         self.after(200_000_000, SimEvent::Rejoin { slot, life });
                     }
                 }
-                Action::Dispatch { ticket, order } => {
+                Action::Dispatch { view_id, order } => {
                     let slot = self.slots.get(&order.worker).copied();
                     match slot {
-                        Some(slot) => self.tell(slot, Message::Order(ticket, order)),
+                        Some(slot) => self.tell(slot, Message::Order(view_id, order)),
                         None => {
                             let failed = Event::Failed {
-                                ticket,
+                                view_id,
                                 attempt: order.attempt,
                                 failure: Failure::TryElsewhere,
                             };
@@ -481,8 +481,8 @@ impl World {
                     }
                 }
                 Action::Deliver { .. } => {}
-                Action::Refuse { ticket, fault } => {
-                    let Some(asked) = self.views.remove(&ticket) else { continue };
+                Action::Refuse { view_id, fault } => {
+                    let Some(asked) = self.views.remove(&view_id) else { continue };
                     let overload = matches!(fault, Fault::Overloaded { .. });
                     match overload {
                         true => self.tally.overloaded += 1,
@@ -527,7 +527,7 @@ impl World {
                     let latency = self.latency();
                     self.after(latency, SimEvent::ToCoordinator(Box::new(answered(view))));
                     let at = self.send(WORKERS + slot, CLIENTS, bytes);
-                    self.at(at, SimEvent::FrameAtClient { ticket: view.ticket });
+                    self.at(at, SimEvent::FrameAtClient { view_id: view.view_id });
                 }
             }
             Task::Pack { slot, id, .. } => {
@@ -540,17 +540,17 @@ impl World {
                 self.gained(slot, id);
             }
             Task::Relay { view } => {
-                let Some(asked) = self.views.get_mut(&view.ticket).filter(|asked| !asked.answered) else {
+                let Some(asked) = self.views.get_mut(&view.view_id).filter(|asked| !asked.answered) else {
                     return;
                 };
                 asked.answered = true;
                 self.step(answered(view));
                 let bytes = self.parameters.frame_bytes;
                 let at = self.send(COORDINATOR, CLIENTS, bytes);
-                self.at(at, SimEvent::FrameAtClient { ticket: view.ticket });
+                self.at(at, SimEvent::FrameAtClient { view_id: view.view_id });
             }
-            Task::Receive { ticket } => {
-                let Some(asked) = self.views.remove(&ticket) else { return };
+            Task::Receive { view_id } => {
+                let Some(asked) = self.views.remove(&view_id) else { return };
                 self.tally.answered += 1;
                 let latency = self.now - asked.at;
                 self.tally.slowest = self.tally.slowest.max(latency);
@@ -561,5 +561,5 @@ impl World {
 }
 
 fn answered(view: Attempt) -> Event {
-    Event::Answered { ticket: view.ticket, attempt: view.attempt, uncovered: Some(0), ms: None }
+    Event::Answered { view_id: view.view_id, attempt: view.attempt, uncovered: Some(0), ms: None }
 }

@@ -69,7 +69,7 @@ mod tests {
 
     use super::*;
     use crate::core::config::Config;
-    use crate::core::event::{Action, Event, Ticket};
+    use crate::core::event::{Action, Event, ViewId};
     use crate::core::machine::Core;
     use crate::core::samples::Samples;
     use crate::core::tests::set_info;
@@ -130,9 +130,9 @@ mod tests {
             let camera = Camera::look_at(DVec3::new(0.3, 0.4, 0.5), DVec3::X);
             let plan = PlanRequest::from_samples();
             let view = View { camera, width: 40, height: 30, outputs: Outputs::COLOR, plan, pin: None };
-            let (ticket, view) = (Ticket(1), Box::new(view));
+            let (view_id, view) = (ViewId(1), Box::new(view));
             let client = "a client".into();
-            let asked = Event::Asked { ticket, client, view, deadline: None, survey: None, last: None };
+            let asked = Event::Asked { view_id, client, view, deadline: None, survey: None, last: None };
             let actions = core.step(asked, Uptime::default());
             assert_eq!(matches!(actions[..], [Action::Refuse { .. }]), max_views == 0, "{actions:?}");
             assert_eq!(counting.0.load(Ordering::Relaxed) > 0, max_views > 0);

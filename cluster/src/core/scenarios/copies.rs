@@ -12,10 +12,10 @@ use crate::core::*;
 fn used(sim: &mut Sim) -> BTreeSet<SampleId> {
     let mut used = BTreeSet::new();
     for _ in 0..8 {
-        let ticket = sim.ask(false);
-        let Plan::Warp(warp) = &sim.orders[&ticket].plan else { unreachable!("nobody asked for triangles") };
+        let view_id = sim.ask(false);
+        let Plan::Warp(warp) = &sim.orders[&view_id].plan else { unreachable!("nobody asked for triangles") };
         used.extend(warp.samples.iter().copied());
-        sim.answer(ticket);
+        sim.answer(view_id);
         sim.now = sim.now.after(Duration::from_millis(125));
         sim.report_all();
         sim.step(Event::Tick);

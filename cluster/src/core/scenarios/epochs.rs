@@ -29,9 +29,9 @@ fn pass(sim: &mut Sim, ms: u64) {
 fn watch(sim: &mut Sim, ms: u64) -> Vec<u64> {
     let mut epochs = Vec::new();
     for step in 0..ms / 10 {
-        let ticket = sim.ask(false);
-        epochs.push(sim.orders[&ticket].state.epoch);
-        sim.answer(ticket);
+        let view_id = sim.ask(false);
+        epochs.push(sim.orders[&view_id].state.epoch);
+        sim.answer(view_id);
         pass(sim, 10);
         if step % 2 == 0 {
             sim.report_all();
@@ -59,11 +59,11 @@ fn the_next_epochs_samples_are_where_views_are_composed_before_a_view_asks() {
     let mut sim = moving(3);
     watch(&mut sim, 2000);
     for _ in 0..50 {
-        let ticket = sim.ask(false);
-        let order = sim.orders[&ticket].clone();
+        let view_id = sim.ask(false);
+        let order = sim.orders[&view_id].clone();
         let held = &sim.workers[&order.worker].report.held;
         assert!(order.sources.iter().all(|source| held.contains(&source.id)), "epoch {}", order.state.epoch);
-        sim.answer(ticket);
+        sim.answer(view_id);
         pass(&mut sim, 20);
         sim.report_all();
     }
@@ -100,10 +100,10 @@ fn slow_samplers_make_fewer_epochs_and_no_view_wait() {
     let samplers: Vec<WorkerId> = sim.workers.keys().copied().collect();
     let mut epochs = BTreeSet::new();
     for step in 0..1000 {
-        let ticket = sim.ask(false);
-        assert!(sim.orders.contains_key(&ticket), "no view waits for an epoch");
-        epochs.insert(sim.orders[&ticket].state.epoch);
-        sim.answer(ticket);
+        let view_id = sim.ask(false);
+        assert!(sim.orders.contains_key(&view_id), "no view waits for an epoch");
+        epochs.insert(sim.orders[&view_id].state.epoch);
+        sim.answer(view_id);
         pass(&mut sim, 10);
         // Whoever renders needs 800 ms until it can say that it has the next epoch.
         for &worker in samplers.iter().filter(|_| step % 80 == 0) {
@@ -128,9 +128,9 @@ fn s_counts_the_samples_of_every_epoch_and_falls_to_zero_when_nobody_looks() {
     }
     assert_eq!(sim.core.status().samples_per_tick, 0.0);
     assert!(sim.core.set().version.state.epoch <= epoch + 12, "nobody looks");
-    let ticket = sim.ask(false);
+    let view_id = sim.ask(false);
     assert!(
-        sim.orders[&ticket].state.epoch > epoch + 100,
+        sim.orders[&view_id].state.epoch > epoch + 100,
         "a view after a pause sees the scene as it is now"
     );
 }
@@ -174,9 +174,9 @@ type SimWorkerTold = (WorkerId, bool);
 fn pins_of_epochs_that_are_kept_are_repeated_and_others_refused_by_name() {
     let mut sim = moving(2);
     watch(&mut sim, 1000);
-    let ticket = sim.ask(false);
-    let order = sim.orders[&ticket].clone();
-    sim.answer(ticket);
+    let view_id = sim.ask(false);
+    let order = sim.orders[&view_id].clone();
+    sim.answer(view_id);
     let same = sim.pin(order.state.epoch, order.plan.clone());
     assert_eq!((sim.orders[&same].state.epoch, &sim.orders[&same].plan), (order.state.epoch, &order.plan));
     watch(&mut sim, 1000);
@@ -192,7 +192,7 @@ fn pins_of_epochs_that_are_kept_are_repeated_and_others_refused_by_name() {
     }
     // A plan whose samples are of another moment than it says is nobody's.
     let served = sim.core.set().version;
-    let fault_of = |sim: &Sim, ticket| sim.refused.iter().find(|(t, _)| *t == ticket).map(|(_, f)| f.clone());
+    let fault_of = |sim: &Sim, view_id| sim.refused.iter().find(|(t, _)| *t == view_id).map(|(_, f)| f.clone());
     let mixed = sim.pin(served.state.epoch, order.plan.clone());
     let fault = fault_of(&sim, mixed).unwrap();
     assert!(matches!(&fault, Fault::Pin(reason) if reason.starts_with("version")), "{fault:?}");

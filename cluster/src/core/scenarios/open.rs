@@ -56,13 +56,13 @@ fn view() -> View {
 }
 
 /// Asks for a view with what is to be known of it before.
-fn ask(sim: &mut Sim, view: &View) -> Ticket {
+fn ask(sim: &mut Sim, view: &View) -> ViewId {
     ask_after(sim, view, None)
 }
 
 /// Asks for the next view of a session.
-fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> Ticket {
-    let ticket = Ticket(sim.next);
+fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> ViewId {
+    let view_id = ViewId(sim.next);
     sim.next += 1;
     let survey = sim.core.survey_wanted(view, last.as_ref()).map(|wanted| Box::new(wanted.take(view, &Open)));
     if let Some(thought) = sim.core.thought_wanted(view) {
@@ -70,8 +70,8 @@ fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> Ticket {
         sim.step(Event::Surveyed { pixels, survey: Box::new(thought.take(view, &Open)) });
     }
     let (client, view, last) = ("a client".into(), Box::new(view.clone()), last.map(Box::new));
-    sim.step(Event::Asked { ticket, client, view, deadline: None, survey, last });
-    ticket
+    sim.step(Event::Asked { view_id, client, view, deadline: None, survey, last });
+    view_id
 }
 
 /// Holds the corners of the viewer's cell everywhere.
@@ -89,15 +89,15 @@ fn hold(sim: &mut Sim) {
     }
 }
 
-fn is_direct(sim: &Sim, ticket: Ticket) -> bool {
-    matches!(sim.orders[&ticket].plan, Plan::Direct { .. })
+fn is_direct(sim: &Sim, view_id: ViewId) -> bool {
+    matches!(sim.orders[&view_id].plan, Plan::Direct { .. })
 }
 
 #[test]
 fn a_view_that_leaves_the_way_open_never_waits_for_a_sample_nor_for_a_role() {
     let mut sim = measured(40.0, 10.0);
-    let tickets: Vec<Ticket> = (0..6).map(|_| ask(&mut sim, &view())).collect();
-    assert!(tickets.iter().all(|ticket| is_direct(&sim, *ticket)));
+    let view_ids: Vec<ViewId> = (0..6).map(|_| ask(&mut sim, &view())).collect();
+    assert!(view_ids.iter().all(|view_id| is_direct(&sim, *view_id)));
     let shares: Vec<usize> = sim
         .workers
         .keys()
@@ -105,7 +105,7 @@ fn a_view_that_leaves_the_way_open_never_waits_for_a_sample_nor_for_a_role() {
         .collect();
     assert_eq!(shares, [3, 3], "sampler and compositor alike");
     assert!(sim.orders.values().all(|order| order.sources.is_empty()));
-    assert_eq!(sim.orders[&tickets[0]].decision.unwrap().reason, Reason::NoSamples);
+    assert_eq!(sim.orders[&view_ids[0]].decision.unwrap().reason, Reason::NoSamples);
 }
 
 #[test]
@@ -113,9 +113,9 @@ fn held_samples_are_used_where_that_is_faster_and_only_there() {
     for (direct_ms, warp_ms, warped) in [(40.0, 10.0, true), (10.0, 40.0, false)] {
         let mut sim = measured(direct_ms, warp_ms);
         hold(&mut sim);
-        let ticket = ask(&mut sim, &view());
-        assert_eq!(is_direct(&sim, ticket), !warped, "{direct_ms} {warp_ms}");
-        let order = &sim.orders[&ticket];
+        let view_id = ask(&mut sim, &view());
+        assert_eq!(is_direct(&sim, view_id), !warped, "{direct_ms} {warp_ms}");
+        let order = &sim.orders[&view_id];
         let decision = order.decision.unwrap();
         assert_eq!((decision.reason, decision.render_ms), (Reason::Soonest, direct_ms.min(warp_ms)));
         assert_eq!(order.fallback, warped.then_some(1));
@@ -129,9 +129,9 @@ fn samples_too_coarse_for_a_large_view_are_no_way() {
     let mut sim = measured(40.0, 10.0);
     hold(&mut sim);
     let large = View { width: 1920, height: 1440, ..view() };
-    let ticket = ask(&mut sim, &large);
-    assert!(is_direct(&sim, ticket));
-    assert_eq!(sim.orders[&ticket].decision.unwrap().reason, Reason::SamplesFallShort);
+    let view_id = ask(&mut sim, &large);
+    assert!(is_direct(&sim, view_id));
+    assert_eq!(sim.orders[&view_id].decision.unwrap().reason, Reason::SamplesFallShort);
 }
 
 #[test]
@@ -162,15 +162,15 @@ fn samples_whose_frames_probes_find_worse_than_the_bound_are_used_no_more_until_
 fn a_retried_view_is_decided_anew() {
     let mut sim = measured(40.0, 10.0);
     hold(&mut sim);
-    let ticket = ask(&mut sim, &view());
-    let first = sim.orders[&ticket].clone();
+    let view_id = ask(&mut sim, &view());
+    let first = sim.orders[&view_id].clone();
     // Meanwhile the other worker has lost its samples.
     let other = *sim.workers.keys().find(|id| **id != first.worker).unwrap();
     sim.workers.get_mut(&other).unwrap().report.held.clear();
     sim.report(other);
-    sim.step(Event::Failed { ticket, attempt: first.attempt, failure: Failure::TryElsewhere });
-    assert_eq!(sim.orders[&ticket].worker, other);
-    assert!(is_direct(&sim, ticket));
+    sim.step(Event::Failed { view_id, attempt: first.attempt, failure: Failure::TryElsewhere });
+    assert_eq!(sim.orders[&view_id].worker, other);
+    assert!(is_direct(&sim, view_id));
 }
 
 #[test]
@@ -180,11 +180,11 @@ fn steady_views_have_their_samples_rendered_and_then_come_from_them() {
     for second in 0..60 {
         for _ in 0..4 {
             for _ in 0..5 {
-                let ticket = ask(&mut sim, &view());
-                if !is_direct(&sim, ticket) {
+                let view_id = ask(&mut sim, &view());
+                if !is_direct(&sim, view_id) {
                     seconds_until_warped.get_or_insert(second);
                 }
-                sim.answer_taking(ticket, 40.0);
+                sim.answer_taking(view_id, 40.0);
             }
             sim.now = sim.now.after(std::time::Duration::from_millis(250));
             sim.report_all();
@@ -205,9 +205,9 @@ fn where_triangles_are_cheaper_no_sample_is_ever_rendered() {
     let mut sim = measured(8.0, 10.0);
     for _ in 0..200 {
         for _ in 0..5 {
-            let ticket = ask(&mut sim, &view());
-            assert!(is_direct(&sim, ticket));
-            sim.answer_taking(ticket, 8.0);
+            let view_id = ask(&mut sim, &view());
+            assert!(is_direct(&sim, view_id));
+            sim.answer_taking(view_id, 8.0);
         }
         sim.now = sim.now.after(std::time::Duration::from_millis(250));
         sim.report_all();
@@ -217,8 +217,8 @@ fn where_triangles_are_cheaper_no_sample_is_ever_rendered() {
 }
 
 /// What a session's shell keeps of a view that was answered as it was ordered.
-fn remembered(sim: &Sim, view: &View, ticket: Ticket, since_change: Option<Duration>) -> LastView {
-    let order = &sim.orders[&ticket];
+fn remembered(sim: &Sim, view: &View, view_id: ViewId, since_change: Option<Duration>) -> LastView {
+    let order = &sim.orders[&view_id];
     let provenance = Provenance {
         scene: sim.core.set().scene,
         epoch: order.state.epoch,
@@ -288,14 +288,14 @@ fn a_session_that_moves_changes_its_way_at_most_once_in_two_seconds() {
         let since_change = changed.map(|changed| now - changed);
         let before = last.take();
         let memory = before.clone().map(|(last, _)| LastView { since_change, ..last });
-        let ticket = ask_after(&mut sim, &view, memory);
-        let way = is_direct(&sim, ticket);
+        let view_id = ask_after(&mut sim, &view, memory);
+        let way = is_direct(&sim, view_id);
         if before.is_some_and(|(_, before)| before != way) {
             changed = Some(now);
             changes.push(now);
         }
-        last = Some((remembered(&sim, &view, ticket, None), way));
-        sim.answer_taking(ticket, 10.0);
+        last = Some((remembered(&sim, &view, view_id, None), way));
+        sim.answer_taking(view_id, 10.0);
     }
     assert!(changes.len() > 2, "{changes:?}");
     assert!(changes.windows(2).all(|pair| pair[1] - pair[0] >= Duration::from_secs(2)), "{changes:?}");

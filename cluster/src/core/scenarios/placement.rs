@@ -51,11 +51,11 @@ fn lap(sim: &mut Sim, views: &[Camera]) -> Lap {
     let set = sim.core.set().clone();
     let (mut plans, mut sum) = (Vec::new(), 0);
     for camera in views {
-        let ticket = sim.ask_from(*camera, PlanRequest::from_samples(), None);
-        let plan = sim.orders[&ticket].plan.clone();
+        let view_id = sim.ask_from(*camera, PlanRequest::from_samples(), None);
+        let plan = sim.orders[&view_id].plan.clone();
         let missing = uncovered(&set, camera, &plan);
         sum += missing;
-        sim.answer_with(ticket, missing);
+        sim.answer_with(view_id, missing);
         plans.push(plan);
         sim.now = sim.now.after(Duration::from_millis(250));
         sim.report_all();
@@ -114,9 +114,9 @@ fn a_plan_takes_what_else_is_at_hand_unless_the_request_says_how_many() {
     let camera = walk(1)[0];
     let set = sim.core.set().clone();
     let count = |sim: &mut Sim, request| {
-        let ticket = sim.ask_from(camera, request, None);
-        let Plan::Warp(warp) = sim.orders[&ticket].plan.clone() else { panic!("a warp") };
-        sim.answer(ticket);
+        let view_id = sim.ask_from(camera, request, None);
+        let Plan::Warp(warp) = sim.orders[&view_id].plan.clone() else { panic!("a warp") };
+        sim.answer(view_id);
         warp.samples
     };
     let first = count(&mut sim, PlanRequest::from_samples());
@@ -169,15 +169,15 @@ fn a_sampler_that_refines_composes_once_others_would_take_as_long_as_a_sample() 
     (0..3).for_each(|_| drop(lap(&mut sim, &views)));
     let sampler = sim.sampler();
     // It has rendered what views need.
-    let ticket = sim.ask_from(views[0], PlanRequest::from_samples(), None);
-    let Plan::Warp(warp) = sim.orders[&ticket].plan.clone() else { panic!("a warp") };
-    sim.answer(ticket);
+    let view_id = sim.ask_from(views[0], PlanRequest::from_samples(), None);
+    let Plan::Warp(warp) = sim.orders[&view_id].plan.clone() else { panic!("a warp") };
+    sim.answer(view_id);
     sim.workers.get_mut(&sampler).unwrap().report.held.extend(warp.samples);
     // Somebody looks where samples are needed that nobody has yet: the sampler is told, and has not reported since.
     let place = Camera::look_at(DVec3::new(3.9, 1.7, 0.9), DVec3::new(9.0, 1.0, 3.0));
     for _ in 0..20 {
-        let ticket = sim.ask_from(place, PlanRequest::from_samples(), None);
-        sim.answer_with(ticket, PIXELS as u64 / 5);
+        let view_id = sim.ask_from(place, PlanRequest::from_samples(), None);
+        sim.answer_with(view_id, PIXELS as u64 / 5);
     }
     let told = |sim: &Sim| sim.workers[&sampler].told.last().map_or(0, |told| told.ahead.len());
     let before = told(&sim);
@@ -185,9 +185,9 @@ fn a_sampler_that_refines_composes_once_others_would_take_as_long_as_a_sample() 
     sim.report_all();
     sim.step(Event::Tick);
     assert!(told(&sim) > before, "a sample is placed");
-    let asked: Vec<Ticket> =
+    let asked: Vec<ViewId> =
         (0..40).map(|_| sim.ask_from(views[0], PlanRequest::from_samples(), None)).collect();
-    let to_it: Vec<bool> = asked.iter().map(|ticket| sim.orders[ticket].worker == sampler).collect();
+    let to_it: Vec<bool> = asked.iter().map(|view_id| sim.orders[view_id].worker == sampler).collect();
     // A sample takes as long as ten views; from then on they take turns.
     assert!(to_it.iter().take(9).all(|is| !is), "{to_it:?}");
     let count = to_it.iter().filter(|is| **is).count();
@@ -257,14 +257,14 @@ fn plans_name_only_what_is_where_views_are_composed() {
     let views = walk(20);
     for round in 0..12 {
         for camera in &views {
-            let ticket = sim.ask_from(*camera, PlanRequest::from_samples(), None);
-            let order = sim.orders[&ticket].clone();
+            let view_id = sim.ask_from(*camera, PlanRequest::from_samples(), None);
+            let order = sim.orders[&view_id].clone();
             let Plan::Warp(warp) = &order.plan else { panic!("a warp") };
             for id in warp.samples.iter().filter(|id| interior().rig.level(id.camera) != Some(0)) {
                 let holders = sim.workers.values().filter(|w| w.report.held.contains(id)).count();
                 assert!(holders > 0, "round {round}: {id} is nowhere");
             }
-            sim.answer_with(ticket, uncovered(&interior(), camera, &order.plan));
+            sim.answer_with(view_id, uncovered(&interior(), camera, &order.plan));
         }
         sim.second(0, 0);
         if round == 6 {
@@ -283,8 +283,8 @@ fn plans_name_only_what_is_where_views_are_composed() {
     let id = sim.join("fresh");
     sim.report(id);
     sim.step(Event::Tick);
-    let ticket = sim.ask_from(views[0], PlanRequest::from_samples(), None);
-    let Plan::Warp(warp) = &sim.orders[&ticket].plan else { panic!("a warp") };
+    let view_id = sim.ask_from(views[0], PlanRequest::from_samples(), None);
+    let Plan::Warp(warp) = &sim.orders[&view_id].plan else { panic!("a warp") };
     assert!(warp.samples.iter().all(|id| interior().rig.level(id.camera) == Some(0)));
 }
 
@@ -313,8 +313,8 @@ fn no_view_waits_for_a_refinement_that_is_lost_with_its_workers() {
     for gone in sim.workers.keys().copied().filter(|id| *id != last).collect::<Vec<_>>() {
         let before = sim.orders.clone();
         sim.leave(gone);
-        for (ticket, order) in &sim.orders {
-            if before.get(ticket).is_some_and(|before| before.attempt == order.attempt) {
+        for (view_id, order) in &sim.orders {
+            if before.get(view_id).is_some_and(|before| before.attempt == order.attempt) {
                 continue;
             }
             sent_again += 1;
@@ -343,16 +343,16 @@ fn a_view_is_not_sent_to_and_fro_for_a_refinement_that_is_not_where_it_was_thoug
     sim.report(newcomer);
     let lacks = |order: &Order| order.worker == newcomer && !refinements(order).is_empty();
     let asked = (0..400).map(|i| sim.ask_from(views[i % 20], PlanRequest::from_samples(), None));
-    let asked: Vec<Ticket> = asked.collect();
-    let ticket = *asked.iter().find(|ticket| lacks(&sim.orders[ticket])).unwrap();
-    assert!(sim.orders[&ticket].sources.iter().any(|source| source.dispensable));
+    let asked: Vec<ViewId> = asked.collect();
+    let view_id = *asked.iter().find(|view_id| lacks(&sim.orders[view_id])).unwrap();
+    assert!(sim.orders[&view_id].sources.iter().any(|source| source.dispensable));
     for _ in 0..6 {
-        let order = sim.orders[&ticket].clone();
+        let order = sim.orders[&view_id].clone();
         let goes_back = order.sources.iter().any(|source| source.dispensable);
         assert!(!goes_back || order.attempt <= 3, "attempt {}", order.attempt);
-        sim.step(Event::Failed { ticket, attempt: order.attempt, failure: Failure::TryElsewhere });
+        sim.step(Event::Failed { view_id, attempt: order.attempt, failure: Failure::TryElsewhere });
     }
-    assert!(sim.orders.contains_key(&ticket), "it is still in work");
+    assert!(sim.orders.contains_key(&view_id), "it is still in work");
 }
 
 #[test]
@@ -361,11 +361,11 @@ fn tiles_are_refined_from_where_they_are_looked_at() {
     let rig = sim.core.set().rig;
     let camera = Camera::look_at(DVec3::new(40.0, 16.0, 9.0), DVec3::new(5.0, 0.0, 5.0));
     for _ in 0..12 {
-        let ticket = sim.ask_from(camera, PlanRequest::from_samples(), None);
-        sim.answer_with(ticket, 600);
+        let view_id = sim.ask_from(camera, PlanRequest::from_samples(), None);
+        sim.answer_with(view_id, 600);
         sim.second(0, 0);
     }
-    let ticket = sim.ask_from(camera, PlanRequest::from_samples(), None);
-    let Plan::Warp(warp) = &sim.orders[&ticket].plan else { panic!("a warp") };
+    let view_id = sim.ask_from(camera, PlanRequest::from_samples(), None);
+    let Plan::Warp(warp) = &sim.orders[&view_id].plan else { panic!("a warp") };
     assert!(rig.level(warp.samples[0].camera) > Some(0), "{warp:?}");
 }

@@ -50,7 +50,7 @@ proptest! {
         let epoch_secs = if moves { 0.1 } else { 0.0 };
         let mut sim = Sim::with_set(config, SampleSetInfo { epoch_secs, ..set_info() });
         let (mut asked, mut ended) = (0_usize, 0_usize);
-        let nth = |orders: &BTreeMap<Ticket, Order>, i: usize| {
+        let nth = |orders: &BTreeMap<ViewId, Order>, i: usize| {
             let count = orders.len().max(1);
             orders.keys().nth(i % count).copied()
         };
@@ -69,24 +69,24 @@ proptest! {
                     sim.ask(direct);
                 }
                 Step::Answer(i) => {
-                    if let Some(ticket) = nth(&sim.orders, i) {
-                        sim.answer(ticket);
+                    if let Some(view_id) = nth(&sim.orders, i) {
+                        sim.answer(view_id);
                     }
                 }
                 Step::Fail(i, last) => {
-                    if let Some(ticket) = nth(&sim.orders, i) {
-                        let attempt = sim.orders[&ticket].attempt;
+                    if let Some(view_id) = nth(&sim.orders, i) {
+                        let attempt = sim.orders[&view_id].attempt;
                         let failure = if last { Failure::Final } else { Failure::TryElsewhere };
-                        sim.orders.remove(&ticket);
+                        sim.orders.remove(&view_id);
                         ended += usize::from(last);
-                        sim.step(Event::Failed { ticket, attempt, failure });
+                        sim.step(Event::Failed { view_id, attempt, failure });
                     }
                 }
                 Step::Cancel(i) => {
-                    if let Some(ticket) = nth(&sim.orders, i) {
-                        sim.orders.remove(&ticket);
+                    if let Some(view_id) = nth(&sim.orders, i) {
+                        sim.orders.remove(&view_id);
                         ended += 1;
-                        sim.step(Event::Cancelled { ticket });
+                        sim.step(Event::Cancelled { view_id });
                     }
                 }
                 Step::Pass(ms) => {

@@ -81,8 +81,8 @@ fn a_worker_that_changes_its_role_gets_nothing_new_until_it_has_finished() {
     let id = sim.workers.iter().find(|(_, w)| w.name == name).map(|(id, _)| *id).unwrap();
     for direct in [false, true] {
         for _ in 0..20 {
-            let ticket = sim.ask(direct);
-            assert_ne!(sim.orders[&ticket].worker, id);
+            let view_id = sim.ask(direct);
+            assert_ne!(sim.orders[&view_id].worker, id);
         }
     }
     sim.answer_all();
@@ -90,8 +90,8 @@ fn a_worker_that_changes_its_role_gets_nothing_new_until_it_has_finished() {
     sim.report(id);
     assert!(sim.core.status().workers.iter().all(|w| !w.draining));
     let to_it = (0..20).filter(|_| {
-        let ticket = sim.ask(true);
-        sim.orders[&ticket].worker == id
+        let view_id = sim.ask(true);
+        sim.orders[&view_id].worker == id
     });
     assert!(to_it.count() > 0);
 }
@@ -129,13 +129,13 @@ fn all_but(sim: &mut Sim, silent: WorkerId, quarters: u32) {
 #[test]
 fn a_worker_that_hangs_is_suspected_before_it_is_lost_and_others_get_its_views() {
     let mut sim = Sim::with_workers(3);
-    let ticket = sim.ask(true);
-    let hangs = sim.orders[&ticket].worker;
-    let (address, roles) = (sim.orders[&ticket].address.clone(), sim.roles());
+    let view_id = sim.ask(true);
+    let hangs = sim.orders[&view_id].worker;
+    let (address, roles) = (sim.orders[&view_id].address.clone(), sim.roles());
     all_but(&mut sim, hangs, 2);
-    assert_eq!(sim.orders[&ticket].worker, hangs, "a moment's silence is nothing");
+    assert_eq!(sim.orders[&view_id].worker, hangs, "a moment's silence is nothing");
     all_but(&mut sim, hangs, 1);
-    assert_ne!(sim.orders[&ticket].worker, hangs);
+    assert_ne!(sim.orders[&view_id].worker, hangs);
     assert!(sim.expelled.is_empty() && sim.roles() == roles, "its place is kept");
     let told = |sim: &Sim| {
         let others = sim.workers.iter().filter(|(id, _)| **id != hangs);
@@ -168,8 +168,8 @@ fn a_suspected_worker_is_told_to_forget_nothing_and_nobody_else_is() {
         sim.workers.values().map(|w| w.told.last().unwrap().ahead.clone()).collect()
     };
     for _ in 0..40 {
-        let ticket = sim.ask(false);
-        sim.answer_with(ticket, 2000);
+        let view_id = sim.ask(false);
+        sim.answer_with(view_id, 2000);
     }
     for _ in 0..8 {
         sim.now = sim.now.after(Duration::from_millis(250));
@@ -180,9 +180,9 @@ fn a_suspected_worker_is_told_to_forget_nothing_and_nobody_else_is() {
     assert!(before.iter().any(|list| !list.is_empty()), "nothing is to be had ahead: {before:?}");
     // The only sampler.
     assert_eq!(sim.roles().0, 1);
-    let ticket = sim.ask(true);
-    let sampler = sim.orders[&ticket].worker;
-    sim.answer(ticket);
+    let view_id = sim.ask(true);
+    let sampler = sim.orders[&view_id].worker;
+    sim.answer(view_id);
     let told = sim.workers[&sampler].told.len();
     all_but(&mut sim, sampler, 8);
     assert_eq!(lists(&sim), before);
@@ -192,56 +192,56 @@ fn a_suspected_worker_is_told_to_forget_nothing_and_nobody_else_is() {
 #[test]
 fn views_of_workers_that_hang_together_move_as_soon_as_one_is_back() {
     let mut sim = Sim::with_workers(2);
-    let ticket = sim.ask(true);
-    let has = sim.orders[&ticket].worker;
+    let view_id = sim.ask(true);
+    let has = sim.orders[&view_id].worker;
     let other = *sim.workers.keys().find(|id| **id != has).unwrap();
     for _ in 0..8 {
         sim.now = sim.now.after(Duration::from_millis(250));
         sim.step(Event::Tick);
     }
-    assert_eq!(sim.orders[&ticket].worker, has, "nobody else can have it");
+    assert_eq!(sim.orders[&view_id].worker, has, "nobody else can have it");
     sim.report(other);
     sim.step(Event::Tick);
-    assert_eq!(sim.orders[&ticket].worker, other);
+    assert_eq!(sim.orders[&view_id].worker, other);
 }
 
 #[test]
 fn after_a_pause_of_the_coordinator_itself_nobody_is_suspected() {
     let mut sim = Sim::with_workers(2);
     sim.step(Event::Tick);
-    let ticket = sim.ask(true);
-    let before = sim.orders[&ticket].attempt;
+    let view_id = sim.ask(true);
+    let before = sim.orders[&view_id].attempt;
     sim.now = sim.now.after(Duration::from_secs(3));
     sim.step(Event::Tick);
-    assert_eq!(sim.orders[&ticket].attempt, before);
+    assert_eq!(sim.orders[&view_id].attempt, before);
 }
 
 #[test]
 fn a_view_that_went_round_already_stays_with_a_worker_that_seems_to_hang() {
     let mut sim = Sim::with_workers(2);
-    let ticket = sim.ask(true);
+    let view_id = sim.ask(true);
     let last = sim.core.config().max_attempts;
     for _ in 1..last {
-        let has = sim.orders[&ticket].worker;
+        let has = sim.orders[&view_id].worker;
         all_but(&mut sim, has, 7);
         sim.report(has);
     }
     assert!(sim.refused.is_empty(), "{:?}", sim.refused);
-    assert_eq!(sim.orders[&ticket].attempt, last - 1, "the last one is for a worker that is lost");
+    assert_eq!(sim.orders[&view_id].attempt, last - 1, "the last one is for a worker that is lost");
 }
 
 #[test]
 fn a_worker_of_the_same_name_replaces_the_older_one() {
     let mut sim = Sim::with_workers(2);
     let old = *sim.workers.keys().next().unwrap();
-    let ticket = sim.ask(true);
-    assert_eq!(sim.orders[&ticket].worker, old, "the sampler");
+    let view_id = sim.ask(true);
+    assert_eq!(sim.orders[&view_id].worker, old, "the sampler");
     let new = sim.join("w0");
     assert_eq!(sim.expelled, [old]);
     sim.report(new);
     sim.step(Event::Left { worker: old });
     assert_eq!(sim.core.status().processes, 2);
-    assert_ne!(sim.orders[&ticket].worker, old);
+    assert_ne!(sim.orders[&view_id].worker, old);
     sim.answer_all();
     assert_eq!(sim.core.status().counters.views_answered, 1);
 }
@@ -249,13 +249,13 @@ fn a_worker_of_the_same_name_replaces_the_older_one() {
 #[test]
 fn a_worker_that_says_it_leaves_finishes_and_gets_nothing_new() {
     let mut sim = Sim::with_workers(3);
-    let tickets: Vec<Ticket> = (0..10).map(|_| sim.ask(false)).collect();
-    let leaver = sim.orders[&tickets[0]].worker;
+    let view_ids: Vec<ViewId> = (0..10).map(|_| sim.ask(false)).collect();
+    let leaver = sim.orders[&view_ids[0]].worker;
     sim.workers.get_mut(&leaver).unwrap().report.leaving = true;
     sim.report(leaver);
     for _ in 0..20 {
-        let ticket = sim.ask(false);
-        assert_ne!(sim.orders[&ticket].worker, leaver);
+        let view_id = sim.ask(false);
+        assert_ne!(sim.orders[&view_id].worker, leaver);
     }
     assert_eq!(sim.core.status().processes, 2);
     sim.answer_all();
@@ -277,13 +277,13 @@ fn a_worker_that_reports_and_does_not_get_on_is_suspected_where_another_answers(
     let secs = Duration::from_secs_f64;
     let mut sim = Sim::with_workers(3);
     (0..4).for_each(|_| sim.second(40, 2));
-    let ticket = sim.ask(true);
-    let (stuck, address) = (sim.orders[&ticket].worker, sim.orders[&ticket].address.clone());
+    let view_id = sim.ask(true);
+    let (stuck, address) = (sim.orders[&view_id].worker, sim.orders[&view_id].address.clone());
     at_one_piece(&mut sim, stuck, secs(4.9));
-    assert_eq!(sim.orders[&ticket].worker, stuck);
+    assert_eq!(sim.orders[&view_id].worker, stuck);
     at_one_piece(&mut sim, stuck, secs(5.1));
-    assert_ne!(sim.orders[&ticket].worker, stuck);
-    let other = sim.orders[&ticket].worker;
+    assert_ne!(sim.orders[&view_id].worker, stuck);
+    let other = sim.orders[&view_id].worker;
     assert_eq!(sim.workers[&other].told.last().unwrap().suspected, [address], "nobody waits for it");
     for direct in [false, true, false, true] {
         let next = sim.ask(direct);
@@ -302,30 +302,30 @@ fn work_that_takes_long_by_all_measurements_is_no_reason_to_suspect_anybody() {
     let secs = Duration::from_secs_f64;
     let mut sim = Sim::with_workers(3);
     // Nobody knows yet what a direct view takes: its device may be making machine code.
-    let ticket = sim.ask(true);
-    let busy = sim.orders[&ticket].worker;
+    let view_id = sim.ask(true);
+    let busy = sim.orders[&view_id].worker;
     at_one_piece(&mut sim, busy, secs(50.0));
-    assert_eq!(sim.orders[&ticket].worker, busy);
-    sim.answer(ticket);
+    assert_eq!(sim.orders[&view_id].worker, busy);
+    sim.answer(view_id);
     // Two seconds each, by now.
     sim.direct_ms = 2000.0;
     (0..8).for_each(|_| sim.second(0, 2));
-    let ticket = sim.ask(true);
-    let busy = sim.orders[&ticket].worker;
+    let view_id = sim.ask(true);
+    let busy = sim.orders[&view_id].worker;
     at_one_piece(&mut sim, busy, secs(19.0));
-    assert_eq!(sim.orders[&ticket].worker, busy);
+    assert_eq!(sim.orders[&view_id].worker, busy);
     at_one_piece(&mut sim, busy, secs(90.0));
-    assert_ne!(sim.orders[&ticket].worker, busy);
+    assert_ne!(sim.orders[&view_id].worker, busy);
 }
 
 #[test]
 fn a_worker_alone_is_suspected_of_nothing_by_what_it_reports() {
     let mut sim = Sim::with_workers(1);
     (0..4).for_each(|_| sim.second(20, 2));
-    let ticket = sim.ask(true);
-    let only = sim.orders[&ticket].worker;
+    let view_id = sim.ask(true);
+    let only = sim.orders[&view_id].worker;
     at_one_piece(&mut sim, only, Duration::from_secs(200));
-    assert_eq!((sim.orders[&ticket].attempt, sim.core.can_answer()), (1, true));
+    assert_eq!((sim.orders[&view_id].attempt, sim.core.can_answer()), (1, true));
 }
 
 #[test]
@@ -333,21 +333,21 @@ fn a_worker_that_fails_at_everything_rests_and_is_tried_with_one_view() {
     let mut sim = Sim::with_workers(3);
     sim.answer_all();
     // A compositor, which has the shortest queue whenever it has failed.
-    let ticket = sim.ask(false);
-    let broken = sim.orders[&ticket].worker;
-    sim.answer(ticket);
+    let view_id = sim.ask(false);
+    let broken = sim.orders[&view_id].worker;
+    sim.answer(view_id);
     // It fails at what it has; how many views it was given.
     let press = |sim: &mut Sim, views: usize| {
-        let asked: Vec<Ticket> = (0..views).map(|_| sim.ask(false)).collect();
+        let asked: Vec<ViewId> = (0..views).map(|_| sim.ask(false)).collect();
         let mut given = 0;
-        for ticket in asked {
-            let (worker, attempt) = (sim.orders[&ticket].worker, sim.orders[&ticket].attempt);
+        for view_id in asked {
+            let (worker, attempt) = (sim.orders[&view_id].worker, sim.orders[&view_id].attempt);
             if worker == broken {
                 given += 1;
-                sim.step(Event::Failed { ticket, attempt, failure: Failure::OfWorker });
+                sim.step(Event::Failed { view_id, attempt, failure: Failure::OfWorker });
             }
-            assert_ne!(sim.orders[&ticket].worker, broken, "not twice");
-            sim.answer(ticket);
+            assert_ne!(sim.orders[&view_id].worker, broken, "not twice");
+            sim.answer(view_id);
         }
         given
     };
@@ -367,11 +367,11 @@ fn a_worker_that_fails_at_everything_rests_and_is_tried_with_one_view() {
     pass(&mut sim, 1500);
     assert_eq!(press(&mut sim, 20), 0, "twice as long as before");
     pass(&mut sim, 750);
-    let asked: Vec<Ticket> = (0..20).map(|_| sim.ask(false)).collect();
+    let asked: Vec<ViewId> = (0..20).map(|_| sim.ask(false)).collect();
     sim.answer_all();
-    assert!(asked.iter().all(|ticket| sim.answered.contains(ticket)));
+    assert!(asked.iter().all(|view_id| sim.answered.contains(view_id)));
     let again = (0..20).map(|_| sim.ask(false)).collect::<Vec<_>>();
-    let given = again.iter().filter(|ticket| sim.orders[ticket].worker == broken).count();
+    let given = again.iter().filter(|view_id| sim.orders[view_id].worker == broken).count();
     assert!(given > 5, "it has answered: {given}");
     assert_eq!(sim.core.status().counters.views_failed, 0);
 }
@@ -380,14 +380,14 @@ fn a_worker_that_fails_at_everything_rests_and_is_tried_with_one_view() {
 fn workers_that_all_fail_are_asked_all_the_same() {
     let mut sim = Sim::with_workers(2);
     for _ in 0..12 {
-        let ticket = sim.ask(false);
-        let attempt = sim.orders[&ticket].attempt;
-        sim.step(Event::Failed { ticket, attempt, failure: Failure::OfWorker });
-        sim.step(Event::Cancelled { ticket });
-        sim.orders.remove(&ticket);
+        let view_id = sim.ask(false);
+        let attempt = sim.orders[&view_id].attempt;
+        sim.step(Event::Failed { view_id, attempt, failure: Failure::OfWorker });
+        sim.step(Event::Cancelled { view_id });
+        sim.orders.remove(&view_id);
     }
-    let ticket = sim.ask(false);
-    assert!(sim.orders.contains_key(&ticket));
+    let view_id = sim.ask(false);
+    assert!(sim.orders.contains_key(&view_id));
 }
 
 #[test]

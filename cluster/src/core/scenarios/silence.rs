@@ -38,23 +38,23 @@ fn retried(sim: &Sim) -> u64 {
 }
 
 /// Three workers that have reported on time for a while, and a view; who has it.
-fn busy() -> (Sim, Ticket, WorkerId) {
+fn busy() -> (Sim, ViewId, WorkerId) {
     let mut sim = Sim::with_workers(3);
     pass(&mut sim, 3000, on_time, |_| false);
-    let ticket = sim.ask(true);
-    let has = sim.orders[&ticket].worker;
-    (sim, ticket, has)
+    let view_id = sim.ask(true);
+    let has = sim.orders[&view_id].worker;
+    (sim, view_id, has)
 }
 
 #[test]
 fn the_views_of_a_worker_that_hangs_are_with_others_within_a_second() {
     for began in (0..REPORT).step_by(STEP as usize) {
-        let (mut sim, ticket, has) = busy();
+        let (mut sim, view_id, has) = busy();
         pass(&mut sim, began, on_time, |_| false);
         let hangs = sim.now;
         let others = |id, now| id != has && on_time(id, now);
-        pass(&mut sim, 1000, others, |sim| sim.orders[&ticket].worker != has);
-        assert_ne!(sim.orders[&ticket].worker, has, "after {began} ms");
+        pass(&mut sim, 1000, others, |sim| sim.orders[&view_id].worker != has);
+        assert_ne!(sim.orders[&view_id].worker, has, "after {began} ms");
         let took = sim.now.since(hangs);
         assert!(took >= Duration::from_millis(500), "three reports were due: {took:?}");
         assert!(sim.expelled.is_empty());
@@ -78,14 +78,14 @@ fn a_report_that_is_late_moves_no_view() {
 
 #[test]
 fn while_everybody_is_late_nobody_is_suspected_soon() {
-    let (mut sim, ticket, has) = busy();
+    let (mut sim, view_id, has) = busy();
     // A machine on which all are starved: once in 800 ms they get to say something, each in turn.
     let seldom = |id: WorkerId, now: u64| (now + 70 * id.0).is_multiple_of(800);
     pass(&mut sim, 8000, seldom, |_| false);
-    assert_eq!((retried(&sim), sim.orders[&ticket].worker), (0, has));
+    assert_eq!((retried(&sim), sim.orders[&view_id].worker), (0, has));
     // And for a moment afterwards, when some are on time again.
     pass(&mut sim, 1600, |id, now| if id == has { seldom(id, now) } else { on_time(id, now) }, |_| false);
-    assert_eq!((retried(&sim), sim.orders[&ticket].worker), (0, has));
+    assert_eq!((retried(&sim), sim.orders[&view_id].worker), (0, has));
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn after_a_pause_of_the_whole_machine_nobody_is_suspected() {
     let pauses = [(100, 80), (200, 80), (300, 80), (400, 240), (800, 240), (1500, 240), (4000, 240)];
     for (paused, apart) in pauses {
         for first in 0..3 {
-            let (mut sim, ticket, has) = busy();
+            let (mut sim, view_id, has) = busy();
             pass(&mut sim, 70 * (first + 1), on_time, |_| false);
             sim.now = sim.now.after(Duration::from_millis(paused));
             let awake = sim.now.0.as_millis() as u64 + STEP;
@@ -131,7 +131,7 @@ fn after_a_pause_of_the_whole_machine_nobody_is_suspected() {
                 now == goes_on || now > goes_on && on_time(id, now)
             };
             pass(&mut sim, 2000, reports, |_| false);
-            assert_eq!((retried(&sim), sim.orders[&ticket].worker), (0, has), "{paused} ms, {first}");
+            assert_eq!((retried(&sim), sim.orders[&view_id].worker), (0, has), "{paused} ms, {first}");
             assert!(sim.expelled.is_empty());
         }
     }
@@ -139,12 +139,12 @@ fn after_a_pause_of_the_whole_machine_nobody_is_suspected() {
 
 #[test]
 fn workers_that_all_fall_silent_are_suspected_later_and_lost_in_the_end() {
-    let (mut sim, ticket, has) = busy();
+    let (mut sim, view_id, has) = busy();
     pass(&mut sim, 1200, |_, _| false, |_| false);
     assert!(sim.core.can_answer(), "it may be this process that hears nothing");
     pass(&mut sim, 400, |_, _| false, |_| false);
     assert!(!sim.core.can_answer());
-    assert_eq!(sim.orders[&ticket].worker, has, "nobody else can have it");
+    assert_eq!(sim.orders[&view_id].worker, has, "nobody else can have it");
     pass(&mut sim, 3600, |_, _| false, |_| false);
     assert_eq!(sim.expelled.len(), 3);
 }

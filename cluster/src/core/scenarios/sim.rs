@@ -19,12 +19,12 @@ pub(super) struct Sim {
     pub(super) now: Uptime,
     pub(super) next: u64,
     pub(super) workers: BTreeMap<WorkerId, SimWorker>,
-    /// Views in work, by ticket.
-    pub(super) orders: BTreeMap<Ticket, Order>,
-    pub(super) refused: Vec<(Ticket, Fault)>,
-    pub(super) answered: BTreeSet<Ticket>,
+    /// Views in work.
+    pub(super) orders: BTreeMap<ViewId, Order>,
+    pub(super) refused: Vec<(ViewId, Fault)>,
+    pub(super) answered: BTreeSet<ViewId>,
     /// What is expected of frames that were judged good enough.
-    pub(super) delivered: BTreeMap<Ticket, Prediction>,
+    pub(super) delivered: BTreeMap<ViewId, Prediction>,
     pub(super) expelled: Vec<WorkerId>,
     /// Costs that workers report.
     pub(super) view_ms: f64,
@@ -95,23 +95,23 @@ impl Sim {
                     self.orders.retain(|_, order| order.worker != worker);
                     self.expelled.push(worker);
                 }
-                Action::Dispatch { ticket, order } => {
-                    assert!(!self.answered.contains(&ticket), "an answered view was sent again");
+                Action::Dispatch { view_id, order } => {
+                    assert!(!self.answered.contains(&view_id), "an answered view was sent again");
                     assert!(self.workers.contains_key(&order.worker), "sent to a worker that is gone");
                     let mixed =
                         order.sources.iter().find(|source| source.id.version != order.sources[0].id.version);
                     assert!(mixed.is_none(), "a frame of {:?} from {mixed:?}", order.state);
-                    self.orders.insert(ticket, *order);
+                    self.orders.insert(view_id, *order);
                 }
-                Action::Deliver { ticket, attempt, expected } => {
-                    assert_eq!(self.orders[&ticket].attempt, attempt, "another attempt's frame");
-                    self.delivered.insert(ticket, expected);
+                Action::Deliver { view_id, attempt, expected } => {
+                    assert_eq!(self.orders[&view_id].attempt, attempt, "another attempt's frame");
+                    self.delivered.insert(view_id, expected);
                 }
-                Action::Refuse { ticket, fault } => {
-                    assert!(!self.answered.contains(&ticket), "an answered view was refused");
-                    assert!(!self.refused.iter().any(|(t, _)| *t == ticket), "refused twice");
-                    self.orders.remove(&ticket);
-                    self.refused.push((ticket, fault));
+                Action::Refuse { view_id, fault } => {
+                    assert!(!self.answered.contains(&view_id), "an answered view was refused");
+                    assert!(!self.refused.iter().any(|(t, _)| *t == view_id), "refused twice");
+                    self.orders.remove(&view_id);
+                    self.refused.push((view_id, fault));
                 }
             }
         }
@@ -167,8 +167,8 @@ impl Sim {
     }
 
     /// Asks for a view that is pinned to a scene time and a plan.
-    pub(super) fn pin(&mut self, epoch: u64, plan: Plan) -> Ticket {
-        let ticket = Ticket(self.next);
+    pub(super) fn pin(&mut self, epoch: u64, plan: Plan) -> ViewId {
+        let view_id = ViewId(self.next);
         self.next += 1;
         let set = set_info();
         let (scene, device) = (set.scene, String::new());
@@ -181,8 +181,8 @@ impl Sim {
             pin: Some(Provenance { scene, epoch, plan, specification: None, device, history: false }),
         });
         let client = "a client".into();
-        self.step(Event::Asked { ticket, client, view, deadline: None, survey: None, last: None });
-        ticket
+        self.step(Event::Asked { view_id, client, view, deadline: None, survey: None, last: None });
+        view_id
     }
 
     pub(super) fn report_all(&mut self) {
@@ -191,11 +191,11 @@ impl Sim {
         }
     }
 
-    pub(super) fn ask(&mut self, direct: bool) -> Ticket {
+    pub(super) fn ask(&mut self, direct: bool) -> ViewId {
         self.ask_with(direct, None)
     }
 
-    pub(super) fn ask_with(&mut self, direct: bool, deadline: Option<Duration>) -> Ticket {
+    pub(super) fn ask_with(&mut self, direct: bool, deadline: Option<Duration>) -> ViewId {
         let plan = match direct {
             true => PlanRequest { direct, ..PlanRequest::default() },
             false => PlanRequest::from_samples(),
@@ -203,11 +203,11 @@ impl Sim {
         self.ask_by(plan, deadline)
     }
 
-    pub(super) fn ask_for(&mut self, plan: PlanRequest) -> Ticket {
+    pub(super) fn ask_for(&mut self, plan: PlanRequest) -> ViewId {
         self.ask_by(plan, None)
     }
 
-    fn ask_by(&mut self, plan: PlanRequest, deadline: Option<Duration>) -> Ticket {
+    fn ask_by(&mut self, plan: PlanRequest, deadline: Option<Duration>) -> ViewId {
         let camera = Camera::look_at(DVec3::new(3.0, 30.0, 4.0), DVec3::new(2.0, 0.0, 2.0));
         self.ask_from(camera, plan, deadline)
     }
@@ -217,32 +217,32 @@ impl Sim {
         camera: Camera,
         plan: PlanRequest,
         deadline: Option<Duration>,
-    ) -> Ticket {
-        let ticket = Ticket(self.next);
+    ) -> ViewId {
+        let view_id = ViewId(self.next);
         self.next += 1;
         let view =
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
         let client = "a client".into();
-        self.step(Event::Asked { ticket, client, view, deadline, survey: None, last: None });
-        ticket
+        self.step(Event::Asked { view_id, client, view, deadline, survey: None, last: None });
+        view_id
     }
 
-    pub(super) fn answer(&mut self, ticket: Ticket) {
-        self.answer_with(ticket, 0);
+    pub(super) fn answer(&mut self, view_id: ViewId) {
+        self.answer_with(view_id, 0);
     }
 
     /// Its frame comes with so many pixels that no sample saw.
-    pub(super) fn answer_with(&mut self, ticket: Ticket, uncovered: u64) {
-        self.answer_so(ticket, uncovered, 1.0);
+    pub(super) fn answer_with(&mut self, view_id: ViewId, uncovered: u64) {
+        self.answer_so(view_id, uncovered, 1.0);
     }
 
     /// Its frame comes, after so many milliseconds of rendering.
-    pub(super) fn answer_taking(&mut self, ticket: Ticket, ms: f64) {
-        self.answer_so(ticket, 0, ms);
+    pub(super) fn answer_taking(&mut self, view_id: ViewId, ms: f64) {
+        self.answer_so(view_id, 0, ms);
     }
 
-    fn answer_so(&mut self, ticket: Ticket, uncovered: u64, ms: f64) {
-        let Some(order) = self.orders.remove(&ticket) else { return };
+    fn answer_so(&mut self, view_id: ViewId, uncovered: u64, ms: f64) {
+        let Some(order) = self.orders.remove(&view_id) else { return };
         if let Some(worker) = self.workers.get_mut(&order.worker) {
             match &order.plan {
                 argus_scene::Plan::Direct { .. } => {
@@ -258,9 +258,9 @@ impl Sim {
                 }
             }
         }
-        self.answered.insert(ticket);
+        self.answered.insert(view_id);
         self.step(Event::Answered {
-            ticket,
+            view_id,
             attempt: order.attempt,
             uncovered: Some(uncovered),
             ms: Some(ms),
@@ -268,8 +268,8 @@ impl Sim {
     }
 
     pub(super) fn answer_all(&mut self) {
-        while let Some(ticket) = self.orders.keys().next().copied() {
-            self.answer(ticket);
+        while let Some(view_id) = self.orders.keys().next().copied() {
+            self.answer(view_id);
         }
     }
 

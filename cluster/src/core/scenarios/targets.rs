@@ -20,13 +20,13 @@ fn bounded(bound: f64) -> PlanRequest {
     PlanRequest { max_error: Some(bound), ..PlanRequest::default() }
 }
 
-fn setting(sim: &Sim, ticket: Ticket) -> Setting {
-    Setting::of(&sim.orders[&ticket].plan)
+fn setting(sim: &Sim, view_id: ViewId) -> Setting {
+    Setting::of(&sim.orders[&view_id].plan)
 }
 
-fn judge(sim: &mut Sim, ticket: Ticket, difficulty: f64, ms: f64) {
-    let attempt = sim.orders[&ticket].attempt;
-    sim.step(Event::Judged { ticket, attempt, observed: Some(observed(difficulty)), ms });
+fn judge(sim: &mut Sim, view_id: ViewId, difficulty: f64, ms: f64) {
+    let attempt = sim.orders[&view_id].attempt;
+    sim.step(Event::Judged { view_id, attempt, observed: Some(observed(difficulty)), ms });
 }
 
 #[test]
@@ -50,20 +50,20 @@ fn a_loose_bound_is_a_cheap_warp_and_a_tight_one_is_rendered() {
 #[test]
 fn a_frame_that_is_not_good_enough_is_thrown_away_and_counted() {
     let mut sim = calibrated(2);
-    let ticket = sim.ask_for(bounded(0.06));
-    assert!(matches!(setting(&sim, ticket), Setting::Warp { supersampling: 1, .. }));
-    let first = sim.orders[&ticket].clone();
-    judge(&mut sim, ticket, 2.0, 1.0);
-    let second = sim.orders[&ticket].clone();
+    let view_id = sim.ask_for(bounded(0.06));
+    assert!(matches!(setting(&sim, view_id), Setting::Warp { supersampling: 1, .. }));
+    let first = sim.orders[&view_id].clone();
+    judge(&mut sim, view_id, 2.0, 1.0);
+    let second = sim.orders[&view_id].clone();
     assert!(second.attempt > first.attempt && second.plan != first.plan);
     assert!(second.expected.unwrap().error <= 0.06);
     assert_eq!(sim.core.status().counters.frames_refused, 1);
     // What still arrives of the first frame is nobody's.
-    sim.step(Event::Judged { ticket, attempt: first.attempt, observed: None, ms: 1.0 });
-    sim.step(Event::Answered { ticket, attempt: first.attempt, uncovered: Some(0), ms: None });
+    sim.step(Event::Judged { view_id, attempt: first.attempt, observed: None, ms: 1.0 });
+    sim.step(Event::Answered { view_id, attempt: first.attempt, uncovered: Some(0), ms: None });
     assert_eq!(sim.core.views_in_flight(), 1);
-    while sim.orders[&ticket].judged && !sim.delivered.contains_key(&ticket) {
-        judge(&mut sim, ticket, 2.0, 9.0);
+    while sim.orders[&view_id].judged && !sim.delivered.contains_key(&view_id) {
+        judge(&mut sim, view_id, 2.0, 9.0);
     }
     sim.answer_all();
     assert_eq!(sim.core.status().counters.views_answered, 1);
@@ -72,14 +72,14 @@ fn a_frame_that_is_not_good_enough_is_thrown_away_and_counted() {
 #[test]
 fn a_worker_that_says_nothing_of_its_frame_or_dies_leaves_the_view_answered() {
     let mut sim = calibrated(3);
-    let ticket = sim.ask_for(bounded(0.3));
-    let attempt = sim.orders[&ticket].attempt;
-    sim.step(Event::Judged { ticket, attempt, observed: None, ms: f64::NAN });
-    assert_eq!(sim.delivered[&ticket].error, 1.0, "nothing is known");
+    let view_id = sim.ask_for(bounded(0.3));
+    let attempt = sim.orders[&view_id].attempt;
+    sim.step(Event::Judged { view_id, attempt, observed: None, ms: f64::NAN });
+    assert_eq!(sim.delivered[&view_id].error, 1.0, "nothing is known");
     // It dies while the rest of its frame is on its way: another makes the same, and nobody judges again.
-    let (plan, worker) = (sim.orders[&ticket].plan.clone(), sim.orders[&ticket].worker);
+    let (plan, worker) = (sim.orders[&view_id].plan.clone(), sim.orders[&view_id].worker);
     sim.leave(worker);
-    let again = &sim.orders[&ticket];
+    let again = &sim.orders[&view_id];
     assert!(!again.judged && again.plan == plan && again.worker != worker);
     sim.answer_all();
     assert_eq!(sim.core.views_in_flight(), 0);
@@ -89,8 +89,8 @@ fn a_worker_that_says_nothing_of_its_frame_or_dies_leaves_the_view_answered() {
 fn presets_and_deadlines_of_explicit_searches_are_answered_at_once_and_foretold() {
     let mut sim = calibrated(2);
     let ask = |sim: &mut Sim, request| {
-        let ticket = sim.ask_for(request);
-        let order = sim.orders[&ticket].clone();
+        let view_id = sim.ask_for(request);
+        let order = sim.orders[&view_id].clone();
         assert!(!order.judged);
         order
     };
@@ -113,9 +113,9 @@ fn presets_and_deadlines_of_explicit_searches_are_answered_at_once_and_foretold(
 fn costs_follow_what_frames_take() {
     let mut sim = calibrated(1);
     let expected_ms = |sim: &mut Sim| {
-        let ticket = sim.ask(false);
-        let order = sim.orders.remove(&ticket).unwrap();
-        sim.step(Event::Answered { ticket, attempt: order.attempt, uncovered: Some(0), ms: Some(3.0) });
+        let view_id = sim.ask(false);
+        let order = sim.orders.remove(&view_id).unwrap();
+        sim.step(Event::Answered { view_id, attempt: order.attempt, uncovered: Some(0), ms: Some(3.0) });
         order.expected.unwrap().ms
     };
     let before = expected_ms(&mut sim);

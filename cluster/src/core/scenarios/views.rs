@@ -14,13 +14,13 @@ use crate::core::*;
 #[test]
 fn the_views_of_a_lost_worker_are_sent_to_another() {
     let mut sim = Sim::with_workers(3);
-    let tickets: Vec<Ticket> = (0..40).map(|_| sim.ask(false)).collect();
-    let victim = sim.orders[&tickets[0]].worker;
-    let before: Vec<Ticket> = tickets.iter().filter(|t| sim.orders[t].worker == victim).copied().collect();
+    let view_ids: Vec<ViewId> = (0..40).map(|_| sim.ask(false)).collect();
+    let victim = sim.orders[&view_ids[0]].worker;
+    let before: Vec<ViewId> = view_ids.iter().filter(|t| sim.orders[t].worker == victim).copied().collect();
     assert!(before.len() > 1);
     sim.leave(victim);
-    for ticket in &before {
-        let order = &sim.orders[ticket];
+    for view_id in &before {
+        let order = &sim.orders[view_id];
         assert_ne!(order.worker, victim);
         assert_eq!(order.attempt, 2);
     }
@@ -34,17 +34,17 @@ fn the_views_of_a_lost_worker_are_sent_to_another() {
 #[test]
 fn what_comes_twice_or_too_late_is_ignored() {
     let mut sim = Sim::with_workers(3);
-    let ticket = sim.ask(false);
-    let first = sim.orders[&ticket].clone();
-    sim.step(Event::Failed { ticket, attempt: first.attempt, failure: Failure::TryElsewhere });
-    let second = sim.orders[&ticket].clone();
+    let view_id = sim.ask(false);
+    let first = sim.orders[&view_id].clone();
+    sim.step(Event::Failed { view_id, attempt: first.attempt, failure: Failure::TryElsewhere });
+    let second = sim.orders[&view_id].clone();
     assert_ne!(second.worker, first.worker);
-    sim.step(Event::Failed { ticket, attempt: first.attempt, failure: Failure::Final });
-    sim.step(Event::Answered { ticket, attempt: first.attempt, uncovered: Some(0), ms: Some(1.0) });
+    sim.step(Event::Failed { view_id, attempt: first.attempt, failure: Failure::Final });
+    sim.step(Event::Answered { view_id, attempt: first.attempt, uncovered: Some(0), ms: Some(1.0) });
     assert_eq!(sim.core.views_in_flight(), 1);
-    sim.answer(ticket);
-    sim.step(Event::Answered { ticket, attempt: second.attempt, uncovered: Some(0), ms: Some(1.0) });
-    sim.step(Event::Cancelled { ticket });
+    sim.answer(view_id);
+    sim.step(Event::Answered { view_id, attempt: second.attempt, uncovered: Some(0), ms: Some(1.0) });
+    sim.step(Event::Cancelled { view_id });
     let counters = sim.core.status().counters;
     assert_eq!((counters.views_answered, counters.views_failed, counters.views_retried), (1, 0, 1));
     assert_eq!(sim.core.views_in_flight(), 0);
@@ -53,12 +53,12 @@ fn what_comes_twice_or_too_late_is_ignored() {
 #[test]
 fn a_view_at_which_every_worker_fails_is_given_up() {
     let mut sim = Sim::with_workers(3);
-    let ticket = sim.ask(false);
+    let view_id = sim.ask(false);
     for attempt in 1..=sim.core.config().max_attempts {
         assert!(sim.refused.is_empty(), "after {attempt}");
-        sim.step(Event::Failed { ticket, attempt, failure: Failure::TryElsewhere });
+        sim.step(Event::Failed { view_id, attempt, failure: Failure::TryElsewhere });
     }
-    assert!(matches!(&sim.refused[..], [(t, Fault::Unavailable(_))] if *t == ticket));
+    assert!(matches!(&sim.refused[..], [(t, Fault::Unavailable(_))] if *t == view_id));
     assert_eq!(sim.core.views_in_flight(), 0);
 }
 
@@ -67,14 +67,14 @@ fn one_view_too_many_is_turned_away_at_once() {
     let mut sim = Sim::new(Config { max_views: 10, max_views_per_worker: 3, ..Config::default() });
     let worker = sim.join("a");
     sim.report(worker);
-    let tickets: Vec<Ticket> = (0..12).map(|_| sim.ask(false)).collect();
+    let view_ids: Vec<ViewId> = (0..12).map(|_| sim.ask(false)).collect();
     assert_eq!(sim.orders.len(), 3);
     assert_eq!(sim.refused.len(), 2);
     assert!(sim.refused.iter().all(|(_, f)| matches!(f, Fault::Overloaded { .. })));
     assert_eq!(sim.core.status().counters.views_rejected, 2);
     sim.answer_all();
     assert_eq!(sim.answered.len(), 10, "those admitted are answered, first come first served");
-    assert!(tickets[..10].iter().all(|t| sim.answered.contains(t)));
+    assert!(view_ids[..10].iter().all(|t| sim.answered.contains(t)));
 }
 
 #[test]
@@ -100,7 +100,7 @@ fn deadlines_patience_and_cancellation_end_a_wait() {
     let hurried = sim.ask_with(false, Some(Duration::from_millis(100)));
     let patient = sim.ask(false);
     let cancelled = sim.ask(true);
-    sim.step(Event::Cancelled { ticket: cancelled });
+    sim.step(Event::Cancelled { view_id: cancelled });
     sim.now = sim.now.after(Duration::from_millis(100));
     sim.step(Event::Tick);
     assert!(matches!(&sim.refused[..], [(t, Fault::Deadline(_))] if *t == hurried));
@@ -115,8 +115,8 @@ fn samples_are_counted_once_and_again_only_when_nobody_holds_them() {
     let mut sim = Sim::with_workers(3);
     (0..30).for_each(|_| sim.second(40, 0));
     assert_eq!(sim.core.status().samples_per_tick, 0.0, "a static scene is sampled once");
-    let ticket = sim.ask(false);
-    let order = &sim.orders[&ticket];
+    let view_id = sim.ask(false);
+    let order = &sim.orders[&view_id];
     assert!(order.sources.iter().all(|s| !s.addresses.is_empty()), "the other holder or the sampler");
     // Everybody who held them leaves; those that come render anew.
     let old: Vec<WorkerId> = sim.workers.keys().copied().collect();
@@ -129,7 +129,7 @@ fn samples_are_counted_once_and_again_only_when_nobody_holds_them() {
     }
     sim.second(4, 0);
     assert!(sim.core.status().samples_per_tick > 1.0);
-    assert!(sim.answered.contains(&ticket));
+    assert!(sim.answered.contains(&view_id));
 }
 
 #[test]
@@ -143,10 +143,10 @@ fn views_spread_over_compositors_and_ask_the_same_sampler_for_the_same_sample() 
         .find(|w| w.role == Some(Role::Sampler))
         .map(|w| w.hello.address.clone())
         .unwrap();
-    let tickets: Vec<Ticket> = (0..30).map(|_| sim.ask(false)).collect();
+    let view_ids: Vec<ViewId> = (0..30).map(|_| sim.ask(false)).collect();
     let mut count = BTreeMap::<WorkerId, usize>::new();
-    for ticket in &tickets {
-        let order = &sim.orders[ticket];
+    for view_id in &view_ids {
+        let order = &sim.orders[view_id];
         *count.entry(order.worker).or_default() += 1;
         assert!(order.sources.iter().all(|s| s.addresses == [sampler.clone()]));
     }
@@ -173,9 +173,9 @@ fn a_view_whose_holes_shall_be_traced_names_the_samplers_that_can() {
     assert!(sim.answered.contains(&first) && sim.answered.contains(&second));
     // The only worker traces for itself.
     let mut alone = Sim::with_workers(1);
-    let ticket = alone.ask_for(request);
-    let worker = alone.orders[&ticket].worker;
-    assert_eq!(alone.orders[&ticket].tracers, [alone.address(worker)]);
+    let view_id = alone.ask_for(request);
+    let worker = alone.orders[&view_id].worker;
+    assert_eq!(alone.orders[&view_id].tracers, [alone.address(worker)]);
 }
 
 #[test]
@@ -202,15 +202,15 @@ fn a_sampler_that_has_nothing_to_sample_composes_as_well() {
             sim.report_all();
         }
         let sampler = sim.sampler();
-        let to_it = |sim: &Sim, tickets: &[Ticket]| {
-            tickets.iter().filter(|ticket| sim.orders[ticket].worker == sampler).count()
+        let to_it = |sim: &Sim, view_ids: &[ViewId]| {
+            view_ids.iter().filter(|view_id| sim.orders[view_id].worker == sampler).count()
         };
-        let first: Vec<Ticket> = (0..20).map(|_| sim.ask(false)).collect();
+        let first: Vec<ViewId> = (0..20).map(|_| sim.ask(false)).collect();
         assert_eq!(to_it(&sim, &first), 0, "it has samples to render");
         let needed: Vec<_> = sim.orders[&first[0]].sources.iter().map(|source| source.id).collect();
         sim.workers.get_mut(&sampler).unwrap().report.held = needed;
         sim.report(sampler);
-        let second: Vec<Ticket> = (0..60).map(|_| sim.ask(false)).collect();
+        let second: Vec<ViewId> = (0..60).map(|_| sim.ask(false)).collect();
         // Few at a time.
         assert_eq!(to_it(&sim, &second), if helps { 32 } else { 0 });
         // What is due to be sampled goes first.
@@ -218,7 +218,7 @@ fn a_sampler_that_has_nothing_to_sample_composes_as_well() {
         let elsewhere = Camera::look_at(DVec3::new(-9.0, 30.0, -9.0), DVec3::new(-8.0, 0.0, -8.0));
         let due = sim.ask_from(elsewhere, PlanRequest::from_samples(), None);
         assert_ne!(sim.orders[&due].worker, sampler);
-        let third: Vec<Ticket> = (0..20).map(|_| sim.ask(false)).collect();
+        let third: Vec<ViewId> = (0..20).map(|_| sim.ask(false)).collect();
         assert_eq!(to_it(&sim, &third), 0);
         sim.answer_all();
         assert!(sim.refused.is_empty());
@@ -239,11 +239,11 @@ fn a_draining_coordinator_turns_new_views_away_and_answers_the_old() {
 #[test]
 fn a_pinned_device_is_waited_for_or_refused() {
     let mut sim = Sim::with_workers(2);
-    let ticket = sim.ask(false);
-    let order = sim.orders[&ticket].clone();
+    let view_id = sim.ask(false);
+    let order = sim.orders[&view_id].clone();
     let set = set_info();
     let mut pinned = |device: &str| {
-        let ticket = Ticket(sim.next);
+        let view_id = ViewId(sim.next);
         sim.next += 1;
         let view = Box::new(View {
             camera: Camera::look_at(DVec3::new(3.0, 30.0, 4.0), DVec3::new(2.0, 0.0, 2.0)),
@@ -261,8 +261,8 @@ fn a_pinned_device_is_waited_for_or_refused() {
             }),
         });
         let client = "a client".into();
-        sim.step(Event::Asked { ticket, client, view, deadline: None, survey: None, last: None });
-        ticket
+        sim.step(Event::Asked { view_id, client, view, deadline: None, survey: None, last: None });
+        view_id
     };
     let (same, other, any) = (pinned("device"), pinned("another"), pinned(""));
     assert_eq!(sim.orders[&same].plan, order.plan);

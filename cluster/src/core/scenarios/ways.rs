@@ -113,6 +113,6 @@ fn a_new_version_of_the_same_moment_unreadies_no_worker() {
     let plan = Plan::Warp(Warp { samples: vec![old], ..warp.clone() });
     let pinned = sim.pin(before.state.epoch, plan);
     let refused =
-        sim.refused.iter().find(|(ticket, _)| *ticket == pinned).map(|(_, fault)| fault.to_string());
+        sim.refused.iter().find(|(view_id, _)| *view_id == pinned).map(|(_, fault)| fault.to_string());
     assert!(refused.is_some_and(|reason| reason.contains("version 0 is not served here, version 1 is")));
 }

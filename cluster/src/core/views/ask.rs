@@ -12,7 +12,7 @@ use super::pending::{Pending, sub_pixels};
 use super::plan::plan;
 use super::targets::Planned;
 use super::{Cluster, Effect, Views};
-use crate::core::event::{Action, Client, LastView, Ticket};
+use crate::core::event::{Action, Client, LastView, ViewId};
 use crate::core::samples::MOST_SAMPLES;
 use crate::core::time::Uptime;
 use crate::core::workers::Worker;
@@ -20,7 +20,7 @@ use crate::core::workers::Worker;
 /// A view that is asked for.
 #[derive(Debug)]
 pub(in crate::core) struct Asked<'a> {
-    pub(in crate::core) ticket: Ticket,
+    pub(in crate::core) view_id: ViewId,
     pub(in crate::core) client: Client,
     pub(in crate::core) view: &'a View,
     /// The answer is worthless after this.
@@ -39,14 +39,14 @@ impl Views {
         cluster: Cluster<'_>,
         now: Uptime,
     ) -> Vec<Effect> {
-        let ticket = asked.ticket;
+        let view_id = asked.view_id;
         match self.admit(&asked, cluster, now) {
             Err(fault) => {
                 match fault {
                     Fault::Overloaded { .. } => self.counts.rejected += 1,
                     _ => self.counts.failed += 1,
                 }
-                vec![Effect::Act(Action::Refuse { ticket, fault })]
+                vec![Effect::Act(Action::Refuse { view_id, fault })]
             }
             Ok(planned) => self.enter(asked, planned, cluster, now),
         }
@@ -60,7 +60,7 @@ impl Views {
         cluster: Cluster<'_>,
         now: Uptime,
     ) -> Vec<Effect> {
-        let Asked { ticket, client, view, deadline, survey, last } = asked;
+        let Asked { view_id, client, view, deadline, survey, last } = asked;
         let Planned { plan, expected, target_search } = planned;
         let longest = self.config.max_view_time;
         let deadline = deadline.unwrap_or(longest).min(longest);
@@ -93,8 +93,8 @@ impl Views {
             effects.push(Effect::Used { cameras: pending.cameras() });
         }
         self.in_flight.add(&pending);
-        self.views.insert(ticket, pending);
-        self.wait(ticket);
+        self.views.insert(view_id, pending);
+        self.wait(view_id);
         effects
     }
 

@@ -8,7 +8,7 @@ use super::pending::{LINES, Pending};
 use super::session_memory::choose_after;
 use super::target_search::TargetSearch;
 use super::{Cluster, Views};
-use crate::core::event::{Order, Source, Ticket, WorkerId};
+use crate::core::event::{Order, Source, ViewId, WorkerId};
 use crate::core::samples::Access;
 use crate::core::workers::{QueuedView, WorkKind};
 
@@ -22,7 +22,7 @@ const MOST_WITHOUT: u32 = 3;
 #[derive(Debug, Clone)]
 pub(in crate::core) struct Given {
     /// Which view.
-    pub(in crate::core) ticket: Ticket,
+    pub(in crate::core) view_id: ViewId,
     /// Which worker.
     pub(in crate::core) worker: WorkerId,
     /// The samples of its plan, and how much it depends on each.
@@ -45,40 +45,40 @@ enum Attempt {
 #[derive(Debug)]
 pub(in crate::core) struct Round {
     /// Views that only certain workers can answer, oldest first.
-    bound: std::vec::IntoIter<Ticket>,
+    bound: std::vec::IntoIter<ViewId>,
     /// The lines whose first view has to wait.
     full: [bool; LINES],
 }
 
 impl Views {
     /// A view waits for a worker, among the others by its age.
-    pub(super) fn wait(&mut self, ticket: Ticket) {
-        let Some(view) = self.views.get_mut(&ticket) else { return };
-        self.waiting.insert(ticket, view);
-        self.due.remove(&(view.due, ticket));
+    pub(super) fn wait(&mut self, view_id: ViewId) {
+        let Some(view) = self.views.get_mut(&view_id) else { return };
+        self.waiting.insert(view_id, view);
+        self.due.remove(&(view.due, view_id));
         let patient = view.asked.after(self.config.patience);
         view.due = view.deadline.0.min(patient);
-        self.due.insert((view.due, ticket));
+        self.due.insert((view.due, view_id));
     }
 
     /// A view that was put back for another plan waits anew.
     pub(super) fn begin_again(
         &mut self,
-        ticket: Ticket,
+        view_id: ViewId,
         plan: Plan,
         expected: Prediction,
         target_search: Box<TargetSearch>,
     ) {
-        let Some(view) = self.views.get_mut(&ticket) else { return };
+        let Some(view) = self.views.get_mut(&view_id) else { return };
         self.in_flight.subtract(view);
         view.begin_again(plan, expected, target_search);
         self.in_flight.add(view);
-        self.wait(ticket);
+        self.wait(view_id);
     }
 
     /// Begins to give waiting views to workers.
     pub(in crate::core) fn begin_round(&self) -> Round {
-        let bound: Vec<Ticket> = self.waiting.bound.iter().copied().take(MOST_BOUND).collect();
+        let bound: Vec<ViewId> = self.waiting.bound.iter().copied().take(MOST_BOUND).collect();
         Round { bound: bound.into_iter(), full: [false; LINES] }
     }
 
@@ -87,32 +87,32 @@ impl Views {
     /// left have to wait.
     pub(in crate::core) fn next(&mut self, round: &mut Round, cluster: Cluster<'_>) -> Option<Given> {
         loop {
-            let (ticket, line) = match round.bound.next() {
-                Some(ticket) => (ticket, None),
-                None => self.waiting.first(&round.full).map(|(ticket, line)| (ticket, Some(line)))?,
+            let (view_id, line) = match round.bound.next() {
+                Some(view_id) => (view_id, None),
+                None => self.waiting.first(&round.full).map(|(view_id, line)| (view_id, Some(line)))?,
             };
-            match self.place(ticket, cluster) {
+            match self.place(view_id, cluster) {
                 Attempt::Given(given) => {
-                    self.waiting.remove(ticket);
+                    self.waiting.remove(view_id);
                     return Some(given);
                 }
-                Attempt::Over => self.waiting.remove(ticket),
+                Attempt::Over => self.waiting.remove(view_id),
                 Attempt::Full => line.into_iter().for_each(|line| round.full[line] = true),
             }
         }
     }
 
     /// Finds the best worker for a view.
-    fn place(&mut self, ticket: Ticket, cluster: Cluster<'_>) -> Attempt {
-        let Some(view) = self.views.get(&ticket) else { return Attempt::Over };
+    fn place(&mut self, view_id: ViewId, cluster: Cluster<'_>) -> Attempt {
+        let Some(view) = self.views.get(&view_id) else { return Attempt::Over };
         if view.open.is_some() {
-            return self.place_open(ticket, cluster);
+            return self.place_open(view_id, cluster);
         }
         if !view.is_direct() && cluster.workers.set_is_on_its_way() {
             return Attempt::Full;
         }
-        self.leave_out_lost(ticket, cluster);
-        let Some(view) = self.views.get(&ticket) else { return Attempt::Over };
+        self.leave_out_lost(view_id, cluster);
+        let Some(view) = self.views.get(&view_id) else { return Attempt::Over };
         let Some(worker) = cluster.choose(view) else { return Attempt::Full };
         // What was lost before anybody knew of it shall not send a view to and fro.
         let may_come_back = view.attempts() < MOST_WITHOUT;
@@ -122,12 +122,12 @@ impl Views {
             (sample, if dispensable { Access::Dispensable } else { Access::Needed })
         };
         let samples = view.samples().iter().map(access).collect();
-        Attempt::Given(Given { ticket, worker, samples, decided: None })
+        Attempt::Given(Given { view_id, worker, samples, decided: None })
     }
 
     /// Decides how a view is answered and by which worker.
-    fn place_open(&mut self, ticket: Ticket, cluster: Cluster<'_>) -> Attempt {
-        let Some(view) = self.views.get_mut(&ticket) else { return Attempt::Over };
+    fn place_open(&mut self, view_id: ViewId, cluster: Cluster<'_>) -> Attempt {
+        let Some(view) = self.views.get_mut(&view_id) else { return Attempt::Over };
         let Some(open) = &view.open else { return Attempt::Over };
         let offers = cluster.offers(view, open);
         let Some((offer, decision)) = choose_after(offers, &open.aim, open.memory.as_ref()) else {
@@ -143,12 +143,12 @@ impl Views {
         let kind = if view.is_direct() { WorkKind::DirectAnywhere } else { WorkKind::Views };
         let samples = view.samples().iter().map(|id| (*id, Access::AtHand)).collect();
         let decided = (view.attempt == 0).then_some(kind);
-        Attempt::Given(Given { ticket, worker: offer.worker, samples, decided })
+        Attempt::Given(Given { view_id, worker: offer.worker, samples, decided })
     }
 
     /// A view that names refinements which were lost meanwhile gets the next best samples that some worker has.
-    fn leave_out_lost(&mut self, ticket: Ticket, cluster: Cluster<'_>) {
-        let Some(view) = self.views.get_mut(&ticket) else { return };
+    fn leave_out_lost(&mut self, view_id: ViewId, cluster: Cluster<'_>) {
+        let Some(view) = self.views.get_mut(&view_id) else { return };
         let Cluster { workers, samples, .. } = cluster;
         let answers = |worker: WorkerId| workers.get(worker).is_some_and(|w| !w.is_suspected());
         let is_lost = |id: SampleId| !samples.locations().holders(id).any(answers);
@@ -170,7 +170,7 @@ impl Views {
         sources: Vec<Source>,
         cluster: Cluster<'_>,
     ) -> Option<(Box<Order>, QueuedView)> {
-        let view = self.views.get_mut(&given.ticket)?;
+        let view = self.views.get_mut(&given.view_id)?;
         let worker = cluster.workers.get(given.worker)?;
         let tracers = if view.traces_holes() { cluster.tracers(worker.id()) } else { Vec::new() };
         let costs = cluster.workers.costs();

@@ -2,7 +2,7 @@
 
 use argus_scene::{Camera, SampleId};
 
-use crate::core::event::{Action, Ticket, WorkerId};
+use crate::core::event::{Action, ViewId, WorkerId};
 use crate::core::workers::WorkKind;
 
 /// One thing that follows from what became of a view.
@@ -31,14 +31,14 @@ pub(in crate::core) enum Effect {
         /// Which worker.
         worker: WorkerId,
         /// Which view.
-        ticket: Ticket,
+        view_id: ViewId,
     },
     /// A worker no longer has a view.
     TakenBack {
         /// Which worker.
         worker: WorkerId,
         /// Which view.
-        ticket: Ticket,
+        view_id: ViewId,
         /// What the view was made from.
         samples: Vec<SampleId>,
         /// Its frame is there: the worker holds what it needed.

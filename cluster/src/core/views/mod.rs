@@ -40,7 +40,7 @@ pub(super) use effect::Effect;
 pub use survey::SurveyWanted;
 
 use super::config::Config;
-use super::event::{Client, Ticket};
+use super::event::{Client, ViewId};
 use super::quality::{Model, Pace};
 use super::samples::NeededVersions;
 use super::time::Uptime;
@@ -71,13 +71,13 @@ pub(super) struct ViewCounts {
 #[derive(Debug)]
 pub(super) struct Views {
     config: Arc<Config>,
-    views: BTreeMap<Ticket, Pending>,
+    views: BTreeMap<ViewId, Pending>,
     admission: Admission,
     in_flight: InFlight,
     /// Views that no worker has room for yet.
     waiting: Waiting,
     /// When which view's deadline or patience is over.
-    due: BTreeSet<(Uptime, Ticket)>,
+    due: BTreeSet<(Uptime, ViewId)>,
     /// What calibration measured of the scene, of each kind of device; none where it was not calibrated.
     models: Vec<Arc<Model>>,
     /// How costs differ from what the models say.
@@ -121,8 +121,8 @@ impl Views {
     }
 
     /// Whether that view waits or is in work.
-    pub(super) fn is_open(&self, ticket: Ticket) -> bool {
-        self.views.contains_key(&ticket)
+    pub(super) fn is_open(&self, view_id: ViewId) -> bool {
+        self.views.contains_key(&view_id)
     }
 
     /// Samples are rendered otherwise from now on: views that wait are made of the new version, unless they are pinned.

@@ -4,7 +4,7 @@ use argus_proto::Fault;
 
 use super::pending::Pending;
 use super::{Cluster, Effect, Views};
-use crate::core::event::{Action, Failure, Ticket};
+use crate::core::event::{Action, Failure, ViewId};
 use crate::core::time::Uptime;
 use crate::core::workers::Worker;
 
@@ -12,19 +12,19 @@ impl Views {
     /// A frame was relayed whole.
     pub(in crate::core) fn answered(
         &mut self,
-        (ticket, attempt): (Ticket, u32),
+        (view_id, attempt): (ViewId, u32),
         uncovered: Option<u64>,
         ms: Option<f64>,
         cluster: Cluster<'_>,
     ) -> Vec<Effect> {
-        if !self.is_current(ticket, attempt) {
+        if !self.is_current(view_id, attempt) {
             return Vec::new();
         }
         if let Some(ms) = ms {
-            self.learn_pace(ticket, ms, cluster);
+            self.learn_pace(view_id, ms, cluster);
         }
-        let taken_back = self.take_back(ticket, true);
-        let Some(view) = self.forget(ticket) else { return Vec::new() };
+        let taken_back = self.take_back(view_id, true);
+        let Some(view) = self.forget(view_id) else { return Vec::new() };
         self.counts.answered += 1;
         let mut effects = Vec::new();
         if let Some(worker) = view.worker {
@@ -42,24 +42,24 @@ impl Views {
     /// An attempt failed.
     pub(in crate::core) fn failed(
         &mut self,
-        (ticket, attempt): (Ticket, u32),
+        (view_id, attempt): (ViewId, u32),
         failure: Failure,
         cluster: Cluster<'_>,
         now: Uptime,
     ) -> Vec<Effect> {
-        if !self.is_current(ticket, attempt) {
+        if !self.is_current(view_id, attempt) {
             return Vec::new();
         }
         let mut effects = Vec::new();
         match failure {
-            Failure::TryElsewhere => self.retry(ticket, cluster, now, &mut effects),
+            Failure::TryElsewhere => self.retry(view_id, cluster, now, &mut effects),
             Failure::OfWorker => {
-                let worker = self.views.get(&ticket).and_then(|view| view.worker);
-                effects.extend(worker.map(|worker| Effect::Blamed { worker, ticket }));
-                self.retry(ticket, cluster, now, &mut effects);
+                let worker = self.views.get(&view_id).and_then(|view| view.worker);
+                effects.extend(worker.map(|worker| Effect::Blamed { worker, view_id }));
+                self.retry(view_id, cluster, now, &mut effects);
             }
             Failure::Final => {
-                effects.extend(self.cancel(ticket));
+                effects.extend(self.cancel(view_id));
                 self.counts.failed += 1;
             }
         }
@@ -67,21 +67,21 @@ impl Views {
     }
 
     /// No client waits for a view any more.
-    pub(in crate::core) fn cancel(&mut self, ticket: Ticket) -> Option<Effect> {
-        let taken_back = self.take_back(ticket, false);
-        self.forget(ticket);
+    pub(in crate::core) fn cancel(&mut self, view_id: ViewId) -> Option<Effect> {
+        let taken_back = self.take_back(view_id, false);
+        self.forget(view_id);
         taken_back
     }
 
     /// Views whose worker is lost go to others.
     pub(in crate::core) fn retry_all(
         &mut self,
-        tickets: impl IntoIterator<Item = Ticket>,
+        view_ids: impl IntoIterator<Item = ViewId>,
         cluster: Cluster<'_>,
         now: Uptime,
     ) -> Vec<Effect> {
         let mut effects = Vec::new();
-        tickets.into_iter().for_each(|ticket| self.retry(ticket, cluster, now, &mut effects));
+        view_ids.into_iter().for_each(|view_id| self.retry(view_id, cluster, now, &mut effects));
         effects
     }
 
@@ -92,20 +92,20 @@ impl Views {
         let can =
             |w: &Worker, v: &Pending| w.answers() && (v.device.is_empty() || w.hello().device == v.device);
         let elsewhere = |v: &Pending| workers.iter().any(|w| can(w, v));
-        let moves = |ticket: &Ticket| {
-            self.views.get(ticket).is_some_and(|view| self.may_be_retried(view) && elsewhere(view))
+        let moves = |view_id: &ViewId| {
+            self.views.get(view_id).is_some_and(|view| self.may_be_retried(view) && elsewhere(view))
         };
         let suspected = workers.iter().filter(|w| w.is_suspected());
-        let views: Vec<Ticket> = suspected.flat_map(|w| w.views().keys().copied()).filter(moves).collect();
+        let views: Vec<ViewId> = suspected.flat_map(|w| w.views().keys().copied()).filter(moves).collect();
         self.retry_all(views, cluster, now)
     }
 
     /// Ends the deadlines and the patience that are over.
     pub(in crate::core) fn expire(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Effect> {
         let mut effects = Vec::new();
-        while let Some(&(due, ticket)) = self.due.first().filter(|(due, _)| now >= *due) {
-            self.due.remove(&(due, ticket));
-            self.expire_one(ticket, cluster, now, &mut effects);
+        while let Some(&(due, view_id)) = self.due.first().filter(|(due, _)| now >= *due) {
+            self.due.remove(&(due, view_id));
+            self.expire_one(view_id, cluster, now, &mut effects);
         }
         effects
     }
@@ -116,64 +116,64 @@ impl Views {
     }
 
     /// Puts a view whose worker failed first in the queue, or gives it up after too many attempts.
-    fn retry(&mut self, ticket: Ticket, cluster: Cluster<'_>, now: Uptime, effects: &mut Vec<Effect>) {
-        effects.extend(self.take_back(ticket, false));
-        let Some(view) = self.views.get_mut(&ticket) else { return };
+    fn retry(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime, effects: &mut Vec<Effect>) {
+        effects.extend(self.take_back(view_id, false));
+        let Some(view) = self.views.get_mut(&view_id) else { return };
         view.worker = None;
         if now >= view.deadline.0 {
-            return self.expire_one(ticket, cluster, now, effects);
+            return self.expire_one(view_id, cluster, now, effects);
         }
         if view.attempts() >= self.config.max_attempts {
             let fault = Fault::Unavailable(format!("{} workers failed at this view", view.attempts()));
-            return self.refuse(ticket, fault, effects);
+            return self.refuse(view_id, fault, effects);
         }
         self.counts.retried += 1;
-        self.wait(ticket);
+        self.wait(view_id);
     }
 
-    fn expire_one(&mut self, ticket: Ticket, cluster: Cluster<'_>, now: Uptime, effects: &mut Vec<Effect>) {
-        let Some(view) = self.views.get_mut(&ticket) else { return };
+    fn expire_one(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime, effects: &mut Vec<Effect>) {
+        let Some(view) = self.views.get_mut(&view_id) else { return };
         let (at, asked_for) = view.deadline;
         if now >= at {
-            self.refuse(ticket, Fault::Deadline(asked_for), effects);
+            self.refuse(view_id, Fault::Deadline(asked_for), effects);
         } else if view.worker.is_none() && now.since(view.asked) >= self.config.patience {
             let secs = self.config.patience.as_secs_f64();
             let ready = cluster.workers.queues().ready();
             let fault = Fault::Unavailable(format!("none of {ready} ready workers had room within {secs} s"));
-            self.refuse(ticket, fault, effects);
+            self.refuse(view_id, fault, effects);
         } else {
             // In work: what is left is its deadline.
             view.due = at;
-            self.due.insert((at, ticket));
+            self.due.insert((at, view_id));
         }
     }
 
-    fn refuse(&mut self, ticket: Ticket, fault: Fault, effects: &mut Vec<Effect>) {
-        effects.extend(self.cancel(ticket));
+    fn refuse(&mut self, view_id: ViewId, fault: Fault, effects: &mut Vec<Effect>) {
+        effects.extend(self.cancel(view_id));
         self.counts.failed += 1;
-        effects.push(Effect::Act(Action::Refuse { ticket, fault }));
+        effects.push(Effect::Act(Action::Refuse { view_id, fault }));
     }
 
     /// A view is over.
-    fn forget(&mut self, ticket: Ticket) -> Option<Pending> {
-        let view = self.views.remove(&ticket)?;
+    fn forget(&mut self, view_id: ViewId) -> Option<Pending> {
+        let view = self.views.remove(&view_id)?;
         self.admission.leave(&view.client);
         self.in_flight.subtract(&view);
-        self.due.remove(&(view.due, ticket));
-        self.waiting.remove(ticket);
+        self.due.remove(&(view.due, view_id));
+        self.waiting.remove(view_id);
         Some(view)
     }
 
     /// Whether that attempt is the one the view's answer is awaited from.
-    pub(super) fn is_current(&self, ticket: Ticket, attempt: u32) -> bool {
-        self.views.get(&ticket).is_some_and(|view| view.attempt == attempt && view.worker.is_some())
+    pub(super) fn is_current(&self, view_id: ViewId, attempt: u32) -> bool {
+        self.views.get(&view_id).is_some_and(|view| view.attempt == attempt && view.worker.is_some())
     }
 
     /// Takes a view off the worker that has it.
-    pub(super) fn take_back(&self, ticket: Ticket, answered: bool) -> Option<Effect> {
-        let view = self.views.get(&ticket)?;
+    pub(super) fn take_back(&self, view_id: ViewId, answered: bool) -> Option<Effect> {
+        let view = self.views.get(&view_id)?;
         let samples = view.samples().to_vec();
-        Some(Effect::TakenBack { worker: view.worker?, ticket, samples, answered })
+        Some(Effect::TakenBack { worker: view.worker?, view_id, samples, answered })
     }
 }
 

@@ -8,7 +8,7 @@ use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Version};
 
 use super::open_view::OpenView;
 use super::target_search::TargetSearch;
-use crate::core::event::{Client, Ticket, WorkerId};
+use crate::core::event::{Client, ViewId, WorkerId};
 use crate::core::samples::NeededVersions;
 use crate::core::time::Uptime;
 use crate::core::workers::WorkKind;
@@ -49,35 +49,35 @@ pub(super) const LINES: usize = 3;
 /// Views that no worker has room for yet. Tickets ascend with arrival, so the least is the oldest.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Waiting {
-    pub(super) composed: BTreeSet<Ticket>,
-    pub(super) direct: BTreeSet<Ticket>,
+    pub(super) composed: BTreeSet<ViewId>,
+    pub(super) direct: BTreeSet<ViewId>,
     /// Those that any worker can answer, in one way or another.
-    pub(super) open: BTreeSet<Ticket>,
+    pub(super) open: BTreeSet<ViewId>,
     /// Those that only certain workers can answer: they hold nobody up.
-    pub(super) bound: BTreeSet<Ticket>,
+    pub(super) bound: BTreeSet<ViewId>,
 }
 
 impl Waiting {
-    pub(super) fn insert(&mut self, ticket: Ticket, view: &Pending) {
+    pub(super) fn insert(&mut self, view_id: ViewId, view: &Pending) {
         let line = match (view.is_bound(), view.open.is_some(), view.is_direct()) {
             (true, ..) => &mut self.bound,
             (_, true, _) => &mut self.open,
             (.., true) => &mut self.direct,
             _ => &mut self.composed,
         };
-        line.insert(ticket);
+        line.insert(view_id);
     }
 
     /// The oldest view that waits, leaving out the lines that are `full`; and its line.
-    pub(super) fn first(&self, full: &[bool; LINES]) -> Option<(Ticket, usize)> {
+    pub(super) fn first(&self, full: &[bool; LINES]) -> Option<(ViewId, usize)> {
         let lines = [&self.direct, &self.composed, &self.open];
-        let first = |line: usize| lines[line].first().map(|ticket| (*ticket, line));
+        let first = |line: usize| lines[line].first().map(|view_id| (*view_id, line));
         (0..LINES).filter(|line| !full[*line]).filter_map(first).min()
     }
 
-    pub(super) fn remove(&mut self, ticket: Ticket) {
+    pub(super) fn remove(&mut self, view_id: ViewId) {
         for line in [&mut self.composed, &mut self.direct, &mut self.open, &mut self.bound] {
-            line.remove(&ticket);
+            line.remove(&view_id);
         }
     }
 }

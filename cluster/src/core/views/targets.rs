@@ -4,7 +4,7 @@ use argus_scene::{Camera, Plan, Prediction, View};
 
 use super::target_search::TargetSearch;
 use super::{Cluster, Effect, Views};
-use crate::core::event::{Action, Ticket};
+use crate::core::event::{Action, ViewId};
 use crate::core::quality::choose::{self, Candidate, QualityTarget, Step};
 use crate::core::quality::{Model, Observed, Setting, Situation};
 use crate::core::workers::WorkKind;
@@ -71,42 +71,42 @@ impl Views {
     /// it took. It is delivered, or thrown away for another try.
     pub(in crate::core) fn judge(
         &mut self,
-        (ticket, attempt): (Ticket, u32),
+        (view_id, attempt): (ViewId, u32),
         observed: Option<Observed>,
         ms: f64,
         cluster: Cluster<'_>,
     ) -> Vec<Effect> {
-        if !self.is_current(ticket, attempt) {
+        if !self.is_current(view_id, attempt) {
             return Vec::new();
         }
-        let Some(mut target_search) = self.views.get_mut(&ticket).and_then(|view| view.target_search.take())
+        let Some(mut target_search) = self.views.get_mut(&view_id).and_then(|view| view.target_search.take())
         else {
             let expected = Prediction { error: 1.0, ms };
-            return vec![Effect::Act(Action::Deliver { ticket, attempt, expected })];
+            return vec![Effect::Act(Action::Deliver { view_id, attempt, expected })];
         };
-        self.learn_pace(ticket, ms, cluster);
+        self.learn_pace(view_id, ms, cluster);
         target_search.spent_ms += if ms >= 0.0 { ms } else { 0.0 };
         match self.next_step(&target_search, observed, cluster) {
             Step::Deliver { expected } => {
                 target_search.judged = false;
-                if let Some(view) = self.views.get_mut(&ticket) {
+                if let Some(view) = self.views.get_mut(&view_id) {
                     view.target_search = Some(target_search);
                     view.expected = Some(expected);
                 }
-                vec![Effect::Act(Action::Deliver { ticket, attempt, expected })]
+                vec![Effect::Act(Action::Deliver { view_id, attempt, expected })]
             }
             Step::Try { setting, expected, judged } => {
                 // Its worker did well, and holds what the frame was made from.
-                let taken_back = self.take_back(ticket, true);
+                let taken_back = self.take_back(view_id, true);
                 // Scene time may have gone on: a view stays in the version it was admitted in.
                 let served = cluster.samples.set().version;
-                let version = self.views.get(&ticket).map_or(served, |view| view.version);
+                let version = self.views.get(&view_id).map_or(served, |view| view.version);
                 let plan = plan_of(setting, &target_search.camera, version.number, cluster);
                 target_search.tried.push(setting);
                 target_search.judged = judged;
                 self.counts.frames_refused += 1;
                 let kind = if setting.is_direct() { WorkKind::Direct } else { WorkKind::Views };
-                self.begin_again(ticket, plan, expected, target_search);
+                self.begin_again(view_id, plan, expected, target_search);
                 taken_back.into_iter().chain([Effect::Asked(kind)]).collect()
             }
         }
@@ -142,8 +142,8 @@ impl Views {
     }
 
     /// A frame of the view's plan took `ms` of rendering.
-    pub(super) fn learn_pace(&mut self, ticket: Ticket, ms: f64, cluster: Cluster<'_>) {
-        let Some(view) = self.views.get(&ticket) else { return };
+    pub(super) fn learn_pace(&mut self, view_id: ViewId, ms: f64, cluster: Cluster<'_>) {
+        let Some(view) = self.views.get(&view_id) else { return };
         let (setting, pixels) = (Setting::of(&view.plan), view.pixels);
         let known = self.model(cluster).and_then(|model| model.of(setting));
         if let Some(expected_ms) = known.map(|calibrated| calibrated.cost.ms(pixels)) {

@@ -31,7 +31,7 @@ pub(super) use roles::Stake;
 pub(super) use worker::{Ahead, QueuedView, Worker};
 
 use super::config::Config;
-use super::event::{Action, Ticket, WorkerId};
+use super::event::{Action, ViewId, WorkerId};
 use balance::{Costs, Demand, Split};
 use demand::Rates;
 use hysteresis::Hysteresis;
@@ -167,13 +167,13 @@ impl Workers {
     }
 
     /// A view was sent to a worker.
-    pub(super) fn begin(&mut self, id: WorkerId, ticket: Ticket, view: QueuedView) {
-        self.change(id, |worker| worker.begin(ticket, view));
+    pub(super) fn begin(&mut self, id: WorkerId, view_id: ViewId, view: QueuedView) {
+        self.change(id, |worker| worker.begin(view_id, view));
     }
 
     /// A worker no longer has a view: it answered, failed, or the view was taken back. Whether it had it.
-    pub(super) fn end(&mut self, id: WorkerId, ticket: Ticket) -> bool {
-        self.change(id, |worker| worker.end(ticket)).unwrap_or(false)
+    pub(super) fn end(&mut self, id: WorkerId, view_id: ViewId) -> bool {
+        self.change(id, |worker| worker.end(view_id)).unwrap_or(false)
     }
 
     /// A worker answered a view, for which so many pixels were rendered, sub-pixels counted.

@@ -5,7 +5,7 @@
 
 use std::time::Duration;
 
-use crate::core::event::Ticket;
+use crate::core::event::ViewId;
 use crate::core::time::Uptime;
 
 /// Views in a row at which a worker fails before it rests; one that no worker can do is one.
@@ -22,7 +22,7 @@ const LONGEST_REST: Duration = Duration::from_secs(60);
 pub(super) struct Record {
     failures: u32,
     /// The view that it failed at last.
-    last: Option<Ticket>,
+    last: Option<ViewId>,
     rests_until: Option<Uptime>,
 }
 
@@ -32,11 +32,11 @@ impl Record {
     }
 
     /// It failed at a view, by its own fault. What it was given before a rest says nothing new.
-    pub(super) fn failed(&mut self, ticket: Ticket, now: Uptime) {
-        if self.rests_until.is_some() || self.last == Some(ticket) {
+    pub(super) fn failed(&mut self, view_id: ViewId, now: Uptime) {
+        if self.rests_until.is_some() || self.last == Some(view_id) {
             return;
         }
-        self.last = Some(ticket);
+        self.last = Some(view_id);
         self.failures = self.failures.saturating_add(1);
         if let Some(rests) = self.failures.checked_sub(MOST_FAILURES) {
             let rest = FIRST_REST.saturating_mul(1 << rests.min(16)).min(LONGEST_REST);
@@ -72,12 +72,12 @@ mod tests {
         let mut record = Record::default();
         let mut now = 0.0;
         let mut rests = Vec::new();
-        for ticket in 0..12 {
-            record.failed(Ticket(ticket), at(now));
-            record.failed(Ticket(ticket), at(now));
+        for view_id in 0..12 {
+            record.failed(ViewId(view_id), at(now));
+            record.failed(ViewId(view_id), at(now));
             if let Some(until) = record.rests_until {
                 rests.push(until.since(at(now)).as_secs());
-                record.failed(Ticket(100 + ticket), at(now));
+                record.failed(ViewId(100 + view_id), at(now));
                 now = until.0.as_secs_f64();
                 assert!(!record.wakes(at(now - 0.1)) && record.wakes(at(now)));
                 assert!(record.is_on_trial() && !record.rests());
@@ -85,7 +85,7 @@ mod tests {
         }
         assert_eq!(rests, [1, 2, 4, 8, 16, 32, 60, 60, 60, 60]);
         record.answered();
-        record.failed(Ticket(1), at(now));
+        record.failed(ViewId(1), at(now));
         assert!(!record.rests() && !record.is_on_trial());
     }
 }

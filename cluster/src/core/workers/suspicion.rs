@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::silence::PAUSE;
 use super::{Worker, Workers};
-use crate::core::event::{Report, Ticket, WorkerId};
+use crate::core::event::{Report, ViewId, WorkerId};
 use crate::core::time::Uptime;
 
 /// Of a piece of work's expected time, what it may take: costs are means, and a machine may be busy with something else.
@@ -84,9 +84,9 @@ impl Workers {
     }
 
     /// A worker failed at a view by its own fault.
-    pub(in crate::core) fn blame(&mut self, id: WorkerId, ticket: Ticket, now: Uptime) {
+    pub(in crate::core) fn blame(&mut self, id: WorkerId, view_id: ViewId, now: Uptime) {
         let rests = self.change(id, |worker| {
-            worker.record.failed(ticket, now);
+            worker.record.failed(view_id, now);
             worker.record.rests()
         });
         self.changed |= rests == Some(true);

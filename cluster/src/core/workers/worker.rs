@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::queues::{Standing, Turn};
 use super::record::Record;
 use super::silence::Rhythm;
-use crate::core::event::{Assignment, Hello, Report, Role, Source, Ticket, WorkerId};
+use crate::core::event::{Assignment, Hello, Report, Role, Source, ViewId, WorkerId};
 use crate::core::time::Uptime;
 
 /// A view in a worker's queue.
@@ -52,7 +52,7 @@ pub(in crate::core) struct Worker {
     /// Sequence of the assignment that told it to measure; `None` until one did.
     measure_told: Option<u64>,
     /// Views sent to it and not answered.
-    views: BTreeMap<Ticket, QueuedView>,
+    views: BTreeMap<ViewId, QueuedView>,
     /// Views ever sent to it: whose turn it is among equals.
     dispatched: u64,
     /// Busy milliseconds when the current tick began.
@@ -116,8 +116,8 @@ impl Worker {
         self.views.len()
     }
 
-    /// Views in its queue, by ticket.
-    pub(in crate::core) fn views(&self) -> &BTreeMap<Ticket, QueuedView> {
+    /// Views in its queue.
+    pub(in crate::core) fn views(&self) -> &BTreeMap<ViewId, QueuedView> {
         &self.views
     }
 
@@ -293,14 +293,14 @@ impl Worker {
     }
 
     /// A view was sent to it.
-    pub(super) fn begin(&mut self, ticket: Ticket, view: QueuedView) {
-        self.views.insert(ticket, view);
+    pub(super) fn begin(&mut self, view_id: ViewId, view: QueuedView) {
+        self.views.insert(view_id, view);
         self.dispatched += 1;
     }
 
     /// A view is no longer in its queue. Whether it was.
-    pub(super) fn end(&mut self, ticket: Ticket) -> bool {
-        self.views.remove(&ticket).is_some()
+    pub(super) fn end(&mut self, view_id: ViewId) -> bool {
+        self.views.remove(&view_id).is_some()
     }
 
     /// It answered a view.

@@ -1,6 +1,6 @@
 //! The queue of future events.
 
-use argus_cluster::core::{Event, Ticket};
+use argus_cluster::core::{Event, ViewId};
 use argus_scene::SampleId;
 
 use super::Message;
@@ -13,7 +13,7 @@ pub(super) enum SimEvent {
     ToWorker { slot: usize, life: u32, message: Message },
     ToCoordinator(Box<Event>),
     FrameAtCoordinator { view: Attempt },
-    FrameAtClient { ticket: Ticket },
+    FrameAtClient { view_id: ViewId },
     Report { slot: usize, life: u32 },
     Announced { slot: usize, life: u32, id: SampleId },
     AskAgain { slot: usize, life: u32, id: SampleId },

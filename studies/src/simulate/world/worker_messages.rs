@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeSet, HashMap};
 
-use argus_cluster::core::{Assignment, Event, Order, Ticket};
+use argus_cluster::core::{Assignment, Event, Order, ViewId};
 use argus_cluster::worker::policy::{self, ANNOUNCED, Need, PAUSE, Seek, Serve};
 use argus_scene::SampleId;
 
@@ -33,7 +33,7 @@ impl World {
 
     pub(super) fn receive(&mut self, slot: usize, message: Message) {
         match message {
-            Message::Order(ticket, order) => self.order(slot, ticket, *order),
+            Message::Order(view_id, order) => self.order(slot, view_id, *order),
             Message::Assignment(assignment) => self.assigned(slot, assignment),
             Message::Subscribe { id, from, ahead } => self.subscribed(slot, id, from, ahead),
             Message::Sample { id } => {
@@ -46,8 +46,8 @@ impl World {
         }
     }
 
-    fn order(&mut self, slot: usize, ticket: Ticket, order: Order) {
-        let view = Attempt { ticket, attempt: order.attempt };
+    fn order(&mut self, slot: usize, view_id: ViewId, order: Order) {
+        let view = Attempt { view_id, attempt: order.attempt };
         if order.sources.is_empty() {
             self.workers[slot].direct.push_back(view);
             return self.kick(slot);
@@ -72,7 +72,7 @@ impl World {
         if missing.is_empty() {
             worker.views.push_back((view, samples));
         } else {
-            worker.waiting.insert(view.ticket, Waiting { view, samples, missing });
+            worker.waiting.insert(view.view_id, Waiting { view, samples, missing });
         }
         self.kick(slot);
     }
@@ -243,11 +243,11 @@ impl World {
         for waiting in worker.waiting.values_mut().filter(|waiting| waiting.samples.contains(&id)) {
             waiting.missing.remove(&id);
             if waiting.missing.is_empty() {
-                ready.push(waiting.view.ticket);
+                ready.push(waiting.view.view_id);
             }
         }
-        for ticket in ready {
-            if let Some(waiting) = worker.waiting.remove(&ticket) {
+        for view_id in ready {
+            if let Some(waiting) = worker.waiting.remove(&view_id) {
                 worker.views.push_back((waiting.view, waiting.samples));
             }
         }
