@@ -369,11 +369,11 @@ impl Hub {
     /// what to invest in, on another thread.
     fn survey(self: &Arc<Self>, view: &View, last: Option<&LastView>) -> Option<Box<Survey>> {
         let sight = self.sight.as_ref()?;
-        let (wanted, thought) = self.look(|core| (core.survey_wanted(view, last), core.thought_wanted(view)));
-        if let Some(thought) = thought {
+        let (wanted, for_bundle) = self.look(|core| (core.survey_wanted(view, last), core.bundle_survey_wanted(view)));
+        if let Some(wanted) = for_bundle {
             let (hub, sight, view) = (self.clone(), sight.clone(), view.clone());
             tokio::task::spawn_blocking(move || {
-                let survey = Box::new(thought.take(&view, sight.as_ref()));
+                let survey = Box::new(wanted.take(&view, sight.as_ref()));
                 let pixels = u64::from(view.width) * u64::from(view.height);
                 hub.step(Event::Surveyed { pixels, survey });
             });

@@ -224,7 +224,7 @@ pub enum Event {
         /// Its session's last view, where it has one.
         last: Option<Box<LastView>>,
     },
-    /// What a view shows is known, and which samples would show it: see [`super::Core::thought_wanted`].
+    /// What a view shows is known, and which samples would show it: see [`super::Core::bundle_survey_wanted`].
     Surveyed {
         /// Of the view, sub-pixels counted.
         pixels: u64,

@@ -122,8 +122,8 @@ impl Core {
 
     /// What is to be found out about a view, while no client waits for it, to see which samples would be worth their price;
     /// [`Event::Surveyed`] brings the answer. `None` for most views: a few a second tell enough.
-    pub fn thought_wanted(&self, view: &View) -> Option<SurveyWanted> {
-        self.views.thought_wanted(view, self.cluster())
+    pub fn bundle_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
+        self.views.bundle_survey_wanted(view, self.cluster())
     }
 
     /// The cluster at a glance.
@@ -154,7 +154,7 @@ impl Core {
                 self.on_views(now, &mut actions, |views, cluster| views.ask(asked, cluster, now));
             }
             Event::Surveyed { pixels, survey } => self
-                .on_views(now, &mut actions, |views, cluster| views.learn_thought(pixels, &survey, cluster)),
+                .on_views(now, &mut actions, |views, cluster| views.learn_bundle_survey(pixels, &survey, cluster)),
             Event::Judged { view_id, attempt, observed, ms } => {
                 self.on_views(now, &mut actions, |views, cluster| {
                     views.judge((view_id, attempt), observed, ms, cluster)

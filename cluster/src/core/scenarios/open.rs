@@ -65,9 +65,9 @@ fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> ViewId {
     let view_id = ViewId(sim.next);
     sim.next += 1;
     let survey = sim.core.survey_wanted(view, last.as_ref()).map(|wanted| Box::new(wanted.take(view, &Open)));
-    if let Some(thought) = sim.core.thought_wanted(view) {
+    if let Some(wanted) = sim.core.bundle_survey_wanted(view) {
         let pixels = u64::from(view.width) * u64::from(view.height);
-        sim.step(Event::Surveyed { pixels, survey: Box::new(thought.take(view, &Open)) });
+        sim.step(Event::Surveyed { pixels, survey: Box::new(wanted.take(view, &Open)) });
     }
     let (client, view, last) = ("a client".into(), Box::new(view.clone()), last.map(Box::new));
     sim.step(Event::Asked { view_id, client, view, deadline: None, survey, last });

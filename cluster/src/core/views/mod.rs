@@ -48,7 +48,7 @@ use admission::Admission;
 use pending::{InFlight, Pending, Waiting};
 
 /// Views a tick of demand that are looked at to see which samples would be worth their price: that changes slowly.
-const MOST_THOUGHTS: u32 = 4;
+const MOST_BUNDLE_SURVEYS: u32 = 4;
 
 /// What happened to views since the coordinator started.
 #[derive(Debug, Clone, Copy, Default)]
@@ -83,9 +83,9 @@ pub(super) struct Views {
     /// How costs differ from what the models say.
     pace: Pace,
     /// Views that may still be looked at to see which samples are worth their price, in the tick that runs.
-    thoughts: Cell<u32>,
+    bundle_surveys_left: Cell<u32>,
     /// Views from triangles since the last one that was looked at.
-    unthought: u32,
+    unsurveyed: u32,
     /// No new views.
     draining: bool,
     counts: ViewCounts,
@@ -102,8 +102,8 @@ impl Views {
             due: BTreeSet::new(),
             models: Vec::new(),
             pace: Pace::new(config.smoothing),
-            thoughts: Cell::default(),
-            unthought: 0,
+            bundle_surveys_left: Cell::default(),
+            unsurveyed: 0,
             draining: false,
             counts: ViewCounts::default(),
             config: config.clone(),
@@ -200,29 +200,29 @@ impl Views {
 
     /// A tick has passed.
     pub(super) fn tick(&mut self, now: Uptime) {
-        self.thoughts.set(MOST_THOUGHTS);
+        self.bundle_surveys_left.set(MOST_BUNDLE_SURVEYS);
         self.admission.prune(now);
     }
 
     /// What is to be found out about a view, while no client waits for it, to see which samples would be worth their price.
     /// `None` for most views: a few a second tell enough.
-    pub(super) fn thought_wanted(&self, view: &View, cluster: Cluster<'_>) -> Option<SurveyWanted> {
-        let left = self.thoughts.get().checked_sub(1)?;
-        let wanted = cluster.thought_wanted(view)?;
-        self.thoughts.set(left);
+    pub(super) fn bundle_survey_wanted(&self, view: &View, cluster: Cluster<'_>) -> Option<SurveyWanted> {
+        let left = self.bundle_surveys_left.get().checked_sub(1)?;
+        let wanted = cluster.bundle_survey_wanted(view)?;
+        self.bundle_surveys_left.set(left);
         Some(wanted)
     }
 
     /// What a view of so many pixels, sub-pixels counted, shows is known: its bundle would have saved some time of that
     /// view, and of those like it since the last one that was looked at.
-    pub(super) fn learn_thought(
+    pub(super) fn learn_bundle_survey(
         &mut self,
         pixels: u64,
         survey: &Survey,
         cluster: Cluster<'_>,
     ) -> Option<Effect> {
         let saved_secs = cluster.saved_secs(pixels)?;
-        let views = f64::from(std::mem::take(&mut self.unthought));
+        let views = f64::from(std::mem::take(&mut self.unsurveyed));
         let cameras = cluster.bundle(survey)?;
         Some(Effect::WouldSave { cameras, secs: views * saved_secs })
     }

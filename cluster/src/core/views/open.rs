@@ -67,7 +67,7 @@ impl Cluster<'_> {
     }
 
     /// What is to be found out about a view to see which samples would be worth their price; `None` where that cannot pay.
-    pub(super) fn thought_wanted(&self, view: &View) -> Option<SurveyWanted> {
+    pub(super) fn bundle_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let may_pay = self.workers.iter().any(|worker| worker.report().warp_cost.is_some());
         let candidates = if open && may_pay { self.cameras_around(&view.camera) } else { Vec::new() };

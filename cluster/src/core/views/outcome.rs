@@ -32,7 +32,7 @@ impl Views {
         }
         effects.extend(taken_back);
         match (&view.open, ms) {
-            (Some(_), Some(_)) if view.is_direct() => self.unthought += 1,
+            (Some(_), Some(_)) if view.is_direct() => self.unsurveyed += 1,
             (Some(open), Some(ms)) => effects.extend(cluster.savings(&view, open, ms)),
             _ => effects.extend(holes(&view, uncovered)),
         }
