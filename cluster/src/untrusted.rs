@@ -54,7 +54,7 @@ fn core() -> Core {
 }
 
 fn ask(core: &mut Core, view: View, now: Uptime) {
-    let event = Event::Asked {
+    let event = Event::Requested {
         view_id: ViewId(2),
         client: "c".into(),
         view: Box::new(view),

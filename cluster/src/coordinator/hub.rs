@@ -345,7 +345,7 @@ impl Hub {
                 state.views.insert(view_id, sender);
                 self.step_locked(
                     &mut state,
-                    Event::Asked { view_id, client, view: Box::new(view), deadline, survey, last },
+                    Event::Requested { view_id, client, view: Box::new(view), deadline, survey, last },
                 );
             }
         }

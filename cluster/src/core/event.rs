@@ -210,7 +210,7 @@ pub enum Event {
         worker: WorkerId,
     },
     /// A validated view is asked for.
-    Asked {
+    Requested {
         /// Given by the shell, never used before.
         view_id: ViewId,
         /// Which client asks.

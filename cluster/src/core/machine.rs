@@ -148,7 +148,7 @@ impl Core {
             Event::Joined { worker, hello } => self.join(worker, hello, now, &mut actions),
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.lose(worker, now, &mut actions),
-            Event::Asked { view_id, client, view, deadline, survey, last } => {
+            Event::Requested { view_id, client, view, deadline, survey, last } => {
                 self.samples.wake(now, self.views.needed_versions());
                 let asked = Asked { view_id, client, view: &view, deadline, survey, last };
                 self.on_views(now, &mut actions, |views, cluster| views.ask(asked, cluster, now));

@@ -271,7 +271,7 @@ impl World {
         let view =
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
         let latency = self.latency();
-        let asked = Event::Asked {
+        let requested = Event::Requested {
             view_id,
             client: client.to_string().into(),
             view,

@@ -70,7 +70,7 @@ fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> ViewId {
         sim.step(Event::Surveyed { pixels, survey: Box::new(wanted.take(view, &Open)) });
     }
     let (client, view, last) = ("a client".into(), Box::new(view.clone()), last.map(Box::new));
-    sim.step(Event::Asked { view_id, client, view, deadline: None, survey, last });
+    sim.step(Event::Requested { view_id, client, view, deadline: None, survey, last });
     view_id
 }
 

@@ -181,7 +181,7 @@ impl Sim {
             pin: Some(Provenance { scene, epoch, plan, specification: None, device, history: false }),
         });
         let client = "a client".into();
-        self.step(Event::Asked { view_id, client, view, deadline: None, survey: None, last: None });
+        self.step(Event::Requested { view_id, client, view, deadline: None, survey: None, last: None });
         view_id
     }
 
@@ -223,7 +223,7 @@ impl Sim {
         let view =
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
         let client = "a client".into();
-        self.step(Event::Asked { view_id, client, view, deadline, survey: None, last: None });
+        self.step(Event::Requested { view_id, client, view, deadline, survey: None, last: None });
         view_id
     }
 
