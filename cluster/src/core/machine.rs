@@ -15,7 +15,7 @@ use super::quality::Model;
 use super::samples::Samples;
 use super::status::Status;
 use super::time::Uptime;
-use super::views::{Asked, Cluster, Effect, SurveyWanted, Views};
+use super::views::{Cluster, Effect, NewView, SurveyWanted, Views};
 use super::workers::balance::Split;
 use super::workers::{WorkKind, Worker, Workers};
 
@@ -150,8 +150,8 @@ impl Core {
             Event::Left { worker } => self.lose(worker, now, &mut actions),
             Event::Requested { view_id, client, view, deadline, survey, last } => {
                 self.samples.wake(now, self.views.needed_versions());
-                let asked = Asked { view_id, client, view: &view, deadline, survey, last };
-                self.on_views(now, &mut actions, |views, cluster| views.ask(asked, cluster, now));
+                let new = NewView { view_id, client, view: &view, deadline, survey, last };
+                self.on_views(now, &mut actions, |views, cluster| views.submit(new, cluster, now));
             }
             Event::Surveyed { pixels, survey } => self
                 .on_views(now, &mut actions, |views, cluster| views.learn_bundle_survey(pixels, &survey, cluster)),

@@ -279,7 +279,7 @@ impl World {
             survey: None,
             last: None,
         };
-        self.after(latency, SimEvent::ToCoordinator(Box::new(asked)));
+        self.after(latency, SimEvent::ToCoordinator(Box::new(requested)));
         view_id
     }
 

@@ -56,7 +56,7 @@ impl Views {
         let Some(view) = self.views.get_mut(&view_id) else { return };
         self.waiting.insert(view_id, view);
         self.due.remove(&(view.due, view_id));
-        let patient = view.asked.after(self.config.patience);
+        let patient = view.requested.after(self.config.patience);
         view.due = view.deadline.0.min(patient);
         self.due.insert((view.due, view_id));
     }

@@ -6,15 +6,15 @@
 //! `admission` keeps what clients may ask for. [`plan`] says how a view is answered whose request names that, [`planner`]
 //! how one is whose request leaves it open, by the offers that `open` collects; `session_memory` weighs them against the
 //! session's last view. `targets` says what becomes of requests with
-//! a bound on the error. `ask` lets views in, `dispatch` gives them to the workers that `choose` picks, and `outcome` says
+//! a bound on the error. `new_view` lets views in, `dispatch` gives them to the workers that `choose` picks, and `outcome` says
 //! what becomes of frames and failures.
 
 mod admission;
-mod ask;
 mod choose;
 mod cluster;
 mod dispatch;
 mod effect;
+mod new_view;
 mod open;
 mod open_view;
 mod outcome;
@@ -34,9 +34,9 @@ use argus_proto::Fault;
 use argus_scene::rig::Survey;
 use argus_scene::{Plan, Version, View};
 
-pub(super) use ask::Asked;
 pub(super) use cluster::Cluster;
 pub(super) use effect::Effect;
+pub(super) use new_view::NewView;
 pub use survey::SurveyWanted;
 
 use super::config::Config;

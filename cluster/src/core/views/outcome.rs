@@ -136,7 +136,7 @@ impl Views {
         let (at, asked_for) = view.deadline;
         if now >= at {
             self.refuse(view_id, Fault::Deadline(asked_for), effects);
-        } else if view.worker.is_none() && now.since(view.asked) >= self.config.patience {
+        } else if view.worker.is_none() && now.since(view.requested) >= self.config.patience {
             let secs = self.config.patience.as_secs_f64();
             let ready = cluster.workers.queues().ready();
             let fault = Fault::Unavailable(format!("none of {ready} ready workers had room within {secs} s"));

@@ -35,7 +35,7 @@ pub(super) struct Pending {
     pub(super) device: String,
     /// When its answer is worthless, and how long that was when it was asked.
     pub(super) deadline: (Uptime, Duration),
-    pub(super) asked: Uptime,
+    pub(super) requested: Uptime,
     /// When it is looked at next, to see whether its time is over.
     pub(super) due: Uptime,
     pub(super) attempt: u32,

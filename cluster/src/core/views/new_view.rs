@@ -1,4 +1,4 @@
-//! Views that are asked for: let in, with a plan, or turned away.
+//! New views: admitted with a plan, or refused.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -17,9 +17,9 @@ use crate::core::samples::MOST_SAMPLES;
 use crate::core::time::Uptime;
 use crate::core::workers::Worker;
 
-/// A view that is asked for.
+/// A new view, and what its client asks of it.
 #[derive(Debug)]
-pub(in crate::core) struct Asked<'a> {
+pub(in crate::core) struct NewView<'a> {
     pub(in crate::core) view_id: ViewId,
     pub(in crate::core) client: Client,
     pub(in crate::core) view: &'a View,
@@ -32,15 +32,15 @@ pub(in crate::core) struct Asked<'a> {
 }
 
 impl Views {
-    /// A view is asked for: it waits for a worker, or is turned away.
-    pub(in crate::core) fn ask(
+    /// Admits a new view, which then waits for a worker, or is turned away.
+    pub(in crate::core) fn submit(
         &mut self,
-        asked: Asked<'_>,
+        new: NewView<'_>,
         cluster: Cluster<'_>,
         now: Uptime,
     ) -> Vec<Effect> {
-        let view_id = asked.view_id;
-        match self.admit(&asked, cluster, now) {
+        let view_id = new.view_id;
+        match self.admit(&new, cluster, now) {
             Err(fault) => {
                 match fault {
                     Fault::Overloaded { .. } => self.counts.rejected += 1,
@@ -48,19 +48,19 @@ impl Views {
                 }
                 vec![Effect::Act(Action::Refuse { view_id, fault })]
             }
-            Ok(planned) => self.enter(asked, planned, cluster, now),
+            Ok(planned) => self.enter(new, planned, cluster, now),
         }
     }
 
     /// A view is let in with a plan.
     fn enter(
         &mut self,
-        asked: Asked<'_>,
+        new: NewView<'_>,
         planned: Planned,
         cluster: Cluster<'_>,
         now: Uptime,
     ) -> Vec<Effect> {
-        let Asked { view_id, client, view, deadline, survey, last } = asked;
+        let NewView { view_id, client, view, deadline, survey, last } = new;
         let Planned { plan, expected, target_search } = planned;
         let longest = self.config.max_view_time;
         let deadline = deadline.unwrap_or(longest).min(longest);
@@ -78,7 +78,7 @@ impl Views {
             target_search,
             device: view.pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default(),
             deadline: (now.after(deadline), deadline),
-            asked: now,
+            requested: now,
             due: now,
             attempt: 0,
             worker: None,
@@ -87,7 +87,7 @@ impl Views {
         let mut effects = Vec::new();
         // One whose way is open is counted once it is decided.
         if pending.open.is_none() {
-            effects.push(Effect::Asked(pending.kind()));
+            effects.push(Effect::NewView(pending.kind()));
         }
         if !pending.pinned {
             effects.push(Effect::Used { cameras: pending.cameras() });
@@ -99,8 +99,8 @@ impl Views {
     }
 
     /// The plan of a view that may come in.
-    fn admit(&self, asked: &Asked<'_>, cluster: Cluster<'_>, now: Uptime) -> Result<Planned, Fault> {
-        let &Asked { ref client, view, deadline, .. } = asked;
+    fn admit(&self, new: &NewView<'_>, cluster: Cluster<'_>, now: Uptime) -> Result<Planned, Fault> {
+        let &NewView { ref client, view, deadline, .. } = new;
         if self.draining {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
