@@ -15,7 +15,7 @@ use super::quality::Model;
 use super::samples::Samples;
 use super::status::Status;
 use super::time::Uptime;
-use super::views::{Cluster, Effect, NewView, SurveyWanted, Views};
+use super::views::{Cluster, Output, NewView, SurveyWanted, Views};
 use super::workers::balance::Split;
 use super::workers::{WorkKind, Worker, Workers};
 
@@ -184,15 +184,15 @@ impl Core {
     }
 
     /// Changes views by what workers and samples are, and passes on what follows for these.
-    fn on_views<E: IntoIterator<Item = Effect>>(
+    fn on_views<E: IntoIterator<Item = Output>>(
         &mut self,
         now: Uptime,
         actions: &mut Vec<Action>,
         change: impl FnOnce(&mut Views, Cluster<'_>) -> E,
     ) {
         let (views, cluster) = self.parts();
-        for effect in change(views, cluster) {
-            self.apply(effect, now, actions);
+        for output in change(views, cluster) {
+            self.apply(output, now, actions);
         }
     }
 
@@ -288,23 +288,23 @@ impl Core {
     }
 
     /// Passes on what follows from a view.
-    fn apply(&mut self, effect: Effect, now: Uptime, actions: &mut Vec<Action>) {
-        match effect {
-            Effect::Act(action) => actions.push(action),
-            Effect::Asked(kind) => self.workers.count(kind, 1),
-            Effect::Used { cameras } => self.samples.note_use(&cameras, now),
-            Effect::Answered { worker, direct, work } => self.workers.answered(worker, direct, work),
-            Effect::Blamed { worker, view_id } => self.workers.blame(worker, view_id, now),
-            Effect::TakenBack { worker, view_id, samples, answered } => {
+    fn apply(&mut self, output: Output, now: Uptime, actions: &mut Vec<Action>) {
+        match output {
+            Output::Act(action) => actions.push(action),
+            Output::Demand(kind) => self.workers.count(kind, 1),
+            Output::Used { cameras } => self.samples.note_use(&cameras, now),
+            Output::Answered { worker, direct, work } => self.workers.answered(worker, direct, work),
+            Output::Blamed { worker, view_id } => self.workers.blame(worker, view_id, now),
+            Output::TakenBack { worker, view_id, samples, answered } => {
                 if self.workers.end(worker, view_id) {
                     self.samples.end(worker, &samples, answered);
                 }
             }
-            Effect::Holes { camera, used, uncovered, pixels } => {
+            Output::Holes { camera, used, uncovered, pixels } => {
                 self.samples.learn_holes(&camera, &used, uncovered, pixels);
             }
-            Effect::Saved { cameras, secs } => self.samples.credit(&cameras, secs, &self.workers),
-            Effect::WouldSave { cameras, secs } => self.samples.learn_bundle(cameras, secs),
+            Output::Saved { cameras, secs } => self.samples.credit(&cameras, secs, &self.workers),
+            Output::WouldSave { cameras, secs } => self.samples.learn_bundle(cameras, secs),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Views on their way: admitted or turned away, planned, given to a worker, and given to another if that one fails.
 //!
 //! This part reads `workers` and `samples` ([`Cluster`]) and changes neither. What follows from a view for them is
-//! returned as [`Effect`]s, which the machine passes on.
+//! returned as [`Output`]s, which the machine passes on.
 //!
 //! `admission` keeps what clients may ask for. [`plan`] says how a view is answered whose request names that, [`planner`]
 //! how one is whose request leaves it open, by the offers that `open` collects; `session_memory` weighs them against the
@@ -13,7 +13,7 @@ mod admission;
 mod choose;
 mod cluster;
 mod dispatch;
-mod effect;
+mod output;
 mod new_view;
 mod open;
 mod open_view;
@@ -35,7 +35,7 @@ use argus_scene::rig::Survey;
 use argus_scene::{Plan, Version, View};
 
 pub(super) use cluster::Cluster;
-pub(super) use effect::Effect;
+pub(super) use output::Output;
 pub(super) use new_view::NewView;
 pub use survey::SurveyWanted;
 
@@ -220,10 +220,10 @@ impl Views {
         pixels: u64,
         survey: &Survey,
         cluster: Cluster<'_>,
-    ) -> Option<Effect> {
+    ) -> Option<Output> {
         let saved_secs = cluster.saved_secs(pixels)?;
         let views = f64::from(std::mem::take(&mut self.unsurveyed));
         let cameras = cluster.bundle(survey)?;
-        Some(Effect::WouldSave { cameras, secs: views * saved_secs })
+        Some(Output::WouldSave { cameras, secs: views * saved_secs })
     }
 }

@@ -11,7 +11,7 @@ use super::open_view::OpenView;
 use super::pending::{Pending, sub_pixels};
 use super::plan::plan;
 use super::targets::Planned;
-use super::{Cluster, Effect, Views};
+use super::{Cluster, Output, Views};
 use crate::core::event::{Action, Client, LastView, ViewId};
 use crate::core::samples::MOST_SAMPLES;
 use crate::core::time::Uptime;
@@ -38,7 +38,7 @@ impl Views {
         new: NewView<'_>,
         cluster: Cluster<'_>,
         now: Uptime,
-    ) -> Vec<Effect> {
+    ) -> Vec<Output> {
         let view_id = new.view_id;
         match self.admit(&new, cluster, now) {
             Err(fault) => {
@@ -46,7 +46,7 @@ impl Views {
                     Fault::Overloaded { .. } => self.counts.rejected += 1,
                     _ => self.counts.failed += 1,
                 }
-                vec![Effect::Act(Action::Refuse { view_id, fault })]
+                vec![Output::Act(Action::Refuse { view_id, fault })]
             }
             Ok(planned) => self.enter(new, planned, cluster, now),
         }
@@ -59,7 +59,7 @@ impl Views {
         planned: Planned,
         cluster: Cluster<'_>,
         now: Uptime,
-    ) -> Vec<Effect> {
+    ) -> Vec<Output> {
         let NewView { view_id, client, view, deadline, survey, last } = new;
         let Planned { plan, expected, target_search } = planned;
         let longest = self.config.max_view_time;
@@ -84,18 +84,18 @@ impl Views {
             worker: None,
             tried: BTreeSet::new(),
         };
-        let mut effects = Vec::new();
+        let mut outputs = Vec::new();
         // One whose way is open is counted once it is decided.
         if pending.open.is_none() {
-            effects.push(Effect::NewView(pending.kind()));
+            outputs.push(Output::NewView(pending.kind()));
         }
         if !pending.pinned {
-            effects.push(Effect::Used { cameras: pending.cameras() });
+            outputs.push(Output::Used { cameras: pending.cameras() });
         }
         self.in_flight.add(&pending);
         self.views.insert(view_id, pending);
         self.wait(view_id);
-        effects
+        outputs
     }
 
     /// The plan of a view that may come in.

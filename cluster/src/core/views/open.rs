@@ -6,7 +6,7 @@ use argus_scene::rig::{Among, Survey};
 use argus_scene::{Camera, Holes, Plan, SampleId, Search, View, Warp};
 
 use super::cluster::Cluster;
-use super::effect::Effect;
+use super::output::Output;
 use super::open_view::OpenView;
 use super::pending::Pending;
 use super::planner::{MOST_SAMPLES, Offer, predicted_excess};
@@ -96,11 +96,11 @@ impl Cluster<'_> {
     }
 
     /// What a view whose way was open, and which took so many milliseconds of rendering, saved by the samples that it used.
-    pub(super) fn savings(&self, view: &Pending, open: &OpenView, ms: f64) -> Option<Effect> {
+    pub(super) fn savings(&self, view: &Pending, open: &OpenView, ms: f64) -> Option<Output> {
         let worker = view.worker.and_then(|id| self.workers.get(id))?;
         let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
         let direct = self.direct_cost(worker)?;
-        Some(Effect::Saved { cameras: view.cameras(), secs: (direct.ms(work) - ms) * 1e-3 })
+        Some(Output::Saved { cameras: view.cameras(), secs: (direct.ms(work) - ms) * 1e-3 })
     }
 
     /// Seconds that a view of so many pixels, sub-pixels counted, takes less from samples than from triangles; `None` until

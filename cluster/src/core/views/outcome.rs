@@ -3,7 +3,7 @@
 use argus_proto::Fault;
 
 use super::pending::Pending;
-use super::{Cluster, Effect, Views};
+use super::{Cluster, Output, Views};
 use crate::core::event::{Action, Failure, ViewId};
 use crate::core::time::Uptime;
 use crate::core::workers::Worker;
@@ -16,7 +16,7 @@ impl Views {
         uncovered: Option<u64>,
         ms: Option<f64>,
         cluster: Cluster<'_>,
-    ) -> Vec<Effect> {
+    ) -> Vec<Output> {
         if !self.is_current(view_id, attempt) {
             return Vec::new();
         }
@@ -26,17 +26,17 @@ impl Views {
         let taken_back = self.take_back(view_id, true);
         let Some(view) = self.forget(view_id) else { return Vec::new() };
         self.counts.answered += 1;
-        let mut effects = Vec::new();
+        let mut outputs = Vec::new();
         if let Some(worker) = view.worker {
-            effects.push(Effect::Answered { worker, direct: view.is_direct(), work: view.work() });
+            outputs.push(Output::Answered { worker, direct: view.is_direct(), work: view.work() });
         }
-        effects.extend(taken_back);
+        outputs.extend(taken_back);
         match (&view.open, ms) {
             (Some(_), Some(_)) if view.is_direct() => self.unsurveyed += 1,
-            (Some(open), Some(ms)) => effects.extend(cluster.savings(&view, open, ms)),
-            _ => effects.extend(holes(&view, uncovered)),
+            (Some(open), Some(ms)) => outputs.extend(cluster.savings(&view, open, ms)),
+            _ => outputs.extend(holes(&view, uncovered)),
         }
-        effects
+        outputs
     }
 
     /// An attempt failed.
@@ -46,28 +46,28 @@ impl Views {
         failure: Failure,
         cluster: Cluster<'_>,
         now: Uptime,
-    ) -> Vec<Effect> {
+    ) -> Vec<Output> {
         if !self.is_current(view_id, attempt) {
             return Vec::new();
         }
-        let mut effects = Vec::new();
+        let mut outputs = Vec::new();
         match failure {
-            Failure::TryElsewhere => self.retry(view_id, cluster, now, &mut effects),
+            Failure::TryElsewhere => self.retry(view_id, cluster, now, &mut outputs),
             Failure::OfWorker => {
                 let worker = self.views.get(&view_id).and_then(|view| view.worker);
-                effects.extend(worker.map(|worker| Effect::Blamed { worker, view_id }));
-                self.retry(view_id, cluster, now, &mut effects);
+                outputs.extend(worker.map(|worker| Output::Blamed { worker, view_id }));
+                self.retry(view_id, cluster, now, &mut outputs);
             }
             Failure::Final => {
-                effects.extend(self.cancel(view_id));
+                outputs.extend(self.cancel(view_id));
                 self.counts.failed += 1;
             }
         }
-        effects
+        outputs
     }
 
     /// No client waits for a view any more.
-    pub(in crate::core) fn cancel(&mut self, view_id: ViewId) -> Option<Effect> {
+    pub(in crate::core) fn cancel(&mut self, view_id: ViewId) -> Option<Output> {
         let taken_back = self.take_back(view_id, false);
         self.forget(view_id);
         taken_back
@@ -79,14 +79,14 @@ impl Views {
         view_ids: impl IntoIterator<Item = ViewId>,
         cluster: Cluster<'_>,
         now: Uptime,
-    ) -> Vec<Effect> {
-        let mut effects = Vec::new();
-        view_ids.into_iter().for_each(|view_id| self.retry(view_id, cluster, now, &mut effects));
-        effects
+    ) -> Vec<Output> {
+        let mut outputs = Vec::new();
+        view_ids.into_iter().for_each(|view_id| self.retry(view_id, cluster, now, &mut outputs));
+        outputs
     }
 
     /// The views of workers that are suspected go to others.
-    pub(in crate::core) fn leave_suspected(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Effect> {
+    pub(in crate::core) fn leave_suspected(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Output> {
         let workers = cluster.workers;
         // Where no other worker can have it a view stays, until one can; so does one that has gone round already.
         let can =
@@ -101,13 +101,13 @@ impl Views {
     }
 
     /// Ends the deadlines and the patience that are over.
-    pub(in crate::core) fn expire(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Effect> {
-        let mut effects = Vec::new();
+    pub(in crate::core) fn expire(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Output> {
+        let mut outputs = Vec::new();
         while let Some(&(due, view_id)) = self.due.first().filter(|(due, _)| now >= *due) {
             self.due.remove(&(due, view_id));
-            self.expire_one(view_id, cluster, now, &mut effects);
+            self.expire_one(view_id, cluster, now, &mut outputs);
         }
-        effects
+        outputs
     }
 
     /// Whether another attempt would leave one more to fail.
@@ -116,31 +116,31 @@ impl Views {
     }
 
     /// Puts a view whose worker failed first in the queue, or gives it up after too many attempts.
-    fn retry(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime, effects: &mut Vec<Effect>) {
-        effects.extend(self.take_back(view_id, false));
+    fn retry(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime, outputs: &mut Vec<Output>) {
+        outputs.extend(self.take_back(view_id, false));
         let Some(view) = self.views.get_mut(&view_id) else { return };
         view.worker = None;
         if now >= view.deadline.0 {
-            return self.expire_one(view_id, cluster, now, effects);
+            return self.expire_one(view_id, cluster, now, outputs);
         }
         if view.attempts() >= self.config.max_attempts {
             let fault = Fault::Unavailable(format!("{} workers failed at this view", view.attempts()));
-            return self.refuse(view_id, fault, effects);
+            return self.refuse(view_id, fault, outputs);
         }
         self.counts.retried += 1;
         self.wait(view_id);
     }
 
-    fn expire_one(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime, effects: &mut Vec<Effect>) {
+    fn expire_one(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime, outputs: &mut Vec<Output>) {
         let Some(view) = self.views.get_mut(&view_id) else { return };
         let (at, asked_for) = view.deadline;
         if now >= at {
-            self.refuse(view_id, Fault::Deadline(asked_for), effects);
+            self.refuse(view_id, Fault::Deadline(asked_for), outputs);
         } else if view.worker.is_none() && now.since(view.requested) >= self.config.patience {
             let secs = self.config.patience.as_secs_f64();
             let ready = cluster.workers.queues().ready();
             let fault = Fault::Unavailable(format!("none of {ready} ready workers had room within {secs} s"));
-            self.refuse(view_id, fault, effects);
+            self.refuse(view_id, fault, outputs);
         } else {
             // In work: what is left is its deadline.
             view.due = at;
@@ -148,10 +148,10 @@ impl Views {
         }
     }
 
-    fn refuse(&mut self, view_id: ViewId, fault: Fault, effects: &mut Vec<Effect>) {
-        effects.extend(self.cancel(view_id));
+    fn refuse(&mut self, view_id: ViewId, fault: Fault, outputs: &mut Vec<Output>) {
+        outputs.extend(self.cancel(view_id));
         self.counts.failed += 1;
-        effects.push(Effect::Act(Action::Refuse { view_id, fault }));
+        outputs.push(Output::Act(Action::Refuse { view_id, fault }));
     }
 
     /// A view is over.
@@ -170,18 +170,18 @@ impl Views {
     }
 
     /// Takes a view off the worker that has it.
-    pub(super) fn take_back(&self, view_id: ViewId, answered: bool) -> Option<Effect> {
+    pub(super) fn take_back(&self, view_id: ViewId, answered: bool) -> Option<Output> {
         let view = self.views.get(&view_id)?;
         let samples = view.samples().to_vec();
-        Some(Effect::TakenBack { worker: view.worker?, view_id, samples, answered })
+        Some(Output::TakenBack { worker: view.worker?, view_id, samples, answered })
     }
 }
 
 /// What a frame says of the samples that it was made from; a pinned plan says nothing of those that are made here.
-fn holes(view: &Pending, uncovered: Option<u64>) -> Option<Effect> {
+fn holes(view: &Pending, uncovered: Option<u64>) -> Option<Output> {
     if view.is_direct() || view.pinned {
         return None;
     }
     let uncovered = uncovered?.min(view.pixels);
-    Some(Effect::Holes { camera: view.camera, used: view.cameras(), uncovered, pixels: view.pixels })
+    Some(Output::Holes { camera: view.camera, used: view.cameras(), uncovered, pixels: view.pixels })
 }

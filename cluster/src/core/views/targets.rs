@@ -3,7 +3,7 @@
 use argus_scene::{Camera, Plan, Prediction, View};
 
 use super::target_search::TargetSearch;
-use super::{Cluster, Effect, Views};
+use super::{Cluster, Output, Views};
 use crate::core::event::{Action, ViewId};
 use crate::core::quality::choose::{self, Candidate, QualityTarget, Step};
 use crate::core::quality::{Model, Observed, Setting, Situation};
@@ -75,14 +75,14 @@ impl Views {
         observed: Option<Observed>,
         ms: f64,
         cluster: Cluster<'_>,
-    ) -> Vec<Effect> {
+    ) -> Vec<Output> {
         if !self.is_current(view_id, attempt) {
             return Vec::new();
         }
         let Some(mut target_search) = self.views.get_mut(&view_id).and_then(|view| view.target_search.take())
         else {
             let expected = Prediction { error: 1.0, ms };
-            return vec![Effect::Act(Action::Deliver { view_id, attempt, expected })];
+            return vec![Output::Act(Action::Deliver { view_id, attempt, expected })];
         };
         self.learn_pace(view_id, ms, cluster);
         target_search.spent_ms += if ms >= 0.0 { ms } else { 0.0 };
@@ -93,7 +93,7 @@ impl Views {
                     view.target_search = Some(target_search);
                     view.expected = Some(expected);
                 }
-                vec![Effect::Act(Action::Deliver { view_id, attempt, expected })]
+                vec![Output::Act(Action::Deliver { view_id, attempt, expected })]
             }
             Step::Try { setting, expected, judged } => {
                 // Its worker did well, and holds what the frame was made from.
@@ -107,7 +107,7 @@ impl Views {
                 self.counts.frames_refused += 1;
                 let kind = if setting.is_direct() { WorkKind::Direct } else { WorkKind::Views };
                 self.begin_again(view_id, plan, expected, target_search);
-                taken_back.into_iter().chain([Effect::Asked(kind)]).collect()
+                taken_back.into_iter().chain([Output::Demand(kind)]).collect()
             }
         }
     }

@@ -7,11 +7,11 @@ use crate::core::workers::WorkKind;
 
 /// One thing that follows from what became of a view.
 #[derive(Debug, Clone)]
-pub(in crate::core) enum Effect {
+pub(in crate::core) enum Output {
     /// The shell has something to do.
     Act(Action),
     /// A view of that kind is asked for.
-    Asked(WorkKind),
+    Demand(WorkKind),
     /// A plan names the samples of these cameras.
     Used {
         /// Which.
