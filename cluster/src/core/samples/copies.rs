@@ -41,9 +41,9 @@ impl Samples {
         let ids: Vec<SampleId> = indices.into_iter().map(|index| self.served(index)).collect();
         // What views wait for is being rendered.
         let is_settled = |id: &SampleId| self.locations.is_held(*id) || !self.locations.is_on_its_way(*id);
-        let with_reader = |(turn, id): (usize, SampleId)| {
+        let with_reader = |(index, id): (usize, SampleId)| {
             let holder = self.locations.holders(id).find(|id| workers.get(*id).is_some_and(composes));
-            let any = || composers.get(turn % composers.len().max(1)).copied();
+            let any = || composers.get(index % composers.len().max(1)).copied();
             (id, holder.or_else(any).into_iter().collect())
         };
         ids.into_iter().filter(is_settled).enumerate().map(with_reader).collect()

@@ -75,7 +75,7 @@ impl Directory {
     /// The sampler that shall render a sample: one that has it, or else the one that would have it first.
     fn best_owner(&self, id: SampleId, known: Known<'_>) -> Option<WorkerId> {
         let samplers =
-            known.workers.queues().samplers().iter().filter_map(|turn| known.workers.get(turn.worker));
+            known.workers.queues().samplers().iter().filter_map(|entry| known.workers.get(entry.worker));
         let done_ms = |w: &Worker| {
             let share = self.shares.get(&(id.version, w.id())).copied().unwrap_or(0);
             (share + 1) as f64 * w.report().sample_ms.or(w.report().direct_ms).unwrap_or(1.0)

@@ -106,7 +106,7 @@ impl Samples {
     pub(super) fn prepared(&self, workers: &Workers) -> Vec<(SampleId, Vec<WorkerId>)> {
         let served = self.versions.served().number;
         let few = self.versions.prepared().take(MOST_HELPED + 1).count() <= MOST_HELPED;
-        let helpers = || workers.queues().samplers().iter().map(|turn| turn.worker);
+        let helpers = || workers.queues().samplers().iter().map(|entry| entry.worker);
         let helpers: BTreeSet<WorkerId> =
             if self.config.samplers_composite && few { helpers().collect() } else { BTreeSet::new() };
         let with_readers = |(version, camera): (Version, u64)| {

@@ -11,7 +11,7 @@ use super::placement::Budget;
 use super::{NeededVersions, Samples};
 use crate::core::event::{Source, WorkerId};
 use crate::core::time::Uptime;
-use crate::core::workers::{Ahead, Turn, Worker, Workers};
+use crate::core::workers::{Ahead, QueueEntry, Worker, Workers};
 
 /// At most so many refinements, however small a sample is: every one stands in every worker's assignment.
 const MOST_REFINEMENTS: u64 = 512;
@@ -149,8 +149,8 @@ impl Samples {
         let Some(root_address) = address(root) else { return };
         // Trees of different samples have different roots and leaves, so that no worker feeds others with all.
         let tree = self.trees.tree(id);
-        let turn = id.camera.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
-        for reader in readers.iter().cycle().skip(turn as usize).take(readers.len()) {
+        let first = id.camera.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
+        for reader in readers.iter().cycle().skip(first as usize).take(readers.len()) {
             let parent = tree.parent(*reader).filter(|p| *p != root && responds(*p, workers));
             let is_fed = parent.is_none_or(|p| hurry || self.locations.has(id, p));
             if !(is_fed || self.locations.has(id, *reader)) {
@@ -168,7 +168,7 @@ impl Samples {
         // Samplers are few; all others who have a sample compose.
         let held_by = |camera| {
             let id = SampleId { version, camera };
-            let only_samples = |t: &&Turn| locations.has(id, t.worker) && !queues.compositors().contains(t);
+            let only_samples = |t: &&QueueEntry| locations.has(id, t.worker) && !queues.compositors().contains(t);
             locations.count(id) - queues.samplers().iter().filter(only_samples).count()
         };
         let readers = queues.compositors().len();

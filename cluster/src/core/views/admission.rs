@@ -72,18 +72,18 @@ impl Admission {
     /// Whether a view of so many pixels may come in.
     ///
     /// # Errors
-    /// [`Fault::Overloaded`]; `turn` is when views in flight leave room.
+    /// [`Fault::Overloaded`]; `retry_after` is when views in flight leave room.
     pub(super) fn check(
         &self,
         client: &str,
         config: &Config,
-        turn: Duration,
+        retry_after: Duration,
         now: Uptime,
     ) -> Result<(), Fault> {
         let usage = self.clients.get(client);
         let views = usage.map_or(0, |usage| usage.views);
         if views >= config.max_views_per_client {
-            return overloaded(format!("{views} views of {client} are waiting or in work"), turn);
+            return overloaded(format!("{views} views of {client} are waiting or in work"), retry_after);
         }
         let own = format!("{client} asks");
         let buckets =
@@ -129,12 +129,12 @@ impl Admission {
     pub(super) fn check_session(&self, client: &str, config: &Config) -> Result<(), Fault> {
         let own = self.clients.get(client).map_or(0, |usage| usage.sessions);
         // Nobody knows when a session ends.
-        let turn = RETRY[1];
+        let retry_after = RETRY[1];
         if self.sessions >= config.max_sessions {
-            return overloaded(format!("{} sessions are open", self.sessions), turn);
+            return overloaded(format!("{} sessions are open", self.sessions), retry_after);
         }
         if own >= config.max_sessions_per_client {
-            return overloaded(format!("{own} sessions of {client} are open"), turn);
+            return overloaded(format!("{own} sessions of {client} are open"), retry_after);
         }
         Ok(())
     }

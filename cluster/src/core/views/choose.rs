@@ -10,7 +10,7 @@
 use super::cluster::Cluster;
 use super::pending::Pending;
 use crate::core::event::WorkerId;
-use crate::core::workers::{Turn, Worker};
+use crate::core::workers::{QueueEntry, Worker};
 
 /// Samplers that are named in an order as those who can trace: a second and a third chance.
 const MOST_TRACERS: usize = 3;
@@ -28,64 +28,64 @@ impl Cluster<'_> {
     /// Roles decide who is asked. Where nobody plays the role (the moment before roles change), or everybody
     /// who does has failed at this view, anybody is: a worker can do both, it is only slower to start.
     pub(super) fn choose(&self, view: &Pending) -> Option<WorkerId> {
-        let line = if view.is_direct() {
+        let queue = if view.is_direct() {
             self.workers.queues().samplers()
         } else {
             self.workers.queues().compositors()
         };
-        let few = self.workers.queues().ready() <= LOOKED_AT || line.len() <= view.tried.len();
+        let few = self.workers.queues().ready() <= LOOKED_AT || queue.len() <= view.tried.len();
         if few || !view.device.is_empty() {
             return self.choose_among_all(view);
         }
-        let mut best: Option<(f64, Turn)> = None;
+        let mut best: Option<(f64, QueueEntry)> = None;
         // A worker costs what its queue is long, at the least.
-        let beaten = |best: &Option<(f64, Turn)>, turn: &Turn| {
-            turn.queued >= self.config.max_views_per_worker
-                || best.is_some_and(|(cost, _)| cost <= turn.queued as f64)
+        let beaten = |best: &Option<(f64, QueueEntry)>, entry: &QueueEntry| {
+            entry.queued >= self.config.max_views_per_worker
+                || best.is_some_and(|(cost, _)| cost <= entry.queued as f64)
         };
-        let consider = |best: &mut Option<(f64, Turn)>, turn: Turn| {
-            let untried = self.workers.get(turn.worker).filter(|w| !view.tried.contains(&w.id()));
+        let consider = |best: &mut Option<(f64, QueueEntry)>, entry: QueueEntry| {
+            let untried = self.workers.get(entry.worker).filter(|w| !view.tried.contains(&w.id()));
             let Some(worker) = untried else { return };
-            let offer = (self.cost(worker, view), turn);
+            let offer = (self.cost(worker, view), entry);
             if best.is_none_or(|best| offer.0.total_cmp(&best.0).then(offer.1.cmp(&best.1)).is_lt()) {
                 *best = Some(offer);
             }
         };
-        for turn in line.iter().take(LOOKED_AT) {
-            if beaten(&best, turn) {
+        for entry in queue.iter().take(LOOKED_AT) {
+            if beaten(&best, entry) {
                 break;
             }
-            consider(&mut best, *turn);
+            consider(&mut best, *entry);
         }
         if view.is_direct() {
-            return best.map(|(_, turn)| turn.worker);
+            return best.map(|(_, entry)| entry.worker);
         }
-        for turn in self.workers.queues().samplers().iter().take(LOOKED_AT) {
-            if turn.queued >= MOST_SPARE_VIEWS || beaten(&best, turn) {
+        for entry in self.workers.queues().samplers().iter().take(LOOKED_AT) {
+            if entry.queued >= MOST_SPARE_VIEWS || beaten(&best, entry) {
                 break;
             }
-            if self.workers.get(turn.worker).is_some_and(|w| self.may_help_out(w, view)) {
-                consider(&mut best, *turn);
+            if self.workers.get(entry.worker).is_some_and(|w| self.may_help_out(w, view)) {
+                consider(&mut best, *entry);
             }
         }
-        let lacks = |turn: Turn| {
+        let lacks = |entry: QueueEntry| {
             self.workers
-                .get(turn.worker)
+                .get(entry.worker)
                 .is_none_or(|w| self.samples.locations().missing(view.samples(), w.id()) > 0)
         };
-        if best.is_none_or(|(_, turn)| lacks(turn)) {
+        if best.is_none_or(|(_, entry)| lacks(entry)) {
             let counted = view.samples().iter().map(|&id| (self.samples.locations().count_near(id), id));
             let rarest = counted.filter(|(count, _)| *count > 0).min();
             // Whoever is looked at first changes from view to view.
-            let from = best.map_or(WorkerId(0), |(_, turn)| turn.worker);
+            let from = best.map_or(WorkerId(0), |(_, entry)| entry.worker);
             let near = rarest.into_iter().flat_map(|(_, id)| self.samples.locations().near(id, from));
             for worker in near.take(LOOKED_AT).filter_map(|id| self.workers.get(id)) {
                 if worker.takes_views() && worker.queued() < self.config.max_views_per_worker {
-                    consider(&mut best, worker.turn());
+                    consider(&mut best, worker.queue_entry());
                 }
             }
         }
-        best.map(|(_, turn)| turn.worker)
+        best.map(|(_, entry)| entry.worker)
     }
 
     fn cost(&self, worker: &Worker, view: &Pending) -> f64 {
@@ -133,8 +133,8 @@ impl Cluster<'_> {
             .filter(|w| w.queued() < self.config.max_views_per_worker)
             .map(|w| (self.cost(w, view), w))
             .min_by(|(a_cost, a), (b_cost, b)| {
-                let turn = |w: &Worker| (w.turn().dispatched, w.id());
-                a_cost.total_cmp(b_cost).then(turn(a).cmp(&turn(b)))
+                let entry = |w: &Worker| (w.queue_entry().dispatched, w.id());
+                a_cost.total_cmp(b_cost).then(entry(a).cmp(&entry(b)))
             })
             .map(|(_, w)| w.id())
     }
@@ -160,8 +160,8 @@ impl Cluster<'_> {
             true => self.workers.iter().filter(|w| w.answers() && w.assigned().role.samples()).collect(),
             false => {
                 let front = self.workers.queues().samplers().iter().take(LOOKED_AT);
-                let others = front.filter(|turn| turn.worker != reader);
-                let others = others.filter_map(|turn| self.workers.get(turn.worker));
+                let others = front.filter(|entry| entry.worker != reader);
+                let others = others.filter_map(|entry| self.workers.get(entry.worker));
                 itself.filter(|w| w.takes_samples()).into_iter().chain(others).collect()
             }
         };

@@ -123,8 +123,8 @@ impl Cluster<'_> {
         let mut known = Known::new();
         let mut offers = Vec::new();
         for worker in asked {
-            let turn = worker.turn();
-            let turn = (turn.queued, turn.dispatched);
+            let entry = worker.queue_entry();
+            let tie_break = (entry.queued, entry.dispatched);
             let wait_ms = self.wait_before(worker);
             let cost = self.direct_cost(worker);
             let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
@@ -132,7 +132,7 @@ impl Cluster<'_> {
             let render_ms = cost.map(|cost| cost.ms(work));
             let repeats = self.repeats(worker, open, &plan);
             let (id, excess, is_sound) = (worker.id(), 0.0, true);
-            let base = Offer { worker: id, turn, plan, wait_ms, render_ms, excess, is_sound, repeats };
+            let base = Offer { worker: id, tie_break, plan, wait_ms, render_ms, excess, is_sound, repeats };
             let warp_ms = worker.report().warp_cost.map(|cost| cost.ms(work));
             for from_samples in self.ways_from_samples(worker, view, open, &mut known) {
                 let FromSamples { plan, uncovered, excess, is_sound } = from_samples;
@@ -151,7 +151,7 @@ impl Cluster<'_> {
         let has_room = |worker: &&Worker| worker.queued() < self.config.max_views_per_worker;
         let untried = |worker: &&Worker| !view.tried.contains(&worker.id());
         let front = self.workers.queues().anyone().iter().take(MOST_ASKED + view.tried.len());
-        let mut ids: Vec<WorkerId> = front.map(|turn| turn.worker).collect();
+        let mut ids: Vec<WorkerId> = front.map(|entry| entry.worker).collect();
         if self.workers.queues().anyone().len() > ids.len() {
             let best = open.survey.as_ref().and_then(|survey| survey.choose(|_| true, 1).first().copied());
             let from = ids.first().copied().unwrap_or(WorkerId(0));

@@ -75,8 +75,8 @@ impl Aim {
 pub struct Offer {
     /// Who.
     pub worker: WorkerId,
-    /// Views in its queue, and views that it was ever given: whose turn it is among equals.
-    pub turn: (usize, u64),
+    /// Views in its queue, and views that it was ever given: whose tie_break it is among equals.
+    pub tie_break: (usize, u64),
     /// How.
     pub plan: Plan,
     /// Milliseconds until it can begin.
@@ -123,7 +123,7 @@ pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
     let best_of = |offers: &mut dyn Iterator<Item = &Offer>| -> Option<Offer> {
         offers
             .min_by(|a, b| {
-                let key = |offer: &Offer| (offer.turn, offer.worker);
+                let key = |offer: &Offer| (offer.tie_break, offer.worker);
                 a.finish_ms().total_cmp(&b.finish_ms()).then(key(a).cmp(&key(b)))
             })
             .cloned()
@@ -174,7 +174,7 @@ mod tests {
         let plan = Plan::Direct { samples_per_pixel: 1 };
         Offer {
             worker: WorkerId(worker),
-            turn: (0, 0),
+            tie_break: (0, 0),
             plan,
             wait_ms,
             render_ms,
@@ -242,9 +242,9 @@ mod tests {
         let offers = vec![warp(1, 0.0, None, FULL), direct(2, 0.0, Some(400.0))];
         assert_eq!(by_default(offers).0, 2);
         let mut idle = direct(3, 0.0, None);
-        idle.turn = (0, 5);
+        idle.tie_break = (0, 5);
         let mut busy = direct(2, 0.0, None);
-        busy.turn = (2, 1);
+        busy.tie_break = (2, 1);
         assert_eq!(by_default(vec![busy, idle]).0, 3, "by their queues, where nothing is known");
         assert_eq!(choose(Vec::new(), &Aim::of(&PlanRequest::default())), None);
     }

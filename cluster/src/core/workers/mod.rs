@@ -26,7 +26,7 @@ use std::sync::Arc;
 
 pub(super) use costs::MeasuredCosts;
 pub(super) use demand::WorkKind;
-pub(super) use queues::{Turn, WorkerQueues};
+pub(super) use queues::{QueueEntry, WorkerQueues};
 pub(super) use roles::Stake;
 pub(super) use worker::{Ahead, QueuedView, Worker};
 

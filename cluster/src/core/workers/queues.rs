@@ -7,9 +7,9 @@ use std::collections::{BTreeSet, HashMap};
 
 use crate::core::event::WorkerId;
 
-/// Where a worker stands: views in its queue, then views it ever had, whose turn it is among equals.
+/// Where a worker stands: views in its queue, then views it ever had, whose entry it is among equals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::core) struct Turn {
+pub(in crate::core) struct QueueEntry {
     pub(in crate::core) queued: usize,
     pub(in crate::core) dispatched: u64,
     pub(in crate::core) worker: WorkerId,
@@ -18,7 +18,7 @@ pub(in crate::core) struct Turn {
 /// What a worker can be given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Standing {
-    pub(super) turn: Turn,
+    pub(super) entry: QueueEntry,
     pub(super) ready: bool,
     pub(super) answers: bool,
     pub(super) composites: bool,
@@ -30,29 +30,29 @@ pub(super) struct Standing {
 pub(in crate::core) struct WorkerQueues {
     known: HashMap<WorkerId, Standing>,
     ready: usize,
-    anyone: BTreeSet<Turn>,
-    compositors: BTreeSet<Turn>,
-    samplers: BTreeSet<Turn>,
+    anyone: BTreeSet<QueueEntry>,
+    compositors: BTreeSet<QueueEntry>,
+    samplers: BTreeSet<QueueEntry>,
 }
 
 impl WorkerQueues {
     /// A worker joined or changed.
     pub(super) fn update(&mut self, now: Standing) {
-        let turn = now.turn;
-        if self.known.get(&turn.worker) == Some(&now) {
+        let entry = now.entry;
+        if self.known.get(&entry.worker) == Some(&now) {
             return;
         }
-        self.remove(turn.worker);
-        self.known.insert(turn.worker, now);
+        self.remove(entry.worker);
+        self.known.insert(entry.worker, now);
         self.ready += usize::from(now.ready);
         if now.answers {
-            self.anyone.insert(turn);
+            self.anyone.insert(entry);
         }
         if now.composites {
-            self.compositors.insert(turn);
+            self.compositors.insert(entry);
         }
         if now.samples {
-            self.samplers.insert(turn);
+            self.samplers.insert(entry);
         }
     }
 
@@ -60,9 +60,9 @@ impl WorkerQueues {
     pub(super) fn remove(&mut self, worker: WorkerId) {
         if let Some(known) = self.known.remove(&worker) {
             self.ready -= usize::from(known.ready);
-            self.anyone.remove(&known.turn);
-            self.compositors.remove(&known.turn);
-            self.samplers.remove(&known.turn);
+            self.anyone.remove(&known.entry);
+            self.compositors.remove(&known.entry);
+            self.samplers.remove(&known.entry);
         }
     }
 
@@ -72,17 +72,17 @@ impl WorkerQueues {
     }
 
     /// Those who answer views whose way is open, whatever their role.
-    pub(in crate::core) fn anyone(&self) -> &BTreeSet<Turn> {
+    pub(in crate::core) fn anyone(&self) -> &BTreeSet<QueueEntry> {
         &self.anyone
     }
 
     /// Those who take views to reconstruct.
-    pub(in crate::core) fn compositors(&self) -> &BTreeSet<Turn> {
+    pub(in crate::core) fn compositors(&self) -> &BTreeSet<QueueEntry> {
         &self.compositors
     }
 
     /// Those who take samples and direct views.
-    pub(in crate::core) fn samplers(&self) -> &BTreeSet<Turn> {
+    pub(in crate::core) fn samplers(&self) -> &BTreeSet<QueueEntry> {
         &self.samplers
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::queues::{Standing, Turn};
+use super::queues::{Standing, QueueEntry};
 use super::record::Record;
 use super::silence::Rhythm;
 use crate::core::event::{Assignment, Hello, Report, Role, Source, ViewId, WorkerId};
@@ -122,14 +122,14 @@ impl Worker {
     }
 
     /// Its place among workers with room.
-    pub(in crate::core) fn turn(&self) -> Turn {
-        Turn { queued: self.views.len(), dispatched: self.dispatched, worker: self.id }
+    pub(in crate::core) fn queue_entry(&self) -> QueueEntry {
+        QueueEntry { queued: self.views.len(), dispatched: self.dispatched, worker: self.id }
     }
 
     /// What it can be given.
     pub(super) fn standing(&self) -> Standing {
         Standing {
-            turn: self.turn(),
+            entry: self.queue_entry(),
             ready: self.is_ready(),
             answers: self.answers(),
             composites: self.takes_views(),

@@ -16,7 +16,7 @@ const COARSE: Coverage = Coverage { covered: 1.0, fine: 0.5 };
 fn direct(render_ms: f64) -> Offer {
     Offer {
         worker: WorkerId(1),
-        turn: (0, 0),
+        tie_break: (0, 0),
         plan: Plan::Direct { samples_per_pixel: 1 },
         wait_ms: 0.0,
         render_ms: Some(render_ms),
