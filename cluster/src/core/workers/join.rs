@@ -21,7 +21,7 @@ impl Workers {
         self.counts.joined += 1;
         let worker = Worker::new(id, hello, self.role_of_newcomer(), self.visibility_is_settled, now);
         actions.push(Action::Assign { worker: id, assignment: worker.assigned().clone() });
-        self.queues.update(worker.standing());
+        self.queues.update(worker.queue_membership());
         self.workers.insert(id, worker);
         self.changed = true;
     }

@@ -197,7 +197,7 @@ impl Workers {
     fn change<T>(&mut self, id: WorkerId, change: impl FnOnce(&mut Worker) -> T) -> Option<T> {
         let worker = self.workers.get_mut(&id)?;
         let result = change(worker);
-        self.queues.update(worker.standing());
+        self.queues.update(worker.queue_membership());
         Some(result)
     }
 }

@@ -17,7 +17,7 @@ pub(in crate::core) struct QueueEntry {
 
 /// What a worker can be given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Standing {
+pub(super) struct QueueMembership {
     pub(super) entry: QueueEntry,
     pub(super) ready: bool,
     pub(super) answers: bool,
@@ -28,7 +28,7 @@ pub(super) struct Standing {
 /// All workers in order.
 #[derive(Debug, Clone, Default)]
 pub(in crate::core) struct WorkerQueues {
-    known: HashMap<WorkerId, Standing>,
+    known: HashMap<WorkerId, QueueMembership>,
     ready: usize,
     anyone: BTreeSet<QueueEntry>,
     compositors: BTreeSet<QueueEntry>,
@@ -37,7 +37,7 @@ pub(in crate::core) struct WorkerQueues {
 
 impl WorkerQueues {
     /// A worker joined or changed.
-    pub(super) fn update(&mut self, now: Standing) {
+    pub(super) fn update(&mut self, now: QueueMembership) {
         let entry = now.entry;
         if self.known.get(&entry.worker) == Some(&now) {
             return;

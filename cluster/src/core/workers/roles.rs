@@ -122,7 +122,7 @@ impl Workers {
                 self.counts.roles_changed += 1;
                 self.changed = true;
                 actions.push(Action::Assign { worker: id, assignment: worker.assign(role) });
-                self.queues.update(worker.standing());
+                self.queues.update(worker.queue_membership());
             }
         }
     }

@@ -19,7 +19,7 @@ impl Workers {
         self.notice_silence(now);
         for worker in self.workers.values_mut() {
             if worker.record.wakes(now) {
-                self.queues.update(worker.standing());
+                self.queues.update(worker.queue_membership());
                 self.changed = true;
             }
         }
@@ -40,7 +40,7 @@ impl Workers {
             let patience = if others_are_heard { alone } else { late };
             if self.awake.silence(worker.last_report(), now) >= patience {
                 worker.suspect();
-                self.queues.update(worker.standing());
+                self.queues.update(worker.queue_membership());
                 self.changed = true;
             }
         }

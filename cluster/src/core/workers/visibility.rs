@@ -87,7 +87,7 @@ impl Workers {
         self.visibility_is_settled = true;
         for worker in self.workers.values_mut() {
             actions.push(Action::Assign { worker: worker.id(), assignment: worker.serve_set() });
-            self.queues.update(worker.standing());
+            self.queues.update(worker.queue_membership());
         }
         Some(visibility)
     }

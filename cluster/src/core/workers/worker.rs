@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::queues::{Standing, QueueEntry};
+use super::queues::{QueueMembership, QueueEntry};
 use super::record::Record;
 use super::silence::Rhythm;
 use crate::core::event::{Assignment, Hello, Report, Role, Source, ViewId, WorkerId};
@@ -127,8 +127,8 @@ impl Worker {
     }
 
     /// What it can be given.
-    pub(super) fn standing(&self) -> Standing {
-        Standing {
+    pub(super) fn queue_membership(&self) -> QueueMembership {
+        QueueMembership {
             entry: self.queue_entry(),
             ready: self.is_ready(),
             answers: self.answers(),
