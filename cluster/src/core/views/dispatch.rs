@@ -4,7 +4,7 @@
 
 use argus_scene::{Plan, Prediction, SampleId};
 
-use super::pending::{LINES, Pending};
+use super::pending::{BLOCKING_QUEUES, Pending};
 use super::session_memory::choose_after;
 use super::target_search::TargetSearch;
 use super::{Cluster, Views};
@@ -46,8 +46,8 @@ enum Attempt {
 pub(in crate::core) struct Round {
     /// Views that only certain workers can answer, oldest first.
     bound: std::vec::IntoIter<ViewId>,
-    /// The lines whose first view has to wait.
-    full: [bool; LINES],
+    /// The queues whose first view has to wait.
+    full: [bool; BLOCKING_QUEUES],
 }
 
 impl Views {
@@ -79,7 +79,7 @@ impl Views {
     /// Begins to give waiting views to workers.
     pub(in crate::core) fn begin_round(&self) -> Round {
         let bound: Vec<ViewId> = self.waiting.bound.iter().copied().take(MOST_BOUND).collect();
-        Round { bound: bound.into_iter(), full: [false; LINES] }
+        Round { bound: bound.into_iter(), full: [false; BLOCKING_QUEUES] }
     }
 
     /// The next view that a worker is given: the oldest first of those that are reconstructed and of those rendered
@@ -87,9 +87,9 @@ impl Views {
     /// left have to wait.
     pub(in crate::core) fn next(&mut self, round: &mut Round, cluster: Cluster<'_>) -> Option<Given> {
         loop {
-            let (view_id, line) = match round.bound.next() {
+            let (view_id, queue) = match round.bound.next() {
                 Some(view_id) => (view_id, None),
-                None => self.waiting.first(&round.full).map(|(view_id, line)| (view_id, Some(line)))?,
+                None => self.waiting.first(&round.full).map(|(view_id, queue)| (view_id, Some(queue)))?,
             };
             match self.place(view_id, cluster) {
                 Attempt::Given(given) => {
@@ -97,7 +97,7 @@ impl Views {
                     return Some(given);
                 }
                 Attempt::Over => self.waiting.remove(view_id),
-                Attempt::Full => line.into_iter().for_each(|line| round.full[line] = true),
+                Attempt::Full => queue.into_iter().for_each(|queue| round.full[queue] = true),
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Views that were admitted: what each one is, the lines in which those wait that no worker has room for yet, and how
+//! Views that were admitted: what each one is, the queues in which those wait that no worker has room for yet, and how
 //! many there are of each kind.
 
 use std::collections::BTreeSet;
@@ -44,7 +44,7 @@ pub(super) struct Pending {
 }
 
 /// Lines whose first view holds the others up.
-pub(super) const LINES: usize = 3;
+pub(super) const BLOCKING_QUEUES: usize = 3;
 
 /// Views that no worker has room for yet. Tickets ascend with arrival, so the least is the oldest.
 #[derive(Debug, Clone, Default)]
@@ -59,25 +59,25 @@ pub(super) struct Waiting {
 
 impl Waiting {
     pub(super) fn insert(&mut self, view_id: ViewId, view: &Pending) {
-        let line = match (view.is_bound(), view.open.is_some(), view.is_direct()) {
+        let queue = match (view.is_bound(), view.open.is_some(), view.is_direct()) {
             (true, ..) => &mut self.bound,
             (_, true, _) => &mut self.open,
             (.., true) => &mut self.direct,
             _ => &mut self.composed,
         };
-        line.insert(view_id);
+        queue.insert(view_id);
     }
 
-    /// The oldest view that waits, leaving out the lines that are `full`; and its line.
-    pub(super) fn first(&self, full: &[bool; LINES]) -> Option<(ViewId, usize)> {
-        let lines = [&self.direct, &self.composed, &self.open];
-        let first = |line: usize| lines[line].first().map(|view_id| (*view_id, line));
-        (0..LINES).filter(|line| !full[*line]).filter_map(first).min()
+    /// The oldest view that waits, leaving out the queues that are `full`; and its queue.
+    pub(super) fn first(&self, full: &[bool; BLOCKING_QUEUES]) -> Option<(ViewId, usize)> {
+        let queues = [&self.direct, &self.composed, &self.open];
+        let first = |queue: usize| queues[queue].first().map(|view_id| (*view_id, queue));
+        (0..BLOCKING_QUEUES).filter(|queue| !full[*queue]).filter_map(first).min()
     }
 
     pub(super) fn remove(&mut self, view_id: ViewId) {
-        for line in [&mut self.composed, &mut self.direct, &mut self.open, &mut self.bound] {
-            line.remove(&view_id);
+        for queue in [&mut self.composed, &mut self.direct, &mut self.open, &mut self.bound] {
+            queue.remove(&view_id);
         }
     }
 }
