@@ -8,14 +8,14 @@ use argus_scene::View;
 use futures::FutureExt;
 use tokio::sync::mpsc::UnboundedReceiver;
 
-use super::hub::{Hub, Ruling, Verdict};
+use super::shared_core::{SharedCore, Ruling, Verdict};
 use crate::core::{Client, Event, Failure, LastView, Order, ViewId};
 use crate::wire;
 
 /// A view that was asked for. It is the core's until [`Asked::answered`], [`Asked::failed`] for good, or
 /// [`Asked::cancelled`].
 pub(super) struct Asked {
-    hub: Arc<Hub>,
+    shared: Arc<SharedCore>,
     view_id: ViewId,
     verdicts: UnboundedReceiver<Verdict>,
 }
@@ -23,14 +23,14 @@ pub(super) struct Asked {
 impl Asked {
     /// Asks the core for a view; of a session, with what it remembers of its last one.
     pub(super) fn of(
-        hub: &Arc<Hub>,
+        shared: &Arc<SharedCore>,
         client: Client,
         view: View,
         deadline: Option<Duration>,
         last: Option<Box<LastView>>,
     ) -> Self {
-        let (view_id, verdicts) = hub.begin_view(client, view, deadline, last);
-        Self { hub: hub.clone(), view_id, verdicts }
+        let (view_id, verdicts) = shared.begin_view(client, view, deadline, last);
+        Self { shared: shared.clone(), view_id, verdicts }
     }
 
     /// The next verdict.
@@ -53,26 +53,26 @@ impl Asked {
     /// The frame of that attempt begins to arrive, and is to be judged: a verdict follows.
     pub(super) fn judge(&self, attempt: u32, observed: Option<v1::Observed>, ms: f64) {
         let observed = observed.map(wire::observed_from);
-        self.hub.step(Event::Judged { view_id: self.view_id, attempt, observed, ms });
+        self.shared.step(Event::Judged { view_id: self.view_id, attempt, observed, ms });
     }
 
     /// The client has the frame of that attempt; `uncovered` of its pixels no sample saw. Rendering took `ms`, if that was
     /// not said before.
     pub(super) fn answered(&self, attempt: u32, uncovered: Option<u64>, ms: Option<f64>) {
-        self.hub.end_view(self.view_id, Event::Answered { view_id: self.view_id, attempt, uncovered, ms });
+        self.shared.end_view(self.view_id, Event::Answered { view_id: self.view_id, attempt, uncovered, ms });
     }
 
     /// That attempt failed; unless that is final, a verdict follows.
     pub(super) fn failed(&self, attempt: u32, failure: Failure) {
         let event = Event::Failed { view_id: self.view_id, attempt, failure };
         match failure {
-            Failure::Final => self.hub.end_view(self.view_id, event),
-            Failure::OfWorker | Failure::TryElsewhere => self.hub.step(event),
+            Failure::Final => self.shared.end_view(self.view_id, event),
+            Failure::OfWorker | Failure::TryElsewhere => self.shared.step(event),
         }
     }
 
     /// Ends the view: its client has its frame, or gave up.
     pub(super) fn cancelled(&self) {
-        self.hub.end_view(self.view_id, Event::Cancelled { view_id: self.view_id });
+        self.shared.end_view(self.view_id, Event::Cancelled { view_id: self.view_id });
     }
 }

@@ -19,7 +19,7 @@ use tracing::{Span, debug_span};
 use super::checks::{checked, checked_encoding, checked_view_id};
 use super::drive::{Answer, answer};
 use super::failure::failure;
-use super::hub::Hub;
+use super::shared_core::SharedCore;
 use super::wanted::Wanted;
 use crate::core::Client;
 
@@ -45,7 +45,7 @@ impl Batch {
     /// # Errors
     /// A field that is wrong for all of its views.
     pub(super) fn checked(
-        hub: &Hub,
+        shared: &SharedCore,
         client: Client,
         request: v1::RenderBatchRequest,
         span: Span,
@@ -60,17 +60,17 @@ impl Batch {
         let view = v1::View { camera: None, width, height, outputs, plan: Some((&plan).into()), pin: None };
         // With a camera that nothing is wrong with.
         let some = Camera::look_at(DVec3::ZERO, DVec3::X);
-        checked(hub, Some(&v1::View { camera: Some((&some).into()), ..view.clone() }))?;
+        checked(shared, Some(&v1::View { camera: Some((&some).into()), ..view.clone() }))?;
         Ok(Self { client, id: batch_id, cameras, view, encoding: checked_encoding(encoding)?, span })
     }
 
     /// The view of one of its cameras.
-    fn wanted(&self, hub: &Hub, index: usize) -> Result<Wanted, InvalidField> {
+    fn wanted(&self, shared: &SharedCore, index: usize) -> Result<Wanted, InvalidField> {
         let wire = v1::View { camera: self.cameras.get(index).cloned(), ..self.view.clone() };
         let view_id = format!("{}:{index}", self.id);
         Ok(Wanted {
             client: self.client.clone(),
-            view: checked(hub, Some(&wire))?,
+            view: checked(shared, Some(&wire))?,
             wire,
             deadline: None,
             encoding: self.encoding,
@@ -88,12 +88,12 @@ fn fixed(plan: PlanRequest) -> PlanRequest {
 }
 
 /// The frames of a batch, and what became of the others, as they are done.
-pub(super) fn answers(hub: Arc<Hub>, batch: Batch) -> impl Stream<Item = v1::RenderBatchResponse> {
+pub(super) fn answers(shared: Arc<SharedCore>, batch: Batch) -> impl Stream<Item = v1::RenderBatchResponse> {
     // Half of what a client may have in work, so that it is not turned away meanwhile with what else it asks for.
-    let at_once = (hub.look(|core| core.config().max_views_per_client) / 2).clamp(1, MOST_AT_ONCE);
+    let at_once = (shared.read(|core| core.config().max_views_per_client) / 2).clamp(1, MOST_AT_ONCE);
     let (count, batch) = (batch.cameras.len(), Arc::new(batch));
     let frame = move |index: usize| {
-        let bodies = frame(hub.clone(), batch.clone(), index);
+        let bodies = frame(shared.clone(), batch.clone(), index);
         let said = move |body| v1::RenderBatchResponse { index: index as u32, body: Some(body) };
         bodies.map(said).boxed()
     };
@@ -101,10 +101,10 @@ pub(super) fn answers(hub: Arc<Hub>, batch: Batch) -> impl Stream<Item = v1::Ren
 }
 
 /// The frame of one camera in chunks, or why there is none.
-fn frame(hub: Arc<Hub>, batch: Arc<Batch>, index: usize) -> impl Stream<Item = Body> {
+fn frame(shared: Arc<SharedCore>, batch: Arc<Batch>, index: usize) -> impl Stream<Item = Body> {
     async_stream::stream! {
         loop {
-            let wanted = match batch.wanted(&hub, index) {
+            let wanted = match batch.wanted(&shared, index) {
                 Ok(wanted) => wanted,
                 Err(at) => {
                     yield Body::Failure(failure(&invalid(at)));
@@ -112,7 +112,7 @@ fn frame(hub: Arc<Hub>, batch: Arc<Batch>, index: usize) -> impl Stream<Item = B
                 }
             };
             let (mut begun, mut room_after) = (false, None);
-            for await answer in answer(hub.clone(), wanted, None) {
+            for await answer in answer(shared.clone(), wanted, None) {
                 match answer {
                     Ok(Answer::Chunk(chunk)) => {
                         begun = true;

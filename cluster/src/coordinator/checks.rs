@@ -3,7 +3,7 @@
 use argus_proto::v1;
 use argus_scene::{InvalidField, View};
 
-use super::hub::Hub;
+use super::shared_core::SharedCore;
 
 /// The longest `view_id` that is carried around.
 const MAX_VIEW_ID: usize = 128;
@@ -12,10 +12,10 @@ const MAX_VIEW_ID: usize = 128;
 ///
 /// # Errors
 /// It is absent, no view, or larger than is served here.
-pub(super) fn checked(hub: &Hub, wire: Option<&v1::View>) -> Result<View, InvalidField> {
+pub(super) fn checked(shared: &SharedCore, wire: Option<&v1::View>) -> Result<View, InvalidField> {
     let wire = wire.cloned().ok_or_else(|| InvalidField::new("view", "must be given"))?;
     let view = View::try_from(wire)?;
-    view.validate(&hub.standing.limits)?;
+    view.validate(&shared.standing.limits)?;
     Ok(view)
 }
 
@@ -45,8 +45,8 @@ pub(super) fn checked_view_id(field: &'static str, id: &str) -> Result<(), Inval
 ///
 /// # Errors
 /// One of its fields is wrong.
-pub(super) fn checked_request(hub: &Hub, request: &v1::RenderRequest) -> Result<View, InvalidField> {
-    let view = checked(hub, request.view.as_ref())?;
+pub(super) fn checked_request(shared: &SharedCore, request: &v1::RenderRequest) -> Result<View, InvalidField> {
+    let view = checked(shared, request.view.as_ref())?;
     checked_encoding(request.encoding)?;
     checked_view_id("view_id", &request.view_id)?;
     if request.order.is_some() {

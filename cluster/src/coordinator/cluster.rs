@@ -13,7 +13,7 @@ use futures::{Stream, StreamExt};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
-use super::hub::{Hub, Seated};
+use super::shared_core::{SharedCore, Seated};
 use crate::core::{Event, WorkerId};
 use crate::wire;
 
@@ -22,7 +22,7 @@ const HELLO_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The service.
 pub(super) struct ClusterService {
-    pub(super) hub: Arc<Hub>,
+    pub(super) shared: Arc<SharedCore>,
 }
 
 #[tonic::async_trait]
@@ -41,11 +41,11 @@ impl Cluster for ClusterService {
             return Err(invalid(InvalidField::new("hello", "must be the first message")));
         };
         check_version(hello.protocol_version)?;
-        let hello = wire::hello_from(hello, self.hub.channels.security()).map_err(invalid)?;
-        let Seated { worker, assignments, expelled } = self.hub.seat(hello)?;
-        let hub = self.hub.clone();
+        let hello = wire::hello_from(hello, self.shared.channels.security()).map_err(invalid)?;
+        let Seated { worker, assignments, expelled } = self.shared.seat(hello)?;
+        let shared = self.shared.clone();
         tokio::spawn(async move {
-            let _seat = Seat { hub: hub.clone(), worker };
+            let _seat = Seat { shared: shared.clone(), worker };
             loop {
                 let report = tokio::select! {
                     report = reports.message() => report,
@@ -54,7 +54,7 @@ impl Cluster for ClusterService {
                 match report.ok().flatten().and_then(|report| report.body) {
                     Some(Body::Measurements(measurements)) => {
                         let report = wire::report_from(measurements);
-                        hub.step(Event::Reported { worker, report });
+                        shared.step(Event::Reported { worker, report });
                     }
                     // A second hello says nothing new; an empty report at the end of the stream ends it.
                     Some(Body::Hello(_)) => {}
@@ -62,7 +62,7 @@ impl Cluster for ClusterService {
                 }
             }
         });
-        let closing = self.hub.closing.clone().cancelled_owned();
+        let closing = self.shared.closing.clone().cancelled_owned();
         let assignments = ReceiverStream::new(assignments).take_until(closing);
         Ok(Response::new(Box::pin(assignments)))
     }
@@ -71,18 +71,18 @@ impl Cluster for ClusterService {
         &self,
         _request: Request<v1::StatusRequest>,
     ) -> Result<Response<v1::StatusResponse>, Status> {
-        Ok(Response::new(self.hub.status()))
+        Ok(Response::new(self.shared.status()))
     }
 }
 
 /// Gives a worker's seat up when its stream ends, however it ends.
 struct Seat {
-    hub: Arc<Hub>,
+    shared: Arc<SharedCore>,
     worker: WorkerId,
 }
 
 impl Drop for Seat {
     fn drop(&mut self) {
-        self.hub.vacate(self.worker);
+        self.shared.vacate(self.worker);
     }
 }

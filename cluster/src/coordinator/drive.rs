@@ -12,7 +12,7 @@ use tonic::{Status, Streaming};
 use tracing::{Instrument, debug};
 
 use super::asked::Asked;
-use super::hub::{Hub, Ruling, Verdict};
+use super::shared_core::{SharedCore, Ruling, Verdict};
 use super::inbox::ClientNotice;
 use super::redirect::SessionClient;
 use super::view_path::{Answered, Effect, Event, State, ViewPath};
@@ -34,12 +34,12 @@ pub(super) enum Answer {
 /// Answers a view: its frame in chunks, where to fetch it, or an error, which is last. Dropping the stream cancels the view.
 /// With `client`, frames may be fetched from workers.
 pub(super) fn answer<'a>(
-    hub: Arc<Hub>,
+    shared: Arc<SharedCore>,
     wanted: Wanted,
     client: Option<SessionClient<'a>>,
 ) -> impl Stream<Item = Result<Answer, Status>> + use<'a> {
     async_stream::stream! {
-        let mut view = Underway::new(hub, wanted, client);
+        let mut view = Underway::new(shared, wanted, client);
         while !matches!(view.path.state(), State::Done) {
             let event = view.next().await;
             for effect in view.path.step(event) {
@@ -57,7 +57,7 @@ pub(super) fn answer<'a>(
 
 /// A view under way. Dropping it cancels the view unless its path has ended.
 struct Underway<'a> {
-    hub: Arc<Hub>,
+    shared: Arc<SharedCore>,
     wanted: Wanted,
     client: Option<SessionClient<'a>>,
     asked: Asked,
@@ -67,11 +67,11 @@ struct Underway<'a> {
 }
 
 impl<'a> Underway<'a> {
-    fn new(hub: Arc<Hub>, wanted: Wanted, client: Option<SessionClient<'a>>) -> Self {
+    fn new(shared: Arc<SharedCore>, wanted: Wanted, client: Option<SessionClient<'a>>) -> Self {
         let last = client.as_ref().and_then(|client| client.memory.recall(Instant::now()));
-        let asked = Asked::of(&hub, wanted.client.clone(), wanted.view.clone(), wanted.deadline, last);
+        let asked = Asked::of(&shared, wanted.client.clone(), wanted.view.clone(), wanted.deadline, last);
         let path = ViewPath::new(client.as_ref().is_some_and(|client| client.redirectable));
-        Self { hub, wanted, client, asked, path, stream: None }
+        Self { shared, wanted, client, asked, path, stream: None }
     }
 
     /// The next event that the view's state listens to. Every future here may be dropped at any await: a verdict and a
@@ -81,11 +81,11 @@ impl<'a> Underway<'a> {
             (State::Ordered(_) | State::Streaming(_), _) => tokio::select! {
                 biased;
                 verdict = self.asked.verdict() => self.decided(verdict),
-                chunk = next_chunk(&self.hub, &self.wanted, self.path.order(), &mut self.stream) => self.came(chunk),
+                chunk = next_chunk(&self.shared, &self.wanted, self.path.order(), &mut self.stream) => self.came(chunk),
             },
             (State::Redirected { .. }, Some(client)) => tokio::select! {
                 biased;
-                notice = client.notice(&self.hub) => self.noticed(notice),
+                notice = client.notice(&self.shared) => self.noticed(notice),
                 verdict = self.asked.verdict() => self.decided(verdict),
             },
             _ => {
@@ -107,7 +107,7 @@ impl<'a> Underway<'a> {
         match verdict {
             Ok(Ruling::Carry(order)) => {
                 let client = self.client.as_mut().filter(|_| self.path.may_redirect(&order));
-                let ticket = client.and_then(|client| client.ticket(&self.hub, &self.wanted, &order));
+                let ticket = client.and_then(|client| client.ticket(&self.shared, &self.wanted, &order));
                 Event::Ordered { order, ticket }
             }
             Ok(Ruling::Deliver { attempt, expected }) => Event::Delivered { attempt, expected },
@@ -159,12 +159,12 @@ impl<'a> Underway<'a> {
 
     fn answered(&mut self, answered: &Answered) {
         match answered.relayed {
-            true => self.hub.frames.relayed(),
-            false => self.hub.frames.fetched(),
+            true => self.shared.frames.relayed(),
+            false => self.shared.frames.fetched(),
         }
         self.asked.answered(answered.attempt, answered.uncovered, answered.ms);
         let Some(header) = &answered.header else { return };
-        self.hub.frames.arrived(header);
+        self.shared.frames.arrived(header);
         if let Some(client) = &mut self.client {
             client.memory.learn(&self.wanted.view, header, Instant::now());
         }
@@ -181,7 +181,7 @@ impl Drop for Underway<'_> {
 
 /// The next chunk of the ordered worker's stream, which is opened first.
 async fn next_chunk(
-    hub: &Hub,
+    shared: &SharedCore,
     wanted: &Wanted,
     order: Option<&Order>,
     stream: &mut Option<Streaming<v1::FrameChunk>>,
@@ -190,15 +190,15 @@ async fn next_chunk(
         Some(stream) => stream,
         None => {
             let order = order.ok_or_else(|| Status::internal("a view that no worker has"))?;
-            stream.insert(open(hub, wanted, order).instrument(wanted.span.clone()).await?)
+            stream.insert(open(shared, wanted, order).instrument(wanted.span.clone()).await?)
         }
     };
     let chunk = stream.message().await?;
     chunk.ok_or_else(|| Status::data_loss("the worker ended a frame before its end"))
 }
 
-async fn open(hub: &Hub, wanted: &Wanted, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {
-    let request = wanted.request(hub.term(), order);
-    let mut client = ViewsClient::new(hub.channels.to(&order.address)?);
+async fn open(shared: &SharedCore, wanted: &Wanted, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {
+    let request = wanted.request(shared.term(), order);
+    let mut client = ViewsClient::new(shared.channels.to(&order.address)?);
     Ok(client.render(within(&wanted.span, request)).await?.into_inner())
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::Instant;
 use tracing::{info, warn};
 
-use super::hub::Hub;
+use super::shared_core::SharedCore;
 use crate::leadership::{Held, Registry};
 
 /// Of a lease, between two attempts to acquire or to renew it.
@@ -19,7 +19,7 @@ const MARGIN: u32 = 10;
 const RETRY: Duration = Duration::from_millis(250);
 
 /// Leads whenever it can. Never ends.
-pub(super) async fn lead(hub: &Hub, registry: &Arc<dyn Registry>, address: &str) {
+pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, address: &str) {
     // What its lease is, a registry knows once it was reached.
     let pause = || registry.lease().map_or(RETRY, |lease| lease / OFTEN);
     let mut told = false;
@@ -29,18 +29,18 @@ pub(super) async fn lead(hub: &Hub, registry: &Arc<dyn Registry>, address: &str)
             Ok(Some(held)) => {
                 told = false;
                 let expected = registry.noted_workers().await.len();
-                hub.lead(held.term, until(registry.as_ref(), asked), expected);
-                *hub.held.lock() = Some(held);
-                keep(hub, registry.as_ref(), held, address, pause()).await;
-                hub.step_down("another coordinator may lead");
-                give_up(hub, registry.as_ref()).await;
+                shared.lead(held.term, until(registry.as_ref(), asked), expected);
+                *shared.held.lock() = Some(held);
+                keep(shared, registry.as_ref(), held, address, pause()).await;
+                shared.step_down("another coordinator may lead");
+                give_up(shared, registry.as_ref()).await;
             }
             Ok(None) => {
                 let leader = registry.leader().await;
                 if !std::mem::replace(&mut told, true) {
                     info!(leader = leader.as_deref().unwrap_or("another one"), "coordinator stands by");
                 }
-                hub.stand_by(leader);
+                shared.stand_by(leader);
             }
             Err(error) if !std::mem::replace(&mut told, true) => warn!(%error, "nobody can lead"),
             Err(_) => {}
@@ -50,30 +50,30 @@ pub(super) async fn lead(hub: &Hub, registry: &Arc<dyn Registry>, address: &str)
 }
 
 /// Gives the lease up, if it is held, so that another coordinator leads at once.
-pub(super) async fn give_up(hub: &Hub, registry: &dyn Registry) {
-    let held = hub.held.lock().take();
+pub(super) async fn give_up(shared: &SharedCore, registry: &dyn Registry) {
+    let held = shared.held.lock().take();
     if let Some(held) = held {
         registry.release(held).await;
     }
 }
 
-/// Renews the lease until it is lost, or the hub found that it was.
-async fn keep(hub: &Hub, registry: &dyn Registry, mut held: Held, address: &str, pause: Duration) {
+/// Renews the lease until it is lost, or the shared found that it was.
+async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: Held, address: &str, pause: Duration) {
     let mut noted = Vec::new();
-    while hub.leads() {
+    while shared.leads() {
         tokio::time::sleep(pause).await;
         let asked = Instant::now();
         match registry.renew(held, address).await {
             Ok(Some(renewed)) => {
                 held = renewed;
-                *hub.held.lock() = Some(held);
-                hub.lead_until(until(registry, asked));
+                *shared.held.lock() = Some(held);
+                shared.lead_until(until(registry, asked));
             }
             Ok(None) => break,
-            // As long as the lease lasts: the hub looks at the time with everything that it does.
+            // As long as the lease lasts: the shared looks at the time with everything that it does.
             Err(error) => warn!(%error, "the lease is not renewed"),
         }
-        let mut workers = hub.workers();
+        let mut workers = shared.workers();
         workers.sort();
         if workers != noted {
             registry.note_workers(&workers).await;

@@ -2,7 +2,7 @@
 //!
 //! A view comes in at `views`, in a `batch`, or at `session` for a moving camera, whose words `inbox` keeps. `drive` takes it along the
 //! states of `view_path`, which is pure: `asked` holds it at the core, `relayed` what the client has of its frame, `redirect`
-//! sends clients to workers with `tickets`, `memory` what a session knows of its last view. `hub` holds the core behind a lock. `cluster` is what workers join, `scenes` where
+//! sends clients to workers with `tickets`, `memory` what a session knows of its last view. `shared` holds the core behind a lock. `cluster` is what workers join, `scenes` where
 //! they fetch the scene, `lead` keeps the lease, `watch` and `frames` serve those who watch.
 
 mod asked;
@@ -13,7 +13,7 @@ mod config;
 mod drive;
 mod failure;
 mod frames;
-mod hub;
+mod shared_core;
 mod inbox;
 mod lead;
 mod memory;
@@ -48,7 +48,7 @@ use tracing::info;
 pub use config::{Config, ServeError};
 pub(crate) use inbox::hear;
 
-use self::hub::Hub;
+use self::shared_core::SharedCore;
 use crate::core::{Core, Event};
 use crate::incoming::incoming;
 use crate::leadership::Registry;
@@ -119,7 +119,7 @@ pub async fn serve(
     let fresh = move || {
         Core::new(core.clone(), set.clone()).with_models(models.clone()).with_sight(chosen_by.clone())
     };
-    let hub = Arc::new(Hub::new(&config, fresh, source, sight, standing));
+    let shared = Arc::new(SharedCore::new(&config, fresh, source, sight, standing));
     let reached_at = config
         .advertise
         .clone()
@@ -129,7 +129,7 @@ pub async fn serve(
     // Workers join and fetch the scene whether or not there is anybody yet to answer a view.
     health.set_serving::<ClusterServer<cluster::ClusterService>>().await;
     health.set_serving::<ScenesServer<scenes::ScenesService>>().await;
-    let watch = Arc::new(watch::Watch(hub.clone()));
+    let watch = Arc::new(watch::Watch(shared.clone()));
     let kept = keep_health(watch.clone(), health, &[ViewsServer::<views::ViewsService>::NAME]).await;
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
@@ -137,42 +137,42 @@ pub async fn serve(
         .build_v1()?;
 
     let draining = {
-        let (hub, shutdown, grace) = (hub.clone(), shutdown.clone(), config.grace);
+        let (shared, shutdown, grace) = (shared.clone(), shutdown.clone(), config.grace);
         async move {
             shutdown.cancelled().await;
             info!("coordinator drains");
-            hub.step(Event::Drain);
+            shared.step(Event::Drain);
             let idle = async {
-                while hub.look(|core| core.views_in_flight()) > 0 {
+                while shared.read(|core| core.views_in_flight()) > 0 {
                     tokio::time::sleep(Duration::from_millis(10)).await;
                 }
             };
             // What is not done within the grace is cut off; the client's library tries elsewhere or later.
             let _ = tokio::time::timeout(grace, idle).await;
-            hub.closing.cancel();
+            shared.closing.cancel();
         }
     };
-    let views = ViewsServer::new(views::ViewsService::new(hub.clone()));
+    let views = ViewsServer::new(views::ViewsService::new(shared.clone()));
     let services = Routes::new(views.max_decoding_message_size(config.max_request_bytes))
-        .add_service(ClusterServer::new(cluster::ClusterService { hub: hub.clone() }))
-        .add_service(ScenesServer::new(scenes::ScenesService::new(hub.clone())))
+        .add_service(ClusterServer::new(cluster::ClusterService { shared: shared.clone() }))
+        .add_service(ScenesServer::new(scenes::ScenesService::new(shared.clone())))
         .add_service(health_service.max_decoding_message_size(net::MOST_QUESTION_BYTES))
         .add_service(reflection.max_decoding_message_size(net::MOST_QUESTION_BYTES));
     let server = net::server(Guarded::Coordinator, config.security.as_ref())?
-        .add_routes(with_pages(services, watch, hub.frames.registry()))
+        .add_routes(with_pages(services, watch, shared.frames.registry()))
         .serve_with_incoming_shutdown(incoming(listener, config.max_connections), draining);
     let cut_off = async {
-        hub.closing.cancelled().await;
+        shared.closing.cancelled().await;
         tokio::time::sleep(Duration::from_secs(1)).await;
     };
     let served = tokio::select! {
         served = server => served,
-        () = tick(&hub, &config) => Ok(()),
+        () = tick(&shared, &config) => Ok(()),
         () = kept => Ok(()),
-        () = lead::lead(&hub, &registry, &reached_at) => Ok(()),
+        () = lead::lead(&shared, &registry, &reached_at) => Ok(()),
         () = cut_off => Ok(()),
     };
-    lead::give_up(&hub, registry.as_ref()).await;
+    lead::give_up(&shared, registry.as_ref()).await;
     served?;
     info!("coordinator stopped");
     Ok(())
@@ -194,19 +194,19 @@ async fn sight(source: &Arc<dyn SceneSource>) -> Option<Arc<dyn Sight>> {
 }
 
 /// Tells the core the time, ten times a tick and at least ten times a second.
-async fn tick(hub: &Hub, config: &Config) {
+async fn tick(shared: &SharedCore, config: &Config) {
     // An epoch begins when its time has come, give or take a fifth of it.
     let finest =
-        if hub.look(|core| core.set().epoch_secs > 0.0) { config.core.epoch / 5 } else { Duration::MAX };
+        if shared.read(|core| core.set().epoch_secs > 0.0) { config.core.epoch / 5 } else { Duration::MAX };
     let period = (config.core.tick / 10).min(finest);
     let period = period.clamp(Duration::from_millis(5), Duration::from_millis(100));
     let mut interval = tokio::time::interval(period);
     interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         interval.tick().await;
-        hub.step(Event::Tick);
-        hub.frames.ticked();
-        hub.channels.close_unused();
+        shared.step(Event::Tick);
+        shared.frames.ticked();
+        shared.channels.close_unused();
     }
 }
 

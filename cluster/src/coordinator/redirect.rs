@@ -13,7 +13,7 @@ use argus_scene::Stage;
 use tokio::time::Instant;
 use tracing::debug;
 
-use super::hub::Hub;
+use super::shared_core::SharedCore;
 use super::inbox::{ClientNotice, Inbox};
 use super::memory::SessionMemory;
 use super::tickets::{IssuedRedirect, UNHEARD};
@@ -43,13 +43,13 @@ pub(super) struct Redirects {
 impl Redirects {
     /// The redirect of an order; `None` where clients do not reach its worker, where this one did not lately, or where it has
     /// as many tickets out as it may have views in work.
-    fn of(&mut self, hub: &Hub, wanted: &Wanted, order: &Order) -> Option<IssuedRedirect> {
+    fn of(&mut self, shared: &SharedCore, wanted: &Wanted, order: &Order) -> Option<IssuedRedirect> {
         if self.relayed_until.is_some_and(|until| Instant::now() < until) {
             return None;
         }
-        let request = within(&wanted.span, wanted.request(hub.term(), order));
+        let request = within(&wanted.span, wanted.request(shared.term(), order));
         let (client, age) = (&wanted.client, wanted.arrived.elapsed());
-        let issued = hub.redirect(order.worker, client, request, age, self.serial + 1)?;
+        let issued = shared.redirect(order.worker, client, request, age, self.serial + 1)?;
         self.serial += 1;
         Some(issued)
     }
@@ -101,12 +101,12 @@ impl<'a> SessionClient<'a> {
     }
 
     /// What to tell the client to have an order's frame fetched, if it can be.
-    pub(super) fn ticket(&mut self, hub: &Hub, wanted: &Wanted, order: &Order) -> Option<v1::Redirect> {
+    pub(super) fn ticket(&mut self, shared: &SharedCore, wanted: &Wanted, order: &Order) -> Option<v1::Redirect> {
         // One that says no more could not say that it has its frame.
         if self.inbox.is_closed() {
             return None;
         }
-        let issued = self.redirects.of(hub, wanted, order)?;
+        let issued = self.redirects.of(shared, wanted, order)?;
         let redirect = issued.message.clone();
         self.given.push(issued);
         self.until = Instant::now() + UNHEARD;
@@ -115,11 +115,11 @@ impl<'a> SessionClient<'a> {
 
     /// What the client says next of this view's frame. One that says nothing for [`UNHEARD`] does not reach the worker, so
     /// that it holds no place there by doing nothing.
-    pub(super) async fn notice(&self, hub: &Hub) -> ClientNotice {
+    pub(super) async fn notice(&self, shared: &SharedCore) -> ClientNotice {
         tokio::select! {
             biased;
             notice = self.inbox.notice(self.camera_seq) => notice,
-            () = hub.closing.cancelled() => ClientNotice::unreachable("the coordinator is shutting down"),
+            () = shared.closing.cancelled() => ClientNotice::unreachable("the coordinator is shutting down"),
             () = tokio::time::sleep_until(self.until) => ClientNotice::unreachable("nothing is heard of the client"),
         }
     }

@@ -14,12 +14,12 @@ use tokio::sync::Mutex;
 use tonic::{Request, Response, Status};
 use tracing::info;
 
-use super::hub::Hub;
+use super::shared_core::SharedCore;
 use crate::SceneSource;
 
 /// The service.
 pub(super) struct ScenesService {
-    hub: Arc<Hub>,
+    shared: Arc<SharedCore>,
     /// What is being sent: in memory once, however many fetch it at the same time, and no longer than that.
     bundle: Mutex<Weak<Bundle>>,
 }
@@ -32,12 +32,12 @@ struct Bundle {
 type Chunks = Box<dyn Iterator<Item = v1::SceneChunk> + Send>;
 
 impl ScenesService {
-    pub(super) fn new(hub: Arc<Hub>) -> Self {
-        Self { hub, bundle: Mutex::default() }
+    pub(super) fn new(shared: Arc<SharedCore>) -> Self {
+        Self { shared, bundle: Mutex::default() }
     }
 
     async fn chunks(&self) -> Result<Chunks, Status> {
-        let source = self.hub.source.clone();
+        let source = self.shared.source.clone();
         let scene = source.scene().clone();
         if let Some(spec) = source.procedural() {
             return Ok(Box::new(std::iter::once(procedural_chunk(&scene.name, scene.hash, &spec))));
@@ -61,12 +61,12 @@ impl Scenes for ScenesService {
 
     async fn fetch(&self, request: Request<v1::FetchRequest>) -> Result<Response<Self::FetchStream>, Status> {
         let wanted = scene_hash(&request.get_ref().scene_hash, "scene_hash").map_err(invalid)?;
-        let ours = self.hub.standing.scene.hash;
+        let ours = self.shared.standing.scene.hash;
         if wanted != ours {
             return Err(Fault::NotFound(format!("scene {wanted} is not served here, {ours} is")).into());
         }
         let chunks = self.chunks().await?;
-        info!(scene = self.hub.standing.scene.name, "scene sent");
+        info!(scene = self.shared.standing.scene.name, "scene sent");
         Ok(Response::new(Box::pin(futures::stream::iter(chunks.map(Ok)))))
     }
 }

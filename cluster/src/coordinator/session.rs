@@ -21,7 +21,7 @@ use tracing::debug_span;
 use super::checks::{checked, checked_encoding};
 use super::drive::{Answer, answer};
 use super::failure::failure;
-use super::hub::Hub;
+use super::shared_core::SharedCore;
 use super::inbox::{Inbox, SessionCamera};
 use super::memory::SessionMemory;
 use super::redirect::{Redirects, SessionClient};
@@ -30,22 +30,22 @@ use crate::core::{Client, Event};
 
 /// Counts the session while it lasts.
 pub(super) struct Open {
-    hub: Arc<Hub>,
+    shared: Arc<SharedCore>,
     client: Client,
 }
 
 impl Open {
     /// # Errors
     /// If the client may not open one now.
-    pub(super) fn new(hub: Arc<Hub>, client: Client) -> Result<Self, Fault> {
-        hub.open_session(&client)?;
-        Ok(Self { hub, client })
+    pub(super) fn new(shared: Arc<SharedCore>, client: Client) -> Result<Self, Fault> {
+        shared.open_session(&client)?;
+        Ok(Self { shared, client })
     }
 }
 
 impl Drop for Open {
     fn drop(&mut self) {
-        self.hub.step(Event::SessionClosed { client: self.client.clone() });
+        self.shared.step(Event::SessionClosed { client: self.client.clone() });
     }
 }
 
@@ -64,10 +64,10 @@ pub(super) fn run(
     requests: Streaming<v1::SessionRequest>,
 ) -> impl Stream<Item = Result<v1::SessionResponse, Status>> {
     async_stream::try_stream! {
-        let hub = open.hub.clone();
-        hub.check_leading()?;
+        let shared = open.shared.clone();
+        shared.check_leading()?;
         let inbox = Inbox::default();
-        let reader = listen(&hub, requests, &inbox);
+        let reader = listen(&shared, requests, &inbox);
         tokio::pin!(reader);
         let mut reading = true;
         let mut kept = Kept::default();
@@ -78,7 +78,7 @@ pub(super) fn run(
                 biased;
                 () = &mut reader, if reading => { reading = false; continue }
                 camera = inbox.camera() => camera,
-                () = hub.closing.cancelled() => None,
+                () = shared.closing.cancelled() => None,
             };
             let Some(camera) = camera else { return };
             let camera_seq = camera.0;
@@ -94,7 +94,7 @@ pub(super) fn run(
                 if matches!(body, Body::Failure(_)) {
                     failed = true;
                     // Another coordinator leads now: the session is to be opened there, and nothing has failed.
-                    hub.check_leading()?;
+                    shared.check_leading()?;
                 }
                 yield v1::SessionResponse { camera_seq, superseded: inbox.superseded(), body: Some(body) };
             }
@@ -106,10 +106,10 @@ pub(super) fn run(
 }
 
 /// Puts what the client says into the inbox, until it says no more.
-async fn listen(hub: &Hub, mut requests: Streaming<v1::SessionRequest>, inbox: &Inbox) {
+async fn listen(shared: &SharedCore, mut requests: Streaming<v1::SessionRequest>, inbox: &Inbox) {
     while let Ok(Some(request)) = requests.message().await {
         if inbox.take_in(request) {
-            hub.step(Event::CameraSuperseded);
+            shared.step(Event::CameraSuperseded);
         }
     }
     inbox.close();
@@ -155,7 +155,7 @@ fn answers<'a>(
             }
         };
         let client = SessionClient::new(&mut kept.redirects, &mut kept.memory, inbox, camera_seq, redirectable);
-        for await answer in answer(open.hub.clone(), wanted, Some(client)) {
+        for await answer in answer(open.shared.clone(), wanted, Some(client)) {
             yield match answer {
                 Ok(Answer::Chunk(chunk)) => Body::Chunk(chunk),
                 Ok(Answer::Redirect(redirect)) => Body::Redirect(redirect),
@@ -171,7 +171,7 @@ fn wanted(
     (seq, asked, arrived): SessionCamera,
     kept: &mut Kept,
 ) -> Result<Wanted, InvalidField> {
-    let view = checked(&open.hub, asked.view.as_ref())?;
+    let view = checked(&open.shared, asked.view.as_ref())?;
     let view = if asked.history { begun_from_history(view)? } else { view };
     let encoding = checked_encoding(asked.encoding)?;
     let span = debug_span!(target: TARGET, "relay", camera = seq);

@@ -18,7 +18,7 @@ use tracing::debug_span;
 use super::batch::{self, Batch};
 use super::checks::checked_request;
 use super::drive::{Answer, answer};
-use super::hub::Hub;
+use super::shared_core::SharedCore;
 use super::session;
 use super::wanted::Wanted;
 use crate::security::guard::Caller;
@@ -26,16 +26,16 @@ use crate::send_timeout::in_time;
 
 /// The service.
 pub(super) struct ViewsService {
-    pub(super) hub: Arc<Hub>,
+    pub(super) shared: Arc<SharedCore>,
     description: Description,
 }
 
 type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
 impl ViewsService {
-    pub(super) fn new(hub: Arc<Hub>) -> Self {
-        let scene = hub.source.scene();
-        let (config, set) = hub.look(|core| (core.config().clone(), core.set().clone()));
+    pub(super) fn new(shared: Arc<SharedCore>) -> Self {
+        let scene = shared.source.scene();
+        let (config, set) = shared.read(|core| (core.config().clone(), core.set().clone()));
         let mut cameras: Vec<NamedCamera> =
             scene.cameras.iter().filter(|named| named.camera.validate().is_ok()).cloned().collect();
         if cameras.is_empty() {
@@ -61,7 +61,7 @@ impl ViewsService {
                 ..PlanRequest::default()
             },
         };
-        Self { hub, description }
+        Self { shared, description }
     }
 }
 
@@ -92,7 +92,7 @@ impl Views for ViewsService {
         continued(&span, request.metadata());
         let client = Caller::of(&request).name;
         let request = request.into_inner();
-        let view = checked_request(&self.hub, &request).map_err(invalid)?;
+        let view = checked_request(&self.shared, &request).map_err(invalid)?;
         let wanted = Wanted {
             client,
             view,
@@ -104,13 +104,13 @@ impl Views for ViewsService {
             arrived,
             span,
         };
-        let frame = answer(self.hub.clone(), wanted, None).filter_map(async |answer| match answer {
+        let frame = answer(self.shared.clone(), wanted, None).filter_map(async |answer| match answer {
             Ok(Answer::Chunk(chunk)) => Some(Ok(chunk)),
             // The client of a single view is sent nowhere.
             Ok(Answer::Redirect(_)) => None,
             Err(status) => Some(Err(status)),
         });
-        Ok(Response::new(Box::pin(in_time(frame, self.hub.read_within))))
+        Ok(Response::new(Box::pin(in_time(frame, self.shared.read_within))))
     }
 
     async fn render_batch(
@@ -119,11 +119,11 @@ impl Views for ViewsService {
     ) -> Result<Response<Self::RenderBatchStream>, Status> {
         let span = debug_span!(target: TARGET, "batch", batch = request.get_ref().batch_id);
         continued(&span, request.metadata());
-        self.hub.check_leading()?;
+        self.shared.check_leading()?;
         let client = Caller::of(&request).name;
-        let batch = Batch::checked(&self.hub, client, request.into_inner(), span).map_err(invalid)?;
-        let answers = batch::answers(self.hub.clone(), batch).map(Ok);
-        Ok(Response::new(Box::pin(in_time(answers, self.hub.read_within))))
+        let batch = Batch::checked(&self.shared, client, request.into_inner(), span).map_err(invalid)?;
+        let answers = batch::answers(self.shared.clone(), batch).map(Ok);
+        Ok(Response::new(Box::pin(in_time(answers, self.shared.read_within))))
     }
 
     async fn redeem(
@@ -137,8 +137,8 @@ impl Views for ViewsService {
         &self,
         request: Request<Streaming<v1::SessionRequest>>,
     ) -> Result<Response<Self::SessionStream>, Status> {
-        let open = session::Open::new(self.hub.clone(), Caller::of(&request).name)?;
+        let open = session::Open::new(self.shared.clone(), Caller::of(&request).name)?;
         let answers = session::run(open, request.into_inner());
-        Ok(Response::new(Box::pin(in_time(answers, self.hub.read_within))))
+        Ok(Response::new(Box::pin(in_time(answers, self.shared.read_within))))
     }
 }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::hub::Hub;
+use super::shared_core::SharedCore;
 use crate::core::Status;
 use crate::observe::{Exposition, Watched};
 
@@ -12,12 +12,12 @@ use crate::observe::{Exposition, Watched};
 const WEDGED: Duration = Duration::from_secs(10);
 
 /// A coordinator, as it is watched.
-pub(super) struct Watch(pub(super) Arc<Hub>);
+pub(super) struct Watch(pub(super) Arc<SharedCore>);
 
 impl Watched for Watch {
     fn ready(&self) -> Result<(), String> {
         self.0.check_leading().map_err(|fault| fault.to_string())?;
-        self.0.look(|core| match (core.is_draining(), core.can_answer()) {
+        self.0.read(|core| match (core.is_draining(), core.can_answer()) {
             (true, _) => Err("the coordinator is shutting down".to_owned()),
             (_, true) => Ok(()),
             (_, false) => Err("no worker is ready to render; start one with `argus worker`".to_owned()),
@@ -33,7 +33,7 @@ impl Watched for Watch {
     }
 
     fn expose(&self, to: &mut Exposition<'_>) -> fmt::Result {
-        let (status, in_flight) = self.0.look(|core| (core.status(), core.views_in_flight()));
+        let (status, in_flight) = self.0.read(|core| (core.status(), core.views_in_flight()));
         cluster(to, &status, in_flight)?;
         counters(to, &status)?;
         workers(to, &status)

@@ -32,7 +32,7 @@ use crate::wire::{self, Standing};
 const MOST_ASSIGNMENTS: usize = 64;
 
 /// What every service of a coordinator shares.
-pub(super) struct Hub {
+pub(super) struct SharedCore {
     pub(super) source: Arc<dyn SceneSource>,
     pub(super) standing: Standing,
     pub(super) channels: Channels,
@@ -128,7 +128,7 @@ pub(super) enum Ruling {
     },
 }
 
-impl Hub {
+impl SharedCore {
     /// A coordinator that does not lead yet.
     pub(super) fn new(
         config: &Config,
@@ -222,7 +222,7 @@ impl Hub {
         }
     }
 
-    /// Leads from now on, until the lease lapses or [`Hub::step_down`]. `expected` workers will probably join.
+    /// Leads from now on, until the lease lapses or [`SharedCore::step_down`]. `expected` workers will probably join.
     pub(super) fn lead(&self, term: u64, until: Option<Instant>, expected: usize) {
         let mut state = self.state.lock();
         state.core = (self.fresh)().expecting(expected);
@@ -248,7 +248,7 @@ impl Hub {
         self.state.lock().leading.map_or(0, |leading| leading.term)
     }
 
-    /// Leads no more: workers look for another coordinator, and views are asked for again there.
+    /// Leads no more: workers read for another coordinator, and views are asked for again there.
     pub(super) fn step_down(&self, reason: &str) {
         let mut state = self.state.lock();
         self.step_down_locked(&mut state, reason);
@@ -295,7 +295,7 @@ impl Hub {
     /// A worker joined.
     ///
     /// # Errors
-    /// As [`Hub::check_leading`].
+    /// As [`SharedCore::check_leading`].
     pub(super) fn seat(&self, hello: Hello) -> Result<Seated, Fault> {
         let (assignments, receiver) = channel(MOST_ASSIGNMENTS);
         let expelled = self.closing.child_token();
@@ -325,7 +325,7 @@ impl Hub {
         self.step_locked(&mut state, Event::Left { worker });
     }
 
-    /// Asks for a view; the verdicts come through what is returned, until [`Hub::end_view`].
+    /// Asks for a view; the verdicts come through what is returned, until [`SharedCore::end_view`].
     pub(super) fn begin_view(
         self: &Arc<Self>,
         client: Client,
@@ -369,13 +369,13 @@ impl Hub {
     /// what to invest in, on another thread.
     fn survey(self: &Arc<Self>, view: &View, last: Option<&LastView>) -> Option<Box<Survey>> {
         let sight = self.sight.as_ref()?;
-        let (wanted, for_bundle) = self.look(|core| (core.survey_wanted(view, last), core.bundle_survey_wanted(view)));
+        let (wanted, for_bundle) = self.read(|core| (core.survey_wanted(view, last), core.bundle_survey_wanted(view)));
         if let Some(wanted) = for_bundle {
-            let (hub, sight, view) = (self.clone(), sight.clone(), view.clone());
+            let (shared, sight, view) = (self.clone(), sight.clone(), view.clone());
             tokio::task::spawn_blocking(move || {
                 let survey = Box::new(wanted.take(&view, sight.as_ref()));
                 let pixels = u64::from(view.width) * u64::from(view.height);
-                hub.step(Event::Surveyed { pixels, survey });
+                shared.step(Event::Surveyed { pixels, survey });
             });
         }
         wanted.map(|wanted| self.surveys.take(wanted, view, sight.as_ref()))
@@ -428,8 +428,8 @@ impl Hub {
     }
 
     /// Looks at the core.
-    pub(super) fn look<T>(&self, look: impl FnOnce(&Core) -> T) -> T {
-        look(&self.state.lock().core)
+    pub(super) fn read<T>(&self, read: impl FnOnce(&Core) -> T) -> T {
+        read(&self.state.lock().core)
     }
 }
 
