@@ -18,7 +18,7 @@ use crate::core::{
     Assignment, Config, Core, Event, Hello, Probed, Report, Role, Source, Uptime, ViewId, WorkerId,
 };
 use crate::sealed::{Kind, SealKey, Shown};
-use crate::wire::{self, Served, Standing};
+use crate::wire::{self, Served, ServiceInfo};
 use crate::worker;
 
 fn set() -> Arc<SampleSetInfo> {
@@ -70,11 +70,11 @@ fn pass_time(core: &mut Core) {
         let now = Uptime(std::time::Duration::from_secs(secs));
         core.step(Event::Tick, now);
     }
-    let _ = wire::status(core.status(), 1, &standing(), core.set());
+    let _ = wire::status(core.status(), 1, &service(), core.set());
 }
 
-fn standing() -> Standing {
-    Standing {
+fn service() -> ServiceInfo {
+    ServiceInfo {
         scene: SceneRef { name: "s".to_owned(), hash: SceneHash([1; 32]) },
         limits: argus_scene::Limits::default(),
         report_interval: Config::default().report_interval,
@@ -211,7 +211,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("WorkerReport", wire::hello(&hello()).encode_to_vec()),
         ("WorkerReport", wire::report(measured, Role::Both).encode_to_vec()),
-        ("Assignment", wire::assignment(assignment, 1, &standing(), &served, None).encode_to_vec()),
-        ("StatusResponse", wire::status(core().status(), 1, &standing(), &set).encode_to_vec()),
+        ("Assignment", wire::assignment(assignment, 1, &service(), &served, None).encode_to_vec()),
+        ("StatusResponse", wire::status(core().status(), 1, &service(), &set).encode_to_vec()),
     ]
 }

@@ -166,7 +166,7 @@ fn way_cost((visibility, ms): (Visibility, f64)) -> v1::WayCost {
 
 /// What every assignment of a coordinator says alike, whatever its term.
 #[derive(Debug, Clone)]
-pub(crate) struct Standing {
+pub(crate) struct ServiceInfo {
     pub(crate) scene: SceneRef,
     pub(crate) limits: Limits,
     pub(crate) report_interval: Duration,
@@ -188,7 +188,7 @@ pub(crate) fn scene_ref(scene: &SceneRef) -> v1::SceneRef {
 pub(crate) fn assignment(
     assignment: Assignment,
     term: u64,
-    standing: &Standing,
+    service: &ServiceInfo,
     served: &Served<'_>,
     key: Option<&SealKey>,
 ) -> v1::Assignment {
@@ -196,7 +196,7 @@ pub(crate) fn assignment(
         term,
         sequence: assignment.sequence,
         role: role(assignment.role) as i32,
-        scene: Some(scene_ref(&standing.scene)),
+        scene: Some(scene_ref(&service.scene)),
         set: Some(served.set.into()),
         versions: served.versions.iter().map(|version| (*version).into()).collect(),
         sources: sources(assignment.ahead),
@@ -205,8 +205,8 @@ pub(crate) fn assignment(
         visibility_is_open: served.visibility_is_open,
         suspected: assignment.suspected,
         seal_key: key.map(SealKey::to_bytes).unwrap_or_default().into(),
-        limits: Some(standing.limits.into()),
-        report_interval_ms: u32::try_from(standing.report_interval.as_millis()).unwrap_or(u32::MAX),
+        limits: Some(service.limits.into()),
+        report_interval_ms: u32::try_from(service.report_interval.as_millis()).unwrap_or(u32::MAX),
     }
 }
 
@@ -235,13 +235,13 @@ pub(crate) fn sources(sources: Vec<Source>) -> Vec<v1::SampleSource> {
 pub(crate) fn status(
     status: Status,
     term: u64,
-    standing: &Standing,
+    service: &ServiceInfo,
     set: &SampleSetInfo,
 ) -> v1::StatusResponse {
     let counters = status.counters;
     v1::StatusResponse {
         protocol_version: PROTOCOL_VERSION,
-        scene: Some(scene_ref(&standing.scene)),
+        scene: Some(scene_ref(&service.scene)),
         term,
         version: set.version.number,
         epoch: set.version.state.epoch,

@@ -15,7 +15,7 @@ const MAX_VIEW_ID: usize = 128;
 pub(super) fn checked(shared: &SharedCore, wire: Option<&v1::View>) -> Result<View, InvalidField> {
     let wire = wire.cloned().ok_or_else(|| InvalidField::new("view", "must be given"))?;
     let view = View::try_from(wire)?;
-    view.validate(&shared.standing.limits)?;
+    view.validate(&shared.service.limits)?;
     Ok(view)
 }
 

@@ -1,4 +1,4 @@
-//! Standing by, leading, and ceasing to lead.
+//! Leader election: standby, leading, and stepping down.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -57,7 +57,7 @@ pub(super) async fn give_up(shared: &SharedCore, registry: &dyn Registry) {
     }
 }
 
-/// Renews the lease until it is lost, or the shared found that it was.
+/// Renews the lease until it is lost, or the core found that it was lost.
 async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: Held, address: &str, pause: Duration) {
     let mut noted = Vec::new();
     while shared.leads() {
@@ -70,7 +70,7 @@ async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: Held, addr
                 shared.lead_until(until(registry, asked));
             }
             Ok(None) => break,
-            // As long as the lease lasts: the shared looks at the time with everything that it does.
+            // As long as the lease lasts: every step of the core checks the time.
             Err(error) => warn!(%error, "the lease is not renewed"),
         }
         let mut workers = shared.workers();

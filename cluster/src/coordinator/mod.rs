@@ -56,7 +56,7 @@ use crate::net;
 use crate::network::Accept;
 use crate::observe::{keep_health, with_pages};
 use crate::security::guard::Guarded;
-use crate::wire::Standing;
+use crate::wire::ServiceInfo;
 use crate::{SceneRef, SceneSource};
 
 /// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled,
@@ -104,7 +104,7 @@ pub async fn serve(
             None => None,
         },
     });
-    let standing = Standing {
+    let service = ServiceInfo {
         scene: SceneRef { name: scene.name.clone(), hash: scene.hash },
         limits: config.core.limits,
         report_interval: config.core.report_interval,
@@ -119,7 +119,7 @@ pub async fn serve(
     let fresh = move || {
         Core::new(core.clone(), set.clone()).with_models(models.clone()).with_sight(chosen_by.clone())
     };
-    let shared = Arc::new(SharedCore::new(&config, fresh, source, sight, standing));
+    let shared = Arc::new(SharedCore::new(&config, fresh, source, sight, service));
     let reached_at = config
         .advertise
         .clone()

@@ -42,7 +42,7 @@ impl ScenesService {
         if let Some(spec) = source.procedural() {
             return Ok(Box::new(std::iter::once(procedural_chunk(&scene.name, scene.hash, &spec))));
         }
-        let bundle = shared(&self.bundle, move || read(source.as_ref())).await?;
+        let bundle = read_once(&self.bundle, move || read(source.as_ref())).await?;
         let Some(root) = bundle.files.first().map(|(name, _)| name.clone()) else {
             return Err(Status::internal("the scene has no files"));
         };
@@ -61,18 +61,18 @@ impl Scenes for ScenesService {
 
     async fn fetch(&self, request: Request<v1::FetchRequest>) -> Result<Response<Self::FetchStream>, Status> {
         let wanted = scene_hash(&request.get_ref().scene_hash, "scene_hash").map_err(invalid)?;
-        let ours = self.shared.standing.scene.hash;
+        let ours = self.shared.service.scene.hash;
         if wanted != ours {
             return Err(Fault::NotFound(format!("scene {wanted} is not served here, {ours} is")).into());
         }
         let chunks = self.chunks().await?;
-        info!(scene = self.shared.standing.scene.name, "scene sent");
+        info!(scene = self.shared.service.scene.name, "scene sent");
         Ok(Response::new(Box::pin(futures::stream::iter(chunks.map(Ok)))))
     }
 }
 
 /// What somebody has already, or else what is read. Who comes meanwhile waits for it instead of reading as well.
-async fn shared<T: Send + Sync + 'static>(
+async fn read_once<T: Send + Sync + 'static>(
     known: &Mutex<Weak<T>>,
     read: impl FnOnce() -> Result<T, Status> + Send + 'static,
 ) -> Result<Arc<T>, Status> {
@@ -108,7 +108,7 @@ mod tests {
         let (known, reads) = (Mutex::default(), Arc::new(AtomicUsize::new(0)));
         let fetch = || {
             let reads = reads.clone();
-            shared(&known, move || {
+            read_once(&known, move || {
                 std::thread::sleep(std::time::Duration::from_millis(20));
                 Ok(reads.fetch_add(1, Ordering::SeqCst))
             })

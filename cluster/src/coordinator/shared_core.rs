@@ -25,7 +25,7 @@ use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, ViewId, U
 use crate::leadership::Held;
 use crate::net::Channels;
 use crate::sealed::{Kind, SealKey};
-use crate::wire::{self, Standing};
+use crate::wire::{self, ServiceInfo};
 
 /// Assignments that a worker has yet to read. Each replaces those before it and they come a few a second, so that one with
 /// so many to read does not read.
@@ -34,7 +34,7 @@ const MOST_ASSIGNMENTS: usize = 64;
 /// What every service of a coordinator shares.
 pub(super) struct SharedCore {
     pub(super) source: Arc<dyn SceneSource>,
-    pub(super) standing: Standing,
+    pub(super) service: ServiceInfo,
     pub(super) channels: Channels,
     /// What views show, and what stands between them and cameras.
     sight: Option<Arc<dyn Sight>>,
@@ -135,13 +135,13 @@ impl SharedCore {
         fresh: impl Fn() -> Core + Send + Sync + 'static,
         source: Arc<dyn SceneSource>,
         sight: Option<Arc<dyn Sight>>,
-        standing: Standing,
+        service: ServiceInfo,
     ) -> Self {
         let (seats, views) = (HashMap::new(), HashMap::new());
         let state = State { core: fresh(), leading: None, leader: None, next_id: 1, seats, views };
         Self {
             source,
-            standing,
+            service,
             sight,
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone())
                 .for_relays(config.core.max_views_per_worker),
@@ -184,7 +184,7 @@ impl SharedCore {
                         versions: &state.core.live_versions(),
                         visibility_is_open: !state.core.visibility_is_settled(),
                     };
-                    let message = wire::assignment(assignment, leading.term, &self.standing, &served, key);
+                    let message = wire::assignment(assignment, leading.term, &self.service, &served, key);
                     match seat.assignments.try_send(Ok(message)) {
                         Ok(()) => {}
                         Err(TrySendError::Full(_)) => {
@@ -248,7 +248,7 @@ impl SharedCore {
         self.state.lock().leading.map_or(0, |leading| leading.term)
     }
 
-    /// Leads no more: workers read for another coordinator, and views are asked for again there.
+    /// Leads no more: workers look for another coordinator, and views are asked for again there.
     pub(super) fn step_down(&self, reason: &str) {
         let mut state = self.state.lock();
         self.step_down_locked(&mut state, reason);
@@ -423,7 +423,7 @@ impl SharedCore {
         let state = self.state.lock();
         let term = state.leading.map_or(0, |leading| leading.term);
         let (views_planned, planning_us) = self.planning.so_far();
-        let status = wire::status(state.core.status(), term, &self.standing, state.core.set());
+        let status = wire::status(state.core.status(), term, &self.service, state.core.set());
         v1::StatusResponse { views_planned, planning_us, ..status }
     }
 
