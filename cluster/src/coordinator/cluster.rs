@@ -13,7 +13,7 @@ use futures::{Stream, StreamExt};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
-use super::shared_core::{SharedCore, Seated};
+use super::shared_core::{JoinedWorker, SharedCore};
 use crate::core::{Event, WorkerId};
 use crate::wire;
 
@@ -42,10 +42,10 @@ impl Cluster for ClusterService {
         };
         check_version(hello.protocol_version)?;
         let hello = wire::hello_from(hello, self.shared.channels.security()).map_err(invalid)?;
-        let Seated { worker, assignments, expelled } = self.shared.seat(hello)?;
+        let JoinedWorker { worker, assignments, expelled } = self.shared.join(hello)?;
         let shared = self.shared.clone();
         tokio::spawn(async move {
-            let _seat = Seat { shared: shared.clone(), worker };
+            let _leave = LeaveOnDrop { shared: shared.clone(), worker };
             loop {
                 let report = tokio::select! {
                     report = reports.message() => report,
@@ -75,14 +75,14 @@ impl Cluster for ClusterService {
     }
 }
 
-/// Gives a worker's seat up when its stream ends, however it ends.
-struct Seat {
+/// Tells the core that a worker left when its stream ends, for whatever reason.
+struct LeaveOnDrop {
     shared: Arc<SharedCore>,
     worker: WorkerId,
 }
 
-impl Drop for Seat {
+impl Drop for LeaveOnDrop {
     fn drop(&mut self) {
-        self.shared.vacate(self.worker);
+        self.shared.leave(self.worker);
     }
 }

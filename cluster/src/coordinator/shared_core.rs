@@ -61,7 +61,7 @@ struct State {
     /// Who leads in its place, as far as it is known.
     leader: Option<String>,
     next_id: u64,
-    seats: HashMap<WorkerId, Seat>,
+    streams: HashMap<WorkerId, WorkerStream>,
     views: HashMap<ViewId, UnboundedSender<Verdict>>,
 }
 
@@ -82,31 +82,31 @@ impl Leading {
 }
 
 /// A worker's stream.
-struct Seat {
+struct WorkerStream {
     hello: Hello,
     /// Where clients may be sent to it.
-    door: Option<Door>,
+    redirect_target: Option<RedirectTarget>,
     assignments: Sender<Result<v1::Assignment, Status>>,
     expelled: CancellationToken,
 }
 
 /// A worker that clients can reach.
-struct Door {
+struct RedirectTarget {
     key: SealKey,
     /// Of the newest ticket.
     serial: u64,
     /// One for each client that is on its way, besides this.
-    out: Arc<()>,
+    in_flight: Arc<()>,
     /// For as long as the key is good.
-    open: Arc<()>,
+    alive: Arc<()>,
 }
 
 /// Most clients that are on their way to one worker: some of its places are left to frames that are relayed, should
 /// clients take their time.
-const MOST_OUT: usize = 64;
+const MOST_REDIRECTED: usize = 64;
 
 /// A worker that joined: its id, what to send it, and the token that ends its stream.
-pub(super) struct Seated {
+pub(super) struct JoinedWorker {
     pub(super) worker: WorkerId,
     pub(super) assignments: Receiver<Result<v1::Assignment, Status>>,
     pub(super) expelled: CancellationToken,
@@ -137,8 +137,8 @@ impl SharedCore {
         sight: Option<Arc<dyn Sight>>,
         service: ServiceInfo,
     ) -> Self {
-        let (seats, views) = (HashMap::new(), HashMap::new());
-        let state = State { core: fresh(), leading: None, leader: None, next_id: 1, seats, views };
+        let (streams, views) = (HashMap::new(), HashMap::new());
+        let state = State { core: fresh(), leading: None, leader: None, next_id: 1, streams, views };
         Self {
             source,
             service,
@@ -175,33 +175,33 @@ impl SharedCore {
         for action in state.core.step(event, now) {
             match action {
                 Action::Assign { worker, assignment } => {
-                    let Some(seat) = state.seats.get(&worker) else { continue };
+                    let Some(stream) = state.streams.get(&worker) else { continue };
                     let ahead = assignment.ahead.len();
-                    debug!(worker = seat.hello.name, role = ?assignment.role, ahead, "assigned");
-                    let key = seat.door.as_ref().map(|door| &door.key);
+                    debug!(worker = stream.hello.name, role = ?assignment.role, ahead, "assigned");
+                    let key = stream.redirect_target.as_ref().map(|target| &target.key);
                     let served = wire::Served {
                         set: state.core.set(),
                         versions: &state.core.live_versions(),
                         visibility_is_open: !state.core.visibility_is_settled(),
                     };
                     let message = wire::assignment(assignment, leading.term, &self.service, &served, key);
-                    match seat.assignments.try_send(Ok(message)) {
+                    match stream.assignments.try_send(Ok(message)) {
                         Ok(()) => {}
                         Err(TrySendError::Full(_)) => {
-                            warn!(worker = seat.hello.name, "worker reads no assignments: its stream ends");
-                            seat.expelled.cancel();
+                            warn!(worker = stream.hello.name, "worker reads no assignments: its stream ends");
+                            stream.expelled.cancel();
                         }
                         // A stream that just ended: its end is the next event.
                         Err(TrySendError::Closed(_)) => {}
                     }
                 }
                 Action::Expel { worker, reason } => {
-                    let Some(seat) = state.seats.remove(&worker) else { continue };
-                    warn!(worker = seat.hello.name, reason, "worker expelled");
+                    let Some(stream) = state.streams.remove(&worker) else { continue };
+                    warn!(worker = stream.hello.name, reason, "worker expelled");
                     // One that reads nothing sees its stream end all the same.
-                    let _ = seat.assignments.try_send(Err(Status::aborted(reason)));
-                    seat.expelled.cancel();
-                    self.channels.forget(&seat.hello.address);
+                    let _ = stream.assignments.try_send(Err(Status::aborted(reason)));
+                    stream.expelled.cancel();
+                    self.channels.forget(&stream.hello.address);
                 }
                 Action::Dispatch { view_id, order } => {
                     if let Some(view) = state.views.get(&view_id) {
@@ -259,10 +259,10 @@ impl SharedCore {
             return;
         }
         warn!(reason, "coordinator leads no more");
-        for (_, seat) in state.seats.drain() {
-            let _ = seat.assignments.try_send(Err(Status::unavailable("this coordinator leads no more")));
-            seat.expelled.cancel();
-            self.channels.forget(&seat.hello.address);
+        for (_, stream) in state.streams.drain() {
+            let _ = stream.assignments.try_send(Err(Status::unavailable("this coordinator leads no more")));
+            stream.expelled.cancel();
+            self.channels.forget(&stream.hello.address);
         }
         for (_, view) in state.views.drain() {
             let _ = view.send(Err(stands_by(None)));
@@ -289,14 +289,14 @@ impl SharedCore {
 
     /// Names of the workers that have joined.
     pub(super) fn workers(&self) -> Vec<String> {
-        self.state.lock().seats.values().map(|seat| seat.hello.name.clone()).collect()
+        self.state.lock().streams.values().map(|stream| stream.hello.name.clone()).collect()
     }
 
     /// A worker joined.
     ///
     /// # Errors
     /// As [`SharedCore::check_leading`].
-    pub(super) fn seat(&self, hello: Hello) -> Result<Seated, Fault> {
+    pub(super) fn join(&self, hello: Hello) -> Result<JoinedWorker, Fault> {
         let (assignments, receiver) = channel(MOST_ASSIGNMENTS);
         let expelled = self.closing.child_token();
         let mut state = self.state.lock();
@@ -308,19 +308,21 @@ impl SharedCore {
         info!(worker = hello.name, address = hello.address, device = hello.device, "worker joined");
         // Without a key nobody is sent there, and frames are relayed.
         let key = hello.public_address.is_some().then(SealKey::drawn).flatten();
-        let door = key.map(|key| Door { key, serial: 0, out: Arc::default(), open: Arc::default() });
-        let seat = Seat { hello: hello.clone(), door, assignments, expelled: expelled.clone() };
-        state.seats.insert(worker, seat);
+        let new_target =
+            |key| RedirectTarget { key, serial: 0, in_flight: Arc::default(), alive: Arc::default() };
+        let redirect_target = key.map(new_target);
+        let stream = WorkerStream { hello: hello.clone(), redirect_target, assignments, expelled: expelled.clone() };
+        state.streams.insert(worker, stream);
         self.step_locked(&mut state, Event::Joined { worker, hello });
-        Ok(Seated { worker, assignments: receiver, expelled })
+        Ok(JoinedWorker { worker, assignments: receiver, expelled })
     }
 
     /// A worker's stream ended.
-    pub(super) fn vacate(&self, worker: WorkerId) {
+    pub(super) fn leave(&self, worker: WorkerId) {
         let mut state = self.state.lock();
-        if let Some(seat) = state.seats.remove(&worker) {
-            info!(worker = seat.hello.name, "worker left");
-            self.channels.forget(&seat.hello.address);
+        if let Some(stream) = state.streams.remove(&worker) {
+            info!(worker = stream.hello.name, "worker left");
+            self.channels.forget(&stream.hello.address);
         }
         self.step_locked(&mut state, Event::Left { worker });
     }
@@ -393,21 +395,21 @@ impl SharedCore {
     ) -> Option<IssuedRedirect> {
         let mut state = self.state.lock();
         let most = state.core.config().max_views_per_client;
-        let seat = state.seats.get_mut(&worker)?;
-        let (door, address) = (seat.door.as_mut()?, seat.hello.public_address.clone()?);
-        if Arc::strong_count(&door.out) > MOST_OUT {
+        let stream = state.streams.get_mut(&worker)?;
+        let (target, address) = (stream.redirect_target.as_mut()?, stream.hello.public_address.clone()?);
+        if Arc::strong_count(&target.in_flight) > MOST_REDIRECTED {
             return None;
         }
-        let place = self.tickets.take(client, &door.open, most)?;
-        door.serial += 1;
-        let (serial, key, out) = (door.serial, door.key.clone(), door.out.clone());
+        let place = self.tickets.take(client, &target.alive, most)?;
+        target.serial += 1;
+        let (serial, key, in_flight) = (target.serial, target.key.clone(), target.in_flight.clone());
         drop(state);
         let traceparent = request.metadata().get("traceparent").and_then(|value| value.to_str().ok());
         let traceparent = traceparent.unwrap_or_default().to_owned();
         let ticket = v1::RedirectTicket { serial, request: Some(request.into_inner()), traceparent };
         let ticket = Some(key.seal(Kind::RedirectTicket, &ticket));
         let message = v1::Redirect { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial: number };
-        Some(IssuedRedirect { message, key, serial, place, _out: out })
+        Some(IssuedRedirect { message, key, serial, place, _in_flight: in_flight })
     }
 
     /// Counts a session, if its client may open one.

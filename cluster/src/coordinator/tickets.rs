@@ -28,7 +28,7 @@ pub(super) struct IssuedRedirect {
     pub(super) serial: u64,
     pub(super) place: Place,
     /// One for each client that is on its way to that worker.
-    pub(super) _out: Arc<()>,
+    pub(super) _in_flight: Arc<()>,
 }
 
 impl IssuedRedirect {
