@@ -11,7 +11,7 @@ use tokio::time::Instant;
 use tonic::{Status, Streaming};
 use tracing::{Instrument, debug};
 
-use super::asked::Asked;
+use super::view_handle::ViewHandle;
 use super::shared_core::{SharedCore, Ruling, Verdict};
 use super::inbox::ClientNotice;
 use super::redirect::SessionClient;
@@ -60,7 +60,7 @@ struct Underway<'a> {
     shared: Arc<SharedCore>,
     wanted: Wanted,
     client: Option<SessionClient<'a>>,
-    asked: Asked,
+    handle: ViewHandle,
     path: ViewPath,
     /// The stream of the worker that is ordered, once it is open.
     stream: Option<Streaming<v1::FrameChunk>>,
@@ -69,9 +69,9 @@ struct Underway<'a> {
 impl<'a> Underway<'a> {
     fn new(shared: Arc<SharedCore>, wanted: Wanted, client: Option<SessionClient<'a>>) -> Self {
         let last = client.as_ref().and_then(|client| client.memory.recall(Instant::now()));
-        let asked = Asked::of(&shared, wanted.client.clone(), wanted.view.clone(), wanted.deadline, last);
+        let handle = ViewHandle::new(&shared, wanted.client.clone(), wanted.view.clone(), wanted.deadline, last);
         let path = ViewPath::new(client.as_ref().is_some_and(|client| client.redirectable));
-        Self { shared, wanted, client, asked, path, stream: None }
+        Self { shared, wanted, client, handle, path, stream: None }
     }
 
     /// The next event that the view's state listens to. Every future here may be dropped at any await: a verdict and a
@@ -80,16 +80,16 @@ impl<'a> Underway<'a> {
         match (self.path.state(), &self.client) {
             (State::Ordered(_) | State::Streaming(_), _) => tokio::select! {
                 biased;
-                verdict = self.asked.verdict() => self.decided(verdict),
+                verdict = self.handle.verdict() => self.decided(verdict),
                 chunk = next_chunk(&self.shared, &self.wanted, self.path.order(), &mut self.stream) => self.came(chunk),
             },
             (State::Redirected { .. }, Some(client)) => tokio::select! {
                 biased;
                 notice = client.notice(&self.shared) => self.noticed(notice),
-                verdict = self.asked.verdict() => self.decided(verdict),
+                verdict = self.handle.verdict() => self.decided(verdict),
             },
             _ => {
-                let verdict = self.asked.verdict().await;
+                let verdict = self.handle.verdict().await;
                 self.decided(verdict)
             }
         }
@@ -130,7 +130,7 @@ impl<'a> Underway<'a> {
     /// What the client said of the frame that it was sent for.
     fn noticed(&mut self, notice: ClientNotice) -> Event {
         let newest = match notice {
-            ClientNotice::Arrived(_) => self.asked.newest(),
+            ClientNotice::Arrived(_) => self.handle.newest(),
             ClientNotice::Missed(_) => None,
         };
         match &mut self.client {
@@ -148,10 +148,10 @@ impl<'a> Underway<'a> {
                     client.rest();
                 }
             }
-            Effect::Judge { attempt, observed, ms } => self.asked.judge(attempt, observed, ms),
-            Effect::Failed { attempt, failure } => self.asked.failed(attempt, failure),
+            Effect::Judge { attempt, observed, ms } => self.handle.judge(attempt, observed, ms),
+            Effect::Failed { attempt, failure } => self.handle.failed(attempt, failure),
             Effect::Answered(answered) => self.answered(&answered),
-            Effect::Cancel => self.asked.cancelled(),
+            Effect::Cancel => self.handle.cancelled(),
             // These go to the client, or wait: see [`answer`].
             Effect::Send(_) | Effect::Redirect(_) | Effect::Fail(_) | Effect::SeeOff => {}
         }
@@ -162,7 +162,7 @@ impl<'a> Underway<'a> {
             true => self.shared.frames.relayed(),
             false => self.shared.frames.fetched(),
         }
-        self.asked.answered(answered.attempt, answered.uncovered, answered.ms);
+        self.handle.answered(answered.attempt, answered.uncovered, answered.ms);
         let Some(header) = &answered.header else { return };
         self.shared.frames.arrived(header);
         if let Some(client) = &mut self.client {

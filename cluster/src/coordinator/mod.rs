@@ -5,7 +5,7 @@
 //! sends clients to workers with `tickets`, `memory` what a session knows of its last view. `shared` holds the core behind a lock. `cluster` is what workers join, `scenes` where
 //! they fetch the scene, `lead` keeps the lease, `watch` and `frames` serve those who watch.
 
-mod asked;
+mod view_handle;
 mod batch;
 mod checks;
 mod cluster;

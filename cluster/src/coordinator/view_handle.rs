@@ -12,17 +12,17 @@ use super::shared_core::{SharedCore, Ruling, Verdict};
 use crate::core::{Client, Event, Failure, LastView, Order, ViewId};
 use crate::wire;
 
-/// A view that was asked for. It is the core's until [`Asked::answered`], [`Asked::failed`] for good, or
-/// [`Asked::cancelled`].
-pub(super) struct Asked {
+/// A view that was asked for. It is the core's until [`ViewHandle::answered`], [`ViewHandle::failed`] for good, or
+/// [`ViewHandle::cancelled`].
+pub(super) struct ViewHandle {
     shared: Arc<SharedCore>,
     view_id: ViewId,
     verdicts: UnboundedReceiver<Verdict>,
 }
 
-impl Asked {
+impl ViewHandle {
     /// Asks the core for a view; of a session, with what it remembers of its last one.
-    pub(super) fn of(
+    pub(super) fn new(
         shared: &Arc<SharedCore>,
         client: Client,
         view: View,
