@@ -12,7 +12,7 @@ use tonic::{Status, Streaming};
 use tracing::{Instrument, debug};
 
 use super::view_handle::ViewHandle;
-use super::shared_core::{SharedCore, Ruling, Verdict};
+use super::shared_core::{SharedCore, Instruction, CoreReply};
 use super::inbox::ClientNotice;
 use super::redirect::SessionClient;
 use super::view_path::{Answered, Effect, Event, State, ViewPath};
@@ -74,23 +74,23 @@ impl<'a> Underway<'a> {
         Self { shared, wanted, client, handle, path, stream: None }
     }
 
-    /// The next event that the view's state listens to. Every future here may be dropped at any await: a verdict and a
+    /// The next event that the view's state listens to. Every future here may be dropped at any await: a reply and a
     /// notice stay where they are until they are taken, and an RPC that is not read on is cancelled.
     async fn next(&mut self) -> Event {
         match (self.path.state(), &self.client) {
             (State::Ordered(_) | State::Streaming(_), _) => tokio::select! {
                 biased;
-                verdict = self.handle.verdict() => self.decided(verdict),
+                reply = self.handle.next_reply() => self.decided(reply),
                 chunk = next_chunk(&self.shared, &self.wanted, self.path.order(), &mut self.stream) => self.came(chunk),
             },
             (State::Redirected { .. }, Some(client)) => tokio::select! {
                 biased;
                 notice = client.notice(&self.shared) => self.noticed(notice),
-                verdict = self.handle.verdict() => self.decided(verdict),
+                reply = self.handle.next_reply() => self.decided(reply),
             },
             _ => {
-                let verdict = self.handle.verdict().await;
-                self.decided(verdict)
+                let reply = self.handle.next_reply().await;
+                self.decided(reply)
             }
         }
     }
@@ -103,14 +103,14 @@ impl<'a> Underway<'a> {
     }
 
     /// What the core decided, with a ticket for the client where it may fetch the frame itself.
-    fn decided(&mut self, verdict: Verdict) -> Event {
-        match verdict {
-            Ok(Ruling::Carry(order)) => {
+    fn decided(&mut self, reply: CoreReply) -> Event {
+        match reply {
+            Ok(Instruction::Dispatch(order)) => {
                 let client = self.client.as_mut().filter(|_| self.path.may_redirect(&order));
                 let ticket = client.and_then(|client| client.ticket(&self.shared, &self.wanted, &order));
                 Event::Ordered { order, ticket }
             }
-            Ok(Ruling::Deliver { attempt, expected }) => Event::Delivered { attempt, expected },
+            Ok(Instruction::Deliver { attempt, expected }) => Event::Delivered { attempt, expected },
             Err(fault) => Event::Refused(fault),
         }
     }

@@ -62,7 +62,7 @@ struct State {
     leader: Option<String>,
     next_id: u64,
     streams: HashMap<WorkerId, WorkerStream>,
-    views: HashMap<ViewId, UnboundedSender<Verdict>>,
+    views: HashMap<ViewId, UnboundedSender<CoreReply>>,
 }
 
 /// A leadership.
@@ -113,12 +113,12 @@ pub(super) struct JoinedWorker {
 }
 
 /// What the core decided about a view: what to do, or the fault that it ends with.
-pub(super) type Verdict = Result<Ruling, Fault>;
+pub(super) type CoreReply = Result<Instruction, Fault>;
 
 /// What to do about a view.
-pub(super) enum Ruling {
+pub(super) enum Instruction {
     /// Carry this out, in place of what was ordered before.
-    Carry(Box<Order>),
+    Dispatch(Box<Order>),
     /// Let the frame of this attempt pass; it was judged.
     Deliver {
         /// Of [`Order::attempt`].
@@ -158,7 +158,7 @@ impl SharedCore {
     }
 
     /// Takes an event to the core and its actions to whom they concern. Never blocks: a view's channel holds no more
-    /// than the core says of one view, a ruling for each attempt and judgement, and that of a worker is bounded.
+    /// than the core says of one view, a instruction for each attempt and judgement, and that of a worker is bounded.
     pub(super) fn step(&self, event: Event) {
         let mut state = self.state.lock();
         self.step_locked(&mut state, event);
@@ -205,12 +205,12 @@ impl SharedCore {
                 }
                 Action::Dispatch { view_id, order } => {
                     if let Some(view) = state.views.get(&view_id) {
-                        let _ = view.send(Ok(Ruling::Carry(order)));
+                        let _ = view.send(Ok(Instruction::Dispatch(order)));
                     }
                 }
                 Action::Deliver { view_id, attempt, expected } => {
                     if let Some(view) = state.views.get(&view_id) {
-                        let _ = view.send(Ok(Ruling::Deliver { attempt, expected }));
+                        let _ = view.send(Ok(Instruction::Deliver { attempt, expected }));
                     }
                 }
                 Action::Refuse { view_id, fault } => {
@@ -327,15 +327,15 @@ impl SharedCore {
         self.step_locked(&mut state, Event::Left { worker });
     }
 
-    /// Asks for a view; the verdicts come through what is returned, until [`SharedCore::end_view`].
+    /// Asks for a view; the replies come through what is returned, until [`SharedCore::end_view`].
     pub(super) fn begin_view(
         self: &Arc<Self>,
         client: Client,
         view: View,
         deadline: Option<Duration>,
         last: Option<Box<LastView>>,
-    ) -> (ViewId, UnboundedReceiver<Verdict>) {
-        let (sender, verdicts) = unbounded_channel();
+    ) -> (ViewId, UnboundedReceiver<CoreReply>) {
+        let (sender, replies) = unbounded_channel();
         let planning = self.planning.begin(&view);
         let survey = self.survey(&view, last.as_deref());
         let mut state = self.state.lock();
@@ -353,10 +353,10 @@ impl SharedCore {
         }
         drop(state);
         planning.end();
-        (view_id, verdicts)
+        (view_id, replies)
     }
 
-    /// Ends the verdicts about a view. `event` tells the core why.
+    /// Ends the replies about a view. `event` tells the core why.
     pub(super) fn end_view(&self, view_id: ViewId, event: Event) {
         let mut state = self.state.lock();
         state.views.remove(&view_id);

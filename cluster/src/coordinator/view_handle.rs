@@ -8,7 +8,7 @@ use argus_scene::View;
 use futures::FutureExt;
 use tokio::sync::mpsc::UnboundedReceiver;
 
-use super::shared_core::{SharedCore, Ruling, Verdict};
+use super::shared_core::{SharedCore, Instruction, CoreReply};
 use crate::core::{Client, Event, Failure, LastView, Order, ViewId};
 use crate::wire;
 
@@ -17,7 +17,7 @@ use crate::wire;
 pub(super) struct ViewHandle {
     shared: Arc<SharedCore>,
     view_id: ViewId,
-    verdicts: UnboundedReceiver<Verdict>,
+    replies: UnboundedReceiver<CoreReply>,
 }
 
 impl ViewHandle {
@@ -29,28 +29,28 @@ impl ViewHandle {
         deadline: Option<Duration>,
         last: Option<Box<LastView>>,
     ) -> Self {
-        let (view_id, verdicts) = shared.begin_view(client, view, deadline, last);
-        Self { shared: shared.clone(), view_id, verdicts }
+        let (view_id, replies) = shared.begin_view(client, view, deadline, last);
+        Self { shared: shared.clone(), view_id, replies }
     }
 
-    /// The next verdict.
-    pub(super) async fn verdict(&mut self) -> Verdict {
+    /// The next reply.
+    pub(super) async fn next_reply(&mut self) -> CoreReply {
         let gone = || Fault::Unavailable("the coordinator is shutting down".to_owned());
-        self.verdicts.recv().await.unwrap_or_else(|| Err(gone()))
+        self.replies.recv().await.unwrap_or_else(|| Err(gone()))
     }
 
     /// The newest order that is here already.
     pub(super) fn newest(&mut self) -> Option<Box<Order>> {
         let mut newest = None;
-        while let Some(Ok(ruling)) = self.verdict().now_or_never() {
-            if let Ruling::Carry(order) = ruling {
+        while let Some(Ok(instruction)) = self.next_reply().now_or_never() {
+            if let Instruction::Dispatch(order) = instruction {
                 newest = Some(order);
             }
         }
         newest
     }
 
-    /// The frame of that attempt begins to arrive, and is to be judged: a verdict follows.
+    /// The frame of that attempt begins to arrive, and is to be judged: a reply follows.
     pub(super) fn judge(&self, attempt: u32, observed: Option<v1::Observed>, ms: f64) {
         let observed = observed.map(wire::observed_from);
         self.shared.step(Event::Judged { view_id: self.view_id, attempt, observed, ms });
@@ -62,7 +62,7 @@ impl ViewHandle {
         self.shared.end_view(self.view_id, Event::Answered { view_id: self.view_id, attempt, uncovered, ms });
     }
 
-    /// That attempt failed; unless that is final, a verdict follows.
+    /// That attempt failed; unless that is final, a reply follows.
     pub(super) fn failed(&self, attempt: u32, failure: Failure) {
         let event = Event::Failed { view_id: self.view_id, attempt, failure };
         match failure {
