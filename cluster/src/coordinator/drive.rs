@@ -15,12 +15,12 @@ use super::view_handle::ViewHandle;
 use super::shared_core::{SharedCore, Instruction, CoreReply};
 use super::inbox::ClientNotice;
 use super::redirect::SessionClient;
-use super::view_path::{Answered, Effect, Event, State, ViewPath};
+use super::view_path::{Answered, Command, Event, State, ViewPath};
 use super::wanted::Wanted;
 use crate::core::Order;
 
 /// How long a worker that has sent all of a frame may take to say so.
-const LAST_WORD: Duration = Duration::from_secs(1);
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// What a client gets of its view.
 #[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
@@ -39,16 +39,16 @@ pub(super) fn answer<'a>(
     client: Option<SessionClient<'a>>,
 ) -> impl Stream<Item = Result<Answer, Status>> + use<'a> {
     async_stream::stream! {
-        let mut view = Underway::new(shared, wanted, client);
+        let mut view = ViewDriver::new(shared, wanted, client);
         while !matches!(view.path.state(), State::Done) {
             let event = view.next().await;
-            for effect in view.path.step(event) {
-                match effect {
-                    Effect::Send(chunk) => yield Ok(Answer::Chunk(chunk)),
-                    Effect::Redirect(redirect) => yield Ok(Answer::Redirect(redirect)),
-                    Effect::Fail(status) => yield Err(status),
-                    Effect::SeeOff => view.see_off().await,
-                    told => view.tell(told),
+            for command in view.path.step(event) {
+                match command {
+                    Command::Send(chunk) => yield Ok(Answer::Chunk(chunk)),
+                    Command::Redirect(redirect) => yield Ok(Answer::Redirect(redirect)),
+                    Command::Fail(status) => yield Err(status),
+                    Command::CloseStream => view.close_stream().await,
+                    command => view.execute(command),
                 }
             }
         }
@@ -56,7 +56,7 @@ pub(super) fn answer<'a>(
 }
 
 /// A view under way. Dropping it cancels the view unless its path has ended.
-struct Underway<'a> {
+struct ViewDriver<'a> {
     shared: Arc<SharedCore>,
     wanted: Wanted,
     client: Option<SessionClient<'a>>,
@@ -66,7 +66,7 @@ struct Underway<'a> {
     stream: Option<Streaming<v1::FrameChunk>>,
 }
 
-impl<'a> Underway<'a> {
+impl<'a> ViewDriver<'a> {
     fn new(shared: Arc<SharedCore>, wanted: Wanted, client: Option<SessionClient<'a>>) -> Self {
         let last = client.as_ref().and_then(|client| client.memory.recall(Instant::now()));
         let handle = ViewHandle::new(&shared, wanted.client.clone(), wanted.view.clone(), wanted.deadline, last);
@@ -81,7 +81,7 @@ impl<'a> Underway<'a> {
             (State::Ordered(_) | State::Streaming(_), _) => tokio::select! {
                 biased;
                 reply = self.handle.next_reply() => self.decided(reply),
-                chunk = next_chunk(&self.shared, &self.wanted, self.path.order(), &mut self.stream) => self.came(chunk),
+                chunk = next_chunk(&self.shared, &self.wanted, self.path.order(), &mut self.stream) => self.chunk_arrived(chunk),
             },
             (State::Redirected { .. }, Some(client)) => tokio::select! {
                 biased;
@@ -96,9 +96,9 @@ impl<'a> Underway<'a> {
     }
 
     /// Reads a worker's stream to its end, which lets it close in order, if it does soon.
-    async fn see_off(&mut self) {
+    async fn close_stream(&mut self) {
         if let Some(stream) = &mut self.stream {
-            let _ = tokio::time::timeout(LAST_WORD, stream.message()).await;
+            let _ = tokio::time::timeout(CLOSE_TIMEOUT, stream.message()).await;
         }
     }
 
@@ -116,7 +116,7 @@ impl<'a> Underway<'a> {
     }
 
     /// What came from the worker.
-    fn came(&self, chunk: Result<v1::FrameChunk, Status>) -> Event {
+    fn chunk_arrived(&self, chunk: Result<v1::FrameChunk, Status>) -> Event {
         match chunk {
             Ok(chunk) => Event::Chunk { chunk, age_ms: self.wanted.age_ms() },
             Err(status) => {
@@ -140,20 +140,20 @@ impl<'a> Underway<'a> {
     }
 
     /// Does what needs no waiting.
-    fn tell(&mut self, effect: Effect) {
-        match effect {
-            Effect::Open => self.stream = None,
-            Effect::RestRedirects => {
+    fn execute(&mut self, command: Command) {
+        match command {
+            Command::Open => self.stream = None,
+            Command::PauseRedirects => {
                 if let Some(client) = &mut self.client {
-                    client.rest();
+                    client.pause();
                 }
             }
-            Effect::Judge { attempt, observed, ms } => self.handle.judge(attempt, observed, ms),
-            Effect::Failed { attempt, failure } => self.handle.failed(attempt, failure),
-            Effect::Answered(answered) => self.answered(&answered),
-            Effect::Cancel => self.handle.cancelled(),
+            Command::Judge { attempt, observed, ms } => self.handle.judge(attempt, observed, ms),
+            Command::Failed { attempt, failure } => self.handle.failed(attempt, failure),
+            Command::Answered(answered) => self.answered(&answered),
+            Command::Cancel => self.handle.cancelled(),
             // These go to the client, or wait: see [`answer`].
-            Effect::Send(_) | Effect::Redirect(_) | Effect::Fail(_) | Effect::SeeOff => {}
+            Command::Send(_) | Command::Redirect(_) | Command::Fail(_) | Command::CloseStream => {}
         }
     }
 
@@ -171,10 +171,10 @@ impl<'a> Underway<'a> {
     }
 }
 
-impl Drop for Underway<'_> {
+impl Drop for ViewDriver<'_> {
     fn drop(&mut self) {
-        for effect in self.path.step(Event::Cancelled) {
-            self.tell(effect);
+        for command in self.path.step(Event::Cancelled) {
+            self.execute(command);
         }
     }
 }

@@ -23,10 +23,10 @@ use crate::core::Order;
 
 /// How long a session's frames are relayed after a worker could not be reached; twice as long each time that happens in a
 /// row.
-const FIRST_REST: Duration = Duration::from_secs(5);
+const FIRST_PAUSE: Duration = Duration::from_secs(5);
 
 /// Longest time that a session's frames are relayed after a worker could not be reached.
-const LONGEST_REST: Duration = Duration::from_secs(600);
+const LONGEST_PAUSE: Duration = Duration::from_secs(600);
 
 /// Whether a session's client may be sent to workers now.
 #[derive(Debug, Default)]
@@ -55,10 +55,10 @@ impl Redirects {
     }
 
     /// The next frames are relayed, for longer each time.
-    fn rest(&mut self) {
-        let rest = FIRST_REST.saturating_mul(1 << self.missed.min(16)).min(LONGEST_REST);
+    fn pause(&mut self) {
+        let pause = FIRST_PAUSE.saturating_mul(1 << self.missed.min(16)).min(LONGEST_PAUSE);
         self.missed = self.missed.saturating_add(1);
-        self.relayed_until = Some(Instant::now() + rest);
+        self.relayed_until = Some(Instant::now() + pause);
     }
 
     /// A frame arrived, as far as the client says. A receipt may be lost once.
@@ -69,7 +69,7 @@ impl Redirects {
         }
         self.unproven += 1;
         if self.unproven >= MOST_MISSES {
-            self.rest();
+            self.pause();
         }
     }
 }
@@ -149,8 +149,8 @@ impl<'a> SessionClient<'a> {
     }
 
     /// The session's next frames are relayed.
-    pub(super) fn rest(&mut self) {
-        self.redirects.rest();
+    pub(super) fn pause(&mut self) {
+        self.redirects.pause();
     }
 }
 

@@ -1,13 +1,13 @@
-//! One view's path through the coordinator, from its request to its last chunk: state × event → state × effects.
+//! One view's path through the coordinator, from its request to its last chunk: state × event → state × commands.
 //!
 //! ```text
-//!  Asked ── order ───────────────▶ Ordered ── header ─▶ Streaming ── last chunk ─▶ Done
+//!  Queued ─ order ───────────────▶ Ordered ── header ─▶ Streaming ── last chunk ─▶ Done
 //!    │                              ▲   └─ header ─▶ Judged ─ good ─▲
 //!    │                              └── the client reaches no worker
 //!    └── order, with a ticket ─▶ Redirected ── the client has the frame ─▶ Done
 //! ```
 //!
-//! An attempt that fails, ordered, streaming or redirected, leads back to Asked: the core orders another one, or refuses.
+//! An attempt that fails, ordered, streaming or redirected, leads back to Queued: the core orders another one, or refuses.
 //! The core may give the view to another worker in every state but the last: an order replaces what was ordered before. It
 //! may refuse the view in each of them, for its deadline among other things, and the client may cancel it in each.
 //! Nothing here waits, reads a clock or opens a socket: `drive` does, and says what happened.
@@ -27,7 +27,7 @@ pub(super) const MOST_MISSES: u32 = 2;
 #[derive(Debug, Clone)]
 pub(super) enum State {
     /// The core was asked, and no worker has the view. `failed` is how the last attempt at a relayed frame ended.
-    Asked { failed: Option<Status> },
+    Queued { failed: Option<Status> },
     /// A worker has the view, and nothing of its frame is here.
     Ordered(Box<Order>),
     /// The frame's header waits until the core says whether the frame is good enough.
@@ -67,13 +67,13 @@ pub(super) enum Event {
 /// What is to be done about a view, in order.
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
-pub(super) enum Effect {
+pub(super) enum Command {
     /// Ask the worker of [`ViewPath::order`] for the frame, in place of an earlier one.
     Open,
     /// Send the client to a worker.
     Redirect(v1::Redirect),
     /// Relay the session's next frames: its client does not reach workers.
-    RestRedirects,
+    PauseRedirects,
     /// Let the core look at the frame; [`Event::Delivered`] follows, or another order.
     Judge { attempt: u32, observed: Option<v1::Observed>, ms: f64 },
     /// Tell the core how an attempt failed; unless that is final, another order follows, or a refusal.
@@ -85,7 +85,7 @@ pub(super) enum Effect {
     /// Pass a chunk on to the client.
     Send(v1::FrameChunk),
     /// Read the worker's stream to its end, soon.
-    SeeOff,
+    CloseStream,
     /// Tell the client that it gets no frame.
     Fail(Status),
 }
@@ -118,7 +118,7 @@ pub(super) struct ViewPath {
 impl ViewPath {
     /// Of a view that the core was just asked for.
     pub(super) fn new(redirectable: bool) -> Self {
-        let state = State::Asked { failed: None };
+        let state = State::Queued { failed: None };
         Self { state, relayed: Relayed::default(), redirectable, missed: 0 }
     }
 
@@ -129,7 +129,7 @@ impl ViewPath {
     /// The order that is being carried out.
     pub(super) fn order(&self) -> Option<&Order> {
         match &self.state {
-            State::Asked { .. } | State::Done => None,
+            State::Queued { .. } | State::Done => None,
             State::Ordered(order) | State::Streaming(order) => Some(order),
             State::Judged { order, .. } | State::Redirected { order, .. } => Some(order),
         }
@@ -141,26 +141,26 @@ impl ViewPath {
     }
 
     /// Takes one event in. What is about nothing that is awaited changes nothing.
-    pub(super) fn step(&mut self, event: Event) -> Vec<Effect> {
+    pub(super) fn step(&mut self, event: Event) -> Vec<Command> {
         let state = std::mem::replace(&mut self.state, State::Done);
-        let (state, effects) = self.next(state, event);
+        let (state, commands) = self.next(state, event);
         self.state = state;
-        effects
+        commands
     }
 
-    fn next(&mut self, state: State, event: Event) -> (State, Vec<Effect>) {
+    fn next(&mut self, state: State, event: Event) -> (State, Vec<Command>) {
         match (state, event) {
             (State::Done, _) => (State::Done, Vec::new()),
 
             // What may happen wherever the view is.
-            (_, Event::Cancelled) => (State::Done, vec![Effect::Cancel]),
+            (_, Event::Cancelled) => (State::Done, vec![Command::Cancel]),
             // Where no other worker is left, what the last one said tells more than that it was the last.
-            (State::Asked { failed: Some(status) }, Event::Refused(Fault::Unavailable(_))) => {
-                (State::Done, vec![Effect::Fail(status)])
+            (State::Queued { failed: Some(status) }, Event::Refused(Fault::Unavailable(_))) => {
+                (State::Done, vec![Command::Fail(status)])
             }
-            (_, Event::Refused(fault)) => (State::Done, vec![Effect::Fail(fault.into())]),
+            (_, Event::Refused(fault)) => (State::Done, vec![Command::Fail(fault.into())]),
             (_, Event::Ordered { order, ticket: Some(redirect) }) => {
-                (State::Redirected { order, ticket: redirect.serial }, vec![Effect::Redirect(redirect)])
+                (State::Redirected { order, ticket: redirect.serial }, vec![Command::Redirect(redirect)])
             }
             (state, Event::Ordered { order, ticket: None }) => {
                 if let State::Judged { header, .. } = state {
@@ -189,7 +189,7 @@ impl ViewPath {
             // The client fetches it.
             (State::Redirected { order, .. }, Event::Fetched { header, newest }) => {
                 let order = newest.unwrap_or(order);
-                (State::Done, vec![Effect::Answered(answered(&order, header, false))])
+                (State::Done, vec![Command::Answered(answered(&order, header, false))])
             }
             (State::Redirected { order, ticket }, Event::Missed { ticket: missed, unreachable })
                 if missed == 0 || missed == ticket =>
@@ -202,9 +202,9 @@ impl ViewPath {
     }
 
     /// The frame is relayed, and so is whatever another worker makes of the view.
-    fn relay(&mut self, order: Box<Order>) -> (State, Vec<Effect>) {
+    fn relay(&mut self, order: Box<Order>) -> (State, Vec<Command>) {
         self.redirectable = false;
-        (State::Ordered(order), vec![Effect::Open])
+        (State::Ordered(order), vec![Command::Open])
     }
 
     /// Whether the core looks at the frame first: not once the client has a part of it.
@@ -212,47 +212,47 @@ impl ViewPath {
         order.judged && self.relayed.header().is_none()
     }
 
-    fn judge(&mut self, order: Box<Order>, chunk: v1::FrameChunk, age_ms: f64) -> (State, Vec<Effect>) {
+    fn judge(&mut self, order: Box<Order>, chunk: v1::FrameChunk, age_ms: f64) -> (State, Vec<Command>) {
         let Some(Body::Header(header)) = chunk.body else { return self.pass(order, chunk, age_ms) };
         let (observed, ms) = (header.observed, rendering_ms(&header));
-        let effect = Effect::Judge { attempt: order.attempt, observed, ms };
-        (State::Judged { order, header: Box::new(header), age_ms }, vec![effect])
+        let command = Command::Judge { attempt: order.attempt, observed, ms };
+        (State::Judged { order, header: Box::new(header), age_ms }, vec![command])
     }
 
-    fn pass(&mut self, order: Box<Order>, chunk: v1::FrameChunk, age_ms: f64) -> (State, Vec<Effect>) {
+    fn pass(&mut self, order: Box<Order>, chunk: v1::FrameChunk, age_ms: f64) -> (State, Vec<Command>) {
         match self.relayed.pass(chunk, age_ms, order.expected) {
             Err(status) => broken(&order, status),
             Ok(None) => (State::Streaming(order), Vec::new()),
             Ok(Some(chunk)) if self.relayed.is_whole() => {
                 let header = self.relayed.header().cloned().map(Box::new);
-                let answered = Effect::Answered(answered(&order, header, true));
+                let answered = Command::Answered(answered(&order, header, true));
                 // Said before the client has the last chunk: it may go as soon as it does.
-                (State::Done, vec![answered, Effect::Send(chunk), Effect::SeeOff])
+                (State::Done, vec![answered, Command::Send(chunk), Command::CloseStream])
             }
-            Ok(Some(chunk)) => (State::Streaming(order), vec![Effect::Send(chunk)]),
+            Ok(Some(chunk)) => (State::Streaming(order), vec![Command::Send(chunk)]),
         }
     }
 
     /// The client did not get the frame from the worker. If it reaches no worker, the frame that is ordered is relayed.
-    fn miss(&mut self, order: Box<Order>, unreachable: bool) -> (State, Vec<Effect>) {
+    fn miss(&mut self, order: Box<Order>, unreachable: bool) -> (State, Vec<Command>) {
         self.missed += 1;
-        let rest = unreachable || self.missed >= MOST_MISSES;
-        let mut effects: Vec<Effect> = rest.then_some(Effect::RestRedirects).into_iter().collect();
+        let pause = unreachable || self.missed >= MOST_MISSES;
+        let mut commands: Vec<Command> = pause.then_some(Command::PauseRedirects).into_iter().collect();
         let (state, then) = match unreachable {
             true => self.relay(order),
             false => retry(&order, Failure::TryElsewhere, None),
         };
-        effects.extend(then);
-        (state, effects)
+        commands.extend(then);
+        (state, commands)
     }
 }
 
 /// An attempt at a relayed frame failed. Another may succeed unless the request itself is at fault.
-fn broken(order: &Order, status: Status) -> (State, Vec<Effect>) {
+fn broken(order: &Order, status: Status) -> (State, Vec<Command>) {
     match status.code() {
         Code::InvalidArgument | Code::DeadlineExceeded | Code::Unimplemented => {
-            let failed = Effect::Failed { attempt: order.attempt, failure: Failure::Final };
-            (State::Done, vec![failed, Effect::Fail(status)])
+            let failed = Command::Failed { attempt: order.attempt, failure: Failure::Final };
+            (State::Done, vec![failed, Command::Fail(status)])
         }
         // The worker does not work.
         Code::Unavailable | Code::Internal | Code::DataLoss | Code::Unknown => {
@@ -263,8 +263,8 @@ fn broken(order: &Order, status: Status) -> (State, Vec<Effect>) {
     }
 }
 
-fn retry(order: &Order, failure: Failure, failed: Option<Status>) -> (State, Vec<Effect>) {
-    (State::Asked { failed }, vec![Effect::Failed { attempt: order.attempt, failure }])
+fn retry(order: &Order, failure: Failure, failed: Option<Status>) -> (State, Vec<Command>) {
+    (State::Queued { failed }, vec![Command::Failed { attempt: order.attempt, failure }])
 }
 
 fn answered(order: &Order, header: Option<Box<v1::FrameHeader>>, relayed: bool) -> Answered {

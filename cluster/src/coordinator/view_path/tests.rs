@@ -86,10 +86,10 @@ fn after(events: &[Event]) -> ViewPath {
 }
 
 /// A state in a word, and what was done, in words.
-fn told(path: &ViewPath, effects: &[Effect]) -> String {
+fn told(path: &ViewPath, commands: &[Command]) -> String {
     let state = match path.state() {
-        State::Asked { failed: None } => "asked",
-        State::Asked { failed: Some(_) } => "failed",
+        State::Queued { failed: None } => "queued",
+        State::Queued { failed: Some(_) } => "failed",
         State::Ordered(order) if order.judged => "ordered*",
         State::Ordered(_) => "ordered",
         State::Judged { .. } => "judged",
@@ -97,19 +97,19 @@ fn told(path: &ViewPath, effects: &[Effect]) -> String {
         State::Redirected { .. } => "redirected",
         State::Done => "done",
     };
-    let done = effects.iter().map(|effect| match effect {
-        Effect::Open => "open",
-        Effect::Redirect(_) => "redirect",
-        Effect::RestRedirects => "rest",
-        Effect::Judge { .. } => "judge",
-        Effect::Failed { failure: Failure::Final, .. } => "final",
-        Effect::Failed { failure: Failure::OfWorker, .. } => "blame",
-        Effect::Failed { failure: Failure::TryElsewhere, .. } => "elsewhere",
-        Effect::Answered(_) => "answered",
-        Effect::Cancel => "cancel",
-        Effect::Send(_) => "send",
-        Effect::SeeOff => "see-off",
-        Effect::Fail(_) => "fail",
+    let done = commands.iter().map(|command| match command {
+        Command::Open => "open",
+        Command::Redirect(_) => "redirect",
+        Command::PauseRedirects => "pause",
+        Command::Judge { .. } => "judge",
+        Command::Failed { failure: Failure::Final, .. } => "final",
+        Command::Failed { failure: Failure::OfWorker, .. } => "blame",
+        Command::Failed { failure: Failure::TryElsewhere, .. } => "elsewhere",
+        Command::Answered(_) => "answered",
+        Command::Cancel => "cancel",
+        Command::Send(_) => "send",
+        Command::CloseStream => "close",
+        Command::Fail(_) => "fail",
     });
     std::iter::once(state).chain(done).collect::<Vec<_>>().join(" ")
 }
@@ -118,7 +118,7 @@ fn told(path: &ViewPath, effects: &[Effect]) -> String {
 fn every_event_in_every_state_leads_where_the_table_says() {
     let broken = || Event::Broken(Status::unavailable("it went away"));
     let states = [
-        ("asked", after(&[])),
+        ("queued", after(&[])),
         ("failed", after(&[ordered(order(1)), broken()])),
         ("ordered", after(&[ordered(order(1))])),
         ("ordered*", after(&[ordered(judged(1))])),
@@ -141,7 +141,7 @@ fn every_event_in_every_state_leads_where_the_table_says() {
         (data(0, b"ab"), [".", ".", "failed blame", "failed blame", ".", "streaming send", ".", "."]),
         (
             data(0, b"abcd"),
-            [".", ".", "failed blame", "failed blame", ".", "done answered send see-off", ".", "."],
+            [".", ".", "failed blame", "failed blame", ".", "done answered send close", ".", "."],
         ),
         (chunk(None), [".", ".", "failed blame", "failed blame", ".", "failed blame", ".", "."]),
         (broken(), [".", ".", "failed blame", "failed blame", ".", "failed blame", ".", "."]),
@@ -155,17 +155,17 @@ fn every_event_in_every_state_leads_where_the_table_says() {
         ),
         (fetched(Some(a_header()), None), [".", ".", ".", ".", ".", ".", "done answered", "."]),
         (fetched(None, None), [".", ".", ".", ".", ".", ".", "done answered", "."]),
-        (missed(7, false), [".", ".", ".", ".", ".", ".", "asked elsewhere", "."]),
+        (missed(7, false), [".", ".", ".", ".", ".", ".", "queued elsewhere", "."]),
         (missed(6, false), ["."; 8]),
-        (missed(0, true), [".", ".", ".", ".", ".", ".", "ordered rest open", "."]),
+        (missed(0, true), [".", ".", ".", ".", ".", ".", "ordered pause open", "."]),
     ];
     for (event, row) in table {
         for ((name, path), expected) in states.iter().zip(row) {
             let mut path = ViewPath { relayed: path.relayed.clone(), state: path.state.clone(), ..*path };
             assert_eq!(told(&path, &[]), *name);
-            let effects = path.step(event.clone());
+            let commands = path.step(event.clone());
             let expected = if expected == "." { name } else { expected };
-            assert_eq!(told(&path, &effects), expected, "{name} × {event:?}");
+            assert_eq!(told(&path, &commands), expected, "{name} × {event:?}");
         }
     }
 }
@@ -177,9 +177,9 @@ fn a_worker_that_fails_before_its_first_chunk_costs_the_client_nothing() {
     for event in [header(), data(0, b"abcd")] {
         sent.extend(path.step(event));
     }
-    let answers = |effect: &&Effect| matches!(effect, Effect::Answered(answered) if answered.attempt == 2);
+    let answers = |command: &&Command| matches!(command, Command::Answered(answered) if answered.attempt == 2);
     assert_eq!(sent.iter().filter(answers).count(), 1);
-    assert_eq!(sent.iter().filter(|effect| matches!(effect, Effect::Send(_))).count(), 2);
+    assert_eq!(sent.iter().filter(|command| matches!(command, Command::Send(_))).count(), 2);
 }
 
 #[test]
@@ -189,11 +189,11 @@ fn a_worker_that_fails_within_its_frame_is_continued_by_another_one() {
     path.step(ordered(order(2)));
     assert_eq!(told(&path, &[]), "ordered");
     for known in [header(), data(0, b"ab")] {
-        let effects = path.step(known);
-        assert_eq!(told(&path, &effects), "streaming", "the client has it already");
+        let commands = path.step(known);
+        assert_eq!(told(&path, &commands), "streaming", "the client has it already");
     }
-    let effects = path.step(data(2, b"cd"));
-    assert_eq!(told(&path, &effects), "done answered send see-off");
+    let commands = path.step(data(2, b"cd"));
+    assert_eq!(told(&path, &commands), "done answered send close");
 }
 
 #[test]
@@ -202,10 +202,10 @@ fn a_frame_that_no_other_worker_makes_alike_is_tried_elsewhere_until_none_is_lef
     path.step(ordered(order(2)));
     let mut other = a_header();
     other.images.clear();
-    let effects = path.step(chunk(Some(Body::Header(other))));
-    assert_eq!(told(&path, &effects), "failed blame");
-    let effects = path.step(none_left());
-    let [Effect::Fail(status)] = &effects[..] else { panic!("{effects:?}") };
+    let commands = path.step(chunk(Some(Body::Header(other))));
+    assert_eq!(told(&path, &commands), "failed blame");
+    let commands = path.step(none_left());
+    let [Command::Fail(status)] = &commands[..] else { panic!("{commands:?}") };
     assert!(
         status.message().contains("within a frame"),
         "what the worker said, not that none is left: {status}"
@@ -215,34 +215,34 @@ fn a_frame_that_no_other_worker_makes_alike_is_tried_elsewhere_until_none_is_lef
 #[test]
 fn a_deadline_within_a_retry_is_told_as_a_deadline() {
     let mut path = after(&[ordered(order(1)), Event::Broken(Status::unavailable("x"))]);
-    let effects = path.step(deadline());
-    let [Effect::Fail(status)] = &effects[..] else { panic!("{effects:?}") };
+    let commands = path.step(deadline());
+    let [Command::Fail(status)] = &commands[..] else { panic!("{commands:?}") };
     assert_eq!(status.code(), Code::DeadlineExceeded);
 }
 
 #[test]
 fn a_frame_that_is_not_good_enough_is_made_anew_and_the_next_header_tells_its_cost() {
     let mut path = after(&[ordered(judged(1)), header()]);
-    let effects = path.step(ordered(judged(2)));
-    assert_eq!(told(&path, &effects), "ordered* open");
-    assert!(matches!(&path.step(header())[..], [Effect::Judge { attempt: 2, ms: 5.0, .. }]));
-    let effects = path.step(delivered(2));
-    let [Effect::Send(v1::FrameChunk { body: Some(Body::Header(sent)) })] = &effects[..] else {
-        panic!("{effects:?}")
+    let commands = path.step(ordered(judged(2)));
+    assert_eq!(told(&path, &commands), "ordered* open");
+    assert!(matches!(&path.step(header())[..], [Command::Judge { attempt: 2, ms: 5.0, .. }]));
+    let commands = path.step(delivered(2));
+    let [Command::Send(v1::FrameChunk { body: Some(Body::Header(sent)) })] = &commands[..] else {
+        panic!("{commands:?}")
     };
     assert!(sent.stages.iter().any(|stage| stage.name == argus_scene::Stage::REFUSED && stage.ms == 5.0));
     assert_eq!(sent.predicted.map(|predicted| predicted.error), Some(0.1));
     // What it cost was said when it was judged.
-    let effects = path.step(data(0, b"abcd"));
-    assert!(matches!(&effects[0], Effect::Answered(Answered { ms: None, relayed: true, .. })));
+    let commands = path.step(data(0, b"abcd"));
+    assert!(matches!(&commands[0], Command::Answered(Answered { ms: None, relayed: true, .. })));
 }
 
 #[test]
 fn a_frame_of_which_the_client_has_a_part_is_not_judged_again() {
     let mut path = after(&[ordered(judged(1)), header(), delivered(1), data(0, b"ab")]);
     path.step(ordered(judged(2)));
-    let effects = path.step(header());
-    assert_eq!(told(&path, &effects), "streaming");
+    let commands = path.step(header());
+    assert_eq!(told(&path, &commands), "streaming");
 }
 
 #[test]
@@ -250,11 +250,11 @@ fn a_client_that_misses_its_frame_twice_has_it_relayed() {
     let mut path = after(&[with_ticket(order(1), 1), missed(1, false)]);
     assert!(path.may_redirect(&order(2)));
     path.step(with_ticket(order(2), 2));
-    let effects = path.step(missed(2, false));
-    assert_eq!(told(&path, &effects), "asked rest elsewhere");
+    let commands = path.step(missed(2, false));
+    assert_eq!(told(&path, &commands), "queued pause elsewhere");
     assert!(!path.may_redirect(&order(3)));
-    let effects = path.step(none_left());
-    assert_eq!(told(&path, &effects), "done fail");
+    let commands = path.step(none_left());
+    assert_eq!(told(&path, &commands), "done fail");
 }
 
 #[test]
@@ -263,18 +263,18 @@ fn a_client_that_reaches_no_worker_has_the_same_attempt_relayed_under_the_same_v
     assert_eq!(path.order().map(|order| order.attempt), Some(1));
     assert!(!path.may_redirect(&order(1)));
     path.step(header());
-    let effects = path.step(data(0, b"abcd"));
-    assert_eq!(told(&path, &effects), "done answered send see-off");
+    let commands = path.step(data(0, b"abcd"));
+    assert_eq!(told(&path, &commands), "done answered send close");
 }
 
 #[test]
 fn a_frame_fetched_while_another_worker_was_given_the_view_answers_the_newest_attempt() {
     let mut path = after(&[with_ticket(order(1), 1)]);
-    let effects = path.step(fetched(Some(a_header()), Some(order(2))));
-    let [Effect::Answered(Answered { attempt: 2, header: Some(_), ms: Some(5.0), relayed: false, .. })] =
-        &effects[..]
+    let commands = path.step(fetched(Some(a_header()), Some(order(2))));
+    let [Command::Answered(Answered { attempt: 2, header: Some(_), ms: Some(5.0), relayed: false, .. })] =
+        &commands[..]
     else {
-        panic!("{effects:?}")
+        panic!("{commands:?}")
     };
 }
 
