@@ -16,7 +16,7 @@ use tracing::debug;
 use super::shared_core::SharedCore;
 use super::inbox::{ClientNotice, Inbox};
 use super::memory::SessionMemory;
-use super::tickets::{IssuedRedirect, UNHEARD};
+use super::tickets::{IssuedRedirect, REDIRECT_TIMEOUT};
 use super::view_path::{Event, MOST_MISSES};
 use super::wanted::Wanted;
 use crate::core::Order;
@@ -109,11 +109,11 @@ impl<'a> SessionClient<'a> {
         let issued = self.redirects.of(shared, wanted, order)?;
         let redirect = issued.message.clone();
         self.given.push(issued);
-        self.until = Instant::now() + UNHEARD;
+        self.until = Instant::now() + REDIRECT_TIMEOUT;
         Some(redirect)
     }
 
-    /// What the client says next of this view's frame. One that says nothing for [`UNHEARD`] does not reach the worker, so
+    /// What the client says next of this view's frame. One that says nothing for [`REDIRECT_TIMEOUT`] does not reach the worker, so
     /// that it holds no place there by doing nothing.
     pub(super) async fn notice(&self, shared: &SharedCore) -> ClientNotice {
         tokio::select! {

@@ -19,7 +19,7 @@ use super::config::Config;
 use super::frames::Frames;
 use super::planning::Planning;
 use super::surveys::Surveys;
-use super::tickets::{IssuedRedirect, Tickets};
+use super::tickets::{IssuedRedirect, RedirectTickets};
 use crate::SceneSource;
 use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, ViewId, Uptime, WorkerId};
 use crate::leadership::Held;
@@ -43,7 +43,7 @@ pub(super) struct SharedCore {
     /// What is recorded of the frames that pass.
     pub(super) frames: Frames,
     /// What clients were sent to workers with.
-    tickets: Tickets,
+    tickets: RedirectTickets,
     planning: Planning,
     surveys: Surveys,
     /// Cancelled when streams without an end of their own must end.
@@ -147,7 +147,7 @@ impl SharedCore {
                 .for_relays(config.core.max_views_per_worker),
             read_within: config.read_within,
             frames: Frames::default(),
-            tickets: Tickets::default(),
+            tickets: RedirectTickets::default(),
             planning: Planning::default(),
             surveys: Surveys::default(),
             closing: CancellationToken::new(),
@@ -400,7 +400,7 @@ impl SharedCore {
         if Arc::strong_count(&target.in_flight) > MOST_REDIRECTED {
             return None;
         }
-        let place = self.tickets.take(client, &target.alive, most)?;
+        let slot = self.tickets.take(client, &target.alive, most)?;
         target.serial += 1;
         let (serial, key, in_flight) = (target.serial, target.key.clone(), target.in_flight.clone());
         drop(state);
@@ -409,7 +409,7 @@ impl SharedCore {
         let ticket = v1::RedirectTicket { serial, request: Some(request.into_inner()), traceparent };
         let ticket = Some(key.seal(Kind::RedirectTicket, &ticket));
         let message = v1::Redirect { address, ticket, age_ms: age.as_secs_f64() * 1e3, serial: number };
-        Some(IssuedRedirect { message, key, serial, place, _in_flight: in_flight })
+        Some(IssuedRedirect { message, key, serial, slot, _in_flight: in_flight })
     }
 
     /// Counts a session, if its client may open one.
