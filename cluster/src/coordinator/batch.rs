@@ -20,7 +20,7 @@ use super::checks::{checked, checked_encoding, checked_view_id};
 use super::drive::{Answer, answer};
 use super::failure::failure;
 use super::shared_core::SharedCore;
-use super::wanted::Wanted;
+use super::view_request::ViewRequest;
 use crate::core::Client;
 
 /// Cameras of a batch, at most: more do not fit into a request of the usual size.
@@ -65,10 +65,10 @@ impl Batch {
     }
 
     /// The view of one of its cameras.
-    fn wanted(&self, shared: &SharedCore, index: usize) -> Result<Wanted, InvalidField> {
+    fn view_request(&self, shared: &SharedCore, index: usize) -> Result<ViewRequest, InvalidField> {
         let wire = v1::View { camera: self.cameras.get(index).cloned(), ..self.view.clone() };
         let view_id = format!("{}:{index}", self.id);
-        Ok(Wanted {
+        Ok(ViewRequest {
             client: self.client.clone(),
             view: checked(shared, Some(&wire))?,
             wire,
@@ -104,15 +104,15 @@ pub(super) fn answers(shared: Arc<SharedCore>, batch: Batch) -> impl Stream<Item
 fn frame(shared: Arc<SharedCore>, batch: Arc<Batch>, index: usize) -> impl Stream<Item = Body> {
     async_stream::stream! {
         loop {
-            let wanted = match batch.wanted(&shared, index) {
-                Ok(wanted) => wanted,
+            let request = match batch.view_request(&shared, index) {
+                Ok(request) => request,
                 Err(at) => {
                     yield Body::Failure(failure(&invalid(at)));
                     return;
                 }
             };
             let (mut begun, mut room_after) = (false, None);
-            for await answer in answer(shared.clone(), wanted, None) {
+            for await answer in answer(shared.clone(), request, None) {
                 match answer {
                     Ok(Answer::Chunk(chunk)) => {
                         begun = true;

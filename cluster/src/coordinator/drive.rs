@@ -16,7 +16,7 @@ use super::shared_core::{SharedCore, Instruction, CoreReply};
 use super::inbox::ClientNotice;
 use super::redirect::SessionClient;
 use super::view_path::{Answered, Command, Event, State, ViewPath};
-use super::wanted::Wanted;
+use super::view_request::ViewRequest;
 use crate::core::Order;
 
 /// How long a worker that has sent all of a frame may take to say so.
@@ -35,11 +35,11 @@ pub(super) enum Answer {
 /// With `client`, frames may be fetched from workers.
 pub(super) fn answer<'a>(
     shared: Arc<SharedCore>,
-    wanted: Wanted,
+    request: ViewRequest,
     client: Option<SessionClient<'a>>,
 ) -> impl Stream<Item = Result<Answer, Status>> + use<'a> {
     async_stream::stream! {
-        let mut view = ViewDriver::new(shared, wanted, client);
+        let mut view = ViewDriver::new(shared, request, client);
         while !matches!(view.path.state(), State::Done) {
             let event = view.next().await;
             for command in view.path.step(event) {
@@ -58,7 +58,7 @@ pub(super) fn answer<'a>(
 /// A view under way. Dropping it cancels the view unless its path has ended.
 struct ViewDriver<'a> {
     shared: Arc<SharedCore>,
-    wanted: Wanted,
+    request: ViewRequest,
     client: Option<SessionClient<'a>>,
     handle: ViewHandle,
     path: ViewPath,
@@ -67,11 +67,11 @@ struct ViewDriver<'a> {
 }
 
 impl<'a> ViewDriver<'a> {
-    fn new(shared: Arc<SharedCore>, wanted: Wanted, client: Option<SessionClient<'a>>) -> Self {
+    fn new(shared: Arc<SharedCore>, request: ViewRequest, client: Option<SessionClient<'a>>) -> Self {
         let last = client.as_ref().and_then(|client| client.memory.recall(Instant::now()));
-        let handle = ViewHandle::new(&shared, wanted.client.clone(), wanted.view.clone(), wanted.deadline, last);
+        let handle = ViewHandle::new(&shared, request.client.clone(), request.view.clone(), request.deadline, last);
         let path = ViewPath::new(client.as_ref().is_some_and(|client| client.redirectable));
-        Self { shared, wanted, client, handle, path, stream: None }
+        Self { shared, request, client, handle, path, stream: None }
     }
 
     /// The next event that the view's state listens to. Every future here may be dropped at any await: a reply and a
@@ -81,7 +81,7 @@ impl<'a> ViewDriver<'a> {
             (State::Ordered(_) | State::Streaming(_), _) => tokio::select! {
                 biased;
                 reply = self.handle.next_reply() => self.decided(reply),
-                chunk = next_chunk(&self.shared, &self.wanted, self.path.order(), &mut self.stream) => self.chunk_arrived(chunk),
+                chunk = next_chunk(&self.shared, &self.request, self.path.order(), &mut self.stream) => self.chunk_arrived(chunk),
             },
             (State::Redirected { .. }, Some(client)) => tokio::select! {
                 biased;
@@ -107,7 +107,7 @@ impl<'a> ViewDriver<'a> {
         match reply {
             Ok(Instruction::Dispatch(order)) => {
                 let client = self.client.as_mut().filter(|_| self.path.may_redirect(&order));
-                let ticket = client.and_then(|client| client.ticket(&self.shared, &self.wanted, &order));
+                let ticket = client.and_then(|client| client.ticket(&self.shared, &self.request, &order));
                 Event::Ordered { order, ticket }
             }
             Ok(Instruction::Deliver { attempt, expected }) => Event::Delivered { attempt, expected },
@@ -118,10 +118,10 @@ impl<'a> ViewDriver<'a> {
     /// What came from the worker.
     fn chunk_arrived(&self, chunk: Result<v1::FrameChunk, Status>) -> Event {
         match chunk {
-            Ok(chunk) => Event::Chunk { chunk, age_ms: self.wanted.age_ms() },
+            Ok(chunk) => Event::Chunk { chunk, age_ms: self.request.age_ms() },
             Err(status) => {
                 let attempt = self.path.order().map(|order| order.attempt);
-                debug!(view = self.wanted.view_id, attempt, %status, "attempt failed");
+                debug!(view = self.request.view_id, attempt, %status, "attempt failed");
                 Event::Broken(status)
             }
         }
@@ -134,7 +134,7 @@ impl<'a> ViewDriver<'a> {
             ClientNotice::Missed(_) => None,
         };
         match &mut self.client {
-            Some(client) => client.event(notice, &self.wanted, newest),
+            Some(client) => client.event(notice, &self.request, newest),
             None => Event::Cancelled,
         }
     }
@@ -166,7 +166,7 @@ impl<'a> ViewDriver<'a> {
         let Some(header) = &answered.header else { return };
         self.shared.frames.arrived(header);
         if let Some(client) = &mut self.client {
-            client.memory.learn(&self.wanted.view, header, Instant::now());
+            client.memory.learn(&self.request.view, header, Instant::now());
         }
     }
 }
@@ -182,7 +182,7 @@ impl Drop for ViewDriver<'_> {
 /// The next chunk of the ordered worker's stream, which is opened first.
 async fn next_chunk(
     shared: &SharedCore,
-    wanted: &Wanted,
+    request: &ViewRequest,
     order: Option<&Order>,
     stream: &mut Option<Streaming<v1::FrameChunk>>,
 ) -> Result<v1::FrameChunk, Status> {
@@ -190,15 +190,15 @@ async fn next_chunk(
         Some(stream) => stream,
         None => {
             let order = order.ok_or_else(|| Status::internal("a view that no worker has"))?;
-            stream.insert(open(shared, wanted, order).instrument(wanted.span.clone()).await?)
+            stream.insert(open(shared, request, order).instrument(request.span.clone()).await?)
         }
     };
     let chunk = stream.message().await?;
     chunk.ok_or_else(|| Status::data_loss("the worker ended a frame before its end"))
 }
 
-async fn open(shared: &SharedCore, wanted: &Wanted, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {
-    let request = wanted.request(shared.term(), order);
+async fn open(shared: &SharedCore, request: &ViewRequest, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {
+    let for_worker = request.for_worker(shared.term(), order);
     let mut client = ViewsClient::new(shared.channels.to(&order.address)?);
-    Ok(client.render(within(&wanted.span, request)).await?.into_inner())
+    Ok(client.render(within(&request.span, for_worker)).await?.into_inner())
 }

@@ -26,7 +26,7 @@ mod surveys;
 mod tickets;
 mod view_path;
 mod views;
-mod wanted;
+mod view_request;
 mod watch;
 
 use std::sync::Arc;

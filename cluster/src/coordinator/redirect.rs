@@ -18,7 +18,7 @@ use super::inbox::{ClientNotice, Inbox};
 use super::memory::SessionMemory;
 use super::tickets::{IssuedRedirect, REDIRECT_TIMEOUT};
 use super::view_path::{Event, MOST_MISSES};
-use super::wanted::Wanted;
+use super::view_request::ViewRequest;
 use crate::core::Order;
 
 /// How long a session's frames are relayed after a worker could not be reached; twice as long each time that happens in a
@@ -43,13 +43,13 @@ pub(super) struct Redirects {
 impl Redirects {
     /// The redirect of an order; `None` where clients do not reach its worker, where this one did not lately, or where it has
     /// as many tickets out as it may have views in work.
-    fn of(&mut self, shared: &SharedCore, wanted: &Wanted, order: &Order) -> Option<IssuedRedirect> {
+    fn of(&mut self, shared: &SharedCore, request: &ViewRequest, order: &Order) -> Option<IssuedRedirect> {
         if self.relayed_until.is_some_and(|until| Instant::now() < until) {
             return None;
         }
-        let request = within(&wanted.span, wanted.request(shared.term(), order));
-        let (client, age) = (&wanted.client, wanted.arrived.elapsed());
-        let issued = shared.redirect(order.worker, client, request, age, self.serial + 1)?;
+        let for_worker = within(&request.span, request.for_worker(shared.term(), order));
+        let (client, age) = (&request.client, request.arrived.elapsed());
+        let issued = shared.redirect(order.worker, client, for_worker, age, self.serial + 1)?;
         self.serial += 1;
         Some(issued)
     }
@@ -101,12 +101,12 @@ impl<'a> SessionClient<'a> {
     }
 
     /// What to tell the client to have an order's frame fetched, if it can be.
-    pub(super) fn ticket(&mut self, shared: &SharedCore, wanted: &Wanted, order: &Order) -> Option<v1::Redirect> {
+    pub(super) fn ticket(&mut self, shared: &SharedCore, request: &ViewRequest, order: &Order) -> Option<v1::Redirect> {
         // One that says no more could not say that it has its frame.
         if self.inbox.is_closed() {
             return None;
         }
-        let issued = self.redirects.of(shared, wanted, order)?;
+        let issued = self.redirects.of(shared, request, order)?;
         let redirect = issued.message.clone();
         self.given.push(issued);
         self.until = Instant::now() + REDIRECT_TIMEOUT;
@@ -128,7 +128,7 @@ impl<'a> SessionClient<'a> {
     pub(super) fn event(
         &mut self,
         notice: ClientNotice,
-        wanted: &Wanted,
+        request: &ViewRequest,
         newest: Option<Box<Order>>,
     ) -> Event {
         match notice {
@@ -138,11 +138,11 @@ impl<'a> SessionClient<'a> {
                     self.given.iter_mut().rev().find_map(|issued| issued.returned(&receipt))
                 });
                 self.redirects.arrived(returned.is_some());
-                let header = returned.map(|header| Box::new(with_the_way(header, wanted.age_ms())));
+                let header = returned.map(|header| Box::new(with_the_way(header, request.age_ms())));
                 Event::Fetched { header, newest }
             }
             ClientNotice::Missed(v1::SessionMissed { reason, serial, unreachable }) => {
-                debug!(view = wanted.view_id, reason, unreachable, "a frame was not fetched");
+                debug!(view = request.view_id, reason, unreachable, "a frame was not fetched");
                 Event::Missed { ticket: serial, unreachable }
             }
         }

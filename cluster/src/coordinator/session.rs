@@ -25,7 +25,7 @@ use super::shared_core::SharedCore;
 use super::inbox::{Inbox, SessionCamera};
 use super::memory::SessionMemory;
 use super::redirect::{Redirects, SessionClient};
-use super::wanted::Wanted;
+use super::view_request::ViewRequest;
 use crate::core::{Client, Event};
 
 /// Counts the session while it lasts.
@@ -147,15 +147,15 @@ fn answers<'a>(
 ) -> impl Stream<Item = Body> + use<'a> {
     async_stream::stream! {
         let (camera_seq, redirectable) = (camera.0, camera.1.redirectable);
-        let wanted = match wanted(open, camera, kept) {
-            Ok(wanted) => wanted,
+        let request = match view_request(open, camera, kept) {
+            Ok(request) => request,
             Err(at) => {
                 yield Body::Failure(failure(&invalid(at)));
                 return;
             }
         };
         let client = SessionClient::new(&mut kept.redirects, &mut kept.memory, inbox, camera_seq, redirectable);
-        for await answer in answer(open.shared.clone(), wanted, Some(client)) {
+        for await answer in answer(open.shared.clone(), request, Some(client)) {
             yield match answer {
                 Ok(Answer::Chunk(chunk)) => Body::Chunk(chunk),
                 Ok(Answer::Redirect(redirect)) => Body::Redirect(redirect),
@@ -166,11 +166,11 @@ fn answers<'a>(
 }
 
 /// The view that a session's client asks for with a camera.
-fn wanted(
+fn view_request(
     open: &Open,
     (seq, asked, arrived): SessionCamera,
     kept: &mut Kept,
-) -> Result<Wanted, InvalidField> {
+) -> Result<ViewRequest, InvalidField> {
     let view = checked(&open.shared, asked.view.as_ref())?;
     let view = if asked.history { begun_from_history(view)? } else { view };
     let encoding = checked_encoding(asked.encoding)?;
@@ -180,7 +180,7 @@ fn wanted(
         true => kept.history.get_or_insert_with(drawn_name).clone(),
         false => String::new(),
     };
-    Ok(Wanted {
+    Ok(ViewRequest {
         client: open.client.clone(),
         view,
         wire: asked.view.unwrap_or_default(),

@@ -20,7 +20,7 @@ use super::checks::checked_request;
 use super::drive::{Answer, answer};
 use super::shared_core::SharedCore;
 use super::session;
-use super::wanted::Wanted;
+use super::view_request::ViewRequest;
 use crate::security::guard::Caller;
 use crate::send_timeout::in_time;
 
@@ -93,7 +93,7 @@ impl Views for ViewsService {
         let client = Caller::of(&request).name;
         let request = request.into_inner();
         let view = checked_request(&self.shared, &request).map_err(invalid)?;
-        let wanted = Wanted {
+        let view_request = ViewRequest {
             client,
             view,
             wire: request.view.unwrap_or_default(),
@@ -104,7 +104,7 @@ impl Views for ViewsService {
             arrived,
             span,
         };
-        let frame = answer(self.shared.clone(), wanted, None).filter_map(async |answer| match answer {
+        let frame = answer(self.shared.clone(), view_request, None).filter_map(async |answer| match answer {
             Ok(Answer::Chunk(chunk)) => Some(Ok(chunk)),
             // The client of a single view is sent nowhere.
             Ok(Answer::Redirect(_)) => None,

@@ -11,7 +11,7 @@ use crate::core::{Client, Order};
 use crate::wire;
 
 /// A view that is asked for.
-pub(super) struct Wanted {
+pub(super) struct ViewRequest {
     /// Who asks.
     pub(super) client: Client,
     /// Checked.
@@ -29,14 +29,14 @@ pub(super) struct Wanted {
     pub(super) span: Span,
 }
 
-impl Wanted {
+impl ViewRequest {
     /// Milliseconds since its request arrived.
     pub(super) fn age_ms(&self) -> f64 {
         self.arrived.elapsed().as_secs_f64() * 1e3
     }
 
     /// An order as its worker gets it, from the coordinator of that term.
-    pub(super) fn request(&self, term: u64, order: &Order) -> v1::RenderRequest {
+    pub(super) fn for_worker(&self, term: u64, order: &Order) -> v1::RenderRequest {
         let age = self.arrived.elapsed();
         let left = self.deadline.map_or(0, |deadline| {
             // 0 would mean: no deadline.
