@@ -180,7 +180,7 @@ pub fn sealed(sealed: &v1::Sealed) -> Result<(), String> {
 
 /// What a coordinator makes of what the client of a session says.
 pub fn words(requests: Vec<v1::SessionRequest>) {
-    coordinator::hear(requests.into_iter());
+    coordinator::check_inbox(requests.into_iter());
 }
 
 /// Valid messages by their names.

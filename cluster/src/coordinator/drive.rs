@@ -159,12 +159,12 @@ impl<'a> ViewDriver<'a> {
 
     fn answered(&mut self, answered: &Answered) {
         match answered.relayed {
-            true => self.shared.frames.relayed(),
-            false => self.shared.frames.fetched(),
+            true => self.shared.frame_metrics.relayed(),
+            false => self.shared.frame_metrics.fetched(),
         }
         self.handle.answered(answered.attempt, answered.uncovered, answered.ms);
         let Some(header) = &answered.header else { return };
-        self.shared.frames.arrived(header);
+        self.shared.frame_metrics.arrived(header);
         if let Some(client) = &mut self.client {
             client.memory.learn(&self.request.view, header, Instant::now());
         }

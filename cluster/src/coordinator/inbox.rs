@@ -31,22 +31,22 @@ impl ClientNotice {
 }
 
 #[derive(Default)]
-struct Words {
+struct ClientMessages {
     /// The newest camera that is not in work.
     newest: Option<SessionCamera>,
     last_seq: Option<u64>,
     superseded: u64,
     /// Frames in work or sent, and not acknowledged. From the moment that work on one begins: its
     /// acknowledgement may arrive before the end of its stream was seen here.
-    on_their_way: BTreeSet<u64>,
+    unacknowledged: BTreeSet<u64>,
     /// What was said last of a frame that was sent, or that was to be fetched elsewhere.
     notice: Option<(u64, ClientNotice)>,
     closed: bool,
 }
 
-impl Words {
+impl ClientMessages {
     /// Takes in what the client says; whether a camera was superseded by it.
-    fn take_in(&mut self, request: v1::SessionRequest) -> bool {
+    fn receive(&mut self, request: v1::SessionRequest) -> bool {
         let camera_seq = request.camera_seq;
         match request.body {
             Some(Body::View(view)) => {
@@ -61,7 +61,7 @@ impl Words {
             }
             // Frames arrive in order, so an acknowledgement covers all before it.
             Some(Body::Ack(ack)) => {
-                self.on_their_way.retain(|seq| *seq > camera_seq);
+                self.unacknowledged.retain(|seq| *seq > camera_seq);
                 self.notice = Some((camera_seq, ClientNotice::Arrived(ack.receipt)));
             }
             Some(Body::Missed(missed)) => self.notice = Some((camera_seq, ClientNotice::Missed(missed))),
@@ -71,12 +71,12 @@ impl Words {
     }
 
     /// The newest camera, if the client has room for its frame. One that closed its side cannot say that it has.
-    fn hand_out(&mut self) -> Option<SessionCamera> {
-        if !self.closed && self.on_their_way.len() >= WINDOW {
+    fn take_camera(&mut self) -> Option<SessionCamera> {
+        if !self.closed && self.unacknowledged.len() >= WINDOW {
             return None;
         }
         let newest = self.newest.take()?;
-        self.on_their_way.insert(newest.0);
+        self.unacknowledged.insert(newest.0);
         Some(newest)
     }
 }
@@ -84,36 +84,36 @@ impl Words {
 /// What the client's side of a session said so far, and the bell that rings when it says more.
 #[derive(Default)]
 pub(super) struct Inbox {
-    words: Mutex<Words>,
+    messages: Mutex<ClientMessages>,
     changed: Notify,
 }
 
 impl Inbox {
     /// Takes in what the client says; whether a camera was superseded by it.
-    pub(super) fn take_in(&self, request: v1::SessionRequest) -> bool {
-        let superseded = self.words.lock().take_in(request);
+    pub(super) fn receive(&self, request: v1::SessionRequest) -> bool {
+        let superseded = self.messages.lock().receive(request);
         self.changed.notify_one();
         superseded
     }
 
     /// The client says no more.
     pub(super) fn close(&self) {
-        self.words.lock().closed = true;
+        self.messages.lock().closed = true;
         self.changed.notify_one();
     }
 
     pub(super) fn is_closed(&self) -> bool {
-        self.words.lock().closed
+        self.messages.lock().closed
     }
 
     /// Cameras that were overtaken so far.
     pub(super) fn superseded(&self) -> u64 {
-        self.words.lock().superseded
+        self.messages.lock().superseded
     }
 
     /// No frame of that camera is on its way.
     pub(super) fn failed(&self, camera_seq: u64) {
-        self.words.lock().on_their_way.remove(&camera_seq);
+        self.messages.lock().unacknowledged.remove(&camera_seq);
     }
 
     /// The newest camera once the client has room for its frame; `None` when there will be no more. A client that
@@ -121,11 +121,11 @@ impl Inbox {
     pub(super) async fn camera(&self) -> Option<SessionCamera> {
         loop {
             {
-                let mut words = self.words.lock();
-                if let Some(newest) = words.hand_out() {
+                let mut messages = self.messages.lock();
+                if let Some(newest) = messages.take_camera() {
                     return Some(newest);
                 }
-                if words.closed {
+                if messages.closed {
                     return None;
                 }
             }
@@ -137,11 +137,11 @@ impl Inbox {
     pub(super) async fn notice(&self, camera_seq: u64) -> ClientNotice {
         loop {
             {
-                let mut words = self.words.lock();
-                match words.notice.take() {
+                let mut messages = self.messages.lock();
+                match messages.notice.take() {
                     Some((of, notice)) if of == camera_seq => return notice,
                     // Of a frame before it.
-                    _ if words.closed => return ClientNotice::unreachable("the client says no more"),
+                    _ if messages.closed => return ClientNotice::unreachable("the client says no more"),
                     _ => {}
                 }
             }
@@ -150,17 +150,17 @@ impl Inbox {
     }
 }
 
-/// What a session makes of a client's words, for fuzzing.
-pub(crate) fn hear(requests: impl Iterator<Item = v1::SessionRequest>) {
-    let mut words = Words::default();
-    let (mut views, mut handed_out) = (0, 0);
+/// What a session makes of a client's messages, for fuzzing.
+pub(crate) fn check_inbox(requests: impl Iterator<Item = v1::SessionRequest>) {
+    let mut messages = ClientMessages::default();
+    let (mut views, mut taken) = (0, 0);
     for request in requests {
         views += u64::from(matches!(request.body, Some(Body::View(_))));
-        words.take_in(request);
-        handed_out += u64::from(words.hand_out().is_some());
-        assert!(words.on_their_way.len() <= WINDOW, "more frames are on their way than fit");
-        let waits = u64::from(words.newest.is_some());
-        assert_eq!(views, handed_out + words.superseded + waits, "a camera is lost");
-        words.notice.take();
+        messages.receive(request);
+        taken += u64::from(messages.take_camera().is_some());
+        assert!(messages.unacknowledged.len() <= WINDOW, "more frames are on their way than fit");
+        let waits = u64::from(messages.newest.is_some());
+        assert_eq!(views, taken + messages.superseded + waits, "a camera is lost");
+        messages.notice.take();
     }
 }

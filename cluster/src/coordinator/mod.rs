@@ -12,7 +12,7 @@ mod cluster;
 mod config;
 mod drive;
 mod failure;
-mod frames;
+mod frame_metrics;
 mod shared_core;
 mod inbox;
 mod lead;
@@ -46,7 +46,7 @@ use tonic::service::Routes;
 use tracing::info;
 
 pub use config::{Config, ServeError};
-pub(crate) use inbox::hear;
+pub(crate) use inbox::check_inbox;
 
 use self::shared_core::SharedCore;
 use crate::core::{Core, Event};
@@ -159,7 +159,7 @@ pub async fn serve(
         .add_service(health_service.max_decoding_message_size(net::MOST_QUESTION_BYTES))
         .add_service(reflection.max_decoding_message_size(net::MOST_QUESTION_BYTES));
     let server = net::server(Guarded::Coordinator, config.security.as_ref())?
-        .add_routes(with_pages(services, watch, shared.frames.registry()))
+        .add_routes(with_pages(services, watch, shared.frame_metrics.registry()))
         .serve_with_incoming_shutdown(incoming(listener, config.max_connections), draining);
     let cut_off = async {
         shared.closing.cancelled().await;
@@ -180,7 +180,7 @@ pub async fn serve(
 
 /// What a coordinator learns of a frame that it did not see, for fuzzing: pixels that no sample saw, and milliseconds.
 pub(crate) fn learn(header: &v1::FrameHeader) -> (u64, f64) {
-    let frames = frames::Frames::default();
+    let frames = frame_metrics::FrameMetrics::default();
     frames.arrived(header);
     frames.registry();
     (relayed::uncovered(header), relayed::rendering_ms(header))
@@ -205,7 +205,7 @@ async fn tick(shared: &SharedCore, config: &Config) {
     loop {
         interval.tick().await;
         shared.step(Event::Tick);
-        shared.frames.ticked();
+        shared.frame_metrics.ticked();
         shared.channels.close_unused();
     }
 }

@@ -108,7 +108,7 @@ pub(super) fn run(
 /// Puts what the client says into the inbox, until it says no more.
 async fn listen(shared: &SharedCore, mut requests: Streaming<v1::SessionRequest>, inbox: &Inbox) {
     while let Ok(Some(request)) = requests.message().await {
-        if inbox.take_in(request) {
+        if inbox.receive(request) {
             shared.step(Event::CameraSuperseded);
         }
     }

@@ -16,7 +16,7 @@ use tonic::{Request, Status};
 use tracing::{debug, info, warn};
 
 use super::config::Config;
-use super::frames::Frames;
+use super::frame_metrics::FrameMetrics;
 use super::planning::Planning;
 use super::surveys::Surveys;
 use super::tickets::{IssuedRedirect, RedirectTickets};
@@ -41,7 +41,7 @@ pub(super) struct SharedCore {
     /// How long a client may take to read a chunk.
     pub(super) read_within: Duration,
     /// What is recorded of the frames that pass.
-    pub(super) frames: Frames,
+    pub(super) frame_metrics: FrameMetrics,
     /// What clients were sent to workers with.
     tickets: RedirectTickets,
     planning: Planning,
@@ -146,7 +146,7 @@ impl SharedCore {
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone())
                 .for_relays(config.core.max_views_per_worker),
             read_within: config.read_within,
-            frames: Frames::default(),
+            frame_metrics: FrameMetrics::default(),
             tickets: RedirectTickets::default(),
             planning: Planning::default(),
             surveys: Surveys::default(),

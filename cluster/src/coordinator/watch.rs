@@ -25,7 +25,7 @@ impl Watched for Watch {
     }
 
     fn live(&self) -> Result<(), String> {
-        let silent = self.0.frames.silent();
+        let silent = self.0.frame_metrics.silent();
         match silent < WEDGED {
             true => Ok(()),
             false => Err(format!("the coordinator has not moved for {} s", silent.as_secs())),

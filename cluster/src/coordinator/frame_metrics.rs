@@ -18,7 +18,7 @@ const BOUNDS: (f64, f64, u16) = (1e-3, 2.0, 17);
 type Labels = Vec<(String, String)>;
 
 /// What is recorded of frames as they pass.
-pub(super) struct Frames {
+pub(super) struct FrameMetrics {
     seconds: Histogram,
     stages: Family<Labels, Histogram, fn() -> Histogram>,
     pixels: Family<Labels, Counter>,
@@ -31,7 +31,7 @@ fn histogram() -> Histogram {
     Histogram::new(exponential_buckets(start, factor, count))
 }
 
-impl Default for Frames {
+impl Default for FrameMetrics {
     fn default() -> Self {
         Self {
             seconds: histogram(),
@@ -43,7 +43,7 @@ impl Default for Frames {
     }
 }
 
-impl Frames {
+impl FrameMetrics {
     /// A client has a frame whole, or will as soon as its last chunk is there.
     pub(super) fn arrived(&self, header: &v1::FrameHeader) {
         let seconds = |ms: f64| ms.max(0.0) * 1e-3;
@@ -90,7 +90,7 @@ impl Frames {
         let help = "From a view's request to its frame's first byte at the coordinator";
         registry.register("view_seconds", help, self.seconds.clone());
         registry.register("stage_seconds", "What a stage of a frame took", self.stages.clone());
-        registry.register("frames", "Frames, by their way to the client", self.ways.clone());
+        registry.register("frames", "FrameMetrics, by their way to the client", self.ways.clone());
         registry.register("pixels", "Pixels of frames, by where they came from", self.pixels.clone());
         registry
     }
