@@ -17,7 +17,7 @@ mod shared_core;
 mod inbox;
 mod lead;
 mod memory;
-mod planning;
+mod planning_time;
 mod redirect;
 mod relayed;
 mod scenes;

@@ -17,7 +17,7 @@ use tracing::{debug, info, warn};
 
 use super::config::Config;
 use super::frame_metrics::FrameMetrics;
-use super::planning::Planning;
+use super::planning_time::PlanningTime;
 use super::surveys::Surveys;
 use super::tickets::{IssuedRedirect, RedirectTickets};
 use crate::SceneSource;
@@ -44,7 +44,7 @@ pub(super) struct SharedCore {
     pub(super) frame_metrics: FrameMetrics,
     /// What clients were sent to workers with.
     tickets: RedirectTickets,
-    planning: Planning,
+    planning: PlanningTime,
     surveys: Surveys,
     /// Cancelled when streams without an end of their own must end.
     pub(super) closing: CancellationToken,
@@ -148,7 +148,7 @@ impl SharedCore {
             read_within: config.read_within,
             frame_metrics: FrameMetrics::default(),
             tickets: RedirectTickets::default(),
-            planning: Planning::default(),
+            planning: PlanningTime::default(),
             surveys: Surveys::default(),
             closing: CancellationToken::new(),
             held: Mutex::new(None),

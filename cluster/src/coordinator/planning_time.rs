@@ -7,19 +7,19 @@ use argus_scene::View;
 
 /// The views that were planned so far.
 #[derive(Debug, Default)]
-pub(super) struct Planning {
+pub(super) struct PlanningTime {
     views: AtomicU64,
     nanos: AtomicU64,
 }
 
 /// A view that is being planned; nothing is counted of one whose request or pin names the way.
-pub(super) struct Begun<'a>(Option<(&'a Planning, Instant)>);
+pub(super) struct PlanningTimer<'a>(Option<(&'a PlanningTime, Instant)>);
 
-impl Planning {
+impl PlanningTime {
     /// A view is about to be planned.
-    pub(super) fn begin(&self, view: &View) -> Begun<'_> {
+    pub(super) fn begin(&self, view: &View) -> PlanningTimer<'_> {
         let is_open = view.pin.is_none() && view.plan.leaves_way_open();
-        Begun(is_open.then(|| (self, Instant::now())))
+        PlanningTimer(is_open.then(|| (self, Instant::now())))
     }
 
     /// How many views were planned, and the microseconds that it took in all.
@@ -29,7 +29,7 @@ impl Planning {
     }
 }
 
-impl Begun<'_> {
+impl PlanningTimer<'_> {
     /// It was given to a worker, or waits for one.
     pub(super) fn end(self) {
         if let Some((planning, began)) = self.0 {
@@ -48,7 +48,7 @@ mod tests {
 
     #[test]
     fn views_whose_way_is_named_are_not_counted() {
-        let planning = Planning::default();
+        let planning = PlanningTime::default();
         let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
         let view = |plan| View { camera, width: 8, height: 8, outputs: Outputs::COLOR, plan, pin: None };
         planning.begin(&view(PlanRequest { direct: true, ..PlanRequest::default() })).end();
