@@ -3,7 +3,7 @@
 //! A view comes in at `views`, in a `batch`, or at `session` for a moving camera, whose words `inbox` keeps. `drive` takes it along the
 //! states of `view_path`, which is pure: `asked` holds it at the core, `relayed` what the client has of its frame, `redirect`
 //! sends clients to workers with `tickets`, `memory` what a session knows of its last view. `shared` holds the core behind a lock. `cluster` is what workers join, `scenes` where
-//! they fetch the scene, `lead` keeps the lease, `watch` and `frames` serve those who watch.
+//! they fetch the scene, `lead` keeps the lease, `monitor` and `frames` serve those who monitor.
 
 mod view_handle;
 mod batch;
@@ -27,7 +27,7 @@ mod tickets;
 mod view_path;
 mod views;
 mod view_request;
-mod watch;
+mod monitor;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -129,8 +129,8 @@ pub async fn serve(
     // Workers join and fetch the scene whether or not there is anybody yet to answer a view.
     health.set_serving::<ClusterServer<cluster::ClusterService>>().await;
     health.set_serving::<ScenesServer<scenes::ScenesService>>().await;
-    let watch = Arc::new(watch::Watch(shared.clone()));
-    let kept = keep_health(watch.clone(), health, &[ViewsServer::<views::ViewsService>::NAME]).await;
+    let monitor = Arc::new(monitor::Monitor(shared.clone()));
+    let kept = keep_health(monitor.clone(), health, &[ViewsServer::<views::ViewsService>::NAME]).await;
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
@@ -159,7 +159,7 @@ pub async fn serve(
         .add_service(health_service.max_decoding_message_size(net::MOST_QUESTION_BYTES))
         .add_service(reflection.max_decoding_message_size(net::MOST_QUESTION_BYTES));
     let server = net::server(Guarded::Coordinator, config.security.as_ref())?
-        .add_routes(with_pages(services, watch, shared.frame_metrics.registry()))
+        .add_routes(with_pages(services, monitor, shared.frame_metrics.registry()))
         .serve_with_incoming_shutdown(incoming(listener, config.max_connections), draining);
     let cut_off = async {
         shared.closing.cancelled().await;

@@ -13,26 +13,26 @@ use prometheus_client::encoding::{DescriptorEncoder, text};
 use prometheus_client::registry::Registry;
 use tonic::service::Routes;
 
-use super::{Exposition, Watched};
+use super::{Exposition, Monitored};
 
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 /// What the pages are made from.
 #[derive(Clone)]
 struct Pages {
-    watched: Arc<dyn Watched>,
+    monitored: Arc<dyn Monitored>,
     registry: Arc<Registry>,
 }
 
 /// The services with `/metrics`, `/readyz` and `/livez` beside them. `recorded` holds what the process counts as it
 /// happens, such as histograms.
-pub(crate) fn with_pages(services: Routes, watched: Arc<dyn Watched>, mut recorded: Registry) -> Routes {
-    recorded.register_collector(Box::new(AtHand(watched.clone())));
-    let pages = Pages { watched, registry: Arc::new(recorded) };
+pub(crate) fn with_pages(services: Routes, monitored: Arc<dyn Monitored>, mut recorded: Registry) -> Routes {
+    recorded.register_collector(Box::new(AtHand(monitored.clone())));
+    let pages = Pages { monitored, registry: Arc::new(recorded) };
     let pages = Router::new()
         .route("/metrics", get(metrics))
-        .route("/readyz", get(async |State(pages): State<Pages>| told(pages.watched.ready(), "ready")))
-        .route("/livez", get(async |State(pages): State<Pages>| told(pages.watched.live(), "live")))
+        .route("/readyz", get(async |State(pages): State<Pages>| told(pages.monitored.ready(), "ready")))
+        .route("/livez", get(async |State(pages): State<Pages>| told(pages.monitored.live(), "live")))
         .with_state(pages);
     let mut services = services.prepare();
     let router = services.axum_router_mut();
@@ -56,7 +56,7 @@ fn told(well: Result<(), String>, word: &'static str) -> Response {
 }
 
 /// A process's own figures, collected when they are asked for.
-struct AtHand(Arc<dyn Watched>);
+struct AtHand(Arc<dyn Monitored>);
 
 impl fmt::Debug for AtHand {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -27,8 +27,8 @@ pub(crate) const PREFIX: &str = "argus";
 /// How soon a change of readiness shows.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// A process that can be watched.
-pub(crate) trait Watched: Send + Sync + 'static {
+/// A process that can be monitored.
+pub(crate) trait Monitored: Send + Sync + 'static {
     /// Whether it can answer a view, or why not.
     fn ready(&self) -> Result<(), String>;
     /// Whether it still gets on with its work, or how it does not.
@@ -41,28 +41,28 @@ pub(crate) trait Watched: Send + Sync + 'static {
 ///
 /// It is true once this returns, so that nobody asks before it is; the future that it returns keeps it so and never ends.
 pub(crate) async fn keep_health(
-    watched: Arc<dyn Watched>,
+    monitored: Arc<dyn Monitored>,
     health: HealthReporter,
     services: &[&str],
 ) -> impl Future<Output = ()> {
-    tell_health(&*watched, &health, services).await;
+    tell_health(&*monitored, &health, services).await;
     async move {
         let mut interval = tokio::time::interval(LOOK);
         loop {
             interval.tick().await;
-            tell_health(&*watched, &health, services).await;
+            tell_health(&*monitored, &health, services).await;
         }
     }
 }
 
-async fn tell_health(watched: &dyn Watched, health: &HealthReporter, services: &[&str]) {
+async fn tell_health(monitored: &dyn Monitored, health: &HealthReporter, services: &[&str]) {
     let status = |well: Result<(), String>| match well {
         Ok(()) => ServingStatus::Serving,
         Err(_) => ServingStatus::NotServing,
     };
-    let ready = status(watched.ready());
+    let ready = status(monitored.ready());
     for service in std::iter::once(&"").chain(services) {
         health.set_service_status(*service, ready).await;
     }
-    health.set_service_status(LIVE, status(watched.live())).await;
+    health.set_service_status(LIVE, status(monitored.live())).await;
 }

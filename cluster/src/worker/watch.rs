@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use super::node::Node;
 use crate::core::Role;
-use crate::observe::{Exposition, Watched};
+use crate::observe::{Exposition, Monitored};
 
 /// A worker, as it is watched.
 pub(super) struct Watch(pub(super) Arc<Node>);
 
-impl Watched for Watch {
+impl Monitored for Watch {
     fn ready(&self) -> Result<(), String> {
         match (self.0.is_leaving(), self.0.acting(), self.0.is_led()) {
             (true, ..) => Err("the worker is shutting down".to_owned()),

@@ -6,15 +6,15 @@ use std::time::Duration;
 
 use super::shared_core::SharedCore;
 use crate::core::Status;
-use crate::observe::{Exposition, Watched};
+use crate::observe::{Exposition, Monitored};
 
 /// A coordinator whose clock was not looked at for this long is wedged: it looks ten times a second.
 const WEDGED: Duration = Duration::from_secs(10);
 
 /// A coordinator, as it is watched.
-pub(super) struct Watch(pub(super) Arc<SharedCore>);
+pub(super) struct Monitor(pub(super) Arc<SharedCore>);
 
-impl Watched for Watch {
+impl Monitored for Monitor {
     fn ready(&self) -> Result<(), String> {
         self.0.check_leading().map_err(|fault| fault.to_string())?;
         self.0.read(|core| match (core.is_draining(), core.can_answer()) {
