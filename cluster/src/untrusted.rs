@@ -201,7 +201,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     let assignment = Assignment {
         sequence: 1,
         role: Role::Both,
-        ahead: vec![Source { id, addresses: vec!["http://127.0.0.1:1".to_owned()], dispensable: false }],
+        prefetch: vec![Source { id, addresses: vec!["http://127.0.0.1:1".to_owned()], dispensable: false }],
         kept_from: 0,
         measure_ways: false,
         suspected: vec!["http://127.0.0.1:2".to_owned()],

@@ -199,7 +199,7 @@ pub(crate) fn assignment(
         scene: Some(scene_ref(&service.scene)),
         set: Some(served.set.into()),
         versions: served.versions.iter().map(|version| (*version).into()).collect(),
-        sources: sources(assignment.ahead),
+        sources: sources(assignment.prefetch),
         kept_from: assignment.kept_from,
         measure_ways: assignment.measure_ways,
         visibility_is_open: served.visibility_is_open,

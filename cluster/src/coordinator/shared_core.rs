@@ -176,8 +176,8 @@ impl SharedCore {
             match action {
                 Action::Assign { worker, assignment } => {
                     let Some(stream) = state.streams.get(&worker) else { continue };
-                    let ahead = assignment.ahead.len();
-                    debug!(worker = stream.hello.name, role = ?assignment.role, ahead, "assigned");
+                    let prefetch = assignment.prefetch.len();
+                    debug!(worker = stream.hello.name, role = ?assignment.role, prefetch, "assigned");
                     let key = stream.redirect_target.as_ref().map(|target| &target.key);
                     let served = wire::Served {
                         set: state.core.set(),

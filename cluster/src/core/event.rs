@@ -295,7 +295,7 @@ pub struct Assignment {
     pub role: Role,
     /// Samples that it shall have at hand ahead of demand, in place of those it was told before;
     /// without an address, it renders them itself when nothing else waits.
-    pub ahead: Vec<Source>,
+    pub prefetch: Vec<Source>,
     /// Samples of versions with a lower number are of no use any more.
     pub kept_from: u64,
     /// It shall measure what each way to see triangles costs, and report that with this assignment.

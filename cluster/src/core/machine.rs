@@ -336,8 +336,8 @@ impl Core {
 
     /// Tells workers what to have at hand, where that is news.
     fn refine(&mut self, now: Uptime, actions: &mut Vec<Action>) {
-        let ahead = self.samples.refine(&self.workers, self.views.needed_versions(), now);
-        self.workers.order_ahead(ahead, actions);
+        let prefetch = self.samples.refine(&self.workers, self.views.needed_versions(), now);
+        self.workers.assign_prefetch(prefetch, actions);
     }
 }
 

@@ -162,7 +162,7 @@ impl Samples {
     /// Whether a worker was told to render samples that no view waits for, and lacks some of them.
     pub(super) fn is_refining(&self, worker: &Worker) -> bool {
         let lacks = |id: SampleId| !self.locations.has(id, worker.id());
-        worker.assigned().ahead.iter().any(|source| source.addresses.is_empty() && lacks(source.id))
+        worker.assigned().prefetch.iter().any(|source| source.addresses.is_empty() && lacks(source.id))
     }
 
     /// Whether a plan could be made without a sample: refinements are used where they are at hand, and rendered when no

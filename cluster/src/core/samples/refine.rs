@@ -11,7 +11,7 @@ use super::placement::Budget;
 use super::{NeededVersions, Samples};
 use crate::core::event::{Source, WorkerId};
 use crate::core::time::Uptime;
-use crate::core::workers::{Ahead, QueueEntry, Worker, Workers};
+use crate::core::workers::{PrefetchLists, QueueEntry, Worker, Workers};
 
 /// At most so many refinements, however small a sample is: every one stands in every worker's assignment.
 const MOST_REFINEMENTS: u64 = 512;
@@ -83,7 +83,7 @@ impl Samples {
         workers: &Workers,
         needed: &NeededVersions,
         now: Uptime,
-    ) -> Ahead {
+    ) -> PrefetchLists {
         self.changed = false;
         // The last view in a past version may have been answered since the next one was served. Whoever is told to have its samples,
         // and that none so old are of use, would drop them and render them again.
@@ -110,7 +110,7 @@ impl Samples {
         let suspected = workers.iter().filter(|w| w.is_suspected());
         let suspected = suspected.map(|w| w.hello().address.clone()).collect();
         let kept_from = self.kept_from(needed);
-        Ahead { lists: told(lists, kept_from, workers), kept_from, suspected }
+        PrefetchLists { lists: told(lists, kept_from, workers), kept_from, suspected }
     }
 
     /// The samples that workers shall have at hand, each with the workers that read it beside its owner.
@@ -189,8 +189,8 @@ fn told(mut lists: Lists, kept_from: u64, workers: &Workers) -> Lists {
     let nobody_samples = workers.queues().samplers().is_empty();
     let mut list_of = |worker: &Worker| match nobody_samples {
         true => {
-            let ahead = worker.assigned().ahead.iter();
-            ahead.filter(|source| source.id.version >= kept_from).cloned().collect()
+            let prefetch = worker.assigned().prefetch.iter();
+            prefetch.filter(|source| source.id.version >= kept_from).cloned().collect()
         }
         false => lists.remove(&worker.id()).unwrap_or_default(),
     };

@@ -50,7 +50,7 @@ fn what_all_have_lost_is_rendered_again_before_a_view_asks_for_it() {
     sim.workers.values_mut().for_each(|worker| worker.report.held.clear());
     let rendered = |sim: &Sim| sim.workers.values().map(|w| w.report.samples_rendered).sum::<u64>();
     let before = rendered(&sim);
-    sim.workers.values_mut().for_each(|worker| worker.ahead.clear());
+    sim.workers.values_mut().for_each(|worker| worker.prefetch.clear());
     (0..3).for_each(|_| sim.second(0, 0));
     assert!(used.iter().all(|id| holders(&sim, *id) >= 2), "{used:?}");
     assert_eq!(rendered(&sim) - before, used.len() as u64, "each once");
@@ -62,7 +62,7 @@ fn what_nobody_has_looked_at_for_a_while_is_nobodys_duty() {
     let used = used(&mut sim);
     let listed = |sim: &Sim| {
         let told = sim.workers.values().filter_map(|worker| worker.told.last());
-        told.flat_map(|told| &told.ahead).filter(|source| used.contains(&source.id)).count()
+        told.flat_map(|told| &told.prefetch).filter(|source| used.contains(&source.id)).count()
     };
     assert!(listed(&sim) >= used.len());
     (0..61).for_each(|_| sim.second(0, 0));

@@ -159,7 +159,7 @@ fn a_sampler_that_dies_in_the_middle_of_an_epoch_is_replaced() {
     let told: Vec<SimWorkerTold> = sim
         .workers
         .iter()
-        .map(|(id, w)| (*id, w.told.last().is_some_and(|t| t.ahead.iter().any(|s| s.addresses.is_empty()))))
+        .map(|(id, w)| (*id, w.told.last().is_some_and(|t| t.prefetch.iter().any(|s| s.addresses.is_empty()))))
         .collect();
     let victim = told.iter().find(|w| renders(w)).unwrap().0;
     sim.leave(victim);

@@ -68,7 +68,7 @@ fn lap(sim: &mut Sim, views: &[Camera]) -> Lap {
 fn refined(sim: &Sim) -> BTreeSet<u64> {
     let told = sim.workers.values().filter_map(|worker| worker.told.last());
     let is_refined = |index: &u64| sim.core.set().rig.level(*index) != Some(0);
-    told.flat_map(|told| told.ahead.iter().map(|source| source.id.camera)).filter(is_refined).collect()
+    told.flat_map(|told| told.prefetch.iter().map(|source| source.id.camera)).filter(is_refined).collect()
 }
 
 fn rendered(sim: &Sim) -> u64 {
@@ -179,7 +179,7 @@ fn a_sampler_that_refines_composes_once_others_would_take_as_long_as_a_sample() 
         let view_id = sim.ask_from(place, PlanRequest::from_samples(), None);
         sim.answer_with(view_id, PIXELS as u64 / 5);
     }
-    let told = |sim: &Sim| sim.workers[&sampler].told.last().map_or(0, |told| told.ahead.len());
+    let told = |sim: &Sim| sim.workers[&sampler].told.last().map_or(0, |told| told.prefetch.len());
     let before = told(&sim);
     sim.now = sim.now.after(Duration::from_secs(2));
     sim.report_all();

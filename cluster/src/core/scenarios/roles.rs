@@ -163,9 +163,9 @@ fn a_worker_that_hangs_is_suspected_before_it_is_lost_and_others_get_its_views()
 #[test]
 fn a_suspected_worker_is_told_to_forget_nothing_and_nobody_else_is() {
     let mut sim = Sim::with_workers(3);
-    // Refinements and samples ahead are what lists are about.
+    // Prefetch lists hold refinements and samples of the next version.
     let lists = |sim: &Sim| -> Vec<Vec<Source>> {
-        sim.workers.values().map(|w| w.told.last().unwrap().ahead.clone()).collect()
+        sim.workers.values().map(|w| w.told.last().unwrap().prefetch.clone()).collect()
     };
     for _ in 0..40 {
         let view_id = sim.ask(false);
@@ -177,7 +177,7 @@ fn a_suspected_worker_is_told_to_forget_nothing_and_nobody_else_is() {
         sim.step(Event::Tick);
     }
     let before = lists(&sim);
-    assert!(before.iter().any(|list| !list.is_empty()), "nothing is to be had ahead: {before:?}");
+    assert!(before.iter().any(|list| !list.is_empty()), "nothing is prefetched: {before:?}");
     // The only sampler.
     assert_eq!(sim.roles().0, 1);
     let view_id = sim.ask(true);

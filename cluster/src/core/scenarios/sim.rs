@@ -37,7 +37,7 @@ pub(super) struct SimWorker {
     pub(super) report: Report,
     pub(super) told: Vec<Assignment>,
     /// What it has because it was told to.
-    pub(super) ahead: BTreeSet<SampleId>,
+    pub(super) prefetch: BTreeSet<SampleId>,
     /// Whether it acknowledges at its next report.
     pub(super) obedient: bool,
 }
@@ -84,8 +84,8 @@ impl Sim {
                 Action::Assign { worker, assignment } => {
                     // It would drop them, and render them again since it shall have them.
                     let dropped = |source: &&Source| source.id.version < assignment.kept_from;
-                    let dropped = assignment.ahead.iter().find(dropped);
-                    assert!(dropped.is_none(), "{dropped:?} ahead, kept from {}", assignment.kept_from);
+                    let dropped = assignment.prefetch.iter().find(dropped);
+                    assert!(dropped.is_none(), "{dropped:?} is prefetched, kept from {}", assignment.kept_from);
                     if let Some(worker) = self.workers.get_mut(&worker) {
                         worker.told.push(assignment);
                     }
@@ -149,15 +149,15 @@ impl Sim {
         // What it shall have at hand it has at once, and forgets refinements that it no longer shall.
         let rig = self.core.set().rig;
         if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
-            let ahead: BTreeSet<SampleId> = told.ahead.iter().map(|source| source.id).collect();
-            let rendered = told.ahead.iter().filter(|source| source.addresses.is_empty());
+            let prefetch: BTreeSet<SampleId> = told.prefetch.iter().map(|source| source.id).collect();
+            let rendered = told.prefetch.iter().filter(|source| source.addresses.is_empty());
             let rendered = rendered.filter(|source| !worker.report.held.contains(&source.id)).count();
             worker.report.samples_rendered += rendered as u64;
-            let stays = |id: &SampleId| ahead.contains(id) || rig.level(id.camera) == Some(0);
-            worker.report.held.retain(|id| stays(id) || !worker.ahead.contains(id));
-            worker.report.held.extend(ahead.difference(&worker.ahead));
+            let stays = |id: &SampleId| prefetch.contains(id) || rig.level(id.camera) == Some(0);
+            worker.report.held.retain(|id| stays(id) || !worker.prefetch.contains(id));
+            worker.report.held.extend(prefetch.difference(&worker.prefetch));
             worker.report.held.retain(|id| id.version >= told.kept_from);
-            worker.ahead = ahead;
+            worker.prefetch = prefetch;
         }
         worker.report.sample_ms = Some(self.direct_ms);
         worker.report.direct_ms = Some(self.direct_ms);

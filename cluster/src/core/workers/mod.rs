@@ -28,7 +28,7 @@ pub(super) use costs::MeasuredCosts;
 pub(super) use demand::WorkKind;
 pub(super) use queues::{QueueEntry, WorkerQueues};
 pub(super) use roles::Stake;
-pub(super) use worker::{Ahead, QueuedView, Worker};
+pub(super) use worker::{PrefetchLists, QueuedView, Worker};
 
 use super::config::Config;
 use super::event::{Action, ViewId, WorkerId};
@@ -183,11 +183,11 @@ impl Workers {
     }
 
     /// Tells workers what to have at hand, of which versions, and which workers not to wait for, where that is news.
-    pub(super) fn order_ahead(&mut self, ahead: Ahead, actions: &mut Vec<Action>) {
+    pub(super) fn assign_prefetch(&mut self, prefetch: PrefetchLists, actions: &mut Vec<Action>) {
         self.changed = false;
-        for (id, list) in ahead.lists {
+        for (id, list) in prefetch.lists {
             let Some(worker) = self.workers.get_mut(&id) else { continue };
-            if let Some(assignment) = worker.order_ahead(list, ahead.kept_from, &ahead.suspected) {
+            if let Some(assignment) = worker.assign_prefetch(list, prefetch.kept_from, &prefetch.suspected) {
                 actions.push(Action::Assign { worker: id, assignment });
             }
         }

@@ -21,7 +21,7 @@ pub(in crate::core) struct QueuedView {
 
 /// What workers shall have at hand ahead of demand.
 #[derive(Debug, Clone, Default)]
-pub(in crate::core) struct Ahead {
+pub(in crate::core) struct PrefetchLists {
     /// Of each worker that is told anything.
     pub(in crate::core) lists: BTreeMap<WorkerId, Vec<Source>>,
     /// Samples of versions with a lower number are of no use any more.
@@ -75,7 +75,7 @@ impl Worker {
             assigned: Assignment {
                 sequence: 1,
                 role,
-                ahead: Vec::new(),
+                prefetch: Vec::new(),
                 kept_from: 0,
                 measure_ways: false,
                 suspected: Vec::new(),
@@ -231,18 +231,18 @@ impl Worker {
     }
 
     /// Tells it what to have at hand, of which versions, and whom not to wait for; what to send it, if that is news.
-    pub(super) fn order_ahead(
+    pub(super) fn assign_prefetch(
         &mut self,
-        ahead: Vec<Source>,
+        prefetch: Vec<Source>,
         kept_from: u64,
         suspected: &[String],
     ) -> Option<Assignment> {
         let told = &mut self.assigned;
-        if told.ahead == ahead && told.kept_from == kept_from && told.suspected == suspected {
+        if told.prefetch == prefetch && told.kept_from == kept_from && told.suspected == suspected {
             return None;
         }
         told.sequence += 1;
-        told.ahead = ahead;
+        told.prefetch = prefetch;
         told.kept_from = kept_from;
         told.suspected = suspected.to_vec();
         Some(told.clone())

@@ -81,8 +81,8 @@ impl World {
         let rig = self.core.set().rig;
         let worker = &mut self.workers[slot];
         let wanted: HashMap<SampleId, &Vec<String>> =
-            assignment.ahead.iter().map(|source| (source.id, &source.addresses)).collect();
-        let before = worker.told.take().map(|told| told.ahead).unwrap_or_default();
+            assignment.prefetch.iter().map(|source| (source.id, &source.addresses)).collect();
+        let before = worker.told.take().map(|told| told.prefetch).unwrap_or_default();
         let gone = before.iter().map(|source| source.id).filter(|id| !wanted.contains_key(id));
         for id in gone.filter(|id| rig.level(id.camera) != Some(0)) {
             worker.held.remove(&id);
@@ -95,7 +95,7 @@ impl World {
         dropped.extend(worker.renders_ahead.iter().filter(|id| !wanted.contains_key(id)));
         worker.renders_ahead.retain(|id| wanted.contains_key(id));
         let mut to_fetch = Vec::new();
-        for source in &assignment.ahead {
+        for source in &assignment.prefetch {
             let id = source.id;
             if let Some(fetch) = worker.fetches.get_mut(&id).filter(|fetch| !fetch.urgent) {
                 fetch.then = others(slot, &source.addresses);
