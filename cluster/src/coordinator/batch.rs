@@ -1,8 +1,8 @@
-//! A batch: many cameras in one request, whose frames come as they are done.
+//! Batches: one request with many cameras, whose frames are sent as they are done.
 //!
-//! One plan is fixed for all of a batch's frames, so that they do not differ by how they were made. Where the request leaves
-//! the way open, that is from triangles: cameras far apart share no samples, and a batch waits for its last frame, not for
-//! its first. A view of a batch that finds no room at the moment waits for it here, and its place in the batch is kept.
+//! All frames of a batch have the same plan, so that they are comparable. A request that leaves the way open gets
+//! frames from triangles: distant cameras share no samples, and a batch is as slow as its last frame. A view that
+//! finds no room waits here, and keeps its index in the batch.
 
 use std::sync::Arc;
 
@@ -23,13 +23,14 @@ use super::shared_core::SharedCore;
 use super::view_request::ViewRequest;
 use crate::core::Client;
 
-/// Cameras of a batch, at most: more do not fit into a request of the usual size.
+/// Most cameras of a batch. More do not fit into a request of the usual size.
 const MOST_CAMERAS: usize = 2048;
 
-/// Views of a batch that are under way at once, at most: enough for a large cluster, and few enough to be read in time.
+/// Most views of a batch that are in flight at once: enough for a large cluster, and few enough that their frames are
+/// read in time.
 const MOST_AT_ONCE: usize = 64;
 
-/// A batch that was checked but for its cameras, which fail one by one.
+/// A batch whose fields were checked, except its cameras. Wrong cameras fail one by one.
 pub(super) struct Batch {
     client: Client,
     id: String,
@@ -37,13 +38,13 @@ pub(super) struct Batch {
     /// A view without its camera.
     view: v1::View,
     encoding: i32,
-    /// Its way through this process.
+    /// Its tracing span in this process.
     span: Span,
 }
 
 impl Batch {
     /// # Errors
-    /// A field that is wrong for all of its views.
+    /// The invalid field, if it concerns all views.
     pub(super) fn checked(
         shared: &SharedCore,
         client: Client,
@@ -58,13 +59,13 @@ impl Batch {
         }
         let plan = fixed(PlanRequest::try_from(plan.unwrap_or_default())?);
         let view = v1::View { camera: None, width, height, outputs, plan: Some((&plan).into()), pin: None };
-        // With a camera that nothing is wrong with.
+        // Checks the other fields with a valid camera.
         let some = Camera::look_at(DVec3::ZERO, DVec3::X);
         checked(shared, Some(&v1::View { camera: Some((&some).into()), ..view.clone() }))?;
         Ok(Self { client, id: batch_id, cameras, view, encoding: checked_encoding(encoding)?, span })
     }
 
-    /// The view of one of its cameras.
+    /// The request for the view of one camera.
     fn view_request(&self, shared: &SharedCore, index: usize) -> Result<ViewRequest, InvalidField> {
         let wire = v1::View { camera: self.cameras.get(index).cloned(), ..self.view.clone() };
         let view_id = format!("{}:{index}", self.id);
@@ -82,14 +83,14 @@ impl Batch {
     }
 }
 
-/// The plan of all of a batch's views.
+/// Fixes the plan of all views of a batch: triangles, where the request leaves the way open.
 fn fixed(plan: PlanRequest) -> PlanRequest {
     PlanRequest { direct: plan.direct || plan.leaves_way_open(), ..plan }
 }
 
-/// The frames of a batch, and what became of the others, as they are done.
+/// The frames and failures of a batch, as they are done.
 pub(super) fn answers(shared: Arc<SharedCore>, batch: Batch) -> impl Stream<Item = v1::RenderBatchResponse> {
-    // Half of what a client may have in work, so that it is not turned away meanwhile with what else it asks for.
+    // Half of the client's limit of views in flight, so that its other requests are not refused.
     let at_once = (shared.read(|core| core.config().max_views_per_client) / 2).clamp(1, MOST_AT_ONCE);
     let (count, batch) = (batch.cameras.len(), Arc::new(batch));
     let frame = move |index: usize| {
@@ -100,7 +101,7 @@ pub(super) fn answers(shared: Arc<SharedCore>, batch: Batch) -> impl Stream<Item
     stream::iter(0..count).map(frame).flatten_unordered(at_once)
 }
 
-/// The frame of one camera in chunks, or why there is none.
+/// The chunks of one camera's frame, or its failure.
 fn frame(shared: Arc<SharedCore>, batch: Arc<Batch>, index: usize) -> impl Stream<Item = Body> {
     async_stream::stream! {
         loop {
@@ -118,7 +119,7 @@ fn frame(shared: Arc<SharedCore>, batch: Arc<Batch>, index: usize) -> impl Strea
                         begun = true;
                         yield Body::Chunk(chunk);
                     }
-                    // Only the client of a session is sent elsewhere.
+                    // Only sessions are redirected.
                     Ok(Answer::Redirect(_)) => {}
                     Err(status) => match retry_after(&status).filter(|_| !begun) {
                         Some(after) => room_after = Some(after),
@@ -139,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_batch_whose_way_is_open_comes_from_triangles_and_another_one_as_it_asks() {
+    fn a_batch_that_leaves_the_way_open_is_rendered_from_triangles() {
         let open = PlanRequest { preset: Some(Preset::Interactive), ..PlanRequest::default() };
         assert!(fixed(open).direct && fixed(PlanRequest::default()).direct);
         let samples = PlanRequest::from_samples();

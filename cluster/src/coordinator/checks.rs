@@ -1,17 +1,17 @@
-//! Checks of what clients ask for.
+//! Validates requests of clients.
 
 use argus_proto::v1;
 use argus_scene::{InvalidField, View};
 
 use super::shared_core::SharedCore;
 
-/// The longest `view_id` that is carried around.
+/// Longest `view_id` or `batch_id`, bytes.
 const MAX_VIEW_ID: usize = 128;
 
-/// A view as it came.
+/// Converts and validates a view.
 ///
 /// # Errors
-/// It is absent, no view, or larger than is served here.
+/// The view is absent, malformed, or exceeds the limits.
 pub(super) fn checked(shared: &SharedCore, wire: Option<&v1::View>) -> Result<View, InvalidField> {
     let wire = wire.cloned().ok_or_else(|| InvalidField::new("view", "must be given"))?;
     let view = View::try_from(wire)?;
@@ -19,10 +19,10 @@ pub(super) fn checked(shared: &SharedCore, wire: Option<&v1::View>) -> Result<Vi
     Ok(view)
 }
 
-/// How the images of a frame shall be packed.
+/// Validates an image encoding.
 ///
 /// # Errors
-/// No encoding has that number.
+/// No encoding has this number.
 pub(super) fn checked_encoding(encoding: i32) -> Result<i32, InvalidField> {
     match v1::Encoding::try_from(encoding) {
         Ok(_) => Ok(encoding),
@@ -30,10 +30,10 @@ pub(super) fn checked_encoding(encoding: i32) -> Result<i32, InvalidField> {
     }
 }
 
-/// A name that a client gave a view, or a batch, in the field of that name.
+/// Validates a client's name of a view or a batch. `field` is the field's name.
 ///
 /// # Errors
-/// It is too long.
+/// The name is too long.
 pub(super) fn checked_view_id(field: &'static str, id: &str) -> Result<(), InvalidField> {
     match id.len() {
         0..=MAX_VIEW_ID => Ok(()),
@@ -41,10 +41,10 @@ pub(super) fn checked_view_id(field: &'static str, id: &str) -> Result<(), Inval
     }
 }
 
-/// A request for one view.
+/// Validates a request for one view.
 ///
 /// # Errors
-/// One of its fields is wrong.
+/// The invalid field.
 pub(super) fn checked_request(shared: &SharedCore, request: &v1::RenderRequest) -> Result<View, InvalidField> {
     let view = checked(shared, request.view.as_ref())?;
     checked_encoding(request.encoding)?;

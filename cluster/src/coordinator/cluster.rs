@@ -1,4 +1,4 @@
-//! `Cluster`: what workers join, and what people ask for its state.
+//! The `Cluster` service: workers join it, and tools ask it for the status.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -17,10 +17,10 @@ use super::shared_core::{JoinedWorker, SharedCore};
 use crate::core::{Event, WorkerId};
 use crate::wire;
 
-/// How long a stream may stay without a hello.
+/// How long a new stream may take to send its hello.
 const HELLO_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// The service.
+/// The gRPC service.
 pub(super) struct ClusterService {
     pub(super) shared: Arc<SharedCore>,
 }
@@ -56,7 +56,7 @@ impl Cluster for ClusterService {
                         let report = wire::report_from(measurements);
                         shared.step(Event::Reported { worker, report });
                     }
-                    // A second hello says nothing new; an empty report at the end of the stream ends it.
+                    // A second hello is ignored. An empty report ends the stream.
                     Some(Body::Hello(_)) => {}
                     None => break,
                 }

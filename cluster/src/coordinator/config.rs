@@ -1,4 +1,4 @@
-//! What a coordinator can be told, and why it may not start.
+//! The coordinator's configuration, and the errors of starting it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,43 +10,44 @@ use crate::core;
 use crate::network::Network;
 use crate::security::Security;
 
-/// What a coordinator can be told; `Config::default()` serves any scene.
+/// The coordinator's configuration. `Config::default()` can serve any scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Config {
-    /// How it decides.
+    /// Configuration of the core.
     pub core: core::Config,
-    /// Where sample cameras stand; what is left open follows from the scene.
+    /// Placement of sample cameras. Open knobs are derived from the scene.
     pub rig: RigKnobs,
-    /// What samples are rendered from, for which the rig must have the cameras.
+    /// What samples are rendered from. The rig must have suitable cameras.
     pub sampling: Sampling,
     /// Sub-samples of each texel of a sample: 1, 4 or 16.
     pub sub_samples: u32,
-    /// Light from surface to surface, and glowing particles.
+    /// Indirect light, and particles that emit light.
     pub indirect: Indirect,
-    /// What the maps are like that glossy and transparent surfaces look up, of a scene that has some; `None`: there are none.
+    /// Reflection maps around glossy and transparent surfaces, if the scene has such surfaces; `None`: no maps.
     pub reflections: Option<Reflections>,
-    /// Seconds that an animated scene moves on in a second; 0 holds it still.
+    /// Scene seconds per second of an animated scene; 0 holds it still.
     pub time_scale: f64,
-    /// What calibration measured; those that speak of another scene or rig are passed over.
+    /// Calibrated models. Models of other scenes or rigs are ignored.
     pub models: Vec<core::quality::Model>,
-    /// Where others reach it, told to whoever asks another one that stands by; `None`: where it listens.
+    /// The address at which other processes reach this coordinator, which standby coordinators tell to clients and
+    /// workers; `None`: the listener's address.
     pub advertise: Option<String>,
-    /// How long requests in work may take to finish after a shutdown began.
+    /// Time for requests in flight to finish after shutdown began.
     pub grace: Duration,
-    /// How long a connection to a worker may take.
+    /// Timeout of connecting to a worker.
     pub connect_timeout: Duration,
-    /// Bytes of a client's request. The largest one that means anything, a view with a pinned plan, is some hundred.
+    /// Largest request of a client, bytes. The largest useful request, a view with a pinned plan, has some hundred.
     pub max_request_bytes: usize,
-    /// A client that does not read a chunk of a frame, a MiB at most, for so long loses that frame, or its session. Until
-    /// then its worker holds the frame, and this process what is on its way of it: that chunk and a window of a MiB, for
-    /// which the connection to the worker has room beside those of all other views.
+    /// Send timeout: a client that does not read a chunk within this time loses its frame or session. A chunk has at
+    /// most 1 MiB. Until then the worker holds the frame. This process buffers one chunk and a window of 1 MiB, for
+    /// which the connection to the worker has room beside all other views.
     pub read_within: Duration,
-    /// Connections that are open at the same time; further ones wait.
+    /// Most open connections; further ones wait.
     pub max_connections: usize,
-    /// Who may ask and join; `None`: plaintext, and everybody.
+    /// TLS and tokens; `None`: plaintext without authentication.
     #[serde(skip)]
     pub security: Option<Arc<Security>>,
-    /// What it talks over.
+    /// The network, which tests may simulate.
     #[serde(skip)]
     pub network: Network,
 }
@@ -77,13 +78,13 @@ impl Default for Config {
 /// Why a coordinator does not serve.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// No rig can be placed around the scene.
+    /// No rig fits the scene.
     #[error("no sample camera can be placed: {0}")]
     Rig(#[from] InvalidField),
-    /// Samples cannot be taken like this.
+    /// The sampling options are invalid.
     #[error("samples cannot be taken: {0}")]
     Sampling(InvalidField),
-    /// Time cannot pass like this.
+    /// The time options are invalid.
     #[error("the scene cannot move: {0}")]
     Time(InvalidField),
     /// The server failed.

@@ -1,4 +1,4 @@
-//! Drives one view along its path: waits for what its state listens to, and does what follows.
+//! Drives the state machine of one view: waits for its next event, and executes the commands that follow.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,20 +19,20 @@ use super::view_path::{Answered, Command, Event, State, ViewPath};
 use super::view_request::ViewRequest;
 use crate::core::Order;
 
-/// How long a worker that has sent all of a frame may take to say so.
+/// How long to wait for the end of a worker's stream after the whole frame arrived.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// What a client gets of its view.
+/// One part of the answer to a view.
 #[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
 pub(super) enum Answer {
-    /// A piece of its frame.
+    /// A chunk of the frame.
     Chunk(v1::FrameChunk),
-    /// Where to fetch its frame.
+    /// Where to fetch the frame.
     Redirect(v1::Redirect),
 }
 
-/// Answers a view: its frame in chunks, where to fetch it, or an error, which is last. Dropping the stream cancels the view.
-/// With `client`, frames may be fetched from workers.
+/// Answers a view: the chunks of its frame, a redirect, or an error as the last item. Dropping the stream cancels the
+/// view. With `client`, the client may be redirected to workers.
 pub(super) fn answer<'a>(
     shared: Arc<SharedCore>,
     request: ViewRequest,
@@ -55,14 +55,14 @@ pub(super) fn answer<'a>(
     }
 }
 
-/// A view under way. Dropping it cancels the view unless its path has ended.
+/// The driver of one view. Dropping it cancels the view, unless its path has ended.
 struct ViewDriver<'a> {
     shared: Arc<SharedCore>,
     request: ViewRequest,
     client: Option<SessionClient<'a>>,
     handle: ViewHandle,
     path: ViewPath,
-    /// The stream of the worker that is ordered, once it is open.
+    /// The stream of the ordered worker, once it is open.
     stream: Option<Streaming<v1::FrameChunk>>,
 }
 
@@ -74,8 +74,8 @@ impl<'a> ViewDriver<'a> {
         Self { shared, request, client, handle, path, stream: None }
     }
 
-    /// The next event that the view's state listens to. Every future here may be dropped at any await: a reply and a
-    /// notice stay where they are until they are taken, and an RPC that is not read on is cancelled.
+    /// Waits for the next event of the view's state. Each future is cancellation-safe: replies and notices stay
+    /// queued until they are taken, and dropping an RPC cancels it.
     async fn next(&mut self) -> Event {
         match (self.path.state(), &self.client) {
             (State::Ordered(_) | State::Streaming(_), _) => tokio::select! {
@@ -95,14 +95,14 @@ impl<'a> ViewDriver<'a> {
         }
     }
 
-    /// Reads a worker's stream to its end, which lets it close in order, if it does soon.
+    /// Reads a worker's stream to its end, so that it closes in order. Gives up after a timeout.
     async fn close_stream(&mut self) {
         if let Some(stream) = &mut self.stream {
             let _ = tokio::time::timeout(CLOSE_TIMEOUT, stream.message()).await;
         }
     }
 
-    /// What the core decided, with a ticket for the client where it may fetch the frame itself.
+    /// The event of a core's reply, with a redirect where the client may fetch the frame itself.
     fn decided(&mut self, reply: CoreReply) -> Event {
         match reply {
             Ok(Instruction::Dispatch(order)) => {
@@ -115,7 +115,7 @@ impl<'a> ViewDriver<'a> {
         }
     }
 
-    /// What came from the worker.
+    /// The event of a worker's chunk or error.
     fn chunk_arrived(&self, chunk: Result<v1::FrameChunk, Status>) -> Event {
         match chunk {
             Ok(chunk) => Event::Chunk { chunk, age_ms: self.request.age_ms() },
@@ -127,7 +127,7 @@ impl<'a> ViewDriver<'a> {
         }
     }
 
-    /// What the client said of the frame that it was sent for.
+    /// The event of a client's notice about a redirected frame.
     fn noticed(&mut self, notice: ClientNotice) -> Event {
         let newest = match notice {
             ClientNotice::Arrived(_) => self.handle.newest(),
@@ -139,7 +139,7 @@ impl<'a> ViewDriver<'a> {
         }
     }
 
-    /// Does what needs no waiting.
+    /// Executes a command that needs no waiting.
     fn execute(&mut self, command: Command) {
         match command {
             Command::Open => self.stream = None,
@@ -152,7 +152,7 @@ impl<'a> ViewDriver<'a> {
             Command::Failed { attempt, failure } => self.handle.failed(attempt, failure),
             Command::Answered(answered) => self.answered(&answered),
             Command::Cancel => self.handle.cancelled(),
-            // These go to the client, or wait: see [`answer`].
+            // [`answer`] executes these: they go to the client, or wait.
             Command::Send(_) | Command::Redirect(_) | Command::Fail(_) | Command::CloseStream => {}
         }
     }
@@ -179,7 +179,7 @@ impl Drop for ViewDriver<'_> {
     }
 }
 
-/// The next chunk of the ordered worker's stream, which is opened first.
+/// The next chunk of the ordered worker's stream. Opens the stream first.
 async fn next_chunk(
     shared: &SharedCore,
     request: &ViewRequest,
@@ -189,12 +189,12 @@ async fn next_chunk(
     let stream = match stream {
         Some(stream) => stream,
         None => {
-            let order = order.ok_or_else(|| Status::internal("a view that no worker has"))?;
+            let order = order.ok_or_else(|| Status::internal("a chunk was awaited without an order"))?;
             stream.insert(open(shared, request, order).instrument(request.span.clone()).await?)
         }
     };
     let chunk = stream.message().await?;
-    chunk.ok_or_else(|| Status::data_loss("the worker ended a frame before its end"))
+    chunk.ok_or_else(|| Status::data_loss("the worker's stream ended within a frame"))
 }
 
 async fn open(shared: &SharedCore, request: &ViewRequest, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {

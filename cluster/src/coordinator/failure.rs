@@ -1,10 +1,10 @@
-//! A view's failure where it ends no call: in a session or a batch, which go on.
+//! Failures of single views within a session or a batch, which continue.
 
 use argus_proto::status::{invalid_field, retry_after};
 use argus_proto::v1;
 use tonic::Status;
 
-/// A status as a message.
+/// Converts a status to a failure message.
 pub(super) fn failure(status: &Status) -> v1::SessionFailure {
     v1::SessionFailure {
         code: status.code() as i32,

@@ -1,4 +1,4 @@
-//! What is recorded of the frames that pass, for the page of metrics.
+//! Metrics of frames, for `/metrics`.
 
 use std::time::Duration;
 
@@ -12,12 +12,12 @@ use tokio::time::Instant;
 
 use crate::observe::PREFIX;
 
-/// From 1 ms on, each bound twice the one before: up to 65 s.
+/// Histogram bounds: 17 from 1 ms to 65 s, each twice the previous one.
 const BOUNDS: (f64, f64, u16) = (1e-3, 2.0, 17);
 
 type Labels = Vec<(String, String)>;
 
-/// What is recorded of frames as they pass.
+/// Metrics of frames.
 pub(super) struct FrameMetrics {
     seconds: Histogram,
     stages: Family<Labels, Histogram, fn() -> Histogram>,
@@ -44,13 +44,13 @@ impl Default for FrameMetrics {
 }
 
 impl FrameMetrics {
-    /// A client has a frame whole, or will as soon as its last chunk is there.
+    /// Records a frame that its client has, or has as soon as the last chunk arrives.
     pub(super) fn arrived(&self, header: &v1::FrameHeader) {
         let seconds = |ms: f64| ms.max(0.0) * 1e-3;
         if header.age_ms.is_finite() {
             self.seconds.observe(seconds(header.age_ms));
         }
-        // What no sample saw, and how the rest came about; a share that is no number counts as nothing.
+        // A share that is not a number counts as 0.
         let pixels = u64::from(header.width) * u64::from(header.height);
         let unseen = (header.unresolved_fraction * pixels as f64).round() as u64;
         let traced = header.served.map_or(0, |served| served.traced);
@@ -64,34 +64,34 @@ impl FrameMetrics {
         }
     }
 
-    /// A client has fetched a frame from its worker.
+    /// Counts a frame that a client fetched from a worker.
     pub(super) fn fetched(&self) {
         self.ways.get_or_create(&vec![("way".to_owned(), "fetched".to_owned())]).inc();
     }
 
-    /// A frame passed this process.
+    /// Counts a frame that this process relayed.
     pub(super) fn relayed(&self) {
         self.ways.get_or_create(&vec![("way".to_owned(), "relayed".to_owned())]).inc();
     }
 
-    /// The core was told the time.
+    /// Records that the core got a tick.
     pub(super) fn ticked(&self) {
         *self.last_tick.lock() = Instant::now();
     }
 
-    /// How long ago the core was told the time.
+    /// Time since the core's last tick.
     pub(super) fn silent(&self) -> Duration {
         self.last_tick.lock().elapsed()
     }
 
-    /// What was recorded, for the page of metrics.
+    /// The registry for `/metrics`.
     pub(super) fn registry(&self) -> Registry {
         let mut registry = Registry::with_prefix(PREFIX);
-        let help = "From a view's request to its frame's first byte at the coordinator";
+        let help = "Time from a view's request to the first byte of its frame at the coordinator";
         registry.register("view_seconds", help, self.seconds.clone());
-        registry.register("stage_seconds", "What a stage of a frame took", self.stages.clone());
-        registry.register("frames", "FrameMetrics, by their way to the client", self.ways.clone());
-        registry.register("pixels", "Pixels of frames, by where they came from", self.pixels.clone());
+        registry.register("stage_seconds", "Time of each stage of a frame", self.stages.clone());
+        registry.register("frames", "Frames, relayed by the coordinator or fetched from a worker", self.ways.clone());
+        registry.register("pixels", "Pixels of frames, by their source", self.pixels.clone());
         registry
     }
 }

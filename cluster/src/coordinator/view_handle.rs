@@ -1,4 +1,4 @@
-//! A view that the core was asked for, as the one who asked holds it.
+//! A handle of one view that the core has.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use super::shared_core::{SharedCore, Instruction, CoreReply};
 use crate::core::{Client, Event, Failure, LastView, Order, ViewId};
 use crate::wire;
 
-/// A view that was asked for. It is the core's until [`ViewHandle::answered`], [`ViewHandle::failed`] for good, or
+/// A view that the core has. It ends with [`ViewHandle::answered`], a final [`ViewHandle::failed`], or
 /// [`ViewHandle::cancelled`].
 pub(super) struct ViewHandle {
     shared: Arc<SharedCore>,
@@ -21,7 +21,7 @@ pub(super) struct ViewHandle {
 }
 
 impl ViewHandle {
-    /// Asks the core for a view; of a session, with what it remembers of its last one.
+    /// Submits a view to the core. `last` is what the session remembers of its last view.
     pub(super) fn new(
         shared: &Arc<SharedCore>,
         client: Client,
@@ -33,13 +33,13 @@ impl ViewHandle {
         Self { shared: shared.clone(), view_id, replies }
     }
 
-    /// The next reply.
+    /// Waits for the core's next reply about this view.
     pub(super) async fn next_reply(&mut self) -> CoreReply {
         let gone = || Fault::Unavailable("the coordinator is shutting down".to_owned());
         self.replies.recv().await.unwrap_or_else(|| Err(gone()))
     }
 
-    /// The newest order that is here already.
+    /// The newest order that has already arrived.
     pub(super) fn newest(&mut self) -> Option<Box<Order>> {
         let mut newest = None;
         while let Some(Ok(instruction)) = self.next_reply().now_or_never() {
@@ -50,19 +50,19 @@ impl ViewHandle {
         newest
     }
 
-    /// The frame of that attempt begins to arrive, and is to be judged: a reply follows.
+    /// Lets the core judge the frame of an attempt, whose header has arrived. A reply follows.
     pub(super) fn judge(&self, attempt: u32, observed: Option<v1::Observed>, ms: f64) {
         let observed = observed.map(wire::observed_from);
         self.shared.step(Event::Judged { view_id: self.view_id, attempt, observed, ms });
     }
 
-    /// The client has the frame of that attempt; `uncovered` of its pixels no sample saw. Rendering took `ms`, if that was
-    /// not said before.
+    /// Tells the core that the client has the frame of an attempt. `uncovered` counts the pixels that no sample saw.
+    /// `ms` is the rendering time, unless it was already reported.
     pub(super) fn answered(&self, attempt: u32, uncovered: Option<u64>, ms: Option<f64>) {
         self.shared.end_view(self.view_id, Event::Answered { view_id: self.view_id, attempt, uncovered, ms });
     }
 
-    /// That attempt failed; unless that is final, a reply follows.
+    /// Tells the core that an attempt failed. A reply follows, unless the failure is final.
     pub(super) fn failed(&self, attempt: u32, failure: Failure) {
         let event = Event::Failed { view_id: self.view_id, attempt, failure };
         match failure {
@@ -71,7 +71,7 @@ impl ViewHandle {
         }
     }
 
-    /// Ends the view: its client has its frame, or gave up.
+    /// Cancels the view at the core.
     pub(super) fn cancelled(&self) {
         self.shared.end_view(self.view_id, Event::Cancelled { view_id: self.view_id });
     }
