@@ -1,4 +1,4 @@
-//! What the client's side of a session said and nothing has taken up yet.
+//! Unprocessed messages of a session's client.
 
 use std::collections::BTreeSet;
 
@@ -8,23 +8,24 @@ use parking_lot::Mutex;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-/// Frames on their way: one that arrives while the next one leaves keeps the line busy without a queue.
+/// Most unacknowledged frames: one that is being sent and one that arrives, which keeps the connection busy without a
+/// queue.
 const WINDOW: usize = 2;
 
-/// A camera of a session: its number, what is asked for, and when it arrived.
+/// A camera of a session: its sequence number, the requested view, and its time of arrival.
 pub(super) type SessionCamera = (u64, v1::SessionView, Instant);
 
-/// What a client says of a frame that it was sent for.
+/// A client's notice about a redirected frame.
 #[derive(Debug)]
 pub(super) enum ClientNotice {
-    /// It has it.
+    /// The client has the frame; with the worker's receipt, if it came.
     Arrived(Option<v1::Sealed>),
-    /// It could not get it, or will not say any more.
+    /// The client could not fetch the frame, or sends no more messages.
     Missed(v1::SessionMissed),
 }
 
 impl ClientNotice {
-    /// A worker is not reached, whichever ticket is out.
+    /// A notice that no worker can be reached, whatever the ticket.
     pub(super) fn unreachable(reason: &str) -> Self {
         Self::Missed(v1::SessionMissed { reason: reason.to_owned(), serial: 0, unreachable: true })
     }
@@ -32,25 +33,25 @@ impl ClientNotice {
 
 #[derive(Default)]
 struct ClientMessages {
-    /// The newest camera that is not in work.
+    /// The newest camera that was not taken yet.
     newest: Option<SessionCamera>,
     last_seq: Option<u64>,
     superseded: u64,
-    /// Frames in work or sent, and not acknowledged. From the moment that work on one begins: its
-    /// acknowledgement may arrive before the end of its stream was seen here.
+    /// Cameras whose frames are in work or sent, and not acknowledged. They count from the start of work, since an
+    /// acknowledgement may arrive before this process sees the end of the frame's stream.
     unacknowledged: BTreeSet<u64>,
-    /// What was said last of a frame that was sent, or that was to be fetched elsewhere.
+    /// The last notice about a frame, and the frame's camera.
     notice: Option<(u64, ClientNotice)>,
     closed: bool,
 }
 
 impl ClientMessages {
-    /// Takes in what the client says; whether a camera was superseded by it.
+    /// Processes a message. Returns whether it superseded a camera.
     fn receive(&mut self, request: v1::SessionRequest) -> bool {
         let camera_seq = request.camera_seq;
         match request.body {
             Some(Body::View(view)) => {
-                // Sequence numbers ascend; one that does not was overtaken on its way.
+                // Sequence numbers ascend. A lower one was overtaken in transit.
                 let overtaken = self.last_seq.is_some_and(|last| camera_seq <= last);
                 let superseded = overtaken || {
                     self.last_seq = Some(camera_seq);
@@ -59,7 +60,7 @@ impl ClientMessages {
                 self.superseded += u64::from(superseded);
                 return superseded;
             }
-            // Frames arrive in order, so an acknowledgement covers all before it.
+            // Frames arrive in order, so an acknowledgement covers all earlier ones.
             Some(Body::Ack(ack)) => {
                 self.unacknowledged.retain(|seq| *seq > camera_seq);
                 self.notice = Some((camera_seq, ClientNotice::Arrived(ack.receipt)));
@@ -70,7 +71,8 @@ impl ClientMessages {
         false
     }
 
-    /// The newest camera, if the client has room for its frame. One that closed its side cannot say that it has.
+    /// Takes the newest camera, if the window has room for its frame. A client that closed its side cannot
+    /// acknowledge, so its window does not count.
     fn take_camera(&mut self) -> Option<SessionCamera> {
         if !self.closed && self.unacknowledged.len() >= WINDOW {
             return None;
@@ -81,7 +83,7 @@ impl ClientMessages {
     }
 }
 
-/// What the client's side of a session said so far, and the bell that rings when it says more.
+/// The messages of a session's client, with a notification of new ones.
 #[derive(Default)]
 pub(super) struct Inbox {
     messages: Mutex<ClientMessages>,
@@ -89,14 +91,14 @@ pub(super) struct Inbox {
 }
 
 impl Inbox {
-    /// Takes in what the client says; whether a camera was superseded by it.
+    /// Processes a message. Returns whether it superseded a camera.
     pub(super) fn receive(&self, request: v1::SessionRequest) -> bool {
         let superseded = self.messages.lock().receive(request);
         self.changed.notify_one();
         superseded
     }
 
-    /// The client says no more.
+    /// The client closed its side.
     pub(super) fn close(&self) {
         self.messages.lock().closed = true;
         self.changed.notify_one();
@@ -106,18 +108,18 @@ impl Inbox {
         self.messages.lock().closed
     }
 
-    /// Cameras that were overtaken so far.
+    /// Number of cameras that were superseded so far.
     pub(super) fn superseded(&self) -> u64 {
         self.messages.lock().superseded
     }
 
-    /// No frame of that camera is on its way.
+    /// Forgets the frame of a camera that failed.
     pub(super) fn failed(&self, camera_seq: u64) {
         self.messages.lock().unacknowledged.remove(&camera_seq);
     }
 
-    /// The newest camera once the client has room for its frame; `None` when there will be no more. A client that
-    /// closed its side cannot acknowledge, and its newest camera is still answered.
+    /// Waits for a camera and for room in the window. `None` once the client closed its side and every camera was
+    /// taken. The last camera of a closed client is still answered.
     pub(super) async fn camera(&self) -> Option<SessionCamera> {
         loop {
             {
@@ -133,15 +135,15 @@ impl Inbox {
         }
     }
 
-    /// What the client says of the frame of that camera.
+    /// Waits for the client's notice about the frame of a camera.
     pub(super) async fn notice(&self, camera_seq: u64) -> ClientNotice {
         loop {
             {
                 let mut messages = self.messages.lock();
                 match messages.notice.take() {
                     Some((of, notice)) if of == camera_seq => return notice,
-                    // Of a frame before it.
-                    _ if messages.closed => return ClientNotice::unreachable("the client says no more"),
+                    // A notice about an earlier frame is dropped.
+                    _ if messages.closed => return ClientNotice::unreachable("the client closed its side of the session"),
                     _ => {}
                 }
             }
@@ -150,7 +152,7 @@ impl Inbox {
     }
 }
 
-/// What a session makes of a client's messages, for fuzzing.
+/// Feeds a session's inbox with a client's messages, for fuzzing.
 pub(crate) fn check_inbox(requests: impl Iterator<Item = v1::SessionRequest>) {
     let mut messages = ClientMessages::default();
     let (mut views, mut taken) = (0, 0);
@@ -158,7 +160,7 @@ pub(crate) fn check_inbox(requests: impl Iterator<Item = v1::SessionRequest>) {
         views += u64::from(matches!(request.body, Some(Body::View(_))));
         messages.receive(request);
         taken += u64::from(messages.take_camera().is_some());
-        assert!(messages.unacknowledged.len() <= WINDOW, "more frames are on their way than fit");
+        assert!(messages.unacknowledged.len() <= WINDOW, "more frames are unacknowledged than the window allows");
         let waits = u64::from(messages.newest.is_some());
         assert_eq!(views, taken + messages.superseded + waits, "a camera is lost");
         messages.notice.take();

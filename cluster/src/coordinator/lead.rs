@@ -9,18 +9,18 @@ use tracing::{info, warn};
 use super::shared_core::SharedCore;
 use crate::leadership::{Held, Registry};
 
-/// Of a lease, between two attempts to acquire or to renew it.
+/// Attempts to acquire or renew a lease within its duration.
 const OFTEN: u32 = 8;
 
-/// Of a lease, what it is given up before its end: for clocks that do not run alike.
+/// A leadership ends by this part of a lease before the lease does, in case clocks differ in speed.
 const MARGIN: u32 = 10;
 
-/// Between two attempts where leases do not lapse.
+/// Time between two attempts where leases do not lapse.
 const RETRY: Duration = Duration::from_millis(250);
 
-/// Leads whenever it can. Never ends.
+/// Acquires the lease whenever it is free, and leads while it is held. Never returns.
 pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, address: &str) {
-    // What its lease is, a registry knows once it was reached.
+    // The registry knows the lease's duration once it was reached.
     let pause = || registry.lease().map_or(RETRY, |lease| lease / OFTEN);
     let mut told = false;
     loop {
@@ -38,18 +38,18 @@ pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, addr
             Ok(None) => {
                 let leader = registry.leader().await;
                 if !std::mem::replace(&mut told, true) {
-                    info!(leader = leader.as_deref().unwrap_or("another one"), "coordinator stands by");
+                    info!(leader = leader.as_deref().unwrap_or("unknown"), "coordinator is on standby");
                 }
                 shared.stand_by(leader);
             }
-            Err(error) if !std::mem::replace(&mut told, true) => warn!(%error, "nobody can lead"),
+            Err(error) if !std::mem::replace(&mut told, true) => warn!(%error, "no lease can be acquired"),
             Err(_) => {}
         }
         tokio::time::sleep(pause()).await;
     }
 }
 
-/// Gives the lease up, if it is held, so that another coordinator leads at once.
+/// Releases the lease, if it is held, so that another coordinator leads at once.
 pub(super) async fn give_up(shared: &SharedCore, registry: &dyn Registry) {
     let held = shared.held.lock().take();
     if let Some(held) = held {
@@ -57,7 +57,7 @@ pub(super) async fn give_up(shared: &SharedCore, registry: &dyn Registry) {
     }
 }
 
-/// Renews the lease until it is lost, or the core found that it was lost.
+/// Renews the lease until it is lost, or until the core stepped down.
 async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: Held, address: &str, pause: Duration) {
     let mut noted = Vec::new();
     while shared.leads() {
@@ -70,8 +70,8 @@ async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: Held, addr
                 shared.lead_until(until(registry, asked));
             }
             Ok(None) => break,
-            // As long as the lease lasts: every step of the core checks the time.
-            Err(error) => warn!(%error, "the lease is not renewed"),
+            // The leadership lasts as long as the lease: every step of the core checks it.
+            Err(error) => warn!(%error, "the lease was not renewed"),
         }
         let mut workers = shared.workers();
         workers.sort();
@@ -82,7 +82,7 @@ async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: Held, addr
     }
 }
 
-/// Until when a lease lasts that was asked for at `asked`.
+/// The end of a lease that was requested at `asked`, less the margin.
 fn until(registry: &dyn Registry, asked: Instant) -> Option<Instant> {
     registry.lease().map(|lease| asked + lease - lease / MARGIN)
 }

@@ -1,7 +1,7 @@
-//! What a session remembers of its last answered view, for the planner to go by with its next one.
+//! A session's memory of its last answered view, for the planner.
 //!
-//! What a frame was made of is what its header says, also of one that the client fetched from its worker: the receipt
-//! carries the header, sealed. What nothing proves is not remembered.
+//! The provenance comes from the frame's header. For a redirected frame, the worker's sealed receipt carries the
+//! header. Without a receipt nothing is remembered.
 
 use argus_proto::v1;
 use argus_scene::frame::{Decision, Provenance, Reason};
@@ -10,7 +10,7 @@ use tokio::time::Instant;
 
 use crate::core::LastView;
 
-/// A session's memory.
+/// The last answered view of a session, if it is known.
 #[derive(Debug, Default)]
 pub(super) struct SessionMemory(Option<Remembered>);
 
@@ -19,12 +19,12 @@ struct Remembered {
     view: View,
     provenance: Provenance,
     reason: Reason,
-    /// When frames last changed their way.
+    /// When frames last changed between triangles and samples.
     changed: Option<Instant>,
 }
 
 impl SessionMemory {
-    /// A view was answered with a frame of that header. One whose request named its way says nothing of the planner's.
+    /// Remembers the header of an answered view. A frame without a planner's decision is not remembered.
     pub(super) fn learn(&mut self, view: &View, header: &v1::FrameHeader, now: Instant) {
         let (Some(decision), Some(provenance)) = (header.decision, header.provenance.clone()) else { return };
         let (Ok(decision), Ok(provenance)) = (Decision::try_from(decision), Provenance::try_from(provenance))
@@ -39,7 +39,7 @@ impl SessionMemory {
         self.0 = Some(Remembered { view: view.clone(), provenance, reason: decision.reason, changed });
     }
 
-    /// What is known of the last view.
+    /// The last view, as the planner needs it.
     pub(super) fn recall(&self, now: Instant) -> Option<Box<LastView>> {
         let Remembered { view, provenance, reason, changed } = self.0.as_ref()?;
         let since_change = changed.map(|changed| now.saturating_duration_since(changed));
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn the_time_since_a_change_of_way_counts_from_the_last_change_and_not_from_the_last_frame() {
+    fn the_time_since_a_change_of_way_counts_from_the_last_change() {
         let (mut memory, began) = (SessionMemory::default(), Instant::now());
         let at = |secs| began + Duration::from_secs(secs);
         let since = |memory: &SessionMemory, secs| memory.recall(at(secs)).and_then(|last| last.since_change);
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_whose_way_was_requested_and_headers_that_are_wrong_change_nothing() {
+    fn frames_without_a_valid_decision_are_not_remembered() {
         let (mut memory, now) = (SessionMemory::default(), Instant::now());
         memory.learn(&view(), &direct(), now);
         let before = memory.recall(now);

@@ -1,9 +1,12 @@
 //! The coordinator's shell: sockets and clocks around [`crate::core`].
 //!
-//! A view comes in at `views`, in a `batch`, or at `session` for a moving camera, whose words `inbox` keeps. `drive` takes it along the
-//! states of `view_path`, which is pure: `asked` holds it at the core, `relayed` what the client has of its frame, `redirect`
-//! sends clients to workers with `tickets`, `memory` what a session knows of its last view. `shared` holds the core behind a lock. `cluster` is what workers join, `scenes` where
-//! they fetch the scene, `lead` keeps the lease, `monitor` and `frames` serve those who monitor.
+//! A view arrives at `views`, in a `batch`, or in a `session` of a moving camera, whose messages wait in `inbox`.
+//! `drive` drives `view_path`, the pure state machine of a view. `view_handle` connects a view to the core, `relayed`
+//! tracks which part of a frame the client has, `redirect` sends clients to workers with `tickets`, and `memory`
+//! holds a session's last view.
+//!
+//! `shared_core` holds the core behind a lock. Workers join at `cluster` and fetch the scene from `scenes`. `lead`
+//! keeps the lease. `monitor` and `frame_metrics` serve metrics and probes.
 
 mod view_handle;
 mod batch;
@@ -59,13 +62,13 @@ use crate::security::guard::Guarded;
 use crate::wire::ServiceInfo;
 use crate::{SceneRef, SceneSource};
 
-/// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled,
-/// then turns new requests away, lets those in work finish for [`Config::grace`], and returns.
+/// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled. Then it
+/// refuses new requests, lets those in flight finish for [`Config::grace`], and returns.
 ///
-/// While another coordinator holds the lease of `registry` this one stands by: it turns workers and views away.
+/// While another coordinator holds the lease of `registry`, this one is on standby and refuses workers and views.
 ///
 /// # Errors
-/// [`ServeError`], before anything is served if the scene cannot be.
+/// [`ServeError`]. An invalid scene or option is found before anything is served.
 pub async fn serve(
     config: Config,
     listener: impl Accept,
@@ -78,7 +81,8 @@ pub async fn serve(
     config.sampling.validate(&rig).map_err(ServeError::Sampling)?;
     check_sub_samples(config.sub_samples).map_err(ServeError::Sampling)?;
     config.indirect.validate().map_err(ServeError::Sampling)?;
-    // What is sampled anew for every so many views, or under lights that drift, has epochs even where nothing moves.
+    // A scene that stands still has epochs, too, if its lights drift or if it is sampled anew for every so many
+    // views.
     let moves = scene.is_animated() || config.indirect.drifts() || config.core.refresh_views > 0;
     let set = Arc::new(SampleSetInfo {
         scene: scene.hash,
@@ -90,7 +94,7 @@ pub async fn serve(
             false => 0.0,
         },
         lighting: scene.lighting.clone(),
-        // As the configuration says, or as is measured.
+        // The configuration's backend; the core replaces it if it is measured.
         visibility: Visibility::default(),
         sampling: config.sampling,
         sub_samples: config.sub_samples,
@@ -113,7 +117,7 @@ pub async fn serve(
     info!(%address, scene = scene.name, "coordinator serves");
     let (core, models) = (config.core.clone(), config.models.clone());
     let sight = sight(&source).await;
-    // Cameras of tiles are above everything, and what moves is elsewhere a moment later.
+    // Tile cameras see everything from above. In an animated scene, occluders move.
     let chooses = matches!(rig, Rig::Cell { .. }) && !scene.is_animated();
     let chosen_by = sight.clone().filter(|_| chooses);
     let fresh = move || {
@@ -126,7 +130,7 @@ pub async fn serve(
         .unwrap_or_else(|| format!("{}://{address}", net::scheme(config.security.as_deref())));
 
     let (health, health_service) = tonic_health::server::health_reporter();
-    // Workers join and fetch the scene whether or not there is anybody yet to answer a view.
+    // Workers can join and fetch the scene before any view can be answered.
     health.set_serving::<ClusterServer<cluster::ClusterService>>().await;
     health.set_serving::<ScenesServer<scenes::ScenesService>>().await;
     let monitor = Arc::new(monitor::Monitor(shared.clone()));
@@ -147,7 +151,7 @@ pub async fn serve(
                     tokio::time::sleep(Duration::from_millis(10)).await;
                 }
             };
-            // What is not done within the grace is cut off; the client's library tries elsewhere or later.
+            // What is not done within the grace period is cancelled. The client library then retries.
             let _ = tokio::time::timeout(grace, idle).await;
             shared.closing.cancel();
         }
@@ -178,7 +182,8 @@ pub async fn serve(
     Ok(())
 }
 
-/// What a coordinator learns of a frame that it did not see, for fuzzing: pixels that no sample saw, and milliseconds.
+/// Processes the header of a redirected frame, for fuzzing. Returns the pixels that no sample saw, and the
+/// milliseconds of rendering.
 pub(crate) fn learn(header: &v1::FrameHeader) -> (u64, f64) {
     let frames = frame_metrics::FrameMetrics::default();
     frames.arrived(header);
@@ -186,16 +191,16 @@ pub(crate) fn learn(header: &v1::FrameHeader) -> (u64, f64) {
     (relayed::uncovered(header), relayed::rendering_ms(header))
 }
 
-/// What views show and what stands between them and cameras, found out off the async threads.
+/// Opens the scene's ray queries on a blocking thread.
 async fn sight(source: &Arc<dyn SceneSource>) -> Option<Arc<dyn Sight>> {
     let source = source.clone();
-    // Whoever could not say it is done without.
+    // Without ray queries, views are planned by distance.
     tokio::task::spawn_blocking(move || source.sight()).await.ok().flatten()
 }
 
-/// Tells the core the time, ten times a tick and at least ten times a second.
+/// Sends the core its ticks, ten times a tick and at least ten times a second.
 async fn tick(shared: &SharedCore, config: &Config) {
-    // An epoch begins when its time has come, give or take a fifth of it.
+    // An epoch begins at most a fifth of its duration late.
     let finest =
         if shared.read(|core| core.set().epoch_secs > 0.0) { config.core.epoch / 5 } else { Duration::MAX };
     let period = (config.core.tick / 10).min(finest);
@@ -210,7 +215,7 @@ async fn tick(shared: &SharedCore, config: &Config) {
     }
 }
 
-/// Seconds of scene time from one epoch to the next.
+/// Scene seconds from one epoch to the next.
 fn epoch_secs(config: &Config) -> Result<f64, InvalidField> {
     let secs = config.core.epoch.as_secs_f64() * config.time_scale;
     // Written so that NaN is refused.

@@ -1,4 +1,4 @@
-//! The core behind a lock, and the way its actions take to the tasks that carry them out.
+//! The core behind a lock, and the delivery of its actions to the tasks that execute them.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -27,30 +27,30 @@ use crate::net::Channels;
 use crate::sealed::{Kind, SealKey};
 use crate::wire::{self, ServiceInfo};
 
-/// Assignments that a worker has yet to read. Each replaces those before it and they come a few a second, so that one with
-/// so many to read does not read.
+/// Most unread assignments of a worker. Each replaces those before it and they come a few a second, so a worker with
+/// a full queue does not read.
 const MOST_ASSIGNMENTS: usize = 64;
 
-/// What every service of a coordinator shares.
+/// The core and what else all services of a coordinator share.
 pub(super) struct SharedCore {
     pub(super) source: Arc<dyn SceneSource>,
     pub(super) service: ServiceInfo,
     pub(super) channels: Channels,
-    /// What views show, and what stands between them and cameras.
+    /// Answers rays into the scene, for surveys.
     sight: Option<Arc<dyn Sight>>,
-    /// How long a client may take to read a chunk.
+    /// Send timeout of response streams.
     pub(super) read_within: Duration,
-    /// What is recorded of the frames that pass.
+    /// Metrics of frames.
     pub(super) frame_metrics: FrameMetrics,
-    /// What clients were sent to workers with.
+    /// Counts of the clients' redirect tickets.
     tickets: RedirectTickets,
     planning: PlanningTime,
     surveys: Surveys,
-    /// Cancelled when streams without an end of their own must end.
+    /// Cancelled on shutdown, when endless streams must end.
     pub(super) closing: CancellationToken,
-    /// The lease, while it is held.
+    /// The lease, while this coordinator holds it.
     pub(super) held: Mutex<Option<Held>>,
-    /// A core of a leadership that begins.
+    /// Makes the core of a new leadership.
     fresh: Box<dyn Fn() -> Core + Send + Sync>,
     state: Mutex<State>,
 }
@@ -58,20 +58,20 @@ pub(super) struct SharedCore {
 struct State {
     core: Core,
     leading: Option<Leading>,
-    /// Who leads in its place, as far as it is known.
+    /// The leader's address, if another coordinator leads and is known.
     leader: Option<String>,
     next_id: u64,
     streams: HashMap<WorkerId, WorkerStream>,
     views: HashMap<ViewId, UnboundedSender<CoreReply>>,
 }
 
-/// A leadership.
+/// A leadership of this coordinator.
 #[derive(Debug, Clone, Copy)]
 struct Leading {
     term: u64,
-    /// The core's uptime counts from here.
+    /// Start of the core's uptime.
     since: Instant,
-    /// Its lease may lapse after this.
+    /// The lease may lapse after this.
     until: Option<Instant>,
 }
 
@@ -81,55 +81,55 @@ impl Leading {
     }
 }
 
-/// A worker's stream.
+/// The stream of a joined worker.
 struct WorkerStream {
     hello: Hello,
-    /// Where clients may be sent to it.
+    /// How clients are redirected to this worker, if they can reach it.
     redirect_target: Option<RedirectTarget>,
     assignments: Sender<Result<v1::Assignment, Status>>,
     expelled: CancellationToken,
 }
 
-/// A worker that clients can reach.
+/// Redirects to one worker.
 struct RedirectTarget {
     key: SealKey,
-    /// Of the newest ticket.
+    /// Serial number of the newest ticket.
     serial: u64,
-    /// One for each client that is on its way, besides this.
+    /// Cloned once for each redirect in flight.
     in_flight: Arc<()>,
-    /// For as long as the key is good.
+    /// Lives as long as the key is valid.
     alive: Arc<()>,
 }
 
-/// Most clients that are on their way to one worker: some of its places are left to frames that are relayed, should
-/// clients take their time.
+/// Most redirects in flight to one worker. Its other places are for relayed frames, in case redirected clients are
+/// slow.
 const MOST_REDIRECTED: usize = 64;
 
-/// A worker that joined: its id, what to send it, and the token that ends its stream.
+/// A worker that joined: its id, its assignments, and the token that ends its stream.
 pub(super) struct JoinedWorker {
     pub(super) worker: WorkerId,
     pub(super) assignments: Receiver<Result<v1::Assignment, Status>>,
     pub(super) expelled: CancellationToken,
 }
 
-/// What the core decided about a view: what to do, or the fault that it ends with.
+/// The core's reply about a view: an instruction, or the fault that ends the view.
 pub(super) type CoreReply = Result<Instruction, Fault>;
 
-/// What to do about a view.
+/// An instruction about a view.
 pub(super) enum Instruction {
-    /// Carry this out, in place of what was ordered before.
+    /// Send this order to its worker. It replaces earlier orders.
     Dispatch(Box<Order>),
-    /// Let the frame of this attempt pass; it was judged.
+    /// Deliver the judged frame of this attempt.
     Deliver {
-        /// Of [`Order::attempt`].
+        /// The number of the attempt, [`Order::attempt`].
         attempt: u32,
-        /// What is expected of it.
+        /// The prediction for the frame.
         expected: Prediction,
     },
 }
 
 impl SharedCore {
-    /// A coordinator that does not lead yet.
+    /// The core of a coordinator that does not lead yet.
     pub(super) fn new(
         config: &Config,
         fresh: impl Fn() -> Core + Send + Sync + 'static,
@@ -157,8 +157,8 @@ impl SharedCore {
         }
     }
 
-    /// Takes an event to the core and its actions to whom they concern. Never blocks: a view's channel holds no more
-    /// than the core says of one view, a instruction for each attempt and judgement, and that of a worker is bounded.
+    /// Steps the core, and delivers its actions. Never blocks: a view's channel holds one reply for each attempt and
+    /// each judgement, and a worker's channel is bounded.
     pub(super) fn step(&self, event: Event) {
         let mut state = self.state.lock();
         self.step_locked(&mut state, event);
@@ -166,7 +166,7 @@ impl SharedCore {
 
     fn step_locked(&self, state: &mut State, event: Event) {
         let Some(leading) = state.leading else { return };
-        // A process that stood still for a while may find itself here with another one leading in its place.
+        // After a pause of this process, another coordinator may lead.
         if leading.has_lapsed() {
             self.step_down_locked(state, "its lease lapsed");
             return;
@@ -188,17 +188,17 @@ impl SharedCore {
                     match stream.assignments.try_send(Ok(message)) {
                         Ok(()) => {}
                         Err(TrySendError::Full(_)) => {
-                            warn!(worker = stream.hello.name, "worker reads no assignments: its stream ends");
+                            warn!(worker = stream.hello.name, "worker does not read its assignments; ending its stream");
                             stream.expelled.cancel();
                         }
-                        // A stream that just ended: its end is the next event.
+                        // The stream just ended. The event of its end follows.
                         Err(TrySendError::Closed(_)) => {}
                     }
                 }
                 Action::Expel { worker, reason } => {
                     let Some(stream) = state.streams.remove(&worker) else { continue };
                     warn!(worker = stream.hello.name, reason, "worker expelled");
-                    // One that reads nothing sees its stream end all the same.
+                    // The stream ends even if the worker reads nothing.
                     let _ = stream.assignments.try_send(Err(Status::aborted(reason)));
                     stream.expelled.cancel();
                     self.channels.forget(&stream.hello.address);
@@ -222,7 +222,8 @@ impl SharedCore {
         }
     }
 
-    /// Leads from now on, until the lease lapses or [`SharedCore::step_down`]. `expected` workers will probably join.
+    /// Begins a leadership, which lasts until the lease lapses or [`SharedCore::step_down`]. `expected` is the
+    /// probable number of workers.
     pub(super) fn lead(&self, term: u64, until: Option<Instant>, expected: usize) {
         let mut state = self.state.lock();
         state.core = (self.fresh)().expecting(expected);
@@ -231,24 +232,24 @@ impl SharedCore {
         info!(term, expected, "coordinator leads");
     }
 
-    /// The lease will not lapse before this.
+    /// Extends the leadership to the end of a renewed lease.
     pub(super) fn lead_until(&self, until: Option<Instant>) {
         if let Some(leading) = &mut self.state.lock().leading {
             leading.until = until;
         }
     }
 
-    /// Whether it leads; it may have found by itself that it does no longer.
+    /// Whether this coordinator leads. It steps down by itself when its lease lapses.
     pub(super) fn leads(&self) -> bool {
         self.state.lock().leading.is_some()
     }
 
-    /// The term that it leads under; 0 while it stands by.
+    /// The term of the leadership; 0 on standby.
     pub(super) fn term(&self) -> u64 {
         self.state.lock().leading.map_or(0, |leading| leading.term)
     }
 
-    /// Leads no more: workers look for another coordinator, and views are asked for again there.
+    /// Ends the leadership: workers find another coordinator, and clients repeat their views there.
     pub(super) fn step_down(&self, reason: &str) {
         let mut state = self.state.lock();
         self.step_down_locked(&mut state, reason);
@@ -258,9 +259,9 @@ impl SharedCore {
         if state.leading.take().is_none() {
             return;
         }
-        warn!(reason, "coordinator leads no more");
+        warn!(reason, "coordinator stepped down");
         for (_, stream) in state.streams.drain() {
-            let _ = stream.assignments.try_send(Err(Status::unavailable("this coordinator leads no more")));
+            let _ = stream.assignments.try_send(Err(Status::unavailable("this coordinator stepped down")));
             stream.expelled.cancel();
             self.channels.forget(&stream.hello.address);
         }
@@ -270,15 +271,15 @@ impl SharedCore {
         state.core = (self.fresh)();
     }
 
-    /// Who leads in its place, for whoever asks here.
+    /// Sets the leader's address, which refusals name.
     pub(super) fn stand_by(&self, leader: Option<String>) {
         self.state.lock().leader = leader;
     }
 
-    /// Why it does not answer, if it does not lead.
+    /// Checks that this coordinator leads.
     ///
     /// # Errors
-    /// [`Fault::Unavailable`] with what is known of who does.
+    /// [`Fault::Unavailable`] with the leader's address, if it is known.
     pub(super) fn check_leading(&self) -> Result<(), Fault> {
         let state = self.state.lock();
         match state.leading {
@@ -292,10 +293,10 @@ impl SharedCore {
         self.state.lock().streams.values().map(|stream| stream.hello.name.clone()).collect()
     }
 
-    /// A worker joined.
+    /// Adds a worker that joined.
     ///
     /// # Errors
-    /// As [`SharedCore::check_leading`].
+    /// [`Fault::Unavailable`] on standby.
     pub(super) fn join(&self, hello: Hello) -> Result<JoinedWorker, Fault> {
         let (assignments, receiver) = channel(MOST_ASSIGNMENTS);
         let expelled = self.closing.child_token();
@@ -306,7 +307,7 @@ impl SharedCore {
         let worker = WorkerId(state.next_id);
         state.next_id += 1;
         info!(worker = hello.name, address = hello.address, device = hello.device, "worker joined");
-        // Without a key nobody is sent there, and frames are relayed.
+        // Without a key, no client is redirected there, and frames are relayed.
         let key = hello.public_address.is_some().then(SealKey::drawn).flatten();
         let new_target =
             |key| RedirectTarget { key, serial: 0, in_flight: Arc::default(), alive: Arc::default() };
@@ -317,7 +318,7 @@ impl SharedCore {
         Ok(JoinedWorker { worker, assignments: receiver, expelled })
     }
 
-    /// A worker's stream ended.
+    /// Removes a worker whose stream ended.
     pub(super) fn leave(&self, worker: WorkerId) {
         let mut state = self.state.lock();
         if let Some(stream) = state.streams.remove(&worker) {
@@ -327,7 +328,7 @@ impl SharedCore {
         self.step_locked(&mut state, Event::Left { worker });
     }
 
-    /// Asks for a view; the replies come through what is returned, until [`SharedCore::end_view`].
+    /// Submits a view to the core. Replies come through the returned channel until [`SharedCore::end_view`].
     pub(super) fn begin_view(
         self: &Arc<Self>,
         client: Client,
@@ -356,19 +357,19 @@ impl SharedCore {
         (view_id, replies)
     }
 
-    /// Ends the replies about a view. `event` tells the core why.
+    /// Ends the replies about a view. `event` tells the core the reason.
     pub(super) fn end_view(&self, view_id: ViewId, event: Event) {
         let mut state = self.state.lock();
         state.views.remove(&view_id);
         self.step_locked(&mut state, event);
-        // Another attempt may have begun before this one's end was said.
+        // The core may have begun another attempt before it got this event.
         if state.core.is_open(view_id) {
             self.step_locked(&mut state, Event::Cancelled { view_id });
         }
     }
 
-    /// What is to be known of a view before it is asked for. Rays are sent while nobody waits for the core; those that tell
-    /// what to invest in, on another thread.
+    /// Takes the survey that the core wants of a new view, without holding the core's lock. A survey for a bundle is
+    /// taken on another thread, since no client waits for it.
     fn survey(self: &Arc<Self>, view: &View, last: Option<&LastView>) -> Option<Box<Survey>> {
         let sight = self.sight.as_ref()?;
         let (wanted, for_bundle) = self.read(|core| (core.survey_wanted(view, last), core.bundle_survey_wanted(view)));
@@ -383,8 +384,8 @@ impl SharedCore {
         wanted.map(|wanted| self.surveys.take(wanted, view, sight.as_ref()))
     }
 
-    /// Sends a client to the worker with that request, as the session's redirect of that number; `None` where clients do not
-    /// reach it, enough are on their way, or this one has enough tickets.
+    /// Redirects a client to a worker for a request. `number` counts the session's redirects. `None` if clients
+    /// cannot reach the worker, too many redirects to it are in flight, or the client has too many tickets.
     pub(super) fn redirect(
         &self,
         worker: WorkerId,
@@ -412,7 +413,10 @@ impl SharedCore {
         Some(IssuedRedirect { message, key, serial, slot, _in_flight: in_flight })
     }
 
-    /// Counts a session, if its client may open one.
+    /// Opens a session of a client.
+    ///
+    /// # Errors
+    /// [`Fault::Overloaded`] beyond a limit, [`Fault::Unavailable`] while draining.
     pub(super) fn open_session(&self, client: &Client) -> Result<(), Fault> {
         let mut state = self.state.lock();
         state.core.check_session(client)?;
@@ -420,7 +424,7 @@ impl SharedCore {
         Ok(())
     }
 
-    /// The answer to `Status`.
+    /// The answer to the RPC `Status`.
     pub(super) fn status(&self) -> v1::StatusResponse {
         let state = self.state.lock();
         let term = state.leading.map_or(0, |leading| leading.term);
@@ -429,14 +433,14 @@ impl SharedCore {
         v1::StatusResponse { views_planned, planning_us, ..status }
     }
 
-    /// Looks at the core.
+    /// Reads the core under its lock.
     pub(super) fn read<T>(&self, read: impl FnOnce(&Core) -> T) -> T {
         read(&self.state.lock().core)
     }
 }
 
-/// The answer of a coordinator that does not lead.
+/// The fault of a coordinator on standby.
 fn stands_by(leader: Option<&str>) -> Fault {
-    let who = leader.map_or_else(|| "another one will lead".to_owned(), |leader| format!("{leader} leads"));
-    Fault::Unavailable(format!("this coordinator stands by, {who}"))
+    let who = leader.map_or_else(|| "another coordinator will lead".to_owned(), |leader| format!("{leader} leads"));
+    Fault::Unavailable(format!("this coordinator is on standby, {who}"))
 }

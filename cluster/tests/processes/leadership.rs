@@ -62,7 +62,7 @@ async fn a_standby_takes_over(registries: [Arc<dyn Registry>; 2]) {
     // The standby says who leads, and assigns nothing.
     let refused = common::render(ViewsClient::new(channel(&second.url())), &view(1), 0).await.unwrap_err();
     assert_eq!(refused.code(), Code::Unavailable, "{refused}");
-    assert!(refused.message().contains("stands by"), "{refused}");
+    assert!(refused.message().contains("is on standby"), "{refused}");
     assert_eq!(status(&second).await.term, 0);
     common::render(ViewsClient::new(channel(&first.url())), &view(1), 0).await.unwrap();
 
@@ -393,7 +393,7 @@ async fn a_coordinator_stands_by_until_its_registry_is_there() {
     assert_eq!(page(coordinator.address, "/livez").await.0, 200);
     let (code, reason) = page(coordinator.address, "/readyz").await;
     assert_eq!(code, 503);
-    assert!(reason.contains("stands by"), "{reason}");
+    assert!(reason.contains("is on standby"), "{reason}");
     let Some(nats) = Nats::start() else { return };
     let late = LazyRegistry::new(&nats.url, Duration::from_secs(30), NatsAccess::default());
     let held = late.acquire("a").await.unwrap().unwrap();
